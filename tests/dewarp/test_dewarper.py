@@ -30,7 +30,7 @@ MOUNTS = [Mount("up"), Mount("down", 17.0), Mount("up", -90.0, True), Mount("dow
 
 @pytest.mark.parametrize("mount", few(MOUNTS, MOUNTS[3]), ids=str)
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
-def test_separable_panoramas_are_the_general_ones(camera, mount):
+def test_separable_panorama_matches_general(camera, mount):
     camera = replace(camera, mount=mount)
     view = om.screens.Cylinder((200, 120), -90.0, 90.0, 13.0, 350.0)
     assert is_separable(camera, view)
@@ -45,7 +45,7 @@ def test_separable_panoramas_are_the_general_ones(camera, mount):
     "mount", few([Mount("up"), Mount("down", 200.0, True)], Mount("down", 200.0, True)), ids=str
 )
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
-def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoint):
+def test_near_panorama_about_axis_is_separable(camera, mount, viewpoint):
     camera = replace(camera, mount=mount)
     for view in (
         om.screens.Cylinder((30, 60), -85.0, 80.0, 13.0, 350.0, distance_mm=300.0),
@@ -64,7 +64,7 @@ def test_near_panoramas_about_the_axis_are_separable_too(camera, mount, viewpoin
 @pytest.mark.parametrize(
     "camera", [BALL, FISHEYE, replace(BALL, centre_px=(90.0, 500.0))], ids=["within", "cut", "off"]
 )
-def test_panoramas_are_sampled_without_a_map(camera):
+def test_panorama_is_sampled_without_pixel_map(camera):
     """Equal to sampling at their coordinates up to one grey level, and with a map on request."""
     width, height = camera.image_size
     picture = cv2.resize(
@@ -81,7 +81,7 @@ def test_panoramas_are_sampled_without_a_map(camera):
     assert "_pixel_map" in kept.__dict__
 
 
-def test_only_panoramas_about_a_vertical_axis_are_separable():
+def test_separability_requires_vertical_axis():
     cylinder = om.screens.Cylinder((200, 120), -90.0, 90.0)
     assert not is_separable(BALL, replace(cylinder, distance_mm=300.0, offset_mm=(0.0, 1.0, 0.0)))
     assert not is_separable(replace(BALL, mount=Mount("forward")), cylinder)
@@ -89,7 +89,7 @@ def test_only_panoramas_about_a_vertical_axis_are_separable():
     assert not is_separable(replace(FISHEYE, affine=(1.0, 0.001, 0.0)), cylinder)
 
 
-def test_a_camera_cut_by_its_picture_is_separable_too():
+def test_cropped_camera_is_separable():
     """If the centre is near a corner, only some pixels around it determine the handedness of the
     image."""
     camera = om.MirrorBall((3.0, 470.0), 900.0, 200.0, (640, 480))
@@ -102,7 +102,7 @@ def test_a_camera_cut_by_its_picture_is_separable_too():
 @pytest.mark.parametrize(
     "view", [om.screens.Plane((90, 70), 30.0, -20.0), om.screens.DomeMaster((80, 80), 135.0)]
 )
-def test_coordinates_are_the_cameras_own(view, monkeypatch):
+def test_coordinates_match_camera_projection(view, monkeypatch):
     monkeypatch.setattr(
         _source_coordinates, "STRIP_PX", 1000
     )  # several strips, the last one incomplete
@@ -124,7 +124,7 @@ class Wall:
         return np.stack([np.full_like(y, 600.0), y, z], axis=-1)
 
 
-def test_screens_at_a_finite_distance_use_the_true_reflection():
+def test_near_screen_uses_exact_reflection():
     sensor = om.load_sensor("paper-spherical")
     pixels = om.Dewarper(sensor, Wall()).coordinates()
     points = Wall().targets_at(np.arange(12.0), np.arange(8.0)[:, None]).reshape(-1, 3)
@@ -134,7 +134,7 @@ def test_screens_at_a_finite_distance_use_the_true_reflection():
     assert np.abs(pixels.reshape(-1, 2) - sensor.project_directions(points).pixels).max() > 1
 
 
-def test_sampling_is_at_the_coordinates():
+def test_sampling_uses_coordinates():
     """Sampling an image whose values are its coordinates returns these.
 
     OpenCV's cubic kernel (a = -0.75) bends a ramp by up to 0.047.
@@ -156,7 +156,7 @@ def test_sampling_is_at_the_coordinates():
 @pytest.mark.parametrize(
     "view", [om.screens.Cylinder((60, 90), -90.0, 90.0), om.screens.Plane((60, 90))], ids=str
 )
-def test_a_picture_can_be_filled(view):
+def test_out_is_filled(view):
     picture = np.random.default_rng(5).integers(0, 255, (1020, 1024, 3), np.uint8)
     dewarp = om.Dewarper(BALL, view)
     straight = dewarp(picture)
@@ -176,7 +176,7 @@ def test_a_picture_can_be_filled(view):
 )
 @pytest.mark.parametrize("channels", [(), (1,), (3,), (4,)])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
-def test_every_kind_of_picture_keeps_its_kind(dtype, channels, interpolation):
+def test_image_type_is_preserved(dtype, channels, interpolation):
     full = {"uint8": 255, "uint16": 65535, "float32": 1.0}[dtype]
     picture = np.full((1020, 1024, *channels), full, dtype)
     dewarp = om.Dewarper(BALL, om.screens.Cylinder((60, 90), -90.0, 90.0), interpolation)
@@ -193,7 +193,7 @@ def test_every_kind_of_picture_keeps_its_kind(dtype, channels, interpolation):
     np.testing.assert_allclose(clear[23:], full, rtol=1e-6)
 
 
-def test_transparent_keeps_the_colours():
+def test_transparent_preserves_colours():
     picture = np.zeros((1020, 1024, 3), np.uint8)
     picture[:] = (10, 20, 30)
     view = om.screens.Plane((20, 10), tilt_deg=-30.0)
@@ -207,7 +207,7 @@ def test_transparent_keeps_the_colours():
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
-def test_the_edge_of_the_picture_is_not_smeared(interpolation):
+def test_image_edge_is_not_smeared(interpolation):
     """A fisheye field extends beyond the image: its white border remains white up to the end."""
     picture = np.full((480, 640), 200, np.uint8)
     dewarp = om.Dewarper(
@@ -256,12 +256,12 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
         (np.zeros(1020, np.uint8), r"got an array of shape \(1020,\)"),
     ],
 )
-def test_another_picture_is_refused(picture, message):
+def test_invalid_source_image_raises(picture, message):
     with pytest.raises(InvalidParameter, match=message):
         om.Dewarper(BALL, om.screens.Plane((20, 10), tilt_deg=-30.0))(picture)
 
 
-def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
+def test_image_too_large_for_opencv_raises(uncompiled):
     uncompiled()
     camera = om.MirrorBall((20_000.0, 1.0), 15_000.0, 200.0, (40_000, 3))
     with pytest.raises(
@@ -286,7 +286,7 @@ def test_a_picture_too_large_for_opencv_is_refused(uncompiled):
         (om.screens.DomeMaster((20, 10), 30.0, "zenith"), r"dome \(0 to 30 deg from the zenith\)"),
     ],
 )
-def test_a_view_of_nothing_is_refused(view, message):
+def test_view_outside_field_raises(view, message):
     with pytest.raises(OutsideField, match="elevation -90 to 45 deg; got the " + message):
         om.Dewarper(BALL, view).coordinates()
 
@@ -313,7 +313,7 @@ ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # of which nothing is vi
         ("float32", (), float("nan"), float("nan")),
     ],
 )
-def test_the_border_is_the_colour_outside(dtype, channels, border, expected, interpolation):
+def test_border_fills_outside(dtype, channels, border, expected, interpolation):
     picture = np.full((1020, 1024, *channels), 100, dtype)
     for view in (
         ALL_OF_IT,
@@ -331,7 +331,7 @@ def test_the_border_is_the_colour_outside(dtype, channels, border, expected, int
             )
 
 
-def test_the_border_of_a_picture_that_gets_an_alpha_is_clear():
+def test_border_with_added_alpha_is_transparent():
     for picture, border in (
         (np.full((1020, 1024, 3), 100, np.uint8), (1, 2, 3)),
         (np.full((1020, 1024), 100, np.uint8), 9),
@@ -357,20 +357,20 @@ def test_the_border_of_a_picture_that_gets_an_alpha_is_clear():
         ("uint8", (), (1, 2, 3), r"each of the 1 channels of the image; got \(1, 2, 3\)"),
     ],
 )
-def test_a_border_that_does_not_fit_is_refused(dtype, channels, border, message):
+def test_border_mismatch_raises(dtype, channels, border, message):
     with pytest.raises(InvalidParameter, match=message):
         om.Dewarper(BALL, ALL_OF_IT, border=border)(np.zeros((1020, 1024, *channels), dtype))
 
 
 @pytest.mark.parametrize("border", ["red", (1, "x"), None, [[1, 2, 3]]])
-def test_a_border_that_is_no_colour_is_refused(border):
+def test_invalid_border_raises(border):
     with pytest.raises(
         InvalidParameter, match="border must be one number or one number per channel"
     ):
         om.Dewarper(BALL, ALL_OF_IT, border=border)
 
 
-def test_an_unknown_interpolation_is_refused():
+def test_unknown_interpolation_raises():
     with pytest.raises(
         InvalidParameter, match="must be one of auto, nearest, linear, cubic, area; got 'lanczos'"
     ):
@@ -384,7 +384,7 @@ def test_an_unknown_interpolation_is_refused():
 @pytest.mark.parametrize(
     "camera", [om.load_sensor("paper-spherical"), BALL], ids=["sensor", "ball"]
 )
-def test_a_dewarper_that_was_used_can_be_copied_and_pickled(camera, way):
+def test_used_dewarper_can_be_copied_and_pickled(camera, way):
     width, height = camera.image_size
     picture = np.random.default_rng(7).integers(0, 256, (height, width, 3), np.uint8)
     for view in (om.screens.Cylinder((60, 20), -60.0, -10.0), om.screens.CubeMap((48, 36))):
@@ -396,7 +396,7 @@ def test_a_dewarper_that_was_used_can_be_copied_and_pickled(camera, way):
 
 
 @pytest.mark.full
-def test_a_dewarper_serves_processes_that_were_spawned():
+def test_dewarper_in_spawned_processes():
     dewarp = om.Dewarper(
         om.load_sensor("paper-spherical"), om.screens.Cylinder((60, 20), -60.0, -10.0)
     )

@@ -129,7 +129,7 @@ def spiral(size, shape=(61, 133), reach=1.1):
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
-def test_the_worst_picture_is_off_by_fractions_only(channels, interpolation, instructions):
+def test_max_sampling_error(channels, interpolation, instructions):
     """Black and white noise: 1/510 px of error in both directions, and rounding."""
     picture = np.random.default_rng(0).choice([0, 255], (90, 110, channels)).astype(np.uint8)
     coordinates = spiral((110, 90), (200, 200))
@@ -138,7 +138,7 @@ def test_the_worst_picture_is_off_by_fractions_only(channels, interpolation, ins
     assert np.abs(taken - expected).max() < (1.6 if interpolation == "linear" else 2.2)
 
 
-def test_instructions_agree_within_one_grey_level():
+def test_instruction_sets_agree():
     """Compare the vector kernels with the plain kernels, which use ordinary arithmetic."""
     before = MODULE.instructions()
     for channels in (1, 2, 3, 4):
@@ -186,7 +186,7 @@ SIZES = st.one_of(st.integers(1, 40), st.sampled_from([63, 64, 65, 127, 128, 129
 
 @settings(max_examples=150, deadline=None)
 @given(st.data())
-def test_any_size_stays_within_its_memory(data):
+def test_random_sizes_stay_within_memory(data):
     """Sizes from 1 x 1, odd widths, padded rows, all types, all maps: correct values and unchanged
     guards."""
     name = data.draw(st.sampled_from(INSTRUCTIONS))
@@ -231,7 +231,7 @@ def test_any_size_stays_within_its_memory(data):
 
 
 @pytest.mark.parametrize("interpolation", COMPILED_INTERPOLATIONS)
-def test_any_strides_give_the_same_picture(interpolation, instructions):
+def test_strided_arrays_give_same_result(interpolation, instructions):
     picture = photograph(size=(60, 50))
     coordinates = spiral((60, 50))
     expected = remap_at(picture, coordinates, interpolation)
@@ -267,7 +267,7 @@ def test_any_strides_give_the_same_picture(interpolation, instructions):
     np.testing.assert_array_equal(remap_at(picture, doubled, interpolation), expected)
 
 
-def test_sixteen_bits_that_are_not_aligned(instructions):
+def test_misaligned_16_bit_array_raises(instructions):
     picture = photograph("uint16", size=(60, 50))
     memory = np.zeros(picture.nbytes + 1, np.uint8)
     odd = np.ndarray(picture.shape, np.uint16, memory.data, offset=1)
@@ -285,7 +285,7 @@ def test_sixteen_bits_that_are_not_aligned(instructions):
     np.testing.assert_array_equal(remap_at(swapped, coordinates), remap_at(picture, coordinates))
 
 
-def test_a_picture_onto_itself(instructions):
+def test_in_place_remap(instructions):
     picture = photograph(size=(60, 50))
     coordinates = np.ascontiguousarray(spiral((60, 50), (50, 90))[:, :60])
     expected = remap_at(picture, coordinates)
@@ -293,7 +293,7 @@ def test_a_picture_onto_itself(instructions):
 
 
 @pytest.mark.parametrize("interpolation", COMPILED_INTERPOLATIONS)
-def test_pictures_wider_than_16_bits_count(interpolation, instructions):
+def test_images_wider_than_16_bit_index(interpolation, instructions):
     for size in ((40_001, 21), (21, 40_001), (70_000, 2)):
         width, height = size
         rows = np.linspace(0, 250, height, dtype=np.uint8)[:, None]
@@ -310,7 +310,7 @@ def test_pictures_wider_than_16_bits_count(interpolation, instructions):
         np.testing.assert_array_equal(wide[:, ::40], taken)
 
 
-def test_a_picture_with_more_values_than_can_be_counted():
+def test_too_many_values_raise():
     huge = np.lib.stride_tricks.as_strided(np.zeros(1, np.uint8), (70_000, 70_000), (0, 0))
     with pytest.raises(
         InvalidParameter, match=r"must have at most .* values; got .* in 70000 x 70000 px"
@@ -326,7 +326,7 @@ def test_empty_outputs(instructions):
     assert remap(picture, circles).shape == (0, 1, 3)
 
 
-def test_fields_that_are_empty(instructions):
+def test_empty_fields(instructions):
     picture = photograph(size=(60, 50))
     for value in (np.nan, np.inf, -1.0):
         out = np.full((20, 70, 3), 77, np.uint8)
@@ -334,7 +334,7 @@ def test_fields_that_are_empty(instructions):
         assert (out == 3).all()
 
 
-def test_the_module_itself_refuses_what_would_leave_memory():
+def test_compiled_module_checks_bounds():
     picture, coordinates = photograph(size=(60, 50)), spiral((60, 50))
     out = np.empty((*coordinates.shape[:2], 3), np.uint8)
     x, y = np.zeros((2, 7, 7), np.float32)
@@ -371,7 +371,7 @@ def test_the_module_itself_refuses_what_would_leave_memory():
 
 @pytest.mark.parametrize("interpolation", [0, 1, 2])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
-def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
+def test_sides_beyond_float32_precision(interpolation, dtype, instructions):
     """Integer positions at float32 gaps of 1 and 2 pixels yield their pixel, and those beyond the
     last one none."""
     width = 2**24 + 5
@@ -393,7 +393,7 @@ def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
 @pytest.mark.parametrize("interpolation", [0, 1, 2])
 @pytest.mark.parametrize("at", [0, 24, 48, -1])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e30, 3e38])
-def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
+def test_nan_nodes(value, at, interpolation, instructions):
     """Cells with such a node are undefined, others are unchanged."""
     picture, step = photograph(size=(400, 300)), 16
     shape = 4 + 3, 8 + 3
@@ -415,7 +415,7 @@ def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
         assert not odd[is_near].any()
 
 
-def test_weights_that_interpolate_nothing_are_refused():
+def test_invalid_weights_raise():
     picture, step = photograph(size=(400, 300)), 16
     x, y = np.full((2, 7, 11), 150, np.float32)
     cells, patches, good = (
@@ -448,7 +448,7 @@ def test_weights_that_interpolate_nothing_are_refused():
 
 @pytest.mark.parametrize("count", few([0, 1, 7, 8, 9, 511, 513, 1030], 0, 9, 513))
 @pytest.mark.parametrize("is_near", [False, True])
-def test_any_number_of_targets_stays_within_its_memory(count, is_near, instructions):
+def test_random_target_counts_stay_within_memory(count, is_near, instructions):
     """All in one call, against one call each."""
     q = np.linspace(0.0, 0.9, 50)
     origins = np.stack([40 * q, -20 * q**2], axis=-1)  # approximately a paraboloid
@@ -473,7 +473,7 @@ def test_any_number_of_targets_stays_within_its_memory(count, is_near, instructi
     assert count < 7 or np.isfinite(pixels).any()
 
 
-def test_tables_that_do_not_fit_are_refused():
+def test_invalid_tables_raise():
     table = np.eye(3), 5.0, 5.0, 11, 11, 0.0, 0.9
     good = MODULE.AxialCamera(*table, np.arange(4.0), np.empty((0, 2)), 0.0)
     for wrong in (
@@ -500,7 +500,7 @@ def some_threads():
 
 
 @pytest.mark.parametrize("interpolation", COMPILED_INTERPOLATIONS)
-def test_threads_change_no_bit(interpolation, instructions, some_threads):
+def test_threads_give_identical_results(interpolation, instructions, some_threads):
     picture, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     fixed = PixelMap(coordinates, (300, 200))
     some_threads(1)
@@ -512,7 +512,7 @@ def test_threads_change_no_bit(interpolation, instructions, some_threads):
             np.testing.assert_array_equal(remap(picture, fixed, interpolation), expected)
 
 
-def test_callers_on_several_threads_do_not_wait_for_ever(some_threads):
+def test_concurrent_callers_do_not_deadlock(some_threads):
     some_threads(3)
     picture, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     fixed = PixelMap(coordinates, (300, 200))
@@ -538,7 +538,7 @@ def _sum_in_a_child(queue):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_children_that_are_forked_have_threads_of_their_own(some_threads):
+def test_forked_processes_have_own_threads(some_threads):
     some_threads(3)
     picture, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     expected = int(remap_at(picture, coordinates).sum())
@@ -598,7 +598,7 @@ def decibels(room, picture):
     return table
 
 
-def test_auto_is_the_best_in_every_view(room, picture):
+def test_auto_interpolation_has_highest_psnr(room, picture):
     table = decibels(room, picture)
     for name, row in table.items():
         assert row["auto"] > max(row.values()) - 0.3, (name, row)

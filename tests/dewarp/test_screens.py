@@ -31,7 +31,7 @@ def whole(screen):
         DomeMaster((4, 8), 120.0, "zenith", 30.0, 20.0),
     ],
 )
-def test_every_screen_keeps_the_contract(screen):
+def test_screen_implements_protocol(screen):
     assert isinstance(screen, Screen)
     targets = whole(screen)
     assert targets.shape == (screen.size[1], screen.size[0], 3)
@@ -52,13 +52,13 @@ def test_panorama_columns_and_rows():
             )
 
 
-def test_right_in_a_panorama_is_right_of_forward():
+def test_panorama_right_is_right_of_forward():
     targets = whole(om.screens.Cylinder((360, 2), -1.0, 1.0))
     assert targets[0, 181, 1] < 0 < targets[0, 178, 1]  # y is left
     assert targets[0, 0, 2] > 0 > targets[1, 0, 2]  # the upper row is directed upwards
 
 
-def test_perspective_pixels():
+def test_perspective_pixel_directions():
     W, H, pan, tilt, roll, hfov = (
         8,
         5,
@@ -80,7 +80,7 @@ def test_perspective_pixels():
             np.testing.assert_allclose(targets[v, u], d, atol=1e-14)
 
 
-def test_hfov_reaches_from_edge_to_edge():
+def test_hfov_spans_outer_pixel_edges():
     plane = Plane((1000, 3), hfov_deg=120.0)
     row = whole(plane)[1]
     left, right = row[0] + (row[0] - row[1]) / 2, row[-1] + (row[-1] - row[-2]) / 2
@@ -89,7 +89,7 @@ def test_hfov_reaches_from_edge_to_edge():
 
 
 @pytest.mark.parametrize(("pole", "side"), [("nadir", 1.0), ("zenith", -1.0)])
-def test_a_dome_shows_forward_at_the_top(pole, side):
+def test_dome_forward_is_at_top(pole, side):
     """Downwards, right is right; upwards, right is left (a star chart)."""
     dome = DomeMaster((101, 101), 120.0, pole)
     targets = whole(dome)
@@ -104,7 +104,7 @@ def test_a_dome_shows_forward_at_the_top(pole, side):
     )
 
 
-def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
+def test_dome_is_equidistant_and_rotates_with_pan():
     targets = whole(DomeMaster((64, 64), 130.0, pan_deg=90.0, omega_min_deg=20.0))
     v, u = np.mgrid[:64, :64]
     radius = np.hypot(u - 31.5, v - 31.5)
@@ -140,7 +140,7 @@ def test_a_dome_is_proportional_to_the_angle_and_turns_with_pan():
         ),
     ],
 )
-def test_a_screen_that_cannot_be_is_refused(make, message):
+def test_invalid_screen_raises(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()
 
@@ -148,7 +148,7 @@ def test_a_screen_that_cannot_be_is_refused(make, message):
 @pytest.mark.parametrize(
     ("layout", "ffmpeg", "size"), [("3x2", "c3x2", (300, 200)), ("strip", "c6x1", (600, 100))]
 )
-def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
+def test_cube_map_matches_ffmpeg(layout, ffmpeg, size):
     """The v360 filter of FFmpeg converts a cube map to the correct sphere and not to its mirror
     image."""
     av = pytest.importorskip("av")
@@ -174,7 +174,7 @@ def test_ffmpeg_reads_our_cube_maps(layout, ffmpeg, size):
 
 
 @pytest.mark.parametrize("kind", [Cylinder, Equirectangular])
-def test_panoramas_zoom_to_the_whole_circle_and_the_poles_at_most_and_say_their_part(kind):
+def test_panorama_zoom_is_limited_and_described(kind):
     part = kind((90, 40), -20.0, 25.0, pan_deg=30.0, span_deg=300.0)
     name = "panorama" if kind is Cylinder else "sphere"
     assert str(part) == f"{name} (300 deg around pan 30, elevation -20 to 25 deg)"

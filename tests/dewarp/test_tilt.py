@@ -33,14 +33,14 @@ def lean(pitch_deg: float, roll_deg: float) -> np.ndarray:
 # -- the convention --------------------------------------------------------------------------------
 
 
-def test_forward_rises_and_the_right_side_sinks():
+def test_tilt_signs():
     assert (lean(10, 0) @ [1, 0, 0])[2] == pytest.approx(np.sin(np.radians(10)))
     assert (lean(0, 10) @ [0, -1, 0])[2] == pytest.approx(-np.sin(np.radians(10)))
 
 
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("angles", [(PITCH, ROLL), (-90.0, 0.0), (0.0, 180.0), (-3.3, 121.0)])
-def test_a_mount_leans_about_forward_and_then_about_left(looks, angles):
+def test_mount_tilt_order(looks, angles):
     mount = Mount(looks, 33.0, pitch_deg=angles[0], roll_deg=angles[1])
     np.testing.assert_allclose(
         mount.rotation(), lean(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15
@@ -49,7 +49,7 @@ def test_a_mount_leans_about_forward_and_then_about_left(looks, angles):
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
-def test_points_lie_where_the_shortest_path_over_a_leaning_mirror_puts_them(looks):
+def test_tilted_projection_matches_shortest_path(looks):
     axes = [lean(PITCH, ROLL) @ axis for axis in IMAGE_RIGHT_IS_FORWARD[looks]]
     sensor = replace(
         om.load_sensor("paper-spherical"), mount=Mount(looks, 0.0, pitch_deg=PITCH, roll_deg=ROLL)
@@ -62,7 +62,7 @@ def test_points_lie_where_the_shortest_path_over_a_leaning_mirror_puts_them(look
 @pytest.mark.parametrize(
     "wrong", [{"pitch_deg": 91.0}, {"roll_deg": -181.0}, {"pitch_deg": np.nan}]
 )
-def test_what_is_no_lean_is_refused(wrong):
+def test_invalid_tilt_raises(wrong):
     with pytest.raises(
         InvalidParameter, match=r"is no lean; it is valid from -|pitch_deg = nan is not a number"
     ):
@@ -101,7 +101,7 @@ VIEWS = {
 
 @pytest.mark.parametrize("view", few(VIEWS, "panorama", "wall", "perspective near", "dome"))
 @pytest.mark.parametrize("camera", CAMERAS)
-def test_every_view_is_what_an_upright_camera_sees_of_the_turned_world(camera, view):
+def test_tilted_view_matches_rotated_scene(camera, view):
     """Both paths of a dewarper, with and without a map, against the projection of single points."""
     upright, screen = CAMERAS[camera], VIEWS[view]
     leaning = replace(upright, mount=replace(upright.mount, pitch_deg=PITCH, roll_deg=ROLL))
@@ -123,7 +123,7 @@ def test_every_view_is_what_an_upright_camera_sees_of_the_turned_world(camera, v
         assert error.max(initial=0) < 0.01
 
 
-def test_only_a_plumb_camera_draws_panoramas_without_a_map():
+def test_tilted_camera_is_not_separable():
     """Rows of a level panorama are circles for an upright camera only."""
     camera, view = CAMERAS["sphere"], VIEWS["panorama"]
     leaning = replace(camera, mount=replace(camera.mount, roll_deg=0.01))
@@ -135,7 +135,7 @@ def test_only_a_plumb_camera_draws_panoramas_without_a_map():
     assert np.abs(first(picture).astype(int) - second(picture)).max() <= 2
 
 
-def test_elevations_are_those_of_the_level_world():
+def test_elevations_refer_to_horizon():
     """A field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir is
     still included."""
     sensor = om.load_sensor("paper-spherical")
@@ -162,7 +162,7 @@ def leaning_of(sensor: om.Sensor) -> om.Sensor:
     return replace(sensor, mount=replace(sensor.mount, pitch_deg=PITCH, roll_deg=ROLL))
 
 
-def test_a_sensor_that_leans_is_a_plumb_one_that_is_placed_so(small, world):
+def test_tilted_sensor_matches_posed_sensor(small, world):
     taken = om.render_image(leaning_of(small), world, samples=1)
     placed = om.render_image(
         small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1
@@ -171,7 +171,7 @@ def test_a_sensor_that_leans_is_a_plumb_one_that_is_placed_so(small, world):
     assert (np.abs(taken.astype(int) - om.render_image(small, world, samples=1)) > 20).mean() > 0.2
 
 
-def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
+def test_tilted_sensor_image_is_levelled(small, world):
     """Its panorama of distant objects equals that of the levelled sensor; without the tilt it
     differs."""
     view = om.screens.Cylinder((240, 70), -50.0, 20.0)
@@ -188,7 +188,7 @@ def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
 
 @pytest.mark.parametrize("pan", [0.0, 70.0, -135.0])
 @pytest.mark.parametrize("angles", [(PITCH, ROLL), (-80.0, 150.0)])
-def test_the_pose_of_a_panorama_that_was_not_levelled_levels_it(pan, angles):
+def test_gpano_pose_levels_panorama(pan, angles):
     """GPano: pitch of the centre above the horizon, and a roll that rotates the horizon
     counter-clockwise."""
     pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).lean_of_view(pan)
@@ -224,7 +224,7 @@ def pose_told() -> tuple[float, float]:
     return float(told["PosePitchDegrees"]), float(told["PoseRollDegrees"])
 
 
-def test_the_command_line_levels_and_says_so(folder):
+def test_command_line_levels_and_reports(folder):
     view = ("--elevation-deg=-60:40", "--size", "120x")
     by_file = dewarp("--sensor", "leaning.toml", *view)
     assert pose_told() == (0, 0)
@@ -245,7 +245,7 @@ def test_the_command_line_levels_and_says_so(folder):
     )
 
 
-def test_balls_and_angles_from_the_axis_are_levelled_too(folder):
+def test_mirror_ball_and_omega_range_are_levelled(folder):
     ball = ("--ball", "99.5,99.5,98,260", "--elevation-deg=-60:40", "--size", "120x")
     assert (dewarp(*ball, "--level=10,5") != dewarp(*ball)).mean() > 0.3
     upright = dewarp("--sensor", "plumb.toml", "--omega-deg", "30:130", "--size", "120x")
@@ -253,7 +253,7 @@ def test_balls_and_angles_from_the_axis_are_levelled_too(folder):
     assert upright.shape == leaning.shape  # the same elevations
 
 
-def test_what_is_no_lean_is_one_sentence_on_the_command_line(folder, capsys):
+def test_invalid_tilt_on_command_line(folder, capsys):
     for text, sentence in (
         ("10", "'10' is not PITCH,ROLL in degrees"),
         ("95,0", "pitch_deg = 95 is no lean"),
@@ -263,7 +263,7 @@ def test_what_is_no_lean_is_one_sentence_on_the_command_line(folder, capsys):
         assert sentence in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_lean_stands_in_the_sensor_file():
+def test_tilt_in_sensor_file():
     sensor = leaning_of(om.load_sensor("paper-spherical"))
     assert parse_sensor(format_sensor(sensor)) == sensor
     assert "pitch_deg" not in format_sensor(replace(sensor, mount=sensor.mount.upright))

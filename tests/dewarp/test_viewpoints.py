@@ -48,7 +48,7 @@ def error_px(screen, viewpoint):
 @pytest.mark.parametrize(
     ("n", "linear_px", "paper_v0", "real_px"), [(7, 4.75, 0.2623, 4.93), (40, 0.91, 0.2541, 0.917)]
 )
-def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
+def test_single_viewpoint_error_matches_paper(n, linear_px, paper_v0, real_px):
     """The paper multiplies the angle by dh/dOmega at the point; over 3 deg at the rim this is 5 %
     too small."""
     screen = Around(n * M)
@@ -71,7 +71,7 @@ def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
 @pytest.mark.parametrize(
     "mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)]
 )
-def test_the_viewpoint_stands_on_the_axis(mount):
+def test_viewpoint_is_on_axis(mount):
     """A point is observed in its direction from V0, written out with the rotation of the mount."""
     sensor = replace(SPHERE, mount=mount)
     view = om.screens.Equirectangular((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
@@ -87,7 +87,7 @@ def test_the_viewpoint_stands_on_the_axis(mount):
 
 
 @pytest.mark.parametrize("distance", [200.0, 1000.0])
-def test_no_other_viewpoint_is_better(distance):
+def test_single_viewpoint_is_optimal(distance):
     """The error over the field, with viewpoints close enough to the best one to keep all points in
     the field."""
     best = single_viewpoint(SPHERE, distance)
@@ -99,7 +99,7 @@ def test_no_other_viewpoint_is_better(distance):
         assert worst(best + other) > worst(best)
 
 
-def test_the_distance_of_a_screen_is_its_middle_one():
+def test_screen_distance_is_median():
     plane = om.screens.Plane((30, 20), distance_mm=400.0)
     assert 400 < middle_distance(plane) < 560
     assert middle_distance(om.screens.Ground((1, 1), 200.0, 20.0)) == pytest.approx(200.0)
@@ -110,7 +110,7 @@ def test_the_distance_of_a_screen_is_its_middle_one():
     assert middle_distance(empty) == np.inf
 
 
-def test_one_viewpoint_is_found_exactly():
+def test_exact_single_viewpoint():
     hyperboloid = om.load_sensor("paper-hyperboloidal")
     view = om.screens.Plane((30, 20), tilt_deg=-20.0, distance_mm=150.0)
     true = float(om.evaluate(hyperboloid, [90.0]).viewpoint_z_mm[0])
@@ -120,7 +120,7 @@ def test_one_viewpoint_is_found_exactly():
     assert single_viewpoint(om.MirrorBall((50.0, 50.0), 50.0, 300.0, (101, 101)), 150.0) == 0.0
 
 
-def test_distant_screens_have_no_viewpoint():
+def test_distant_screen_ignores_viewpoint():
     view = om.screens.Plane((30, 20), tilt_deg=-20.0)
     expected = source_pixels(SPHERE, view, exact=True)
     for viewpoint in ("single", 99.0):
@@ -136,12 +136,12 @@ def test_distant_screens_have_no_viewpoint():
         (np.inf, "viewpoint = inf is not valid"),
     ],
 )
-def test_a_viewpoint_that_is_none_is_refused(viewpoint, said):
+def test_unknown_viewpoint_raises(viewpoint, said):
     with pytest.raises(InvalidParameter, match=said):
         om.Dewarper(SPHERE, om.screens.Plane((3, 2)), viewpoint=viewpoint)
 
 
-def test_viewpoints_that_cannot_be_are_refused():
+def test_invalid_viewpoint_raises():
     stretched = om.OCam((-200.0, 0.0, 1e-3), (320.0, 240.0), (640, 480), (1.001, 0.0, 0.0))
     view = om.screens.Plane((3, 2), tilt_deg=-40.0, distance_mm=500.0)
     with pytest.raises(
@@ -176,7 +176,7 @@ def floor_corners():
     return corners[clear]
 
 
-def test_the_floor_is_a_plan_to_scale():
+def test_ground_plan_scale():
     """Corners detected in the dewarped image have their true positions, unlike with a single
     viewpoint."""
     picture = om.render_image(SPHERE, om.Room(), samples=9)

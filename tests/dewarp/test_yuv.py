@@ -68,7 +68,7 @@ def parts_of(view):
     )
 
 
-def test_a_halved_row_of_which_one_half_is_seen_is_that_half():
+def test_halved_row_with_one_visible_half():
     """At the inner and outer field boundaries; others are between pixels, by the sample offset of
     the view."""
     radii = np.array([np.nan, 10.0, 12.0, 14.0, 20.0, np.nan, np.nan, np.nan])
@@ -80,7 +80,7 @@ def test_a_halved_row_of_which_one_half_is_seen_is_that_half():
     assert halved.source_size == (32, 32)
 
 
-def test_where_parts_of_a_mosaic_meet_a_sample_is_that_of_the_first_pixel():
+def test_halved_sample_at_mosaic_boundary():
     """3 x 4 pixels of two parts that meet in the second column, with labels; an odd row is
     extended."""
     u, v = np.meshgrid([0.0, 40.0, 44.0, 48.0], [0.0, 10.0, 30.0])
@@ -96,7 +96,7 @@ def test_where_parts_of_a_mosaic_meet_a_sample_is_that_of_the_first_pixel():
     )
 
 
-def test_pairs_of_an_odd_number_go_on_as_they_end():
+def test_odd_pairs_are_extrapolated():
     assert pairs(np.array([0.0, 1.0, 4.0, 9.0, 16.0])).tolist() == [
         [0.0, 1.0],
         [4.0, 9.0],
@@ -114,7 +114,7 @@ def test_pairs_of_an_odd_number_go_on_as_they_end():
 )
 @pytest.mark.parametrize("name", SCREENS)
 @pytest.mark.parametrize("camera", [BALL, CUT, SENSOR], ids=["ball", "cut", "sensor"])
-def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting, to_siting):
+def test_chroma_matches_exact_projection(camera, name, siting, to_siting):
     """Ramps yield the projection of their own positions, in the first frame and in later ones."""
     view = SCREENS[name]
     dewarp, other = (om.Dewarper(camera, view, "linear") for _ in range(2))
@@ -144,7 +144,7 @@ def test_colours_are_where_the_exact_projection_puts_them(camera, name, siting, 
 @pytest.mark.parametrize("camera", [BALL, CUT], ids=["ball", "cut"])
 @pytest.mark.parametrize("siting", SITINGS)
 @pytest.mark.parametrize("name", SCREENS)
-def test_what_is_seen_has_colours_and_what_is_not_is_black(camera, name, siting):
+def test_chroma_inside_and_outside_field(camera, name, siting):
     """Also on the last half pixel of the image, beyond the last chroma sample."""
     dewarp = om.Dewarper(camera, SCREENS[name])
     width, height = camera.image_size
@@ -169,7 +169,7 @@ def test_what_is_seen_has_colours_and_what_is_not_is_black(camera, name, siting)
         assert ((u == 90) == (v == 170)).all()
 
 
-def test_black_in_more_bits():
+def test_black_of_high_bit_depths():
     dewarp = om.Dewarper(
         BALL, om.screens.Cylinder((720, 180), -90.0, 90.0)
     )  # the sky is outside the field
@@ -184,7 +184,7 @@ def test_black_in_more_bits():
             assert plane[0, 0] == expected[1]
 
 
-def test_the_border_is_a_grey_or_a_coded_colour():
+def test_border_of_planes():
     view = om.screens.Cylinder((720, 180), -90.0, 90.0)
     parts = tuple(part.astype(np.uint8) for part in ramps(SIZE, "left", 8))
     for border, full_range, expected in (
@@ -209,7 +209,7 @@ def test_the_border_is_a_grey_or_a_coded_colour():
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
 @pytest.mark.parametrize("name", SCREENS)
-def test_nv12_is_the_same_picture(name, interpolation):
+def test_nv12_matches_yuv420p(name, interpolation):
     dewarp = om.Dewarper(BALL, SCREENS[name], interpolation)
     y, u, v = (
         np.random.default_rng(i).integers(0, 256, p.shape, np.uint8)
@@ -225,7 +225,7 @@ def test_nv12_is_the_same_picture(name, interpolation):
 
 
 @pytest.mark.parametrize("name", SCREENS)
-def test_opencv_makes_the_same_of_it(name, uncompiled):
+def test_planes_match_opencv(name, uncompiled):
     dewarp = om.Dewarper(BALL, SCREENS[name])
     smooth = [
         cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, s, np.uint8), (0, 0), 2)
@@ -240,7 +240,7 @@ def test_opencv_makes_the_same_of_it(name, uncompiled):
         assert np.abs(one.astype(int) - other).max() <= 1
 
 
-def test_planes_with_gaps_between_their_rows_are_filled_in_place():
+def test_strided_planes_are_filled_in_place():
     dewarp = om.Dewarper(BALL, SCREENS["view"])
     parts = tuple(
         np.random.default_rng(0).integers(0, 256, p.shape, np.uint8) for p in ramps(SIZE, "left")
@@ -304,14 +304,14 @@ def test_planes_with_gaps_between_their_rows_are_filled_in_place():
         ),
     ],
 )
-def test_what_is_no_frame_is_refused(shapes, dtype, more, message):
+def test_invalid_planes_raise(shapes, dtype, more, message):
     with pytest.raises(InvalidParameter, match=message):
         om.Dewarper(BALL, SCREENS["view"]).planes(tuple(np.zeros(s, dtype) for s in shapes), **more)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.data())
-def test_flat_maps_are_met_exactly(data):
+def test_uniform_maps_are_exact(data):
     """The chroma map of an affine map between any sizes equals the definition of siting."""
     sitings = data.draw(st.tuples(*[st.sampled_from(list(SITINGS))] * 2))
     width, height = (data.draw(st.integers(2, 40)) for _ in range(2))
@@ -367,7 +367,7 @@ def error_db(taken, expected, where):
 
 @pytest.mark.parametrize("full_range", few([False, True], False), ids=["limited", "full"])
 @pytest.mark.parametrize("scene", ["photograph", "room"])
-def test_the_way_through_colours_leads_to_the_same_picture(scene, full_range, request):
+def test_chroma_subsamplings_match(scene, full_range, request):
     """Luma to rounding; chroma to the difference of two methods of subsampling."""
     if scene == "photograph":
         picture = om.read_image(request.getfixturevalue("shared_data") / "mirrorball" / "store.jpg")

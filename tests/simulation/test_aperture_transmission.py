@@ -84,7 +84,7 @@ def rendered(sensor, plan, rows, columns, tracer):
 @pytest.mark.parametrize("pose", [MirrorPose(), OUT_OF_PLACE], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("part", HOUSINGS)
 @pytest.mark.parametrize("blur", [True, False])
-def test_kernels_and_reference_render_the_rays_that_the_clearances_let_pass(part, pose, blur):
+def test_rendering_matches_clearances(part, pose, blur):
     sensor, plan = coarse(housed(HOUSINGS[part], pose=pose)), sampling_plan(4, blur, 3)
     whole = slice(0, SIDE)
     pixels, pupil = sample_positions(plan, *np.meshgrid(np.arange(SIDE), np.arange(SIDE)))
@@ -107,7 +107,7 @@ SENSORS = {
 
 
 @pytest.mark.parametrize("part", SENSORS)
-def test_a_white_world_is_as_bright_as_the_aperture_is_filled(part, tmp_path):
+def test_brightness_matches_aperture_fill(part, tmp_path):
     """Pixels right of the axis with partial vignetting: image, spots and illumination."""
     sensor, plan = SENSORS[part](tmp_path), sampling_plan(144, True)
     width, height = sensor.image_size

@@ -108,7 +108,7 @@ def place(tmp_path_factory):
 
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["calibration", "video"])
-def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
+def test_killed_dataset_is_resumed(kind, tmp_path):
     """Completed items are not regenerated after SIGKILL, and all files equal those of an
     undisturbed run."""
     if kind == "video":
@@ -149,7 +149,7 @@ def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
     assert contents(killed) == contents(whole)
 
 
-def test_a_picture_that_was_changed_is_made_again(tmp_path):
+def test_changed_image_is_rendered_again(tmp_path):
     def write():
         return list(
             write_calibration_dataset(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
@@ -164,7 +164,7 @@ def test_a_picture_that_was_changed_is_made_again(tmp_path):
     assert (tmp_path / "view-001.png").stat().st_mtime_ns == kept
 
 
-def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
+def test_other_dataset_is_not_overwritten(tmp_path):
     list(write_calibration_dataset(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
     before = contents(tmp_path)
     with pytest.raises(InvalidParameter, match="differs in samples, seed"):
@@ -176,7 +176,7 @@ def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
     assert contents(tmp_path) == before
 
 
-def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
+def test_failed_dataset_leaves_no_files(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
     with pytest.raises(InvalidParameter, match="must be inside the room"):
         write_video_dataset(
@@ -197,7 +197,7 @@ def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
 
 @pytest.mark.parametrize("shell", [None, Tube(140.0), Dome(inner_shift_mm=0.5)])
 @pytest.mark.parametrize("reflectivity", [0.9, "gold", 0.96 + 6.69j, ("silver", 0.5, 1j + 2)])
-def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
+def test_recipe_round_trip(tmp_path, shell, reflectivity):
     """Round trip of every argument of the writers."""
     asked = VideoRecipe(
         sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
@@ -214,7 +214,7 @@ def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
     assert created_with == version("omnimirror")
 
 
-def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
+def test_other_format_raises(tmp_path):
     """Datasets of format 2 stored the housing outside the sensor, as 'hardware' and 'shell'."""
     recipe = recipe_record(CalibrationRecipe(sensor=small())) | {
         "hardware": {"rod_radius_mm": 4.0},
@@ -245,7 +245,7 @@ def made_again(place, name, *options):
     return files
 
 
-def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
+def test_video_dataset_is_reproducible(place):
     pytest.importorskip("av")
     pytest.importorskip("OpenEXR")
     options = (
@@ -273,7 +273,7 @@ def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
     assert "refused" not in data
 
 
-def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
+def test_calibration_dataset_is_reproducible(tmp_path):
     sensor = replace(small(), housing=Housing(CameraBody(50.0), shell=Dome(260.0), rim=Rim(1.0)))
     dim = Radiometry(reflectivity=("gold", 0.96 + 6.69j, 0.5))
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
@@ -296,7 +296,7 @@ def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
-def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
+def test_changed_scene_or_option_raises(place, tmp_path):
     pytest.importorskip("av")
     (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
@@ -328,7 +328,7 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
 
 
 @pytest.mark.full
-def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
+def test_corners_in_tube_match_images(tmp_path):
     """The image is traced through the wall, and corners use the solution of the wall: OpenCV
     detects them there."""
     import cv2

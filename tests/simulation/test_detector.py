@@ -18,7 +18,7 @@ from tests.everyday import few
 # -- Imager electronics: noise statistics, and digital numbers -------------------------------------
 
 
-def test_without_noise_it_writes_srgb():
+def test_noiseless_detector_is_srgb():
     light = np.random.default_rng(1).uniform(0, 1.3, (20, 30, 3)).astype(np.float32)
     np.testing.assert_array_equal(Detector().read(light), srgb_bytes(light))
 
@@ -39,7 +39,7 @@ def variance_of(mean_e):
 @pytest.mark.parametrize(
     "changes", [{}, {"black_level_dn": 64.0}, {"bayer": "RGGB"}], ids=["auto", "64", "bayer"]
 )
-def test_mean_and_variance_are_those_of_emva_1288(share, changes):
+def test_mean_and_variance_match_emva_1288(share, changes):
     camera = Detector(full_well_e=FULL, read_noise_e=READ, bits=12, curve="linear", **changes)
     side = 1000 if "bayer" in changes else 600
     values = camera.read(np.full((side, side, 3), share, np.float32), seed=7).astype(float)
@@ -50,7 +50,7 @@ def test_mean_and_variance_are_those_of_emva_1288(share, changes):
     assert (values == 0).mean() < 1e-5
 
 
-def test_oversaturated_light_is_white_with_any_noise():
+def test_oversaturated_light_is_white():
     """A pixel with twice its full-well capacity is white in any readout."""
     values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear").read(
         np.full((200, 200, 3), 2.0, np.float32)
@@ -58,20 +58,20 @@ def test_oversaturated_light_is_white_with_any_noise():
     assert (values == 4095).all()
 
 
-def test_just_at_saturation_noise_goes_both_ways_before_values_end():
+def test_noise_at_saturation():
     values = Detector(
         full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear", black_level_dn=0.0
     ).read(np.full((300, 300, 3), 1.0, np.float32))
     assert (values == 4095).mean() == pytest.approx(0.5, abs=0.01)
 
 
-def test_srgb_values_have_their_black_level_taken_away():
+def test_srgb_black_level_is_subtracted():
     dark = Detector(full_well_e=FULL, read_noise_e=READ).read(np.zeros((99, 99, 3), np.float32))
     assert (dark == 0).mean() > 0.5
 
 
 @pytest.mark.parametrize("light", [1e30, np.inf])
-def test_any_brightness_is_counted(light):
+def test_large_light_values(light):
     camera = Detector(exposure=1e9, full_well_e=1e9, read_noise_e=1e3, bits=16, curve="linear")
     assert (camera.read(np.full((4, 4, 3), light, np.float64)) == 65535).all()
 
@@ -90,18 +90,18 @@ def test_any_brightness_is_counted(light):
         (np.zeros((4, 4, 3)), -1, "seed must be .*; got -1"),
     ],
 )
-def test_what_is_no_light_is_refused(light, seed, words):
+def test_invalid_light_raises(light, seed, words):
     with pytest.raises(InvalidParameter, match=words):
         Detector(full_well_e=FULL).read(light, seed)
 
 
-def test_a_seed_repeats_the_noise():
+def test_seed_is_reproducible():
     light, noisy = np.full((9, 9, 3), 0.5, np.float32), Detector(full_well_e=100.0)
     np.testing.assert_array_equal(noisy.read(light, 3), noisy.read(light, 3))
     assert (noisy.read(light, 3) != noisy.read(light, 4)).any()
 
 
-def test_exposure_saturates_and_bits_fill_their_range():
+def test_exposure_saturation_and_bit_depth():
     light = np.array([[[0.0, 0.25, 0.6]]], np.float32)
     values = Detector(exposure=2.0, bits=10, curve="linear").read(light)
     assert values.dtype == np.uint16
@@ -109,7 +109,7 @@ def test_exposure_saturates_and_bits_fill_their_range():
 
 
 @pytest.mark.parametrize("bayer", ["RGGB", "BGGR", "GRBG", "GBRG"])
-def test_a_mosaic_is_what_opencv_reads(bayer):
+def test_bayer_mosaic_matches_opencv(bayer):
     """OpenCV names mosaics by the second and third pixel of the second row: BayerBG is RGGB."""
     import cv2
 
@@ -123,13 +123,13 @@ def test_a_mosaic_is_what_opencv_reads(bayer):
 
 @pytest.mark.parametrize("full_well_e", [np.inf, 1e4])
 @pytest.mark.parametrize("bayer", ["none", "RGGB"])
-def test_numbers_are_of_values_without_mosaic_and_without_noise(bayer, full_well_e):
+def test_is_pointwise(bayer, full_well_e):
     detector = Detector(full_well_e=full_well_e, bayer=bayer, curve="linear")
     assert detector.is_pointwise == (bayer == "none" and full_well_e == np.inf)
 
 
 @pytest.mark.parametrize("first", [0, 1, 2, 3])
-def test_a_mosaic_in_parts_is_that_of_the_whole(first):
+def test_mosaic_of_parts_matches_full_image(first):
     light = np.random.default_rng(3).uniform(0, 1, (6, 8, 3)).astype(np.float32)
     detector = Detector(curve="linear", bayer="GRBG")
     np.testing.assert_array_equal(
@@ -166,7 +166,7 @@ def test_a_mosaic_in_parts_is_that_of_the_whole(first):
         ),
     ],
 )
-def test_what_no_imager_is_is_refused(changes, words):
+def test_invalid_detector_raises(changes, words):
     with pytest.raises(InvalidParameter, match=words):
         Detector(**changes)
 
@@ -195,7 +195,7 @@ DETECTORS = {
 @pytest.mark.parametrize(
     "detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS
 )
-def test_it_is_the_same_as_of_all_light(detector, samples, more):
+def test_readout_matches_detector(detector, samples, more):
     scene = (
         om.Environment(np.random.default_rng(2).random((16, 32, 3)).astype(np.float32))
         if samples == 1
@@ -219,7 +219,7 @@ def test_it_is_the_same_as_of_all_light(detector, samples, more):
     assert rows[-1] == 97
 
 
-def test_what_noise_is_drawn_does_not_hang_on_how_many_rows_come_at_once():
+def test_noise_is_independent_of_tiling():
     light, detector = (
         np.random.default_rng(3).random((30, 20, 3)).astype(np.float32),
         DETECTORS["noisy mosaic"],
@@ -231,7 +231,7 @@ def test_what_noise_is_drawn_does_not_hang_on_how_many_rows_come_at_once():
     )
 
 
-def test_numbers_hold_no_more_memory_than_they_need():
+def test_readout_memory():
     """Including odd sizes, for 1-byte numbers from 2-byte electrons, and for numbers of equal size."""
     light = np.random.default_rng(5).random((7, 5, 3)).astype(np.float32)
     for detector in (

@@ -58,7 +58,7 @@ def steps(height: int, width: int) -> Environment:
         "paraboloid-telecentric",
     ),
 )
-def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
+def test_compiled_rays_match_double_precision(name, pose, flipped):
     sensor = small(name, mirror_pose=pose, housing=HOUSED)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
     plan, part = sampling_plan(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
@@ -87,7 +87,7 @@ def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
 @pytest.mark.parametrize(
     ("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, DIM)], ids=["bare", "housed"]
 )
-def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(housing, dim):
+def test_compiled_environment_matches_numpy(housing, dim):
     sensor, world = small("paper-equidistant", housing=housing), steps(64, 128)
     plan = sampling_plan(9, blur=True, seed=5)
     fast = expose(sensor, world, samples=9, blur=True, radiometry=dim, seed=5)
@@ -125,7 +125,7 @@ SCENES = {
     ("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, Radiometry(0.8, vignetting=1.0))]
 )
 @pytest.mark.parametrize("name", SCENES)
-def test_surfaces_are_the_same_in_the_kernels_and_ray_by_ray(name, housing, dim, monkeypatch):
+def test_compiled_surfaces_match_numpy(name, housing, dim, monkeypatch):
     sensor, scene = small("paper-equidistant", housing=housing), SCENES[name]
     fast = expose(sensor, scene, samples=9, blur=True, radiometry=dim, seed=5)
     assert (
@@ -142,7 +142,7 @@ def test_surfaces_are_the_same_in_the_kernels_and_ray_by_ray(name, housing, dim,
 
 
 @needs_native
-def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
+def test_kernels_reject_invalid_origins():
     sensor, dim, plan = small("paper-spherical"), Radiometry(), sampling_plan(1, blur=False)
     house, road = HOUSES[0].box.low, Pose(5000.0, 0.0, -1620.0)
     cases = (
@@ -161,7 +161,7 @@ def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
             expose(sensor, posed, samples=1)
 
 
-def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
+def test_samples_fill_pixel_and_aperture():
     plan = sampling_plan(256, blur=True, seed=1)
     pixels, aperture = sample_positions(plan, np.array([7, 8]), np.array([5, 5]))
     assert np.abs(pixels - [[[7, 5]], [[8, 5]]]).max() <= 0.5
@@ -174,7 +174,7 @@ def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
 
 
 @needs_native  # 67 million rays
-def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
+def test_rendered_blur_matches_evaluation():
     """The image of a small distant lamp: its width is the sagittal blur of the evaluation plus a
     pixel."""
     sensor = om.load_sensor("paper-spherical")
@@ -195,7 +195,7 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
     assert abs(columns.mean() - u) < 1
 
 
-def test_an_even_world_comes_back_as_bright_as_it_is():
+def test_uniform_radiance_is_preserved():
     white = Environment(np.ones((4, 8, 3), np.float32))
     light = expose(
         small("paper-spherical"),
@@ -219,7 +219,7 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
 @needs_native
 @pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
 @pytest.mark.parametrize("metal", ["aluminium", "gold", 0.5 + 2.0j])
-def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
+def test_metal_reflectance_matches_fresnel(metal, pose):
     sensor, plan = small("paper-spherical", mirror_pose=pose), sampling_plan(4, blur=True)
     part, dim = (slice(0, 100), slice(0, 100)), Radiometry(reflectivity=metal)
     fast, slow = (
@@ -231,7 +231,7 @@ def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
     assert np.ptp(slow.weight[seen]) > 5e-3
 
 
-def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
+def test_metal_reflectance_depends_on_incidence():
     sensor, white = om.load_sensor("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32))
     light = expose(
         sensor, white, samples=1, radiometry=Radiometry(reflectivity=("gold", "silver", 0.7))
@@ -252,7 +252,7 @@ def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
     assert light[v, u, 2] == pytest.approx(0.7)
 
 
-def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
+def test_natural_vignetting_is_cos4():
     white = Environment(np.ones((4, 8, 3), np.float32))
     sensor = om.load_sensor("paper-spherical")
     light = expose(sensor, white, samples=1, radiometry=Radiometry(vignetting=1.0))
@@ -263,7 +263,7 @@ def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
     assert at == pytest.approx(expected, abs=2e-3)
 
 
-def test_the_camera_is_seen_in_the_middle():
+def test_camera_reflection_is_central():
     """Its edge is at the mirror point that reflects the edge of the disk into the lens."""
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(80.0)))
     white = Environment(np.ones((4, 8, 3), np.float32))
@@ -274,27 +274,27 @@ def test_the_camera_is_seen_in_the_middle():
     assert dark == pytest.approx(2 * radius, abs=2)
 
 
-def test_what_only_a_sensor_has_is_refused_for_other_cameras():
+def test_blur_requires_sensor():
     ball = om.MirrorBall((100.0, 100.0), 90.0, 360.0, (200, 200))
     with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
         expose(ball, steps(8, 16), blur=True)
 
 
 @pytest.mark.parametrize(("samples", "seed"), [(0, 0), (2.5, 0), (1 << 17, 0), (4, -1)])
-def test_samples_out_of_range_are_refused(samples, seed):
+def test_invalid_samples_raise(samples, seed):
     with pytest.raises(InvalidParameter, match=r"(samples|seed) = .* whole number"):
         sampling_plan(samples, blur=True, seed=seed)
 
 
 @pytest.mark.parametrize("samples", [1, 2, 7, 8, 16])
-def test_rays_of_a_sharp_picture_lie_evenly_about_the_middle_of_a_pixel(samples):
+def test_sharp_samples_are_centred(samples):
     """They are equal in all pixels: a nonzero mean would shift the whole image."""
     points = sampling_plan(samples, blur=False).points[:, :2]
     np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=1e-6)
     assert len(np.unique(points.round(5), axis=0)) == samples
 
 
-def test_an_imager_that_is_too_large_is_refused_with_the_largest_that_is_not():
+def test_too_large_imager_raises():
     sensor = om.load_sensor("paper-spherical")
     large = replace(
         sensor,

@@ -63,7 +63,7 @@ class Ball:
 
 @pytest.mark.parametrize("camera_looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("flipped", [False, True])
-def test_a_ball_appears_where_it_is_projected(camera_looks: str, flipped: bool):
+def test_rendered_ball_matches_projection(camera_looks: str, flipped: bool):
     sensor = looking(camera_looks, flipped=flipped)
     centre = (150.0, 400.0, 90.0)
     picture = om.render_image(sensor, Ball(centre, 20.0), samples=1)
@@ -73,7 +73,7 @@ def test_a_ball_appears_where_it_is_projected(camera_looks: str, flipped: bool):
     np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=0.4)
 
 
-def test_a_distant_scene_appears_where_its_directions_are_projected():
+def test_rendered_distant_scene_matches_projection():
     sensor, centre = looking("up"), (150.0, 70.0, 30.0)  # close enough for parallax
     picture = om.render_image(sensor, Ball(centre, 9.0), samples=1, distant=True)
     rows, columns = np.nonzero(picture[..., 0])
@@ -84,7 +84,7 @@ def test_a_distant_scene_appears_where_its_directions_are_projected():
 
 @pytest.mark.parametrize("camera_looks", ["up", "down"])
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
-def test_a_sign_appears_where_its_corners_are_projected(camera_looks: str, name: str):
+def test_rendered_sign_matches_projection(camera_looks: str, name: str):
     """The (dark) ink is inside the outline of the projected corners, and the wall around it is
     bright."""
     import cv2
@@ -113,7 +113,7 @@ def test_a_sign_appears_where_its_corners_are_projected(camera_looks: str, name:
     assert dark[around].mean() < 0.01
 
 
-def test_the_raw_picture_is_reversed_and_a_flipped_one_is_not():
+def test_image_handedness():
     """Left of the centre is west in the flipped image of an upward camera; see section 1a."""
     room = om.Room(texel_mm=10.0)
     raw = om.render_image(small(looking("up"), 4), room, samples=1)
@@ -121,7 +121,7 @@ def test_the_raw_picture_is_reversed_and_a_flipped_one_is_not():
     np.testing.assert_array_equal(raw[:, ::-1], flipped)
 
 
-def test_outside_the_rim_it_is_black_and_inside_it_is_not():
+def test_image_outside_rim_is_black():
     sensor = looking("up")
     picture = om.render_image(sensor, Even(), samples=4)
     v, u = np.indices(picture.shape[:2])
@@ -130,7 +130,7 @@ def test_outside_the_rim_it_is_black_and_inside_it_is_not():
     assert (picture[radius < sensor.rim_radius_px - 0.75] == srgb_bytes(ORANGE)).all(), "RGB order"
 
 
-def test_the_rim_is_soft_by_the_share_of_the_pixel_that_sees():
+def test_rim_is_antialiased():
     sensor = small(looking("up"), 16)
     picture = om.render_image(sensor, Even(), samples=256)
     red = np.where(
@@ -141,7 +141,7 @@ def test_the_rim_is_soft_by_the_share_of_the_pixel_that_sees():
     assert red.sum() == pytest.approx(np.pi * sensor.rim_radius_px**2, rel=2e-3)
 
 
-def test_pictures_are_the_same_every_time_and_on_any_number_of_threads():
+def test_rendering_is_reproducible():
     sensor, room = small(looking("down"), 4), om.Room(texel_mm=10.0)
     first = om.render_image(sensor, room, workers=1)
     np.testing.assert_array_equal(first, om.render_image(sensor, room, workers=3))
@@ -159,7 +159,7 @@ def test_samples_are_averaged_in_linear_light():
     assert different.mean() < 0.01, "but for the lamps, which saturate once and not four times"
 
 
-def test_progress_counts_every_row():
+def test_on_progress_counts_rows():
     sensor, seen = small(looking("up"), 4), []
     om.render_image(
         sensor, Even(), samples=16, on_progress=lambda done, total: seen.append((done, total))
@@ -169,7 +169,7 @@ def test_progress_counts_every_row():
     assert seen[-1] == (256, 256)
 
 
-def test_pinhole_pictures_average_their_samples_and_leave_nan_black():
+def test_pinhole_image_averaging_and_nan():
     pan, tilt = np.meshgrid(
         np.radians(np.arange(-20, 20, 0.5)), np.radians(np.arange(10, -10, -0.5))
     )
@@ -181,7 +181,7 @@ def test_pinhole_pictures_average_their_samples_and_leave_nan_black():
     assert (picture[1:] == srgb_bytes(ORANGE)).all()
 
 
-def test_errors_name_the_value():
+def test_invalid_value_raises():
     with pytest.raises(InvalidParameter, match=r"samples must be .*; got 0"):
         om.render_image(looking("up"), Even(), samples=0)
     with pytest.raises(InvalidParameter, match=r"samples = 2; got \(4, 5, 3\)"):
@@ -207,7 +207,7 @@ def test_errors_name_the_value():
     ],
     ids=["walls", "blurred", "environment", "two mirrors", "coloured"],
 )
-def test_a_picture_is_its_light_in_bytes(name, scene, options):
+def test_image_is_encoded_light(name, scene, options):
     """It is read in parts, and the complete light is never assembled."""
     sensor = small(om.load_sensor(name), 8)
     light = expose(sensor, scene, **options)
@@ -215,7 +215,7 @@ def test_a_picture_is_its_light_in_bytes(name, scene, options):
     assert (om.render_image(sensor, scene, **options) == srgb_bytes(light)).all()
 
 
-def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
+def test_low_pass_filter_kernel():
     """A small ball: equal light and position, variance larger by 3/16 + 1/48 - 1/12 = 1/8 px^2."""
     sensor, scene = small(looking("up"), 8), Ball((900.0, 400.0, 90.0), 60.0)
     box = expose(sensor, scene, samples=64)[..., 1].astype(float)

@@ -30,7 +30,7 @@ def light(domed):
     return om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
 
 
-def test_each_colour_is_the_picture_in_its_light(domed, light):
+def test_channels_match_wavelengths(domed, light):
     for i, nm in enumerate(WAVES):
         alone = om.expose(om.at_wavelength(domed, nm), om.Room(texel_mm=40.0), samples=1)
         np.testing.assert_array_equal(light[..., i], alone[..., i])
@@ -46,7 +46,7 @@ class Stripes:
         return np.repeat((0.5 + 0.4 * np.cos(60 * tilt))[:, None], 3, axis=1).astype(np.float32)
 
 
-def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
+def test_colour_dewarper_aligns_channels(domed):
     view = om.views.panorama(domed, (256, None), elevation_deg=(-30.0, 30.0))
     taken = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
     own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
@@ -60,7 +60,7 @@ def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
 
 @pytest.mark.parametrize("channels", [3, 4])
 @pytest.mark.parametrize("transparent", [False, True])
-def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent):
+def test_channels_use_their_camera(domed, channels, transparent):
     view = om.views.panorama(
         domed, (200, None), elevation_deg=(-60.0, 60.0)
     )  # extends beyond the field
@@ -77,7 +77,7 @@ def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent
     assert not dewarp.valid.all()
 
 
-def test_on_the_command_line_colours_lie_on_each_other(domed, tmp_path):
+def test_command_line_aligns_channels(domed, tmp_path):
     om.save_sensor(domed, tmp_path / "domed.toml")
     light = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
     om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
@@ -99,7 +99,7 @@ def test_on_the_command_line_colours_lie_on_each_other(domed, tmp_path):
     assert fringes[1] < 0.4 * fringes[0]
 
 
-def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path):
+def test_wavelengths_require_sensor(domed, tmp_path):
     view = om.views.panorama(domed, (64, None))
     with pytest.raises(InvalidParameter, match="must have 3 or 4 channels"):
         om.ColourDewarper((domed,) * 3, view)(np.zeros((256, 256), np.uint8))
@@ -117,7 +117,7 @@ def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path
     )
 
 
-def test_what_has_no_colours_is_refused(domed, tmp_path):
+def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
     with pytest.raises(InvalidParameter, match="300 to 1100"):
         om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0, 44.0))
     with pytest.raises(InvalidParameter, match="wavelengths_nm"):

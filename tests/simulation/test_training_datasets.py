@@ -67,7 +67,7 @@ def in_scene(moment, truth, valid):
     ] @ moment.pose.rotation().T
 
 
-def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
+def test_normals_match_faces(moments, found):
     valid = np.isfinite(found.truth.depth_mm) & (found.labels != ON_CART)
     origins, towards = in_scene(moments[0], found.truth, valid)
     faces = intersect_boxes(ROOM, SOLIDS, origins, towards).face
@@ -79,7 +79,7 @@ def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
     assert np.quantile(off, 0.995) < 0.01  # the rest is within 0.2 mm of an edge
 
 
-def test_normals_of_a_body_are_those_of_its_sides(moments, found):
+def test_body_normals(moments, found):
     on = found.labels == ON_CART
     assert on.sum() > 20
     turn = CART.pose_at(0.2).rotation().T @ moments[0].pose.rotation()
@@ -92,7 +92,7 @@ def test_normals_of_a_body_are_those_of_its_sides(moments, found):
     assert (np.abs(place).argmax(axis=1) == own.argmax(axis=1)).all()
 
 
-def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
+def test_labels_match_scene(moments, found):
     names = ("nothing", *moments[0].scene.label_names)
     assert names[-1] == "cart"
     valid = np.isfinite(found.truth.depth_mm)
@@ -113,7 +113,7 @@ def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
         assert np.abs(np.min(outside, axis=0)).max(initial=0.0) < 1e-6, name
 
 
-def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
+def test_flow_matches_next_frame(moments, found):
     """Retraced ray of that pixel: static points are unchanged, and body points have moved."""
     v, u = np.nonzero(found.visible_again)
     there = np.stack([u, v], axis=1) + found.flow_px[found.visible_again]
@@ -130,7 +130,7 @@ def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
     assert 0.7 < found.visible_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
 
 
-def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
+def test_occluded_points_are_not_visible_again(moments, found):
     """Pixels whose point is occluded in the next frame, by a body that was elsewhere before."""
     empty = [Moment(SceneWithBodies(m.scene.scene, (), m.scene.time_s), m.pose) for m in moments]
     without = training_ground_truth(SMALL, *empty)
@@ -144,7 +144,7 @@ def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
     assert (labels == ON_CART).mean() > 0.99
 
 
-def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
+def test_shards_are_complete_and_reproducible(tmp_path):
     path = Keyframes({"x_mm": ((0.0, 0.0), (0.08, 100.0))}, "linear")
     tiny = replace(
         SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
@@ -182,7 +182,7 @@ def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
         om.write_training_dataset(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
 
 
-def test_out_of_doors_the_sky_moves_as_directions_do():
+def test_sky_flow():
     street = Street(texel_mm=100.0)
     first, second = (
         Moment(SceneWithBodies(street, (), 0.0), pose)
@@ -206,7 +206,7 @@ def test_out_of_doors_the_sky_moves_as_directions_do():
 # ------------------------------------------------------------------------------------
 
 
-def test_the_command_writes_what_python_does(tmp_path):
+def test_command_matches_python(tmp_path):
     sensor, lines = tmp_path / "small.toml", "time_s,x_mm\n0,0\n0.08,100\n"
     om.save_sensor(
         replace(
@@ -244,7 +244,7 @@ def test_the_command_writes_what_python_does(tmp_path):
     assert "folder must not contain a dataset" in fails(*words, "-o", tmp_path / "said")
 
 
-def test_a_set_to_learn_from_needs_a_path(tmp_path):
+def test_training_dataset_requires_path(tmp_path):
     assert "give a --path" in fails(
         "simulate", "learning", "paper-spherical", "-o", tmp_path / "set"
     )

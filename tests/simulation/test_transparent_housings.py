@@ -27,7 +27,7 @@ from tests.simulation.test_mitsuba_images import ball, compared, maps, rendered,
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def test_in_the_meridian_rays_are_shifted_and_keep_their_direction():
+def test_tube_shifts_meridional_rays():
     omega = np.radians([60.0, 90.0, 120.0, 135.0])
     points = np.stack([np.linspace(0, 40, 4), np.zeros(4), np.linspace(0, 10, 4)], axis=-1)
     directions = np.stack([np.sin(omega), np.zeros(4), -np.cos(omega)], axis=-1)
@@ -39,7 +39,7 @@ def test_in_the_meridian_rays_are_shifted_and_keep_their_direction():
     np.testing.assert_allclose(shift, 3.0 / np.cos(inside) * np.sin(i - inside), atol=1e-12)
 
 
-def test_skew_rays_keep_what_a_cylinder_keeps():
+def test_tube_conserves_skew_invariants():
     """Snell's law at a cylinder conserves the axial component and, by symmetry, the moment about
     the axis."""
     chance = np.random.default_rng(2)
@@ -57,7 +57,7 @@ def test_skew_rays_keep_what_a_cylinder_keeps():
     np.testing.assert_allclose(np.hypot(*passage.met.T[:2]), 57.0)
 
 
-def test_a_ghost_shows_the_other_side_at_the_strength_of_the_reflection():
+def test_ghost_radiance_matches_reflectance():
     half = np.zeros((64, 128, 3), np.float32)
     half[:, :64] = 1.0  # bright on the left, y > 0
     inside = ThroughShell(Environment(half), Tube(120.0), om.load_sensor("paper-spherical"))
@@ -69,7 +69,7 @@ def test_a_ghost_shows_the_other_side_at_the_strength_of_the_reflection():
 
 
 @pytest.mark.parametrize("shell", [Tube(120.0), Dome(440.0)], ids=["tube", "dome"])
-def test_ghosts_meet_the_mirror_again_and_end_at_lids(shell):
+def test_ghosts_reflect_at_mirror_and_end_at_lids(shell):
     """Horizontal rays from a mirror that images the horizon return to it, and continue down to the
     lens."""
     sensor = om.load_sensor("paper-spherical")
@@ -92,7 +92,7 @@ def test_ghosts_meet_the_mirror_again_and_end_at_lids(shell):
     assert closed == 0
 
 
-def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
+def test_axial_rays_and_invalid_origins():
     passage = passage_of(Tube(120.0), np.zeros((1, 3)), UP[None])
     np.testing.assert_array_equal(passage.directions, UP[None])
     assert passage.passed == 1
@@ -118,7 +118,7 @@ def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
     ),
     ids=["rod", "wide rod", "tube", "dome"],
 )
-def test_a_housing_hides_in_pictures_what_its_angles_say(housing):
+def test_rendered_housing_matches_obscured_angles(housing):
     sensor = replace(om.load_sensor("paper-spherical"), housing=housing)
     light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1)
     (ring,) = sensor.obscurations
@@ -128,7 +128,7 @@ def test_a_housing_hides_in_pictures_what_its_angles_say(housing):
     )
 
 
-def test_a_mirror_out_of_place_stands_in_the_same_housing():
+def test_misaligned_mirror_in_housing():
     for housing in (Housing(shell=Tube()), Housing(shell=Dome()), Housing(rod=Rod())):
         sensor = replace(om.load_sensor("paper-spherical"), housing=housing)
         moved = replace(sensor, mirror_pose=MirrorPose(1.0, 0.5, 0.3, 0.5, 0.5))
@@ -146,7 +146,7 @@ def some_rays(count, reach):
     )
 
 
-def test_a_dome_about_one_centre_turns_rays_by_the_closed_form():
+def test_concentric_dome_matches_closed_form():
     a, b, n, centre = 97.0, 100.0, 1.49, np.array([0.0, 0.0, -20.0])
     points, directions = some_rays(200, 30.0)
     passage = through_dome(points, directions, (centre, a), (centre, b), n, 1.0)
@@ -164,7 +164,7 @@ def test_a_dome_about_one_centre_turns_rays_by_the_closed_form():
     assert np.degrees(turned.max()) > 0.3
 
 
-def test_a_dome_about_the_single_viewpoint_bends_nothing():
+def test_dome_about_viewpoint_preserves_directions():
     sensor = om.load_sensor("paper-hyperboloidal")
     height = float(om.evaluate(sensor, omega_deg=[90.0]).viewpoint_z_mm[0])
     rays = sensor.backproject(np.random.default_rng(1).uniform(100, 900, (200, 2)))
@@ -177,7 +177,7 @@ def test_a_dome_about_the_single_viewpoint_bends_nothing():
     np.testing.assert_allclose(passage.passed, wall_transmission(0.0, 1.49), atol=1e-6)
 
 
-def test_a_dome_of_two_centres_bends_as_mitsubas_spheres_do(mi):  # noqa: F811
+def test_eccentric_dome_matches_mitsuba(mi):  # noqa: F811
     dome = Dome(200.0, 8.0, 1.6, centre_mm=-40.0, inner_shift_mm=4.0)
     points, directions = some_rays(100, 40.0)
     points[:, 2] -= 40.0
@@ -201,7 +201,7 @@ def glass(inside, outside):
 
 
 @pytest.mark.full
-def test_a_picture_through_a_dome_is_mitsubas_with_its_ghosts(mi):  # noqa: F811
+def test_dome_image_matches_mitsuba(mi):  # noqa: F811
     """Mitsuba's paths include random reflections between two spheres and the mirror."""
     sensor, (ours, theirs) = small("paper-spherical", 64, MirrorPose()), maps()
     dome = Dome(236.0, centre_mm=-75.0)

@@ -38,7 +38,7 @@ def seen_flat(scene, face_corners, columns, rows):
 
 
 @needs_native
-def test_the_room_is_the_same_as_surfaces_and_as_boxes(uncompiled):
+def test_room_surfaces_match_boxes(uncompiled):
     room, chance = om.Room(texel_mm=20.0), np.random.default_rng(5)
     origins, directions = chance.uniform(-300, 300, (60_000, 3)), chance.normal(size=(60_000, 3))
     fast = room.radiance(origins, directions)
@@ -54,7 +54,7 @@ def test_the_room_is_the_same_as_surfaces_and_as_boxes(uncompiled):
     few([Hall(texel_mm=50.0), Street(texel_mm=200.0)], Hall(texel_mm=50.0)),
     ids=["hall", "street"],
 )
-def test_scenes_are_the_same_without_compiling(scene, uncompiled):
+def test_uncompiled_scenes_match(scene, uncompiled):
     chance = np.random.default_rng(6)
     origins, directions = chance.uniform(-300, 300, (4000, 3)), chance.normal(size=(4000, 3))
     fast, distance = scene.radiance(origins, directions), scene.distance_mm(origins, directions)
@@ -66,7 +66,7 @@ def test_scenes_are_the_same_without_compiling(scene, uncompiled):
 @pytest.mark.parametrize(
     "scene", [Hall(texel_mm=50.0), Street(texel_mm=200.0)], ids=["hall", "street"]
 )
-def test_light_is_neither_black_nor_burnt_out(scene):
+def test_scene_radiance_range(scene):
     assert isinstance(scene, Scene)
     directions = np.random.default_rng(1).normal(size=(20_000, 3))
     light = scene.radiance(np.zeros_like(directions), directions)
@@ -76,7 +76,7 @@ def test_light_is_neither_black_nor_burnt_out(scene):
 
 
 @pytest.mark.parametrize("name", few(["A4", "B2", "C5"], "B2"))
-def test_corners_of_a_board_lie_where_its_squares_meet(hall, name):
+def test_board_corner_positions(hall, name):
     """The image around each corner is that of a corner: opposite quarters are equal and neighbours
     are not."""
     corners = hall.board_corners_mm(name)
@@ -93,7 +93,7 @@ def test_corners_of_a_board_lie_where_its_squares_meet(hall, name):
         np.testing.assert_array_equal(quarter, expected)
 
 
-def test_opencv_finds_the_corners_of_a_board_to_a_fifth_of_a_millimetre(hall):
+def test_board_corners_match_opencv(hall):
     import cv2
 
     corners = hall.board_corners_mm("A4")
@@ -118,7 +118,7 @@ def test_opencv_finds_the_corners_of_a_board_to_a_fifth_of_a_millimetre(hall):
     assert off < 0.2  # px of 1 mm; texels have 12
 
 
-def test_depth_of_the_hall_ends_on_its_boards(hall):
+def test_hall_depth_of_boards(hall):
     corners = hall.board_corners_mm("C1").reshape(-1, 3)
     np.testing.assert_allclose(
         hall.distance_mm(np.zeros_like(corners), corners),
@@ -127,14 +127,14 @@ def test_depth_of_the_hall_ends_on_its_boards(hall):
     )
 
 
-def test_a_board_that_is_not_there_is_named(hall):
+def test_unknown_board_raises(hall):
     with pytest.raises(InvalidParameter, match=r"board must be one of .*; got 'D1'"):
         hall.board_corners_mm("D1")
     with pytest.raises(InvalidParameter, match="must be inside the hall"):
         hall.radiance(np.array([[9e4, 0, 0]]), np.ones((1, 3)))
 
 
-def test_colours_of_facets_blend_between_their_corners():
+def test_facet_colours_are_interpolated():
     chance = np.random.default_rng(3)
     triangles, colours = (
         chance.normal(size=(5, 3, 3)),
@@ -149,7 +149,7 @@ def test_colours_of_facets_blend_between_their_corners():
         np.testing.assert_allclose(seen.light[0], weights[i] @ colours[i], atol=1e-5)
 
 
-def test_a_mesh_comes_with_textures_corner_colours_and_plain_ones(tmp_path):
+def test_mesh_colours(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     from PIL import Image
 
@@ -195,7 +195,7 @@ def test_a_mesh_comes_with_textures_corner_colours_and_plain_ones(tmp_path):
     )
 
 
-def test_what_is_no_mesh_is_refused(tmp_path):
+def test_invalid_mesh_raises(tmp_path):
     pytest.importorskip("trimesh")
     from omnimirror.simulation.scenes._mesh_files import load_mesh
 

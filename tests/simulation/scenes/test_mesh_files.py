@@ -56,7 +56,7 @@ def written(folder, name, text):
         (SQUARE, "must contain triangles"),
     ],
 )
-def test_a_bad_obj_is_refused_by_name_and_cause(tmp_path, text, words):
+def test_invalid_obj_raises(tmp_path, text, words):
     written(tmp_path, "there.mtl", "newmtl a\nmap_Kd -s 1 1 1 none.png\n")
     path = written(tmp_path, "bad.obj", text)
     with pytest.raises(MediaError, match=words) as e:
@@ -65,7 +65,7 @@ def test_a_bad_obj_is_refused_by_name_and_cause(tmp_path, text, words):
 
 
 @pytest.mark.parametrize("corner", ["3", "1000", "-1"])
-def test_a_triangle_of_corners_that_are_not_there_is_refused(tmp_path, corner):
+def test_invalid_corner_index_raises(tmp_path, corner):
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
     path = written(tmp_path, "bad.ply", f"{head}1 -1 0\n1 1 0\n1 0 1\n3 0 1 2\n3 0 1 {corner}\n")
@@ -75,13 +75,13 @@ def test_a_triangle_of_corners_that_are_not_there_is_refused(tmp_path, corner):
         load_mesh(path)
 
 
-def test_indices_that_only_hold_a_zero_are_good(tmp_path):
+def test_indices_containing_digit_zero_are_valid(tmp_path):
     corners = "".join(f"v 1 {i % 3 - 1} {i // 3}\n" for i in range(12))
     path = written(tmp_path, "good.obj", f"# f 0 1 2\n{corners}f 10 1 5\nf -1 -2 -6\n")
     assert len(load_mesh(path).surfaces.records) == 2
 
 
-def test_a_gltf_and_a_ply_that_name_what_is_not_there_are_refused(tmp_path):
+def test_missing_texture_raises(tmp_path):
     image = '{"asset": {"version": "2.0"}, "images": [{"uri": "none%20here.png"}]}'
     with pytest.raises(MediaError, match=r"cannot find the texture 'none here.png'"):
         load_mesh(written(tmp_path, "a.gltf", image))
@@ -96,7 +96,7 @@ def test_a_gltf_and_a_ply_that_name_what_is_not_there_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply"])
-def test_ply_and_stl_are_scenes(tmp_path, suffix):
+def test_ply_and_stl_meshes(tmp_path, suffix):
     """A ball 1.5 m ahead: in STL along x and in mm, otherwise along -z and in m, as in glTF."""
     ball = trimesh.creation.icosphere(4, 0.5)
     ball.apply_translation([0, 0, -1.5])
@@ -114,7 +114,7 @@ def test_ply_and_stl_are_scenes(tmp_path, suffix):
     assert (light[1] == 0) == (suffix == ".ply")
 
 
-def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
+def test_mirror_inside_scene_raises(tmp_path):
     """A cube of 20 mm about the vertex of a mirror of 88 mm; a larger one is a room."""
     sensor = om.load_sensor("paper-spherical")
     small = replace(
@@ -145,13 +145,13 @@ def test_a_mirror_that_stands_in_something_is_refused(tmp_path):
         (Pose(x_mm=6500.0, y_mm=3200.0, z_mm=-1000.0), "outside a car from"),
     ],
 )
-def test_a_sensor_stands_on_the_street_and_not_in_what_is_there(pose, words):
+def test_sensor_inside_street_objects_raises(pose, words):
     sensor = om.load_sensor("paper-spherical")
     with pytest.raises(InvalidParameter, match=words):
         expose(sensor, PosedScene(Street(texel_mm=200.0), pose), samples=1)
 
 
-def test_an_environment_of_two_pixels_is_none(tmp_path):
+def test_tiny_environment_raises(tmp_path):
     om.write_image(tmp_path / "tiny.png", np.full((1, 2, 3), 99, np.uint8))
     with pytest.raises(MediaError, match="at least 8 x 4 px; got 2 x 1 px"):
         Environment.load(tmp_path / "tiny.png")

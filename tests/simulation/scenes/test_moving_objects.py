@@ -38,7 +38,7 @@ path = "lamp.csv"
 """
 
 
-def test_a_file_of_bodies_says_what_python_does(tmp_path):
+def test_load_bodies(tmp_path):
     (tmp_path / "bodies.toml").write_text(BODIES)
     (tmp_path / "lamp.csv").write_text("time_s,x_mm\n0,-800\n1,-700\n")
     cart, lamp = om.load_bodies(tmp_path / "bodies.toml")
@@ -72,20 +72,20 @@ def test_a_file_of_bodies_says_what_python_does(tmp_path):
         ("[cart]\nsize_mm = [1, 2, 3]\npath = 4", r"\[cart\] of .*path = 4"),
     ],
 )
-def test_a_wrong_file_is_refused_with_the_body_s_name(tmp_path, text, says):
+def test_invalid_bodies_file_raises(tmp_path, text, says):
     (tmp_path / "bodies.toml").write_text(text)
     with pytest.raises(SpecError, match=says):
         om.load_bodies(tmp_path / "bodies.toml")
 
 
-def test_bodies_that_are_not_there():
+def test_missing_bodies_raise():
     with pytest.raises(SpecError, match=r"there are no bodies 'nowhere\.toml'"):
         om.load_bodies("nowhere.toml")
     with pytest.raises(InvalidParameter, match=r"tracks of path must be .*; got 'hfov_deg'"):
         om.MovingBox((1.0, 1.0, 1.0), Keyframes({"hfov_deg": ((0.0, 1.0),)}))
 
 
-def test_a_video_shows_bodies_where_they_are(tmp_path):
+def test_video_shows_moving_bodies(tmp_path):
     """Centre of the side facing the sensor, by the projection of the sensor, in every frame;
     reproducible."""
     av = pytest.importorskip("av")
@@ -150,7 +150,7 @@ class Unpainted:
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
 @pytest.mark.parametrize("blur", [True, False])
-def test_kernels_see_bodies_as_rays_one_by_one_do(blur):
+def test_compiled_bodies_match_numpy(blur):
     turns = {"x_mm": ((0.0, 900.0),), "pan_deg": ((0.0, 34.0),), "tilt_deg": ((0.0, 12.0),)}
     lies = {"y_mm": ((0.0, -700.0),), "z_mm": ((0.0, -300.0),)}
     bodies = (
@@ -171,7 +171,7 @@ def test_kernels_see_bodies_as_rays_one_by_one_do(blur):
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
-def test_where_surfaces_touch_the_same_one_is_seen_whatever_was_seen_before():
+def test_touching_surfaces_are_deterministic():
     """Compiled surfaces reorder their records; regenerated datasets previously had other pixels for
     that reason."""
     cart = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 900.0),)}))
@@ -187,7 +187,7 @@ def test_where_surfaces_touch_the_same_one_is_seen_whatever_was_seen_before():
     np.testing.assert_array_equal(scene.surroundings_from(*corners).surfaces.records, first)
 
 
-def test_rays_that_may_start_in_a_body_are_left_to_the_scene():
+def test_rays_starting_in_body():
     around = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 100.0),)}))
     scene = SceneWithBodies(om.Room(texel_mm=40.0), (around,), 0.0)
     corners = np.full(3, -50.0), np.full(3, 50.0)

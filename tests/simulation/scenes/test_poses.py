@@ -28,7 +28,7 @@ def small(name: str, pixels: int = 64) -> om.Sensor:
     )
 
 
-def test_a_pose_pans_right_tilts_up_and_rolls_clockwise():
+def test_pose_signs():
     ahead, left, up = np.eye(3)
     np.testing.assert_allclose(
         Pose(pan_deg=30).to_scene(ahead), pan_tilt_direction(np.radians(30), 0), atol=1e-12
@@ -45,7 +45,7 @@ def test_a_pose_pans_right_tilts_up_and_rolls_clockwise():
     assert np.linalg.det(pose.rotation()) == pytest.approx(1.0)
 
 
-def test_a_turned_environment_is_the_same_in_the_kernels_and_ray_by_ray():
+def test_compiled_rotated_environment_matches_numpy():
     world = Environment(
         np.random.default_rng(2).uniform(0, 1, (16, 32, 3)).astype(np.float32), heading_deg=20.0
     )
@@ -60,7 +60,7 @@ def test_a_turned_environment_is_the_same_in_the_kernels_and_ray_by_ray():
     assert np.abs(light.reshape(-1, 3)[rays.valid] - seen).max() < 1e-3
 
 
-def test_to_pan_the_sensor_is_to_turn_the_mount():
+def test_pan_matches_mount_rotation():
     """A camera rotated in its mount against the pan renders the image of the sensor without pan."""
     sensor, room = small("paper-spherical"), om.Room(texel_mm=20.0)
     turned = replace(sensor, mount=replace(sensor.mount, forward_azimuth_deg=-90.0 - 40.0))
@@ -73,7 +73,7 @@ def test_to_pan_the_sensor_is_to_turn_the_mount():
 
 
 @pytest.mark.parametrize("pose", [Pose(), Pose(600.0, -300.0, 200.0, 50.0, 8.0, 5.0)])
-def test_depth_leads_from_the_mirror_to_the_walls_and_back_to_the_pixel(pose):
+def test_depth_round_trip(pose):
     sensor = small("paper-spherical", 128)
     truth = ground_truth(sensor, PosedScene(om.Room(texel_mm=40.0), pose))
     seen = np.isfinite(truth.depth_mm)
@@ -92,13 +92,13 @@ def test_depth_leads_from_the_mirror_to_the_walls_and_back_to_the_pixel(pose):
     assert back.valid.mean() > 0.99
 
 
-def test_what_is_far_away_is_infinitely_deep():
+def test_distant_depth_is_infinite():
     truth = ground_truth(small("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32)))
     assert np.isinf(truth.depth_mm[32, 32])
     assert np.isnan(truth.depth_mm[0, 0])
 
 
-def test_scenes_that_cannot_tell_distances_say_so():
+def test_scene_without_distance_raises():
     class Even:
         def radiance(self, origins_mm, directions):
             return np.ones((len(directions), 3), np.float32)
@@ -107,7 +107,7 @@ def test_scenes_that_cannot_tell_distances_say_so():
         ground_truth(small("paper-spherical"), Even())
 
 
-def test_frames_of_a_path_are_pictures_from_its_poses():
+def test_frames_match_poses():
     sensor, room = small("paper-spherical"), om.Room(texel_mm=40.0)
     path = Keyframes(
         {"x_mm": ((0.0, 0.0), (2.0, 800.0)), "pan_deg": ((0.0, 0.0), (2.0, 90.0))}, "linear"
