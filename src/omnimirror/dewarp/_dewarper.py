@@ -41,7 +41,7 @@ from .yuv import (
     subsampling,
 )
 
-# -- Dewarping of images for a camera and a screen -------------------------------------------------
+# -- Dewarper --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -313,7 +313,7 @@ class Dewarper:
         return {}
 
 
-# -- Correction of lateral colour: each colour channel is dewarped with its own camera model -------
+# -- Correction of lateral colour ------------------------------------------------------------------
 
 GREEN = 1
 

@@ -18,7 +18,7 @@ from .screens import Panorama, Screen, View, parts_of
 from .screens._screen import pixels_of_rows
 from .viewpoints import Viewpoint, centre_of_projection, projection_of
 
-# -- Source coordinates of a view, interpolated from an exact coarse lattice with local refinement
+# -- Lattice with local refinement -----------------------------------------------------------------
 #
 # Source coordinates vary slowly over a view, and most pixels are interpolated between exact nodes
 # some 16 pixels apart (four-point Lagrange, with an error proportional to the fourth power of the
@@ -304,7 +304,7 @@ def _projected(camera: Camera, screen: Screen, viewpoint: Viewpoint, targets: Ar
     return pixels.reshape(*targets.shape[:-1], 2)
 
 
-# -- panoramas about the camera axis ---------------------------------------------------------------
+# -- Panoramas about the camera axis ---------------------------------------------------------------
 
 
 def is_separable(camera: Camera, screen: Screen) -> bool:

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 __all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "VideoSettings", "is_video"]
 
 
-# -- Conversion of images to the depths and channels of a file format: integers are sRGB, floats linear light
+# -- Conversion to file formats: integers are sRGB, floats linear light ----------------------------
 
 ImageArray = NDArray[Any]
 
@@ -106,7 +106,7 @@ def _in_depth(image: ImageArray, depth: str) -> ImageArray:
     return np.rint(values.clip(0, 1) * OPAQUE[depth]).astype(depth)
 
 
-# -- Dewarping of image files, individually or in parallel -----------------------------------------
+# -- Dewarping of image files ----------------------------------------------------------------------
 #
 # Sensors and deblurring are imported on demand: their import takes as long as dewarping a mirror-ball
 # image.

@@ -29,7 +29,7 @@ from ._footprints import (
 from .interfaces import Annulus, Averages, Interpolation, Kernel, Map, Pixels, RemapJob
 from .sampling import check_pixels, contiguous
 
-# -- Source coordinates of half-resolution planes (4:2:0 chroma) from those of the full image ------
+# -- Half-resolution planes (4:2:0 chroma) ---------------------------------------------------------
 #
 # Such a plane has one sample per 2 x 2 pixels. Its column i is at column ``2 i + x`` and its row j at
 # row ``2 j + y`` of the full image, with the sample offset (x, y). The source coordinate of a sample
@@ -121,7 +121,7 @@ def pairs(values: Floats) -> Floats:
     return values.reshape(-1, 2)
 
 
-# -- Pixel map: one source coordinate for each pixel of the view -----------------------------------
+# -- Pixel map: one source coordinate per pixel ----------------------------------------------------
 
 
 class Rectangle(NamedTuple):
@@ -249,7 +249,7 @@ class PixelMap:
         return labels
 
 
-# -- Lattice map: source coordinates on a regular lattice of view pixels with bicubic interpolation
+# -- Lattice map: bicubic interpolation between lattice nodes --------------------------------------
 
 MIN_STEP = 4
 
@@ -332,7 +332,7 @@ class LatticeMap:
         """Node weights, across and down."""
         return node_weights(self.step, self.shift[0]), node_weights(self.step, self.shift[1])
 
-    # -- half resolution -----------------------------------------------------------------------------
+    # -- Half resolution ---------------------------------------------------------------------------
 
     def halved(self, image_offset: Offset, view_offset: Offset) -> Map:
         """Return the same lattice at half the step, evaluated between its pixels; patched at the
@@ -382,7 +382,7 @@ def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
     )
 
 
-# -- Polar map: panoramas about the camera axis, whose rows are circles in the image ---------------
+# -- Polar map: panoramas about the camera axis ----------------------------------------------------
 
 Float32Array = NDArray[np.float32]
 

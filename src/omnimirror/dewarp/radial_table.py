@@ -168,7 +168,7 @@ def radial_table(camera: Camera) -> RadialTable | None:
     return None if symmetry is None else RadialTable(symmetry, camera.image_size)
 
 
-# -- formulas, identical to native/src/sampling/axial_kernel.hpp --------------------------------------------
+# -- Formulas, identical to native/src/sampling/axial_kernel.hpp -----------------------------------
 
 
 def _cells(table: Array, half_sines: Array, tables: Tables) -> tuple[Array, Array, Array]:

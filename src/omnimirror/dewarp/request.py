@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import av
 
 
-# -- Colour outside the field, specified before the depth and channels of the image are known ------
+# -- Border colour ---------------------------------------------------------------------------------
 
 HEX_DIGITS = set("0123456789abcdefABCDEF")
 VALID_COLOURS = "a grey level, R,G,B or #rrggbb"
@@ -132,7 +132,7 @@ class BorderColour:
 BorderArgument: TypeAlias = BorderColour | str | float | Sequence[float]
 
 
-# -- Requests for dewarping images and videos of any size ------------------------------------------
+# -- Dewarping requests ----------------------------------------------------------------------------
 
 C = TypeVar("C", bound=Camera)
 Size: TypeAlias = tuple[int, int]

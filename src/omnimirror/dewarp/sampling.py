@@ -45,7 +45,7 @@ from .interfaces import (
     Sampler,
 )
 
-# -- Validation of sampling arguments, and conversion of arrays for the samplers -------------------
+# -- Validation of sampling arguments --------------------------------------------------------------
 
 DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {
     np.dtype(name).newbyteorder() for name in OPAQUE
@@ -134,7 +134,7 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
     return out
 
 
-# -- array layout for the samplers -----------------------------------------------------------------
+# -- Array layout for the samplers -----------------------------------------------------------------
 
 
 def contiguous(array: Image) -> Image:
@@ -164,7 +164,7 @@ def is_contiguous(array: Image) -> bool:
     )
 
 
-# -- Border of a view: a colour outside the field, or transparency ---------------------------------
+# -- Border of a view: colour or transparency ------------------------------------------------------
 
 MAX_BORDER_VALUE = 1e30  # maximum magnitude of a colour
 
@@ -225,7 +225,7 @@ def with_alpha(image: Image) -> Image:
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA))
 
 
-# -- OpenCV sampler without compiled module, consistent with :mod:`omnimirror.dewarp.sampling` -----
+# -- OpenCV sampler --------------------------------------------------------------------------------
 
 Values = NDArray[Any]
 
@@ -266,7 +266,7 @@ def _values(image: Image, pixels: Values, kernel: str) -> Image:
     return np.asarray(samples).reshape(*x.shape, channels)
 
 
-# -- averages --------------------------------------------------------------------------------------
+# -- Averages over footprints ----------------------------------------------------------------------
 
 
 def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
@@ -403,7 +403,7 @@ def _sampled_list(image: Image, pixels: Values) -> tuple[Image, Mask]:
     return values, inside
 
 
-# -- Samplers, and their common entry point: image and map to image --------------------------------
+# -- Selection of the sampler ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

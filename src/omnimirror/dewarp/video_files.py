@@ -45,7 +45,7 @@ from .screens import View
 from .viewpoints import Viewpoint
 from .yuv import Siting
 
-# -- Dewarping of video frames in their coded format -----------------------------------------------
+# -- Video frames ----------------------------------------------------------------------------------
 
 
 def dewarp_frame(
@@ -98,7 +98,7 @@ def dewarp_frame(
     return dewarped
 
 
-# -- Dewarping of videos, cameras and streams: one source and any number of outputs ----------------
+# -- Videos, cameras and streams -------------------------------------------------------------------
 
 UNKNOWN_RATE = Fraction(25)
 

@@ -51,7 +51,7 @@ __all__ = [
 ]
 
 
-# -- Size of a view that preserves the image resolution, and maximum zoom --------------------------
+# -- Resolution, size and maximum zoom -------------------------------------------------------------
 
 PartialSize = tuple[int | None, int | None]
 
@@ -191,7 +191,7 @@ def _even(length: float) -> int:
     return max(2, 2 * round(length / 2))
 
 
-# -- Views of all types for a camera: they cover its field at the resolution of its image ----------
+# -- Views of a camera -----------------------------------------------------------------------------
 
 PERSPECTIVE_SIZE = (1280, 720)
 
@@ -656,7 +656,7 @@ def mosaic(
     return Mosaic.panorama_over_views(over, under)
 
 
-# -- Placements of the virtual screen in the paper (Fig. 13) ---------------------------------------
+# -- Presets of the paper (Fig. 13) ----------------------------------------------------------------
 
 
 class Preset(NamedTuple):
@@ -746,7 +746,7 @@ def preset(
     return bent.panned(0.0, tilt_deg)
 
 
-# -- Registry of views by name, including views of plug-ins ----------------------------------------
+# -- Registry of views -----------------------------------------------------------------------------
 
 
 def _check_maker(name: str, make: Any) -> None:

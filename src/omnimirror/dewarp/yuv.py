@@ -12,7 +12,7 @@ from .interfaces import Border, Image, Interpolation, Map
 from .maps import half
 from .sampling import remap
 
-# -- Planes of coded video frames: arrangement, creation and validation ----------------------------
+# -- Planes of coded video frames ------------------------------------------------------------------
 
 Siting: TypeAlias = Literal["left", "center", "topleft", "right", "top", "bottom"]
 Planes: TypeAlias = tuple[Image, ...]
@@ -129,7 +129,7 @@ def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
     )
 
 
-# -- Dewarping of video frames by planes: luma with the map of the view, chroma with a derived map
+# -- Dewarping by planes ---------------------------------------------------------------------------
 #
 # In 4:2:0 a chroma sample belongs to 2 x 2 luma pixels at a position given by the siting; its map is
 # that of luma, :meth:`halved <omnimirror.dewarp.interfaces.Map.halved>`.

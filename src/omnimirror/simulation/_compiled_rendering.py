@@ -24,7 +24,7 @@ from .scenes._painting import PaintedScene, Surroundings
 from .scenes.environment import Environment
 from .scenes.scene import DistantScene, PosedScene, Scene
 
-# -- Sensor parameters for the compiled kernels: lens, mirror and obstructions ---------------------
+# -- Sensor parameters for the compiled kernels ----------------------------------------------------
 
 PROFILE_NODES = 2049  # nodes of the meridian; cubic interpolation of the sag is accurate to 1e-6 mm
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -178,7 +178,7 @@ def _surface(mirror: Mirror) -> tuple[float, float, NDArray[np.float32]]:
     return float(c), conic, nodes.astype(np.float32)
 
 
-# -- Rendering with compiled kernels: environments, and surfaces in front of a distant background
+# -- Rendering with compiled kernels ---------------------------------------------------------------
 #
 # Rays are not stored, except those that reach the background.
 

@@ -24,7 +24,7 @@ from .scenes.moving_objects import MovingBox
 from .scenes.scene import Scene
 from .scenes.scene_sources import SceneSource, record_of, sha256_of, source_of
 
-# -- Dataset manifest: dataset.json lists completed files to resume interrupted datasets -----------
+# -- Manifest of completed files -------------------------------------------------------------------
 
 MANIFEST_NAME = "dataset.json"
 FRAMES = "frames"
@@ -159,7 +159,7 @@ def _is_unchanged(path: Path, sha256: str) -> bool:
     return path.is_file() and sha256_of(path) == sha256
 
 
-# -- Dataset recipes in dataset.json, for reproduction ---------------------------------------------
+# -- Recipes ---------------------------------------------------------------------------------------
 
 FORMAT = 3
 

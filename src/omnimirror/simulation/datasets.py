@@ -47,7 +47,7 @@ from .scenes.scene import POSE_NAMES, Pose, PosedScene, Scene, distances_mm
 from .scenes.scene_sources import SceneSource
 from .simulated_video import check_video_can_be_written, encode, frame_at, frame_times
 
-# -- Calibration datasets with true board corners, and videos with poses and depth -----------------
+# -- Calibration datasets and videos with ground truth ---------------------------------------------
 
 FRAME_PATTERN = f"{FRAMES}/frame-%05d.png"
 MAX_VIEWS = 10_000
@@ -453,7 +453,7 @@ def _corner_lists(corners: dict[str, Array]) -> dict[str, Any]:
     }
 
 
-# -- Training datasets as WebDataset shards: tar files with a common name for the files of each sample
+# -- Training datasets: WebDataset shards ----------------------------------------------------------
 
 CARD_NAME = "README.md"
 

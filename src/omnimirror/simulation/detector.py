@@ -14,7 +14,7 @@ from ..base.errors import InvalidParameter
 from ..base.parameters import Parameter
 from .image_tiles import PixelConversion
 
-# -- Image sensor electronics: conversion of light to digital values with photon noise and read noise
+# -- Detector: photon noise, read noise and quantisation -------------------------------------------
 
 BAYER = ("none", "RGGB", "BGGR", "GRBG", "GBRG")
 CURVES = ("srgb", "linear")
@@ -292,7 +292,7 @@ def mosaic(light: Light, bayer: str) -> Light:
     return filtered
 
 
-# -- Readout of a detector during exposure, which avoids storing the light of the whole image ------
+# -- Readout by tiles ------------------------------------------------------------------------------
 
 
 class Readout:

@@ -16,7 +16,7 @@ from .radiometry import Radiometry
 from .scenes.moving_objects import SceneWithBodies
 from .scenes.scene import Pose, PosedScene, Scene, distances_mm
 
-# -- Ground truth of an image: origin, direction and depth of each pixel ---------------------------
+# -- Ground truth: origin, direction and depth -----------------------------------------------------
 
 ROWS_AT_ONCE = 64
 
@@ -113,7 +113,7 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
     return GroundTruth(origins, directions, depth, hidden)
 
 
-# -- Ground truth for machine learning: normals, labels and optical flow to the next frame of every pixel
+# -- Ground truth for machine learning: normals, labels and optical flow ---------------------------
 
 NEIGHBOUR_ANGLE = 2e-4  # radians: rays next to that of a pixel, on the same surface except at edges
 # Maximum distance of a ray endpoint from a point that is visible again: in mm, and relative

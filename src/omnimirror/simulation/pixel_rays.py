@@ -21,7 +21,7 @@ from ..optics.tracing.shell_transmission import ShellTransit, passage
 from .radiometry import Radiometry, camera_front
 from .scenes.scene import MeasurableScene, Scene
 
-# -- Sampling of rays: positions on the pixel and on the lens aperture -----------------------------
+# -- Sampling of pixel and aperture ----------------------------------------------------------------
 #
 # Rays are uniform in all four dimensions (an additive recurrence), with a different shift in each
 # pixel, which turns the remaining error into fine grain without pattern. Sharp images need two
@@ -123,7 +123,7 @@ def _hash(h: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return mixed
 
 
-# -- Transparent tubes and domes around a sensor: refraction, transmission losses and ghosts -------
+# -- Transparent housings: refraction, transmission and ghosts -------------------------------------
 
 MAX_GHOST_ORDER = 2  # higher-order ghosts have less than 0.001 of the light
 ORIGIN_TOLERANCE_MM = 1e-4  # tolerance of a ray origin on a surface: single precision
@@ -265,7 +265,7 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
     )
 
 
-# -- Pixel rays and obstructions: reflection at the mirror, past rod, camera and rim, through a wall
+# -- Pixel rays and obscurations -------------------------------------------------------------------
 
 Fates = NDArray[np.uint8]
 

@@ -43,7 +43,7 @@ from .pixel_rays import (
 from .radiometry import Radiometry
 from .scenes.scene import DistantScene, Scene
 
-# -- Light on the image sensor: mean over rays of each pixel through the aperture, via the mirror, to a scene
+# -- Radiance on the image sensor ------------------------------------------------------------------
 
 MAX_SIDE_PX = 1 << 15  # maximum side of a square image, px, whose light requires 12 GB
 
@@ -347,7 +347,7 @@ def _trace_sensor(
     )
 
 
-# -- Rendering of the image of a scene captured by a camera ----------------------------------------
+# -- Rendered images -------------------------------------------------------------------------------
 #
 # Images are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as usual in Python;
 # OpenCV requires BGR, ``picture[..., ::-1]``.

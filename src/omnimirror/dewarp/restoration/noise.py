@@ -291,7 +291,7 @@ def _error_of_zeros(share: Array, count: int, law: Array, table: Array) -> Array
 #
 # Noise is the residual of small blocks after removal of their slope, in the most uniform blocks: the
 # smallest variances of white noise follow from the chi-square distribution. JPEG images have little
-# noise in these blocks but contain coding errors, which :mod:`.jpeg_noise` estimates. The noise of
+# noise in these blocks but contain coding errors, which are estimated above. The noise of
 # linear light increases with the light.
 
 Picture = NDArray[Any]

@@ -19,7 +19,7 @@ from ._painting import Surroundings
 from .scene import Scene
 from .surfaces import Surfaces, Texture, combine_surfaces, facets, textured_triangles
 
-# -- Validation of mesh files before rendering -----------------------------------------------------
+# -- Validation ------------------------------------------------------------------------------------
 
 MIN_EXTENT_MM, MAX_EXTENT_MM = 0.01, 1e9
 ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t](?:.*[ \t/])?0(?=[/ \t\r\n]|$)", re.M)
@@ -150,7 +150,7 @@ def _text(name: bytes) -> str:
     return name.decode("utf-8", "replace").strip().strip('"')
 
 
-# -- Scenes from files: triangle meshes in glTF, GLB, OBJ, PLY and STL, read with trimesh ----------
+# -- Loading ---------------------------------------------------------------------------------------
 
 TO_WORLD = {
     "y": np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),

@@ -18,7 +18,7 @@ from ...base.typing import Array
 from .scene import Scene
 from .surfaces import Box, Face, Surfaces, Texture, face_of
 
-# -- Lettering: words as coverage maps, with the font of matplotlib --------------------------------
+# -- Lettering -------------------------------------------------------------------------------------
 
 OVERSAMPLING = 8  # oversampling of letters before averaging, for edges with 65 grey levels
 FONT = "DejaVu Sans"
@@ -73,7 +73,7 @@ def lettering(text: str, cap_height_px: float) -> Light:
     return ink
 
 
-# -- Painting on a flat surface, in millimetres from its lower left corner as seen by a viewer -----
+# -- Canvas ----------------------------------------------------------------------------------------
 #
 # Shapes are painted with the covered fraction of each texel (antialiasing); edges are smooth and
 # unbiased at any resolution.
@@ -253,7 +253,7 @@ def _square_wave(x: Array, width: float) -> Array:
     return np.asarray((high - low) / width)
 
 
-# -- Landscape outside the windows: sky and hills at infinity, which depend on the direction only
+# -- Landscape at infinity -------------------------------------------------------------------------
 
 ZENITH, HAZE = hex_colour("#4f86c6"), hex_colour("#e6edf2")
 SOFTNESS_DEG = 0.15  # edge width of the ridges
@@ -286,7 +286,7 @@ def landscape_light(directions: Array) -> Light:
     return light
 
 
-# -- Painted faces as surfaces, and scenes made of them --------------------------------------------
+# -- Painted faces as surfaces ---------------------------------------------------------------------
 
 
 def illuminated_texels(canvas: Canvas, light: Light) -> Light:

@@ -25,7 +25,7 @@ from ._painting import (
 )
 from .surfaces import Box, Face, face_of, rays_inside
 
-# -- Calibration checkerboards with exactly known positions ----------------------------------------
+# -- Checkerboards ---------------------------------------------------------------------------------
 
 SQUARES = (12, 8)
 SQUARE_MM = 100.0
@@ -88,7 +88,7 @@ class HallBoard:
         return canvas
 
 
-# -- Calibration hall: checkerboards around the sensor at exactly known positions ------------------
+# -- Hall ------------------------------------------------------------------------------------------
 
 TEXEL = Parameter("mm", 1.0, 100.0, "texel size of the painted surfaces")
 PLAIN_TEXEL_FACTOR = 4.0  # times coarser on faces without corners
@@ -303,7 +303,7 @@ def _back(face: Face) -> Face:
     return Face(corner, -face.right, face.up, -face.normal, face.width_mm, face.height_mm)
 
 
-# -- painting ------------------------------------------------------------------------------------------
+# -- Painted faces ---------------------------------------------------------------------------------
 
 CONCRETE, STRIPE, DARK = Paint("#a9a69e"), Paint("#e0b13c"), Paint("#3c444b")
 LAMP = Paint("#fff6e6", glow=1.6)

@@ -31,7 +31,7 @@ from ._painting import (
 )
 from .surfaces import FACES, Box, Face, face_of, intersect_boxes, rays_inside
 
-# -- Furniture and wall painting of the room: purely decorative definitions ------------------------
+# -- Decoration ------------------------------------------------------------------------------------
 #
 # Solids are defined in the world frame (mm, sensor at the origin); walls are painted in millimetres
 # from their lower left corner, as seen by a viewer.
@@ -82,7 +82,7 @@ def paint_room(
     return canvas, {s.word: canvas.text(s.word, *s[2:]) for s in SIGNS if s.face == face}
 
 
-# -- the six faces of the room -------------------------------------------------------------------------
+# -- Faces of the room -----------------------------------------------------------------------------
 
 
 def _wall(canvas: Canvas, dado: str) -> None:
@@ -198,7 +198,7 @@ def _clock(canvas: Canvas, x: float, y: float, radius: float) -> None:
     canvas.rectangle(x - 10, y - 9, x + 105, y + 9, INK)
 
 
-# -- solids --------------------------------------------------------------------------------------------
+# -- Furniture -------------------------------------------------------------------------------------
 
 
 class Piece(NamedTuple):
@@ -290,7 +290,7 @@ PIECES: tuple[Piece, ...] = (
 """All solids in the room, in world millimetres."""
 
 
-# -- Furnished room: the main bundled scene --------------------------------------------------------
+# -- Room ------------------------------------------------------------------------------------------
 
 TEXEL = Parameter("mm", 1.0, 100.0, "texel size of the painted surfaces")
 WALL_AHEAD = 1  # face of the wall ahead
@@ -502,7 +502,7 @@ class Room:
         return signs[word].copy()
 
 
-# -- painted and lit faces -----------------------------------------------------------------------------
+# -- Illuminated faces -----------------------------------------------------------------------------
 
 
 class _Painted:

@@ -15,7 +15,7 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from ...cameras.frames import turn_of, turned
 
-# -- Scene interface: radiance along rays ----------------------------------------------------------
+# -- Scene interface -------------------------------------------------------------------------------
 
 
 @runtime_checkable
@@ -107,7 +107,7 @@ class DistantScene:
         return np.full(len(directions), np.inf)
 
 
-# -- Pose of a sensor in a scene, and the scene in the sensor frame --------------------------------
+# -- Pose of the sensor ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

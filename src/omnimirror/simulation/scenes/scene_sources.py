@@ -17,7 +17,7 @@ from .room import Room
 from .scene import Scene
 from .street import Street
 
-# -- Bundled scenes by name ------------------------------------------------------------------------
+# -- Bundled scenes --------------------------------------------------------------------------------
 
 BUNDLED: dict[str, Callable[..., Scene]] = {"room": Room, "street": Street, "hall": Hall}
 
@@ -35,7 +35,7 @@ def bundled_scene(name: str) -> Scene:
     return BUNDLED[name]()
 
 
-# -- Scenes by name: bundled scenes, and scene files -----------------------------------------------
+# -- Scene files -----------------------------------------------------------------------------------
 
 ENVIRONMENTS = (".hdr", ".exr", ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
 MESHES = (".glb", ".gltf", ".obj", ".ply", ".stl")

@@ -28,7 +28,7 @@ from ._painting import (
 from .scene import rays_from
 from .surfaces import Box, Face, combine_surfaces, face_of, tree_crown
 
-# -- Houses, cars and trees of the street, and their paint: purely decorative definitions ----------
+# -- Decoration ------------------------------------------------------------------------------------
 
 GROUND_MM = -1600.0
 FRONT_MM = 7_600.0  # distance of the houses from the middle of the road
@@ -250,7 +250,7 @@ def paint_car(car: Car, number: int, face: Face, texel_mm: float) -> Canvas:
     return canvas
 
 
-# -- Street between houses on a sunny day; the sensor is on the road, 1.6 m high -------------------
+# -- Street ----------------------------------------------------------------------------------------
 
 TEXEL = Parameter("mm", 4.0, 200.0, "texel size of the painted surfaces")
 NEAR_MM = 15_000.0  # beyond twice this distance the texel size is doubled

@@ -16,7 +16,7 @@ from ...base.native import CompiledSurfaces, backend, kernel_array
 from ...base.typing import Array
 from .scene import rays_from
 
-# -- Axis-aligned boxes: intersection with rays, and the intersected faces -------------------------
+# -- Axis-aligned boxes ----------------------------------------------------------------------------
 #
 # A face has the number 2 axis + side: 0 and 1 are the low and the high x face, up to 5. Each face is
 # an image with right and up directions as seen by a viewer facing it.
@@ -216,7 +216,7 @@ def _passage(box: Box, origins: Array, inverse: Array) -> tuple[Array, Array]:
     return near, far
 
 
-# -- Scenes of flat textured surfaces: parallelograms and triangles with baked light ---------------
+# -- Textured parallelograms and triangles ---------------------------------------------------------
 
 BESIDE = 1e-6  # relative to a side: no gaps between surfaces that share an edge
 RAYS_AT_ONCE = 1 << 22  # rays times surfaces, in NumPy
@@ -340,7 +340,7 @@ class Surfaces:
         object.__setattr__(self, "records", compiled.records.view(RECORD)[:, 0])
         return compiled
 
-    # -- without the compiled module -------------------------------------------------------------
+    # -- NumPy implementation ----------------------------------------------------------------------
 
     def _hits_in_parts(self, origins: Array, directions: Array) -> SurfaceHits:
         """Intersect every ray with every surface; same results, slowly."""
@@ -428,7 +428,7 @@ def _look_up(texture: Texture, texel: Array) -> Light:
     return mixed
 
 
-# -- Triangles with uniform or interpolated colours, as surfaces, and tree crowns made of them -----
+# -- Coloured triangles and tree crowns ------------------------------------------------------------
 
 
 def facets(triangles: Array, colours: Light) -> Surfaces:
