@@ -301,7 +301,7 @@ def test_strips_single_pixels_and_copies_agree(name):
     assert len({screen, eval(repr(screen))}) == 1
     place = ", at " in str(screen)
     assert place == (not screen.is_distant and not isinstance(screen, Ground))
-    assert ("moved by" in str(screen)) == any(screen.offset_mm)
+    assert ("offset by" in str(screen)) == any(screen.offset_mm)
 
 
 @pytest.mark.parametrize("name", SCREENS)

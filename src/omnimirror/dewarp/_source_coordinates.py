@@ -231,13 +231,15 @@ def source_pixels(
     With ``exact`` every pixel is projected individually; otherwise most are interpolated, with
     errors of some 0.001 px.
     """
-    of_screen = exact_pixels if exact else screen_pixels
+    pixels_of_screen = exact_pixels if exact else screen_pixels
     if isinstance(view, Screen):
-        return of_screen(camera, view, viewpoint)
+        return pixels_of_screen(camera, view, viewpoint)
     pixels = np.full((view.size[1], view.size[0], 2), np.nan)
     for left, top, screen in parts_of(view):
         width, height = screen.size
-        pixels[top : top + height, left : left + width] = of_screen(camera, screen, viewpoint)
+        pixels[top : top + height, left : left + width] = pixels_of_screen(
+            camera, screen, viewpoint
+        )
     return pixels
 
 

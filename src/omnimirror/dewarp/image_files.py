@@ -200,16 +200,16 @@ class ImageDewarper:
                 "alternatively use black outside the field"
             )
         is_stored = self.request.stored_orientation
-        image, carried = read_image_and_metadata(source, stored_orientation=is_stored)
+        image, source_metadata = read_image_and_metadata(source, stored_orientation=is_stored)
         border = self.request.border.for_image(image) if self.request.border else 0
         key = (image.shape[1], image.shape[0]), border  # identical for all such images
         dewarp, panorama = self.dewarper(*key)
-        _check_orientation(key[0], dewarp.camera.image_size, carried.orientation, is_stored)
+        _check_orientation(key[0], dewarp.camera.image_size, source_metadata.orientation, is_stored)
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
             image, restored = self._restored(
-                image, source, dewarp.camera, exposure_of(carried.exif)
+                image, source, dewarp.camera, exposure_of(source_metadata.exif)
             )
         dewarped = dewarp(image, kind.has_alpha if self.transparent is None else self.transparent)
         converted = as_stored(dewarped, kind)
@@ -217,7 +217,7 @@ class ImageDewarper:
             converted.dtype,
             dewarped.dtype,
         )
-        metadata, dropped = carried.that_fits(output, converted, recoded)
+        metadata, dropped = source_metadata.that_fits(output, converted, recoded)
         write_image(
             output,
             converted,
@@ -229,8 +229,8 @@ class ImageDewarper:
         if dropped:
             notes += f", {dropped}"
             self.dropped_metadata[dropped] += 1
-        if carried.orientation != UPRIGHT:
-            turned = applied(carried.orientation, is_stored)
+        if source_metadata.orientation != UPRIGHT:
+            turned = applied(source_metadata.orientation, is_stored)
             notes += f", {turned}"
             self.oriented[turned] += 1
         size = f"{width} x {height} px"
@@ -266,18 +266,18 @@ class ImageDewarper:
         )
 
 
-def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored: bool) -> None:
+def _check_orientation(size: Size, camera_size: Size, orientation: int, is_stored: bool) -> None:
     """Raise an error that names the option if an image matches the camera only in its other
     orientation.
     """
-    if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(of_camera) == size[::-1]:
+    if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(camera_size) == size[::-1]:
         remedy = (
             "omit --stored-orientation (stored_orientation=True in Python)"
             if is_stored
             else STORED_ORIENTATION_HINT
         )
         raise InvalidParameter(
-            f"the image must have the {of_camera[0]} x {of_camera[1]} px of the camera; got {size[0]} x {size[1]} px, "
+            f"the image must have the {camera_size[0]} x {camera_size[1]} px of the camera; got {size[0]} x {size[1]} px, "
             f"{'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}"
         )
 

@@ -89,8 +89,8 @@ def halved_pixels(
     )
     at[cut] = np.nanmean(blocks[cut], axis=(1, 2))
     if labels is not None:
-        of_block = _blocks(labels[..., None])[..., 0]
-        mixed = (of_block != of_block[..., :1, :1]).any(axis=(-2, -1))
+        block_labels = _blocks(labels[..., None])[..., 0]
+        mixed = (block_labels != block_labels[..., :1, :1]).any(axis=(-2, -1))
         at[mixed] = blocks[mixed][:, 0, 0]
     # A point on the outermost half pixel of the full image may be outside the half-resolution
     # plane.

@@ -466,24 +466,24 @@ def remap(
     >>> remap(picture, PixelMap(np.array([[[0.25, 0.5], [1.5, 0.0], [1.6, 0.0]]]), (2, 2)), border=7)
     array([[ 25, 100,   7]], dtype=uint8)
     """
-    chosen = sampler()
+    selected = sampler()
     check_kind(image)
     check_interpolation(interpolation)
-    check_largest(image, chosen.longest_side_px)
+    check_largest(image, selected.longest_side_px)
     if image.shape[1::-1] != tuple(where.source_size):
         raise InvalidParameter(
             f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}"
         )
     out = checked_out(out, image, where.size)
-    whole = out if out.ndim == 3 else out[..., None]
-    is_direct = is_contiguous(whole) and not np.may_share_memory(image, out)
-    target = whole if is_direct else np.empty(whole.shape, whole.dtype)
+    target_view = out if out.ndim == 3 else out[..., None]
+    is_direct = is_contiguous(target_view) and not np.may_share_memory(image, out)
+    target = target_view if is_direct else np.empty(target_view.shape, target_view.dtype)
     source = contiguous(image if image.ndim == 3 else image[..., None])
     averages = where.averages(interpolation)
-    chosen.sample(
+    selected.sample(
         RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages),
         where,
     )
     if not is_direct:
-        whole[...] = target
+        target_view[...] = target
     return out

@@ -662,9 +662,9 @@ def mosaic(
 class Preset(NamedTuple):
     """Placement of the virtual screen of the paper in front of the virtual projector (Fig. 13)."""
 
-    widths_away: float
+    distance_widths: float
     """Distance of the screen from the projector in screen widths."""
-    is_bent: bool
+    is_curved: bool
     """True for a screen bent about the projector, False for a flat one."""
     description: str
 
@@ -735,9 +735,9 @@ def preset(
     """
     if name not in PRESETS:
         raise InvalidParameter(f"the preset must be one of {', '.join(PRESETS)}; got {name!r}")
-    away, is_bent, _ = PRESETS[name]
+    away, is_curved, _ = PRESETS[name]
     width, height = completed_size(size, PERSPECTIVE_SIZE)
-    if not is_bent:
+    if not is_curved:
         hfov = float(2 * np.degrees(np.arctan(0.5 / away)))
         return Plane((width, height), pan_deg, tilt_deg, 0.0, hfov, distance_mm, offset_mm)
     end = float(np.degrees(np.arctan(height / width / 2 / away)))

@@ -61,9 +61,9 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
     """
     (across, down), luma = half(size), (size[1], size[0])
     pairs: list[tuple[int, ...]] = [luma, (down, across, 2)]
-    of_colours = {(2, 2): (down, across), (2, 1): (size[1], across), (1, 1): luma}
+    chroma_shapes = {(2, 2): (down, across), (2, 1): (size[1], across), (1, 1): luma}
     three: dict[tuple[int, int], list[tuple[int, ...]]] = {
-        by: [luma, c, c] for by, c in of_colours.items()
+        by: [luma, c, c] for by, c in chroma_shapes.items()
     }
     if not like:
         valid = [pairs, *three.values(), *([*part, luma] for part in three.values())]
@@ -79,7 +79,7 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
         also = (
             ""
             if like
-            else f", or three planes with chroma of {', '.join(map(str, of_colours.values()))}"
+            else f", or three planes with chroma of {', '.join(map(str, chroma_shapes.values()))}"
         )
         raise InvalidParameter(
             f"planes must have the shapes {expected}{also} for {size[0]} x {size[1]} px; got {shapes}"

@@ -307,13 +307,14 @@ def _record_in(path: str | Path) -> dict[str, Any]:
 def _path_record(path: Keyframes) -> dict[str, Any]:
     return {
         "tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()},
-        "between": path.interpolation,
+        "interpolation": path.interpolation,
     }
 
 
 def _path_of(record: dict[str, Any]) -> Keyframes:
     return Keyframes(
-        {n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["between"]
+        {n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()},
+        record["interpolation"],
     )
 
 

@@ -20,7 +20,7 @@ BAYER = ("none", "RGGB", "BGGR", "GRBG", "GBRG")
 CURVES = ("srgb", "linear")
 MAX_ELECTRONS = 1e9  # 1000 times the capacity of real pixels
 DARK_DEVIATIONS = 5  # read-noise deviations from 0 to the black level
-BEYOND = 20  # values this many deviations above white are always white
+SATURATION_DEVIATIONS = 20  # values this many deviations above white are always white
 
 
 @dataclass(frozen=True)
@@ -232,14 +232,14 @@ class Electrons:
         self.detector = detector
         self._chance = np.random.default_rng(int(seed))
         full, noise = detector.full_well_e, detector.read_noise_e
-        self._max_electrons = full + BEYOND * (np.sqrt(full) + noise + 1)
+        self._max_electrons = full + SATURATION_DEVIATIONS * (np.sqrt(full) + noise + 1)
 
     @property
     def dtype(self) -> type[np.uint16 | np.uint32]:
         """Data type for all counts, including random excess."""
         return (
             np.uint16
-            if self._max_electrons + BEYOND * np.sqrt(self._max_electrons) < 2**16
+            if self._max_electrons + SATURATION_DEVIATIONS * np.sqrt(self._max_electrons) < 2**16
             else np.uint32
         )
 

@@ -77,7 +77,7 @@ class Radiometry:
         assert not isinstance(self.reflectivity, tuple)
         return reflectance(gamma, self.reflectivity)
 
-    def of_colours(self) -> tuple[Radiometry, Radiometry, Radiometry] | None:
+    def by_colour(self) -> tuple[Radiometry, Radiometry, Radiometry] | None:
         """Return the radiometry for red, green and blue light.
 
         Returns

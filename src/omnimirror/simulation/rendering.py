@@ -181,7 +181,7 @@ def render_light(
             check_clearance(camera, scene)
     plan = sampling_plan(samples, blur, seed)
     radiometry = radiometry or Radiometry()
-    cameras, coloured = _cameras_at_wavelengths(camera, wavelengths_nm), radiometry.of_colours()
+    cameras, coloured = _cameras_at_wavelengths(camera, wavelengths_nm), radiometry.by_colour()
     if cameras is not None or coloured is not None:
         plain = partial(
             render_light,

@@ -20,7 +20,7 @@ from ._screen import (
     check_angle,
     check_choice,
     check_size,
-    offset_words,
+    offset_text,
 )
 
 Layout = Literal["cross", "strip", "3x2"]
@@ -147,7 +147,7 @@ class CubeMap:
         place = (
             ""
             if math.isinf(self.distance_mm)
-            else f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
+            else f", at {self.distance_mm:g} mm{offset_text(self.offset_mm)}"
         )
         return f"cube map ({turned}{self.layout} of {self.face_px} px faces{place})"
 

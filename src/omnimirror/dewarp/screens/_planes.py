@@ -22,7 +22,7 @@ from ._screen import (
     check_range,
     check_size,
     check_zoom,
-    offset_words,
+    offset_text,
     on_plane,
     pixels_of_rows,
 )
@@ -191,5 +191,5 @@ class Ground:
         side = "below" if self.height_mm >= 0 else "above"
         return (
             f"plan of the ground ({abs(self.height_mm):g} mm {side} the mirror, {self.mm_per_px:.4g} mm per pixel"
-            f"{turned}{offset_words(self.offset_mm)})"
+            f"{turned}{offset_text(self.offset_mm)})"
         )

@@ -154,7 +154,7 @@ class CentredScreen(ABC):
         """Placement for messages; empty for an infinite distance."""
         if self.is_distant:
             return ""
-        return f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
+        return f", at {self.distance_mm:g} mm{offset_text(self.offset_mm)}"
 
     def _check_placement(self) -> None:
         check_size(self.size)
@@ -185,7 +185,7 @@ def on_plane(origin: Array, x: Array, right: Array, y: Array, down: Array) -> Ar
     return points
 
 
-def offset_words(offset_mm: Offset) -> str:
+def offset_text(offset_mm: Offset) -> str:
     """Return ``, moved by (x, y, z) mm``, or an empty string."""
     return ", offset by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""
 
