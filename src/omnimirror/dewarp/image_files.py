@@ -277,7 +277,8 @@ def _check_orientation(size: Size, camera_size: Size, orientation: int, is_store
             else STORED_ORIENTATION_HINT
         )
         raise InvalidParameter(
-            f"the image must have the {camera_size[0]} x {camera_size[1]} px of the camera; got {size[0]} x {size[1]} px, "
+            f"the image must have the {camera_size[0]} x {camera_size[1]} px of the camera; "
+            f"got {size[0]} x {size[1]} px, "
             f"{'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}"
         )
 
