@@ -198,11 +198,11 @@ def test_gpano_pose_levels_panorama(pan, angles):
     as_if_ahead = (
         om.screens.Equirectangular((36, 18)).targets(0, 18).reshape(-1, 3)
     )  # ... relative to its centre
-    truth, told = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
+    truth, stored = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
     np.testing.assert_allclose(
-        told[:, 2], truth[:, 2], atol=1e-12
+        stored[:, 2], truth[:, 2], atol=1e-12
     )  # level; the heading requires a compass
-    np.testing.assert_allclose(told @ told[40], truth @ truth[40], atol=1e-12)
+    np.testing.assert_allclose(stored @ stored[40], truth @ truth[40], atol=1e-12)
 
 
 @pytest.fixture
@@ -220,8 +220,8 @@ def dewarp(*args) -> np.ndarray:
 
 
 def pose_told() -> tuple[float, float]:
-    told = xmp_of("out.png")
-    return float(told["PosePitchDegrees"]), float(told["PoseRollDegrees"])
+    metadata = xmp_of("out.png")
+    return float(metadata["PosePitchDegrees"]), float(metadata["PoseRollDegrees"])
 
 
 def test_command_line_levels_and_reports(folder):
@@ -254,13 +254,13 @@ def test_mirror_ball_and_omega_range_are_levelled(folder):
 
 
 def test_invalid_tilt_on_command_line(folder, capsys):
-    for text, sentence in (
+    for text, message in (
         ("10", "'10' is not PITCH,ROLL in degrees"),
         ("95,0", "pitch_deg = 95 is no lean"),
     ):
         with pytest.raises(SystemExit, match=r"^[12]$"):
             main(["dewarp", "a.png", "--sensor", "plumb.toml", "--level", text, "-o", "no.png"])
-        assert sentence in " ".join(capsys.readouterr().err.split())
+        assert message in " ".join(capsys.readouterr().err.split())
 
 
 def test_tilt_in_sensor_file():

@@ -128,7 +128,7 @@ def test_distant_screen_ignores_viewpoint():
 
 
 @pytest.mark.parametrize(
-    ("viewpoint", "said"),
+    ("viewpoint", "message"),
     [
         ("best", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"),
         ("", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"),
@@ -136,8 +136,8 @@ def test_distant_screen_ignores_viewpoint():
         (np.inf, "viewpoint = inf is not valid"),
     ],
 )
-def test_unknown_viewpoint_raises(viewpoint, said):
-    with pytest.raises(InvalidParameter, match=said):
+def test_unknown_viewpoint_raises(viewpoint, message):
+    with pytest.raises(InvalidParameter, match=message):
         om.Dewarper(SPHERE, om.screens.Plane((3, 2)), viewpoint=viewpoint)
 
 

@@ -223,12 +223,12 @@ def test_other_format_raises(tmp_path):
     (tmp_path / "dataset.json").write_text(
         json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe})
     )
-    said = fails(
+    stderr = fails(
         "simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other"
     )
     assert (
         "must have the format 'omnimirror calibration dataset 3'; got 'omnimirror calibration set 2'"
-        in said
+        in stderr
     )
     assert not (tmp_path / "other").exists()
 

@@ -77,7 +77,7 @@ def test_large_light_values(light):
 
 
 @pytest.mark.parametrize(
-    ("light", "seed", "words"),
+    ("light", "seed", "message"),
     [
         (np.full((4, 4, 3), np.nan), 0, "light must not contain NaN"),
         (
@@ -90,8 +90,8 @@ def test_large_light_values(light):
         (np.zeros((4, 4, 3)), -1, "seed must be .*; got -1"),
     ],
 )
-def test_invalid_light_raises(light, seed, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_invalid_light_raises(light, seed, message):
+    with pytest.raises(InvalidParameter, match=message):
         Detector(full_well_e=FULL).read(light, seed)
 
 
@@ -138,7 +138,7 @@ def test_mosaic_of_parts_matches_full_image(first):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
         ({"exposure": 1.1e9}, r"exposure = 1.1e\+09 is outside 1e-09 to 1e\+09"),
         ({"full_well_e": 9.9}, "full_well_e = 9.9 electrons is outside 10 to"),
@@ -166,8 +166,8 @@ def test_mosaic_of_parts_matches_full_image(first):
         ),
     ],
 )
-def test_invalid_detector_raises(changes, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_invalid_detector_raises(changes, message):
+    with pytest.raises(InvalidParameter, match=message):
         Detector(**changes)
 
 

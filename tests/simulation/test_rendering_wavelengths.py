@@ -83,7 +83,7 @@ def test_command_line_aligns_channels(domed, tmp_path):
     om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
     fringes = []
     for i, asked in enumerate([(), ("--wavelengths-nm", ",".join(map(str, WAVES)))]):
-        words = (
+        arguments = (
             "rings.png",
             "--sensor",
             "domed.toml",
@@ -92,7 +92,7 @@ def test_command_line_aligns_channels(domed, tmp_path):
             "256x",
             "--black",
         )
-        done = omnimirror("dewarp", *words, *asked, "-o", f"{i}.png", cwd=tmp_path)
+        done = omnimirror("dewarp", *arguments, *asked, "-o", f"{i}.png", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         straight = om.read_image(tmp_path / f"{i}.png").astype(float)
         fringes.append(float(np.sqrt(np.mean((straight[..., 0] - straight[..., 2]) ** 2))))
@@ -108,12 +108,12 @@ def test_wavelengths_require_sensor(domed, tmp_path):
     with pytest.raises(InvalidParameter, match="must have the same image size"):
         om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)
     om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
-    words = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
-    assert "known of a sensor" in fails(
-        "dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *words
+    arguments = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
+    assert "wavelengths_nm must be omitted unless the camera is a sensor" in fails(
+        "dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *arguments
     )
     assert "belongs to pictures" in fails(
-        "dewarp", "ride.mp4", "--sensor", "paper-spherical", *words
+        "dewarp", "ride.mp4", "--sensor", "paper-spherical", *arguments
     )
 
 
@@ -125,7 +125,7 @@ def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
     ball = om.MirrorBall((63.5, 63.5), 50.0, 250.0, (128, 128))
     with pytest.raises(InvalidParameter, match="unless the camera is a sensor"):
         om.expose(ball, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
-    said = fails(
+    stderr = fails(
         "simulate",
         "dataset",
         "paper-spherical",
@@ -134,4 +134,4 @@ def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
         "-o",
         tmp_path / "set",
     )
-    assert "--wavelengths-nm belongs to pictures" in said
+    assert "--wavelengths-nm belongs to pictures" in stderr

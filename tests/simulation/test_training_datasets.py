@@ -217,7 +217,7 @@ def test_command_matches_python(tmp_path):
     (tmp_path / "walk.csv").write_text(lines)
     (tmp_path / "bodies.toml").write_text(BODIES)
     (tmp_path / "lamp.csv").write_text("time_s,x_mm,y_mm\n0,-800,300\n")
-    words = (
+    arguments = (
         "simulate",
         "learning",
         sensor,
@@ -226,7 +226,9 @@ def test_command_matches_python(tmp_path):
         "--bodies",
         tmp_path / "bodies.toml",
     )
-    run = omnimirror(*words, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "said")
+    run = omnimirror(
+        *arguments, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "command"
+    )
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
     made = om.write_training_dataset(
         om.load_sensor(sensor),
@@ -239,9 +241,9 @@ def test_command_matches_python(tmp_path):
     )
     assert len(made) == 2
     for path in (tmp_path / "made").iterdir():
-        assert (tmp_path / "said" / path.name).read_bytes() == path.read_bytes(), path.name
-    assert "cart" in (tmp_path / "said" / "README.md").read_text()
-    assert "folder must not contain a dataset" in fails(*words, "-o", tmp_path / "said")
+        assert (tmp_path / "command" / path.name).read_bytes() == path.read_bytes(), path.name
+    assert "cart" in (tmp_path / "command" / "README.md").read_text()
+    assert "folder must not contain a dataset" in fails(*arguments, "-o", tmp_path / "command")
 
 
 def test_training_dataset_requires_path(tmp_path):

@@ -79,9 +79,9 @@ def as_stored(image: ImageArray, kind: ImageFormat) -> ImageArray:
     versa. A grey image becomes RGB if the format supports no grey images. Alpha is linear.
 
     >>> from omnimirror.io.images import format_of
-    >>> as_held(np.array([[0, 257, 65535]], np.uint16), format_of("a.jpg"))
+    >>> as_stored(np.array([[0, 257, 65535]], np.uint16), format_of("a.jpg"))
     array([[  0,   1, 255]], dtype=uint8)
-    >>> as_held(np.array([[0.0, 0.214, 7.0]], np.float32), format_of("a.jpg"))
+    >>> as_stored(np.array([[0.0, 0.214, 7.0]], np.float32), format_of("a.jpg"))
     array([[  0, 127, 255]], dtype=uint8)
     """
     depth = depth_for(image.dtype.name, kind)

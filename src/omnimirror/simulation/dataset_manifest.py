@@ -44,7 +44,7 @@ class Manifest:
     folder
         Folder of the dataset. Existing files that match its dataset.json are kept; others are
         rewritten.
-    described
+    header
         Constant entries of dataset.json, including the ``recipe`` of the dataset.
 
     Raises

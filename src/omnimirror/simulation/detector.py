@@ -338,5 +338,5 @@ class Readout:
         )
 
     def digital_values(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of the image recorded on :attr:`medium`, possibly in its memory."""
+        """Return the values of the image converted by :attr:`conversion`, possibly in its memory."""
         return image if self._electrons is None else self._electrons.read(image)

@@ -23,8 +23,9 @@ Tile = tuple[slice, slice]
 
 @dataclass(frozen=True)
 class PixelConversion:
-    """Conversion of light to stored pixel values: stored values take 1/4 of the memory of the light, which is never
-    stored as a whole.
+    """Conversion of light to stored pixel values.
+
+    The light of the full image, which needs 4 times the memory of 8-bit values, is never stored.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ def render_tiles(
     workers
         Number of threads; the number of available cores by default.
     conversion
-        Medium that receives the light.
+        Conversion of the light to pixel values.
     """
     width, height = size
     image = conversion.empty(size)

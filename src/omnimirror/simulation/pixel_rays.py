@@ -62,7 +62,7 @@ def sampling_plan(samples: int, blur: bool, seed: int = 0) -> Samples:
 
     Examples
     --------
-    >>> spread(4, blur=False).points[:, :2].tolist()
+    >>> sampling_plan(4, blur=False).points[:, :2].tolist()
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
     whole("samples", samples, 1, MAX_SAMPLES)
@@ -415,8 +415,8 @@ def trace_pixels(
     >>> from dataclasses import replace
     >>> from omnimirror.optics.housing import CameraBody, Housing
     >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
-    >>> seen = sights(sensor, [[511.5, 511.5], [900.0, 511.5]])
-    >>> seen.valid, seen.hidden
+    >>> rays = trace_pixels(sensor, [[511.5, 511.5], [900.0, 511.5]])
+    >>> rays.valid, rays.hidden
     (array([False,  True]), array([ True, False]))
     """
     pixels = np.asarray(pixels, dtype=float)
@@ -461,7 +461,7 @@ def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:
     Raises
     ------
     InvalidParameter
-        As in :func:`sights`.
+        As in :func:`trace_pixels`.
     """
     points = np.asarray(points_mm, dtype=float)
     pixels, valid = camera.project(points)

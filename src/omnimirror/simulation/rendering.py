@@ -157,7 +157,7 @@ def render_light(
     workers: int | None = None,
     wavelengths_nm: tuple[float, float, float] | None = None,
 ) -> NDArray[Any]:
-    """Return the response of a medium to the light, (rows, columns, 3); parameters as in
+    """Return the converted light, (rows, columns, 3); parameters as in
     :func:`expose`.
     """
     instance("camera", camera, Camera, "a camera, for example from om.load_sensor")

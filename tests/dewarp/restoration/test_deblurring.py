@@ -390,7 +390,7 @@ def test_sharpened_image_is_unchanged(shared_data: Path, name: str, amount: floa
 
 
 @pytest.mark.parametrize(
-    ("told", "sentence"),
+    ("blur", "message"),
     [
         (None, "blur must be specified for a MirrorBall"),
         (-1.0, "blur must be between 0 and 30 px; got -1 px"),
@@ -400,10 +400,10 @@ def test_sharpened_image_is_unchanged(shared_data: Path, name: str, amount: floa
         (lambda radius: (radius, radius, radius), "must return two diameters"),
     ],
 )
-def test_invalid_blur_raises(told, sentence: str):
+def test_invalid_blur_raises(blur, message: str):
     ball = om.MirrorBall((31.5, 31.5), 30.0, 360.0, (64, 64))
-    with pytest.raises(InvalidParameter, match=sentence):
-        om.restore(ball, np.zeros((64, 64), np.uint8), noise=0.01, blur=told)
+    with pytest.raises(InvalidParameter, match=message):
+        om.restore(ball, np.zeros((64, 64), np.uint8), noise=0.01, blur=blur)
 
 
 def test_invalid_image_raises(small: Restorer):

@@ -26,7 +26,7 @@ def written(folder, name, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (SQUARE + "f 0 1 2\n", "indices of OBJ files must be nonzero; got 0 in line 4"),
         (SQUARE + "vt 0 0\nf 1/1 2/0 3/1\n", "got 0 in line 5"),
@@ -56,10 +56,10 @@ def written(folder, name, text):
         (SQUARE, "must contain triangles"),
     ],
 )
-def test_invalid_obj_raises(tmp_path, text, words):
+def test_invalid_obj_raises(tmp_path, text, message):
     written(tmp_path, "there.mtl", "newmtl a\nmap_Kd -s 1 1 1 none.png\n")
     path = written(tmp_path, "bad.obj", text)
-    with pytest.raises(MediaError, match=words) as e:
+    with pytest.raises(MediaError, match=message) as e:
         load_mesh(path)
     assert str(path) in str(e.value)
 
@@ -138,16 +138,16 @@ def test_mirror_inside_scene_raises(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("pose", "words"),
+    ("pose", "message"),
     [
         (Pose(z_mm=-10_000.0), "above the ground of the street, z = -1600 mm"),
         (Pose(x_mm=3000.0, y_mm=10_000.0), "outside a house from"),
         (Pose(x_mm=6500.0, y_mm=3200.0, z_mm=-1000.0), "outside a car from"),
     ],
 )
-def test_sensor_inside_street_objects_raises(pose, words):
+def test_sensor_inside_street_objects_raises(pose, message):
     sensor = om.load_sensor("paper-spherical")
-    with pytest.raises(InvalidParameter, match=words):
+    with pytest.raises(InvalidParameter, match=message):
         expose(sensor, PosedScene(Street(texel_mm=200.0), pose), samples=1)
 
 

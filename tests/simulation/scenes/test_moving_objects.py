@@ -48,7 +48,7 @@ def test_load_bodies(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", "holds 0 bodies"),
         ("cart = 3", "cart = 3 is no body"),
@@ -72,9 +72,9 @@ def test_load_bodies(tmp_path):
         ("[cart]\nsize_mm = [1, 2, 3]\npath = 4", r"\[cart\] of .*path = 4"),
     ],
 )
-def test_invalid_bodies_file_raises(tmp_path, text, says):
+def test_invalid_bodies_file_raises(tmp_path, text, message):
     (tmp_path / "bodies.toml").write_text(text)
-    with pytest.raises(SpecError, match=says):
+    with pytest.raises(SpecError, match=message):
         om.load_bodies(tmp_path / "bodies.toml")
 
 
@@ -107,7 +107,7 @@ def test_video_shows_moving_bodies(tmp_path):
         "--fps",
         "1",
     )
-    for words in (
+    for arguments in (
         ("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"),
         ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"),
         (
@@ -119,7 +119,7 @@ def test_video_shows_moving_bodies(tmp_path):
             tmp_path / "again",
         ),
     ):
-        run = omnimirror(*words)
+        run = omnimirror(*arguments)
         assert run.returncode == 0, run.stderr
     assert (tmp_path / "again" / "video.mp4").read_bytes() == (
         tmp_path / "set" / "video.mp4"

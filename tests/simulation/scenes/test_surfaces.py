@@ -50,14 +50,14 @@ def test_environment_directions():
 
 
 @pytest.mark.parametrize(
-    ("light", "words"),
+    ("light", "message"),
     [
         (np.ones((4, 8), np.float32), "height, width, 3"),
         (-np.ones((4, 8, 3), np.float32), "finite values from 0"),
     ],
 )
-def test_invalid_environment_raises(light, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_invalid_environment_raises(light, message):
+    with pytest.raises(InvalidParameter, match=message):
         Environment(light)
 
 

@@ -402,7 +402,7 @@ class _VirtualRig:
     ) -> None:
         """Create the views for the size of the first image and write their frames."""
         height, width = source.image.shape[:2]
-        camera = self.dewarping.drawing(self.dewarping.camera_of((width, height)))
+        camera = self.dewarping.view_camera(self.dewarping.camera_of((width, height)))
         border = self.dewarping.border.for_image(source.image) if self.dewarping.border else 0
         factory, transforms = self.recorder.factory, []
         parent = optical_frame or "camera"
