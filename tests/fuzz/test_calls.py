@@ -665,7 +665,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         (lambda _: Uncertainty(("k1", "k2"), ((1.0, 2.0), (2.0, 1.0))), "covariance"),
         (
             lambda _: om.screens.Cylinder((9, 9), [0.0], [1.0]),
-            r"tilt_min_deg = \[0.0\]",
+            "^tilt_min_deg ",
         ),
         (
             lambda _: om.views.panorama(BALL, (9, 9, 9)),

@@ -113,7 +113,7 @@ def test_brightness_matches_aperture_fill(part, tmp_path):
     width, height = sensor.image_size
     first, row = int(sensor.imager.centre[0]) + 4, slice(height // 2, height // 2 + 1)
     shares = (
-        rendered(sensor, plan, row, slice(first, width), rendering.trace)
+        rendered(sensor, plan, row, slice(first, width), rendering.trace_bundle)
         .reshape(-1, 144)
         .mean(axis=1)
     )

@@ -91,7 +91,7 @@ def test_compiled_environment_matches_numpy(housing, dim):
     sensor, world = small("paper-equidistant", housing=housing), steps(64, 128)
     plan = sampling_plan(9, blur=True, seed=5)
     fast = expose(sensor, world, samples=9, blur=True, radiometry=dim, seed=5)
-    bundle = rays.trace(sensor, plan, dim, slice(0, 100), slice(0, 100))
+    bundle = rays.trace_bundle(sensor, plan, dim, slice(0, 100), slice(0, 100))
     slow = rays.gather(bundle, world, dim).mean(axis=2)
     assert np.abs(fast - slow).max() < 2e-3
     assert np.abs(fast - slow).mean() < 1e-5
@@ -132,7 +132,7 @@ def test_compiled_surfaces_match_numpy(name, housing, dim, monkeypatch):
         compiled_light(sensor, scene, sampling_plan(9, True, 5), dim, workers=1).tobytes()
         == fast.tobytes()
     )
-    bundle = rays.trace(
+    bundle = rays.trace_bundle(
         sensor, sampling_plan(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100)
     )
     slow = rays.gather(bundle, scene, dim).mean(axis=2)
@@ -282,7 +282,7 @@ def test_blur_requires_sensor():
 
 @pytest.mark.parametrize(("samples", "seed"), [(0, 0), (2.5, 0), (1 << 17, 0), (4, -1)])
 def test_invalid_samples_raise(samples, seed):
-    with pytest.raises(InvalidParameter, match=r"(samples|seed) = .* whole number"):
+    with pytest.raises(InvalidParameter, match="^(samples|seed) "):
         sampling_plan(samples, blur=True, seed=seed)
 
 

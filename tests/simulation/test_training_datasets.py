@@ -119,7 +119,7 @@ def test_flow_matches_next_frame(moments, found):
     there = np.stack([u, v], axis=1) + found.flow_px[found.visible_again]
     rays = SMALL.backproject(there)
     after = moments[1]
-    reach = after.seen.distance_mm(rays.origins, rays.directions)
+    reach = after.posed_scene.distance_mm(rays.origins, rays.directions)
     ends = after.pose.to_scene(rays.origins + reach[:, None] * rays.directions)
     points = moments[0].pose.to_scene(found.truth.points_mm[found.visible_again])
     on_body = found.labels[found.visible_again] == ON_CART

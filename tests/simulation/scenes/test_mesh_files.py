@@ -70,7 +70,7 @@ def test_invalid_corner_index_raises(tmp_path, corner):
     head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
     path = written(tmp_path, "bad.ply", f"{head}1 -1 0\n1 1 0\n1 0 1\n3 0 1 2\n3 0 1 {corner}\n")
     with pytest.raises(
-        MediaError, match=rf"between 0 and 2; got \[.*{corner}\] and 1 invalid triangles"
+        MediaError, match=f"between 0 and 2; got {corner}, in total 1 invalid triangles"
     ):
         load_mesh(path)
 

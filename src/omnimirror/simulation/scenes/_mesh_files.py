@@ -62,8 +62,8 @@ def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
     """Raise MediaError if triangles (n, 3) reference missing vertices."""
     if (invalid := (faces < 0) | (faces >= count)).any():
         raise MediaError(
-            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[invalid][0]} and "
-            f"{int(invalid.any(axis=1).sum())} invalid triangles in total"
+            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; "
+            f"got {faces[invalid][0]}, in total {int(invalid.any(axis=1).sum())} invalid triangles"
         )
 
 
