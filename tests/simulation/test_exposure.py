@@ -92,7 +92,7 @@ def test_compiled_environment_matches_numpy(housing, dim):
     plan = sampling_plan(9, blur=True, seed=5)
     fast = expose(sensor, world, samples=9, blur=True, radiometry=dim, seed=5)
     bundle = rays.trace_bundle(sensor, plan, dim, slice(0, 100), slice(0, 100))
-    slow = rays.gather(bundle, world, dim).mean(axis=2)
+    slow = rays.gather_light(bundle, world, dim).mean(axis=2)
     assert np.abs(fast - slow).max() < 2e-3
     assert np.abs(fast - slow).mean() < 1e-5
 
@@ -135,7 +135,7 @@ def test_compiled_surfaces_match_numpy(name, housing, dim, monkeypatch):
     bundle = rays.trace_bundle(
         sensor, sampling_plan(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100)
     )
-    slow = rays.gather(bundle, scene, dim).mean(axis=2)
+    slow = rays.gather_light(bundle, scene, dim).mean(axis=2)
     assert np.ptp(slow) > 0.3
     assert np.mean(np.abs(fast - slow) > 1e-4) < 1e-3  # rays that graze an edge
     assert np.abs(fast - slow).mean() < 1e-5
@@ -282,7 +282,7 @@ def test_blur_requires_sensor():
 
 @pytest.mark.parametrize(("samples", "seed"), [(0, 0), (2.5, 0), (1 << 17, 0), (4, -1)])
 def test_invalid_samples_raise(samples, seed):
-    with pytest.raises(InvalidParameter, match="^(samples|seed) "):
+    with pytest.raises(InvalidParameter, match=r"^(samples|seed) "):
         sampling_plan(samples, blur=True, seed=seed)
 
 

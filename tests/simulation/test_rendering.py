@@ -182,7 +182,7 @@ def test_pinhole_image_averaging_and_nan():
 
 
 def test_invalid_value_raises():
-    with pytest.raises(InvalidParameter, match="^samples "):
+    with pytest.raises(InvalidParameter, match=r"^samples "):
         om.render_image(looking("up"), Even(), samples=0)
     with pytest.raises(InvalidParameter, match=r"samples = 2; got \(4, 5, 3\)"):
         render_pinhole_image(Even(), np.ones((4, 5, 3)), samples=2)
