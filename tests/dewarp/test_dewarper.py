@@ -71,11 +71,11 @@ def test_panorama_is_sampled_without_pixel_map(camera):
         np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height)
     )
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
-    straight = dewarp(picture)
+    dewarped = dewarp(picture)
     assert "_pixel_map" not in dewarp.__dict__
     mapped = remap_at(picture, dewarp.coordinates())
     kept = replace(dewarp, keep_map=True)
-    for later in (straight, kept(picture), kept(picture)):
+    for later in (dewarped, kept(picture), kept(picture)):
         off = np.abs(later.astype(int) - mapped).max(axis=-1) > 1
         assert off.mean() < 1e-3  # at the image border float32 can decide differently
     assert "_pixel_map" in kept.__dict__
@@ -146,11 +146,11 @@ def test_sampling_uses_coordinates():
     for interpolation, tolerance in (("linear", 0.02), ("cubic", 0.06), ("nearest", 0.51)):
         dewarp = om.Dewarper(BALL, view, interpolation)
         x, y = np.moveaxis(dewarp.coordinates(), -1, 0)
-        straight = dewarp(picture)
+        dewarped = dewarp(picture)
         assert dewarp.valid.all()
-        np.testing.assert_allclose(straight[..., 0], x, atol=tolerance)
-        np.testing.assert_allclose(straight[..., 1], y, atol=tolerance)
-        np.testing.assert_allclose(straight[..., 2], x + y, atol=2 * tolerance)
+        np.testing.assert_allclose(dewarped[..., 0], x, atol=tolerance)
+        np.testing.assert_allclose(dewarped[..., 1], y, atol=tolerance)
+        np.testing.assert_allclose(dewarped[..., 2], x + y, atol=2 * tolerance)
 
 
 @pytest.mark.parametrize(
@@ -159,11 +159,11 @@ def test_sampling_uses_coordinates():
 def test_out_is_filled(view):
     picture = np.random.default_rng(5).integers(0, 255, (1020, 1024, 3), np.uint8)
     dewarp = om.Dewarper(BALL, view)
-    straight = dewarp(picture)
+    dewarped = dewarp(picture)
     kept = np.empty((90, 60, 4), np.uint8)
     for out in (kept[..., :3], np.empty((90, 60, 3), np.uint8)):
         assert dewarp(picture, out=out) is out
-        np.testing.assert_allclose(out, straight, atol=1)
+        np.testing.assert_allclose(out, dewarped, atol=1)
     assert dewarp(picture, transparent=True, out=kept) is kept
     with pytest.raises(
         InvalidParameter, match=r"out must be \(90, 60, 3\) of uint8; got \(90, 60\) of uint8"
@@ -180,12 +180,12 @@ def test_image_type_is_preserved(dtype, channels, interpolation):
     full = {"uint8": 255, "uint16": 65535, "float32": 1.0}[dtype]
     picture = np.full((1020, 1024, *channels), full, dtype)
     dewarp = om.Dewarper(BALL, om.screens.Cylinder((60, 90), -90.0, 90.0), interpolation)
-    straight = dewarp(picture)
-    assert straight.dtype == picture.dtype
-    assert straight.shape == (90, 60, *channels)
+    dewarped = dewarp(picture)
+    assert dewarped.dtype == picture.dtype
+    assert dewarped.shape == (90, 60, *channels)
     above = np.arange(90) < 22  # above 45 deg; row 22 is cut by the rim
-    np.testing.assert_array_equal(straight[above], 0)
-    np.testing.assert_allclose(straight[23:], full, rtol=1e-6)
+    np.testing.assert_array_equal(dewarped[above], 0)
+    np.testing.assert_allclose(dewarped[23:], full, rtol=1e-6)
     np.testing.assert_array_equal(dewarp.valid[:, 0], np.isfinite(dewarp.coordinates()[:, 0, 0]))
     clear = dewarp(picture, transparent=True)
     assert clear.shape == (90, 60, 4)
@@ -215,11 +215,11 @@ def test_image_edge_is_not_smeared(interpolation):
         om.screens.Plane((400, 300), hfov_deg=150.0),
         interpolation,
     )
-    straight = dewarp(picture)
+    dewarped = dewarp(picture)
     u, v = np.moveaxis(dewarp.coordinates(), -1, 0)
     inside = (u >= -0.5) & (u <= 639.5) & (v >= -0.5) & (v <= 479.5)
     assert 0.1 < inside.mean() < 0.9
-    np.testing.assert_array_equal(straight, np.where(inside, 200, 0))
+    np.testing.assert_array_equal(dewarped, np.where(inside, 200, 0))
 
 
 def test_large_outputs_are_tiled(monkeypatch, uncompiled):
@@ -322,9 +322,9 @@ def test_border_fills_outside(dtype, channels, border, expected, interpolation):
     ):
         dewarp = om.Dewarper(BALL, view, interpolation, border=border)
         for _ in range(2):
-            straight = dewarp(picture)
-            np.testing.assert_allclose(straight[dewarp.valid], 100, rtol=1e-6)
-            outside = straight[~dewarp.valid]
+            dewarped = dewarp(picture)
+            np.testing.assert_allclose(dewarped[dewarp.valid], 100, rtol=1e-6)
+            outside = dewarped[~dewarp.valid]
             assert len(outside)
             np.testing.assert_array_equal(
                 outside, np.broadcast_to(np.array(expected, dtype), outside.shape)
@@ -336,10 +336,10 @@ def test_border_with_added_alpha_is_transparent():
         (np.full((1020, 1024, 3), 100, np.uint8), (1, 2, 3)),
         (np.full((1020, 1024), 100, np.uint8), 9),
     ):
-        straight = om.Dewarper(BALL, ALL_OF_IT, border=border)(picture, transparent=True)
+        dewarped = om.Dewarper(BALL, ALL_OF_IT, border=border)(picture, transparent=True)
         colour = border if isinstance(border, tuple) else (border,) * 3
-        np.testing.assert_array_equal(straight[0, 0], [*colour, 0])
-        np.testing.assert_array_equal(straight[-5, 0], [100, 100, 100, 255])
+        np.testing.assert_array_equal(dewarped[0, 0], [*colour, 0])
+        np.testing.assert_array_equal(dewarped[-5, 0], [100, 100, 100, 255])
 
 
 @pytest.mark.parametrize(
@@ -389,10 +389,10 @@ def test_used_dewarper_can_be_copied_and_pickled(camera, way):
     picture = np.random.default_rng(7).integers(0, 256, (height, width, 3), np.uint8)
     for view in (om.screens.Cylinder((60, 20), -60.0, -10.0), om.screens.CubeMap((48, 36))):
         dewarp = om.Dewarper(camera, view, "area", border=(1, 2, 3), keep_map=True)
-        straight = dewarp(picture)
+        dewarped = dewarp(picture)
         other = way(dewarp)
         assert other == dewarp
-        np.testing.assert_array_equal(other(picture), straight)
+        np.testing.assert_array_equal(other(picture), dewarped)
 
 
 @pytest.mark.full
@@ -401,6 +401,6 @@ def test_dewarper_in_spawned_processes():
         om.load_sensor("paper-spherical"), om.screens.Cylinder((60, 20), -60.0, -10.0)
     )
     picture = np.random.default_rng(8).integers(0, 256, (1024, 1024, 3), np.uint8)
-    straight = dewarp(picture)
+    dewarped = dewarp(picture)
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        np.testing.assert_array_equal(pool.map(dewarp, [picture])[0], straight)
+        np.testing.assert_array_equal(pool.map(dewarp, [picture])[0], dewarped)

@@ -441,7 +441,7 @@ def test_random_sizes_stay_within_memory(data):
         assert (memory[-padding:] == 0xA5).all()
 
 
-@pytest.mark.skipif(MODULE is None, reason="the compiled samplers are not built")
+@pytest.mark.skipif(MODULE is None, reason="requires the compiled module")
 def test_compiled_module_checks_bounds():
     picture, places = texture("uint8", 3), affine(SHRINKING, (70, 60), (40, 30))
     out = np.empty((40, 30, 3), np.uint8)
@@ -478,7 +478,7 @@ def test_compiled_module_checks_bounds():
             call()
 
 
-@pytest.mark.skipif(MODULE is None, reason="the compiled samplers are not built")
+@pytest.mark.skipif(MODULE is None, reason="requires the compiled module")
 def test_threads_give_identical_results():
     picture, before = texture("uint8", 3), backend.threads
     grid, _ = grid_of(SHRINKING, (60, 61), 16)

@@ -129,8 +129,8 @@ def test_view_is_not_mirrored(looks, azimuth, flipped, view):
         "perspective": om.screens.Plane((1200, 900), hfov_deg=80.0),
         "dome": om.views.dome(sensor, (1000, 1000)),
     }[view]
-    straight = om.Dewarper(sensor, screen, "nearest")(raw)
-    (cu, cv), (tu, tv), (ru, rv) = (find(straight, name) for name in ("corner", "top", "right"))
+    dewarped = om.Dewarper(sensor, screen, "nearest")(raw)
+    (cu, cv), (tu, tv), (ru, rv) = (find(dewarped, name) for name in ("corner", "top", "right"))
     if view == "dome":
         up = looks == "down"  # then the dome is centred at the zenith, and right is left
         assert cv < 500

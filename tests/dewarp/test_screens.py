@@ -154,9 +154,9 @@ def test_cube_map_matches_ffmpeg(layout, ffmpeg, size):
     av = pytest.importorskip("av")
     camera = om.MirrorBall((300.0, 300.0), 290.0, 300.0, (601, 601))
     v, u = np.mgrid[:601, :601]
-    picture = np.dstack([u / 3, v / 3, 100 + 90 * np.sin(u / 40) * np.sin(v / 60)]).astype(np.uint8)
+    image = np.dstack([u / 3, v / 3, 100 + 90 * np.sin(u / 40) * np.sin(v / 60)]).astype(np.uint8)
     sphere = om.Dewarper(camera, om.screens.Equirectangular((400, 200)))
-    cube = om.Dewarper(camera, om.screens.CubeMap(size, layout))(picture)
+    cube = om.Dewarper(camera, om.screens.CubeMap(size, layout))(image)
     graph = av.filter.Graph()
     first = graph.add_buffer(width=size[0], height=size[1], format="rgb24", time_base=1)
     turn, last = graph.add("v360", f"input={ffmpeg}:output=e:w=400:h=200"), graph.add("buffersink")
@@ -168,7 +168,7 @@ def test_cube_map_matches_ffmpeg(layout, ffmpeg, size):
     first.push(frame)
     found = last.pull().to_ndarray(format="rgb24").astype(int)
     inside = cv2.erode(sphere.valid.astype(np.uint8), np.ones((9, 9))) > 0
-    expected = sphere(picture)
+    expected = sphere(image)
     assert np.abs(found - expected)[inside].mean() < 2
     assert np.abs(found[:, ::-1] - expected)[inside].mean() > 20
 

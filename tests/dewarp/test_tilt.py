@@ -129,10 +129,10 @@ def test_tilted_camera_is_not_separable():
     leaning = replace(camera, mount=replace(camera.mount, roll_deg=0.01))
     assert is_separable(camera, view)
     assert not is_separable(leaning, view)
-    picture = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
+    image = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
     first, second = om.Dewarper(leaning, view, "linear"), om.Dewarper(leaning, view, "linear")
     second.coordinates()
-    assert np.abs(first(picture).astype(int) - second(picture)).max() <= 2
+    assert np.abs(first(image).astype(int) - second(image)).max() <= 2
 
 
 def test_elevations_refer_to_horizon():

@@ -27,14 +27,14 @@ KEPT = {
 }
 
 
-def picture():
+def image():
     """A smooth image with varied colours, sensitive to reversal."""
     v, u = np.mgrid[0:SIDE, 0:SIDE]
     return np.dstack([60 + u // 2, 200 - v // 2, 90 + (u + v) // 5]).astype(np.uint8)
 
 
 def frame_of(pixel_format, colour_range):
-    frame = frame_of_image(picture())
+    frame = frame_of_image(image())
     frame.colorspace, frame.color_range = 1, colour_range
     made = converted(frame, pixel_format)
     made.pts, made.time_base = 77, Fraction(1, 25)
@@ -50,7 +50,7 @@ def test_frame_formats_match_image(pixel_format, colour_range):
     made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
     assert made.format.name == KEPT.get(pixel_format, pixel_format)
     assert (made.width, made.height) == VIEW.size
-    expected = om.Dewarper(BALL, VIEW)(picture()).astype(float)
+    expected = om.Dewarper(BALL, VIEW)(image()).astype(float)
     taken = made.to_ndarray(format="rgb24")
     assert np.abs(taken - expected).mean() < 2.5  # two conversions of FFmpeg alone differ by 2
     assert np.abs(taken - expected).max() < 12

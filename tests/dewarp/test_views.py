@@ -39,8 +39,8 @@ def test_level_fisheye_elevations():
 
 
 def test_field_of_stretched_camera_is_sampled():
-    straight, stretched = (replace(FISHEYE, affine=(c, 0.0, 0.0)) for c in (1.0, 1.0001))
-    a, b = field_of(straight), field_of(stretched)
+    dewarped, stretched = (replace(FISHEYE, affine=(c, 0.0, 0.0)) for c in (1.0, 1.0001))
+    a, b = field_of(dewarped), field_of(stretched)
     assert stretched.symmetry is None
     assert b.tilt_min_deg == pytest.approx(a.tilt_min_deg, abs=0.05)
     assert b.tilt_max_deg == pytest.approx(a.tilt_max_deg, abs=0.05)

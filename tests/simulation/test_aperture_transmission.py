@@ -61,7 +61,7 @@ HOUSINGS = {
     "lids of a tube": Housing(CameraBody(60.0), shell=Tube(120.0, refractive_index=1.001)),
     "base of a dome": Housing(CameraBody(60.0), shell=Dome(300.0, refractive_index=1.001)),
 }
-OUT_OF_PLACE = MirrorPose(
+MISALIGNED = MirrorPose(
     decentre_x_mm=2.0, decentre_y_mm=1.0, tilt_x_deg=1.0, tilt_y_deg=-0.5, displacement_mm=1.0
 )
 
@@ -81,7 +81,7 @@ def rendered(sensor, plan, rows, columns, tracer):
     return passes
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), OUT_OF_PLACE], ids=["aligned", "misaligned"])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("part", HOUSINGS)
 @pytest.mark.parametrize("blur", [True, False])
 def test_rendering_matches_clearances(part, pose, blur):

@@ -153,11 +153,11 @@ def test_interrupted_dataset_describes_files(tmp_path):
         )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
-    pictures = write_calibration_dataset(
+    images = write_calibration_dataset(
         small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)
     )
     with pytest.raises(KeyboardInterrupt):
-        next(pictures), pictures.throw(KeyboardInterrupt())
+        next(images), images.throw(KeyboardInterrupt())
     described = json.loads((tmp_path / "c/dataset.json").read_text())
     assert [view["image"] for view in described["views"]] == ["view-000.png"]
 
@@ -194,7 +194,7 @@ def test_command_writes_dataset(tmp_path):
             om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)
         ),
     ],
-    ids=["central", "non-central", "mirror out of place"],
+    ids=["central", "non-central", "misaligned mirror"],
 )
 def test_dataset_of_calibrated_camera(camera, tmp_path):
     """OpenCV detects its corners at their positions in its images, and its file is the camera."""

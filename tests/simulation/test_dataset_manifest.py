@@ -57,7 +57,7 @@ def write(kind, folder, after=lambda done: None):
     """Write a dataset of five images."""
     sensor = small(64)
     if kind == "calibration":
-        pictures = write_calibration_dataset(
+        images = write_calibration_dataset(
             sensor,
             folder,
             views=5,
@@ -66,7 +66,7 @@ def write(kind, folder, after=lambda done: None):
             detector=Detector(full_well_e=1e4),
             hall=HALL,
         )
-        for number, _ in enumerate(pictures, start=1):
+        for number, _ in enumerate(images, start=1):
             after(number)
     else:
         write_video_dataset(

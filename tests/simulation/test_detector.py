@@ -191,7 +191,7 @@ DETECTORS = {
     [{}, pytest.param({"wavelengths_nm": (620.0, 540.0, 460.0)}, marks=pytest.mark.full)],
     ids=["grey", "coloured"],
 )
-@pytest.mark.parametrize("samples", [1, 1024], ids=["wide parts", "parts beside each other"])
+@pytest.mark.parametrize("samples", [1, 1024], ids=["wide parts", "narrow parts"])
 @pytest.mark.parametrize(
     "detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS
 )

@@ -26,10 +26,10 @@ from omnimirror.simulation.scenes.street import HOUSES, Street
 from omnimirror.simulation.scenes.surfaces import facets
 from tests.everyday import few
 
-needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 HOUSED = Housing(CameraBody(60.0, height_mm=10.0), Rod(8.0, 4.0), rim=Rim(3.0))
 DIM = Radiometry(reflectivity=0.8, vignetting=1.0, direct_view=True)
-MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
+MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
 
 
 def small(name: str, pixels: int = 100, **changes) -> om.Sensor:
@@ -48,7 +48,7 @@ def steps(height: int, width: int) -> Environment:
 
 @needs_native
 @pytest.mark.parametrize("flipped", few([False, True], True))
-@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize(
     "name",
     few(
@@ -217,7 +217,7 @@ def test_uniform_radiance_is_preserved():
 
 
 @needs_native
-@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("metal", ["aluminium", "gold", 0.5 + 2.0j])
 def test_metal_reflectance_matches_fresnel(metal, pose):
     sensor, plan = small("paper-spherical", mirror_pose=pose), sampling_plan(4, blur=True)

@@ -66,8 +66,8 @@ class Ball:
 def test_rendered_ball_matches_projection(camera_looks: str, flipped: bool):
     sensor = looking(camera_looks, flipped=flipped)
     centre = (150.0, 400.0, 90.0)
-    picture = om.render_image(sensor, Ball(centre, 20.0), samples=1)
-    rows, columns = np.nonzero(picture[..., 0])
+    image = om.render_image(sensor, Ball(centre, 20.0), samples=1)
+    rows, columns = np.nonzero(image[..., 0])
     expected = sensor.project([centre]).pixels[0]
     assert len(rows) > 50
     np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=0.4)
@@ -75,8 +75,8 @@ def test_rendered_ball_matches_projection(camera_looks: str, flipped: bool):
 
 def test_rendered_distant_scene_matches_projection():
     sensor, centre = looking("up"), (150.0, 70.0, 30.0)  # close enough for parallax
-    picture = om.render_image(sensor, Ball(centre, 9.0), samples=1, distant=True)
-    rows, columns = np.nonzero(picture[..., 0])
+    image = om.render_image(sensor, Ball(centre, 9.0), samples=1, distant=True)
+    rows, columns = np.nonzero(image[..., 0])
     found = [columns.mean(), rows.mean()]
     np.testing.assert_allclose(found, sensor.project_directions([centre]).pixels[0], atol=0.4)
     assert np.linalg.norm(found - sensor.project([centre]).pixels[0]) > 5
@@ -90,7 +90,7 @@ def test_rendered_sign_matches_projection(camera_looks: str, name: str):
     import cv2
 
     sensor, room = looking(camera_looks, name), om.Room(texel_mm=10.0)
-    picture = om.render_image(sensor, room, samples=1).astype(float).mean(axis=2)
+    image = om.render_image(sensor, room, samples=1).astype(float).mean(axis=2)
     top_left, top_right, bottom_right, bottom_left = room.sign_corners_mm("OMNIMIRROR")
     share = np.linspace(0, 1, 60)[:, None]
 
@@ -103,12 +103,12 @@ def test_rendered_sign_matches_projection(camera_looks: str, name: str):
         )
         projection = sensor.project(edges)
         assert projection.valid.all()
-        mask = np.zeros(picture.shape, dtype=np.uint8)
+        mask = np.zeros(image.shape, dtype=np.uint8)
         cv2.fillPoly(mask, [np.rint(projection.pixels).astype(np.int32)], 1)
         return mask.astype(bool)
 
     inside, around = outline(1.0), outline(1.06) & ~outline(1.02)
-    dark = picture < 100
+    dark = image < 100
     assert 0.3 < dark[inside].mean() < 0.7, "letters cover about half of it"
     assert dark[around].mean() < 0.01
 
@@ -123,20 +123,20 @@ def test_image_handedness():
 
 def test_image_outside_rim_is_black():
     sensor = looking("up")
-    picture = om.render_image(sensor, Even(), samples=4)
-    v, u = np.indices(picture.shape[:2])
+    image = om.render_image(sensor, Even(), samples=4)
+    v, u = np.indices(image.shape[:2])
     radius = np.hypot(u - 511.5, v - 511.5)
-    assert not picture[radius > sensor.rim_radius_px + 0.75].any()
-    assert (picture[radius < sensor.rim_radius_px - 0.75] == srgb_bytes(ORANGE)).all(), "RGB order"
+    assert not image[radius > sensor.rim_radius_px + 0.75].any()
+    assert (image[radius < sensor.rim_radius_px - 0.75] == srgb_bytes(ORANGE)).all(), "RGB order"
 
 
 def test_rim_is_antialiased():
     sensor = small(looking("up"), 16)
-    picture = om.render_image(sensor, Even(), samples=256)
+    image = om.render_image(sensor, Even(), samples=256)
     red = np.where(
-        picture[..., 0] <= 10,
-        picture[..., 0] / 255 / 12.92,
-        ((picture[..., 0] / 255 + 0.055) / 1.055) ** 2.4,
+        image[..., 0] <= 10,
+        image[..., 0] / 255 / 12.92,
+        ((image[..., 0] / 255 + 0.055) / 1.055) ** 2.4,
     )
     assert red.sum() == pytest.approx(np.pi * sensor.rim_radius_px**2, rel=2e-3)
 
@@ -151,8 +151,8 @@ def test_rendering_is_reproducible():
 def test_samples_are_averaged_in_linear_light():
     """Two by two samples of a pixel equal four pixels of half the size."""
     room, coarse, fine = om.Room(texel_mm=10.0), small(looking("up"), 8), small(looking("up"), 4)
-    picture = om.render_image(fine, room, samples=1) / 255.0
-    linear = np.where(picture <= 0.04045, picture / 12.92, ((picture + 0.055) / 1.055) ** 2.4)
+    image = om.render_image(fine, room, samples=1) / 255.0
+    linear = np.where(image <= 0.04045, image / 12.92, ((image + 0.055) / 1.055) ** 2.4)
     expected = srgb_bytes(linear.reshape(128, 2, 128, 2, 3).mean(axis=(1, 3)))
     answer = om.render_image(coarse, room, samples=4)
     different = np.abs(answer.astype(int) - expected).max(axis=2) > 2
@@ -175,10 +175,10 @@ def test_pinhole_image_averaging_and_nan():
     )
     directions = pan_tilt_direction(pan, tilt)
     directions[:2, :2] = np.nan
-    picture = render_pinhole_image(Even(), directions, samples=2)
-    assert picture.shape == (20, 40, 3)
-    assert not picture[0, 0].any()
-    assert (picture[1:] == srgb_bytes(ORANGE)).all()
+    image = render_pinhole_image(Even(), directions, samples=2)
+    assert image.shape == (20, 40, 3)
+    assert not image[0, 0].any()
+    assert (image[1:] == srgb_bytes(ORANGE)).all()
 
 
 def test_invalid_value_raises():

@@ -94,8 +94,8 @@ def test_command_line_aligns_channels(domed, tmp_path):
         )
         done = omnimirror("dewarp", *arguments, *asked, "-o", f"{i}.png", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        straight = om.read_image(tmp_path / f"{i}.png").astype(float)
-        fringes.append(float(np.sqrt(np.mean((straight[..., 0] - straight[..., 2]) ** 2))))
+        dewarped = om.read_image(tmp_path / f"{i}.png").astype(float)
+        fringes.append(float(np.sqrt(np.mean((dewarped[..., 0] - dewarped[..., 2]) ** 2))))
     assert fringes[1] < 0.4 * fringes[0]
 
 

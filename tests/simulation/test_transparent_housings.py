@@ -205,14 +205,14 @@ def test_dome_image_matches_mitsuba(mi):  # noqa: F811
     """Mitsuba's paths include random reflections between two spheres and the mirror."""
     sensor, (ours, theirs) = small("paper-spherical", 64, MirrorPose()), maps()
     dome = Dome(236.0, centre_mm=-75.0)
-    picture = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)
+    image = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)
     plain = expose(sensor, Environment(ours), samples=64, blur=True)
     shells = {
         name: {"type": "sphere", "radius": r, "center": [0, 0, -75.0], "bsdf": glass(*indices)}
         for name, r, indices in (("inner", 115.0, (1.0, 1.49)), ("outer", 118.0, (1.49, 1.0)))
     }
     other = rendered(mi, sensor, ball(sensor), theirs, 2500, shells)
-    decibels, shift = compared(sensor, picture, other)
+    decibels, shift = compared(sensor, image, other)
     print(f"{decibels:.1f} dB, no sector shifted by more than {shift:.4f} px")
     assert decibels > compared(sensor, plain, other)[0] + 8
     assert decibels > 45

@@ -27,7 +27,7 @@ from omnimirror.dewarp.restoration.blur_kernels import (
 from omnimirror.optics.image_sensor import Imager
 from tests.everyday import few
 
-needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 KINDS = [SparseDeblurring, pytest.param(CompiledDeblurring, marks=needs_compiled)]
 
 

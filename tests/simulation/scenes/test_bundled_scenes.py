@@ -17,7 +17,7 @@ from omnimirror.simulation.scenes.street import Street
 from omnimirror.simulation.scenes.surfaces import facets
 from tests.everyday import few
 
-needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 
 
 @pytest.fixture(scope="module")
@@ -104,9 +104,9 @@ def test_board_corners_match_opencv(hall):
         + 13.8 * np.array([0.0, 1.0])[:, None] * right
         + 9.8 * np.array([0.0, 1.0])[:, None, None] * down
     )
-    picture = seen_flat(hall, frame, 1380, 980)
+    image = seen_flat(hall, frame, 1380, 980)
     found, pixels = cv2.findChessboardCornersSB(
-        picture[..., 1].copy(), (11, 7), flags=cv2.CALIB_CB_ACCURACY
+        image[..., 1].copy(), (11, 7), flags=cv2.CALIB_CB_ACCURACY
     )
     assert found
     # OpenCV may start at either end
@@ -156,7 +156,7 @@ def test_mesh_colours(tmp_path):
     from omnimirror.simulation.scenes._mesh_files import load_mesh
 
     visual, pbr = trimesh.visual.TextureVisuals, trimesh.visual.material.PBRMaterial
-    picture = Image.fromarray(
+    image = Image.fromarray(
         np.uint8([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]])
         .repeat(32, 0)
         .repeat(32, 1)
@@ -166,7 +166,7 @@ def test_mesh_colours(tmp_path):
     )  # ahead, from lower left
     wall = trimesh.Trimesh(
         corners, [[0, 1, 2], [0, 2, 3]], process=False,
-        visual=visual(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=pbr(baseColorTexture=picture)),
+        visual=visual(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=pbr(baseColorTexture=image)),
     )  # fmt: skip
     ball = trimesh.creation.icosphere(3, 0.5)
     ball.visual = visual(material=pbr(baseColorFactor=[1.0, 0.5, 0.0, 1.0]))

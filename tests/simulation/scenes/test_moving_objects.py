@@ -148,7 +148,7 @@ class Unpainted:
         self.radiance, self.distance_mm = scene.radiance, scene.distance_mm
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+@pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 @pytest.mark.parametrize("blur", [True, False])
 def test_compiled_bodies_match_numpy(blur):
     turns = {"x_mm": ((0.0, 900.0),), "pan_deg": ((0.0, 34.0),), "tilt_deg": ((0.0, 12.0),)}
@@ -170,7 +170,7 @@ def test_compiled_bodies_match_numpy(blur):
     assert (np.abs(alone - seen).max(axis=-1) > 1e-2).sum() > 500, "bodies are in sight"
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+@pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 def test_touching_surfaces_are_deterministic():
     """Compiled surfaces reorder their records; regenerated datasets previously had other pixels for
     that reason."""

@@ -30,7 +30,7 @@ from tests.samplers import instructions
 
 # -- Environments and textured surfaces: against closed forms, and the compiled search against exhaustive search
 
-needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 
 
 def test_environment_directions():
@@ -255,7 +255,7 @@ def rays(count: int) -> tuple[np.ndarray, np.ndarray]:
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+@pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 def test_compiled_boxes_match_numpy():
     """Depth and light are therefore independent of it; includes rays along planes, from faces, and
     from inside a solid."""
