@@ -156,7 +156,7 @@ def test_kernels_reject_invalid_origins():
         posed = PosedScene(scene, outside)
         assert compiled_light(sensor, posed, plan, dim) is None
         with pytest.raises(
-            InvalidParameter, match=r"origins_mm must be|the mirror must not intersect"
+            InvalidParameter, match=r"ray origins must be|the mirror must not intersect"
         ):
             expose(sensor, posed, samples=1)
 

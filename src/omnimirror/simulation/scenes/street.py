@@ -380,14 +380,14 @@ def _rays_outside(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, 
     low, high = origins.min(axis=0), origins.max(axis=0)
     if low[2] < GROUND_MM:
         raise InvalidParameter(
-            f"origins_mm must be above the ground of the street, z = {GROUND_MM:g} mm; got {low[2]:.6g} mm"
+            f"ray origins must be above the ground of the street, z = {GROUND_MM:g} mm; got {low[2]:.6g} mm"
         )
     for what, box in _solids():
         if _overlap(box, low, high):
             inside = ((origins > box.low) & (origins < box.high)).all(axis=1)
             if inside.any():
                 raise InvalidParameter(
-                    f"origins_mm must be outside {what} from {list(box.low)} to {list(box.high)} mm; "
+                    f"ray origins must be outside {what} from {list(box.low)} to {list(box.high)} mm; "
                     f"got {origins[inside][0].round(3).tolist()} mm"
                 )
     return origins, towards

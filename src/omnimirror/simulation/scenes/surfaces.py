@@ -149,7 +149,7 @@ def rays_inside(
     inside = ((origins >= box.low) & (origins <= box.high)).all(axis=1)
     if not inside.all():
         raise InvalidParameter(
-            f"origins_mm must be inside {what}, from {list(box.low)} to {list(box.high)} mm; "
+            f"ray origins must be inside {what}, from {list(box.low)} to {list(box.high)} mm; "
             f"got {origins[~inside][0].tolist()} mm"
         )
     return origins, towards

@@ -147,7 +147,7 @@ def test_the_line_says_what_was_written(folder, capsys):
                 "--hfov-deg",
                 "60",
             ],
-            "perspective view (pan 30, tilt -20, roll 5, hfov 60 deg), 1280 x 720 px, all of it",
+            "perspective view (pan 30, tilt -20, roll 5, hfov 60 deg), 1280 x 720 px, all pixels",
         ),
         (
             ["--span-deg", "90", "--pan-deg", "10", "--size", "x100", "--elevation-deg=-60:30"],

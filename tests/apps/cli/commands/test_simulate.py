@@ -165,7 +165,7 @@ def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
         ),
         (("--scene", "none.hdr", "-o", "a.png"), "there is no picture"),
         (("--pose", "1,2", "-o", "a.png"), "not a pose X,Y,Z"),
-        (("--pose", "9e6,0,0", "-o", "a.png"), "outside the room"),
+        (("--pose", "9e6,0,0", "-o", "a.png"), "ray origins must be inside the room"),
         (("--bits", "12", "-o", "a.jpg"), "write .png or .tif"),
         (("--bayer", "RGGB", "-o", "a.exr"), "--bayer belongs to"),
         (("--fps", "10", "-o", "a.png"), "--fps belongs to videos"),
