@@ -36,6 +36,16 @@ test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and oth
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
+test-lowest: $(BIN)/python  ## Smoke test with the lowest supported versions of the dependencies
+	$(PIP) uv
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python out/lowest
+	$(BIN)/uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct .
+	out/lowest/bin/python release/trial.py
+	out/lowest/bin/omnimirror simulate paper-spherical --samples 1 -o out/lowest/circle.png
+	out/lowest/bin/omnimirror dewarp out/lowest/circle.png --sensor paper-spherical --view panorama -o out/lowest/panorama.png
+	out/lowest/bin/omnimirror maps paper-spherical --view panorama -o out/lowest/maps.npz
+	out/lowest/bin/omnimirror demo --out out/lowest/demo
+
 mutation: $(VENV)/.mutation  ## Mutation testing: share of random code changes that tests detect (ARGS=--help)
 	$(BIN)/python tests/mutation.py $(ARGS)
 

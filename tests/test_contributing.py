@@ -1,8 +1,7 @@
-"""Instructions of CONTRIBUTING.md to add a command, a tab and a compiled kernel, applied to copies
-of the sources.
+"""Instructions of CONTRIBUTING.md, applied to copies of the sources: mirror, camera model, export
+format, camera file format, command, tab and compiled kernel.
 
-Mirrors, cameras, screens, quantities and formats are added by other packages:
-``test_extensions.py``.
+Extensions in other packages: ``test_extensions.py``.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import omnimirror as om
@@ -108,12 +108,274 @@ def run(words, folder, **environment) -> subprocess.CompletedProcess[str]:
     )
 
 
+def command_of(copy: Path, *words) -> subprocess.CompletedProcess[str]:
+    """Run a command of a copy."""
+    program = [sys.executable, "-c", RUN_THE_COPY, *words]
+    return run(program, copy, PYTHONPATH=str(copy / "src"))
+
+
+def use(copy: Path, code: str) -> list[str]:
+    """Run a program that imports a copy; return the printed lines."""
+    done = run([sys.executable, "-c", OF_THE_COPY + code], copy, PYTHONPATH=str(copy / "src"))
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
 @pytest.fixture
 def copy(tmp_path) -> Path:
     """The package in a separate folder."""
     left_out = shutil.ignore_patterns("__pycache__", "_native*", "page")
     shutil.copytree(Path(om.__file__).parent, tmp_path / "src" / "omnimirror", ignore=left_out)
     return tmp_path
+
+
+# -- mirror ----------------------------------------------------------------------------------------
+
+MIRROR = """
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...base.parameters import Parameter
+from .mirror import RIM_RADIUS, Mirror
+
+
+@dataclass(frozen=True)
+class Paraboloid(Mirror):
+    depth_mm: float
+    rim_radius_mm: float
+    KIND: ClassVar[str] = "bowl"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim above the vertex"),
+        "rim_radius_mm": RIM_RADIUS,
+    }
+
+    def __post_init__(self) -> None:
+        self._check()
+
+    def profile(self, x_mm: ArrayLike):
+        x, a = np.asarray(x_mm, dtype=float), self.depth_mm / self.rim_radius_mm**2
+        return a * x**2, 2 * a * x, np.full_like(x, 2 * a)
+"""
+MIRROR_USE = """
+import omnimirror as om
+from omnimirror.apps.studio._bench_sensors import bench_start
+from omnimirror.optics.mirrors.bowl import Paraboloid
+from omnimirror.optics.testing import check_mirror
+
+check_mirror(Paraboloid(20.0, 44.0))
+print("bowl" in [mirror.kind for mirror in bench_start().mirrors])
+text = om.sensor_template()
+print('kind = "bowl"' in text)
+"""
+
+
+def test_adding_a_mirror(copy):
+    mirrors = copy / "src" / "omnimirror" / "optics" / "mirrors"
+    (mirrors / "bowl.py").write_text(MIRROR)
+    edit(
+        mirrors / "__init__.py",
+        ("from .mappings import (\n", "from .bowl import Paraboloid\nfrom .mappings import (\n"),
+        (
+            "SHAPES: tuple[type[Mirror], ...] = (\n",
+            "SHAPES: tuple[type[Mirror], ...] = (\n    Paraboloid,\n",
+        ),
+    )
+    assert use(copy, MIRROR_USE) == ["True", "True"]
+
+
+# -- camera model ----------------------------------------------------------------------------------
+
+MODEL = """
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...base.parameters import Uncertainty
+from ..frames import Mount
+from .camera_model import Optics
+from .radial_model import FocalModel, RadialProjection
+
+
+@dataclass(frozen=True)
+class Stereographic(FocalModel):
+    # r = 2 tan(Omega / 2)
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    image_size: tuple[int, int]
+    skew_px: float = 0.0
+    optics: Optics = "fisheye"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
+
+    KIND = "stereographic"
+    _law_end = np.radians(170.0)
+
+    def __post_init__(self) -> None:
+        self._check_focal()
+
+    @property
+    def _places(self):
+        return (), self._affine_places
+
+    def _law_radius(self, omega):
+        return 2 * np.tan(omega / 2)
+
+    def _law(self, omega):
+        rate = 1 / np.cos(omega / 2) ** 2
+        return RadialProjection(self._law_radius(omega), rate, np.empty((len(omega), 0)))
+
+    def _law_inverse(self, radius):
+        return 2 * np.arctan(radius / 2)
+"""
+MODEL_USE = """
+import numpy as np
+import omnimirror as om
+from omnimirror.cameras.models.stereographic import Stereographic
+
+board = om.Board(columns=8, rows=6, square_mm=30.0)
+truth = Stereographic((150.0, 150.0), (319.5, 239.5), (640, 480))
+corners = om.simulate_detections(truth, board, 8, noise_px=0.0)
+fit = om.calibrate_camera(corners, board, model="stereographic", optics="fisheye", board_shape=False)
+om.save_camera(fit.model, "camera.toml")
+loaded = om.load_camera("camera.toml")
+print(type(loaded).__name__, np.allclose(loaded.focal_px, 150.0, atol=0.01))
+"""
+
+
+def test_adding_a_camera_model(copy):
+    package = copy / "src" / "omnimirror"
+    models, estimation = package / "cameras" / "models", package / "calibration" / "estimation"
+    (models / "stereographic.py").write_text(MODEL)
+    edit(
+        models / "__init__.py",
+        ("    | MirrorBall\n", "    | MirrorBall\n    | Stereographic\n"),
+        (
+            "\nCalibratedCamera: TypeAlias",
+            "from .stereographic import Stereographic\n\nCalibratedCamera: TypeAlias",
+        ),
+    )
+    edit(
+        estimation / "model_sequence.py",
+        (
+            "KINDS: dict[str, ModelConstructor] = {\n",
+            "def _stereographic(u: Unified, omega_max_deg: float) -> CameraModel:\n"
+            "    from ...cameras.models.stereographic import Stereographic\n\n"
+            "    return Stereographic(_focal(u), u.centre_px, u.image_size, optics=u.optics)\n\n\n"
+            'KINDS: dict[str, ModelConstructor] = {\n    "stereographic": _stereographic,\n',
+        ),
+    )
+    assert use(copy, MODEL_USE) == ["Stereographic True"]
+    assert "stereographic" in command_of(copy, "calibrate", "--help").stdout
+
+
+# -- export format ---------------------------------------------------------------------------------
+
+EXPORT = """
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...optics.mirrors import Mirror
+
+
+def write_profile(path: Path, mirror: Mirror) -> float:
+    x = np.linspace(0, mirror.rim_radius_mm, 5)
+    np.savetxt(path, np.stack([x, mirror.sag(x)], axis=1), fmt="%.6f")
+    return 5e-7
+"""
+
+
+def test_adding_an_export_format(copy):
+    manufacturing = copy / "src" / "omnimirror" / "manufacturing"
+    (manufacturing / "formats" / "profile.py").write_text(EXPORT)
+    edit(
+        manufacturing / "exporter.py",
+        (
+            "BUILT_IN_FORMATS = {\n",
+            "def _profile(plan, part, path):\n"
+            "    from .formats.profile import write_profile\n\n"
+            '    return Content("5 points", write_profile(path, part.mirror))\n\n\n'
+            'BUILT_IN_FORMATS = {\n    "profile": Format(_profile, (".profile",)),\n',
+        ),
+    )
+    run_of_copy = command_of(copy, "export", "paper-spherical", "-o", "mirror.profile")
+    assert run_of_copy.returncode == 0, run_of_copy.stderr
+    x, z = np.loadtxt(copy / "mirror.profile").T
+    np.testing.assert_allclose(z, om.load_sensor("paper-spherical").mirror.sag(x), atol=1e-6)
+    assert "profile" in command_of(copy, "export", "--help").stdout
+
+
+# -- camera file format ----------------------------------------------------------------------------
+
+CAMERA_FORMAT = """
+from __future__ import annotations
+
+from ...cameras.models import Unified
+from ._camera_format import CameraFormat, Layout, Stored
+
+
+def read(file, reading):
+    _, xi, f, u, v, width, height = file.text.split()
+    camera = Unified(
+        xi=float(xi),
+        focal_px=(float(f), float(f)),
+        centre_px=(float(u), float(v)),
+        image_size=(int(width), int(height)),
+        **reading.told,
+    )
+    return [Stored("", camera)]
+
+
+def write(camera, name=""):
+    numbers = (camera.xi, camera.focal_px[0], *camera.centre_px, *camera.image_size)
+    return "mei " + " ".join(map(str, numbers))
+
+
+FORMAT = CameraFormat(
+    "one line of MEI parameters",
+    lambda file: file.text.startswith("mei "),
+    read,
+    {"mei-line": Layout(Unified, write, "mei")},
+    ("*.mei",),
+)
+"""
+
+
+def test_adding_a_camera_file_format(copy):
+    formats = copy / "src" / "omnimirror" / "calibration" / "formats"
+    (formats / "_mei_line.py").write_text(CAMERA_FORMAT)
+    edit(
+        formats / "_registry.py",
+        ("    _kalibr,\n", "    _kalibr,\n    _mei_line,\n")
+        if "    _kalibr,\n" in (formats / "_registry.py").read_text()
+        else ("_kalibr, ", "_kalibr, _mei_line, "),
+        ("BUILT_IN_FORMATS = {\n", 'BUILT_IN_FORMATS = {\n    "mei-line": _mei_line.FORMAT,\n'),
+    )
+    (copy / "a.mei").write_text("mei 1.0 200.0 319.5 239.5 640 480")
+    read_back = command_of(copy, "convert", "a.mei", "camera.toml", "--optics", "fisheye")
+    assert read_back.returncode == 0, read_back.stderr
+    assert om.load_camera(copy / "camera.toml").xi == 1.0
+    written = command_of(copy, "convert", "camera.toml", "b.mei", "--to", "mei-line")
+    assert written.returncode == 0, written.stderr
+    assert (copy / "b.mei").read_text().split() == [
+        "mei",
+        "1.0",
+        "200.0",
+        "319.5",
+        "239.5",
+        "640",
+        "480",
+    ]
 
 
 # -- command ---------------------------------------------------------------------------------------
@@ -126,9 +388,9 @@ from dataclasses import dataclass
 
 import click
 
-from .....optics.sensor_files import load_sensor
-from ...options.common import NUMBER
-from ...options.declared import Options, option, takes
+from ....optics.sensor_files import load_sensor
+from .._declarations import Options, option, takes
+from .._option_types import NUMBER
 
 
 @dataclass(frozen=True)
@@ -156,7 +418,6 @@ def test_a_command_is_a_module_and_its_name(copy):
             '    "compare": "Comp',
             '    "girth": "Print the diameter of a mirror.",\n    "compare": "Comp',
         ),
-        ('"reproduce", "sensors", "spots"}', '"girth", "reproduce", "sensors", "spots"}'),
     )
     program, path = [sys.executable, "-c", RUN_THE_COPY], {"PYTHONPATH": str(copy / "src")}
     said = run([*program, "girth", "paper-spherical", "--scale", 2], copy, **path)

@@ -97,7 +97,7 @@ if TYPE_CHECKING:
     from .design.component_selection import choose_parts as choose_parts
     from .design.mirror_construction import mappings as mappings
     from .design.requirement_check import temperature_range as temperature_range
-    from .design.sensor_template import sensor_template as sensor_template
+    from .design.sensor_file_template import sensor_template as sensor_template
     from .dewarp import ColourDewarper as ColourDewarper
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
@@ -245,7 +245,7 @@ _HOMES = {
     "best_apertures": "design.component_selection",
     "read_catalogue": "design.catalogue",
     "choose_parts": "design.component_selection",
-    "sensor_template": "design.sensor_template",
+    "sensor_template": "design.sensor_file_template",
     "blur_bound": "design",
     "design_from_parts": "design",
     "design_sensor": "design",

@@ -259,6 +259,6 @@ def test_mtf_is_that_of_a_huygens_integral(case):
     truth, filled = huygens(sensor, omega)
     found = om.mtf(sensor, [omega], cycles_per_px=NU, wavelength_nm=WAVE * 1e6)
     np.testing.assert_allclose([found.tangential[0], found.sagittal[0]], truth, atol=0.005)
-    assert om.spots(sensor, [omega]).filled[0] == pytest.approx(filled, abs=0.03)
+    assert om.spots(sensor, [omega]).filled[0] == pytest.approx(filled, abs=0.003)
     if case != "wide bore":
         assert filled < 0.999

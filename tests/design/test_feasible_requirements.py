@@ -16,8 +16,9 @@ import pytest
 import omnimirror as om
 from omnimirror.design import parse_requirements
 from omnimirror.design._candidates import make
+from omnimirror.design._parameter_search import RangeSearch
 from omnimirror.design.designer import design_sensor
-from omnimirror.design.relaxation import relaxed
+from omnimirror.design.relaxation import SEARCHED, find_alternatives, relaxed
 from tests.commands import PROGRAM
 from tests.design.answers import best, row
 from tests.everyday import few
@@ -259,6 +260,58 @@ def test_a_signal_during_the_search_for_relaxations_leaves_table_and_sensor(tmp_
     assert run.returncode not in (0, 3)
     assert table[-1].rstrip().endswith("missed")
     assert om.load_sensor(tmp_path / "best.toml").mirror.rim_radius_mm == 43.9
+
+
+def test_few_alternatives_are_searched_and_none_is_reported_better_than_a_design_meets_it(
+    monkeypatch,
+):
+    searched = list[om.Requirements]()
+    followed = RangeSearch.followed
+
+    def counted(search, start, enough):
+        searched.append(search.requirements)
+        return followed(search, start, enough)
+
+    wanted = parse_requirements(
+        CONFLICT.format(SPHERE, "focal_length_mm = 11.6", "total_blur_deg", "at_most = 0.3")
+    )
+    reached = best(wanted)
+    monkeypatch.setattr(RangeSearch, "followed", counted)
+    found = [*find_alternatives(wanted, reached, lambda words: None)]
+    monkeypatch.undo()
+    assert 0 < len(searched) <= SEARCHED
+    assert found
+    assert all(a.worst < reached.worst for a in found)
+    for a in (a for a in found if a.entry == "mirror.family"):
+        assert best(wanted.changed(family=a.value)).worst <= a.worst * (1 + 1e-9)
+
+
+@pytest.mark.full
+def test_the_largest_resolution_of_a_probe_in_a_water_pipe_is_that_of_a_scan():
+    """The scan covers focus and F-number; the relaxation of the resolution ends at the same value."""
+    text = PIPE.format(mirror=CYLINDER, low=45.0, diameter=60.0)
+    text = text.replace("focal_length_mm = 6.0", "focal_length_mm = 6.0\nf_number = [4, 11]")
+    text = text.replace(
+        "omega_max_deg = 110.0", "omega_max_deg = 110.0\nobject_cylinder_radius_mm = 150.0"
+    )
+    wanted = parse_requirements(
+        text
+        + '[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 4.0\n'
+        + '[[limit]]\nquantity = "total_blur_deg"\nat_most = 0.9\n'
+    )
+    scanned = []
+    for f_number in (4.0, 4.5, 5.5, 8.0):
+        for focus in np.linspace(74.0, 92.0, 37):
+            sensor = make(wanted.changed(f_number=f_number, focus_mm=float(focus))).sensor
+            resolution, blur = om.judge(wanted, sensor, angles=181).limits
+            if blur.reached <= 0.9:
+                scanned.append(resolution.reached)
+    design = design_sensor(wanted)
+    needed = next(r.needed for r in design.conflict.alone if r.name == "resolution_px_per_deg")
+    assert design.verdict.limits[0].reached >= max(scanned) * (1 - 1e-4)
+    assert needed == pytest.approx(max(scanned), rel=0.01)
+    assert design.conflict.is_complete
+    assert design.conflict.alternatives
 
 
 @pytest.mark.full

@@ -348,6 +348,42 @@ def test_averages_at_image_border(sampler):
         np.testing.assert_array_equal(taken[~on(picture, places)], 10)
 
 
+@pytest.mark.parametrize("width", [36, 72, 200])
+def test_panorama_seam_is_averaged_as_other_columns(width, sampler):
+    """The same columns in the middle of a panorama that is turned by half a turn."""
+    picture = cv2.GaussianBlur(texture("uint8", 3, (1024, 1020)), (0, 0), 2)
+    seam, middle = (
+        om.Dewarper(BALL, om.views.panorama(BALL, (width, 24), pan_deg=pan_deg))(picture).astype(
+            int
+        )
+        for pan_deg in (0.0, 180.0)
+    )
+    off = np.abs(np.roll(seam, width // 2, axis=1) - middle)
+    assert off[:, [0, -1, width // 2 - 1, width // 2]].max() <= 1
+    assert off.max() <= 1
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic", "auto", "area"])
+@pytest.mark.parametrize(("width", "value"), [(1600, np.inf), (360, np.inf), (72, -np.inf)])
+def test_infinite_value_does_not_yield_nan(interpolation, width, value, sampler):
+    """It makes those pixels infinite that a bright value at its place reaches, and no other."""
+    dewarp = om.Dewarper(BALL, om.views.panorama(BALL, (width, width // 4)), interpolation)
+    places = dewarp.coordinates()
+    u, v = np.rint(places[places.shape[0] // 2, places.shape[1] // 3]).astype(int)
+    picture = np.full((1020, 1024, 3), 0.5, np.float32)
+    grey = dewarp(picture)
+    picture[v, u, 1] = 100.0
+    bright = dewarp(picture)
+    picture[v, u, 1] = value
+    taken = dewarp(picture)
+    np.testing.assert_array_equal(taken[..., [0, 2]], grey[..., [0, 2]])
+    reached = bright[..., 1] > grey[..., 1] + 1e-3
+    assert 1 <= reached.sum() <= 16
+    assert (taken[reached, 1] == value).all()
+    assert np.isfinite(taken[~reached]).all()
+    np.testing.assert_allclose(taken[~reached, 1], grey[~reached, 1], atol=1e-3)
+
+
 def test_mosaic_views_do_not_mix(sampler):
     """Each view equals the single view up to its last pixel, for any direction of its neighbour."""
     picture = texture("uint8", 3, (1024, 1020))

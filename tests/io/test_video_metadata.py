@@ -146,6 +146,107 @@ def test_tracks_are_kept(tmp_path, source, target):
     np.testing.assert_allclose([t[:2] for t in after[3]], [(0.2, 0.7), (1.0, 0.5)], atol=0.006)
 
 
+GPMF = [b"DEVC\0\0\0\4" + bytes([second] * 4) for second in range(2)]
+
+
+def add_data(source, path, codec):
+    """Write a copy of the video and audio of a file with a data track of two packets."""
+    with av.open(str(source)) as old, av.open(str(path), "w") as new:
+        streams = {
+            s.index: new.add_stream_from_template(s)
+            for s in (*old.streams.video, *old.streams.audio)
+        }
+        data = new.add_data_stream(codec)
+        data.time_base, data.metadata["handler_name"] = MS, "GoPro MET"
+        packets = [
+            packet
+            for packet in old.demux(list(old.streams.video) + list(old.streams.audio))
+            if packet.size
+        ]
+        for packet in packets:
+            packet.stream = streams[packet.stream_index]
+            new.mux(packet)
+        for second, payload in enumerate(GPMF):
+            packet = av.Packet(payload)
+            packet.stream, packet.time_base, packet.duration = data, MS, 1000
+            packet.pts = packet.dts = 1000 * second
+            new.mux(packet)
+    return path
+
+
+def data_of(path):
+    """Return codec, handler and packets (s, bytes) of the data tracks, as FFmpeg reads them."""
+    with av.open(str(path)) as container:
+        begin = float(container.start_time / av.time_base) if path.suffix == ".ts" else 0.0
+        packets = {stream.index: [] for stream in container.streams.data}
+        for packet in container.demux():
+            if packet.size and packet.stream_index in packets:
+                packets[packet.stream_index].append(
+                    (float(packet.pts * packet.time_base) - begin, bytes(packet))
+                )
+        return [
+            (stream.name, stream.metadata.get("handler_name"), packets[stream.index])
+            for stream in container.streams.data
+        ]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "target", "lost"),
+    [
+        (".mp4", "bin_data", ".mp4", ""),
+        (
+            ".mp4",
+            "bin_data",
+            ".mkv",
+            "b.mkv: not kept are data track 2 (GoPro MET); .mp4 keeps GPMF telemetry",
+        ),
+        (".mp4", "bin_data", ".mov", "b.mov: not kept are data track 2 (GoPro MET)"),
+        (".mp4", "bin_data", ".ts", "b.ts: not kept are data track 2 (GoPro MET)"),
+        (".ts", "klv", ".ts", ""),
+        (".ts", "timed_id3", ".ts", ""),
+        (
+            ".ts",
+            "klv",
+            ".mp4",
+            "b.mp4: not kept are data track 2 (klv); .mp4 keeps GPMF telemetry, .ts keeps KLV",
+        ),
+        (".ts", "bin_data", ".mp4", "a.ts: not kept are data track 2 (bin_data)"),
+        (".ts", "bin_data", ".ts", "a.ts: not kept are data track 2 (bin_data)"),
+    ],
+)
+def test_data_tracks_are_kept_or_their_loss_is_reported(tmp_path, suffix, codec, target, lost):
+    make_film(tmp_path / f"film{suffix}", languages=("eng",), subtitles=False)
+    source = add_data(tmp_path / f"film{suffix}", tmp_path / f"a{suffix}", codec)
+    (before,) = data_of(source)
+    assert (before[0], len(before[2])) == (codec, 2)
+    notes = through(source, tmp_path / f"b{target}")
+    after = data_of(tmp_path / f"b{target}")
+    if lost:
+        assert sum(lost in note for note in notes) == 1
+        assert not after
+        return
+    assert not notes
+    assert after[0][:2] == before[:2]
+    assert [payload for _, payload in after[0][2]] == GPMF
+    # The start of an MPEG-TS file is that of its audio, which AC-3 priming shifts by 5.3 ms.
+    np.testing.assert_allclose([t for t, _ in after[0][2]], [t for t, _ in before[2]], atol=0.006)
+    if suffix == ".mp4":
+        through(source, tmp_path / "cut.mp4", start_s=0.5)
+        assert data_of(tmp_path / "cut.mp4")[0][2] == [(0.5, GPMF[1])]
+
+
+def test_data_tracks_of_unknown_kinds_are_named(tmp_path):
+    """Timed metadata of phones (mebx), which FFmpeg can read and not write."""
+    make_film(tmp_path / "film.mp4", languages=("eng",), subtitles=False)
+    source = add_data(tmp_path / "film.mp4", tmp_path / "a.mp4", "bin_data")
+    data = source.read_bytes()
+    assert data.count(b"gpmd") == 2
+    source.write_bytes(data.replace(b"gpmd", b"mebx"))
+    notes = through(source, tmp_path / "b.mp4")
+    assert [note.split(": ", 1)[1] for note in notes] == ["not kept are data track 2 (GoPro MET)"]
+    assert not data_of(tmp_path / "b.mp4")
+
+
 @pytest.mark.parametrize("target", [".mkv", ".mp4", ".mov"])
 @pytest.mark.parametrize("begins_ms", [1200, 40])
 def test_the_time_of_the_beginning_is_kept(tmp_path, begins_ms, target):

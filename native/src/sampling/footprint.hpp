@@ -7,6 +7,8 @@
 // 1 - (sharp/|a|)^8, and to nothing where |a| <= sharp.
 #pragma once
 
+#include <initializer_list>
+
 #include "sums.hpp"
 
 namespace omnimirror {
@@ -55,8 +57,9 @@ void keep_inside(const Geometry& g, int count, float* __restrict x, float* __res
     }
 }
 
-// Coordinates of a block of output pixels and of their neighbours all around; NaN outside the picture. Beyond the
-// output they go on in a straight line.
+// Coordinates of a block of output pixels and of their neighbours all around; NaN outside the picture. Above and below
+// the output they are extrapolated linearly, and beside it by a parabola: the columns at the seam of a full panorama
+// have neighbours on a circle.
 struct Neighbourhood {
     static constexpr int STRIDE = PANEL + 2 * HALO;
     static constexpr int SIZE = (BLOCK_ROWS + 2) * STRIDE;
@@ -67,15 +70,18 @@ struct Neighbourhood {
     template <class Isa>
     void find(const Job& job, const Tile& tile) {
         const int width = tile.right - tile.left, height = tile.bottom - tile.top;
-        const int first = larger(tile.left - 1, 0), last = smaller(tile.right + 1, job.target.width);
+        const bool begins = tile.left == 0, ends = tile.right == job.target.width;
+        const int first = larger(tile.left - (ends ? 2 : 1), 0);
+        const int last = smaller(tile.right + (begins ? 2 : 1), job.target.width);
         const int top = larger(tile.top - 1, 0), bottom = smaller(tile.bottom + 1, job.target.height);
         for (int row = top; row < bottom; ++row) {
             const int begin = place(row - tile.top, first - tile.left), end = place(row - tile.top, width);
             find_row<Isa>(job, row, first, last, xs + begin, ys + begin);
             keep_inside(job.source.geometry, last - first, xs + begin, ys + begin);
-            const int step = last - first > 1 ? 1 : 0;
-            if (first == tile.left) go_on(begin - 1, begin, step, 1);
-            if (last == tile.right) go_on(end, end - 1, -step, 1);
+            for (float* values : {xs, ys}) {
+                if (begins) values[begin - 1] = curved(values + begin, 1, last - first);
+                if (ends) values[end] = curved(values + end - 1, -1, last - first);
+            }
             const int padding = place(row - tile.top, round_up8(width));
             for (int i = end + 1; i <= padding; ++i) xs[i] = xs[end], ys[i] = ys[end];
         }
@@ -85,6 +91,13 @@ struct Neighbourhood {
     }
 
   private:
+    // The next value before some known ones, by a parabola through three of them if there are as many.
+    static float curved(const float* values, int step, int known) {
+        const float one = values[0], two = known > 1 ? values[step] : one;
+        const float bent = known > 2 ? 3 * (one - two) + values[2 * step] : NOWHERE;
+        return bent == bent ? bent : 2 * one - two;
+    }
+
     // From the values at a place, in the direction away from those one step behind.
     void go_on(int to, int from, int step_back, int count) {
         for (int i = 0; i < count; ++i) {

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import distances, finite, row
 from ..base.errors import InvalidParameter, OutsideField
@@ -78,6 +79,66 @@ def gaussian(rings: int) -> Pupil:
         [np.outer(radius, np.cos(phi)), np.outer(radius, np.sin(phi))], axis=-1
     ).reshape(-1, 2)
     return Pupil(points, np.repeat(weight / 2 / spokes, spokes))
+
+
+def open_share(pupil: Pupil, clearances: Sequence[Array], passes: NDArray[np.bool_]) -> float:
+    """Return the share of the aperture inside all edges, from clearances (n,) at the points of a pupil.
+
+    Counting rays as passing or blocked is a sum over a step function, with an error of the order of the
+    ray spacing (0.016 for 12 rings). The clearance is continuous; it is interpolated linearly in the
+    triangles between the points, and the area with positive clearance is exact there. The error is of
+    the order of the squared spacing, below 0.003 for 12 rings.
+
+    Parameters
+    ----------
+    passes
+        Mask (n,) of the passing rays, which determines the share of triangles with undefined clearances.
+
+    Examples
+    --------
+    A straight edge at 0.3 of the radius of the aperture:
+
+    >>> pupil = hexapolar(12)
+    >>> clearance = pupil.points[:, 0] - 0.3
+    >>> truth = (np.arccos(0.3) - 0.3 * np.sqrt(1 - 0.3**2)) / np.pi
+    >>> bool(abs(open_share(pupil, [clearance], clearance >= 0) - truth) < 0.001)
+    True
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    if passes.all():
+        return 1.0
+    try:
+        corners = Delaunay(pupil.points).simplices
+    except QhullError:  # too few points for triangles
+        return float(passes @ pupil.weights)
+    a, b, c = pupil.points[corners].transpose(1, 0, 2)
+    areas = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    share = np.ones(len(corners))
+    known = np.zeros(len(pupil.points), dtype=bool)
+    for edge in clearances:
+        share = np.minimum(share, _positive_share(edge[corners]))
+        known |= edge < 0
+    lost = ~passes & ~known  # rays that no edge blocks and that reach no imager
+    share = np.minimum(share, 1 - lost[corners].mean(axis=1))
+    return float(share @ areas / areas.sum())
+
+
+def _positive_share(values: Array) -> Array:
+    """Return the share of the area of triangles in which linear functions are positive, from their
+    values (n, 3) at the corners; infinite values are those of rays that never meet the edge.
+    """
+    finite = np.isfinite(values)
+    largest = np.max(np.abs(values), axis=1, where=finite, initial=0.0, keepdims=True)
+    low, middle, high = np.sort(
+        np.where(finite, values, np.where(values < 0, -largest, largest)), axis=1
+    ).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one_in = high**2 / (
+            (high - middle) * (high - low)
+        )  # the corner of the positive value is cut off
+        one_out = 1 - low**2 / ((middle - low) * (high - low))
+    return np.select([low >= 0, high <= 0, middle <= 0], [1.0, 0.0, one_in], one_out)
 
 
 def _check(rings: int) -> None:

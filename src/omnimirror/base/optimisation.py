@@ -238,6 +238,8 @@ def solve_minimax(
     tolerance: float = 1e-8,
     most_steps: int = 200,
     first_trust: float = FIRST_TRUST,
+    last_trust: float = LAST_TRUST,
+    least_gain: float = MIN_GAIN,
     on_step: Callable[[float], None] | None = None,
 ) -> MinimaxResult:
     """Minimise the largest objective function under constraints, from ``start`` (dim,).
@@ -254,6 +256,10 @@ def solve_minimax(
         Relative decrease below which the iteration stops.
     first_trust
         Maximum length of the first step in each coordinate.
+    last_trust
+        Length of a step below which the iteration stops.
+    least_gain
+        Absolute decrease below which the iteration stops.
     on_step
         Called with the value after every accepted step.
 
@@ -275,7 +281,7 @@ def solve_minimax(
     for _ in range(most_steps):
         step, foretold = _trust_region_step(linear, y, bounds, trust, is_spread)
         gain = here.price - foretold
-        if not gain > max(tolerance * abs(here.value), MIN_GAIN):
+        if not gain > max(tolerance * abs(here.value), least_gain):
             break
         ahead = values(y + step)
         there = _price(ahead, is_spread)
@@ -292,7 +298,7 @@ def solve_minimax(
             if on_step:
                 on_step(here.value)
         trust = min(trust * 2, 1.0) if quality > 0.75 else trust / 4 if quality < 0.25 else trust
-        if trust < LAST_TRUST:
+        if trust < last_trust:
             break
     return MinimaxResult(y, here.value, here.violation, tuple(history))
 

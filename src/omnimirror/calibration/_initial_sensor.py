@@ -40,7 +40,7 @@ SIZES_MM = (4.0, 1000.0)  # rim radii of mirrors
 MAX_RESIDUAL_MOTION = 0.9  # maximum residual viewpoint motion, relative to the motion itself
 
 
-class RadialProjection(NamedTuple):
+class MeridionalProjection(NamedTuple):
     """Mean radial projection of a central model."""
 
     centre_px: tuple[float, float]
@@ -50,7 +50,7 @@ class RadialProjection(NamedTuple):
     """Radii (k,), px."""
 
 
-def radial_projection(central: CameraModel, omega_max_deg: float) -> RadialProjection:
+def radial_projection(central: CameraModel, omega_max_deg: float) -> MeridionalProjection:
     """Return the centre and the mean radius of each field angle with a mostly visible ring.
 
     Raises
@@ -74,7 +74,7 @@ def radial_projection(central: CameraModel, omega_max_deg: float) -> RadialProje
     radius = np.nanmean(np.hypot(rings[kept, :, 0] - u, rings[kept, :, 1] - v), axis=1)
     grows = np.concatenate([[True], np.diff(radius) > 0])
     kept_rings = np.logical_and.accumulate(grows)
-    return RadialProjection((float(u), float(v)), omega[kept][kept_rings], radius[kept_rings])
+    return MeridionalProjection((float(u), float(v)), omega[kept][kept_rings], radius[kept_rings])
 
 
 def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, Array]:
@@ -89,7 +89,7 @@ def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, 
 
 
 def unknown_sensor(
-    central: CameraModel, law: RadialProjection, rim_radius_mm: float, distance_mm: float
+    central: CameraModel, law: MeridionalProjection, rim_radius_mm: float, distance_mm: float
 ) -> Sensor:
     """Return a sensor with an unknown mirror of given size and distance for a central model.
 
@@ -151,7 +151,9 @@ def guessed_size(
     return (size, distance_mm) if is_known else None
 
 
-def with_prescribed_projection(law: RadialProjection, sensor: Sensor, rim_is_known: bool) -> Sensor:
+def with_prescribed_projection(
+    law: MeridionalProjection, sensor: Sensor, rim_is_known: bool
+) -> Sensor:
     """Return the sensor with the mirror shape that projects distant points as prescribed.
 
     An unknown rim is placed at the end of the prescribed projection.
@@ -193,7 +195,7 @@ def without_fold(sensor: Sensor) -> Sensor:
     return replace(sensor, mirror=replace(mirror, rim_radius_mm=float(x[falls[0] - 1])))
 
 
-def _prescribed_slopes(law: RadialProjection, sensor: Sensor) -> tuple[Array, Array]:
+def _prescribed_slopes(law: MeridionalProjection, sensor: Sensor) -> tuple[Array, Array]:
     """Return distances from the axis (n,) mm and slopes (n,) of the mirror for a radial projection."""
     height = sensor.lens.undistorted_height(law.radius_px * sensor.imager.pitch_mm)
     height, wanted = np.concatenate([[0.0], height]), np.concatenate([[0.0], law.omega])

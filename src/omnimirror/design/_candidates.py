@@ -227,7 +227,7 @@ def _perspective(settled: Requirements) -> Candidate:
     longer. The focus of the last iteration is then fixed, and the rim fills the imager exactly even
     without convergence.
     """
-    nearness = 0.0 if settled.lens.focus_mm is None else 1 / ends(settled.lens.focus_mm)[1]
+    nearness = _first_nearness(settled)
     for fitted in (False, True) if settled.mirror.fit is not None else (False,):
         made, nearness = _settled_focus(settled, nearness, fitted)
     if not settled.lens.fills_imager or not (
@@ -238,6 +238,16 @@ def _perspective(settled: Requirements) -> Candidate:
     return replace(
         _before_lens(fixed, 1 / made.sensor.lens.focus_distance_mm, fitted), settled=settled
     )
+
+
+def _first_nearness(settled: Requirements) -> float:
+    """Return the given 1/L0, or that of the rim: the virtual images are near the mirror."""
+    asked = ends_or_none(settled.lens.focus_mm)
+    if asked is not None and not is_free(asked):
+        return 1 / asked[0]
+    theta, _ = viewing(settled, 0.0)
+    near = float(np.tan(np.radians(theta))) / ends(settled.mirror.rim_radius_mm)[0]
+    return near if asked is None else float(np.clip(near, 1 / asked[1], 1 / asked[0]))
 
 
 def _settled_focus(settled: Requirements, nearness: float, fitted: bool) -> tuple[Candidate, float]:

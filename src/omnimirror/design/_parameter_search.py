@@ -46,7 +46,7 @@ Span = tuple[float, float]
 
 NODES = 91  # mirror points in each evaluated part of the field
 STEP = 1e-6  # finite-difference step
-CLOSE = 1e-6
+CLOSE = 1e-6  # relative violation, and step in a coordinate, at which a search ends
 STEPS = 25  # maximum iterations of a search
 KEPT = 1e-6  # tolerance of relative violations
 RELAXED_STARTS = 2  # searches of relaxed requirements, the first from a nearly feasible design
@@ -125,15 +125,18 @@ class ParameterSpace:
 
         Otherwise the focus minimises the floored blur area, as in an initial design.
         """
-        asked, limits = self.requirements.lens.focus_mm, self.requirements.limits
-        if not (asked is None or is_free(asked)):
-            return [*self.spans]
+        limits = self.requirements.limits
         hangs = (
             not limits
             or any(limit.of.is_sharpness for limit in limits)
             or not self.settled.lens.fills_imager
         )
-        return [*self.spans, "focus"] if hangs else [*self.spans]
+        return [*self.spans, "focus"] if self._is_focus_free and hangs else [*self.spans]
+
+    @property
+    def _is_focus_free(self) -> bool:
+        asked = self.requirements.lens.focus_mm
+        return asked is None or is_free(asked)
 
     @cached_property
     def _unit(self) -> float:
@@ -278,6 +281,10 @@ class ParameterSpace:
             Sensor that does not exist.
         """
         settled, asked = self._settled(y)
+        if self._is_focus_free and "focus" not in self.names:
+            # No limit refers to sharpness, and the focus changes the image scale little: its value in the
+            # neighbouring design replaces the iteration of mirror and best focus. Finished designs are refocused.
+            settled = settled.changed(focus_mm=self.near.lens.focus_distance_mm)
         sensor = make(settled if fitted else unfitted(settled)).sensor
         looked: Focusing = focusing(settled, sensor, NODES)
         v = np.full((1, 1), looked.camera.vergence(sensor.lens.focus_distance_mm))
@@ -357,7 +364,16 @@ class ParameterSpace:
                 np.nan_to_num(np.stack(constraints, axis=1)),
             )
 
-        return solve_minimax(values, rows, y, self.bounds, tolerance=CLOSE, most_steps=STEPS)
+        return solve_minimax(
+            values,
+            rows,
+            y,
+            self.bounds,
+            tolerance=CLOSE,
+            most_steps=STEPS,
+            last_trust=CLOSE,
+            least_gain=CLOSE,
+        )
 
     def _moved(self, y: Array, name: str, asked: float, way: int) -> float:
         """Return the relative change of a number."""
@@ -407,7 +423,8 @@ SAME, AGREEING = (
     1e-4,
     3,
 )  # relative difference of equal costs; number of searches that have to agree
-ENOUGH_IF_MET = 5  # searches after which a feasible candidate is accepted
+AGREEING_IF_MET = 2  # the same for feasible candidates
+ENOUGH_IF_MET = 4  # searches after which a feasible candidate is accepted
 NEAR_MISS = 0.05  # cost below which a derivative-free search follows
 SIMPLEX, SIMPLEX_STEPS = (
     0.05,
@@ -485,13 +502,14 @@ class RangeSearch:
             return self.judged(middle)
         ends = list[Ranked]()
         for start in islice(self._starts(begin, middle), starts):
-            found = self._followed(start, enough)
+            found = self.followed(start, enough)
             ends.append(found)
             best = min(ends, key=lambda c: c.cost)
             agreeing = sum(c.cost - best.cost <= SAME * abs(best.cost) for c in ends)
+            enough_agree = agreeing >= (AGREEING_IF_MET if best.cost <= 0 else AGREEING)
             if (
                 best.cost <= enough
-                or agreeing >= AGREEING
+                or enough_agree
                 or (best.cost <= 0 and len(ends) >= ENOUGH_IF_MET)
             ):
                 break
@@ -499,27 +517,53 @@ class RangeSearch:
             return self.judged(middle)  # raises the reason
         return self._by_simplex(best) if starts is None and 0 < best.cost < NEAR_MISS else best
 
+    def screened(self, count: int) -> Ranked | None:
+        """Return the best of a few candidates: the centre of the ranges and evenly chosen grid points.
+
+        Candidates are compared without the fit; the best one is fitted. None if no sensor exists.
+        """
+        middle = self.middle()
+        grid = [*self._grid(middle)] if self.free else []
+        chosen = [
+            middle,
+            *(
+                grid[i]
+                for i in np.linspace(0, len(grid) - 1, min(count, len(grid))).round().astype(int)
+            ),
+        ]
+        found = [made for settled in chosen if (made := self._tried(unfitted(settled))) is not None]
+        return next(
+            (
+                c
+                for made in sorted(found, key=lambda c: c.cost)
+                if (c := self._fitted(made)) is not None
+            ),
+            None,
+        )
+
+    def _fitted(self, unfitted: Ranked) -> Ranked | None:
+        """Return a candidate with the requested fit, if any."""
+        fit = self.requirements.mirror.fit
+        return unfitted if fit is None else self._tried(unfitted.made.settled.changed(fit=fit))
+
     def _starts(self, begin: Iterable[Requirements], middle: Requirements) -> Iterator[Ranked]:
         """Yield the starts of the searches: earlier designs, then alternately the best grid point
         and the one farthest from all previous starts.
         """
         yield from (found for settled in begin if (found := self._tried(settled)) is not None)
-        rest = [
-            found
-            for settled in [middle, *self._grid(middle)]
-            if (found := self._tried(settled)) is not None
-        ]
+        # Fits take several times longer than the mirrors themselves: only the starts are fitted.
+        places = (unfitted(settled) for settled in [middle, *self._grid(middle)])
+        rest = [found for settled in places if (found := self._tried(settled)) is not None]
         rest.sort(key=lambda c: c.cost)
-        places = [self._place(c) for c in rest]
+        left = [self._place(c) for c in rest]
         taken = list[NDArray[np.float64]]()
         for i in range(min(STARTS, len(rest))):
             at = 0
             if i % 2 and taken:
-                at = int(
-                    np.argmax([min(float(np.abs(p - t).max()) for t in taken) for p in places])
-                )
-            taken.append(places.pop(at))
-            yield rest.pop(at)
+                at = int(np.argmax([min(float(np.abs(p - t).max()) for t in taken) for p in left]))
+            taken.append(left.pop(at))
+            if (start := self._fitted(rest.pop(at))) is not None:
+                yield start
 
     def _place(self, candidate: Ranked) -> NDArray[np.float64]:
         """Return the position of a candidate within the free ranges, each scaled to 0 to 1."""
@@ -572,10 +616,13 @@ class RangeSearch:
         )
         return best
 
-    def _followed(self, start: Ranked, enough: float) -> Ranked:
-        """Follow one start to its optimum, with restarts while the cost decreases."""
+    def followed(self, start: Ranked, enough: float) -> Ranked:
+        """Follow one start to its optimum, with restarts while the cost decreases.
+
+        Without free parameters, the start is the only candidate.
+        """
         least_gain = GAIN if np.isinf(enough) else ROUGH_GAIN
-        for _ in range(RESTARTS):
+        for _ in range(RESTARTS if self.free else 0):
             if start.cost <= enough:
                 break
             found = self._polished(start)

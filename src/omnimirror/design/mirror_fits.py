@@ -11,15 +11,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.optimisation import LinearisedValues, ObjectiveValues, solve_minimax
 from ..base.typing import Array
 from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ..optics.mirrors.conics_and_aspheres import conic_profile, even_polynomial
+from ..optics.mirrors.conics_and_aspheres import conic_profile
 from ..optics.tracing.meridian import Meridian
 from .mirror_construction import MountedMirror, RimRay
 
@@ -29,12 +30,13 @@ Aim = Literal["worst-mapping", "mean-mapping", "sag"]
 """Objective of a fit: largest or RMS deviation of the mapping, or RMS deviation of the sag."""
 
 NODES, TABLE = 400, 2001
-STEPS, ROUNDS, MODELS = (
-    60,
-    500,
-    8,
-)  # least-squares steps; Lawson iterations for one linear model; linear models
-SETTLED = 1e-3  # relative; the final convergence of Lawson's algorithm is slow
+STEPS = 60  # of least squares
+SETTLED = 1e-4  # relative decrease of the largest deviation that ends the search
+EXACT, BEYOND = (
+    1e-12,
+    1e-13,
+)  # deviations that are not reduced further; deviation of the rim after a correction
+CLOSE = 1e-12  # relative tolerance of least squares
 MAX_TERMS = 12
 STEP = 1e-30  # of complex-step derivatives
 
@@ -161,24 +163,35 @@ class _Problem:
     def target_sag(self) -> Array:
         return self.target.mirror.sag(self.nodes * self.rim) / self.rim
 
-    def profile(self, p: Array, x: Array) -> tuple[_Linear, _Linear]:
-        """Return sag and slope with their derivatives by complex steps."""
+    @cached_property
+    def _powers(self) -> tuple[Array, Array]:
+        """Return the even powers of the form and their derivatives (n, terms) at the nodes."""
+        n = 2 * (np.arange(self.form.terms) + self._first_power)
+        x = self.nodes[:, None]
+        return x**n, np.asarray(n * x ** (n - 1.0), dtype=float)
 
-        def of(p: Any) -> tuple[Any, Any]:
-            if self.form.kind == "polynomial":
-                z, slope, _ = even_polynomial(x, tuple(p), first=1)
-                return z, slope
-            z, slope, _ = conic_profile(x, p[0], p[1])
-            dz, dslope, _ = (
-                even_polynomial(x, tuple(p[2:]), first=2) if p.size > 2 else (0.0, 0.0, 0.0)
-            )
-            return z + dz, slope + dslope
+    @property
+    def _first_power(self) -> int:
+        """Return half the exponent of the first power."""
+        return 1 if self.form.kind == "polynomial" else 2
 
-        z, slope = of(p)
-        bent = [of(p + 1j * STEP * unit) for unit in np.eye(p.size)]
+    def profile(self, p: Array) -> tuple[_Linear, _Linear]:
+        """Return sag and slope at the nodes with their derivatives.
+
+        Both are linear in the coefficients; the derivatives by R and k of an asphere are complex steps.
+        """
+        powers, rates = self._powers
+        if self.form.kind == "polynomial":
+            return _Linear(powers @ p, powers), _Linear(rates @ p, rates)
+        z, slope, _ = conic_profile(self.nodes, p[0], p[1])
+        bent = [
+            conic_profile(self.nodes, p[0] + a, p[1] + b)
+            for a, b in ((1j * STEP, 0.0), (0.0, 1j * STEP))
+        ]
+        dz, dslope = (np.stack([step[i].imag for step in bent], axis=-1) / STEP for i in (0, 1))
         return (
-            _Linear(z, np.stack([b[0].imag for b in bent], axis=-1) / STEP),
-            _Linear(slope, np.stack([b[1].imag for b in bent], axis=-1) / STEP),
+            _Linear(z + powers @ p[2:], np.hstack([dz, powers])),
+            _Linear(slope + rates @ p[2:], np.hstack([dslope, rates])),
         )
 
     def start(self) -> Array:
@@ -192,23 +205,19 @@ class _Problem:
         )
 
     def sag(self, p: Array) -> _Linear:
-        z, _ = self.profile(p, self.nodes)
+        z, _ = self.profile(p)
         return _Linear(z.value - self.target_sag, z.jacobian)
 
     def deviation(self, p: Array) -> _Linear:
         """Return the first-order deviation of the image height, in rim heights."""
-        x, (z, slope), (end, _) = (
-            self.nodes,
-            self.profile(p, self.nodes),
-            self.profile(p, np.ones(1)),
-        )
+        x, (z, slope) = self.nodes, self.profile(p)  # the last node is the rim
         dbeta = slope.jacobian / (1 + slope.value**2)[:, None]
         if np.isinf(self.target.m):
             theta, tau, dtheta, dtau = 0.0, x, 0.0, np.zeros_like(z.jacobian)
         else:
             tangent = np.tan(self.target.theta_max)
-            w = 1 / tangent - end.value + z.value
-            dw = z.jacobian - end.jacobian
+            w = 1 / tangent - z.value[-1] + z.value
+            dw = z.jacobian - z.jacobian[-1]
             theta, tau = np.arctan2(x, w), x / w / tangent
             dtheta, dtau = -(x / (w**2 + x**2))[:, None] * dw, -(x / w**2 / tangent)[:, None] * dw
         omega, rate = self._target_at(tau)
@@ -252,75 +261,72 @@ class _Problem:
         """Solve for the first unknowns by a trust-region method; the others are fixed."""
         from scipy.optimize import least_squares
 
+        known = dict[
+            bytes, _Linear | None
+        ]()  # the solver requests derivatives at points of known values
+
+        def linear(h: Array) -> _Linear | None:
+            if (key := h.tobytes()) not in known:
+                known[key] = self._safely(residual, np.append(h, tail))
+            return known[key]
+
         def value(h: Array) -> Array:
-            found = self._safely(residual, np.append(h, tail))
+            found = linear(h)
             return np.full(NODES, np.nan) if found is None else found.value
 
         def jacobian(h: Array) -> Array:
-            return residual(np.append(h, tail)).jacobian[:, : h.size]
+            found = linear(h)
+            assert found is not None  # the solver rejects steps to points without values
+            return found.jacobian[:, : h.size]
 
-        tight = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "max_nfev": STEPS}
+        tight = {"xtol": CLOSE, "ftol": CLOSE, "gtol": 1e-15, "max_nfev": STEPS}
         solution: Array = least_squares(value, head, jac=jacobian, x_scale="jac", **tight).x
         return solution
 
     def level(self, p: Array) -> Array:
-        """Minimise the largest deviation, starting from least squares; return the best iterate."""
-        q = self._levelled(p, hold=False)
-        return (
-            q if self.deviation(q).value[-1] <= 0 else self._with_rim(self._levelled(p, hold=True))
+        """Minimise the largest deviation, starting from least squares, with the rim at the target's
+        field angle or beyond.
+
+        The coordinates make the columns of the initial Jacobian orthogonal, and a deviation of the
+        size of the initial one is 1.
+        """
+        first = self.deviation(p)
+        scale = self._worst(first)
+        if scale <= EXACT:
+            return self._with_rim(p)
+        back = np.linalg.inv(np.linalg.qr(first.jacobian)[1]) * scale * np.sqrt(NODES)
+
+        def at(y: Array) -> _Linear | None:
+            return self._safely(self.deviation, p + back @ y)
+
+        def values(y: Array) -> ObjectiveValues:
+            found = at(y)
+            value = np.full(NODES, np.nan) if found is None else found.value / scale
+            return ObjectiveValues(np.concatenate([value, -value]), value[-1:])
+
+        def rows(y: Array) -> LinearisedValues:
+            found = at(y)
+            assert found is not None  # the solver rejects steps to points without values
+            jacobian = found.jacobian @ back / scale
+            return LinearisedValues(
+                *values(y), np.concatenate([jacobian, -jacobian]), jacobian[-1:]
+            )
+
+        free = np.full(p.size, np.inf)
+        found = solve_minimax(
+            values, rows, np.zeros(p.size), (-free, free), tolerance=SETTLED, first_trust=1.0
         )
+        return self._with_rim(p + back @ found.y)
 
     def _with_rim(self, p: Array) -> Array:
         """Apply the smallest change that gives the rim at least the target's field angle."""
         for _ in range(5):  # Newton iterations
             linear = self.deviation(p)
-            row = linear.jacobian[-1]
-            p = p - row * (linear.value[-1] + 1e-13) / (row @ row)
-        return p
-
-    def _levelled(self, p: Array, hold: bool) -> Array:
-        """Iterate linear models with step reduction; ``hold`` constrains the rim."""
-        worst = (
-            np.inf if hold else self._worst(self.deviation(p))
-        )  # the rim constraint may increase the deviation
-        for _ in range(MODELS):
-            aim = self._lawson(p, self.deviation(p), hold)
-            for share in (1.0, 0.5, 0.25, 0.1) if worst < np.inf else (1.0,):
-                there = self._safely(self.deviation, p + share * (aim - p))
-                if there is not None and self._worst(there) < worst:
-                    break
-            else:
-                return p
-            gain = worst - self._worst(there)
-            p, worst = p + share * (aim - p), self._worst(there)
-            if gain < SETTLED * worst:
-                return p
-        return p
-
-    def _lawson(self, p: Array, linear: _Linear, hold: bool) -> Array:
-        """Minimise the largest deviation of a linear model; ``hold`` requires 0 at the rim."""
-        value, J = linear.value, linear.jacobian / (size := np.linalg.norm(linear.jacobian, axis=0))
-        onto, free = np.zeros(p.size), np.eye(p.size)
-        if hold:
-            row = J[-1]
-            onto = -row * value[-1] / (row @ row)
-            free = np.linalg.svd(row[None, :])[2][1:].T  # directions without effect on the rim
-        value, J = value + J @ onto, np.linalg.qr(J @ free)[0]
-        weights, best, least = np.full(NODES, 1 / NODES), value, np.inf
-        for _ in range(ROUNDS):
-            root = np.sqrt(weights)
-            rest = value - J @ np.linalg.lstsq(root[:, None] * J, root * value, rcond=None)[0]
-            distance = np.abs(rest)
-            if distance.max() < least:
-                best, least = rest, float(distance.max())
-            if distance.max() <= (1 + SETTLED) * float(
-                weights @ distance
-            ):  # the mean is a lower bound
+            if linear.value[-1] <= 0:
                 break
-            weights = weights * distance / float(weights @ distance)
-        y = np.linalg.lstsq(linear.jacobian / size @ free, best - value, rcond=None)[0]
-        found: Array = p + (onto + free @ y) / size
-        return found
+            row = linear.jacobian[-1]
+            p = p - row * (linear.value[-1] + BEYOND) / (row @ row)
+        return p
 
     @staticmethod
     def _worst(linear: _Linear) -> float:

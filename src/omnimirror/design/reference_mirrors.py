@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -73,8 +74,8 @@ def _makers(rim: RimRay) -> Iterator[tuple[str, Callable[[], MountedMirror]]]:
     for mapping in EXACT if rim.theta_max_deg else TELECENTRIC:
         yield (
             EXACTLY + mapping.replace("-", " "),
-            lambda mapping=mapping: generated_mirror(mapping, rim),
-        )  # type: ignore[misc]
+            partial(generated_mirror, mapping, rim),
+        )
 
 
 def _scaled(sensor: Sensor, rim_radius_mm: float) -> MountedMirror:

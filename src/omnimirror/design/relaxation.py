@@ -14,7 +14,7 @@ from ..base.errors import OmnimirrorError
 from ..optics.image_sensor import Imager
 from ..optics.mirrors.mappings import MAPPINGS
 from ._design_space import BestDesign, Point, Say, Space
-from ._parameter_search import RangeSearch
+from ._parameter_search import RangeSearch, Ranked
 from .catalogue import ImagerComponent, read_catalogue
 from .limits import Limit
 from .mirror_construction import FAMILIES
@@ -24,10 +24,12 @@ from .requirements import OF_MAPPINGS, Requirements
 
 # -- Discrete alternatives for infeasible requirements: apex, mirror, filled side, imager ----------
 #
-# A separate search verifies each alternative. It is shorter than the search of the main design;
-# therefore the result of an alternative may be better than reported, but never worse.
+# Each alternative is screened by a few designs, without fits, and a search then improves the most
+# promising ones. Both are shorter than the search of the main design; therefore the result of an
+# alternative may be better than reported, but never worse.
 
-STARTS = 1  # searches for each alternative
+SCREENED = 6  # designs for the screening of each alternative
+SEARCHED = 3  # most promising alternatives, which are searched
 IMAGERS = 3  # larger imagers of the catalogue, the smallest of them first
 MIN_GAIN = (
     0.01  # relative decrease of the largest violation that makes an alternative worth reporting
@@ -74,19 +76,38 @@ def find_alternatives(
     say
         Callback for progress messages, called before each alternative.
     """
-    for entry, asked, value, other in _choices(requirements):
-        say(f"alternative {entry} = {value}")
-        try:
-            found = RangeSearch(other).best(enough=0.0, starts=STARTS)
-            reached = judge(other, found.made.sensor)
-        except OmnimirrorError:
-            continue
+    screened = list[tuple[Choice, Ranked]]()
+    for choice in _choices(requirements):
+        say(f"alternative {choice.entry} = {choice.value}")
+        if (found := RangeSearch(choice.requirements).screened(SCREENED)) is not None:
+            screened.append((choice, found))
+    screened.sort(
+        key=lambda pair: max(pair[1].cost, 0.0)
+    )  # those that meet all requirements in their order
+    left = SEARCHED
+    for choice, found in screened:
+        if found.cost > 0 and left:
+            left -= 1
+            say(f"alternative {choice.entry} = {choice.value}: search")
+            found = RangeSearch(choice.requirements).followed(found, enough=0.0)
+        reached = judge(choice.requirements, found.made.sensor)
         if reached.is_met or reached.worst < (1 - MIN_GAIN) * verdict.worst:
-            yield Alternative(entry, asked, value, reached.missed, reached.worst)
+            yield Alternative(
+                choice.entry, choice.asked, choice.value, reached.missed, reached.worst
+            )
 
 
-def _choices(requirements: Requirements) -> Iterator[tuple[str, str, str, Requirements]]:
-    """Yield entry, requested value, other value and changed requirements of each choice."""
+class Choice(NamedTuple):
+    """Alternative of an entry of the requirement file, with the changed requirements."""
+
+    entry: str
+    asked: str
+    value: str
+    requirements: Requirements
+
+
+def _choices(requirements: Requirements) -> Iterator[Choice]:
+    """Yield the alternatives that fit the other entries."""
     mirror, lens, imager = requirements.mirror, requirements.lens, requirements.imager
     apex = "smooth" if mirror.is_pointed else "pointed"
     choices: list[tuple[str, str, str, dict[str, Any]]] = []
@@ -110,13 +131,13 @@ def _choices(requirements: Requirements) -> Iterator[tuple[str, str, str, Requir
     ]
     for entry, asked, value, entries in choices:
         try:
-            yield entry, asked, value, requirements.changed(**entries)
+            yield Choice(entry, asked, value, requirements.changed(**entries))
         except OmnimirrorError:  # the choice does not fit the other entries
             continue
     for part in _larger_imagers(requirements):
         asked = f"{imager.width_px} x {imager.height_px} px of {imager.pixel_pitch_um:g} um"
         larger = Imager(part.width_px, part.height_px, part.pixel_pitch_um)
-        yield "imager", asked, part.name, replace(requirements, imager=larger)
+        yield Choice("imager", asked, part.name, replace(requirements, imager=larger))
 
 
 def _larger_imagers(requirements: Requirements) -> list[ImagerComponent]:

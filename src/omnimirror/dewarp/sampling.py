@@ -17,7 +17,7 @@ compiled samplers quantise fractions of a pixel to 1/255 in uint8 images and to 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -290,7 +290,19 @@ def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) 
     first, last = max(top - 1, 0), min(bottom + 1, len(where))
     pixels: Values = where[first:last].astype(np.float32)
     pixels[~inside_image(pixels, size)] = np.nan
-    return _extrapolated(_extrapolated(pixels, 1, True, True), 0, first == top, last == bottom)
+    return _extrapolated(_with_neighbours(pixels), 0, first == top, last == bottom)
+
+
+def _with_neighbours(pixels: Values) -> Values:
+    """Extrapolate rows by one pixel at both ends, by a parabola through three pixels if they are
+    inside: columns at the seam of a full panorama have neighbours on a circle.
+    """
+    extended = _extrapolated(pixels, 1, True, True)
+    if pixels.shape[1] > 2:
+        for end, (one, two, three) in ((0, (0, 1, 2)), (-1, (-1, -2, -3))):
+            parabola = 3 * (pixels[:, one] - pixels[:, two]) + pixels[:, three]
+            extended[:, end] = np.where(np.isnan(parabola), extended[:, end], parabola)
+    return extended
 
 
 def _extrapolated(pixels: Values, axis: int, before: bool, after: bool) -> Values:
@@ -431,6 +443,30 @@ def sampler() -> Sampler:
     return CompiledSampler() if backend.is_compiled else OpenCVSampler()
 
 
+LEAST_WEIGHT = 1e-6
+"""Weight of infinite values above which a mean is infinite, above rounding errors."""
+
+
+def _sample_infinite(selected: Sampler, job: RemapJob, where: Map) -> None:
+    """Sample an image with infinite values: means with a positive weight of them are infinite.
+
+    A weight of 0 would make the product with infinity undefined, and so would the negative weights
+    of cubic samples beside it. The means of finite values are therefore divided by their weight.
+    """
+    finite = np.where(np.isinf(job.source), np.float32(0), job.source)
+    selected.sample(replace(job, source=finite), where)
+    result = job.target
+    for value in (np.float32(np.inf), np.float32(-np.inf)):
+        weight = np.empty_like(result)
+        is_value = (job.source == value).astype(np.float32)
+        selected.sample(
+            replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where
+        )
+        with np.errstate(invalid="ignore"):
+            result /= np.where(weight < LEAST_WEIGHT, 1 - weight, 1)
+        result[weight >= LEAST_WEIGHT] = value
+
+
 def remap(
     image: Image,
     where: Map,
@@ -480,10 +516,11 @@ def remap(
     target = target_view if is_direct else np.empty(target_view.shape, target_view.dtype)
     source = contiguous(image if image.ndim == 3 else image[..., None])
     averages = where.averages(interpolation)
-    selected.sample(
-        RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages),
-        where,
-    )
+    job = RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages)
+    if source.dtype == np.float32 and np.isinf(source).any():
+        _sample_infinite(selected, job, where)
+    else:
+        selected.sample(job, where)
     if not is_direct:
         target_view[...] = target
     return out

@@ -279,6 +279,8 @@ def _dewarp_live_source(
     )
     try:
         first = live.first()
+        for note in live.notes:
+            callbacks.on_warning(note)
         view_over_time = ViewOverTime(
             request, (first.width, first.height), settings, live.siting, first.format.name
         )

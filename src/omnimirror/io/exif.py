@@ -34,7 +34,9 @@ MAX_ENTRIES = 1000
 
 F_NUMBER, SUBJECT_DISTANCE = 0x829D, 0x9206
 """Aperture, and distance of the plane in focus in metres."""
-RATIONAL, INFINITE = 5, 0xFFFFFFFF
+INFINITE = 0xFFFFFFFF
+NUMBERS = {3: "<H", 4: "<I", 5: "<II", 10: "<ii", 11: "<f", 12: "<d"}
+"""Forms of numbers, by type; the specification requires 5, and some programs write others."""
 
 
 class Entry(NamedTuple):
@@ -93,21 +95,23 @@ def exposure_of(exif: Exif | None) -> Exposure:
     """
     if exif is None:
         return Exposure()
-    f_number, metres = (_rational(exif.exposure.get(tag)) for tag in (F_NUMBER, SUBJECT_DISTANCE))
+    f_number, metres = (_number(exif.exposure.get(tag)) for tag in (F_NUMBER, SUBJECT_DISTANCE))
     finite = f_number if f_number is not None and f_number != float("inf") else None
     return Exposure(finite, None if metres is None else 1000 * metres)
 
 
-def _rational(entry: Entry | None) -> float | None:
+def _number(entry: Entry | None) -> float | None:
     """Return a positive number, or infinity as EXIF notes it; None for unknown (0) or invalid
     values.
     """
-    if entry is None or entry.kind != RATIONAL or len(entry.values) != 8:
+    form = None if entry is None else NUMBERS.get(entry.kind)
+    if entry is None or form is None or len(entry.values) != struct.calcsize(form):
         return None
-    above, below = struct.unpack("<II", entry.values)
-    if above == INFINITE:
+    above, below = (*struct.unpack(form, entry.values), 1)[:2]
+    if form == "<II" and above == INFINITE:
         return float("inf")
-    return above / below if above and below else None
+    number = above / below if below else 0.0
+    return number if 0 < number < float("inf") else None
 
 
 def parse_exif(block: bytes) -> Exif | None:

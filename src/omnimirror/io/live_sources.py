@@ -17,7 +17,14 @@ from av.container import InputContainer
 from ..base.errors import MediaError
 from . import interrupts
 from .exif import UPRIGHT
-from .video_frames import ChromaSiting, Deinterlacer, frame_orientation, siting_of, upright
+from .video_frames import (
+    ChromaSiting,
+    Deinterlacer,
+    frame_orientation,
+    orientation_note,
+    siting_of,
+    upright,
+)
 from .video_reader import VideoReader
 
 # -- Cameras and network streams: newest frame, and reconnection after losses ----------------------
@@ -129,6 +136,8 @@ class LiveSource:
         """Frames per second of the stream; None before the first frame, or if unknown."""
         self.siting: ChromaSiting = "left"
         """Position of chroma samples in the frames."""
+        self.notes: tuple[str, ...] = ()
+        """Remarks on the frames for the user, in sentences; known after the first frame."""
         self._newest: av.VideoFrame | None = None
         self._problem: MediaError | None = None
         self._is_over = False
@@ -274,8 +283,14 @@ class LiveSource:
                         f"{self.name} is back after {time.monotonic() - self._heard:.1f} s"
                     )
                     is_found_again = False
-                orientation = None if self._stored_orientation else frame_orientation(frame)
-                self._offer(upright(frame, orientation or UPRIGHT))
+                found = frame_orientation(frame)
+                if not self.received and (
+                    note := orientation_note(self.name, found, self._stored_orientation)
+                ):
+                    self.notes = (note,)
+                self._offer(
+                    upright(frame, UPRIGHT if self._stored_orientation else found or UPRIGHT)
+                )
 
     def _offer(self, frame: av.VideoFrame) -> None:
         with self._news:
@@ -367,6 +382,8 @@ class Playback:
     opening_s : s
         Timeout for the first frame of a stream; a stream that has played is waited for without
         limit.
+    stored_orientation
+        Yield frames as stored, without the rotation of a display matrix.
     """
 
     def __init__(
@@ -375,13 +392,21 @@ class Playback:
         is_live: bool,
         report: Callable[[str], None],
         opening_s: float = float("inf"),
+        *,
+        stored_orientation: bool = False,
     ) -> None:
         self.place, self.is_live = place, is_live
         self.siting: ChromaSiting = "left"
         """Position of chroma samples in the frames; known after the first one."""
         self.frame_rate: Fraction | None = None
         """Frames per second, if the source contains it; known after the first frame."""
-        self._report, self._opening_s = report, opening_s
+        self.notes: tuple[str, ...] = ()
+        """Remarks on the frames for the user, in sentences; known after the first frame."""
+        self._report, self._opening_s, self._stored_orientation = (
+            report,
+            opening_s,
+            stored_orientation,
+        )
         self._stopping = threading.Event()
 
     def stop(self) -> None:
@@ -399,10 +424,14 @@ class Playback:
         return self._live() if self.is_live else self._file()
 
     def _live(self) -> Iterator[av.VideoFrame]:
-        endless = float("inf")
-        with LiveSource(
-            self.place, patience_s=endless, opening_s=self._opening_s, report=self._report
-        ) as source:
+        live = LiveSource(
+            self.place,
+            patience_s=float("inf"),
+            opening_s=self._opening_s,
+            report=self._report,
+            stored_orientation=self._stored_orientation,
+        )
+        with live as source:
 
             def close() -> None:
                 self._stopping.wait()
@@ -410,15 +439,25 @@ class Playback:
 
             threading.Thread(target=close, daemon=True).start()  # a silent stream blocks
             for frame in source.frames():
-                self.siting, self.frame_rate = source.siting, source.frame_rate
+                self.siting, self.frame_rate, self.notes = (
+                    source.siting,
+                    source.frame_rate,
+                    source.notes,
+                )
                 yield frame
                 if self._stopping.is_set():
                     return
 
     def _file(self) -> Iterator[av.VideoFrame]:
         while not self._stopping.is_set():
-            reader = VideoReader(self.place, with_sound=False)
-            self.siting, self.frame_rate = reader.siting, reader.frame_rate
+            reader = VideoReader(
+                self.place, with_sound=False, stored_orientation=self._stored_orientation
+            )
+            self.siting, self.frame_rate, self.notes = (
+                reader.siting,
+                reader.frame_rate,
+                tuple(reader.notes),
+            )
             begin, first = time.monotonic(), None
             for frame in reader.frames():
                 shown_s = frame.time or 0.0
@@ -430,8 +469,9 @@ class Playback:
             self._stopping.wait(float(1 / reader.frame_rate))
 
 
-def source_size(place: str, is_live: bool) -> tuple[int, int]:
-    """Return the (width, height) of the frames of a source, px.
+def source_size(place: str, is_live: bool, *, stored_orientation: bool = False) -> tuple[int, int]:
+    """Return the (width, height) of the frames of a source, px; ``stored_orientation`` as for
+    :class:`Playback`.
 
     Raises
     ------
@@ -439,7 +479,7 @@ def source_size(place: str, is_live: bool) -> tuple[int, int]:
         The source does not exist, or yields no frame.
     """
     if not is_live:
-        return VideoReader(place, with_sound=False).size
-    with LiveSource(place) as source:
+        return VideoReader(place, with_sound=False, stored_orientation=stored_orientation).size
+    with LiveSource(place, stored_orientation=stored_orientation) as source:
         frame = source.first()
     return frame.width, frame.height

@@ -37,6 +37,8 @@ from .video_metadata import (
     MasteringDisplay,
     SubtitleTrack,
     copy_track_metadata,
+    holds_data,
+    lost_data,
     unsupported_tracks,
 )
 
@@ -99,6 +101,8 @@ class Encoder:
     subtitles
         Text subtitle streams, whose packets are converted for the container; ``lost_tracks``
         reports unsupported ones.
+    data
+        Data streams whose packets are copied; ``lost_data`` reports unsupported ones.
     chapters
         Chapters; ``lost_tracks`` reports if the container does not support them.
     begins_s : s
@@ -138,6 +142,7 @@ class Encoder:
         pixel_aspect: Fraction = Fraction(1),
         audio: Sequence[AudioStream] = (),
         subtitles: Sequence[Any] = (),
+        data: Sequence[Any] = (),
         chapters: Sequence[Chapter] = (),
         begins_s: Fraction = Fraction(0),
         metadata: Mapping[str, str] | None = None,
@@ -188,13 +193,22 @@ class Encoder:
                 self.lost = ", ".join(filter(None, [self.lost, DISPLAY_LOST]))
             if rotation_deg:
                 self._stream.set_display_rotation(rotation_deg)
-            self._audio = {stream.index: self._audio_stream(stream) for stream in audio}
+            self._copied: dict[int, Any] = {
+                stream.index: self._audio_stream(stream) for stream in audio
+            }
             self._begins_s, name = begins_s, self.container.format.name
             self.lost_tracks = unsupported_tracks(name, audio, subtitles, chapters)
             """Subtitles and chapters that the container does not support, as a phrase."""
             held = subtitles if name in SUBTITLE_CODECS else ()
             self._subtitles = {
                 stream.index: SubtitleTrack(self.container, stream) for stream in held
+            }
+            self.lost_data = lost_data(name, data)
+            """Data tracks that the container does not support, as a phrase."""
+            self._copied |= {
+                stream.index: self._data_stream(stream)
+                for stream in data
+                if holds_data(name, stream)
             }
             if chapters and name in CHAPTER_FORMATS:
                 moved = (
@@ -269,9 +283,9 @@ class Encoder:
         frame.time_base = self._time_base
 
     def copy(self, packet: Packet[AudioStream]) -> None:
-        """Write a packet of an audio or subtitle stream."""
+        """Write a packet of an audio, subtitle or data stream."""
         made: Packet[Any] | None = None
-        if packet.size and (stream := self._audio.get(packet.stream_index)) is not None:
+        if packet.size and (stream := self._copied.get(packet.stream_index)) is not None:
             packet.stream, made = stream, packet
         elif packet.size and (track := self._subtitles.get(packet.stream_index)) is not None:
             made = track.packet(packet)
@@ -319,6 +333,14 @@ class Encoder:
         except ValueError:
             pass
         raise self._cannot_hold(source)
+
+    def _data_stream(self, source: Any) -> Any:
+        stream: Any = self.container.add_data_stream(source.name)
+        copy_track_metadata(stream, source, self.container.format.name)
+        if handler := source.metadata.get("handler_name"):
+            stream.metadata["handler_name"] = handler
+        stream.time_base = source.time_base
+        return stream
 
     def _begin(self, audio: Sequence[AudioStream]) -> None:
         """Write the header now: unsupported streams raise an error before any work."""

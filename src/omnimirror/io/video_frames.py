@@ -17,7 +17,7 @@ from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
 from ..base.errors import MediaError
-from .exif import UPRIGHT, oriented
+from .exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, UPRIGHT, oriented
 
 # -- Properties of pixel formats: chroma subsampling, bit depth, transparency ----------------------
 
@@ -444,6 +444,22 @@ def frame_orientation(frame: av.VideoFrame) -> int | None:
     signs = np.where(np.abs(values) > 0.02 * np.abs(values).max(), np.sign(values), 0).astype(int)
     (a, b), (c, d) = signs.tolist()
     return ORIENTATION_OF_AXES.get(((a, b), (c, d)))
+
+
+def orientation_note(name: str, found: int | None, is_stored: bool) -> str | None:
+    """Return a sentence that reports the orientation in a video file or stream; None if there is
+    nothing to report.
+
+    >>> orientation_note("ride.mp4", 3, is_stored=True)
+    'ride.mp4: frames as stored; for display they are turned by 180 deg'
+    """
+    if found is None:
+        return f"{name}: its rotation is not a multiple of 90 deg and is not applied"
+    if found == UPRIGHT:
+        return None
+    if is_stored:
+        return f"{name}: frames as stored; for display they are {ORIENTATION_NAMES[found]}"
+    return f"{name}: {ORIENTATION_NAMES[found]}, as the file requires; {STORED_ORIENTATION_HINT}"
 
 
 def upright(frame: av.VideoFrame, orientation: int) -> av.VideoFrame:

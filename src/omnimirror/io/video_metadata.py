@@ -147,6 +147,15 @@ QUICKTIME_LANGUAGE_CODES = {
     "eus": "baq",
 }
 """Alternative codes of ISO 639-2 for them."""
+DATA_OF = {"mp4": ("bin_data",), "mpegts": ("klv", "timed_id3")}
+"""Data codecs by container format, in which FFmpeg keeps their identification.
+
+In MP4 and MOV files, FFmpeg calls GPMF telemetry (gpmd) ``bin_data``, and writes all ``bin_data``
+as gpmd; in other files ``bin_data`` is of any kind.
+"""
+DATA_KEEPERS = ".mp4 keeps GPMF telemetry, .ts keeps KLV and ID3"
+NO_PACKETS = 48
+"""Value of ``discard`` for tracks that FFmpeg reads as other information, such as the text of chapters."""
 ARBITRARY_ORIGIN_FORMATS = ("mpegts", "mpeg")
 """Formats with an arbitrary time origin, whose start time has no meaning."""
 MILLISECOND = Fraction(1, 1000)
@@ -189,6 +198,36 @@ def text_subtitles(container: Any) -> tuple[Any, ...]:
     )
 
 
+def data_streams(container: Any) -> tuple[Any, ...]:
+    """Return the data streams of a file, without chapters and timecodes, which are read as such."""
+    return tuple(
+        stream
+        for stream in container.streams.data
+        if stream.discard != NO_PACKETS and "timecode" not in stream.metadata
+    )
+
+
+def holds_data(format_name: str, stream: Any) -> bool:
+    """Return whether a container format can store a data stream."""
+    if stream.name == "bin_data" and "mp4" not in stream.container.format.name.split(","):
+        return False
+    return stream.name in DATA_OF.get(format_name, ())
+
+
+def lost_data(format_name: str, data: Sequence[Any]) -> str:
+    """Describe the data tracks that a format does not support; empty if it supports all."""
+    return " and ".join(
+        _data_track(stream) for stream in data if not holds_data(format_name, stream)
+    )
+
+
+def _data_track(stream: Any) -> str:
+    """Return a description of a data track, for example "data track 3 (GoPro MET)"."""
+    names = (stream.metadata.get(key) for key in ("handler_name", "name", "title"))
+    name = next((name.strip() for name in names if name and name.strip()), stream.name)
+    return f"data track {stream.index} ({name or 'of an unknown kind'})"
+
+
 def lost_tracks(container: Any) -> Iterable[str]:
     """Yield descriptions of the tracks of a file that no output keeps."""
     images = [
@@ -200,6 +239,9 @@ def lost_tracks(container: Any) -> Iterable[str]:
         yield _number(container.streams.attachments, "attachment")
     if len(container.streams.video) > 1:
         yield _number(container.streams.video[1:], "further video track")
+    for stream in data_streams(container):
+        if not any(holds_data(format_name, stream) for format_name in DATA_OF):
+            yield _data_track(stream)
 
 
 def unsupported_tracks(

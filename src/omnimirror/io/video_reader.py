@@ -18,22 +18,26 @@ from av.video.stream import VideoStream
 
 from ..base.errors import InvalidParameter, MediaError
 from ..base.files import check_file
-from .exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, TRANSPOSING_ORIENTATIONS, UPRIGHT
+from .exif import TRANSPOSING_ORIENTATIONS, UPRIGHT
 from .image_sequences import first_number, is_sequence, numbered_files
 from .video_frames import (
     SITING_AFTER_ORIENTATION,
     ColourCoding,
     Deinterlacer,
     frame_orientation,
+    orientation_note,
     siting_of,
     upright,
 )
 from .video_metadata import (
     ARBITRARY_ORIGIN_FORMATS,
+    DATA_OF,
     MasteringDisplay,
     advance_timecode,
     chapters_between,
+    data_streams,
     dynamic_hdr_names,
+    holds_data,
     lost_tracks,
     read_timecode,
     text_subtitles,
@@ -58,7 +62,8 @@ class VideoReader:
     The rotation or mirroring in the display matrix of a file is applied, as by FFmpeg and players,
     unless ``stored_orientation`` is set. Interlaced frames are deinterlaced
     (:class:`.interlace.Fields`). Only the first video stream is read, with all audio streams, text
-    subtitles and chapters; ``notes`` names other, dropped tracks. Each pass reads the file again.
+    subtitles, data streams that an output can store, and chapters; ``notes`` names other, dropped
+    tracks. Each pass reads the file again.
 
     Parameters
     ----------
@@ -70,7 +75,7 @@ class VideoReader:
         Duration; the rest by default. Frames with times in [start, start + duration) are read, with
         the times in the file minus ``start_s``.
     with_sound
-        Whether packets of audio and subtitles are read too.
+        Whether packets of audio, subtitles and data are read too.
     frame_rate : frames a second
         Frame rate of image sequences; files contain their own.
     stored_orientation
@@ -151,18 +156,8 @@ class VideoReader:
             self.siting = SITING_AFTER_ORIENTATION.get(self.orientation, self.siting)
         self.notes: list[str] = []
         """Remarks on the file for the user, in sentences."""
-        if self.orientation != UPRIGHT:
-            self.notes.append(
-                f"{self.path}: {ORIENTATION_NAMES[self.orientation]}, as the file requires; {STORED_ORIENTATION_HINT}"
-            )
-        elif found is None:
-            self.notes.append(
-                f"{self.path}: its rotation is not a multiple of 90 deg and is not applied"
-            )
-        elif found != UPRIGHT:
-            self.notes.append(
-                f"{self.path}: frames as stored; for display they are {ORIENTATION_NAMES[found]}"
-            )
+        if note := orientation_note(str(self.path), found, self.stored_orientation):
+            self.notes.append(note)
         if first.interlaced_frame:
             self.notes.append(
                 f"{self.path} is interlaced; each picture is made whole from its first field"
@@ -189,6 +184,9 @@ class VideoReader:
         )
         self.subtitle_streams = text_subtitles(self._container) if self.with_sound else ()
         """Text subtitle streams, whose packets are returned with those of the audio."""
+        data = data_streams(self._container) if self.with_sound else ()
+        self.data_streams = tuple(s for s in data if any(holds_data(name, s) for name in DATA_OF))
+        """Data streams, such as telemetry, whose packets are returned with those of the audio."""
         origin = _origin(self._container)
         start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
         length = (
@@ -288,8 +286,9 @@ class _Pass:
         self.video = container.streams.video[0]
         self.tick = reader.time_base
         self.audio = list(container.streams.audio)[: len(reader.audio_streams)]
-        self.subtitles = [container.streams[own.index] for own in reader.subtitle_streams]
-        self.lasting = {own.index: own for own in (*reader.audio_streams, *reader.subtitle_streams)}
+        sparse = (*reader.subtitle_streams, *reader.data_streams)
+        self.sparse = [container.streams[own.index] for own in sparse]
+        self.lasting = {own.index: own for own in (*reader.audio_streams, *sparse)}
         """Streams of the reader: packets are used after this pass has closed its container."""
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
@@ -353,8 +352,8 @@ class _Pass:
         """Yield frames and packets with their times in the file (s), until video and audio have
         passed the end.
         """
-        streams = [self.video, *self.audio, *self.subtitles]
-        running = {stream.index for stream in (self.video, *self.audio)}  # subtitles may be sparse
+        streams = [self.video, *self.audio, *self.sparse]
+        running = {stream.index for stream in (self.video, *self.audio)}
         expected = Fraction(0)
         for packet in self.container.demux(streams):
             self._note(packet)

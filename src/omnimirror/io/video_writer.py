@@ -24,6 +24,7 @@ from .images import ImageFormat, check_size, format_of, write_image
 from .mp4 import SPHERICAL_SUFFIXES, can_be_spherical, extend_duration, make_spherical
 from .video_encoder import DEFAULT_CODEC, Encoder, media_errors
 from .video_frames import ChromaSiting, ColourCoding, Image, PixelFormat, converted, siting_of
+from .video_metadata import DATA_KEEPERS
 from .video_reader import Item, VideoReader
 
 # -- Atomic writing of video files -----------------------------------------------------------------
@@ -150,6 +151,8 @@ class VideoWriter:
                 self.notes.append(
                     f"{path}: not kept are {self._encoder.lost_tracks}; .mkv keeps them"
                 )
+            if self._encoder.lost_data:
+                self.notes.append(f"{path}: not kept are {self._encoder.lost_data}; {DATA_KEEPERS}")
             if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
                 self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv keep it")
             self._stack = self._stack.pop_all()
@@ -173,6 +176,7 @@ class VideoWriter:
             "pixel_aspect": source.pixel_aspect,
             "audio": source.audio_streams,
             "subtitles": source.subtitle_streams,
+            "data": source.data_streams,
             "chapters": source.chapters,
             "begins_s": source.begins_s,
             "metadata": source.metadata,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -225,9 +226,7 @@ def _fitted_asphere(mirror: Mirror, terms: int) -> Asphere:
     fit = _Fit(mirror, tuple(2 * i for i in range(2, terms + 1)))
     whole = _Fit(mirror, tuple(2 * i for i in range(1, terms + 1))).coefficients(0.0, 0.0, 1.0)
     vertex = [float(mirror.curvature(0.0)), 2 * whole[0]]
-    shapes = [
-        (c, _best_conic(lambda k, c=c: fit.worst(c, k), c, fit.M) if c > 0 else 0.0) for c in vertex
-    ]  # type: ignore[misc]
+    shapes = [(c, _best_conic(partial(fit.worst, c), c, fit.M) if c > 0 else 0.0) for c in vertex]
     c, k = min(shapes, key=lambda shape: fit.worst(*shape))
     return Asphere("even", c, k, (0.0, *fit.coefficients(c, k, N)), N)
 

@@ -9,6 +9,11 @@ from ..base.arguments import check_fields, choice
 from ..base.errors import InvalidParameter
 from ..base.parameters import Parameter
 
+# Sources of expansions and densities: ASM Handbook, volume 2, for aluminium 6061 (20 to 100 C),
+# copper C11000, nickel 200 and titanium grade 2; Carpenter Invar 36 (25 to 93 C); stainless steel:
+# mean of AISI 304 (17.2) and 316 (15.9); Schott N-BK7 (-30 to 70 C); Corning 7980; sapphire:
+# Crystran, mean of both axes; silicon: CRC Handbook; acrylic: Plexiglas GS. Brass, carbon fibre,
+# steel and the other plastics depend on grade and filler: mean values of data sheets.
 EXPANSIONS_PPM: dict[str, float] = {
     "abs": 90.0,
     "acrylic": 70.0,
@@ -23,6 +28,7 @@ EXPANSIONS_PPM: dict[str, float] = {
     "pla": 68.0,
     "polyamide": 80.0,
     "polycarbonate": 66.0,
+    "sapphire": 5.3,
     "silicon": 2.6,
     "stainless_steel": 16.5,
     "steel": 12.0,
@@ -43,6 +49,7 @@ DENSITIES_G_PER_CM3: dict[str, float] = {
     "pla": 1.24,
     "polyamide": 1.14,
     "polycarbonate": 1.20,
+    "sapphire": 3.98,
     "silicon": 2.33,
     "stainless_steel": 7.95,
     "steel": 7.85,
@@ -50,17 +57,21 @@ DENSITIES_G_PER_CM3: dict[str, float] = {
 }
 """Densities of the same materials, g/cm^3 (handbook values); alloys and plastics vary by a few per
 cent."""
+# The indices of optics/housing/materials.py are relative to air, and so are these rates. A data sheet
+# that lists dn/dT in vacuum requires dn_rel/dT = dn_abs/dT - n dn_air/dT with dn_air/dT = -0.92e-6/K at
+# 20 C and constant pressure (Schott TIE-19); this adds 1.4e-6/K to glass, and is negligible for plastics
+# and liquids.
 INDEX_RATES_PER_K: dict[str, float] = {
-    "acrylic": -1.05e-4,
-    "polycarbonate": -1.07e-4,
-    "bk7": 1.1e-6,
-    "fused_silica": 8.6e-6,
-    "sapphire": 1.3e-5,
-    "water": -1.0e-4,
-    "sea_water": -1.0e-4,
-    "mineral_oil": -3.8e-4,
+    "acrylic": -1.05e-4,  # 589 nm, 20 C; Waxler, Horowitz and Feldman, Appl. Opt. 18, 101 (1979)
+    "polycarbonate": -1.07e-4,  # as acrylic
+    "bk7": 3.0e-6,  # 546 nm, 20 to 40 C; Schott N-BK7 (1.6e-6 in vacuum)
+    "fused_silica": 1.0e-5,  # 589 nm, 20 C; 8.6e-6 in vacuum: Leviton and Frey, Proc. SPIE 6273, 62732K (2006)
+    "sapphire": 1.31e-5,  # ordinary ray, 546 nm; Crystran
+    "water": -1.0e-4,  # 589 nm, 20 to 25 C; CRC Handbook
+    "sea_water": -1.0e-4,  # 35 g/kg, 589 nm, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)
+    "mineral_oil": -3.8e-4,  # 589 nm, 25 C; Cargille immersion oils
 }
-"""Temperature coefficients of the refractive index near room temperature, 1/K."""
+"""Temperature coefficients of the refractive index relative to air, visible light, 1/K."""
 NAMES = tuple(EXPANSIONS_PPM)
 EXPANSION = Parameter("ppm/K", -100.0, 1000.0, "linear expansion, instead of a material")
 MATERIAL = Parameter("", 0.0, 0.0, "what it is made of", NAMES)

@@ -151,8 +151,8 @@ def training_ground_truth(
 ) -> TrainingGroundTruth:
     """Return the ground truth of a frame, and its flow to the following one.
 
-    Normals are those of the plane through three points on adjacent rays, and therefore exact on
-    flat surfaces.
+    Normals are those of the plane through three points on adjacent rays, on the sides without an
+    edge, and therefore exact on flat surfaces.
     """
     truth = ground_truth(camera, now.posed_scene, radiometry)
     shape = truth.depth_mm.shape
@@ -179,13 +179,11 @@ def training_ground_truth(
 @np.errstate(invalid="ignore")  # points at infinity
 def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) -> Array:
     """Return unit normals (n, 3) towards the origins; NaN for points at infinity."""
-    points = origins + depth[:, None] * towards
     helper = np.eye(3)[np.abs(towards).argmin(axis=1)]
     across = np.cross(towards, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     one, other = (
-        _along(scene, origins, towards, points, axis)
-        for axis in (across, np.cross(towards, across))
+        _along(scene, origins, towards, depth, axis) for axis in (across, np.cross(towards, across))
     )
     normal: Array = np.cross(one, other)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -193,18 +191,28 @@ def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) ->
     return normal
 
 
-def _along(scene: PosedScene, origins: Array, towards: Array, points: Array, axis: Array) -> Array:
-    """Return steps (n, 3) on the surface to the point of a ray rotated along an axis; at edges, to
-    the nearer side.
+def _along(scene: PosedScene, origins: Array, towards: Array, depth: Array, axis: Array) -> Array:
+    """Return steps (n, 3) on the surface to the point of a ray rotated along an axis, on the side
+    without an edge.
     """
-    steps = []
+    # On a plane with n . p = c, the ray o + t (d + s a) has 1/t = n . (d + s a) / (c - n . o), which is
+    # linear in s. The second difference of 1/t at s = 0, h and 2 h is therefore 0 on a flat side, and
+    # not 0 if an edge lies between the three rays.
+    steps, bends = [], []
+    points = origins + depth[:, None] * towards
     for sign in (NEIGHBOUR_ANGLE, -NEIGHBOUR_ANGLE):
-        beside = towards + sign * axis
-        beside /= np.linalg.norm(beside, axis=1, keepdims=True)
-        far = distances_mm(scene, origins, beside)
-        steps.append((far[:, None] * beside + origins - points) / sign)
-    lengths = [np.nan_to_num(np.linalg.norm(step, axis=1), nan=np.inf) for step in steps]
-    return np.where((lengths[0] <= lengths[1])[:, None], *steps)
+        near, far = (_reach(scene, origins, towards + times * sign * axis) for times in (1, 2))
+        steps.append((near[:, None] * (towards + sign * axis) + origins - points) / sign)
+        bends.append(np.abs(1 / depth - 2 / near + 1 / far))
+    chosen: Array = np.where((bends[0] <= bends[1])[:, None], *steps)
+    return chosen
+
+
+def _reach(scene: PosedScene, origins: Array, towards: Array) -> Array:
+    """Return distances (n,) along rays, in lengths of their directions."""
+    lengths = np.linalg.norm(towards, axis=1)
+    reach: Array = distances_mm(scene, origins, towards / lengths[:, None]) / lengths
+    return reach
 
 
 def _next_frame(

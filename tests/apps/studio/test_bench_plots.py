@@ -72,6 +72,33 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
     assert len(plotted(bench, "Image height")) == 3
 
 
+def test_object_sizes_are_plotted_at_the_object_distance(bench):  # noqa: F811
+    bench.locator(".groups label").filter(has_text="Object size").click()
+    cylinder = bench.locator("figure.plot").filter(has_text="Object size on a cylinder, mm/px")
+    assert cylinder.is_visible()
+    assert np.isnan(plotted(bench, "Object size on a cylinder")[1:]).all()  # of objects at infinity
+    bench.get_by_label("Infinitely far away").uncheck()
+    enter(bench, "Object distance", "700")
+    sensor = sensor_on(bench)
+    for surface in ("plane", "cylinder"):
+        omega, t, s = plotted(bench, f"Object size on a {surface}")
+        result = om.evaluate(
+            sensor, np.minimum(omega, sensor.field_deg[1]), object_distance_mm=700.0
+        )
+        truth = getattr(result, f"{surface}_t_mm_per_px")
+        known = np.isfinite(t) & (np.abs(omega - 90) > 1)  # field angles are rounded to 32 bits
+        np.testing.assert_allclose(t[known], truth[known], rtol=1e-4)
+        np.testing.assert_allclose(s, result.object_s_mm_per_px, rtol=1e-5)
+        range_ = bench.evaluate(
+            "(title) => window.omnimirror.tabs.bench.desk.charts.find((c) => c.chart.title === title).range",
+            f"Object size on a {surface}",
+        )
+        assert range_[1] <= 8 * np.nanmedian(np.concatenate([t, s]))  # not that of the pole
+    rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Object size on a plane as CSV"))))
+    assert {"plane_t_mm_per_px", "object_s_mm_per_px"} <= rows[0].keys()
+    bench.locator(".groups label").filter(has_text="Object size").click()
+
+
 @pytest.mark.full
 def test_where_nothing_differs_that_is_said_and_drawn_in_the_middle(bench):  # noqa: F811
     bench.get_by_role("button", name="Pin", exact=True).click()
@@ -156,7 +183,8 @@ def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
         enter(bench, "Focal length", str(12 + number))
         bench.locator(".compare tbody tr").nth(number + 1).wait_for()
     bottoms = bench.evaluate(
-        "[...document.querySelectorAll('#bench .plot:has(.chart)')].map((f) => f.getBoundingClientRect().bottom)"
+        "[...document.querySelectorAll('#bench .plot:not([hidden]):has(.chart)')]"
+        ".map((f) => f.getBoundingClientRect().bottom)"
     )
     assert len(bottoms) == 8
     assert max(bottoms) <= 800

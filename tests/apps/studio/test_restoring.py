@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 from dataclasses import replace
@@ -9,6 +10,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from starlette.testclient import TestClient
 
 import omnimirror as om
@@ -69,6 +71,26 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
         found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
         assert np.abs(restored.astype(int) - picture).max() > 8
         assert np.abs(found.astype(int) - restored).max() <= 1
+        assert answer.headers["omnimirror-note"].startswith("restored at a noise of")
+        stopped = io.BytesIO()
+        exif = Image.Exif()
+        exif[0x010F] = "Maker"
+        exif.get_ifd(0x8769)[0x829D] = 0.6
+        Image.fromarray(picture).save(stopped, "PNG", exif=exif)
+        png = stopped.getvalue()
+        answer = asked()
+        assert (
+            "EXIF has F/0.6, the sensor F/0.3: 50 % of its blur is assumed"
+            in answer.headers["omnimirror-note"]
+        )
+        found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        half = om.restore(replace(SMALL, lens=replace(SMALL.lens, f_number=0.6)), picture)
+        assert (
+            5 * np.abs(found.astype(int) - half).mean()
+            < np.abs(found.astype(int) - restored).mean()
+        )
+        converted = client.post("/api/pictures", content=png, params={"name": "p.png"}).content
+        assert Image.open(io.BytesIO(converted)).getexif().get_ifd(0x8769)[0x829D] == 0.6
         assert asked(id="ball:300").status_code == 400
         assert asked(image_size=[100, 100]).status_code == 400
         assert asked(id="nope").status_code == 404

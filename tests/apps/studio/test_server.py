@@ -19,11 +19,13 @@ import cv2
 import httpx
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import omnimirror as om
-from omnimirror.apps.studio import _server_state
+from omnimirror.apps.cli import app as command_line
+from omnimirror.apps.studio import _server_state, app
 from omnimirror.apps.studio._server_state import Sources, Streams, Studio
 from omnimirror.apps.studio._uploads import browser_picture, encoded
 from omnimirror.apps.studio.app import create_app
@@ -31,12 +33,15 @@ from omnimirror.calibration import rim
 from omnimirror.interop.http_server.auth import is_loopback
 from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
 from omnimirror.interop.http_server.server import listen
+from tests.io.test_orientation import tagged
+from tests.io.test_video import make_turned
 from tests.serving import in_a_loop
 
 from .browser import serving
 from .pictures import video_of
 
 LOCAL = "http://127.0.0.1"
+TURNED = np.random.default_rng(3).integers(0, 255, (30, 44, 3), np.uint8)
 
 
 @pytest.fixture
@@ -401,6 +406,59 @@ def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
         assert states[-1] == "playing"
 
 
+@pytest.mark.parametrize("stored", [False, True])
+def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path, stored):
+    """Images, uploads and videos, compared with the files as OpenCV reads them with and without."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    image = tagged(folder / "a.png", TURNED, 6)
+    video = make_turned(folder / "b.mp4", 90)
+    flag = cv2.IMREAD_COLOR | (cv2.IMREAD_IGNORE_ORIENTATION if stored else 0)
+    expected = cv2.imread(str(image), flag)
+    capture = cv2.VideoCapture(str(video))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(not stored))
+    frame = capture.read()[1]
+    notes = []
+    studio = Studio(Sources(folders=[folder]), stored_orientation=stored, on_note=notes.append)
+    with TestClient(create_app(studio), base_url=LOCAL) as client:
+        shown = client.get("/api/picture", params={"id": "0/a.png"}).content
+        converted = client.post(
+            "/api/pictures", content=image.read_bytes(), params={"name": "a.png"}
+        ).content
+        assert ("data-stored-orientation" in client.get("/").text[:200]) == stored
+        with client.websocket_connect("ws://127.0.0.1/api/stream?id=0/b.mp4") as socket:
+            socket.send_text("next")
+            while (jpeg := socket.receive().get("bytes")) is None:
+                pass
+    for png in (shown, converted):
+        np.testing.assert_array_equal(
+            cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), expected
+        )
+    streamed = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert streamed.shape == frame.shape
+    assert np.abs(streamed.astype(int) - frame).mean() < 4
+    words = (
+        ["as stored; their EXIF data", "frames as stored"]
+        if stored
+        else ["as their EXIF data", "as the file requires"]
+    )
+    assert len(notes) == 2
+    for note, name, phrase in zip(notes, ["a.png", "b.mp4"], words, strict=True):
+        assert name in note
+        assert phrase in note
+
+
+@pytest.mark.parametrize(("command", "more"), [("view", ["a.png"]), ("studio", [])])
+def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, command, more):
+    tagged(tmp_path / "a.png", TURNED, 6)
+    monkeypatch.chdir(tmp_path)
+    started = []
+    monkeypatch.setattr(app, "serve", lambda studio, *rest: started.append(studio))
+    for option in ([], ["--stored-orientation"]):
+        assert CliRunner().invoke(command_line, [command, *more, *option]).exit_code == 0
+    assert [studio.stored_orientation for studio in started] == [False, True]
+
+
 def test_a_broken_video_ends_with_a_sentence(tmp_path):
     (tmp_path / "bad.mp4").write_bytes(b"no video")
     studio = Studio(Sources([str(tmp_path / "bad.mp4")]))
@@ -503,8 +561,8 @@ def test_no_part_of_an_answer_waits_until_the_part_before_it_is_acknowledged():
             )
             writer.close()
 
-        async with await asyncio.start_server(accepted, sock=listen("127.0.0.1", 0)) as server:
-            _, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+        async with await asyncio.start_server(accepted, sock=listen("127.0.0.1", 0)) as app:
+            _, writer = await asyncio.open_connection(*app.sockets[0].getsockname())
             writer.close()
             return await sent
 

@@ -365,6 +365,37 @@ def test_removed_blur_does_not_exceed_actual_blur(shared_data: Path, kind: str, 
         assert restorer.decide(image, 0.01).share < 0.3
 
 
+def _disk(diameter_px: float):
+    """Return the kernel of a disk, supersampled, of unit sum."""
+    place = (np.arange(15 * 8) - 59.5) / 8
+    inside = np.hypot(*np.meshgrid(place, place)) <= diameter_px / 2
+    kernel = inside.reshape(15, 8, 15, 8).mean(axis=(1, 3))
+    return kernel / kernel.sum()
+
+
+@pytest.mark.parametrize(
+    ("actual", "specified"), few([(0.0, 3.0), (1.5, 3.0), (3.0, 3.0)], (1.5, 3.0))
+)
+def test_uniform_blur_that_is_specified_too_large_does_no_harm(
+    shared_data: Path, actual: float, specified: float
+):
+    """Of a photograph with 1.5 px of blur, or none, 3 px are not removed; a correct value is."""
+    sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
+    sharp = _rendered(sensor, SCENES["leaves"](shared_data), None)
+    ball = om.MirrorBall(
+        sensor.symmetry.centre_px, sensor.rim_radius_px, 300.0, image_size=(256, 256)
+    )
+    light = cv2.filter2D(sharp, -1, _disk(actual)) if actual else sharp
+    noise = 0.01 * np.random.default_rng(1).standard_normal(light.shape)
+    image = np.rint(255 * np.clip(srgb_from_linear(light) + noise, 0, 1)).astype(np.uint8)
+    restorer = Restorer(ball, told=specified)
+    share = restorer.decide(image, 0.01).share
+    found = _tenths(restorer, sharp, image, restorer(image, 0.01, share))
+    assert found.min() > -0.3
+    assert found.mean() > (3 if actual == specified else -0.1)
+    assert (share == 1) == (actual == specified)
+
+
 @pytest.mark.parametrize("amount", [0.6, pytest.param(1.0, marks=pytest.mark.full)])
 @pytest.mark.parametrize(
     "name", ["paper-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)]
@@ -387,6 +418,44 @@ def test_sharpened_image_is_unchanged(shared_data: Path, name: str, amount: floa
     assert "overshoot" in decision.reason
     np.testing.assert_array_equal(restorer(sharpened), sharpened)
     assert restorer.decide(plain).share > 0.8
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "quality"),
+    [
+        ("paper-hyperboloidal", "windows", 95),
+        pytest.param("paper-hyperboloidal", "windows", 85, marks=pytest.mark.full),
+        pytest.param("paper-spherical", "panorama", 95, marks=pytest.mark.full),
+    ],
+)
+def test_weakly_sharpened_image_is_restored_partially(
+    shared_data: Path, name: str, kind: str, quality: int
+):
+    """Denoised and sharpened by an amount of 0.3: less blur is removed than from the image without."""
+    sensor = faster(om.load_sensor(name), 256, 1.0)
+    restorer, scene = Restorer(sensor), SCENES[kind](shared_data)
+    values = srgb_from_linear(_rendered(sensor, scene, 0))
+    noisy = np.rint(
+        255 * np.clip(values + 0.01 * np.random.default_rng(1).standard_normal(values.shape), 0, 1)
+    )
+    plain = cv2.bilateralFilter(noisy.astype(np.uint8), 5, 10, 2).astype(np.float32)
+    sharpened = plain + 0.3 * (plain - cv2.GaussianBlur(plain, (0, 0), 1.0))
+    plain, sharpened = (
+        coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), quality) for v in (plain, sharpened)
+    )
+    decision = restorer.decide(sharpened)
+    assert decision.share < 0.5
+    assert "overshoot" in decision.reason
+    restored = restorer(sharpened, share=decision.share)
+    assert _tenths(restorer, _rendered(sensor, scene, None), sharpened, restored).min() > -0.3
+    assert restorer.decide(plain).share == 1
+
+
+@pytest.mark.parametrize("quality", [85, pytest.param(70, marks=pytest.mark.full)])
+def test_coding_ringing_is_not_sharpening(small: Restorer, scene: om.Environment, quality: int):
+    """Sharp edges everywhere, where coding errors overshoot by more than a sharpened photograph does."""
+    image = coded(om.render_image(small.camera, scene, samples=64, blur=True), quality)
+    assert small.decide(image).share > 0.5
 
 
 @pytest.mark.parametrize(

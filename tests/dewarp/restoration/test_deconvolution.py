@@ -8,8 +8,8 @@ import pytest
 from benchmarks.restoration_gain import faster
 
 import omnimirror as om
-import omnimirror.dewarp.restoration.blur_kernels as blur_kernel_module
 from omnimirror.base.native import backend
+from omnimirror.dewarp.restoration import blur_model
 from omnimirror.dewarp.restoration._blur_fraction import BlurProblem
 from omnimirror.dewarp.restoration._deconvolution import (
     CompiledDeblurring,
@@ -18,7 +18,7 @@ from omnimirror.dewarp.restoration._deconvolution import (
     deblurring_of,
     solve,
 )
-from omnimirror.dewarp.restoration.blur_kernels import (
+from omnimirror.dewarp.restoration.blur_model import (
     Blur,
     blur_kernels,
     radial_blur_of,
@@ -34,7 +34,7 @@ KINDS = [SparseDeblurring, pytest.param(CompiledDeblurring, marks=needs_compiled
 @pytest.fixture
 def small_tiles(monkeypatch: pytest.MonkeyPatch):
     """Several tiles in a small image."""
-    monkeypatch.setattr(blur_kernel_module, "TILE_PX", 40)
+    monkeypatch.setattr(blur_model, "TILE_PX", 40)
 
 
 def blur_of(fineness: int) -> Blur:
@@ -254,7 +254,7 @@ def test_tiles_without_steps_are_unchanged(blur: Blur, kind):
 def test_pixels_with_shared_kernel_are_grouped(
     monkeypatch: pytest.MonkeyPatch, block: int, channels: int
 ):
-    monkeypatch.setattr(blur_kernel_module, "_block_px", lambda sizes, whole_radius_px: block)
+    monkeypatch.setattr(blur_model, "_block_px", lambda sizes, whole_radius_px: block)
     blur = BlurProblem(radial_blur_of(faster(om.load_sensor("paper-spherical"), 100, 0.4))).blur
     roots = random_roots(blur, channels)
     one, other = (kind(blur).start(roots, roots) for kind in (CompiledDeblurring, SparseDeblurring))
@@ -290,7 +290,7 @@ def test_compiled_solver_matches_matrices(
     of_thousandth: float,
     of_half: float,
 ):
-    monkeypatch.setattr(blur_kernel_module, "TILE_PX", tile_px)
+    monkeypatch.setattr(blur_model, "TILE_PX", tile_px)
     roots = random_roots(blur, channels)
     widening, noise = (np.full(roots.shape[:2], value, np.float32) for value in (2.0, 0.02))
     before = backend.name
@@ -328,7 +328,7 @@ def test_tiled_restoration_matches_full_image(monkeypatch: pytest.MonkeyPatch, n
     )
     noise, errors = np.full(roots.shape[:2], 0.01, np.float32), []
     for tile_px in (160, 56):
-        monkeypatch.setattr(blur_kernel_module, "TILE_PX", tile_px)
+        monkeypatch.setattr(blur_model, "TILE_PX", tile_px)
         sharp = solve(
             (None, CompiledDeblurring(problem.blur)),
             problem.widening,

@@ -38,6 +38,7 @@ from tests.commands import fails
 from tests.everyday import few
 from tests.io.test_live_sources import HEAD, free_port, paced
 from tests.io.test_live_sources import server as streaming
+from tests.io.test_video import make_turned
 from tests.serving import in_a_loop, served
 
 SIDE = 256
@@ -235,6 +236,31 @@ def test_frames_of_another_size_are_reported(film):
             "must have the size of the camera, 1024 x 1024 px; got 256 x 256 px"
             in httpx.get(f"{address}api/views").json()["state"]
         )
+
+
+@pytest.mark.parametrize("stored", [False, True])
+def test_rotation_of_a_video_is_applied_unless_frames_are_requested_as_stored(tmp_path, stored):
+    """The camera has the size of the frames as OpenCV reads them with and without the rotation."""
+    film = make_turned(tmp_path / "turned.mp4", 90)
+    capture = cv2.VideoCapture(str(film))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(not stored))
+    frame = capture.read()[1][..., ::-1]
+    height, width = frame.shape[:2]
+    ball = om.MirrorBall(
+        (width / 2 - 0.5, height / 2 - 0.5), 22.0, 300.0, image_size=(width, height)
+    )
+    views = {"front": VIEWS["front"]}
+    told = []
+    gateway = Gateway(
+        str(film), False, ball, views, on_status=told.append, stored_orientation=stored
+    )
+    with served(create_app(gateway, None)) as address:
+        shown = as_picture(httpx.get(f"{address}front.jpg", timeout=300).content)
+    expected = om.Dewarper(ball, views["front"](ball))(np.ascontiguousarray(frame))
+    assert off(shown, expected) < 6
+    assert [
+        ("as stored" if stored else "as the file requires") in sentence for sentence in told
+    ] == [True]
 
 
 def test_encoding_error_does_not_stop_the_view(gateway, monkeypatch):

@@ -88,7 +88,8 @@ export class Shots {
   }
 
   /** Take a picture; false where there are enough. */
-  async add(blob: Blob, name: string, time: number | null = null): Promise<boolean> {
+  async add(file: Blob, name: string, time: number | null = null): Promise<boolean> {
+    const blob = await api.asShown(file, name).catch(() => file); // its detection reports the error
     if (this.all.length >= MOST_SHOTS) return false;
     const shot: Shot = {
       key: `${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 8)}`,

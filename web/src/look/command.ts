@@ -1,4 +1,5 @@
 import { fileWord as file, shellWord } from "../shared/shell";
+import { storedOrientation } from "../shared/api";
 import type { State } from "../shared/state";
 import type { Feed } from "./feeds/feed";
 import type { Camera } from "./geometry/camera";
@@ -26,6 +27,7 @@ export function commandOf(
     "omnimirror",
     "dewarp",
     file(feed.source),
+    ...(storedOrientation ? ["--stored-orientation"] : []),
     ...cameraWords(camera),
     ...viewWords(s, camera, width, height),
   ];

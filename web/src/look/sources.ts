@@ -290,7 +290,8 @@ export class Sources {
   }
 
   private feedOf(file: Blob, name: string): Promise<Feed> {
-    return isVideo(file, name) ? videoFeed(file, name) : pictureFeed(file, name, this.hasServer);
+    if (isVideo(file, name)) return videoFeed(file, name);
+    return api.asShown(file, name).then((shown) => pictureFeed(shown, name, this.hasServer));
   }
 
   private show(feed: Feed): void {

@@ -49,6 +49,10 @@ export class Away extends Error {
 export const isForeseen = (e: unknown): e is Error =>
   e instanceof Error && (e.name === "Refused" || e.name === "Away");
 
+/** Whether images are shown as stored (--stored-orientation), without the rotation that browsers apply. */
+export const storedOrientation =
+  typeof document !== "undefined" && "storedOrientation" in document.documentElement.dataset;
+
 // -- what both tabs ask ---------------------------------------------------------------------------
 
 export const isThere = async (): Promise<boolean> =>
@@ -81,12 +85,21 @@ export const picture = async (id: string): Promise<Blob> =>
   (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> =>
   (await handedUp("api/pictures", file, { name })).blob();
+/** A picture file in the orientation that the server was started for. */
+export const asShown = async (file: Blob, name: string): Promise<Blob> =>
+  storedOrientation ? convert(file, name) : file;
 export const rim = (picture: Blob, name: string): Promise<RimFound> =>
   json(handedUp("api/rim", picture, { name }));
 export const level = (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> =>
   json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
-export const restored = async (asked: RestoreAsk, picture: Blob): Promise<Blob> =>
-  (await ask("api/restore", { method: "POST", body: pack(asked, picture) })).blob();
+/** A restored image, and a sentence on the removed blur. */
+export async function restored(
+  asked: RestoreAsk,
+  picture: Blob,
+): Promise<{ made: Blob; note: string }> {
+  const answer = await ask("api/restore", { method: "POST", body: pack(asked, picture) });
+  return { made: await answer.blob(), note: answer.headers.get("omnimirror-note") ?? "" };
+}
 export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
   json(handedUp("api/sensors", file, { name, optics }));
 export const sensorFile = async (asked: SensorFile): Promise<string> =>

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import click
 import numpy as np
@@ -171,9 +171,9 @@ def focus_range(text: str) -> Range:
     (250.0, inf)
     """
     low, colon, high = text.partition(":")
-    return (
-        (number_or_range(low), np.inf) if colon and high.strip() == "inf" else number_or_range(text)
-    )  # type: ignore[return-value]
+    if colon and high.strip() == "inf":
+        return cast(float, number_or_range(low)), np.inf
+    return number_or_range(text)
 
 
 @dataclass(frozen=True)

@@ -323,6 +323,9 @@ CURVES = (
     "blur_t_deg",
     "blur_s_deg",
     "floored_area_deg2",
+    "plane_t_mm_per_px",
+    "cylinder_t_mm_per_px",
+    "object_s_mm_per_px",
 )
 """Columns of :class:`~omnimirror.analysis.Evaluation` that are plotted."""
 SQUARES = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -16,13 +17,23 @@ from ... import __version__
 from ...base.errors import OmnimirrorError
 from ...cameras.frames import Mount
 from ...cameras.models import MirrorBall
-from ...io import read_image
+from ...io.exif import UPRIGHT, applied, exposure_of
+from ...io.images import read_image_and_metadata
 from ...optics.sensor import Sensor
 from ._camera_tables import camera_tables
 from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
 from ._look_cameras import Cameras, Known
 from ._server_state import Stream
-from ._uploads import browser_picture, collected, eight_bits, encoded, picture_in, safe_name
+from ._uploads import (
+    browser_picture,
+    collected,
+    eight_bits,
+    encoded,
+    picture_in,
+    png_of,
+    safe_name,
+    uploaded,
+)
 from .look_messages import (
     CameraAsk,
     CameraShown,
@@ -51,9 +62,12 @@ _rims: dict[bytes, RimFound] = {}
 """Cached mirror outlines by image digest."""
 
 
-def shown_picture(path: Path) -> bytes:
-    """Return an image of the server."""
-    return encoded(eight_bits(read_image(path)), ".png")
+def shown_picture(path: Path, stored_orientation: bool, on_note: Callable[[str], None]) -> bytes:
+    """Return an image of the server, and report an orientation in its file."""
+    image, carried = read_image_and_metadata(path, stored_orientation=stored_orientation)
+    if carried.orientation != UPRIGHT:
+        on_note(f"{path}: {applied(carried.orientation, stored_orientation)}")
+    return png_of(image, carried)
 
 
 def rim_in(data: bytes, name: str) -> RimFound:
@@ -93,19 +107,23 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
     )
 
 
-def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
-    """Restore an uploaded image: remove the optical blur of its sensor.
+def restored_picture(
+    sensor: Sensor, ask: RestoreAsk, data: bytes, stored_orientation: bool = False
+) -> tuple[bytes, str]:
+    """Restore an uploaded image, and report the removed blur and the effect of EXIF data.
 
     Raises
     ------
     OmnimirrorError
         Unreadable image, or an image of another sensor.
     """
-    from ...dewarp.restoration.deblurring import restore
+    from ...dewarp.restoration.deblurring import Restorer
 
-    picture = eight_bits(picture_in(data, safe_name(ask.name)))
+    picture, carried = uploaded(data, safe_name(ask.name), stored_orientation=stored_orientation)
     distance = np.inf if ask.object_distance_mm is None else ask.object_distance_mm
-    return encoded(restore(sensor, picture, object_distance_mm=distance), ".png")
+    restorer = Restorer.of_exposure(sensor, exposure_of(carried.exif), distance)
+    restored, words = restorer.reported(eight_bits(picture))
+    return encoded(restored, ".png"), words
 
 
 @lru_cache(maxsize=8)
@@ -130,6 +148,9 @@ def room_picture(known: Known) -> bytes:
 
 
 # -- HTTP and WebSocket routes of the Look tab: cameras as tables, images, streams -----------------
+
+NOTE = "omnimirror-note"
+"""Response header with a sentence for the user."""
 
 
 def add_look(app: FastAPI, studio: Studio) -> None:
@@ -192,6 +213,8 @@ def _add_files(app: FastAPI, cameras: Cameras) -> None:
 
 
 def _add_pictures(app: FastAPI, studio: Studio) -> None:
+    is_stored = studio.stored_orientation
+
     @app.get("/api/room", response_class=Response, responses={200: PNG})
     async def room(id: str) -> Response:
         """Return the rendered image of a room by a camera."""
@@ -208,7 +231,11 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         if shown.kind != "picture":
             raise HTTPException(404, f"{shown.name} is no picture")
         path = Path(shown.place)
-        return _png(await studio.unpacked.run(path, lambda: shown_picture(path)))
+        return _png(
+            await studio.unpacked.run(
+                path, lambda: shown_picture(path, studio.stored_orientation, studio.on_note)
+            )
+        )
 
     @app.post(
         "/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
@@ -217,7 +244,10 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         """Convert an image that browsers cannot read to 8-bit PNG."""
         data = await collected(request)
         return _png(
-            await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name)))
+            await studio.unpacked.run(
+                request,
+                lambda: browser_picture(data, safe_name(name), stored_orientation=is_stored),
+            )
         )
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
@@ -242,9 +272,10 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         ask, picture = unframed(await collected(request), RestoreAsk)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
-        return _png(
-            await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture))
+        data, words = await studio.simulated.run(
+            request, lambda: restored_picture(sensor, ask, picture, is_stored)
         )
+        return Response(data, media_type="image/png", headers={NOTE: words})
 
 
 def _add_streams(app: FastAPI, studio: Studio) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Container, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Container, Iterable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -132,8 +132,15 @@ LINGER_S = 2.0  # a reloaded page finds its stream still running
 class Stream:
     """Source that is read in a thread while pages watch it."""
 
-    def __init__(self, shown: Shown, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(
+        self,
+        shown: Shown,
+        loop: asyncio.AbstractEventLoop,
+        stored_orientation: bool,
+        on_note: Callable[[str], None],
+    ) -> None:
         self.shown = shown
+        self._on_note = on_note
         self.viewers = 0
         self.count = 0
         """Number of frames so far; also the index of the newest frame."""
@@ -145,7 +152,13 @@ class Stream:
 
         # A source that has played before is reopened after a failure; one that never opened is
         # reported as an error, and a reload tries again.
-        self._playing = Playback(shown.place, shown.kind == "live", self._report, OPENING_S)
+        self._playing = Playback(
+            shown.place,
+            shown.kind == "live",
+            self._report,
+            OPENING_S,
+            stored_orientation=stored_orientation,
+        )
         self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
         self._thread.start()
 
@@ -166,8 +179,13 @@ class Stream:
     def _run(self) -> None:
         from ...io.video_frames import image_of_frame
 
+        has_reported = False
         try:
             for frame in self._playing.frames():
+                if not has_reported:
+                    has_reported = True
+                    for note in self._playing.notes:
+                        self._on_note(note)
                 self._tell(
                     encoded(image_of_frame(frame), ".jpg"),
                     "playing",
@@ -195,9 +213,22 @@ class Stream:
 
 
 class Streams:
-    """Streams that are currently watched."""
+    """Streams that are currently watched.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    stored_orientation
+        Send frames as stored, without the rotation of a display matrix.
+    on_note
+        Called in the reader thread with a sentence on an opened source.
+    """
+
+    def __init__(
+        self,
+        stored_orientation: bool = False,
+        on_note: Callable[[str], None] = lambda sentence: None,
+    ) -> None:
+        self._options = stored_orientation, on_note
         self._running: dict[str, Stream] = {}
 
     @asynccontextmanager
@@ -205,7 +236,9 @@ class Streams:
         """Return a stream shared by all pages that watch the source."""
         stream = self._running.get(shown.id)
         if stream is None or stream.state.state == "ended":
-            stream = self._running[shown.id] = Stream(shown, asyncio.get_running_loop())
+            stream = self._running[shown.id] = Stream(
+                shown, asyncio.get_running_loop(), *self._options
+            )
         stream.viewers += 1
         try:
             yield stream
@@ -244,16 +277,22 @@ class Studio:
         Accepted host names in addition to those of this machine.
     token
         Access token required from other machines.
+    stored_orientation
+        Show images and videos as stored, without the orientation in their files.
+    on_note
+        Called with a sentence on an opened image or video, such as its orientation.
     """
 
     sources: Sources = field(default_factory=Sources)
     given: Known | None = None
     hosts: tuple[str, ...] = ()
     token: str | None = None
+    stored_orientation: bool = False
+    on_note: Callable[[str], None] = lambda sentence: None
 
     def __post_init__(self) -> None:
         self.cameras = Cameras(self.given)
-        self.streams = Streams()
+        self.streams = Streams(self.stored_orientation, self.on_note)
         self.lookers = BoardDetectorPool()
         self.simulated, self.unpacked, self.reported = JobQueue(), JobQueue(), JobQueue()
         self.built, self.toleranced, self.slid = JobQueue(), JobQueue(), JobQueue()

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import MediaError
-from ...io import images, read_image
+from ...io import images
+from ...io._image_metadata import ImageMetadata, embed_metadata
+from ...io.images import read_image_and_metadata
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -61,19 +63,28 @@ def safe_name(name: str) -> str:
     return re.sub(r"[^\w.-]", "_", last).strip("._-")[:80] or "file"
 
 
-def browser_picture(data: bytes, name: str) -> bytes:
-    """Convert an image that browsers cannot read (TIFF, 16 bits, ...) to 8-bit PNG.
+def browser_picture(data: bytes, name: str, *, stored_orientation: bool = False) -> bytes:
+    """Convert an image that browsers cannot read (TIFF, 16 bits, ...) to 8-bit PNG with its EXIF
+    data.
 
     Raises
     ------
     MediaError
         Unknown format, damaged image, or decoded size too large.
     """
-    return encoded(eight_bits(picture_in(data, name)), ".png")
+    return png_of(*uploaded(data, name, stored_orientation=stored_orientation))
 
 
-def picture_in(data: bytes, name: str) -> NDArray[Any]:
-    """Decode an uploaded image of any format.
+def picture_in(data: bytes, name: str, *, stored_orientation: bool = False) -> NDArray[Any]:
+    """Decode an uploaded image of any format, as :func:`uploaded` without its metadata."""
+    return uploaded(data, name, stored_orientation=stored_orientation)[0]
+
+
+def uploaded(
+    data: bytes, name: str, *, stored_orientation: bool = False
+) -> tuple[NDArray[Any], ImageMetadata]:
+    """Decode an uploaded image of any format, with its metadata; ``stored_orientation`` as for
+    :func:`omnimirror.read_image`.
 
     The decoded size is computed from the header and checked before decompression.
 
@@ -87,7 +98,7 @@ def picture_in(data: bytes, name: str) -> NDArray[Any]:
         path = Path(folder) / f"picture{suffix}"
         path.write_bytes(data)
         try:
-            return read_image(path)
+            return read_image_and_metadata(path, stored_orientation=stored_orientation)
         except MediaError as e:
             raise MediaError(str(e).replace(str(path), name)) from None
 
@@ -100,6 +111,16 @@ def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
         else [cv2.IMWRITE_PNG_COMPRESSION, 2]
     )
     return images.encoded(image, suffix, parameters)
+
+
+def png_of(image: NDArray[np.generic], carried: ImageMetadata) -> bytes:
+    """Encode an image as 8-bit PNG with its EXIF data, which restoration requires."""
+    data = encoded(eight_bits(image), ".png")
+    return (
+        data
+        if carried.exif is None
+        else embed_metadata(".png", data, ImageMetadata(exif=carried.exif))
+    )
 
 
 def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:

@@ -92,7 +92,7 @@ def api(studio: Studio) -> FastAPI:
     async def gone(request: Request, error: ClientDisconnect) -> Response:
         return Response(status_code=400)  # incomplete upload of a client that disconnected
 
-    _add_page(app)
+    _add_page(app, studio.stored_orientation)
     add_look(app, studio)
     add_bench(app, studio)
     add_calibrate(app, studio)
@@ -105,8 +105,13 @@ def _problem(status: int, sentence: str) -> Response:
     )
 
 
-def _add_page(app: FastAPI) -> None:
-    page_file = PageFile(page_text(), "text/html")
+def _add_page(app: FastAPI, stored_orientation: bool) -> None:
+    text = page_text()
+    if (
+        stored_orientation
+    ):  # the page then converts images on the server, since browsers rotate them
+        text = text.replace("<html", "<html data-stored-orientation", 1)
+    page_file = PageFile(text, "text/html")
 
     @app.get("/", include_in_schema=False)
     async def page(request: Request) -> Response:

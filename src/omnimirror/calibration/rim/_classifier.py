@@ -72,8 +72,8 @@ class RimClassifier:
         """Create from the contents of the weights file."""
         members = [
             LogisticMember(
-                *(np.array(one[name]) for name in ("linear", "bias", "hidden", "shift", "out"))
-            )  # type: ignore[arg-type]
+                *(np.array(one[name]) for name in ("linear", "bias", "hidden", "shift", "out"))  # type: ignore[arg-type]  # the last one is a number
+            )
             for one in told["members"]
         ]
         trust, first_share = float(told["trust"]), float(told["first_share"])

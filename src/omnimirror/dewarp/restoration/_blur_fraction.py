@@ -25,7 +25,7 @@ from ._deconvolution import (
     solve,
     texture_of,
 )
-from .blur_kernels import Blur, BlurSize, RadialBlur, blur_kernels
+from .blur_model import Blur, BlurSize, RadialBlur, blur_kernels
 from .noise import Noise, specified_noise
 
 # -- Deblurring problem: excludes light from beyond the rim and restores lost texture from the input
@@ -258,7 +258,9 @@ CAUTION = 0.9
 MAX_RESIDUAL = 2.5
 MAX_RESIDUAL_OF_ALL = 3.0  # same for the full blur: the image is far sharper
 MIN_SHARE = 0.25  # below it the image is returned unchanged
-MIN_BLUR_PX = 4.0  # minimum blur in both directions for a limit
+MIN_BLUR_PX = (
+    3.0  # minimum blur in both directions for a limit; smaller blur leaves too little residual
+)
 NOISE = 0.01  # noise of the simulated images
 LEVEL, CONTRAST = 0.6, 0.2  # simulated texture, square root of light
 SATURATED_PX = 15  # side of the squares around saturated pixels that are excluded

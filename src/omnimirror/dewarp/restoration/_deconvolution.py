@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.native import backend, kernel_array
-from .blur_kernels import Blur, IndexArray, whole_groups
+from .blur_model import Blur, IndexArray, whole_groups
 
 # -- Sharp image under reconstruction: its values on a fine grid, and one round of improvement -----
 #

@@ -23,7 +23,7 @@ from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from ..maps import PixelMap
 from ..sampling import remap
-from .blur_kernels import offsets_from_axis
+from .blur_model import offsets_from_axis
 
 ANGLES, FOCUSES = 541, 1201
 # Allowed ratio of the blur to its minimum over all focus distances if astigmatism dominates

@@ -237,6 +237,8 @@ class Gateway:
         Called with a sentence when the source is lost or restored.
     workers
         Number of dewarping threads; default: one per core.
+    stored_orientation
+        Dewarp frames as stored, without the rotation of a display matrix.
     """
 
     def __init__(
@@ -248,7 +250,11 @@ class Gateway:
         interpolation: Interpolation = "auto",
         on_status: Callable[[str], None] = lambda sentence: None,
         workers: int | None = None,
+        *,
+        stored_orientation: bool = False,
     ) -> None:
+        self._stored_orientation = stored_orientation
+        self._has_reported = False
         self.source, self._is_live, self._on_status = source, is_live, on_status
         self.views = {
             name: LiveView(view, camera, interpolation, self.wake) for name, view in views.items()
@@ -285,7 +291,9 @@ class Gateway:
 
     def _open(self) -> None:
         self.state = f"waiting for {named(self.source)}"
-        self._playing = Playback(self.source, self._is_live, self._report)
+        self._playing = Playback(
+            self.source, self._is_live, self._report, stored_orientation=self._stored_orientation
+        )
         self._opened = time.monotonic()
         thread = threading.Thread(
             target=self._read, args=(self._playing,), name="gateway", daemon=True
@@ -336,6 +344,10 @@ class Gateway:
                 f"frames of {named(self.source)} must have the size of the camera, "
                 f"{width} x {height} px; got {frame.width} x {frame.height} px"
             )
+        if not self._has_reported:
+            self._has_reported = True
+            for note in playing.notes:
+                self._on_status(note)
         self.frames_received += 1
         self.state = f"{named(self.source)} is playing"
         frame = planar(frame)  # converted once for all views

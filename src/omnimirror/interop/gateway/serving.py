@@ -33,6 +33,7 @@ def serve_views(
     token: str | None = None,
     publish_to: str | None = None,
     threads: int | None = None,
+    stored_orientation: bool = False,
     on_start: Callable[[str], None] = print,
     on_status: Callable[[str], None] | None = None,
 ) -> None:
@@ -61,10 +62,14 @@ def serve_views(
         URL of a media server to which every view is pushed; ``{view}`` is replaced by its name.
     threads
         Number of dewarping threads; default: one per core.
+    stored_orientation
+        Ignore the rotation in the display matrix of a video, for cameras that were calibrated with
+        stored pixels. By default, it is applied and reported.
     on_start
         Called with a sentence with the addresses of the server.
     on_status
-        Called with a sentence when the source is lost or restored; default: ``on_start``.
+        Called with a sentence when the source is lost or restored, or its frames are rotated;
+        default: ``on_start``.
 
     Raises
     ------
@@ -101,7 +106,14 @@ def serve_views(
                 f"publish_to must contain {{view}}, the name of the view; got {publish_to}"
             )
     gateway = Gateway(
-        source, not is_file, camera, views, interpolation, on_status or on_start, threads
+        source,
+        not is_file,
+        camera,
+        views,
+        interpolation,
+        on_status or on_start,
+        threads,
+        stored_orientation=stored_orientation,
     )
     if token is None and not is_loopback(host):
         token = secrets.token_urlsafe(16)

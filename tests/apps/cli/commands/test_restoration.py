@@ -8,8 +8,8 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 import omnimirror as om
-from omnimirror.dewarp.restoration.blur_kernels import blur_sizes
-from omnimirror.dewarp.restoration.deblurring import _exposure_words
+from omnimirror.base.errors import OmnimirrorWarning
+from omnimirror.dewarp.restoration.blur_model import blur_sizes
 from omnimirror.dewarp.restoration.focus_bracketing import focused_at
 from omnimirror.io.exif import exposure_of, parse_exif
 from omnimirror.optics.image_sensor import Imager
@@ -189,7 +189,8 @@ def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
         ((40, 10), 0, ""),
         ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"),
         ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: the blur of the sensor is assumed"),
-        ((0, 0), 5, "EXIF has a focus distance of 5000 mm"),
+        (8.0, 0, "EXIF has F/8, the sensor F/4"),
+        ((0, 1), 5, "EXIF has a focus distance of 5000 mm"),
     ],
 )
 def test_exif_that_differs_from_the_sensor_reduces_the_blur(f_number, metres, words):
@@ -197,19 +198,41 @@ def test_exif_that_differs_from_the_sensor_reduces_the_blur(f_number, metres, wo
     sensor = om.load_sensor("paper-hyperboloidal")
     exif = Image.Exif()
     details = exif.get_ifd(0x8769)
-    details[0x829D] = IFDRational(*f_number) if f_number[1] else IFDRational(0, 1)
+    details[0x829D] = f_number if isinstance(f_number, float) else IFDRational(*f_number)
     if metres:
         details[0x9206] = IFDRational(metres, 1)
     exposure = exposure_of(parse_exif(exif.tobytes().removeprefix(b"Exif\0\0")))
     restorer = om.Restoration(noise=0.01).restorer(sensor, exposure)
-    assert words in _exposure_words(restorer)
-    assert bool(_exposure_words(restorer)) == bool(words)
+    assert words in restorer.exposure_words
+    assert bool(restorer.exposure_words) == bool(words)
     radii = np.linspace(0.0, 500.0, 20)
     known, assumed = blur_sizes(sensor, radii), restorer.known.sizes(radii)
     assert (assumed.sagittal <= known.sagittal + 1e-9).all()
     if f_number == (80, 10):
         smaller = replace(sensor, lens=replace(sensor.lens, f_number=8.0))
         np.testing.assert_allclose(assumed.sagittal, blur_sizes(smaller, radii).sagittal, rtol=0.01)
+
+
+@pytest.mark.parametrize(("f_number", "is_other"), [(2.0, True), (1.02, False)])
+def test_restore_compares_the_exif_data_of_a_file(small, tmp_path, f_number, is_other):
+    """The result is that of a sensor with the aperture in the file, and the reason is reported."""
+    exif = Image.Exif()
+    exif[0x010F] = "Maker"
+    exif.get_ifd(0x8769)[0x829D] = IFDRational(round(100 * f_number), 100)
+    image = om.read_image(tmp_path / "raw.png")
+    Image.fromarray(image).save(tmp_path / "stopped.png", exif=exif)
+    notes = []
+    restored = om.restore(small, tmp_path / "stopped.png", noise=0.003, on_note=notes.append)
+    stopped = replace(small, lens=replace(small.lens, f_number=f_number if is_other else 1.0))
+    expected, given = om.restore(stopped, image, noise=0.003), om.restore(small, image, noise=0.003)
+    assert np.abs(restored.astype(int) - expected).mean() <= 0.1
+    assert (np.abs(restored.astype(int) - given).mean() > 1) == is_other
+    assert [
+        ("EXIF has F/2, the sensor F/1: 50 % of the blur is assumed" in note) for note in notes
+    ] == [is_other]
+    if is_other:
+        with pytest.warns(OmnimirrorWarning, match=r"stopped\.png: .*EXIF has F/2"):
+            om.restore(small, str(tmp_path / "stopped.png"), noise=0.01)
 
 
 @pytest.mark.long

@@ -9,6 +9,7 @@ const NODES = 361; // of a curve
 const PROFILE = 121; // points of a mirror, from axis to rim
 const IMAGE_NODES = 3; // every third field angle is enough for the curves of virtual images
 const MARKS_DEG = 15;
+const PARALLEL = 1e-12; // cosine of an edge-on plane
 const NEAR_OBJECTS = 5; // rim radii
 const TELECENTRIC_LENS = 2.5; // a telecentric lens stands anywhere: drawn so many rim radii away
 const LENS_HALF_WIDTH = 0.18; // of the rim radius
@@ -58,7 +59,7 @@ export class Answerer {
     const marks = { fractions: fractionsOf(angles, even.omega_deg, at) };
     const curve = at(fractions);
     const mark = at(marks.fractions);
-    const tablesOf = [curves("curves", ideal, fractions, curve)];
+    const tablesOf = [curves("curves", ideal, fractions, curve, object_distance_mm)];
     const facts = factsOf(tables, ideal, curve);
     if (section) {
       const far = object_distance_mm === null ? curve : at(fractions, null);
@@ -72,7 +73,7 @@ export class Answerer {
         ).map(places),
       );
     }
-    if (squares) tablesOf.push(curves("squares", ideal, marks.fractions, mark));
+    if (squares) tablesOf.push(curves("squares", ideal, marks.fractions, mark, object_distance_mm));
     return [tablesOf, facts];
   }
 }
@@ -233,7 +234,15 @@ function sectionOf(
 const places = ({ name, x, z }: Places): Columned => tableOf(name, { x_mm: x, z_mm: z });
 
 /** The columns of Evaluation that plots show. */
-function curves(name: string, { rim }: Ideal, fractions: readonly number[], c: Columns): Columned {
+function curves(
+  name: string,
+  { rim }: Ideal,
+  fractions: readonly number[],
+  c: Columns,
+  object: number | null,
+): Columned {
+  const across = ((object ?? Infinity) * Math.PI) / 180; // of one degree, perpendicular to the ray
+  const omega = (i: number): number => (c.omega_deg[i] * Math.PI) / 180;
   const per = (of: (i: number) => number): number[] => fractions.map((_, i) => of(i));
   const { dh_domega_px_per_deg: dh, width_px_per_deg: dw } = c;
   return tableOf(name, {
@@ -251,6 +260,12 @@ function curves(name: string, { rim }: Ideal, fractions: readonly number[], c: C
     blur_t_deg: per((i) => c.blur_t_px[i] / dh[i]),
     blur_s_deg: per((i) => c.blur_s_px[i] / dw[i]),
     floored_area_deg2: c.floored_area_deg2,
+    plane_t_mm_per_px: per((i) => {
+      const cosine = Math.abs(Math.cos(omega(i)));
+      return cosine < PARALLEL ? Infinity : across / dh[i] / cosine;
+    }),
+    cylinder_t_mm_per_px: per((i) => across / dh[i] / Math.sin(omega(i))),
+    object_s_mm_per_px: per((i) => across / dw[i]),
   });
 }
 

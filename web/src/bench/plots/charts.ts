@@ -144,10 +144,11 @@ export class ChartView {
   private spread(): [number, number] {
     const all: [number, number] = [Infinity, -Infinity];
     const outside: [number, number] = [Infinity, -Infinity];
+    const most = this.most();
     for (const { values, heights, rim } of this.curves) {
       for (const column of values) {
         column.forEach((v, i) => {
-          if (!Number.isFinite(v) || !(heights[i] >= 0)) return;
+          if (!Number.isFinite(v) || !(heights[i] >= 0) || v > most) return;
           for (const range of heights[i] >= POINT * rim ? [all, outside] : [all]) {
             if (v < range[0]) range[0] = v;
             if (v > range[1]) range[1] = v;
@@ -156,7 +157,18 @@ export class ChartView {
       }
     }
     const isSteep = all[1] - all[0] > STEEP * (outside[1] - outside[0]) && outside[1] > outside[0];
-    return isSteep ? outside : all;
+    const range = isSteep ? outside : all;
+    return Number.isFinite(range[0]) ? range : [0, 1];
+  }
+
+  /** The largest value within the range of a quantity with poles. */
+  private most(): number {
+    if (this.chart.reach === Infinity) return Infinity;
+    const values = this.curves
+      .flatMap((curve) => curve.values.flatMap((column) => [...column]))
+      .filter(Number.isFinite)
+      .sort((a, b) => a - b);
+    return this.chart.reach * (values[values.length >> 1] ?? Infinity);
   }
 
   /** The range with what lies over the chart, as far as it is near. */
@@ -180,7 +192,7 @@ export class ChartView {
     const values = this.curvesOf(this.drawn[0]).values.flatMap((column) =>
       Array.from(column, Math.abs),
     );
-    return Math.max(...values.filter(Number.isFinite)) || 1;
+    return Math.max(0, ...values.filter(Number.isFinite)) || 1;
   }
 
   private options(): uPlot.Options {

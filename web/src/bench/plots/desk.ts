@@ -31,7 +31,7 @@ const GROUPS = [
   "Squares",
   "Picture",
 ].filter((group) => !(alone && COMPUTED.includes(group)));
-const CLOSED = ["In space"]; // until they are opened
+const CLOSED = ["In space", "Object size"]; // until they are opened
 
 /** What changes the design by hand, on its plots; a page without a server bends nothing. */
 interface DeskHands extends PinHands {

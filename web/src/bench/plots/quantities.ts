@@ -9,6 +9,8 @@ interface Plot {
   places: number;
   /** Where there is more than one column; the others are drawn dashed. */
   title?: string;
+  /** Largest value that the range includes, relative to the median; for quantities with poles. */
+  reach?: number;
 }
 
 export const PLOTS: Plot[] = [
@@ -20,6 +22,20 @@ export const PLOTS: Plot[] = [
   { group: "Blur", columns: ["blur_t_px", "blur_s_px"], places: 2, title: "Blur in the image" },
   { group: "Blur", columns: ["blur_t_deg", "blur_s_deg"], places: 3, title: "Blur in angle" },
   { group: "Blur", columns: ["floored_area_deg2"], places: 3 },
+  {
+    group: "Object size",
+    columns: ["plane_t_mm_per_px", "object_s_mm_per_px"],
+    places: 3,
+    title: "Object size on a plane",
+    reach: 8,
+  },
+  {
+    group: "Object size",
+    columns: ["cylinder_t_mm_per_px", "object_s_mm_per_px"],
+    places: 3,
+    title: "Object size on a cylinder",
+    reach: 8,
+  },
 ];
 
 /** A plot with the words of the vocabulary. */
@@ -31,12 +47,13 @@ export interface Chart {
   unit: string;
   columns: { name: string; symbol: string; dashed: boolean }[];
   places: number;
+  reach: number;
   hint: string;
 }
 
 /** The plots, called as the vocabulary calls their columns. */
 export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
-  PLOTS.map(({ group, columns, places, title }) => {
+  PLOTS.map(({ group, columns, places, title, reach }) => {
     const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
     const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
     return {
@@ -46,6 +63,7 @@ export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
       unit: unitWords(quantities[0].unit),
       columns: named,
       places,
+      reach: reach ?? Infinity,
       hint: quantities.map(explained).join("; "),
     };
   });
@@ -58,5 +76,6 @@ export const chartOf = (quantity: QuantityOf, column: string): Chart => ({
   unit: unitWords(quantity.unit),
   columns: [{ name: column, symbol: symbolOf(quantity), dashed: false }],
   places: 3,
+  reach: Infinity,
   hint: explained(quantity),
 });

@@ -22,6 +22,8 @@ export interface Feed {
   video?: HTMLVideoElement;
   /** Its file, of a picture that was made here and lies nowhere yet. */
   made?: Blob;
+  /** Image file with EXIF data, for requests that use them. */
+  file?: Blob;
   /** A camera, as the browser calls it. */
   device?: string;
   close(): void;
@@ -33,14 +35,17 @@ export interface Seen {
   camera: Camera;
 }
 
+const WITH_EXIF = /^image\/(png|jpeg|webp)$/; // formats that browser and server decode
 const RETRY_MS = 1500; // after a connection was lost
 const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 
 /** A picture file; what the browser does not read, the server does. */
 export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
-  const bitmap = await createImageBitmap(blob, DECODING).catch(async () => {
+  let file = blob;
+  const bitmap = await createImageBitmap(file, DECODING).catch(async () => {
     if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
-    return createImageBitmap(await api.convert(blob, name), DECODING);
+    file = await api.convert(blob, name);
+    return createImageBitmap(file, DECODING);
   });
   return {
     name,
@@ -49,6 +54,7 @@ export async function pictureFeed(blob: Blob, name: string, hasServer: boolean):
     width: bitmap.width,
     height: bitmap.height,
     moves: false,
+    ...(WITH_EXIF.test(file.type) && { file }),
     close: () => bitmap.close(),
   };
 }

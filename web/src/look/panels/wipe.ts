@@ -1,7 +1,7 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { allow, byId } from "../../shared/dom";
-import { busy, fail } from "../../shared/notices";
+import { busy, fail, say } from "../../shared/notices";
 import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
@@ -70,7 +70,7 @@ export class WipePanel {
     try {
       const { model, circle, size } = camera;
       const distance = this.store.state.distance;
-      const made = await api.restored(
+      const { made, note } = await api.restored(
         {
           id: model.id,
           mount: model.mount,
@@ -80,7 +80,7 @@ export class WipePanel {
           name: feed.name,
           object_distance_mm: Number.isFinite(distance) ? distance : null,
         },
-        (await fileOf(feed)).picture,
+        feed.file ?? (await fileOf(feed)).picture,
       );
       const picture = await createImageBitmap(made, {
         colorSpaceConversion: "none",
@@ -88,6 +88,7 @@ export class WipePanel {
       });
       if (this.asked !== asked) return picture.close();
       this.picture = picture;
+      if (note) say(`${feed.name}: ${note}`);
       this.changed();
     } catch (e) {
       if (this.asked === asked) this.store.set({ wipe: null });

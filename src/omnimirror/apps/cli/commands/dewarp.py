@@ -24,7 +24,7 @@ from .._output import PICTURES, frame_bar, notice, output_console, remark, say, 
 from .._view_options import SamplingOptions, ViewOptions
 
 if TYPE_CHECKING:
-    from ....dewarp.restoration.blur_kernels import BlurDiameters
+    from ....dewarp.restoration.blur_model import BlurDiameters
     from ....dewarp.restoration.deblurring import Restoration
 
 

@@ -9,7 +9,7 @@ import click
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_word
 from ....base.files import is_stream, write_text
-from ....design.sensor_template import sensor_template
+from ....design.sensor_file_template import sensor_template
 from .._declarations import DocumentedCommand
 from .._output import Output, say
 

@@ -11,7 +11,7 @@ from ....base.errors import OmnimirrorError
 from ....base.native import MOST_THREADS
 from ....dewarp.interfaces import INTERPOLATIONS, Interpolation
 from ....interop.named_views import load_views
-from .._camera_options import CameraOptions
+from .._camera_options import CameraOptions, OrientationOptions
 from .._declarations import DocumentedCommand, option, takes
 from .._option_types import WholeRange
 from .._output import notice
@@ -47,6 +47,7 @@ class GatewayOptions(ListenOptions):
     help="TOML file of named views.",
 )
 @takes(CameraOptions, "camera")
+@takes(OrientationOptions, "orientation")
 @takes(GatewayOptions, "gateway")
 @click.option(
     "--interpolation",
@@ -65,6 +66,7 @@ def command(
     source: str,
     views_file: Path,
     camera: CameraOptions,
+    orientation: OrientationOptions,
     gateway: GatewayOptions,
     interpolation: Interpolation,
     threads: int | None,
@@ -87,8 +89,12 @@ def command(
         ) from None
     check_source(source)
     views = load_views(views_file)
+    is_stored = orientation.stored_orientation
+    is_live = not Path(source).is_file()
     size = (
-        (0, 0) if camera.ball is None else source_size(source, is_live=not Path(source).is_file())
+        (0, 0)
+        if camera.ball is None
+        else source_size(source, is_live, stored_orientation=is_stored)
     )
     serve_views(
         source,
@@ -100,6 +106,7 @@ def command(
         token=gateway.token,
         publish_to=gateway.publish,
         threads=threads,
+        stored_orientation=is_stored,
         on_start=click.echo,
         on_status=notice,
     )

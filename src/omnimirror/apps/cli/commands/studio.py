@@ -11,9 +11,10 @@ import click
 
 from ....base.errors import OmnimirrorError
 from ....base.files import write_text
+from .._camera_options import OrientationOptions
 from .._declarations import DocumentedCommand, Options, option, takes
 from .._option_types import WholeRange
-from .._output import progress_bar, say
+from .._output import progress_bar, remark, say
 from .._process_state import is_quiet
 
 if TYPE_CHECKING:
@@ -62,6 +63,11 @@ class PageOptions(Options):
     )
 
 
+def orientation_remark(sentence: str) -> None:
+    """Print a remark on an image or video that a page opened."""
+    remark(f"omnimirror: {sentence}")
+
+
 def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
     """Serve until Ctrl-C, or report the missing packages."""
     try:
@@ -81,8 +87,9 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
     examples=("omnimirror studio --folder pictures", "omnimirror studio --page look.html"),
 )
 @takes(PageOptions, "written")
+@takes(OrientationOptions, "orientation")
 @takes(ServerOptions, "server")
-def command(server: ServerOptions, written: PageOptions) -> None:
+def command(server: ServerOptions, orientation: OrientationOptions, written: PageOptions) -> None:
     """Open the studio in the browser: view images, videos and cameras through a sensor, or design
     one.
 
@@ -94,7 +101,11 @@ def command(server: ServerOptions, written: PageOptions) -> None:
     def make() -> Studio:
         from ...studio._server_state import Sources, Studio
 
-        return Studio(Sources(folders=server.folders))
+        return Studio(
+            Sources(folders=server.folders),
+            stored_orientation=orientation.stored_orientation,
+            on_note=orientation_remark,
+        )
 
     run_studio(make, server)
 

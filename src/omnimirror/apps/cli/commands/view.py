@@ -10,9 +10,9 @@ import click
 from ....base.errors import MediaError
 from ....dewarp.request import is_video
 from ....io import read_image
-from .._camera_options import CameraOptions
+from .._camera_options import CameraOptions, OrientationOptions
 from .._declarations import DocumentedCommand, takes
-from .studio import ServerOptions, run_studio
+from .studio import ServerOptions, orientation_remark, run_studio
 
 if TYPE_CHECKING:
     from ...studio._look_cameras import Known
@@ -30,8 +30,14 @@ if TYPE_CHECKING:
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @takes(CameraOptions, "camera")
+@takes(OrientationOptions, "orientation")
 @takes(ServerOptions, "server")
-def command(sources: tuple[str, ...], camera: CameraOptions, server: ServerOptions) -> None:
+def command(
+    sources: tuple[str, ...],
+    camera: CameraOptions,
+    orientation: OrientationOptions,
+    server: ServerOptions,
+) -> None:
     """View each SOURCE in the browser.
 
     SOURCE is an image, a video file, or a camera or stream (/dev/video0, rtsp://...); the page
@@ -45,8 +51,13 @@ def command(sources: tuple[str, ...], camera: CameraOptions, server: ServerOptio
         from ...studio._server_state import Sources, Studio
 
         live = [source for source in sources if _is_live(source)]
-        known = _known(sources[0], camera) if camera.given else None
-        return Studio(Sources(sources, server.folders, live), known)
+        known = _known(sources[0], camera, orientation) if camera.given else None
+        return Studio(
+            Sources(sources, server.folders, live),
+            known,
+            stored_orientation=orientation.stored_orientation,
+            on_note=orientation_remark,
+        )
 
     run_studio(make, server)
 
@@ -63,14 +74,16 @@ def _is_live(source: str) -> bool:
     return live
 
 
-def _known(source: str, options: CameraOptions) -> Known:
+def _known(source: str, options: CameraOptions, orientation: OrientationOptions) -> Known:
     """Return the camera of the options; the page adds its mounting to the command line."""
     from ...studio._camera_tables import title_of
     from ...studio._look_cameras import Known
 
     size = (1024, 1024)
     if options.ball is not None and not is_video(source):
-        height, width = read_image(source).shape[:2]
+        height, width = read_image(source, stored_orientation=orientation.stored_orientation).shape[
+            :2
+        ]
         size = (width, height)
     name, words = options.words()
     camera = options.camera(size)
