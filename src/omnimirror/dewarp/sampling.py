@@ -443,7 +443,7 @@ def sampler() -> Sampler:
     return CompiledSampler() if backend.is_compiled else OpenCVSampler()
 
 
-LEAST_WEIGHT = 1e-6
+MIN_WEIGHT = 1e-6
 """Weight of infinite values above which a mean is infinite, above rounding errors."""
 
 
@@ -463,8 +463,8 @@ def _sample_infinite(selected: Sampler, job: RemapJob, where: Map) -> None:
             replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where
         )
         with np.errstate(invalid="ignore"):
-            result /= np.where(weight < LEAST_WEIGHT, 1 - weight, 1)
-        result[weight >= LEAST_WEIGHT] = value
+            result /= np.where(weight < MIN_WEIGHT, 1 - weight, 1)
+        result[weight >= MIN_WEIGHT] = value
 
 
 def remap(
