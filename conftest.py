@@ -21,7 +21,7 @@ LONG_EXAMPLES = {
     "omnimirror.apps.reports.calibration.write_calibration_figures",
     "omnimirror.apps.reports.calibration.write_calibration_report",
     "omnimirror.apps.reports.write_demo",
-    "omnimirror.simulation.datasets.write_calibration_set",
+    "omnimirror.simulation.datasets.write_calibration_dataset",
 }
 """Docstring examples run by `make test-full` only; the tests of the same functions run daily."""
 OPTION, PROPERTY = "--cross-validation", "compared"

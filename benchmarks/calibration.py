@@ -166,7 +166,7 @@ def lines(data: Path | None) -> str:
         ("simulated room, hyperboloid", hyperboloid, hyperboloid),
         ("simulated room, misaligned ball", ball, replace(ball, mirror_pose=MirrorPose())),
     ):
-        picture = om.take_picture(truth, om.Room(texel_mm=20.0), samples=4)
+        picture = om.render_image(truth, om.Room(texel_mm=20.0), samples=4)
         drawn = replace(
             drawn, lens=replace(drawn.lens, focal_length_mm=1.03 * drawn.lens.focal_length_mm)
         )

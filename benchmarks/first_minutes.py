@@ -184,11 +184,11 @@ def prepare(folder: Path) -> None:
     ball = om.MirrorBall(
         (819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0)
     )
-    write_image(folder / "ball.png", om.take_picture(ball, om.Room(), samples=2))
+    write_image(folder / "ball.png", om.render_image(ball, om.Room(), samples=2))
     sensor = om.load_sensor("paper-spherical")
     for number in range(1, CAMERAS + 1):
         room = om.PosedScene(om.Room(), om.Pose(pan_deg=90.0 * number))
-        film(folder / f"camera{number}.mp4", om.take_picture(sensor, room, samples=1))
+        film(folder / f"camera{number}.mp4", om.render_image(sensor, room, samples=1))
     (folder / "hall.toml").write_text(REQUIREMENT)
 
 

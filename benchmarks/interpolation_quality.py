@@ -20,7 +20,7 @@ import numpy as np
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.dewarp.screens import Screen
-from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.rendering import render_pinhole_image
 
 SAMPLES = 8  # rays per pixel and side
 RAYS = 1 << 17  # rays per block, limited by the cache size
@@ -30,16 +30,16 @@ VIEWS: list[tuple[str, Screen]] = [
     ("perspective, 60 deg", S.Plane((640, 480), 200.0, -20.0, 0.0, 60.0)),
     ("quarter of a panorama", S.Cylinder((960, 480), -60.0, 30.0, 0.0, 90.0)),
     ("panorama", S.Cylinder((1706, 640), -90.0, 45.0)),
-    ("dome", S.Dome((1000, 1000), 135.0, "nadir")),
+    ("dome", S.DomeMaster((1000, 1000), 135.0, "nadir")),
     ("perspective, 140 deg", S.Plane((640, 400), 20.0, -40.0, 0.0, 140.0)),
     ("little planet", S.LittlePlanet((800, 800), 260.0, "nadir")),
     ("panorama", S.Cylinder((854, 320), -90.0, 45.0)),
-    ("dome", S.Dome((500, 500), 135.0, "nadir")),
+    ("dome", S.DomeMaster((500, 500), 135.0, "nadir")),
     ("perspective, 100 deg", S.Plane((240, 180), 20.0, -20.0, 0.0, 100.0)),
     ("perspective, 140 deg", S.Plane((200, 125), 20.0, -40.0, 0.0, 140.0)),
     ("little planet", S.LittlePlanet((300, 300), 260.0, "nadir")),
     ("panorama", S.Cylinder((426, 160), -90.0, 45.0)),
-    ("dome, thumbnail", S.Dome((200, 200), 135.0, "nadir")),
+    ("dome, thumbnail", S.DomeMaster((200, 200), 135.0, "nadir")),
     ("panorama, thumbnail", S.Cylinder((200, 75), -90.0, 45.0)),
 ]
 OURS = ("nearest", "linear", "cubic", "area", "auto")
@@ -54,7 +54,7 @@ def truth_of(scene: om.Room, screen: Screen) -> np.ndarray:
 
     def strip(top: int) -> np.ndarray:
         v = top + (np.arange(min(step, height - top) * SAMPLES) + 0.5) / SAMPLES - 0.5
-        return pinhole_picture(scene, screen.targets_at(*np.meshgrid(u, v)), SAMPLES)
+        return render_pinhole_image(scene, screen.targets_at(*np.meshgrid(u, v)), SAMPLES)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return np.concatenate(list(pool.map(strip, range(0, height, step))))
@@ -94,7 +94,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     sensor, scene = om.load_sensor("paper-spherical"), om.Room()
-    picture = om.take_picture(sensor, scene, samples=SAMPLES**2, distant=True)
+    picture = om.render_image(sensor, scene, samples=SAMPLES**2, distant=True)
     lines = [
         "# PSNR of straightened pictures, dB",
         "",

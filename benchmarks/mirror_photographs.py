@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import omnimirror as om
 from omnimirror.cameras.frames import pan_tilt_direction
 from omnimirror.io import read_image
-from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.rendering import render_pinhole_image
 
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -55,7 +55,7 @@ def environments(folder: Path | None) -> tuple[Picture, ...]:
         np.linspace(np.pi, -np.pi, 512), np.linspace(np.pi / 2, -np.pi / 2, 256)
     )
     scenes = (om.load_scene("room", texel_mm=20.0), om.load_scene("street", texel_mm=40.0))
-    return tuple(pinhole_picture(scene, pan_tilt_direction(pan, tilt)) for scene in scenes)
+    return tuple(render_pinhole_image(scene, pan_tilt_direction(pan, tilt)) for scene in scenes)
 
 
 def compose(seed: int, folder: Path | None, *, mirror: bool = True) -> Photograph:
@@ -198,7 +198,7 @@ def _reflected(
     small = replace(sensor, imager=imager)
     turned = np.roll(world, rng.integers(world.shape[1]), axis=1)
     scene = om.Environment((turned / 255.0).astype(np.float32) ** 2.2)
-    seen = om.take_picture(small, scene, samples=2).astype(float)
+    seen = om.render_image(small, scene, samples=2).astype(float)
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     along, across = _on_axes(rim, u, v)
     scale = small.rim_radius_px * 0.994  # excludes pixels at the rim, which are partly black

@@ -44,7 +44,7 @@ def taken(seed: int, folder: Path | None) -> Photograph:
     width, height = SIZES[rng.integers(len(SIZES))]
     sensor, words = _mounted(rng, width, height)
     past = bool(rng.random() < 0.4)
-    radiometry = Radiometry(reflectivity=float(rng.uniform(0.6, 1.0)), sees_past=past)
+    radiometry = Radiometry(reflectivity=float(rng.uniform(0.6, 1.0)), direct_view=past)
     light = om.expose(sensor, _scene(rng, folder), samples=2, radiometry=radiometry).astype(float)
     picture = 255 * np.clip(light * rng.uniform(0.6, 1.6), 0, 1) ** (1 / 2.2)
     cover, rim = _mask(sensor)
@@ -67,7 +67,9 @@ def housed(seed: int, folder: Path | None) -> Photograph:
     sensor, words = _mounted(rng, width, height)
     past = bool(rng.random() < 0.5)
     scene = _scene(rng, folder)
-    light = om.expose(sensor, scene, samples=2, radiometry=Radiometry(sees_past=past)).astype(float)
+    light = om.expose(sensor, scene, samples=2, radiometry=Radiometry(direct_view=past)).astype(
+        float
+    )
     picture = 255 * np.clip(light * rng.uniform(0.6, 1.6), 0, 1) ** (1 / 2.2)
     cover, rim = _mask(sensor)
     cover = cover[..., None]
@@ -244,7 +246,7 @@ def _square(number: int, folder: Path | None) -> tuple[Picture, float]:
     side = 800
     pitch = sensor.imager.pixel_pitch_um * sensor.rim_radius_px / (0.48 * side)
     sensor = replace(sensor, imager=Imager(side, side, pitch))
-    return om.take_picture(sensor, _scene(rng, folder), samples=2), 0.48 * side
+    return om.render_image(sensor, _scene(rng, folder), samples=2), 0.48 * side
 
 
 def _scene(rng: np.random.Generator, folder: Path | None) -> om.Scene:

@@ -26,9 +26,9 @@ from circumstances import circumstances
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
-from omnimirror.simulation.pixel_rays import REFLECTED, spread
+from omnimirror.simulation.pixel_rays import REFLECTED, sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
-from omnimirror.simulation.rendering import expose, trace
+from omnimirror.simulation.rendering import expose, trace_bundle
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.street import Street
 from omnimirror.simulation.scenes.surfaces import facets
@@ -62,8 +62,12 @@ def ball(rings: int) -> np.ndarray:
 
 def rays_of(samples: int, blur: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and directions (n, 3) of the reflected rays by pixel."""
-    bundle = trace(
-        sensor_of(TRACED), spread(samples, blur), Radiometry(), slice(0, TRACED), slice(0, TRACED)
+    bundle = trace_bundle(
+        sensor_of(TRACED),
+        sampling_plan(samples, blur),
+        Radiometry(),
+        slice(0, TRACED),
+        slice(0, TRACED),
     )
     seeing = bundle.fate == REFLECTED
     return bundle.origins[seeing], bundle.directions[seeing]
@@ -93,7 +97,7 @@ def held_each(rings: int) -> float:
 def _held_each(rings: int) -> float:
     triangles = ball(rings)
     colours = np.ones((len(triangles), 3, 3), np.float32)
-    facets(triangles[:100], colours[:100]).seen(
+    facets(triangles[:100], colours[:100]).first_hits(
         np.zeros((1, 3)), np.ones((1, 3))
     )  # loads the modules of the first use
     before = resident()
@@ -110,7 +114,7 @@ def of_triangles(rings: int, kinds: list[tuple[np.ndarray, np.ndarray]], runs: i
     rates = [
         len(origins)
         / statistics.median(
-            seconds(lambda o=origins, d=directions: scene.seen(o, d)) for _ in range(runs)
+            seconds(lambda o=origins, d=directions: scene.first_hits(o, d)) for _ in range(runs)
         )
         for origins, directions in kinds
     ]

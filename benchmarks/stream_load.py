@@ -45,7 +45,7 @@ def make_clip(path: Path) -> None:
     """Render the bundled room with the bundled sphere during a rotation."""
     sensor = om.load_sensor("paper-spherical")
     picture = cv2.resize(
-        om.take_picture(sensor, om.Room(), blur=False), (SIDE, SIDE), interpolation=cv2.INTER_AREA
+        om.render_image(sensor, om.Room(), blur=False), (SIDE, SIDE), interpolation=cv2.INTER_AREA
     )
     middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
     with VideoWriter(

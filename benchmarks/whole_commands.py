@@ -72,7 +72,7 @@ def costs(
 
 def one_picture(folder: Path, runs: int) -> list[str]:
     """Return table rows for each program on one large image."""
-    picture = om.take_picture(
+    picture = om.render_image(
         om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True
     )
     large = np.zeros((SIDE, WIDE, 3), np.uint8)
@@ -134,7 +134,7 @@ def many_pictures(folder: Path, count: int, runs: int) -> list[str]:
     """Return table rows for a folder: each interpolation, and its codecs alone."""
     source, target, view = folder / "in", folder / "out", folder / "view.jpg"
     source.mkdir()
-    picture = om.take_picture(
+    picture = om.render_image(
         om.load_sensor("paper-spherical"), om.Room(), samples=4, low_pass=True
     )
     rng = np.random.default_rng(0)

@@ -26,7 +26,7 @@ if abs(found_px - image_distance_px * slope) > 1e-6:
         f"the image radius is {found_px} px, by the law of reflection {image_distance_px * slope}"
     )
 
-picture = om.take_picture(sensor, om.Room(), samples=4, seed=1)
+picture = om.render_image(sensor, om.Room(), samples=4, seed=1)
 screen = om.screens.Plane(size=(320, 240), pan_deg=30, hfov_deg=60)
 straight = om.Dewarper(sensor, screen)(picture)
 if straight.shape != (240, 320, 3) or not 5 < float(np.std(straight)) < 120:

@@ -285,11 +285,6 @@ def test_no_function_stands_before_a_module_of_its_package():
     assert not hidden
 
 
-HOMONYMS = {"Sphere", "Dome"}
-"""Shapes of mirrors, housings and screens, which are used with their package name:
-``screens.Sphere``."""
-
-
 def test_no_class_name_means_two_things():
     rooms: dict[str, set[str]] = {}
     for module in modules():
@@ -300,7 +295,5 @@ def test_no_class_name_means_two_things():
                 and not name.startswith("_")
             ):
                 rooms.setdefault(name, set()).add(module.__name__)
-    shared = {
-        name: homes for name, homes in rooms.items() if len(homes) > 1 and name not in HOMONYMS
-    }
+    shared = {name: homes for name, homes in rooms.items() if len(homes) > 1}
     assert not shared

@@ -423,7 +423,7 @@ def test_a_camera_of_ones_own_is_straightened_without_registration():
     camera = Pinhole()
     v, u = np.mgrid[:101, :101]
     picture = np.stack([2 * u, 2 * v, np.full_like(u, 77)], axis=-1).astype(np.uint8)
-    straight = om.Dewarper(camera, om.screens.Dome((41, 41), 30.0, "zenith"), "linear")(picture)
+    straight = om.Dewarper(camera, om.screens.DomeMaster((41, 41), 30.0, "zenith"), "linear")(picture)
     assert tuple(straight[20, 20]) == (100, 100, 77)  # the zenith is the image centre
     away = 50 * np.tan(np.radians(30.0 * 10 / 20.5))  # r = f tan(omega), 10 px from the centre
     assert 2 * away == pytest.approx(abs(int(straight[10, 20, 1]) - 100), abs=1.5)

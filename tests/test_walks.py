@@ -70,7 +70,7 @@ def requirements_to_sensor() -> None:
 
 
 def scene_to_picture() -> None:
-    om.take_picture(om.load_sensor("paper-spherical"), om.Room(texel_mm=20.0), samples=1)
+    om.render_image(om.load_sensor("paper-spherical"), om.Room(texel_mm=20.0), samples=1)
 
 
 def slider_to_plot() -> None:

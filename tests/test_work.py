@@ -25,7 +25,7 @@ from omnimirror.optics.mirrors import TabulatedMapping
 from omnimirror.optics.mirrors.mirror import Mirror
 from omnimirror.optics.tracing.meridian import Meridian
 from omnimirror.simulation.detector import Readout
-from omnimirror.simulation.rendering import exposed
+from omnimirror.simulation.rendering import render_light
 
 
 @pytest.fixture
@@ -129,9 +129,9 @@ def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed
 def test_a_picture_never_holds_its_light_as_a_whole(world):
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
-    om.take_picture(sensor, world, samples=1)  # one-time preparation
+    om.render_image(sensor, world, samples=1)  # one-time preparation
     with most_bytes(2 * 3 * 2048**2):
-        om.take_picture(replace(sensor, imager=imager), world, samples=1, workers=2)
+        om.render_image(replace(sensor, imager=imager), world, samples=1, workers=2)
 
 
 def test_a_noisy_picture_never_holds_its_light_as_a_whole():
@@ -146,8 +146,8 @@ def test_a_noisy_picture_never_holds_its_light_as_a_whole():
 
     def taken(camera: om.Sensor):
         readout = Readout(detector, seed=1)
-        return readout.numbers(
-            exposed(camera, om.Room(texel_mm=40.0), readout.medium, samples=1, workers=2)
+        return readout.digital_values(
+            render_light(camera, om.Room(texel_mm=40.0), readout.conversion, samples=1, workers=2)
         )
 
     taken(sensor)  # one-time preparation

@@ -76,7 +76,7 @@ def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), time
     from tests.interop.view_maps import consumers
 
     sensor = om.load_sensor("paper-spherical")
-    picture = om.take_picture(sensor, om.Room(), samples=4, low_pass=True)
+    picture = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
     view = om.screens.Plane((320, 240), pan_deg=60.0, hfov_deg=60.0)
     ours = [om.Dewarper(sensor, view, how)(picture) for how in ("auto", "linear")]
     with tempfile.TemporaryDirectory() as folder:
@@ -100,7 +100,7 @@ def compositor() -> None:
     from tests.interop.view_maps.consumers import warped
 
     sensor = om.load_sensor("paper-spherical")
-    picture = om.take_picture(sensor, om.Room(), samples=4, low_pass=True)
+    picture = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
     view = om.screens.Plane((640, 512), pan_deg=50.0, hfov_deg=95.0)
     with tempfile.TemporaryDirectory() as folder:
         (done,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
@@ -221,7 +221,7 @@ def vlc(side: int = 1024) -> None:
     from tests.serving import served
 
     sensor = om.load_sensor("paper-spherical")
-    picture = om.take_picture(sensor, om.Room(), samples=4, low_pass=True)
+    picture = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
     view = om.NamedView("front", options={"size": (480, 272), "hfov_deg": 70.0, "pan_deg": 40.0})
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder, "room.ts")

@@ -23,7 +23,7 @@ COLOUR = (255, 200, 60)
 def main() -> None:
     """Draw the frames and write them as one looping WebP."""
     sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(900, 900, 5.9))
-    circle = om.take_picture(sensor, om.load_scene("street"), samples=16)
+    circle = om.render_image(sensor, om.load_scene("street"), samples=16)
     small = cv2.resize(circle, (TALL, TALL), interpolation=cv2.INTER_AREA)
     frames = [
         Image.fromarray(frame(sensor, circle, small, 360 * i / FRAMES)) for i in range(FRAMES)

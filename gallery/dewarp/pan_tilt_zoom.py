@@ -8,7 +8,7 @@ import omnimirror as om
 from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
-circle = om.take_picture(sensor, om.Room(), samples=8)
+circle = om.render_image(sensor, om.Room(), samples=8)
 looks = [(-40, 0, 75), (60, -20, 60), (150, 10, 40)]
 views = [om.screens.Plane((400, 300), pan_deg=p, tilt_deg=t, hfov_deg=f) for p, t, f in looks]
 om.write_image(

@@ -10,7 +10,7 @@ from omnimirror.optics.image_sensor import Imager
 sensor = replace(
     om.load_sensor("paper-spherical"), imager=Imager(480, 400, 10.4, centre_px=(250.0, 190.0))
 )
-picture = om.take_picture(sensor, om.load_scene("street"), samples=4)
+picture = om.render_image(sensor, om.load_scene("street"), samples=4)
 rim = om.find_rim(picture)
 figure, ax = plt.subplots(figsize=(5, 4))
 ax.imshow(picture)

@@ -12,5 +12,5 @@ hall = om.load_scene("hall")
 halves = []
 for f_number in (16.0, 1.4):
     built = replace(sensor, lens=replace(sensor.lens, f_number=f_number))
-    halves.append(om.take_picture(built, hall, samples=16, blur=True))
+    halves.append(om.render_image(built, hall, samples=16, blur=True))
 om.write_image("aperture_and_blur.png", np.hstack(halves))

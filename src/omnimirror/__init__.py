@@ -102,8 +102,8 @@ if TYPE_CHECKING:
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
-    from .dewarp.image_folders import dewarp_pictures as dewarp_pictures
-    from .dewarp.request import Recording as Recording
+    from .dewarp.image_folders import dewarp_images as dewarp_images
+    from .dewarp.request import VideoSettings as VideoSettings
     from .dewarp.restoration.deblurring import Restoration as Restoration
     from .dewarp.restoration.deblurring import restore as restore
     from .dewarp.restoration.focus_bracketing import merge_bracket as merge_bracket
@@ -132,9 +132,7 @@ if TYPE_CHECKING:
     from .manufacturing.metrology.form_errors import FormError as FormError
     from .manufacturing.metrology.form_errors import form_error as form_error
     from .manufacturing.metrology.readers import read_points as read_points
-    from .manufacturing.tolerancing.drawing_conflicts import (
-        tolerance_conflicts as tolerance_conflicts,
-    )
+    from .manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
     from .manufacturing.tolerancing.mirror_form import as_built as as_built
     from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
     from .manufacturing.tolerancing.perturbation import perturbed as perturbed
@@ -158,14 +156,14 @@ if TYPE_CHECKING:
     from .optics.sensor_files import save_camera as save_camera
     from .optics.sensor_files import save_sensor as save_sensor
     from .optics.thermal import Thermal as Thermal
-    from .simulation.datasets import write_calibration_set as write_calibration_set
-    from .simulation.datasets import write_learning_set as write_learning_set
-    from .simulation.datasets import write_video_set as write_video_set
+    from .simulation.datasets import write_calibration_dataset as write_calibration_dataset
+    from .simulation.datasets import write_training_dataset as write_training_dataset
+    from .simulation.datasets import write_video_dataset as write_video_dataset
     from .simulation.detector import Detector as Detector
     from .simulation.ground_truth_maps import ground_truth as ground_truth
     from .simulation.radiometry import Radiometry as Radiometry
     from .simulation.rendering import expose as expose
-    from .simulation.rendering import take_picture as take_picture
+    from .simulation.rendering import render_image as render_image
     from .simulation.round_trip import measure_round_trip as measure_round_trip
     from .simulation.scenes.calibration_hall import Hall as Hall
     from .simulation.scenes.environment import Environment as Environment
@@ -316,10 +314,10 @@ _HOMES = {
     "Street": "simulation.scenes.street",
     "Radiometry": "simulation.radiometry",
     "ground_truth": "simulation.ground_truth_maps",
-    "take_picture": "simulation.rendering",
-    "write_calibration_set": "simulation.datasets",
-    "write_video_set": "simulation.datasets",
-    "write_learning_set": "simulation.datasets",
+    "render_image": "simulation.rendering",
+    "write_calibration_dataset": "simulation.datasets",
+    "write_video_dataset": "simulation.datasets",
+    "write_training_dataset": "simulation.datasets",
     "MovingBox": "simulation.scenes.moving_objects",
     "load_bodies": "simulation.scenes.moving_objects",
     "load_path": "simulation.simulated_video",
@@ -333,8 +331,8 @@ _HOMES = {
     "parse_sensor": "optics.sensor_files",
     "save_camera": "optics.sensor_files",
     "save_sensor": "optics.sensor_files",
-    "Recording": "dewarp.request",
-    "dewarp_pictures": "dewarp.image_folders",
+    "VideoSettings": "dewarp.request",
+    "dewarp_images": "dewarp.image_folders",
     "Restoration": "dewarp.restoration.deblurring",
     "dewarp_video": "dewarp.video_files",
     "LookAround": "apps.studio.pages",

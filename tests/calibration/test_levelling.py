@@ -21,7 +21,7 @@ def test_upright_edges_of_a_room_tell_how_its_camera_leaned(lean):
         sensor.imager, width_px=512, height_px=512, pixel_pitch_um=2 * sensor.imager.pixel_pitch_um
     )
     sensor = replace(sensor, imager=coarse)
-    taken = om.take_picture(
+    taken = om.render_image(
         replace(sensor, mount=Mount(pitch_deg=lean[0], roll_deg=lean[1])),
         om.Room(texel_mm=20.0),
         samples=1,
@@ -47,7 +47,7 @@ def test_upright_edges_of_a_room_tell_how_its_camera_leaned(lean):
 )
 def test_the_lean_of_a_ball_in_a_room(looked):
     ball = om.MirrorBall((349.5, 349.5), 330.0, 340.0, (700, 700), looked)
-    taken = om.take_picture(ball, om.Room(texel_mm=15.0), samples=2)
+    taken = om.render_image(ball, om.Room(texel_mm=15.0), samples=2)
     ball = replace(ball, mount=Mount(looked.camera_looks))
     level = level_in(taken, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
     assert level.is_sure

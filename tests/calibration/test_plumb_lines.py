@@ -30,7 +30,7 @@ def scene():
         sensor.imager, width_px=SIZE[0], height_px=SIZE[1], pixel_pitch_um=5.2 * 1024 / SIZE[0]
     )
     sensor = replace(sensor, imager=imager, mount=Mount("up", -90.0, False, 3.0, -2.0))
-    return sensor, om.take_picture(sensor, om.Room(texel_mm=20.0), samples=4)
+    return sensor, om.render_image(sensor, om.Room(texel_mm=20.0), samples=4)
 
 
 def field(sensor):

@@ -10,8 +10,8 @@ import pytest
 import omnimirror as om
 from omnimirror.cameras.frames import Mount
 from omnimirror.optics.mirrors.as_built import MirrorPose
-from omnimirror.simulation.rendering import pinhole_picture
-from omnimirror.simulation.scenes.scene import Distant
+from omnimirror.simulation.rendering import render_pinhole_image
+from omnimirror.simulation.scenes.scene import DistantScene
 from tests.conftest import SHARED
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)
@@ -127,9 +127,9 @@ EVERY_DAY = ("viewpoint-spline", "a fisheye")
 def test_every_view_of_a_calibrated_camera_shows_what_a_pinhole_sees(name):
     """Dewarped image of distant objects against the scene itself in each direction, every ninth
     pixel."""
-    camera, room = CALIBRATED[name], Distant(ROOM)
+    camera, room = CALIBRATED[name], DistantScene(ROOM)
     sizes = {"ground": (200, 200), "perspective": (320, 180)}
-    taken = om.take_picture(camera, room, samples=4)
+    taken = om.render_image(camera, room, samples=4)
     for kind in sorted({*om.views.VIEWS} - {"cube", "mosaic"}):  # which are composed of the others
         options = {"height_mm": 800.0} if kind == "ground" else {}
         options |= {"size": sizes[kind]} if kind in sizes else {}
@@ -144,7 +144,7 @@ def test_every_view_of_a_calibrated_camera_shows_what_a_pinhole_sees(name):
         ):  # near points, displaced for a mirror without a single viewpoint
             seen &= name not in ("viewpoint-spline", "sensor")
         seen = seen.reshape(u.shape) & (shown[..., 3] == 255)
-        true = pinhole_picture(room, screen.targets_at(u, v))
+        true = render_pinhole_image(room, screen.targets_at(u, v))
         off = np.abs(shown[..., :3].astype(float) - true)[seen]
         assert seen.any() or (kind == "ground" and name in ("viewpoint-spline", "sensor"))
         if seen.any():

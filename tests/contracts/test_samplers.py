@@ -518,16 +518,14 @@ def test_what_does_not_fit_is_refused(case, sampler):
     locked = np.empty((*where.size[::-1], 3), np.uint8)
     locked.flags.writeable = False
     for message, call in {
-        "another size than the map": lambda: remap(image[1:], where),
-        "is not a picture of 1 to 4 channels": lambda: remap(
-            np.empty((*SOURCE[::-1], 5), np.uint8), where
-        ),
-        "holds float64": lambda: remap(image.astype(float), where),
-        "out is": lambda: remap(image, where, out=np.empty((3, 3, 3), np.uint8)),
-        "cannot be written": lambda: remap(image, where, out=locked),
-        "border = 256": lambda: remap(image, where, border=256),
-        r"border = \(1, 2\) has 2 values": lambda: remap(image, where, border=(1, 2)),
-        "'lanczos' is not one": lambda: remap(image, where, "lanczos"),
+        "of the map; got": lambda: remap(image[1:], where),
+        "must have 1 to 4 channels": lambda: remap(np.empty((*SOURCE[::-1], 5), np.uint8), where),
+        "got float64": lambda: remap(image.astype(float), where),
+        "out must be .*; got": lambda: remap(image, where, out=np.empty((3, 3, 3), np.uint8)),
+        "out must be writeable": lambda: remap(image, where, out=locked),
+        "border must .*; got 256": lambda: remap(image, where, border=256),
+        r"border must .*; got \(1, 2\)": lambda: remap(image, where, border=(1, 2)),
+        "must be one of .*; got 'lanczos'": lambda: remap(image, where, "lanczos"),
     }.items():
         with pytest.raises(InvalidParameter, match=message):
             call()

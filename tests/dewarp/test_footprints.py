@@ -146,7 +146,7 @@ AFFINE = ((FINE, (9, 11)), (SHRINKING, (60, 43)), (SLANTED, (33, 20)), (STRONG, 
 @pytest.mark.parametrize(
     ("depth", "channels"), few(KINDS, ("uint8", 1), ("uint16", 4), ("float32", 3))
 )
-def test_values_are_the_definition(depth, channels, interpolation, sampler):
+def test_averages_match_definition(depth, channels, interpolation, sampler):
     picture = texture(depth, channels)
     for places, means in expected(depth, channels, interpolation):
         fixed = PixelMap(places, (150, 130), Annulus(75.0, 65.0, 0.0, 1e3))
@@ -179,7 +179,7 @@ def grid_of(matrix, size, step, bend=0.0):
 
 @pytest.mark.parametrize("interpolation", few(["auto", "area"], "auto"))
 @pytest.mark.parametrize("step", [4, 8, 16, 32, 64])
-def test_lattices_average_as_maps_do(step, interpolation, sampler):
+def test_lattice_averages_match_pixel_map(step, interpolation, sampler):
     picture = texture("uint8", 3)
     for size, matrix in (
         ((47, 61), SHRINKING),
@@ -203,7 +203,7 @@ def test_lattices_average_as_maps_do(step, interpolation, sampler):
     "interpolation", few(["auto", "nearest", "linear", "cubic", "area"], "auto", "cubic")
 )
 @pytest.mark.parametrize("dtype", few(["uint8", "float32"], "uint8"))
-def test_the_first_picture_is_the_others_to_the_bit(dtype, interpolation, keep_map, sampler):
+def test_first_image_equals_later_images(dtype, interpolation, keep_map, sampler):
     ball = om.MirrorBall((127.5, 126.5), 120.0, 270.0, (256, 254))
     noise = np.random.default_rng(5).integers(0, 256, (254, 256, 3)).astype(dtype)
     for view in (
@@ -219,7 +219,7 @@ def test_the_first_picture_is_the_others_to_the_bit(dtype, interpolation, keep_m
         np.testing.assert_array_equal(dewarp(noise), first)
 
 
-def test_the_first_frame_is_the_others_to_the_bit():
+def test_first_frame_equals_later_frames():
     luma, chroma = (
         np.random.default_rng(6).integers(0, 256, s, np.uint8)
         for s in ((1020, 1024), (510, 512, 2))
@@ -238,7 +238,7 @@ def test_the_first_frame_is_the_others_to_the_bit():
 # -- antialiasing ---------------------------------------------------------------------------------
 
 
-def test_stripes_finer_than_a_pixel_become_grey(sampler):
+def test_subpixel_stripes_become_grey(sampler):
     """Stripes sampled once per pixel alias to broad bands."""
     stripes = np.zeros((400, 400), np.uint8)
     stripes[:, ::4] = stripes[:, 1::4] = 200
@@ -252,7 +252,7 @@ def test_stripes_finer_than_a_pixel_become_grey(sampler):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32))
-def test_the_mean_over_a_footprint_is_that_of_very_many_samples(seed):
+def test_footprint_mean_matches_dense_sampling(seed):
     """Any parallelogram, for an image without structure below two pixels."""
     rng = np.random.default_rng(seed)
     picture = cv2.GaussianBlur(texture("float32", 1, (260, 260), seed % 1000), (0, 0), 1.0)
@@ -268,7 +268,7 @@ def test_the_mean_over_a_footprint_is_that_of_very_many_samples(seed):
     np.testing.assert_allclose(remap_at(picture, places, "area"), mean, atol=0.015)
 
 
-def test_where_nothing_shrinks_auto_is_cubic_to_the_bit(sampler):
+def test_auto_equals_cubic_without_minification(sampler):
     picture = texture("uint8", 3, (1024, 1020))
     for view in (
         om.screens.Plane((320, 180), 30.0, -20.0, 0.0, 40.0),
@@ -280,7 +280,7 @@ def test_where_nothing_shrinks_auto_is_cubic_to_the_bit(sampler):
         assert auto._map.averages("auto") is None  # same cost as cubic
 
 
-def test_regions_join_without_a_seam():
+def test_regions_join_without_seam():
     """On a gradient, boundaries of averaged and non-averaged cells cause no steps."""
     v, u = np.mgrid[:1020, :1024]
     picture = (100 + 60 * np.sin(u / 3.1) * np.sin(v / 3.7)).astype(np.float32)
@@ -309,12 +309,12 @@ def test_regions_join_without_a_seam():
 
 
 @pytest.mark.parametrize("camera", ["symmetric", "stretched"])
-def test_nothing_outside_the_field_gets_into_the_picture(camera, sampler):
+def test_averages_exclude_outside_of_field(camera, sampler):
     """An image that is grey inside the field and bright beyond the reach of a single sample."""
     ball = om.MirrorBall((255.5, 254.5), 240.0, 270.0, (512, 510))
     v, u = np.mgrid[:510, :512]
     picture = np.where(np.hypot(u - 255.5, v - 254.5) < 244, 80, 255).astype(np.uint8)
-    view = om.screens.Dome((90, 90), 150.0, "nadir")
+    view = om.screens.DomeMaster((90, 90), 150.0, "nadir")
     dewarp = om.Dewarper(
         ball if camera == "symmetric" else _Unsymmetric(ball), view, "area", border=7
     )
@@ -338,7 +338,7 @@ class _Unsymmetric:
         return getattr(self.camera, name)
 
 
-def test_the_end_of_a_picture_is_averaged_over_what_is_inside(sampler):
+def test_averages_at_image_border(sampler):
     """A white image remains white up to its last pixel, whose footprint crosses the border."""
     picture = np.full((50, 60, 3), 255, np.uint8)
     places = affine([[7.0, 0.0], [0.0, 5.0]], (29.5, 24.5), (15, 13))
@@ -349,7 +349,7 @@ def test_the_end_of_a_picture_is_averaged_over_what_is_inside(sampler):
 
 
 @pytest.mark.parametrize("width", [36, 72, 200])
-def test_the_seam_of_a_panorama_is_averaged_as_its_other_columns(width, sampler):
+def test_panorama_seam_is_averaged_as_other_columns(width, sampler):
     """The same columns in the middle of a panorama that is turned by half a turn."""
     picture = cv2.GaussianBlur(texture("uint8", 3, (1024, 1020)), (0, 0), 2)
     seam, middle = (
@@ -365,7 +365,7 @@ def test_the_seam_of_a_panorama_is_averaged_as_its_other_columns(width, sampler)
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "auto", "area"])
 @pytest.mark.parametrize(("width", "value"), [(1600, np.inf), (360, np.inf), (72, -np.inf)])
-def test_an_infinite_value_makes_no_number_undefined(interpolation, width, value, sampler):
+def test_infinite_value_does_not_yield_nan(interpolation, width, value, sampler):
     """It makes those pixels infinite that a bright value at its place reaches, and no other."""
     dewarp = om.Dewarper(BALL, om.views.panorama(BALL, (width, width // 4)), interpolation)
     places = dewarp.coordinates()
@@ -384,11 +384,11 @@ def test_an_infinite_value_makes_no_number_undefined(interpolation, width, value
     np.testing.assert_allclose(taken[~reached, 1], grey[~reached, 1], atol=1e-3)
 
 
-def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
+def test_mosaic_views_do_not_mix(sampler):
     """Each view equals the single view up to its last pixel, for any direction of its neighbour."""
     picture = texture("uint8", 3, (1024, 1020))
     down, ahead = (
-        om.screens.Dome((80, 80), 100.0, "nadir"),
+        om.screens.DomeMaster((80, 80), 100.0, "nadir"),
         om.screens.Plane((79, 50), 0.0, -10.0, 0.0, 120.0),
     )
     mosaic = om.screens.Mosaic((159, 80), ((0, 0, down), (80, 0, ahead)))
@@ -406,14 +406,14 @@ def test_views_of_a_mosaic_do_not_run_into_each_other(sampler):
             assert off.max() < 20
 
 
-def test_cells_of_neighbours_far_apart_do_not_count_as_large():
+def test_discontinuities_do_not_enlarge_footprints():
     places = np.concatenate(
         [affine(FINE, (40, 40), (32, 24)), affine(FINE, (900, 700), (32, 24))], axis=1
     )
     assert squared_sides_of_pixels(places).max() < 0.3
 
 
-def test_views_of_a_single_pixel_or_row():
+def test_single_pixel_and_row_views():
     picture = texture("uint8", 3, (1024, 1020))
     for size in ((1, 1), (1, 40), (40, 1), (2, 2)):
         for interpolation in ("auto", "area"):
@@ -422,7 +422,7 @@ def test_views_of_a_single_pixel_or_row():
             assert dewarp(picture).any()
 
 
-def test_a_view_of_many_pixels_on_few_is_bounded():
+def test_number_of_taps_is_bounded():
     """4000 source pixels on 8: limited to 128 samples per side."""
     picture = np.full((4000, 4000), 99, np.uint8)
     places = affine([[500.0, 0], [0, 500.0]], (1999.5, 1999.5), (8, 8))
@@ -438,7 +438,7 @@ SIZES = st.one_of(st.integers(1, 40), st.sampled_from([63, 64, 65, 127, 129, 200
 
 @settings(max_examples=80, deadline=None)
 @given(st.data())
-def test_any_size_stays_within_its_memory(data):
+def test_random_sizes_stay_within_memory(data):
     """Smooth maps of any size with holes, beyond the borders: guard bytes around both images are
     unchanged."""
     name = data.draw(st.sampled_from(INSTRUCTIONS[1:] or INSTRUCTIONS))
@@ -477,8 +477,8 @@ def test_any_size_stays_within_its_memory(data):
         assert (memory[-padding:] == 0xA5).all()
 
 
-@pytest.mark.skipif(MODULE is None, reason="the compiled samplers are not built")
-def test_the_module_itself_refuses_what_would_leave_memory():
+@pytest.mark.skipif(MODULE is None, reason="requires the compiled module")
+def test_compiled_module_checks_bounds():
     picture, places = texture("uint8", 3), affine(SHRINKING, (70, 60), (40, 30))
     out = np.empty((40, 30, 3), np.uint8)
     taps = np.full((3, 2, 2), 2, np.uint8)
@@ -514,8 +514,8 @@ def test_the_module_itself_refuses_what_would_leave_memory():
             call()
 
 
-@pytest.mark.skipif(MODULE is None, reason="the compiled samplers are not built")
-def test_threads_change_no_bit():
+@pytest.mark.skipif(MODULE is None, reason="requires the compiled module")
+def test_threads_give_identical_results():
     picture, before = texture("uint8", 3), backend.threads
     grid, _ = grid_of(SHRINKING, (60, 61), 16)
     fixed = PixelMap.of(grid)
@@ -528,6 +528,6 @@ def test_threads_change_no_bit():
     backend.set_threads(before)
 
 
-def test_sampling_reads_the_rules_it_offers():
+def test_interpolations_have_rules():
     assert set(RULES) == {"auto", "area"}
     assert set(KERNELS) == set(INTERPOLATIONS)

@@ -66,7 +66,7 @@ def azimuth_deg(pixel):
 
 
 @pytest.mark.parametrize(("looks", "sign"), [("up", 1), ("down", -1)])
-def test_the_numeric_case_of_the_conventions(looks, sign):
+def test_numeric_example_of_conventions(looks, sign):
     """A wall at x = 3 m, point A at y = +400 mm and B at y = -400: columns 1723.55 and 1875.45."""
     sensor = sensor_with(looks, 0.0)
     coordinates = om.Dewarper(sensor, om.screens.Cylinder((3600, 9), -9.0, 9.0)).coordinates()[4]
@@ -82,7 +82,7 @@ def test_the_numeric_case_of_the_conventions(looks, sign):
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
-def test_points_project_where_the_shortest_path_puts_them(looks):
+def test_projection_matches_shortest_path(looks):
     for axes, azimuth in ((IMAGE_RIGHT_IS_FORWARD, 0.0), (IMAGE_TOP_IS_FORWARD, -90.0)):
         sensor = sensor_with(looks, azimuth)
         for point in ([3000.0, 400.0, 0.0], [700.0, -900.0, 300.0], [-200.0, 300.0, -100.0]):
@@ -120,7 +120,7 @@ def find(picture, name):
 @pytest.mark.parametrize("azimuth", few([0.0, -90.0], -90.0))
 @pytest.mark.parametrize("looks", ["up", "down"])
 @pytest.mark.parametrize("view", ["panorama", "perspective", "dome"])
-def test_an_l_reads_as_an_l(looks, azimuth, flipped, view):
+def test_view_is_not_mirrored(looks, azimuth, flipped, view):
     axes = (IMAGE_RIGHT_IS_FORWARD if azimuth == 0.0 else IMAGE_TOP_IS_FORWARD)[looks]
     raw = picture_of_the_sign(axes, flipped)
     sensor = sensor_with(looks, azimuth, flipped)
@@ -129,8 +129,8 @@ def test_an_l_reads_as_an_l(looks, azimuth, flipped, view):
         "perspective": om.screens.Plane((1200, 900), hfov_deg=80.0),
         "dome": om.views.dome(sensor, (1000, 1000)),
     }[view]
-    straight = om.Dewarper(sensor, screen, "nearest")(raw)
-    (cu, cv), (tu, tv), (ru, rv) = (find(straight, name) for name in ("corner", "top", "right"))
+    dewarped = om.Dewarper(sensor, screen, "nearest")(raw)
+    (cu, cv), (tu, tv), (ru, rv) = (find(dewarped, name) for name in ("corner", "top", "right"))
     if view == "dome":
         up = looks == "down"  # then the dome is centred at the zenith, and right is left
         assert cv < 500

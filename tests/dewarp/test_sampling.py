@@ -21,7 +21,7 @@ from omnimirror.base.native import backend
 from omnimirror.dewarp.interfaces import INTERPOLATIONS
 from omnimirror.dewarp.maps import PixelMap, PolarMap, node_weights
 from omnimirror.dewarp.sampling import remap
-from omnimirror.simulation.rendering import pinhole_picture
+from omnimirror.simulation.rendering import render_pinhole_image
 from tests.everyday import few
 from tests.samplers import instructions as all_instructions
 from tests.samplers import remap_at
@@ -36,7 +36,7 @@ FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 KINDS = [(depth, channels) for depth in FULL for channels in (1, 2, 3, 4)]
 COMPILED_INTERPOLATIONS = ["nearest", "linear", "cubic"]
 
-pytestmark = pytest.mark.skipif(MODULE is None, reason="the compiled samplers are not built")
+pytestmark = pytest.mark.skipif(MODULE is None, reason="requires the compiled module")
 
 
 @pytest.fixture(params=INSTRUCTIONS)
@@ -58,32 +58,30 @@ def keys(t):
     return np.where(d <= 1, (a + 2) * d**3 - (a + 3) * d**2 + 1, a * (d**3 - 5 * d**2 + 8 * d - 4))
 
 
-def truth(picture, coordinates, interpolation, border=0.0):
+def truth(image, coordinates, interpolation, border=0.0):
     """Return values by the definition of the samplers, in float64 without rounding; (rows, columns,
     channels)."""
-    picture = np.atleast_3d(picture)
-    height, width = picture.shape[:2]
+    image = np.atleast_3d(image)
+    height, width = image.shape[:2]
     u, v = np.asarray(coordinates, np.float64).reshape(-1, 2).T
     with np.errstate(invalid="ignore"):
         inside = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
     u, v = np.where(inside, u, 0).clip(0, width - 1), np.where(inside, v, 0).clip(0, height - 1)
     if interpolation == "nearest":
-        values = picture[(v + 0.5).astype(int), (u + 0.5).astype(int)].astype(float)
+        values = image[(v + 0.5).astype(int), (u + 0.5).astype(int)].astype(float)
     else:
         x, y = np.floor(u).astype(int), np.floor(v).astype(int)
         if interpolation == "linear":
             first, wx, wy = 0, np.stack([1 - (u - x), u - x]), np.stack([1 - (v - y), v - y])
         else:
             first, wx, wy = -1, keys(u - x), keys(v - y)
-        values = np.zeros((len(u), picture.shape[2]))
+        values = np.zeros((len(u), image.shape[2]))
         for j, down in enumerate(wy):
             for k, across in enumerate(wx):
-                tap = picture[
-                    (y + j + first).clip(0, height - 1), (x + k + first).clip(0, width - 1)
-                ]
+                tap = image[(y + j + first).clip(0, height - 1), (x + k + first).clip(0, width - 1)]
                 values += (down * across)[:, None] * tap
-        if picture.dtype != np.float32:
-            values = values.clip(0, FULL[picture.dtype.name])
+        if image.dtype != np.float32:
+            values = values.clip(0, FULL[image.dtype.name])
     values[~inside] = border
     return values.reshape(*np.shape(coordinates)[:2], -1)
 
@@ -96,12 +94,12 @@ def photograph(depth="uint8", channels=3, size=(230, 170)):
         cv2.resize(rng.random((n, n, channels)), size, interpolation=cv2.INTER_CUBIC)
         for n in (3, 9, 31, 90)
     ]
-    picture = sum(
+    image = sum(
         np.reshape(level, (height, width, channels)) / (k + 1) for k, level in enumerate(levels)
     )
-    picture = (picture - picture.min()) / np.ptp(picture) + rng.normal(0, 0.01, picture.shape)
-    picture = picture.clip(0, 1) * FULL[depth]
-    return (picture if depth == "float32" else np.rint(picture)).astype(depth)
+    image = (image - image.min()) / np.ptp(image) + rng.normal(0, 0.01, image.shape)
+    image = image.clip(0, 1) * FULL[depth]
+    return (image if depth == "float32" else np.rint(image)).astype(depth)
 
 
 def spiral(size, shape=(61, 133), reach=1.1):
@@ -129,20 +127,20 @@ def spiral(size, shape=(61, 133), reach=1.1):
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
-def test_the_worst_picture_is_off_by_fractions_only(channels, interpolation, instructions):
+def test_max_sampling_error(channels, interpolation, instructions):
     """Black and white noise: 1/510 px of error in both directions, and rounding."""
-    picture = np.random.default_rng(0).choice([0, 255], (90, 110, channels)).astype(np.uint8)
+    image = np.random.default_rng(0).choice([0, 255], (90, 110, channels)).astype(np.uint8)
     coordinates = spiral((110, 90), (200, 200))
-    taken = remap_at(picture, coordinates, interpolation).astype(float)
-    expected = truth(picture, coordinates, interpolation).clip(0, 255)
+    taken = remap_at(image, coordinates, interpolation).astype(float)
+    expected = truth(image, coordinates, interpolation).clip(0, 255)
     assert np.abs(taken - expected).max() < (1.6 if interpolation == "linear" else 2.2)
 
 
-def test_instructions_agree_within_one_grey_level():
+def test_instruction_sets_agree():
     """Compare the vector kernels with the plain kernels, which use ordinary arithmetic."""
     before = MODULE.instructions()
     for channels in (1, 2, 3, 4):
-        picture, coordinates = photograph(channels=channels), spiral((230, 170))
+        image, coordinates = photograph(channels=channels), spiral((230, 170))
         for interpolation in COMPILED_INTERPOLATIONS:
             taken = []
             for name in INSTRUCTIONS:
@@ -156,7 +154,7 @@ def test_instructions_agree_within_one_grey_level():
                     COMPILED_INTERPOLATIONS.index(interpolation),
                 )
                 out = np.empty((*coordinates.shape[:2], channels), np.uint8)
-                packed.sample(picture, out, 0)
+                packed.sample(image, out, 0)
                 taken.append(out)
             for other in taken[1:]:
                 assert np.abs(other.astype(int) - taken[0]).max() <= 1
@@ -186,7 +184,7 @@ SIZES = st.one_of(st.integers(1, 40), st.sampled_from([63, 64, 65, 127, 128, 129
 
 @settings(max_examples=150, deadline=None)
 @given(st.data())
-def test_any_size_stays_within_its_memory(data):
+def test_random_sizes_stay_within_memory(data):
     """Sizes from 1 x 1, odd widths, padded rows, all types, all maps: correct values and unchanged
     guards."""
     name = data.draw(st.sampled_from(INSTRUCTIONS))
@@ -196,22 +194,22 @@ def test_any_size_stays_within_its_memory(data):
     gap, out_gap = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 5))
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
     memory, intact = guarded((height, width + gap, channels), depth)
-    picture = memory[:, :width]
-    picture[:] = photograph(depth, channels, (max(width, 4), max(height, 4)))[:height, :width]
+    image = memory[:, :width]
+    image[:] = photograph(depth, channels, (max(width, 4), max(height, 4)))[:height, :width]
     coordinates = rng.uniform(-2, max(width, height) + 1, (rows, columns, 2)).astype(np.float32)
     coordinates[rng.random((rows, columns)) < 0.1] = np.nan
     coordinates[rng.random((rows, columns)) < 0.2] = (width - 1, height - 1)
     coordinates[rng.random((rows, columns)) < 0.2] = (width - 0.5, height - 0.5)
     target, untouched = guarded((rows, columns + out_gap, channels), depth)
     target[:] = 0
-    expected = truth(picture, coordinates, interpolation)
+    expected = truth(image, coordinates, interpolation)
     before = MODULE.instructions()
     MODULE.use_instructions(name)
     try:
         for taken in (
-            remap_at(picture, coordinates, interpolation, target[:, :columns]),
+            remap_at(image, coordinates, interpolation, target[:, :columns]),
             remap(
-                picture, PixelMap(coordinates, (width, height)), interpolation, target[:, :columns]
+                image, PixelMap(coordinates, (width, height)), interpolation, target[:, :columns]
             ),
         ):
             if interpolation == "nearest":
@@ -231,21 +229,21 @@ def test_any_size_stays_within_its_memory(data):
 
 
 @pytest.mark.parametrize("interpolation", COMPILED_INTERPOLATIONS)
-def test_any_strides_give_the_same_picture(interpolation, instructions):
-    picture = photograph(size=(60, 50))
+def test_strided_arrays_give_same_result(interpolation, instructions):
+    image = photograph(size=(60, 50))
     coordinates = spiral((60, 50))
-    expected = remap_at(picture, coordinates, interpolation)
+    expected = remap_at(image, coordinates, interpolation)
     wide = np.zeros((50, 130, 5), np.uint8)
-    wide[:, 3:123:2, 1:4] = picture
+    wide[:, 3:123:2, 1:4] = image
     apart = np.frombuffer(
-        bytes(1) + np.pad(picture, ((0, 0), (0, 7), (0, 0))).tobytes(), np.uint8, offset=1
+        bytes(1) + np.pad(image, ((0, 0), (0, 7), (0, 0))).tobytes(), np.uint8, offset=1
     )
     views = [
-        np.asfortranarray(picture),
+        np.asfortranarray(image),
         wide[:, 3:123:2, 1:4],
-        picture[::-1].copy()[::-1],
-        picture[:, ::-1].copy()[:, ::-1],
-        picture[..., ::-1].copy()[..., ::-1],
+        image[::-1].copy()[::-1],
+        image[:, ::-1].copy()[:, ::-1],
+        image[..., ::-1].copy()[..., ::-1],
         apart.reshape(50, 67, 3)[:, :60],
     ]
     fixed = PixelMap(coordinates, (60, 50))
@@ -258,107 +256,109 @@ def test_any_strides_give_the_same_picture(interpolation, instructions):
         np.zeros((*shape[:2], 6), np.uint8)[..., ::2],
         np.zeros(shape, np.uint8)[::-1, ::-1],
     ):
-        assert remap_at(picture, coordinates, interpolation, out) is out
+        assert remap_at(image, coordinates, interpolation, out) is out
         np.testing.assert_array_equal(out, expected)
     np.testing.assert_array_equal(
-        remap_at(picture, np.asfortranarray(coordinates), interpolation), expected
+        remap_at(image, np.asfortranarray(coordinates), interpolation), expected
     )
     doubled = np.repeat(coordinates, 2, axis=0)[::2]
-    np.testing.assert_array_equal(remap_at(picture, doubled, interpolation), expected)
+    np.testing.assert_array_equal(remap_at(image, doubled, interpolation), expected)
 
 
-def test_sixteen_bits_that_are_not_aligned(instructions):
-    picture = photograph("uint16", size=(60, 50))
-    memory = np.zeros(picture.nbytes + 1, np.uint8)
-    odd = np.ndarray(picture.shape, np.uint16, memory.data, offset=1)
-    odd[:] = picture
+def test_misaligned_16_bit_array_raises(instructions):
+    image = photograph("uint16", size=(60, 50))
+    memory = np.zeros(image.nbytes + 1, np.uint8)
+    odd = np.ndarray(image.shape, np.uint16, memory.data, offset=1)
+    odd[:] = image
     coordinates = spiral((60, 50))
-    np.testing.assert_array_equal(remap_at(odd, coordinates), remap_at(picture, coordinates))
+    np.testing.assert_array_equal(remap_at(odd, coordinates), remap_at(image, coordinates))
     also_odd = np.ndarray(
         coordinates.shape, np.float32, bytearray(coordinates.nbytes + 1), offset=1
     )
     also_odd[:] = coordinates
-    np.testing.assert_array_equal(remap_at(picture, also_odd), remap_at(picture, coordinates))
+    np.testing.assert_array_equal(remap_at(image, also_odd), remap_at(image, coordinates))
     with pytest.raises(ValueError, match="aligned"):
         MODULE.remap(odd, coordinates, np.empty((*coordinates.shape[:2], 3), np.uint16), 1, 0)
-    swapped = picture.astype(picture.dtype.newbyteorder())
-    np.testing.assert_array_equal(remap_at(swapped, coordinates), remap_at(picture, coordinates))
+    swapped = image.astype(image.dtype.newbyteorder())
+    np.testing.assert_array_equal(remap_at(swapped, coordinates), remap_at(image, coordinates))
 
 
-def test_a_picture_onto_itself(instructions):
-    picture = photograph(size=(60, 50))
+def test_in_place_remap(instructions):
+    image = photograph(size=(60, 50))
     coordinates = np.ascontiguousarray(spiral((60, 50), (50, 90))[:, :60])
-    expected = remap_at(picture, coordinates)
-    np.testing.assert_array_equal(remap_at(picture, coordinates, out=picture), expected)
+    expected = remap_at(image, coordinates)
+    np.testing.assert_array_equal(remap_at(image, coordinates, out=image), expected)
 
 
 @pytest.mark.parametrize("interpolation", COMPILED_INTERPOLATIONS)
-def test_pictures_wider_than_16_bits_count(interpolation, instructions):
+def test_images_wider_than_16_bit_index(interpolation, instructions):
     for size in ((40_001, 21), (21, 40_001), (70_000, 2)):
         width, height = size
         rows = np.linspace(0, 250, height, dtype=np.uint8)[:, None]
-        picture = np.dstack([np.broadcast_to(rows, (height, width))] * 3) // 2
-        picture = picture + (np.arange(width) % 97).astype(np.uint8)[None, :, None]
+        image = np.dstack([np.broadcast_to(rows, (height, width))] * 3) // 2
+        image = image + (np.arange(width) % 97).astype(np.uint8)[None, :, None]
         u = np.linspace(-1, width, 1000)
         coordinates = np.stack([u, np.linspace(-1, height, 1000)], axis=-1)[None]
-        expected = truth(picture, coordinates, interpolation)
-        taken = remap_at(picture, coordinates, interpolation)
+        expected = truth(image, coordinates, interpolation)
+        taken = remap_at(image, coordinates, interpolation)
         assert (np.abs(taken - expected) > 1.5).mean() < 1e-3
         wide = remap_at(
-            picture, np.repeat(coordinates, 40, axis=1), interpolation
+            image, np.repeat(coordinates, 40, axis=1), interpolation
         )  # and an output of the same width
         np.testing.assert_array_equal(wide[:, ::40], taken)
 
 
-def test_a_picture_with_more_values_than_can_be_counted():
+def test_too_many_values_raise():
     huge = np.lib.stride_tricks.as_strided(np.zeros(1, np.uint8), (70_000, 70_000), (0, 0))
-    with pytest.raises(InvalidParameter, match="70000 x 70000 px is too large"):
+    with pytest.raises(
+        InvalidParameter, match=r"must have at most .* values; got .* in 70000 x 70000 px"
+    ):
         remap_at(huge, np.zeros((1, 1, 2), np.float32))
 
 
 def test_empty_outputs(instructions):
-    picture = photograph(size=(60, 50))
+    image = photograph(size=(60, 50))
     for shape in ((0, 5, 2), (5, 0, 2), (0, 0, 2)):
-        assert remap_at(picture, np.zeros(shape, np.float32)).shape == (*shape[:2], 3)
+        assert remap_at(image, np.zeros(shape, np.float32)).shape == (*shape[:2], 3)
     circles = PolarMap((3.0, 3.0), np.zeros(0), np.ones(1), (60, 50))
-    assert remap(picture, circles).shape == (0, 1, 3)
+    assert remap(image, circles).shape == (0, 1, 3)
 
 
-def test_fields_that_are_empty(instructions):
-    picture = photograph(size=(60, 50))
+def test_empty_fields(instructions):
+    image = photograph(size=(60, 50))
     for value in (np.nan, np.inf, -1.0):
         out = np.full((20, 70, 3), 77, np.uint8)
-        remap_at(picture, np.full((20, 70, 2), value, np.float32), "cubic", out, border=3)
+        remap_at(image, np.full((20, 70, 2), value, np.float32), "cubic", out, border=3)
         assert (out == 3).all()
 
 
-def test_the_module_itself_refuses_what_would_leave_memory():
-    picture, coordinates = photograph(size=(60, 50)), spiral((60, 50))
+def test_compiled_module_checks_bounds():
+    image, coordinates = photograph(size=(60, 50)), spiral((60, 50))
     out = np.empty((*coordinates.shape[:2], 3), np.uint8)
     x, y = np.zeros((2, 7, 7), np.float32)
     cells, patches = np.full((4, 4), -1, np.int32), np.empty((0, 16, 16, 2), np.float32)
     far = np.zeros((4, 4), np.int32)
     weights, whole = [node_weights(16)] * 2, np.empty((50, 60, 3), np.uint8)
     MODULE.remap_lattice(
-        picture, x, y, *weights, cells, patches, whole, 1, 0
+        image, x, y, *weights, cells, patches, whole, 1, 0
     )  # valid arguments are accepted
     for call in (
-        lambda: MODULE.remap(picture, coordinates[1:], out, 1, 0),
-        lambda: MODULE.remap(picture[:, ::2], coordinates, out, 1, 0),
-        lambda: MODULE.remap(picture, coordinates, out[..., :1], 1, 0),
-        lambda: MODULE.remap(picture, coordinates, out, 3, 0),
-        lambda: MODULE.remap(picture, np.zeros(coordinates.shape, np.int32), out, 1, 0),
-        lambda: MODULE.remap_polar(picture, *[np.zeros(9, np.float32)] * 3, 1, 1, out, 1, 0),
-        lambda: MODULE.PackedMap(coordinates, 61, 50, 3, False, 1).sample(picture, out, 0),
-        lambda: MODULE.PackedMap(coordinates, 60, 50, 3, True, 1).sample(picture, out, 0),
+        lambda: MODULE.remap(image, coordinates[1:], out, 1, 0),
+        lambda: MODULE.remap(image[:, ::2], coordinates, out, 1, 0),
+        lambda: MODULE.remap(image, coordinates, out[..., :1], 1, 0),
+        lambda: MODULE.remap(image, coordinates, out, 3, 0),
+        lambda: MODULE.remap(image, np.zeros(coordinates.shape, np.int32), out, 1, 0),
+        lambda: MODULE.remap_polar(image, *[np.zeros(9, np.float32)] * 3, 1, 1, out, 1, 0),
+        lambda: MODULE.PackedMap(coordinates, 61, 50, 3, False, 1).sample(image, out, 0),
+        lambda: MODULE.PackedMap(coordinates, 60, 50, 3, True, 1).sample(image, out, 0),
         lambda: MODULE.PackedMap(coordinates, 60, 50, 5, False, 1),
         lambda: MODULE.PackedMap(coordinates, 1 << 29, 50, 3, False, 1),
-        lambda: MODULE.remap_lattice(picture, x, y, *weights, far, patches, whole, 1, 0),
-        lambda: MODULE.remap_lattice(picture, x[1:], y, *weights, cells, patches, whole, 1, 0),
+        lambda: MODULE.remap_lattice(image, x, y, *weights, far, patches, whole, 1, 0),
+        lambda: MODULE.remap_lattice(image, x[1:], y, *weights, cells, patches, whole, 1, 0),
         lambda: MODULE.remap_lattice(
-            picture, x, y, weights[0], weights[1][:, :8], cells, patches, whole, 1, 0
+            image, x, y, weights[0], weights[1][:, :8], cells, patches, whole, 1, 0
         ),
-        lambda: MODULE.remap_lattice(picture, x, y, *weights, cells, patches, whole[:32], 1, 0),
+        lambda: MODULE.remap_lattice(image, x, y, *weights, cells, patches, whole[:32], 1, 0),
     ):
         with pytest.raises(
             (ValueError, TypeError),
@@ -369,21 +369,19 @@ def test_the_module_itself_refuses_what_would_leave_memory():
 
 @pytest.mark.parametrize("interpolation", [0, 1, 2])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
-def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
+def test_sides_beyond_float32_precision(interpolation, dtype, instructions):
     """Integer positions at float32 gaps of 1 and 2 pixels yield their pixel, and those beyond the
     last one none."""
     width = 2**24 + 5
-    picture = np.zeros((16, width, 1), dtype)  # few pages are touched
+    image = np.zeros((16, width, 1), dtype)  # few pages are touched
     beyond = width + 1, width + 3, 2.0**30
     places = np.array(
         [[2**23 - 0.5, 2**23 + 1, 2**23 + 3, 2**24 - 1, width - 1, *beyond]], np.float32
     )
     last = [int(x) for x in places[0, 1:5]]
-    picture[0, last, 0] = [11, 12, 13, 14]
+    image[0, last, 0] = [11, 12, 13, 14]
     out = np.empty((1, 8, 1), dtype)
-    MODULE.remap(
-        picture, np.stack([places, np.zeros_like(places)], axis=-1), out, interpolation, 99
-    )
+    MODULE.remap(image, np.stack([places, np.zeros_like(places)], axis=-1), out, interpolation, 99)
     assert out[0, 1:5, 0].tolist() == [11, 12, 13, 14]
     assert out[0, 5:, 0].tolist() == [99] * 3
 
@@ -391,9 +389,9 @@ def test_sides_that_float32_cannot_count(interpolation, dtype, instructions):
 @pytest.mark.parametrize("interpolation", [0, 1, 2])
 @pytest.mark.parametrize("at", [0, 24, 48, -1])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e30, 3e38])
-def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
+def test_nan_nodes(value, at, interpolation, instructions):
     """Cells with such a node are undefined, others are unchanged."""
-    picture, step = photograph(size=(400, 300)), 16
+    image, step = photograph(size=(400, 300)), 16
     shape = 4 + 3, 8 + 3
     x, y = np.meshgrid(
         *(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7)))
@@ -401,9 +399,9 @@ def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
     cells, patches = np.full((4, 8), -1, np.int32), np.empty((0, step, step, 2), np.float32)
     weights = node_weights(step)
     whole, odd = np.empty((2, 64, 128, 3), np.uint8)
-    MODULE.remap_lattice(picture, x, y, weights, weights, cells, patches, whole, interpolation, 0)
+    MODULE.remap_lattice(image, x, y, weights, weights, cells, patches, whole, interpolation, 0)
     x.reshape(-1)[at] = value
-    MODULE.remap_lattice(picture, x, y, weights, weights, cells, patches, odd, interpolation, 0)
+    MODULE.remap_lattice(image, x, y, weights, weights, cells, patches, odd, interpolation, 0)
     row, column = np.unravel_index(np.arange(x.size)[at], shape)
     near = np.zeros((4, 8), bool)
     near[max(row - 3, 0) : row + 1, max(column - 3, 0) : column + 1] = True
@@ -413,8 +411,8 @@ def test_nodes_that_are_no_numbers(value, at, interpolation, instructions):
         assert not odd[is_near].any()
 
 
-def test_weights_that_interpolate_nothing_are_refused():
-    picture, step = photograph(size=(400, 300)), 16
+def test_invalid_weights_raise():
+    image, step = photograph(size=(400, 300)), 16
     x, y = np.full((2, 7, 11), 150, np.float32)
     cells, patches, good = (
         np.full((4, 8), -1, np.int32),
@@ -433,20 +431,20 @@ def test_weights_that_interpolate_nothing_are_refused():
         )
         for weights in ((wrong, good), (good, wrong)):
             with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
-                MODULE.remap_lattice(picture, x, y, *weights, cells, patches, out, 1, 0)
+                MODULE.remap_lattice(image, x, y, *weights, cells, patches, out, 1, 0)
     far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
         step, axis=1
     )  # sum 1, far from Lagrange weights
     x, y = np.meshgrid(
         *(np.linspace(100, last, n, dtype=np.float32) for last, n in ((300, 11), (200, 7)))
     )
-    MODULE.remap_lattice(picture, x, y, far, far, cells, patches, out, 1, 7)
+    MODULE.remap_lattice(image, x, y, far, far, cells, patches, out, 1, 7)
     assert (out == 7).all()
 
 
 @pytest.mark.parametrize("count", few([0, 1, 7, 8, 9, 511, 513, 1030], 0, 9, 513))
 @pytest.mark.parametrize("is_near", [False, True])
-def test_any_number_of_targets_stays_within_its_memory(count, is_near, instructions):
+def test_random_target_counts_stay_within_memory(count, is_near, instructions):
     """All in one call, against one call each."""
     q = np.linspace(0.0, 0.9, 50)
     origins = np.stack([40 * q, -20 * q**2], axis=-1)  # approximately a paraboloid
@@ -471,7 +469,7 @@ def test_any_number_of_targets_stays_within_its_memory(count, is_near, instructi
     assert count < 7 or np.isfinite(pixels).any()
 
 
-def test_tables_that_do_not_fit_are_refused():
+def test_invalid_tables_raise():
     table = np.eye(3), 5.0, 5.0, 11, 11, 0.0, 0.9
     good = MODULE.AxialCamera(*table, np.arange(4.0), np.empty((0, 2)), 0.0)
     for wrong in (
@@ -498,27 +496,27 @@ def some_threads():
 
 
 @pytest.mark.parametrize("interpolation", COMPILED_INTERPOLATIONS)
-def test_threads_change_no_bit(interpolation, instructions, some_threads):
-    picture, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
+def test_threads_give_identical_results(interpolation, instructions, some_threads):
+    image, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     fixed = PixelMap(coordinates, (300, 200))
     some_threads(1)
-    expected = remap(picture, fixed, interpolation)
+    expected = remap(image, fixed, interpolation)
     for count in (2, 4, 7):
         some_threads(count)
         assert backend.threads == count
         for _ in range(20):
-            np.testing.assert_array_equal(remap(picture, fixed, interpolation), expected)
+            np.testing.assert_array_equal(remap(image, fixed, interpolation), expected)
 
 
-def test_callers_on_several_threads_do_not_wait_for_ever(some_threads):
+def test_concurrent_callers_do_not_deadlock(some_threads):
     some_threads(3)
-    picture, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
+    image, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     fixed = PixelMap(coordinates, (300, 200))
-    expected = remap(picture, fixed)
+    expected = remap(image, fixed)
     right = []
 
     def work():
-        right.extend(np.array_equal(remap(picture, fixed), expected) for _ in range(50))
+        right.extend(np.array_equal(remap(image, fixed), expected) for _ in range(50))
 
     callers = [threading.Thread(target=work) for _ in range(5)]
     for caller in callers:
@@ -530,16 +528,16 @@ def test_callers_on_several_threads_do_not_wait_for_ever(some_threads):
 
 
 def _sum_in_a_child(queue):
-    picture, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
-    queue.put(int(remap_at(picture, coordinates).sum()))
+    image, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
+    queue.put(int(remap_at(image, coordinates).sum()))
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="requires os.fork")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_children_that_are_forked_have_threads_of_their_own(some_threads):
+def test_forked_processes_have_own_threads(some_threads):
     some_threads(3)
-    picture, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
-    expected = int(remap_at(picture, coordinates).sum())
+    image, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
+    expected = int(remap_at(image, coordinates).sum())
     context = multiprocessing.get_context("fork")
     queue = context.SimpleQueue()
     child = context.Process(target=_sum_in_a_child, args=(queue,))
@@ -547,7 +545,7 @@ def test_children_that_are_forked_have_threads_of_their_own(some_threads):
     child.join(60)
     assert child.exitcode == 0
     assert queue.get() == expected
-    assert int(remap_at(picture, coordinates).sum()) == expected
+    assert int(remap_at(image, coordinates).sum()) == expected
 
 
 # -- Dewarped images against the true view: the densely sampled scene ------------------------------
@@ -559,9 +557,9 @@ VIEWS = {
     "magnified": S.Plane((160, 120), 20.0, -15.0, 0.0, 45.0),
     "about 1 to 1": S.Cylinder((360, 135), -90.0, 45.0),
     "both, in one view": S.Plane((150, 96), 20.0, -40.0, 0.0, 140.0),
-    "2 to 1": S.Dome((140, 140), 135.0, "nadir"),
+    "2 to 1": S.DomeMaster((140, 140), 135.0, "nadir"),
     "4 to 1": S.Cylinder((100, 36), -90.0, 45.0),
-    "7 to 1": S.Dome((42, 42), 135.0, "nadir"),
+    "7 to 1": S.DomeMaster((42, 42), 135.0, "nadir"),
 }
 
 
@@ -571,23 +569,23 @@ def room():
 
 
 @pytest.fixture(scope="module")
-def picture(room):
-    return om.take_picture(CAMERA, room, samples=SAMPLES**2, distant=True)
+def image(room):
+    return om.render_image(CAMERA, room, samples=SAMPLES**2, distant=True)
 
 
-def decibels(room, picture):
+def decibels(room, image):
     """Return the PSNR of all interpolations in all views, by omnimirror and OpenCV; {view:
     {interpolation: dB}}."""
     table = {}
     for name, screen in VIEWS.items():
         width, height = screen.size
         u, v = ((np.arange(n * SAMPLES) + 0.5) / SAMPLES - 0.5 for n in (width, height))
-        truth = pinhole_picture(room, screen.targets_at(*np.meshgrid(u, v)), SAMPLES)
+        truth = render_pinhole_image(room, screen.targets_at(*np.meshgrid(u, v)), SAMPLES)
         pixels = om.Dewarper(CAMERA, screen).coordinates()
         inside = np.isfinite(pixels[..., 0])
         maps = np.moveaxis(np.nan_to_num(pixels, nan=-10.0).astype(np.float32), -1, 0)
-        pictures = {kind: om.Dewarper(CAMERA, screen, kind)(picture) for kind in INTERPOLATIONS}
-        pictures["cv2 lanczos"] = cv2.remap(picture, *maps, cv2.INTER_LANCZOS4)
+        pictures = {kind: om.Dewarper(CAMERA, screen, kind)(image) for kind in INTERPOLATIONS}
+        pictures["cv2 lanczos"] = cv2.remap(image, *maps, cv2.INTER_LANCZOS4)
         table[name] = {
             kind: 10
             * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2))
@@ -596,8 +594,8 @@ def decibels(room, picture):
     return table
 
 
-def test_auto_is_the_best_in_every_view(room, picture):
-    table = decibels(room, picture)
+def test_auto_interpolation_has_highest_psnr(room, image):
+    table = decibels(room, image)
     for name, row in table.items():
         assert row["auto"] > max(row.values()) - 0.3, (name, row)
     assert table["magnified"]["cubic"] > table["magnified"]["linear"] + 0.7

@@ -19,11 +19,11 @@ from omnimirror.dewarp._source_coordinates import (
 from omnimirror.dewarp.screens import (
     CubeMap,
     Cylinder,
-    Dome,
+    DomeMaster,
+    Equirectangular,
     Ground,
     LittlePlanet,
     Plane,
-    Sphere,
     parts_of,
 )
 from omnimirror.optics.image_sensor import Imager
@@ -72,9 +72,9 @@ def random_screen(rng: np.random.Generator) -> Any:
                 size, rng.uniform(-90, -10), rng.uniform(0, 60), pan, rng.uniform(20, 360), **place
             )
         case 3:
-            return Sphere(size, pan_deg=pan, **place)
+            return Equirectangular(size, pan_deg=pan, **place)
         case 4:
-            return Dome(
+            return DomeMaster(
                 size, rng.uniform(60, 180), str(rng.choice(["nadir", "zenith"])), pan, **place
             )
         case 5:
@@ -84,7 +84,7 @@ def random_screen(rng: np.random.Generator) -> Any:
 
 
 @pytest.mark.parametrize("seed", few(range(0, 120, 10), 30))
-def test_ten_random_views_each(seed):
+def test_random_views_match_exact_coordinates(seed):
     for s in range(seed, seed + 10):
         rng = np.random.default_rng(s)
         camera, screen = random_camera(rng), random_screen(rng)
@@ -113,14 +113,14 @@ def error_of_parts(camera, view) -> float:
     return worst
 
 
-def test_errors_of_opposite_sign_do_not_hide_each_other():
+def test_cancelling_errors_are_detected():
     """Close to a displaced cube, both directions have errors while the cell centre is exact."""
     view = CubeMap((640, 480), distance_mm=300.0, offset_mm=(200.0, 100.0, 50.0))
     assert error_of_parts(om.load_sensor("paper-spherical"), view) < 0.005
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_random_cubes_that_were_moved(seed):
+def test_random_offset_cubes_match_exact_coordinates(seed):
     rng = np.random.default_rng(seed)
     camera, side = random_camera(rng), int(rng.integers(60, 200))
     distance = np.exp(rng.uniform(np.log(100), np.log(1500)))
@@ -129,7 +129,7 @@ def test_random_cubes_that_were_moved(seed):
     assert error_of_parts(camera, view) < (0.005 if camera.image_size[0] <= 1000 else 0.01)
 
 
-def test_few_pixels_are_projected():
+def test_number_of_projections():
     """A view of 250,000 pixels, all inside the field, requires about 1 projection per 100 pixels."""
     sensor = om.load_sensor("paper-spherical")
     asked = 0
@@ -145,17 +145,17 @@ def test_few_pixels_are_projected():
     assert asked < 0.015 * 640 * 400
 
 
-def test_a_field_smaller_than_a_cell_is_not_lost():
+def test_field_smaller_than_cell():
     """The whole sphere in 40 x 20 pixels: the field of a camera covers only a few of them."""
     ball = om.MirrorBall((500.0, 500.0), 450.0, 30.0, (1001, 1001))
-    view = Sphere((40, 20))
+    view = Equirectangular((40, 20))
     quick, exact = screen_pixels(ball, view), exact_pixels(ball, view)
     assert np.isfinite(exact).any()
     np.testing.assert_allclose(quick, exact, atol=2e-4)
 
 
 @pytest.mark.parametrize("size", [(1, 500), (7, 120), (500, 3), (40, 20)])
-def test_views_of_few_pixels_are_exact(size):
+def test_small_views_are_exact(size):
     """Neighbouring nodes of such views can be far apart, which precludes interpolation."""
     ball = om.MirrorBall((2048.0, 2048.0), 1966.0, 258.8, (4096, 4096))
     for view in (
@@ -167,7 +167,7 @@ def test_views_of_few_pixels_are_exact(size):
         np.testing.assert_allclose(quick, exact, atol=5e-4)
 
 
-def test_what_lies_wholly_outside_the_field_is_not_projected():
+def test_cells_outside_field_are_not_projected():
     """Half of the view is sky outside the field of the sensor; the boundary is accurate."""
     sensor = om.load_sensor("paper-spherical")
     view = Plane((1280, 720), tilt_deg=45, hfov_deg=90)

@@ -33,21 +33,21 @@ def lean(pitch_deg: float, roll_deg: float) -> np.ndarray:
 # -- the convention --------------------------------------------------------------------------------
 
 
-def test_forward_rises_and_the_right_side_sinks():
+def test_tilt_signs():
     assert (lean(10, 0) @ [1, 0, 0])[2] == pytest.approx(np.sin(np.radians(10)))
     assert (lean(0, 10) @ [0, -1, 0])[2] == pytest.approx(-np.sin(np.radians(10)))
 
 
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("angles", [(PITCH, ROLL), (-90.0, 0.0), (0.0, 180.0), (-3.3, 121.0)])
-def test_a_mount_leans_about_forward_and_then_about_left(looks, angles):
+def test_mount_tilt_order(looks, angles):
     mount = Mount(looks, 33.0, pitch_deg=angles[0], roll_deg=angles[1])
     np.testing.assert_allclose(mount.rotation(), lean(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15)
     assert mount.levelled == Mount(looks, 33.0)
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
-def test_points_lie_where_the_shortest_path_over_a_leaning_mirror_puts_them(looks):
+def test_tilted_projection_matches_shortest_path(looks):
     axes = [lean(PITCH, ROLL) @ axis for axis in IMAGE_RIGHT_IS_FORWARD[looks]]
     sensor = replace(om.load_sensor("paper-spherical"), mount=Mount(looks, 0.0, pitch_deg=PITCH, roll_deg=ROLL))
     for point in ([3000.0, 400.0, 0.0], [700.0, -900.0, 300.0], [-200.0, 300.0, -100.0]):
@@ -56,7 +56,7 @@ def test_points_lie_where_the_shortest_path_over_a_leaning_mirror_puts_them(look
 
 
 @pytest.mark.parametrize("wrong", [{"pitch_deg": 91.0}, {"roll_deg": -181.0}, {"pitch_deg": np.nan}])
-def test_what_is_no_lean_is_refused(wrong):
+def test_invalid_tilt_raises(wrong):
     with pytest.raises(InvalidParameter, match=r"must be between -|pitch_deg must be a number; got nan"):
         Mount(**wrong)
 
@@ -75,11 +75,11 @@ VIEWS = {
     "panorama": om.screens.Cylinder((360, 120), -60.0, 45.0, pan_deg=20.0),
     "panorama near": om.screens.Cylinder((360, 120), -60.0, 45.0, distance_mm=700.0),
     "wall": om.screens.Cylinder((240, 120), -50.0, 30.0, 0.0, 200.0, "height", **NEAR),
-    "sphere": om.screens.Sphere((240, 120)),
-    "sphere near": om.screens.Sphere((240, 120), **NEAR),
+    "sphere": om.screens.Equirectangular((240, 120)),
+    "sphere near": om.screens.Equirectangular((240, 120), **NEAR),
     "perspective": om.screens.Plane((160, 120), 30.0, -35.0, 12.0, 80.0),
     "perspective near": om.screens.Plane((160, 120), 30.0, -35.0, 12.0, 80.0, **NEAR),
-    "dome": om.screens.Dome((160, 160), 110.0, "nadir", 15.0),
+    "dome": om.screens.DomeMaster((160, 160), 110.0, "nadir", 15.0),
     "planet near": om.screens.LittlePlanet((160, 160), 200.0, "nadir", distance_mm=700.0),
     "ground": om.screens.Ground((160, 160), 600.0, 9.0, 10.0),
     "cube near": om.screens.CubeMap((240, 180), **NEAR),
@@ -89,7 +89,7 @@ VIEWS = {
 
 @pytest.mark.parametrize("view", few(VIEWS, "panorama", "wall", "perspective near", "dome"))
 @pytest.mark.parametrize("camera", CAMERAS)
-def test_every_view_is_what_an_upright_camera_sees_of_the_turned_world(camera, view):
+def test_tilted_view_matches_rotated_scene(camera, view):
     """Both paths of a dewarper, with and without a map, against the projection of single points."""
     upright, screen = CAMERAS[camera], VIEWS[view]
     leaning = replace(upright, mount=replace(upright.mount, pitch_deg=PITCH, roll_deg=ROLL))
@@ -107,19 +107,19 @@ def test_every_view_is_what_an_upright_camera_sees_of_the_turned_world(camera, v
         assert error.max(initial=0) < 0.01
 
 
-def test_only_a_plumb_camera_draws_panoramas_without_a_map():
+def test_tilted_camera_is_not_separable():
     """Rows of a level panorama are circles for an upright camera only."""
     camera, view = CAMERAS["sphere"], VIEWS["panorama"]
     leaning = replace(camera, mount=replace(camera.mount, roll_deg=0.01))
     assert is_separable(camera, view)
     assert not is_separable(leaning, view)
-    picture = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
+    image = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
     first, second = om.Dewarper(leaning, view, "linear"), om.Dewarper(leaning, view, "linear")
     second.coordinates()
-    assert np.abs(first(picture).astype(int) - second(picture)).max() <= 2
+    assert np.abs(first(image).astype(int) - second(image)).max() <= 2
 
 
-def test_elevations_are_those_of_the_level_world():
+def test_elevations_refer_to_horizon():
     """A field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir is
     still included."""
     sensor = om.load_sensor("paper-spherical")
@@ -146,19 +146,19 @@ def leaning_of(sensor: om.Sensor) -> om.Sensor:
     return replace(sensor, mount=replace(sensor.mount, pitch_deg=PITCH, roll_deg=ROLL))
 
 
-def test_a_sensor_that_leans_is_a_plumb_one_that_is_placed_so(small, world):
-    taken = om.take_picture(leaning_of(small), world, samples=1)
-    placed = om.take_picture(small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1)
+def test_tilted_sensor_matches_posed_sensor(small, world):
+    taken = om.render_image(leaning_of(small), world, samples=1)
+    placed = om.render_image(small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1)
     assert np.abs(taken.astype(int) - placed).max() <= 1
-    assert (np.abs(taken.astype(int) - om.take_picture(small, world, samples=1)) > 20).mean() > 0.2
+    assert (np.abs(taken.astype(int) - om.render_image(small, world, samples=1)) > 20).mean() > 0.2
 
 
-def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
+def test_tilted_sensor_image_is_levelled(small, world):
     """Its panorama of distant objects equals that of the levelled sensor; without the tilt it
     differs."""
     view = om.screens.Cylinder((240, 70), -50.0, 20.0)
-    plumb = om.Dewarper(small, view)(om.take_picture(small, world, samples=4)).astype(float)
-    taken = om.take_picture(leaning_of(small), world, samples=4)
+    plumb = om.Dewarper(small, view)(om.render_image(small, world, samples=4)).astype(float)
+    taken = om.render_image(leaning_of(small), world, samples=4)
     both = om.Dewarper(leaning_of(small), view).valid & om.Dewarper(small, view).valid
     assert both.mean() > 0.8
     assert np.abs(om.Dewarper(leaning_of(small), view)(taken) - plumb)[both].mean() < 1.0
@@ -170,15 +170,15 @@ def test_what_a_leaning_sensor_takes_comes_out_level(small, world):
 
 @pytest.mark.parametrize("pan", [0.0, 70.0, -135.0])
 @pytest.mark.parametrize("angles", [(PITCH, ROLL), (-80.0, 150.0)])
-def test_the_pose_of_a_panorama_that_was_not_levelled_levels_it(pan, angles):
+def test_gpano_pose_levels_panorama(pan, angles):
     """GPano: pitch of the centre above the horizon, and a roll that rotates the horizon
     counter-clockwise."""
     pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).view_tilt_deg(pan)
-    panned = om.screens.Sphere((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)  # directions of its tilted pixels
-    as_if_ahead = om.screens.Sphere((36, 18)).targets(0, 18).reshape(-1, 3)  # ... relative to its centre
-    truth, told = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
-    np.testing.assert_allclose(told[:, 2], truth[:, 2], atol=1e-12)  # level; the heading requires a compass
-    np.testing.assert_allclose(told @ told[40], truth @ truth[40], atol=1e-12)
+    panned = om.screens.Equirectangular((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)  # directions of its tilted pixels
+    as_if_ahead = om.screens.Equirectangular((36, 18)).targets(0, 18).reshape(-1, 3)  # ... relative to its centre
+    truth, stored = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
+    np.testing.assert_allclose(stored[:, 2], truth[:, 2], atol=1e-12)  # level; the heading requires a compass
+    np.testing.assert_allclose(stored @ stored[40], truth @ truth[40], atol=1e-12)
 
 
 @pytest.fixture
@@ -196,11 +196,11 @@ def dewarp(*args) -> np.ndarray:
 
 
 def pose_told() -> tuple[float, float]:
-    told = xmp_of("out.png")
-    return float(told["PosePitchDegrees"]), float(told["PoseRollDegrees"])
+    metadata = xmp_of("out.png")
+    return float(metadata["PosePitchDegrees"]), float(metadata["PoseRollDegrees"])
 
 
-def test_the_command_line_levels_and_says_so(folder):
+def test_command_line_levels_and_reports(folder):
     view = ("--elevation-deg=-60:40", "--size", "120x")
     by_file = dewarp("--sensor", "leaning.toml", *view)
     assert pose_told() == (0, 0)
@@ -209,13 +209,13 @@ def test_the_command_line_levels_and_says_so(folder):
     assert (plumb != by_file).mean() > 0.5
     np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--level", "0,0", *view), plumb)
     assert pose_told() == (0, 0)
-    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-lean", *view), plumb)
+    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-tilt", *view), plumb)
     assert pose_told() == (PITCH, ROLL)
-    dewarp("--sensor", "leaning.toml", "--keep-lean", "--pan-deg", "90", *view)
+    dewarp("--sensor", "leaning.toml", "--keep-tilt", "--pan-deg", "90", *view)
     assert pose_told() == pytest.approx(Mount(pitch_deg=PITCH, roll_deg=ROLL).view_tilt_deg(90.0), abs=1e-3)
 
 
-def test_balls_and_angles_from_the_axis_are_levelled_too(folder):
+def test_mirror_ball_and_omega_range_are_levelled(folder):
     ball = ("--ball", "99.5,99.5,98,260", "--elevation-deg=-60:40", "--size", "120x")
     assert (dewarp(*ball, "--level=10,5") != dewarp(*ball)).mean() > 0.3
     upright = dewarp("--sensor", "plumb.toml", "--omega-deg", "30:130", "--size", "120x")
@@ -223,14 +223,14 @@ def test_balls_and_angles_from_the_axis_are_levelled_too(folder):
     assert upright.shape == leaning.shape  # the same elevations
 
 
-def test_what_is_no_lean_is_one_sentence_on_the_command_line(folder, capsys):
-    for text, sentence in (("10", "'10' is not PITCH,ROLL in degrees"), ("95,0", "pitch_deg must be between -90 and 90 deg; got 95")):
+def test_invalid_tilt_on_command_line(folder, capsys):
+    for text, message in (("10", "'10' is not PITCH,ROLL in degrees"), ("95,0", "pitch_deg must be between -90 and 90 deg; got 95")):
         with pytest.raises(SystemExit, match=r"^[12]$"):
             main(["dewarp", "a.png", "--sensor", "plumb.toml", "--level", text, "-o", "no.png"])
-        assert sentence in " ".join(capsys.readouterr().err.split())
+        assert message in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_lean_stands_in_the_sensor_file():
+def test_tilt_in_sensor_file():
     sensor = leaning_of(om.load_sensor("paper-spherical"))
     assert parse_sensor(format_sensor(sensor)) == sensor
     assert "pitch_deg" not in format_sensor(replace(sensor, mount=sensor.mount.levelled))

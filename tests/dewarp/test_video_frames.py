@@ -27,14 +27,14 @@ KEPT = {
 }
 
 
-def picture():
+def image():
     """A smooth image with varied colours, sensitive to reversal."""
     v, u = np.mgrid[0:SIDE, 0:SIDE]
     return np.dstack([60 + u // 2, 200 - v // 2, 90 + (u + v) // 5]).astype(np.uint8)
 
 
 def frame_of(pixel_format, colour_range):
-    frame = frame_of_image(picture())
+    frame = frame_of_image(image())
     frame.colorspace, frame.color_range = 1, colour_range
     made = converted(frame, pixel_format)
     made.pts, made.time_base = 77, Fraction(1, 25)
@@ -43,14 +43,14 @@ def frame_of(pixel_format, colour_range):
 
 @pytest.mark.parametrize("colour_range", [LIMITED, FULL])
 @pytest.mark.parametrize("pixel_format", FORMATS)
-def test_a_frame_of_any_format_shows_what_its_picture_shows(pixel_format, colour_range):
+def test_frame_formats_match_image(pixel_format, colour_range):
     if pixel_format.startswith("yuvj") and colour_range == LIMITED:
         pytest.skip(f"{pixel_format} is full range by its name")
     frame = frame_of(pixel_format, colour_range)
     made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
     assert made.format.name == KEPT.get(pixel_format, pixel_format)
     assert (made.width, made.height) == VIEW.size
-    expected = om.Dewarper(BALL, VIEW)(picture()).astype(float)
+    expected = om.Dewarper(BALL, VIEW)(image()).astype(float)
     taken = made.to_ndarray(format="rgb24")
     assert np.abs(taken - expected).mean() < 2.5  # two conversions of FFmpeg alone differ by 2
     assert np.abs(taken - expected).max() < 12
@@ -67,7 +67,7 @@ def test_a_frame_of_any_format_shows_what_its_picture_shows(pixel_format, colour
         ("nv12", FULL, 0),
     ],
 )
-def test_outside_the_field_a_frame_is_black_in_its_own_range(pixel_format, colour_range, luma):
+def test_frame_is_black_outside_field(pixel_format, colour_range, luma):
     frame = av.VideoFrame(SIDE, SIDE, pixel_format)
     for plane in planes(frame):
         plane[:] = 90
@@ -81,7 +81,7 @@ def test_outside_the_field_a_frame_is_black_in_its_own_range(pixel_format, colou
     assert made.to_ndarray(format="rgb24")[0, 0].max() <= 1
 
 
-def test_time_and_colour_coding_are_carried_on():
+def test_frame_time_and_colour_coding_are_preserved():
     frame = frame_of("yuv420p", LIMITED)
     frame.pts = 4711
     made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
@@ -89,7 +89,7 @@ def test_time_and_colour_coding_are_carried_on():
     assert (made.colorspace, made.color_range) == (frame.colorspace, frame.color_range)
 
 
-def test_a_view_that_moves_and_one_that_stays_show_the_same():
+def test_moving_and_fixed_views_match():
     frame = frame_of("yuv420p", LIMITED)
     stays = om.Dewarper(BALL, VIEW)
     shown = [dewarp_frame(stays, frame) for _ in range(3)] + [
@@ -100,12 +100,12 @@ def test_a_view_that_moves_and_one_that_stays_show_the_same():
             assert np.abs(one.astype(int) - other).max() <= 1
 
 
-def test_a_frame_of_another_size_is_refused():
-    with pytest.raises(InvalidParameter, match="are no picture of 240 x 240 px"):
+def test_frame_size_mismatch_raises():
+    with pytest.raises(InvalidParameter, match=r"planes must have the shapes .* for 240 x 240 px"):
         dewarp_frame(om.Dewarper(BALL, VIEW), av.VideoFrame(64, 48, "yuv420p"))
 
 
-def test_colours_lie_where_they_are_said_to():
+def test_chroma_siting():
     """Correctness of these positions is tested for single planes."""
     frame = frame_of("yuvj420p", FULL)
     for sitings in (("left",), ("center",), ("center", "left")):
@@ -130,7 +130,7 @@ def edge(colours, side=SIDE):
 
 @pytest.mark.parametrize("colours", ["422", "444"])
 @pytest.mark.parametrize("to_siting", ["left", "center"])
-def test_colours_and_transparency_stay_where_luma_is(colours, to_siting):
+def test_chroma_and_alpha_align_with_luma(colours, to_siting):
     """Planes of equal content yield planes of equal content, and pixels outside the field are
     transparent."""
     dewarp = om.Dewarper(BALL, DOME)
@@ -151,6 +151,6 @@ def test_colours_and_transparency_stay_where_luma_is(colours, to_siting):
     assert abs(error.mean()) < 12  # of 2000: no subpixel shift
 
 
-def test_a_border_that_is_a_colour_is_opaque():
+def test_colour_border_is_opaque():
     made = dewarp_frame(om.Dewarper(BALL, DOME, border=(500, 600, 700)), edge("444"))
     assert [int(plane[0, 0]) for plane in planes(made)] == [500, 600, 700, 4095]

@@ -10,7 +10,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp._source_coordinates import source_pixels
-from omnimirror.dewarp.viewpoints import middle_distance, place_on_axis, single_viewpoint
+from omnimirror.dewarp.viewpoints import middle_distance, point_on_axis, single_viewpoint
 
 SPHERE = om.load_sensor("paper-spherical")
 M = 43.9  # mm, radius of the mirror
@@ -45,10 +45,8 @@ def error_px(screen, viewpoint):
     return (screen.pixels(np.arange(1001.0)) - found)[:, 1] * RIM_500
 
 
-@pytest.mark.parametrize(
-    ("n", "linear_px", "paper_v0", "real_px"), [(7, 4.75, 0.2623, 4.93), (40, 0.91, 0.2541, 0.917)]
-)
-def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
+@pytest.mark.parametrize(("n", "linear_px", "paper_v0", "real_px"), [(7, 4.75, 0.2623, 4.93), (40, 0.91, 0.2541, 0.917)])
+def test_single_viewpoint_error_matches_paper(n, linear_px, paper_v0, real_px):
     """The paper multiplies the angle by dh/dOmega at the point; over 3 deg at the rim this is 5 %
     too small."""
     screen = Around(n * M)
@@ -57,9 +55,7 @@ def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
     assert -single.min() == pytest.approx(real_px, abs=0.005)
     assert single.max() == pytest.approx(real_px, abs=0.005)
     true = om.best_viewpoint(SPHERE, n * M, image_radius_px=500)
-    assert (true.z_mm, true.worst_px) == pytest.approx(
-        (single_viewpoint(SPHERE, n * M), real_px), rel=3e-3
-    )
+    assert (true.z_mm, true.worst_px) == pytest.approx((single_viewpoint(SPHERE, n * M), real_px), rel=3e-3)
     best = om.best_viewpoint(SPHERE, n * M, image_radius_px=500, linearised=True)
     assert (best.z_mm / M, best.worst_px) == pytest.approx((paper_v0, linear_px), abs=6e-3)
     of_the_paper = error_px(screen, best.z_mm)
@@ -68,26 +64,20 @@ def test_the_papers_error_appears_and_vanishes(n, linear_px, paper_v0, real_px):
     assert single_viewpoint(SPHERE, n * M) == pytest.approx(best.z_mm, abs=0.01 * M)
 
 
-@pytest.mark.parametrize(
-    "mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)]
-)
-def test_the_viewpoint_stands_on_the_axis(mount):
+@pytest.mark.parametrize("mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)])
+def test_viewpoint_is_on_axis(mount):
     """A point is observed in its direction from V0, written out with the rotation of the mount."""
     sensor = replace(SPHERE, mount=mount)
-    view = om.screens.Sphere((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
+    view = om.screens.Equirectangular((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
     eye = mount.rotation() @ [0.0, 0.0, 12.5]
-    np.testing.assert_allclose(place_on_axis(sensor, 12.5), eye, atol=1e-12)
-    expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(
-        20, 40, 2
-    )
+    np.testing.assert_allclose(point_on_axis(sensor, 12.5), eye, atol=1e-12)
+    expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(20, 40, 2)
     np.testing.assert_array_equal(source_pixels(sensor, view, 12.5, exact=True), expected)
-    assert single_viewpoint(sensor, 300.0) == pytest.approx(
-        single_viewpoint(SPHERE, 300.0), abs=1e-3
-    )
+    assert single_viewpoint(sensor, 300.0) == pytest.approx(single_viewpoint(SPHERE, 300.0), abs=1e-3)
 
 
 @pytest.mark.parametrize("distance", [200.0, 1000.0])
-def test_no_other_viewpoint_is_better(distance):
+def test_single_viewpoint_is_optimal(distance):
     """The error over the field, with viewpoints close enough to the best one to keep all points in
     the field."""
     best = single_viewpoint(SPHERE, distance)
@@ -99,16 +89,16 @@ def test_no_other_viewpoint_is_better(distance):
         assert worst(best + other) > worst(best)
 
 
-def test_the_distance_of_a_screen_is_its_middle_one():
+def test_screen_distance_is_median():
     plane = om.screens.Plane((30, 20), distance_mm=400.0)
     assert 400 < middle_distance(plane) < 560
     assert middle_distance(om.screens.Ground((1, 1), 200.0, 20.0)) == pytest.approx(200.0)
-    assert middle_distance(om.screens.Dome((40, 40), 90.0, distance_mm=70.0)) == pytest.approx(70.0)
-    empty = om.screens.Dome((1, 1), 90.0, omega_min_deg=50.0, distance_mm=70.0)
+    assert middle_distance(om.screens.DomeMaster((40, 40), 90.0, distance_mm=70.0)) == pytest.approx(70.0)
+    empty = om.screens.DomeMaster((1, 1), 90.0, omega_min_deg=50.0, distance_mm=70.0)
     assert middle_distance(empty) == np.inf
 
 
-def test_one_viewpoint_is_found_exactly():
+def test_exact_single_viewpoint():
     hyperboloid = om.load_sensor("paper-hyperboloidal")
     view = om.screens.Plane((30, 20), tilt_deg=-20.0, distance_mm=150.0)
     true = float(om.evaluate(hyperboloid, [90.0]).viewpoint_z_mm[0])
@@ -118,43 +108,30 @@ def test_one_viewpoint_is_found_exactly():
     assert single_viewpoint(om.MirrorBall((50.0, 50.0), 50.0, 300.0, (101, 101)), 150.0) == 0.0
 
 
-def test_distant_screens_have_no_viewpoint():
+def test_distant_screen_ignores_viewpoint():
     view = om.screens.Plane((30, 20), tilt_deg=-20.0)
     expected = source_pixels(SPHERE, view, exact=True)
     for viewpoint in ("single", 99.0):
         np.testing.assert_array_equal(source_pixels(SPHERE, view, viewpoint, exact=True), expected)
 
 
-@pytest.mark.parametrize(
-    ("viewpoint", "said"),
-    [
-        ("best", "is not 'exact', 'single' or a height over the vertex in mm"),
-        ("", "is not 'exact', 'single' or a height over the vertex in mm"),
-        (np.nan, "viewpoint must be a finite number; got nan"),
-        (np.inf, "viewpoint must be a finite number; got inf"),
-    ],
-)
-def test_a_viewpoint_that_is_none_is_refused(viewpoint, said):
-    with pytest.raises(InvalidParameter, match=said):
+@pytest.mark.parametrize(("viewpoint", "message"), [("best", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"), ("", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"), (np.nan, "viewpoint must be a finite number; got nan"), (np.inf, "viewpoint must be a finite number; got inf")])
+def test_unknown_viewpoint_raises(viewpoint, message):
+    with pytest.raises(InvalidParameter, match=message):
         om.Dewarper(SPHERE, om.screens.Plane((3, 2)), viewpoint=viewpoint)
 
 
-def test_viewpoints_that_cannot_be_are_refused():
+def test_invalid_viewpoint_raises():
     stretched = om.OCam((-200.0, 0.0, 1e-3), (320.0, 240.0), (640, 480), (1.001, 0.0, 0.0))
     view = om.screens.Plane((3, 2), tilt_deg=-40.0, distance_mm=500.0)
-    with pytest.raises(
-        InvalidParameter, match="viewpoint = 5 mm is nowhere: the camera is not symmetric"
-    ):
+    with pytest.raises(InvalidParameter, match="must be 'exact' for a camera without axial symmetry; got 5 mm"):
         om.Dewarper(stretched, view, viewpoint=5.0).coordinates()
-    np.testing.assert_array_equal(
-        source_pixels(stretched, view, "single", exact=True),
-        source_pixels(stretched, view, exact=True),
-    )
+    np.testing.assert_array_equal(source_pixels(stretched, view, "single", exact=True), source_pixels(stretched, view, exact=True))
     sky = om.screens.Plane((3, 2), tilt_deg=90.0, hfov_deg=20.0, distance_mm=500.0)
     blind = om.MirrorBall((9999.0, 50.0), 50.0, 300.0, (101, 101))
-    with pytest.raises(OutsideField, match="sees nothing, so no viewpoint of it is best"):
+    with pytest.raises(OutsideField, match="at least one pixel of the camera must observe the scene"):
         single_viewpoint(blind, 500.0)
-    with pytest.raises(OutsideField, match="sees nothing of the camera's field"):
+    with pytest.raises(OutsideField, match="must overlap the field of the camera"):
         om.Dewarper(SPHERE, sky, viewpoint="single").coordinates()
 
 
@@ -172,10 +149,10 @@ def floor_corners():
     return corners[clear]
 
 
-def test_the_floor_is_a_plan_to_scale():
+def test_ground_plan_scale():
     """Corners detected in the dewarped image have their true positions, unlike with a single
     viewpoint."""
-    picture = om.take_picture(SPHERE, om.Room(), samples=9)
+    picture = om.render_image(SPHERE, om.Room(), samples=9)
     view = om.screens.Ground((1000, 1000), HEIGHT_MM, mm_per_px=4.0)
     corners = floor_corners()
     expected = np.stack([499.5 - corners[:, 1] / 4, 499.5 - corners[:, 0] / 4], axis=-1)

@@ -68,7 +68,7 @@ def walked(folder):
     for k, pose in enumerate(poses):
         om.write_image(
             folder / "walk" / f"{k:03d}.png",
-            om.take_picture(SENSOR, om.PosedScene(om.Room(), pose)),
+            om.render_image(SENSOR, om.PosedScene(om.Room(), pose)),
         )
     return poses, write_colmap(SENSOR, folder / "walk", folder / "project")
 

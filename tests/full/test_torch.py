@@ -227,7 +227,7 @@ def assert_gradients_are_differences(camera, sensor) -> None:
 
 
 def test_grid_sample_equals_the_dewarper():
-    image = om.take_picture(SPH, om.Room(texel_mm=20.0), samples=1)
+    image = om.render_image(SPH, om.Room(texel_mm=20.0), samples=1)
     ahead = om.screens.Plane((160, 120), hfov_deg=70.0, tilt_deg=-10.0)
     expected = om.Dewarper(SPH, ahead, "linear")(image)
     tensor = torch.from_numpy(image.copy()).permute(2, 0, 1).double()[None]

@@ -106,7 +106,7 @@ def test_gradients_of_numerical_cameras_on_a_gpu():
 
 @needs_gpu
 def test_grid_sample_on_a_gpu_equals_the_dewarper():
-    image = om.take_picture(SPH, om.Room(texel_mm=20.0), samples=1)
+    image = om.render_image(SPH, om.Room(texel_mm=20.0), samples=1)
     ahead = om.screens.Plane((160, 120), hfov_deg=70.0, tilt_deg=-10.0)
     tensor = torch.from_numpy(image.copy()).permute(2, 0, 1).to(GPU, torch.float64)[None]
     camera = differentiable(SPH, device=GPU)

@@ -26,7 +26,7 @@ from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import RadialModel, parse_ocam
 from omnimirror.design import parse_requirements
 from omnimirror.design.component_selection import best_apertures
-from omnimirror.dewarp.request import Recording
+from omnimirror.dewarp.request import VideoSettings
 from omnimirror.interop.http_server.server import listen
 from omnimirror.io import keyframes
 from omnimirror.io.image_sequences import first_number
@@ -102,7 +102,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "picture": (om.Dewarper(SMALL, om.screens.Cylinder((36, 12), -40.0, 20.0)), {"image": PICTURE, "transparent": False, "out": None}),
     "Cylinder": (om.screens.Cylinder, {"size": (36, 10), "tilt_min_deg": -20.0, "tilt_max_deg": 20.0, "pan_deg": 0.0, "span_deg": 360.0, "distance_mm": np.inf}),
     "panorama": (om.views.panorama, {"camera": SMALL, "size": (36, 12), "pan_deg": 0.0}),
-    "take_picture": (om.take_picture, {"camera": SMALL, "scene": om.Room(), "samples": 1, "blur": False, "seed": 0}),
+    "render_image": (om.render_image, {"camera": SMALL, "scene": om.Room(), "samples": 1, "blur": False, "seed": 0}),
     "plan_bracket": (om.plan_bracket, {"sensor": SENSOR, "limit_px": 2.0, "object_distance_mm": np.inf}),
     "backproject": (SENSOR.backproject, {"pixels": [[500.0, 500.0]]}),
     "project": (SENSOR.project, {"points_mm": [[100.0, 0.0, 50.0]]}),
@@ -166,11 +166,11 @@ ELSEWHERE = {
     "write_calibration_figures",
     "write_calibration_report",
     "write_demo",
-    "write_video_set",
+    "write_video_dataset",
 }
 """Public names without a call here: too slow for hundreds of calls, or results of other functions."""
 SLOW = ("calibrate_camera", "write_comparison", "convert")  # covered sufficiently by ``test_any_values...``
-LONG = ("calibrate_camera", "write_calibration_set", "write_comparison", "write_tolerances")
+LONG = ("calibrate_camera", "write_calibration_dataset", "write_comparison", "write_tolerances")
 ODD = (None, "", "x", "x" * 5000, "a\0b", b"x", True, 0, -1, 10**400, 1e308, -1e308, float("nan"), float("inf"), 1j, [], [[]], [float("nan")], [60.0, float("inf")], [[1, 2], [3]], ["a"], {}, (1,), object(), len, np.zeros(0), np.zeros((2, 2, 2)), np.zeros(3, "datetime64[s]"))
 NUMBERS = st.one_of(st.floats(), st.integers(), st.floats(-200, 200))
 VALUES = st.one_of(st.sampled_from(ODD), NUMBERS, st.lists(NUMBERS, max_size=4), st.text(max_size=8), st.tuples(NUMBERS, NUMBERS))
@@ -184,7 +184,7 @@ def _files(tmp_path_factory):
         (folder / "calib.txt").write_text(OCAM)
         (folder / "wanted.toml").write_text('field.omega_max_deg = 90\nmirror = {mapping = "equidistant", rim_radius_mm = 40.0}\nlens.theta_max_deg = 12.0\n')
         workflows.write_files(folder)
-        patch.setattr(simulated_video, "MOST_FRAMES", 20)  # larger values are valid and take hours
+        patch.setattr(simulated_video, "MAX_FRAMES", 20)  # larger values are valid and take hours
         patch.setattr(pixel_rays, "MAX_SAMPLES", 1024)
         yield
 
@@ -271,7 +271,7 @@ def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argumen
         ("field_angles", {"step_deg": 1e-9}),
         ("Dewarper", {"view": Path("a.png")}),
         ("write_colmap", {"folder": "wanted.toml"}),
-        ("write_learning_set", {"folder": "wanted.toml"}),
+        ("write_training_dataset", {"folder": "wanted.toml"}),
         ("dewarp_video", {"camera": lambda size: size}),
     ],
 )
@@ -314,17 +314,17 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))), r"covariance must have the shape \(2, 2\)"),
         (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.1), (0.2, 1.0))), "covariance must be symmetric"),
         (lambda _: Uncertainty(("k1", "k2"), ((1.0, 2.0), (2.0, 1.0))), "covariance"),
-        (lambda _: om.screens.Cylinder((9, 9), [0.0], [1.0]), "tilt_min_deg and tilt_max_deg are one number each"),
+        (lambda _: om.screens.Cylinder((9, 9), [0.0], [1.0]), "^tilt_min_deg "),
         (lambda _: om.views.panorama(BALL, (9, 9, 9)), r"size must be a tuple of 2 values .*; got \(9, 9, 9\)"),
         (lambda _: om.read_image("a\0.png"), "must have only characters that file names support"),
         (lambda _: om.register_format("x", "y"), "kind must be an omnimirror.manufacturing.Format; got 'y'"),
         (lambda _: om.register_view("panorama", om.views.dome), "the name of a view must be unique; got 'panorama'"),
         (lambda _: om.find_boards([np.zeros((9, 9), np.uint8)], om.Board("chessboard", 5, 4), names=["a", "b"]), "there are 2 names for 1 pictures; each needs one"),
-        (lambda _: om.plan_bracket(SENSOR, limit_px=0.01), "limit_px = 0.01 is outside 0.05 to 1000 px"),
+        (lambda _: om.plan_bracket(SENSOR, limit_px=0.01), "limit_px must be between 0.05 and 1000 px; got 0.01"),
         (lambda _: TabulatedMapping((0.0, 60.0), (0.0, 1.0), 11.0, 40.0), "omega_deg must have at least 6 values; got 2"),
         (lambda _: keyframes.Keyframes.load("keyframes.txt"), r"keyframes must be a \.csv or \.toml file"),
         (lambda _: first_number(Path("p%03d.png")), "must be numbered without gaps; .*p002.png is missing"),
-        (lambda _: om.dewarp_video("a.mp4", "b.mp4", camera=BALL, recording=Recording(frame_rate=9.0)), "a frame rate belongs to numbered pictures"),
+        (lambda _: om.dewarp_video("a.mp4", "b.mp4", camera=BALL, settings=VideoSettings(frame_rate=9.0)), "frame_rate must be omitted unless the source is an image sequence; got 9"),
         (lambda taken: listen("127.0.0.1", taken), "cannot listen on 127.0.0.1, port .*: Address already in use"),
     ],
 )

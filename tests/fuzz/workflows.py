@@ -368,12 +368,12 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "object_distance_mm": np.inf,
         },
     ),
-    "Room": (om.Room, {"texel_mm": 40.0, "elsewhere_mm": None}),
+    "Room": (om.Room, {"texel_mm": 40.0, "other_texel_mm": None}),
     "Hall": (om.Hall, {"texel_mm": 40.0}),
     "Street": (om.Street, {"texel_mm": 80.0}),
     "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
-    "write_calibration_set": (
-        lambda **words: list(om.write_calibration_set(**words)),
+    "write_calibration_dataset": (
+        lambda **words: list(om.write_calibration_dataset(**words)),
         {
             "sensor": SENSOR,
             "folder": "set",
@@ -407,8 +407,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         om.MovingBox,
         {"size_mm": (90.0, 80.0, 70.0), "path": MOVES, "colour": "#aabbcc", "name": "cart"},
     ),
-    "write_learning_set": (
-        om.write_learning_set,
+    "write_training_dataset": (
+        om.write_training_dataset,
         {
             "camera": SENSOR,
             "scene": ROOM,
@@ -476,8 +476,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "poses": [om.Pose()],
         },
     ),
-    "dewarp_pictures": (
-        om.dewarp_pictures,
+    "dewarp_images": (
+        om.dewarp_images,
         {
             "sources": "a.png",
             "folder": "out",
@@ -486,7 +486,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "border": None,
             "transparent": None,
             "restoration": None,
-            "keep_lean": False,
+            "keep_tilt": False,
             "wavelengths_nm": None,
             "skip_existing": False,
             "threads": 1,
@@ -499,12 +499,12 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "outputs": "dv.mp4",
             "camera": SENSOR,
             "border": None,
-            "keep_lean": False,
-            "recording": None,
+            "keep_tilt": False,
+            "options": None,
         },
     ),
-    "Recording": (
-        om.Recording,
+    "VideoSettings": (
+        om.VideoSettings,
         {"start_s": 0.0, "codec": "libx264", "crf": 20, "keyframes": None, "preview": False},
     ),
     "Restoration": (om.Restoration, {"noise": 0.01, "object_distance_mm": 500.0, "blur_px": None}),

@@ -11,7 +11,7 @@ import pytest
 from av.sidedata.sidedata import Type as SideData
 
 import omnimirror as om
-from omnimirror.dewarp.video_files import Listener
+from omnimirror.dewarp.video_files import VideoCallbacks
 from omnimirror.io.video_metadata import MasteringDisplay, dynamic_hdr_names
 from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
@@ -317,7 +317,7 @@ def test_lost_mastering_display_is_reported(graded, tmp_path):
 def test_stream_keeps_colour_coding_and_display(graded, tmp_path, pixel_format):
     """A file given by its URL is read as a stream."""
     notes = []
-    om.dewarp_video(graded.as_uri(), tmp_path / "out.mp4", camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)), view=om.screens.Plane((64, 48), tilt_deg=-30.0), listener=Listener(note=notes.append), recording=om.Recording(duration_s=0.01, pixel_format=pixel_format))
+    om.dewarp_video(graded.as_uri(), tmp_path / "out.mp4", camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)), view=om.screens.Plane((64, 48), tilt_deg=-30.0), callbacks=VideoCallbacks(on_warning=notes.append), settings=om.VideoSettings(duration_s=0.01, pixel_format=pixel_format))
     with av.open(str(tmp_path / "out.mp4")) as container:
         frame = next(container.decode(video=0))
     assert (frame.color_trc, frame.color_primaries, frame.colorspace) == (16, 9, 9)

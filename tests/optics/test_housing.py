@@ -15,7 +15,7 @@ from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.optics.housing import CameraBody, Dome, Envelope, FlatWindow, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors.as_built import MirrorPose
-from omnimirror.simulation.pixel_rays import sights
+from omnimirror.simulation.pixel_rays import trace_pixels
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
@@ -103,9 +103,9 @@ def test_image_dark_at_obscured_angles(sensor):
     white, edges = (Environment(np.ones((4, 8, 3), np.float32)), set(sensor.clear_field_deg) - set(sensor.field_deg))
     for edge in edges:
         near = magnified(sensor, edge)
-        light = expose(near, white, samples=1, radiometry=Radiometry(grey=0.0))[0, :, 0] > 0.3
+        light = expose(near, white, samples=1, radiometry=Radiometry(housing_light=0.0))[0, :, 0] > 0.3
         dark_first = edge == sensor.clear_field_deg[0]
-        hidden = sights(near, np.stack([np.arange(WIDTH), np.zeros(WIDTH)], axis=-1)).hidden
+        hidden = trace_pixels(near, np.stack([np.arange(WIDTH), np.zeros(WIDTH)], axis=-1)).hidden
         for dark in (~light, hidden):
             assert dark[0] == dark_first
             (at,) = np.flatnonzero(np.diff(dark.astype(int)))
@@ -121,8 +121,8 @@ def test_misaligned_image_dark_at_obscured_pixels(name):
     sensor = replace(sensor, imager=Imager(200, 200, 5.2 * 1024 / 200))
     pixels = np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2).astype(float)
     hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
-    np.testing.assert_array_equal(sights(sensor, pixels).hidden, hidden)
-    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, radiometry=Radiometry(grey=0.0))
+    np.testing.assert_array_equal(trace_pixels(sensor, pixels).hidden, hidden)
+    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, radiometry=Radiometry(housing_light=0.0))
     sees = sensor.backproject(pixels).valid
     dark = light[..., 0].ravel() < 0.3
     assert hidden.sum() > 100

@@ -15,7 +15,7 @@ from omnimirror.optics.mirrors import Flat, Secondary, Sphere
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.simulation import rendering
 from omnimirror.simulation._compiled_rendering import is_for_kernels
-from omnimirror.simulation.pixel_rays import intersects_lid, places, spread
+from omnimirror.simulation.pixel_rays import intersects_lid, sample_positions, sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
 from tests.optics.lenses import prescriptions as own
 
@@ -61,7 +61,7 @@ HOUSINGS = {
     "lids of a tube": Housing(CameraBody(60.0), shell=Tube(120.0, refractive_index=1.001)),
     "base of a dome": Housing(CameraBody(60.0), shell=Dome(300.0, refractive_index=1.001)),
 }
-OUT_OF_PLACE = MirrorPose(
+MISALIGNED = MirrorPose(
     decentre_x_mm=2.0, decentre_y_mm=1.0, tilt_x_deg=1.0, tilt_y_deg=-0.5, displacement_mm=1.0
 )
 
@@ -81,13 +81,13 @@ def rendered(sensor, plan, rows, columns, tracer):
     return passes
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), OUT_OF_PLACE], ids=["aligned", "misaligned"])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("part", HOUSINGS)
 @pytest.mark.parametrize("blur", [True, False])
-def test_kernels_and_reference_render_the_rays_that_the_clearances_let_pass(part, pose, blur):
-    sensor, plan = coarse(housed(HOUSINGS[part], pose=pose)), spread(4, blur, 3)
+def test_rendering_matches_clearances(part, pose, blur):
+    sensor, plan = coarse(housed(HOUSINGS[part], pose=pose)), sampling_plan(4, blur, 3)
     whole = slice(0, SIDE)
-    pixels, pupil = places(plan, *np.meshgrid(np.arange(SIDE), np.arange(SIDE)))
+    pixels, pupil = sample_positions(plan, *np.meshgrid(np.arange(SIDE), np.arange(SIDE)))
     start, towards = sensor.lens_rays(pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur)
     train = sensor.optical_train
     expected = train.passes(start, towards, train.posed_mirror.trace(start, towards))
@@ -107,13 +107,13 @@ SENSORS = {
 
 
 @pytest.mark.parametrize("part", SENSORS)
-def test_a_white_world_is_as_bright_as_the_aperture_is_filled(part, tmp_path):
+def test_brightness_matches_aperture_fill(part, tmp_path):
     """Pixels right of the axis with partial vignetting: image, spots and illumination."""
-    sensor, plan = SENSORS[part](tmp_path), spread(144, True)
+    sensor, plan = SENSORS[part](tmp_path), sampling_plan(144, True)
     width, height = sensor.image_size
     first, row = int(sensor.imager.centre[0]) + 4, slice(height // 2, height // 2 + 1)
     shares = (
-        rendered(sensor, plan, row, slice(first, width), rendering.trace)
+        rendered(sensor, plan, row, slice(first, width), rendering.trace_bundle)
         .reshape(-1, 144)
         .mean(axis=1)
     )

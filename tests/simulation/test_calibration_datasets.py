@@ -17,8 +17,8 @@ from omnimirror.simulation.dataset_manifest import load_recipe
 from omnimirror.simulation.datasets import (
     view_poses,
     visible_corners_px,
-    write_calibration_set,
-    write_video_set,
+    write_calibration_dataset,
+    write_video_dataset,
 )
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.room import Room
@@ -30,14 +30,14 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
     sensor = om.load_sensor("paper-equidistant")
     files = list(
-        write_calibration_set(
+        write_calibration_dataset(
             sensor, folder, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3
         )
     )
     return folder, files, json.loads((folder / "dataset.json").read_text())
 
 
-def test_it_is_complete_and_readable(written):
+def test_calibration_dataset_is_complete(written):
     folder, files, data = written
     assert [f.name for f in files] == ["view-000.png", "view-001.png", "dataset.json"]
     assert om.load_sensor(folder / data["sensor"]).name == "paper-equidistant"
@@ -48,7 +48,7 @@ def test_it_is_complete_and_readable(written):
     assert all(len(view["corners_px"]) > 8 for view in data["views"])
 
 
-def test_corners_are_where_opencv_finds_them_in_the_picture(written):
+def test_corners_match_opencv(written):
     """Subpixel saddle points of the image, searched from 1 px off the true position."""
     folder, _, data = written
     for view in data["views"]:
@@ -73,17 +73,17 @@ def test_corners_are_where_opencv_finds_them_in_the_picture(written):
         assert abs(np.median(found - true[inner], axis=0)).max() < 0.02
 
 
-def test_corners_behind_something_are_not_in_view():
+def test_occluded_corners_are_omitted():
     """The whole board is visible from its front, and only its back from behind."""
     sensor, hall = om.load_sensor("paper-spherical"), Hall(texel_mm=50.0)
     assert np.isfinite(visible_corners_px(sensor, hall, Pose())["A4"]).all()
     assert np.isnan(visible_corners_px(sensor, hall, Pose(x_mm=3200.0))["A4"]).all()
 
 
-def test_poses_repeat_and_differ():
+def test_poses_are_reproducible():
     assert view_poses(5, seed=2) == view_poses(5, seed=2)
     assert len({*view_poses(30)}) == 30
-    with pytest.raises(InvalidParameter, match="views = 0"):
+    with pytest.raises(InvalidParameter, match=r"views must be .*; got 0"):
         view_poses(0)
 
 
@@ -99,7 +99,7 @@ def small(pixels=96):
 PATH = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 600.0)), "pan_deg": ((0.0, 0.0), (1.0, 45.0))})
 
 
-def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp_path):
+def test_video_dataset_poses_and_ground_truth(tmp_path):
     pytest.importorskip("av")
     library = pytest.importorskip("OpenEXR")
     from omnimirror.io.video_reader import VideoReader
@@ -107,7 +107,7 @@ def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp
 
     room, sensor = Room(texel_mm=40.0), small()
     assert (
-        write_video_set(
+        write_video_dataset(
             sensor,
             room,
             path=PATH,
@@ -133,7 +133,7 @@ def test_a_video_set_holds_the_poses_of_its_frames_and_what_their_pixels_see(tmp
     )
 
 
-def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
+def test_interrupted_dataset_describes_files(tmp_path):
     pytest.importorskip("av")
 
     def stop(done, _):
@@ -141,7 +141,7 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_video_set(
+        write_video_dataset(
             small(),
             Room(texel_mm=40.0),
             path=PATH,
@@ -149,20 +149,20 @@ def test_what_ctrl_c_ends_describes_what_is_there(tmp_path):
             frame_rate=9.0,
             samples=1,
             blur=False,
-            progress=stop,
+            on_progress=stop,
         )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
-    pictures = write_calibration_set(
+    images = write_calibration_dataset(
         small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)
     )
     with pytest.raises(KeyboardInterrupt):
-        next(pictures), pictures.throw(KeyboardInterrupt())
+        next(images), images.throw(KeyboardInterrupt())
     described = json.loads((tmp_path / "c/dataset.json").read_text())
     assert [view["image"] for view in described["views"]] == ["view-000.png"]
 
 
-def test_the_command_writes_a_set(tmp_path):
+def test_command_writes_dataset(tmp_path):
     from tests.commands import omnimirror
 
     om.save_sensor(small(), tmp_path / "small.toml")
@@ -194,12 +194,12 @@ def test_the_command_writes_a_set(tmp_path):
             om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)
         ),
     ],
-    ids=["central", "non-central", "mirror out of place"],
+    ids=["central", "non-central", "misaligned mirror"],
 )
-def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
+def test_dataset_of_calibrated_camera(camera, tmp_path):
     """OpenCV detects its corners at their positions in its images, and its file is the camera."""
     hall = Hall(texel_mm=12.5)
-    list(write_calibration_set(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
+    list(write_calibration_dataset(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
     data = json.loads((tmp_path / "dataset.json").read_text())
     assert om.load_camera(tmp_path / data["sensor"]) == camera
     assert load_recipe(tmp_path / "dataset.json").recipe.sensor == camera
@@ -217,13 +217,13 @@ def test_a_camera_as_it_was_calibrated_takes_a_set(camera, tmp_path):
     assert abs(np.median(found - true, axis=0)).max() < 0.03
 
 
-def test_a_calibrated_camera_is_sharp_unless_blur_is_asked_of_it_which_is_refused(tmp_path):
+def test_blur_of_calibrated_camera_raises(tmp_path):
     camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
     list(
-        write_calibration_set(
+        write_calibration_dataset(
             camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)
         )
     )
     assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
-    with pytest.raises(InvalidParameter, match="only a sensor has blur"):
-        list(write_calibration_set(camera, tmp_path / "other", views=1, samples=1, blur=True))
+    with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
+        list(write_calibration_dataset(camera, tmp_path / "other", views=1, samples=1, blur=True))

@@ -26,7 +26,11 @@ from omnimirror.simulation.dataset_manifest import (
     load_recipe,
     recipe_record,
 )
-from omnimirror.simulation.datasets import render_views, write_calibration_set, write_video_set
+from omnimirror.simulation.datasets import (
+    render_views,
+    write_calibration_dataset,
+    write_video_dataset,
+)
 from omnimirror.simulation.detector import Detector
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.scenes.calibration_hall import Hall
@@ -53,7 +57,7 @@ def write(kind, folder, after=lambda done: None):
     """Write a dataset of five images."""
     sensor = small(64)
     if kind == "calibration":
-        pictures = write_calibration_set(
+        images = write_calibration_dataset(
             sensor,
             folder,
             views=5,
@@ -62,10 +66,10 @@ def write(kind, folder, after=lambda done: None):
             detector=Detector(full_well_e=1e4),
             hall=HALL,
         )
-        for number, _ in enumerate(pictures, start=1):
+        for number, _ in enumerate(images, start=1):
             after(number)
     else:
-        write_video_set(
+        write_video_dataset(
             sensor,
             Room(texel_mm=40.0),
             path=PATH,
@@ -73,7 +77,7 @@ def write(kind, folder, after=lambda done: None):
             frame_rate=4.0,
             samples=4,
             blur=False,
-            progress=lambda n, _: after(n),
+            on_progress=lambda n, _: after(n),
         )
 
 
@@ -104,7 +108,7 @@ def place(tmp_path_factory):
 
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["calibration", "video"])
-def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
+def test_killed_dataset_is_resumed(kind, tmp_path):
     """Completed items are not regenerated after SIGKILL, and all files equal those of an
     undisturbed run."""
     if kind == "video":
@@ -145,10 +149,10 @@ def test_a_killed_set_goes_on_where_it_stopped(kind, tmp_path):
     assert contents(killed) == contents(whole)
 
 
-def test_a_picture_that_was_changed_is_made_again(tmp_path):
+def test_changed_image_is_rendered_again(tmp_path):
     def write():
         return list(
-            write_calibration_set(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
+            write_calibration_dataset(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
         )
 
     write()
@@ -160,22 +164,22 @@ def test_a_picture_that_was_changed_is_made_again(tmp_path):
     assert (tmp_path / "view-001.png").stat().st_mtime_ns == kept
 
 
-def test_another_set_in_the_folder_is_left_as_it_is(tmp_path):
-    list(write_calibration_set(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
+def test_other_dataset_is_not_overwritten(tmp_path):
+    list(write_calibration_dataset(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
     before = contents(tmp_path)
-    with pytest.raises(InvalidParameter, match="holds another set, which differs in samples, seed"):
+    with pytest.raises(InvalidParameter, match="differs in samples, seed"):
         list(
-            write_calibration_set(
+            write_calibration_dataset(
                 small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2
             )
         )
     assert contents(tmp_path) == before
 
 
-def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
+def test_failed_dataset_leaves_no_files(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
-    with pytest.raises(InvalidParameter, match="outside the room"):
-        write_video_set(
+    with pytest.raises(InvalidParameter, match="must be inside the room"):
+        write_video_dataset(
             small(),
             Room(texel_mm=40.0),
             path=far,
@@ -193,7 +197,7 @@ def test_a_set_that_cannot_begin_leaves_nothing(tmp_path):
 
 @pytest.mark.parametrize("shell", [None, Tube(140.0), Dome(inner_shift_mm=0.5)])
 @pytest.mark.parametrize("reflectivity", [0.9, "gold", 0.96 + 6.69j, ("silver", 0.5, 1j + 2)])
-def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
+def test_recipe_round_trip(tmp_path, shell, reflectivity):
     """Round trip of every argument of the writers."""
     asked = VideoRecipe(
         sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
@@ -205,12 +209,12 @@ def test_a_recipe_holds_all_that_was_asked(tmp_path, shell, reflectivity):
     )
     written = {"format": format_of("video"), "recipe": recipe_record(asked)}
     (tmp_path / "dataset.json").write_text(json.dumps(written))
-    found, made_by = load_recipe(tmp_path / "dataset.json")
+    found, created_with = load_recipe(tmp_path / "dataset.json")
     assert found == asked
-    assert made_by == version("omnimirror")
+    assert created_with == version("omnimirror")
 
 
-def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
+def test_other_format_raises(tmp_path):
     """Datasets of format 2 stored the housing outside the sensor, as 'hardware' and 'shell'."""
     recipe = recipe_record(CalibrationRecipe(sensor=small())) | {
         "hardware": {"rod_radius_mm": 4.0},
@@ -219,12 +223,12 @@ def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
     (tmp_path / "dataset.json").write_text(
         json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe})
     )
-    said = fails(
+    stderr = fails(
         "simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other"
     )
     assert (
-        "is of the format 'omnimirror calibration set 2', and valid is 'omnimirror calibration set 3'"
-        in said
+        "must have the format 'omnimirror calibration dataset 3'; got 'omnimirror calibration set 2'"
+        in stderr
     )
     assert not (tmp_path / "other").exists()
 
@@ -241,7 +245,7 @@ def made_again(place, name, *options):
     return files
 
 
-def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
+def test_video_dataset_is_reproducible(place):
     pytest.importorskip("av")
     pytest.importorskip("OpenEXR")
     options = (
@@ -269,12 +273,12 @@ def test_a_video_set_made_again_is_the_same_byte_for_byte(place):
     assert "refused" not in data
 
 
-def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
+def test_calibration_dataset_is_reproducible(tmp_path):
     sensor = replace(small(), housing=Housing(CameraBody(50.0), shell=Dome(260.0), rim=Rim(1.0)))
     dim = Radiometry(reflectivity=("gold", 0.96 + 6.69j, 0.5))
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
     list(
-        write_calibration_set(
+        write_calibration_dataset(
             sensor,
             tmp_path / "a",
             views=2,
@@ -292,11 +296,11 @@ def test_a_calibration_set_made_again_is_the_same_byte_for_byte(tmp_path):
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
-def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
+def test_changed_scene_or_option_raises(place, tmp_path):
     pytest.importorskip("av")
     (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
-    write_video_set(
+    write_video_dataset(
         small(64),
         source,
         path=PATH,
@@ -310,13 +314,13 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
         "simulate", "dataset", "--again", description, "--seed", 4, "-o", tmp_path / "other"
     )
     om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))
-    with pytest.raises(MediaError, match=r"sky.hdr is not the file it was"):
+    with pytest.raises(MediaError, match=r"sky.hdr of the dataset has changed"):
         load_recipe(description)
     os.remove(tmp_path / "sky.hdr")
-    with pytest.raises(MediaError, match=r"sky.hdr is not there"):
+    with pytest.raises(MediaError, match=r"sky.hdr of the dataset is missing"):
         load_recipe(description)
     description.write_text('{"format": "old"}')
-    with pytest.raises(MediaError, match="does not say how a set is made"):
+    with pytest.raises(MediaError, match=r"must be the dataset.json of a dataset"):
         load_recipe(description)
 
 
@@ -324,13 +328,13 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
 
 
 @pytest.mark.full
-def test_corners_of_a_set_in_a_tube_are_where_its_pictures_show_them(tmp_path):
+def test_corners_in_tube_match_images(tmp_path):
     """The image is traced through the wall, and corners use the solution of the wall: OpenCV
     detects them there."""
     import cv2
 
     sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))
-    (*_, description) = write_calibration_set(
+    (*_, description) = write_calibration_dataset(
         sensor, tmp_path, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)
     )
     view = json.loads(description.read_text())["views"][0]

@@ -15,21 +15,21 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from omnimirror.simulation import rendering as rays
 from omnimirror.simulation._compiled_rendering import compiled_light
-from omnimirror.simulation.pixel_rays import places, spread
+from omnimirror.simulation.pixel_rays import sample_positions, sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes._painting import Surroundings
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.environment import Environment
-from omnimirror.simulation.scenes.scene import Distant, Pose, PosedScene
+from omnimirror.simulation.scenes.scene import DistantScene, Pose, PosedScene
 from omnimirror.simulation.scenes.street import HOUSES, Street
 from omnimirror.simulation.scenes.surfaces import facets
 from tests.everyday import few
 
-needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 HOUSED = Housing(CameraBody(60.0, height_mm=10.0), Rod(8.0, 4.0), rim=Rim(3.0))
-DIM = Radiometry(reflectivity=0.8, vignetting=1.0, sees_past=True)
-MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
+DIM = Radiometry(reflectivity=0.8, vignetting=1.0, direct_view=True)
+MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.5, -2.0)
 
 
 def small(name: str, pixels: int = 100, **changes) -> om.Sensor:
@@ -48,7 +48,7 @@ def steps(height: int, width: int) -> Environment:
 
 @needs_native
 @pytest.mark.parametrize("flipped", few([False, True], True))
-@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize(
     "name",
     few(
@@ -58,10 +58,10 @@ def steps(height: int, width: int) -> Environment:
         "paraboloid-telecentric",
     ),
 )
-def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
+def test_compiled_rays_match_double_precision(name, pose, flipped):
     sensor = small(name, mirror_pose=pose, housing=HOUSED)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
-    plan, part = spread(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
+    plan, part = sampling_plan(16, blur=True, seed=3), (slice(0, 100), slice(10, 70))
     fast, slow = (
         rays._trace_natively(sensor, plan, DIM, *part),
         rays._trace_sensor(sensor, plan, DIM, *part),
@@ -87,12 +87,12 @@ def test_compiled_rays_are_those_of_double_precision(name, pose, flipped):
 @pytest.mark.parametrize(
     ("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, DIM)], ids=["bare", "housed"]
 )
-def test_an_environment_is_the_same_in_the_kernels_and_ray_by_ray(housing, dim):
+def test_compiled_environment_matches_numpy(housing, dim):
     sensor, world = small("paper-equidistant", housing=housing), steps(64, 128)
-    plan = spread(9, blur=True, seed=5)
+    plan = sampling_plan(9, blur=True, seed=5)
     fast = expose(sensor, world, samples=9, blur=True, radiometry=dim, seed=5)
-    bundle = rays.trace(sensor, plan, dim, slice(0, 100), slice(0, 100))
-    slow = rays.gather(bundle, world, dim).mean(axis=2)
+    bundle = rays.trace_bundle(sensor, plan, dim, slice(0, 100), slice(0, 100))
+    slow = rays.gather_light(bundle, world, dim).mean(axis=2)
     assert np.abs(fast - slow).max() < 2e-3
     assert np.abs(fast - slow).mean() < 1e-5
 
@@ -114,8 +114,8 @@ SCENES = {
     "room, turned": PosedScene(
         om.Room(texel_mm=40.0), Pose(700.0, -300.0, 100.0, 40.0, 10.0, -20.0)
     ),
-    "hall, far": PosedScene(Distant(Hall(texel_mm=50.0)), Pose(0.0, 0.0, 0.0, 40.0)),
-    "far street": Distant(PosedScene(Street(texel_mm=100.0), Pose(5000.0, 0.0, 0.0, 40.0))),
+    "hall, far": PosedScene(DistantScene(Hall(texel_mm=50.0)), Pose(0.0, 0.0, 0.0, 40.0)),
+    "far street": DistantScene(PosedScene(Street(texel_mm=100.0), Pose(5000.0, 0.0, 0.0, 40.0))),
     "leaves": meadow(),
 }
 
@@ -125,23 +125,25 @@ SCENES = {
     ("housing", "dim"), [(Housing(), Radiometry()), (HOUSED, Radiometry(0.8, vignetting=1.0))]
 )
 @pytest.mark.parametrize("name", SCENES)
-def test_surfaces_are_the_same_in_the_kernels_and_ray_by_ray(name, housing, dim, monkeypatch):
+def test_compiled_surfaces_match_numpy(name, housing, dim, monkeypatch):
     sensor, scene = small("paper-equidistant", housing=housing), SCENES[name]
     fast = expose(sensor, scene, samples=9, blur=True, radiometry=dim, seed=5)
     assert (
-        compiled_light(sensor, scene, spread(9, True, 5), dim, workers=1).tobytes()
+        compiled_light(sensor, scene, sampling_plan(9, True, 5), dim, workers=1).tobytes()
         == fast.tobytes()
     )
-    bundle = rays.trace(sensor, spread(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100))
-    slow = rays.gather(bundle, scene, dim).mean(axis=2)
+    bundle = rays.trace_bundle(
+        sensor, sampling_plan(9, blur=True, seed=5), dim, slice(0, 100), slice(0, 100)
+    )
+    slow = rays.gather_light(bundle, scene, dim).mean(axis=2)
     assert np.ptp(slow) > 0.3
     assert np.mean(np.abs(fast - slow) > 1e-4) < 1e-3  # rays that graze an edge
     assert np.abs(fast - slow).mean() < 1e-5
 
 
 @needs_native
-def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
-    sensor, dim, plan = small("paper-spherical"), Radiometry(), spread(1, blur=False)
+def test_kernels_reject_invalid_origins():
+    sensor, dim, plan = small("paper-spherical"), Radiometry(), sampling_plan(1, blur=False)
     house, road = HOUSES[0].box.low, Pose(5000.0, 0.0, -1620.0)
     cases = (
         (om.Room(40.0), Pose(3400.0)),
@@ -153,13 +155,15 @@ def test_the_kernels_leave_rays_alone_that_may_not_start_where_they_do():
         assert compiled_light(sensor, scene, plan, dim) is not None
         posed = PosedScene(scene, outside)
         assert compiled_light(sensor, posed, plan, dim) is None
-        with pytest.raises(InvalidParameter, match=r"a ray starts at|the mirror stands in"):
+        with pytest.raises(
+            InvalidParameter, match=r"ray origins must be|the mirror must not intersect"
+        ):
             expose(sensor, posed, samples=1)
 
 
-def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
-    plan = spread(256, blur=True, seed=1)
-    pixels, aperture = places(plan, np.array([7, 8]), np.array([5, 5]))
+def test_samples_fill_pixel_and_aperture():
+    plan = sampling_plan(256, blur=True, seed=1)
+    pixels, aperture = sample_positions(plan, np.array([7, 8]), np.array([5, 5]))
     assert np.abs(pixels - [[[7, 5]], [[8, 5]]]).max() <= 0.5
     np.testing.assert_allclose(pixels.mean(axis=1), [[7, 5], [8, 5]], atol=1.5e-2)
     radius = np.hypot(*np.moveaxis(aperture, -1, 0))
@@ -170,7 +174,7 @@ def test_rays_of_a_pixel_fill_it_and_the_aperture_evenly():
 
 
 @needs_native  # 67 million rays
-def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
+def test_rendered_blur_matches_evaluation():
     """The image of a small distant lamp: its width is the sagittal blur of the evaluation plus a
     pixel."""
     sensor = om.load_sensor("paper-spherical")
@@ -191,14 +195,14 @@ def test_blur_spreads_a_point_over_the_disk_that_the_evaluation_says():
     assert abs(columns.mean() - u) < 1
 
 
-def test_an_even_world_comes_back_as_bright_as_it_is():
+def test_uniform_radiance_is_preserved():
     white = Environment(np.ones((4, 8, 3), np.float32))
     light = expose(
         small("paper-spherical"),
         white,
         samples=16,
         blur=True,
-        radiometry=Radiometry(reflectivity=0.9, sees_past=False),
+        radiometry=Radiometry(reflectivity=0.9, direct_view=False),
     )
     np.testing.assert_allclose(light[50, 50], 0.9, rtol=1e-5)
     assert light[0, 0].max() == 0
@@ -207,16 +211,16 @@ def test_an_even_world_comes_back_as_bright_as_it_is():
         white,
         samples=16,
         blur=True,
-        radiometry=Radiometry(sees_past=True),
+        radiometry=Radiometry(direct_view=True),
     )
     np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
 
 
 @needs_native
-@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("metal", ["aluminium", "gold", 0.5 + 2.0j])
-def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
-    sensor, plan = small("paper-spherical", mirror_pose=pose), spread(4, blur=True)
+def test_metal_reflectance_matches_fresnel(metal, pose):
+    sensor, plan = small("paper-spherical", mirror_pose=pose), sampling_plan(4, blur=True)
     part, dim = (slice(0, 100), slice(0, 100)), Radiometry(reflectivity=metal)
     fast, slow = (
         rays._trace_natively(sensor, plan, dim, *part),
@@ -227,7 +231,7 @@ def test_metals_reflect_as_fresnel_says_in_kernels_and_without(metal, pose):
     assert np.ptp(slow.weight[seen]) > 5e-3
 
 
-def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
+def test_metal_reflectance_depends_on_incidence():
     sensor, white = om.load_sensor("paper-spherical"), Environment(np.ones((4, 8, 3), np.float32))
     light = expose(
         sensor, white, samples=1, radiometry=Radiometry(reflectivity=("gold", "silver", 0.7))
@@ -248,7 +252,7 @@ def test_a_metal_dims_a_pixel_by_its_own_angle_of_incidence():
     assert light[v, u, 2] == pytest.approx(0.7)
 
 
-def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
+def test_natural_vignetting_is_cos4():
     white = Environment(np.ones((4, 8, 3), np.float32))
     sensor = om.load_sensor("paper-spherical")
     light = expose(sensor, white, samples=1, radiometry=Radiometry(vignetting=1.0))
@@ -259,46 +263,46 @@ def test_natural_vignetting_falls_with_the_fourth_power_of_the_cosine():
     assert at == pytest.approx(expected, abs=2e-3)
 
 
-def test_the_camera_is_seen_in_the_middle():
+def test_camera_reflection_is_central():
     """Its edge is at the mirror point that reflects the edge of the disk into the lens."""
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(80.0)))
     white = Environment(np.ones((4, 8, 3), np.float32))
-    light = expose(sensor, white, samples=1, radiometry=Radiometry(grey=0.0))[..., 0]
+    light = expose(sensor, white, samples=1, radiometry=Radiometry(housing_light=0.0))[..., 0]
     edge = sensor.project([[40.0, 0.0, sensor.optical_train.lens_offset[2]]]).pixels[0]
     radius = sensor.radius_from_centre_px(edge[None])[0]
     dark = int((light == 0)[512, 256:768].sum())
     assert dark == pytest.approx(2 * radius, abs=2)
 
 
-def test_what_only_a_sensor_has_is_refused_for_other_cameras():
+def test_blur_requires_sensor():
     ball = om.MirrorBall((100.0, 100.0), 90.0, 360.0, (200, 200))
-    with pytest.raises(InvalidParameter, match="only a sensor has blur"):
+    with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
         expose(ball, steps(8, 16), blur=True)
 
 
 @pytest.mark.parametrize(("samples", "seed"), [(0, 0), (2.5, 0), (1 << 17, 0), (4, -1)])
-def test_samples_out_of_range_are_refused(samples, seed):
-    with pytest.raises(InvalidParameter, match="not a whole number"):
-        spread(samples, blur=True, seed=seed)
+def test_invalid_samples_raise(samples, seed):
+    with pytest.raises(InvalidParameter, match=r"^(samples|seed) "):
+        sampling_plan(samples, blur=True, seed=seed)
 
 
 @pytest.mark.parametrize("samples", [1, 2, 7, 8, 16])
-def test_rays_of_a_sharp_picture_lie_evenly_about_the_middle_of_a_pixel(samples):
+def test_sharp_samples_are_centred(samples):
     """They are equal in all pixels: a nonzero mean would shift the whole image."""
-    points = spread(samples, blur=False).points[:, :2]
+    points = sampling_plan(samples, blur=False).points[:, :2]
     np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=1e-6)
     assert len(np.unique(points.round(5), axis=0)) == samples
 
 
-def test_an_imager_that_is_too_large_is_refused_with_the_largest_that_is_not():
+def test_too_large_imager_raises():
     sensor = om.load_sensor("paper-spherical")
     large = replace(
         sensor,
         imager=replace(sensor.imager, width_px=40_000, height_px=40_000, pixel_pitch_um=0.1331),
     )
     with pytest.raises(
-        InvalidParameter, match=r"40000 x 40000 px is too large .* up to 32768 x 32768 px"
+        InvalidParameter, match="for example 32768 x 32768 px; got 40000 x 40000 px"
     ):
-        om.take_picture(large, om.Room(texel_mm=40.0), samples=1)
+        om.render_image(large, om.Room(texel_mm=40.0), samples=1)
     with pytest.raises(InvalidParameter, match=r"100001.*(100000|1e\+05)"):
         replace(sensor.imager, width_px=100_001)

@@ -208,7 +208,7 @@ SHELLS = [None, Tube(110.0, 5.0), Dome(260.0, 5.0, centre_mm=-74.0, inner_shift_
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (1.5, -1.0, 0.7)], ids=["aligned", "decentred"])
 @pytest.mark.parametrize("shell", few(SHELLS, SHELLS[2]), ids=["open", "tube", "dome"])
-def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
+def test_hidden_pixels_match_ray_trace(shell, shift):
     """Obscured, visible or neither for all pixels; and their points to 0.01 um."""
     sensor = sensor_of(shift=shift, housing=replace(FULL, shell=shell))
     truth = ground_truth(sensor, Ball())
@@ -223,13 +223,13 @@ def test_no_pixel_is_labelled_other_than_the_tracer_says(shell, shift):
     np.testing.assert_allclose(truth.directions[np.isfinite(truth.depth_mm)], d, atol=1e-9)
 
 
-def test_the_picture_is_dark_where_the_truth_says_hidden():
+def test_hidden_pixels_are_dark():
     sensor = sensor_of(256)
     light = expose(
         sensor,
         Environment(np.ones((4, 8, 3), np.float32)),
         samples=1,
-        radiometry=Radiometry(grey=0.0),
+        radiometry=Radiometry(housing_light=0.0),
     )
     truth = ground_truth(sensor, Ball())
     assert ((light[..., 0] > 0.5) != np.isfinite(truth.depth_mm)).sum() <= 2, (
@@ -238,9 +238,9 @@ def test_the_picture_is_dark_where_the_truth_says_hidden():
 
 
 @pytest.mark.parametrize("width", [1.5, 10.0])
-def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(width, uncompiled):
+def test_rim_obscures_rays(width, uncompiled):
     """Rays that leave the mirror near its rim with a steeper slope than that towards the edge."""
-    sensor, dark = sensor_of(64, housing=Housing(rim=Rim(width))), Radiometry(grey=0.0)
+    sensor, dark = sensor_of(64, housing=Housing(rim=Rim(width))), Radiometry(housing_light=0.0)
     sky = Environment(np.ones((4, 8, 3), np.float32))
     fast = expose(sensor, sky, samples=9, radiometry=dark)
     uncompiled()
@@ -248,16 +248,16 @@ def test_the_edge_hides_what_rises_past_it_with_and_without_the_compiled_part(wi
     assert fast.sum() < expose(sensor_of(64, housing=Housing()), sky, samples=9).sum() - 10
 
 
-def test_truth_past_the_mirror_starts_at_the_lens():
+def test_direct_view_rays_start_at_lens():
     sensor = sensor_of(housing=Housing())
-    truth = ground_truth(sensor, Ball(), Radiometry(sees_past=True))
+    truth = ground_truth(sensor, Ball(), Radiometry(direct_view=True))
     np.testing.assert_allclose(
         truth.origins_mm[0, 0], to_world(sensor, np.array([0, 0, -sensor.mirror_distance_mm]))
     )
     np.testing.assert_allclose(np.linalg.norm(truth.points_mm[0, 0]), 500.0)
 
 
-def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
+def test_lid_obscures_pixels():
     """A wide cap of the tube, level with the rim, blocks rays steeper than those to the wall."""
     sensor = sensor_of(housing=Housing(shell=Tube(400.0), rim=Rim(thickness_mm=1.0)))
     truth = ground_truth(sensor, Ball())
@@ -267,11 +267,11 @@ def test_a_lid_that_stands_in_the_way_hides_and_is_dark():
     under = (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < 197.0)
     assert 100 < under.sum() < sees.sum()
     np.testing.assert_array_equal((truth.hidden.ravel()[sees])[d[:, 2] > 0], under[d[:, 2] > 0])
-    light = expose(sensor, Ball(), samples=1, radiometry=Radiometry(grey=0.0))
+    light = expose(sensor, Ball(), samples=1, radiometry=Radiometry(housing_light=0.0))
     assert not light[truth.hidden].any()
 
 
-def test_only_a_sensor_of_one_mirror_has_something_about_it():
+def test_radiometry_requires_one_mirror():
     with pytest.raises(InvalidParameter, match="one mirror"):
         ground_truth(
             replace(om.load_sensor("folded-spherical"), housing=Housing(shell=Tube())), Ball()
@@ -282,7 +282,7 @@ def test_only_a_sensor_of_one_mirror_has_something_about_it():
 
 
 @pytest.mark.parametrize("shell", few(SHELLS, SHELLS[2]), ids=["open", "tube", "dome"])
-def test_corners_are_seen_where_the_tracer_looks_and_not_behind_the_housing(shell):
+def test_visible_corners_match_ray_trace(shell):
     sensor, hall = sensor_of(1024, housing=replace(FULL, shell=shell)), Hall(texel_mm=50.0)
     tracer, bare, count, hidden = Tracer(sensor), replace(sensor, housing=Housing()), 0, 0
     for pose in (Pose(), Pose(400.0, -300.0, -500.0, 40.0, 5.0)):
@@ -305,7 +305,7 @@ def test_corners_are_seen_where_the_tracer_looks_and_not_behind_the_housing(shel
     assert hidden > 20
 
 
-def test_points_that_only_the_wall_brings_into_the_field_are_found():
+def test_points_visible_by_refraction_only():
     """Just outside the rim field without the dome, and inside it with a dome that refracts
     outwards."""
     sensor = sensor_of(1024, housing=Housing(shell=Dome(330.0, 8.0, centre_mm=-40.0)))
@@ -326,7 +326,7 @@ of the size."""
 
 
 @pytest.mark.parametrize("name", FOLDED_HIDES)
-def test_two_mirrors_hide_pixels_as_finite_rays_say(name):
+def test_two_mirror_obscuration_matches_ray_trace(name):
     sensor = om.load_sensor(name)
     imager, lens = sensor.imager, sensor.lens
     size = {"width_px": imager.width_px // 4, "height_px": imager.height_px // 4}

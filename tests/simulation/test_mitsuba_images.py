@@ -154,7 +154,7 @@ def grey_levels(decibels):
 
 @pytest.mark.full
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
-def test_a_blurred_picture_is_mitsubas(mi, pose, beside):  # noqa: F811
+def test_blurred_image_matches_mitsuba(mi, pose, beside):  # noqa: F811
     sensor = small("paper-spherical", 128, pose)
     sensor = replace(sensor, lens=replace(sensor.lens, f_number=2.0))
     ours, theirs = maps()
@@ -169,7 +169,7 @@ def test_a_blurred_picture_is_mitsubas(mi, pose, beside):  # noqa: F811
     [("paper-equidistant", MISALIGNED), ("paper-hyperboloidal", MirrorPose())],
     ids=["E-DI", "SVP"],
 )
-def test_a_blurred_picture_is_mitsubas_on_a_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
+def test_blurred_mesh_image_matches_mitsuba(mi, name, pose, tmp_path, beside):  # noqa: F811
     decibels, shift = on_a_mesh(
         mi, small(name, 128, pose), tmp_path / "mirror.ply", rings=150, rays=100
     )
@@ -179,7 +179,7 @@ def test_a_blurred_picture_is_mitsubas_on_a_mesh(mi, name, pose, tmp_path, besid
 @pytest.mark.full
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
-def test_every_paper_sensor_on_a_fine_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
+def test_paper_sensors_match_fine_mesh(mi, name, pose, tmp_path, beside):  # noqa: F811
     decibels, shift = on_a_mesh(
         mi, small(name, 384, pose), tmp_path / "mirror.ply", rings=500, rays=1024
     )

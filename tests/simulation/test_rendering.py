@@ -12,7 +12,12 @@ import omnimirror as om
 from omnimirror.base.colour import srgb_bytes
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.cameras.frames import pan_tilt_direction
-from omnimirror.simulation.rendering import _finer, _low_passed, expose, pinhole_picture
+from omnimirror.simulation.rendering import (
+    _low_pass_filtered,
+    _with_half_pixel_pitch,
+    expose,
+    render_pinhole_image,
+)
 
 ORANGE = np.array([1.0, 0.4, 0.0], dtype=np.float32)
 
@@ -58,20 +63,20 @@ class Ball:
 
 @pytest.mark.parametrize("camera_looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("flipped", [False, True])
-def test_a_ball_appears_where_it_is_projected(camera_looks: str, flipped: bool):
+def test_rendered_ball_matches_projection(camera_looks: str, flipped: bool):
     sensor = looking(camera_looks, flipped=flipped)
     centre = (150.0, 400.0, 90.0)
-    picture = om.take_picture(sensor, Ball(centre, 20.0), samples=1)
-    rows, columns = np.nonzero(picture[..., 0])
+    image = om.render_image(sensor, Ball(centre, 20.0), samples=1)
+    rows, columns = np.nonzero(image[..., 0])
     expected = sensor.project([centre]).pixels[0]
     assert len(rows) > 50
     np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=0.4)
 
 
-def test_a_distant_scene_appears_where_its_directions_are_projected():
+def test_rendered_distant_scene_matches_projection():
     sensor, centre = looking("up"), (150.0, 70.0, 30.0)  # close enough for parallax
-    picture = om.take_picture(sensor, Ball(centre, 9.0), samples=1, distant=True)
-    rows, columns = np.nonzero(picture[..., 0])
+    image = om.render_image(sensor, Ball(centre, 9.0), samples=1, distant=True)
+    rows, columns = np.nonzero(image[..., 0])
     found = [columns.mean(), rows.mean()]
     np.testing.assert_allclose(found, sensor.project_directions([centre]).pixels[0], atol=0.4)
     assert np.linalg.norm(found - sensor.project([centre]).pixels[0]) > 5
@@ -79,13 +84,13 @@ def test_a_distant_scene_appears_where_its_directions_are_projected():
 
 @pytest.mark.parametrize("camera_looks", ["up", "down"])
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
-def test_a_sign_appears_where_its_corners_are_projected(camera_looks: str, name: str):
+def test_rendered_sign_matches_projection(camera_looks: str, name: str):
     """The (dark) ink is inside the outline of the projected corners, and the wall around it is
     bright."""
     import cv2
 
     sensor, room = looking(camera_looks, name), om.Room(texel_mm=10.0)
-    picture = om.take_picture(sensor, room, samples=1).astype(float).mean(axis=2)
+    image = om.render_image(sensor, room, samples=1).astype(float).mean(axis=2)
     top_left, top_right, bottom_right, bottom_left = room.sign_corners_mm("OMNIMIRROR")
     share = np.linspace(0, 1, 60)[:, None]
 
@@ -98,89 +103,89 @@ def test_a_sign_appears_where_its_corners_are_projected(camera_looks: str, name:
         )
         projection = sensor.project(edges)
         assert projection.valid.all()
-        mask = np.zeros(picture.shape, dtype=np.uint8)
+        mask = np.zeros(image.shape, dtype=np.uint8)
         cv2.fillPoly(mask, [np.rint(projection.pixels).astype(np.int32)], 1)
         return mask.astype(bool)
 
     inside, around = outline(1.0), outline(1.06) & ~outline(1.02)
-    dark = picture < 100
+    dark = image < 100
     assert 0.3 < dark[inside].mean() < 0.7, "letters cover about half of it"
     assert dark[around].mean() < 0.01
 
 
-def test_the_raw_picture_is_reversed_and_a_flipped_one_is_not():
+def test_image_handedness():
     """Left of the centre is west in the flipped image of an upward camera; see section 1a."""
     room = om.Room(texel_mm=10.0)
-    raw = om.take_picture(small(looking("up"), 4), room, samples=1)
-    flipped = om.take_picture(small(looking("up", flipped=True), 4), room, samples=1)
+    raw = om.render_image(small(looking("up"), 4), room, samples=1)
+    flipped = om.render_image(small(looking("up", flipped=True), 4), room, samples=1)
     np.testing.assert_array_equal(raw[:, ::-1], flipped)
 
 
-def test_outside_the_rim_it_is_black_and_inside_it_is_not():
+def test_image_outside_rim_is_black():
     sensor = looking("up")
-    picture = om.take_picture(sensor, Even(), samples=4)
-    v, u = np.indices(picture.shape[:2])
+    image = om.render_image(sensor, Even(), samples=4)
+    v, u = np.indices(image.shape[:2])
     radius = np.hypot(u - 511.5, v - 511.5)
-    assert not picture[radius > sensor.rim_radius_px + 0.75].any()
-    assert (picture[radius < sensor.rim_radius_px - 0.75] == srgb_bytes(ORANGE)).all(), "RGB order"
+    assert not image[radius > sensor.rim_radius_px + 0.75].any()
+    assert (image[radius < sensor.rim_radius_px - 0.75] == srgb_bytes(ORANGE)).all(), "RGB order"
 
 
-def test_the_rim_is_soft_by_the_share_of_the_pixel_that_sees():
+def test_rim_is_antialiased():
     sensor = small(looking("up"), 16)
-    picture = om.take_picture(sensor, Even(), samples=256)
+    image = om.render_image(sensor, Even(), samples=256)
     red = np.where(
-        picture[..., 0] <= 10,
-        picture[..., 0] / 255 / 12.92,
-        ((picture[..., 0] / 255 + 0.055) / 1.055) ** 2.4,
+        image[..., 0] <= 10,
+        image[..., 0] / 255 / 12.92,
+        ((image[..., 0] / 255 + 0.055) / 1.055) ** 2.4,
     )
     assert red.sum() == pytest.approx(np.pi * sensor.rim_radius_px**2, rel=2e-3)
 
 
-def test_pictures_are_the_same_every_time_and_on_any_number_of_threads():
+def test_rendering_is_reproducible():
     sensor, room = small(looking("down"), 4), om.Room(texel_mm=10.0)
-    first = om.take_picture(sensor, room, workers=1)
-    np.testing.assert_array_equal(first, om.take_picture(sensor, room, workers=3))
-    np.testing.assert_array_equal(first, om.take_picture(sensor, om.Room(texel_mm=10.0)))
+    first = om.render_image(sensor, room, workers=1)
+    np.testing.assert_array_equal(first, om.render_image(sensor, room, workers=3))
+    np.testing.assert_array_equal(first, om.render_image(sensor, om.Room(texel_mm=10.0)))
 
 
 def test_samples_are_averaged_in_linear_light():
     """Two by two samples of a pixel equal four pixels of half the size."""
     room, coarse, fine = om.Room(texel_mm=10.0), small(looking("up"), 8), small(looking("up"), 4)
-    picture = om.take_picture(fine, room, samples=1) / 255.0
-    linear = np.where(picture <= 0.04045, picture / 12.92, ((picture + 0.055) / 1.055) ** 2.4)
+    image = om.render_image(fine, room, samples=1) / 255.0
+    linear = np.where(image <= 0.04045, image / 12.92, ((image + 0.055) / 1.055) ** 2.4)
     expected = srgb_bytes(linear.reshape(128, 2, 128, 2, 3).mean(axis=(1, 3)))
-    answer = om.take_picture(coarse, room, samples=4)
+    answer = om.render_image(coarse, room, samples=4)
     different = np.abs(answer.astype(int) - expected).max(axis=2) > 2
     assert different.mean() < 0.01, "but for the lamps, which saturate once and not four times"
 
 
-def test_progress_counts_every_row():
+def test_on_progress_counts_rows():
     sensor, seen = small(looking("up"), 4), []
-    om.take_picture(
-        sensor, Even(), samples=16, progress=lambda done, total: seen.append((done, total))
+    om.render_image(
+        sensor, Even(), samples=16, on_progress=lambda done, total: seen.append((done, total))
     )
     assert seen == sorted(seen)
     assert len(seen) > 1
     assert seen[-1] == (256, 256)
 
 
-def test_pinhole_pictures_average_their_samples_and_leave_nan_black():
+def test_pinhole_image_averaging_and_nan():
     pan, tilt = np.meshgrid(
         np.radians(np.arange(-20, 20, 0.5)), np.radians(np.arange(10, -10, -0.5))
     )
     directions = pan_tilt_direction(pan, tilt)
     directions[:2, :2] = np.nan
-    picture = pinhole_picture(Even(), directions, samples=2)
-    assert picture.shape == (20, 40, 3)
-    assert not picture[0, 0].any()
-    assert (picture[1:] == srgb_bytes(ORANGE)).all()
+    image = render_pinhole_image(Even(), directions, samples=2)
+    assert image.shape == (20, 40, 3)
+    assert not image[0, 0].any()
+    assert (image[1:] == srgb_bytes(ORANGE)).all()
 
 
-def test_errors_name_the_value():
-    with pytest.raises(InvalidParameter, match="samples = 0 "):
-        om.take_picture(looking("up"), Even(), samples=0)
-    with pytest.raises(InvalidParameter, match=r"\(4, 5, 3\).*samples = 2"):
-        pinhole_picture(Even(), np.ones((4, 5, 3)), samples=2)
+def test_invalid_value_raises():
+    with pytest.raises(InvalidParameter, match=r"^samples "):
+        om.render_image(looking("up"), Even(), samples=0)
+    with pytest.raises(InvalidParameter, match=r"samples = 2; got \(4, 5, 3\)"):
+        render_pinhole_image(Even(), np.ones((4, 5, 3)), samples=2)
 
 
 @pytest.mark.parametrize(
@@ -202,22 +207,24 @@ def test_errors_name_the_value():
     ],
     ids=["walls", "blurred", "environment", "two mirrors", "coloured"],
 )
-def test_a_picture_is_its_light_in_bytes(name, scene, options):
+def test_image_is_encoded_light(name, scene, options):
     """It is read in parts, and the complete light is never assembled."""
     sensor = small(om.load_sensor(name), 8)
     light = expose(sensor, scene, **options)
     assert light.max() > 0.1
-    assert (om.take_picture(sensor, scene, **options) == srgb_bytes(light)).all()
+    assert (om.render_image(sensor, scene, **options) == srgb_bytes(light)).all()
 
 
-def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
+def test_low_pass_filter_kernel():
     """A small ball: equal light and position, variance larger by 3/16 + 1/48 - 1/12 = 1/8 px^2."""
     sensor, scene = small(looking("up"), 8), Ball((900.0, 400.0, 90.0), 60.0)
     box = expose(sensor, scene, samples=64)[..., 1].astype(float)
-    tent = _low_passed(expose(_finer(sensor), scene, samples=16))[..., 1].astype(float)
+    tent = _low_pass_filtered(expose(_with_half_pixel_pitch(sensor), scene, samples=16))[
+        ..., 1
+    ].astype(float)
     assert tent.sum() == pytest.approx(box.sum(), rel=1e-6)
     np.testing.assert_array_equal(
-        om.take_picture(sensor, scene, samples=64, low_pass=True)[..., 1],
+        om.render_image(sensor, scene, samples=64, low_pass=True)[..., 1],
         srgb_bytes(tent.astype(np.float32)),
     )
     v, u = np.indices(box.shape)
@@ -225,12 +232,14 @@ def test_a_low_pass_filter_spreads_light_over_a_tent_and_moves_none():
         (mean_a, mean_b), (a, b) = zip(*(moments(light, at) for light in (box, tent)), strict=True)
         assert mean_a == pytest.approx(mean_b, abs=0.02)
         assert b - a == pytest.approx(1 / 8, abs=0.02)
-    even = om.take_picture(sensor, Even(), samples=16, low_pass=True)
+    even = om.render_image(sensor, Even(), samples=16, low_pass=True)
     np.testing.assert_array_equal(
-        even[40:80, 40:80], om.take_picture(sensor, Even(), samples=16)[40:80, 40:80]
+        even[40:80, 40:80], om.render_image(sensor, Even(), samples=16)[40:80, 40:80]
     )
-    with pytest.raises(InvalidParameter, match="only a sensor has a low-pass filter"):
-        om.take_picture(om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64)), Even(), low_pass=True)
+    with pytest.raises(
+        InvalidParameter, match="low_pass must be False unless the camera is a sensor"
+    ):
+        om.render_image(om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64)), Even(), low_pass=True)
 
 
 def moments(light: np.ndarray, at: np.ndarray) -> tuple[float, float]:

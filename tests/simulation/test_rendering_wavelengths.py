@@ -20,9 +20,7 @@ def domed():
     """A strongly decentred dome of dispersive glass, with colour shifts of pixels."""
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=256, height_px=256, pixel_pitch_um=20.8)
-    return replace(
-        sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0))
-    )
+    return replace(sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0)))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +28,7 @@ def light(domed):
     return om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
 
 
-def test_each_colour_is_the_picture_in_its_light(domed, light):
+def test_channels_match_wavelengths(domed, light):
     for i, nm in enumerate(WAVES):
         alone = om.expose(om.at_wavelength(domed, nm), om.Room(texel_mm=40.0), samples=1)
         np.testing.assert_array_equal(light[..., i], alone[..., i])
@@ -46,7 +44,7 @@ class Stripes:
         return np.repeat((0.5 + 0.4 * np.cos(60 * tilt))[:, None], 3, axis=1).astype(np.float32)
 
 
-def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
+def test_colour_dewarper_aligns_channels(domed):
     view = om.views.panorama(domed, (256, None), elevation_deg=(-30.0, 30.0))
     taken = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
     own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
@@ -60,10 +58,8 @@ def test_straightened_by_their_own_colours_they_lie_on_each_other(domed):
 
 @pytest.mark.parametrize("channels", [3, 4])
 @pytest.mark.parametrize("transparent", [False, True])
-def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent):
-    view = om.views.panorama(
-        domed, (200, None), elevation_deg=(-60.0, 60.0)
-    )  # extends beyond the field
+def test_channels_use_their_camera(domed, channels, transparent):
+    view = om.views.panorama(domed, (200, None), elevation_deg=(-60.0, 60.0))  # extends beyond the field
     own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
     picture = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
     border = (9, 8, 7, 0)[:channels]
@@ -77,61 +73,41 @@ def test_each_colour_is_straightened_as_it_was_seen(domed, channels, transparent
     assert not dewarp.valid.all()
 
 
-def test_on_the_command_line_colours_lie_on_each_other(domed, tmp_path):
+def test_command_line_aligns_channels(domed, tmp_path):
     om.save_sensor(domed, tmp_path / "domed.toml")
     light = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
     om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
     fringes = []
     for i, asked in enumerate([(), ("--wavelengths-nm", ",".join(map(str, WAVES)))]):
-        words = (
-            "rings.png",
-            "--sensor",
-            "domed.toml",
-            "--elevation-deg=-30:30",
-            "--size",
-            "256x",
-            "--black",
-        )
-        done = omnimirror("dewarp", *words, *asked, "-o", f"{i}.png", cwd=tmp_path)
+        arguments = ("rings.png", "--sensor", "domed.toml", "--elevation-deg=-30:30", "--size", "256x", "--black")
+        done = omnimirror("dewarp", *arguments, *asked, "-o", f"{i}.png", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        straight = om.read_image(tmp_path / f"{i}.png").astype(float)
-        fringes.append(float(np.sqrt(np.mean((straight[..., 0] - straight[..., 2]) ** 2))))
+        dewarped = om.read_image(tmp_path / f"{i}.png").astype(float)
+        fringes.append(float(np.sqrt(np.mean((dewarped[..., 0] - dewarped[..., 2]) ** 2))))
     assert fringes[1] < 0.4 * fringes[0]
 
 
-def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path):
+def test_wavelengths_require_sensor(domed, tmp_path):
     view = om.views.panorama(domed, (64, None))
-    with pytest.raises(InvalidParameter, match="has no colours"):
+    with pytest.raises(InvalidParameter, match="must have 3 or 4 channels"):
         om.ColourDewarper((domed,) * 3, view)(np.zeros((256, 256), np.uint8))
-    with pytest.raises(InvalidParameter, match="must be three different"):
+    with pytest.raises(InvalidParameter, match="must be three cameras"):
         om.ColourDewarper((domed, domed), view)
-    with pytest.raises(InvalidParameter, match="valid is one size"):
+    with pytest.raises(InvalidParameter, match="must have the same image size"):
         om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)
     om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
-    words = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
-    assert "known of a sensor" in fails(
-        "dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *words
-    )
-    assert "belongs to pictures" in fails(
-        "dewarp", "ride.mp4", "--sensor", "paper-spherical", *words
-    )
+    arguments = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
+    assert "wavelengths_nm must be omitted unless the camera is a sensor" in fails("dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *arguments)
+    assert "belongs to pictures" in fails("dewarp", "ride.mp4", "--sensor", "paper-spherical", *arguments)
 
 
-def test_what_has_no_colours_is_refused(domed, tmp_path):
+def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
     with pytest.raises(InvalidParameter, match="300 to 1100"):
         om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0, 44.0))
     with pytest.raises(InvalidParameter, match="wavelengths_nm"):
         om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0))
     ball = om.MirrorBall((63.5, 63.5), 50.0, 250.0, (128, 128))
-    with pytest.raises(InvalidParameter, match="only a sensor has colours"):
+    with pytest.raises(InvalidParameter, match="unless the camera is a sensor"):
         om.expose(ball, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
-    said = fails(
-        "simulate",
-        "dataset",
-        "paper-spherical",
-        "--wavelengths-nm",
-        "610,540,465",
-        "-o",
-        tmp_path / "set",
-    )
-    assert "--wavelengths-nm belongs to pictures" in said
+    stderr = fails("simulate", "dataset", "paper-spherical", "--wavelengths-nm", "610,540,465", "-o", tmp_path / "set")
+    assert "--wavelengths-nm belongs to pictures" in stderr

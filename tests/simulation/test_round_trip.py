@@ -11,7 +11,7 @@ from omnimirror.simulation.round_trip import measure_round_trip
 
 
 @pytest.mark.full
-def test_straightening_by_the_true_reflection_beats_a_single_viewpoint_by_what_eq_23_predicts():
+def test_round_trip_matches_eq_23():
     found = measure_round_trip(om.load_sensor("paper-spherical"), samples=1, texel_mm=10.0)
     assert np.abs(found.predicted_px).max() > 1.4
     np.testing.assert_allclose(found.single_px, found.predicted_px, atol=0.2)

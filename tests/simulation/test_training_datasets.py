@@ -14,7 +14,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.optics.housing import CameraBody, Housing
-from omnimirror.simulation.ground_truth_maps import Moment, _normals, learning_truth
+from omnimirror.simulation.ground_truth_maps import Moment, _normals, training_ground_truth
 from omnimirror.simulation.scenes.moving_objects import SceneWithBodies
 from omnimirror.simulation.scenes.room import FURNITURE, PIECES, ROOM, SOLIDS
 from omnimirror.simulation.scenes.scene import PosedScene
@@ -59,7 +59,7 @@ def moments():
 
 @pytest.fixture(scope="module")
 def found(moments):
-    return learning_truth(SMALL, *moments)
+    return training_ground_truth(SMALL, *moments)
 
 
 def in_scene(moment, truth, valid):
@@ -68,7 +68,7 @@ def in_scene(moment, truth, valid):
     ] @ moment.pose.rotation().T
 
 
-def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
+def test_normals_match_faces(moments, found):
     valid = np.isfinite(found.truth.depth_mm) & (found.labels != ON_CART)
     origins, towards = in_scene(moments[0], found.truth, valid)
     faces = intersect_boxes(ROOM, SOLIDS, origins, towards).face
@@ -80,7 +80,7 @@ def test_normals_are_those_of_the_faces_that_rays_meet(moments, found):
     assert off.max() < 0.01
 
 
-def test_normals_next_to_creases_are_those_of_the_face_that_a_ray_meets():
+def test_normals_near_creases_match_face():
     """Rays to points 0.02 to 1 mm beside the edges of the room, where adjacent rays meet another face."""
     rng = np.random.default_rng(4)
     lowest, highest = (np.array(ROOM.low), np.array(ROOM.high))
@@ -104,7 +104,7 @@ def test_normals_next_to_creases_are_those_of_the_face_that_a_ray_meets():
     assert (faces < 6).mean() > 0.5
 
 
-def test_normals_of_a_body_are_those_of_its_sides(moments, found):
+def test_body_normals(moments, found):
     on = found.labels == ON_CART
     assert on.sum() > 20
     turn = CART.pose_at(0.2).rotation().T @ moments[0].pose.rotation()
@@ -117,7 +117,7 @@ def test_normals_of_a_body_are_those_of_its_sides(moments, found):
     assert (np.abs(place).argmax(axis=1) == own.argmax(axis=1)).all()
 
 
-def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
+def test_labels_match_scene(moments, found):
     names = ("nothing", *moments[0].scene.label_names)
     assert names[-1] == "cart"
     valid = np.isfinite(found.truth.depth_mm)
@@ -138,28 +138,28 @@ def test_labels_are_what_the_scene_says_of_each_ray(moments, found):
         assert np.abs(np.min(outside, axis=0)).max(initial=0.0) < 1e-6, name
 
 
-def test_where_flow_leads_the_next_frame_sees_the_same_point(moments, found):
+def test_flow_matches_next_frame(moments, found):
     """Retraced ray of that pixel: static points are unchanged, and body points have moved."""
-    v, u = np.nonzero(found.seen_again)
-    there = np.stack([u, v], axis=1) + found.flow_px[found.seen_again]
+    v, u = np.nonzero(found.visible_again)
+    there = np.stack([u, v], axis=1) + found.flow_px[found.visible_again]
     rays = SMALL.backproject(there)
     after = moments[1]
-    reach = after.seen.distance_mm(rays.origins, rays.directions)
+    reach = after.posed_scene.distance_mm(rays.origins, rays.directions)
     ends = after.pose.to_scene(rays.origins + reach[:, None] * rays.directions)
-    points = moments[0].pose.to_scene(found.truth.points_mm[found.seen_again])
-    on_body = found.labels[found.seen_again] == ON_CART
+    points = moments[0].pose.to_scene(found.truth.points_mm[found.visible_again])
+    on_body = found.labels[found.visible_again] == ON_CART
     assert on_body.sum() > 10
     points[on_body] = CART.pose_at(0.35).to_scene(CART.pose_at(0.2).to_sensor(points[on_body]))
     assert np.linalg.norm(ends - points, axis=1).max() < 20.0  # grazing rays
     assert np.quantile(np.linalg.norm(ends - points, axis=1), 0.99) < 1e-3
-    assert 0.7 < found.seen_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
+    assert 0.7 < found.visible_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
 
 
-def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
+def test_occluded_points_are_not_visible_again(moments, found):
     """Pixels whose point is occluded in the next frame, by a body that was elsewhere before."""
     empty = [Moment(SceneWithBodies(m.scene.scene, (), m.scene.time_s), m.pose) for m in moments]
-    without = learning_truth(SMALL, *empty)
-    lost = without.seen_again & ~found.seen_again & (found.labels == without.labels)
+    without = training_ground_truth(SMALL, *empty)
+    lost = without.visible_again & ~found.visible_again & (found.labels == without.labels)
     v, u = np.nonzero(lost)
     rays = SMALL.backproject(np.stack([u, v], axis=1) + without.flow_px[lost])
     labels = moments[1].scene.labels(
@@ -169,13 +169,13 @@ def test_what_the_body_comes_to_stand_before_is_not_seen_again(moments, found):
     assert (labels == ON_CART).mean() > 0.99
 
 
-def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
+def test_shards_are_complete_and_reproducible(tmp_path):
     path = Keyframes({"x_mm": ((0.0, 0.0), (0.08, 100.0))}, "linear")
     tiny = replace(
         SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
     )
     made = [
-        om.write_learning_set(
+        om.write_training_dataset(
             tiny,
             om.Room(texel_mm=40.0),
             path=path,
@@ -203,22 +203,22 @@ def test_shards_hold_samples_a_card_and_the_same_bytes_again(tmp_path):
     card = (tmp_path / "a" / "README.md").read_text()
     assert "3 frames of 32 x 32 px" in card
     assert f"| {ON_CART} | cart |" in card
-    with pytest.raises(InvalidParameter, match="holds a set already"):
-        om.write_learning_set(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
+    with pytest.raises(InvalidParameter, match="folder must not contain a dataset"):
+        om.write_training_dataset(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
 
 
-def test_out_of_doors_the_sky_moves_as_directions_do():
+def test_sky_flow():
     street = Street(texel_mm=100.0)
     first, second = (
         Moment(SceneWithBodies(street, (), 0.0), pose)
         for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
     )
-    found = learning_truth(SMALL, first, second)
+    found = training_ground_truth(SMALL, first, second)
     sky = np.isinf(found.truth.depth_mm)
     assert sky.sum() > 200
     assert not found.labels[sky].any()
     assert np.isnan(found.normals[sky]).all()
-    again = sky & found.seen_again
+    again = sky & found.visible_again
     v, u = np.nonzero(again)
     towards = SMALL.backproject(np.stack([u, v], axis=1) + found.flow_px[again]).directions
     turned = found.truth.directions[again] @ second.pose.rotation()
@@ -231,7 +231,7 @@ def test_out_of_doors_the_sky_moves_as_directions_do():
 # ------------------------------------------------------------------------------------
 
 
-def test_the_command_writes_what_python_does(tmp_path):
+def test_command_matches_python(tmp_path):
     sensor, lines = tmp_path / "small.toml", "time_s,x_mm\n0,0\n0.08,100\n"
     om.save_sensor(
         replace(
@@ -242,7 +242,7 @@ def test_the_command_writes_what_python_does(tmp_path):
     (tmp_path / "walk.csv").write_text(lines)
     (tmp_path / "bodies.toml").write_text(BODIES)
     (tmp_path / "lamp.csv").write_text("time_s,x_mm,y_mm\n0,-800,300\n")
-    words = (
+    arguments = (
         "simulate",
         "learning",
         sensor,
@@ -251,9 +251,11 @@ def test_the_command_writes_what_python_does(tmp_path):
         "--bodies",
         tmp_path / "bodies.toml",
     )
-    run = omnimirror(*words, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "said")
+    run = omnimirror(
+        *arguments, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "command"
+    )
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
-    made = om.write_learning_set(
+    made = om.write_training_dataset(
         om.load_sensor(sensor),
         om.load_scene("room"),
         path=om.load_path(tmp_path / "walk.csv"),
@@ -264,12 +266,12 @@ def test_the_command_writes_what_python_does(tmp_path):
     )
     assert len(made) == 2
     for path in (tmp_path / "made").iterdir():
-        assert (tmp_path / "said" / path.name).read_bytes() == path.read_bytes(), path.name
-    assert "cart" in (tmp_path / "said" / "README.md").read_text()
-    assert "holds a set already" in fails(*words, "-o", tmp_path / "said")
+        assert (tmp_path / "command" / path.name).read_bytes() == path.read_bytes(), path.name
+    assert "cart" in (tmp_path / "command" / "README.md").read_text()
+    assert "folder must not contain a dataset" in fails(*arguments, "-o", tmp_path / "command")
 
 
-def test_a_set_to_learn_from_needs_a_path(tmp_path):
+def test_training_dataset_requires_path(tmp_path):
     assert "give a --path" in fails(
         "simulate", "learning", "paper-spherical", "-o", tmp_path / "set"
     )

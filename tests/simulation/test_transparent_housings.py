@@ -12,11 +12,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.tracing.shell_transmission import passage as passage_of
-from omnimirror.optics.tracing.shell_transmission import (
-    through_dome,
-    through_tube,
-    wall_transmission,
-)
+from omnimirror.optics.tracing.shell_transmission import through_dome, through_tube, wall_transmission
 from omnimirror.simulation.pixel_rays import ThroughShell
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
@@ -27,7 +23,7 @@ from tests.simulation.test_mitsuba_images import ball, compared, maps, rendered,
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def test_in_the_meridian_rays_are_shifted_and_keep_their_direction():
+def test_tube_shifts_meridional_rays():
     omega = np.radians([60.0, 90.0, 120.0, 135.0])
     points = np.stack([np.linspace(0, 40, 4), np.zeros(4), np.linspace(0, 10, 4)], axis=-1)
     directions = np.stack([np.sin(omega), np.zeros(4), -np.cos(omega)], axis=-1)
@@ -39,7 +35,7 @@ def test_in_the_meridian_rays_are_shifted_and_keep_their_direction():
     np.testing.assert_allclose(shift, 3.0 / np.cos(inside) * np.sin(i - inside), atol=1e-12)
 
 
-def test_skew_rays_keep_what_a_cylinder_keeps():
+def test_tube_conserves_skew_invariants():
     """Snell's law at a cylinder conserves the axial component and, by symmetry, the moment about
     the axis."""
     chance = np.random.default_rng(2)
@@ -47,29 +43,24 @@ def test_skew_rays_keep_what_a_cylinder_keeps():
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     passage = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
     np.testing.assert_allclose(passage.directions[:, 2], directions[:, 2], atol=1e-12)
-    moments = [
-        np.cross(p, d)[:, 2]
-        for p, d in ((points, directions), (passage.points, passage.directions))
-    ]
+    moments = [np.cross(p, d)[:, 2] for p, d in ((points, directions), (passage.points, passage.directions))]
     np.testing.assert_allclose(*moments, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(passage.directions, axis=1), 1, atol=1e-12)
     np.testing.assert_allclose(np.hypot(*passage.points.T[:2]), 60.0)
     np.testing.assert_allclose(np.hypot(*passage.met.T[:2]), 57.0)
 
 
-def test_a_ghost_shows_the_other_side_at_the_strength_of_the_reflection():
+def test_ghost_radiance_matches_reflectance():
     half = np.zeros((64, 128, 3), np.float32)
     half[:, :64] = 1.0  # bright on the left, y > 0
     inside = ThroughShell(Environment(half), Tube(120.0), om.load_sensor("paper-spherical"))
     seen = inside.radiance(np.full((2, 3), [0, 0, -20.0]), np.array([[0, 1.0, 0], [0, -1.0, 0]]))
     passed = float(wall_transmission(0.0, 1.49))
-    np.testing.assert_allclose(
-        seen[:, 0], [passed + (1 - passed) ** 2 * passed, (1 - passed) * passed], atol=1e-6
-    )
+    np.testing.assert_allclose(seen[:, 0], [passed + (1 - passed) ** 2 * passed, (1 - passed) * passed], atol=1e-6)
 
 
 @pytest.mark.parametrize("shell", [Tube(120.0), Dome(440.0)], ids=["tube", "dome"])
-def test_ghosts_meet_the_mirror_again_and_end_at_lids(shell):
+def test_ghosts_reflect_at_mirror_and_end_at_lids(shell):
     """Horizontal rays from a mirror that images the horizon return to it, and continue down to the
     lens."""
     sensor = om.load_sensor("paper-spherical")
@@ -77,58 +68,32 @@ def test_ghosts_meet_the_mirror_again_and_end_at_lids(shell):
     below = np.zeros((64, 128, 3), np.float32)
     below[-8:] = 1.0  # only the region below the sensor is bright
     if isinstance(shell, Dome):
-        shell = replace(
-            shell, centre_mm=float(-rays.origins[0] @ sensor.axis)
-        )  # horizontal rays pass its centre
-    seen, closed = (
-        float(
-            ThroughShell(Environment(below), shell, sensor, lids).radiance(
-                rays.origins, rays.directions
-            )[0, 0]
-        )
-        for lids in ((), (-sensor.mirror_distance_mm,))
-    )
+        shell = replace(shell, centre_mm=float(-rays.origins[0] @ sensor.axis))  # horizontal rays pass its centre
+    seen, closed = (float(ThroughShell(Environment(below), shell, sensor, lids).radiance(rays.origins, rays.directions)[0, 0]) for lids in ((), (-sensor.mirror_distance_mm,)))
     assert seen > 0.02  # it leaves through the wall below the lens, or the open end
     assert closed == 0
 
 
-def test_rays_along_the_axis_pass_as_they_are_and_no_ray_may_start_outside():
+def test_axial_rays_and_invalid_origins():
     passage = passage_of(Tube(120.0), np.zeros((1, 3)), UP[None])
     np.testing.assert_array_equal(passage.directions, UP[None])
     assert passage.passed == 1
     world, sensor = Environment(np.ones((4, 8, 3), np.float32)), om.load_sensor("paper-spherical")
     for shell in (Tube(120.0), Dome(120.0, centre_mm=0.0)):
         with pytest.raises(InvalidParameter, match="within 57 mm of the axis"):
-            ThroughShell(world, shell, sensor).radiance(
-                np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]])
-            )
+            ThroughShell(world, shell, sensor).radiance(np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]]))
 
 
-@pytest.mark.parametrize(
-    "housing",
-    few(
-        [
-            Housing(rod=Rod(6.0)),
-            Housing(rod=Rod(3.0, 16.0)),
-            Housing(shell=Tube()),
-            Housing(shell=Dome()),
-        ],
-        Housing(rod=Rod(3.0, 16.0)),
-        Housing(shell=Dome()),
-    ),
-    ids=["rod", "wide rod", "tube", "dome"],
-)
-def test_a_housing_hides_in_pictures_what_its_angles_say(housing):
+@pytest.mark.parametrize("housing", few([Housing(rod=Rod(6.0)), Housing(rod=Rod(3.0, 16.0)), Housing(shell=Tube()), Housing(shell=Dome())], Housing(rod=Rod(3.0, 16.0)), Housing(shell=Dome())), ids=["rod", "wide rod", "tube", "dome"])
+def test_rendered_housing_matches_obscured_angles(housing):
     sensor = replace(om.load_sensor("paper-spherical"), housing=housing)
     light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1)
     (ring,) = sensor.obscurations
     dark = int((light[512, :, 0] < 0.5)[512 - 450 : 512 + 450].sum())
-    assert dark == pytest.approx(
-        2 * sensor.rim_radius_px * np.sqrt(ring.image_percent / 100), abs=2
-    )
+    assert dark == pytest.approx(2 * sensor.rim_radius_px * np.sqrt(ring.image_percent / 100), abs=2)
 
 
-def test_a_mirror_out_of_place_stands_in_the_same_housing():
+def test_misaligned_mirror_in_housing():
     for housing in (Housing(shell=Tube()), Housing(shell=Dome()), Housing(rod=Rod())):
         sensor = replace(om.load_sensor("paper-spherical"), housing=housing)
         moved = replace(sensor, mirror_pose=MirrorPose(1.0, 0.5, 0.3, 0.5, 0.5))
@@ -141,51 +106,38 @@ def test_a_mirror_out_of_place_stands_in_the_same_housing():
 def some_rays(count, reach):
     chance = np.random.default_rng(3)
     directions = chance.normal(size=(count, 3))
-    return chance.uniform(-reach, reach, (count, 3)), directions / np.linalg.norm(
-        directions, axis=1, keepdims=True
-    )
+    return chance.uniform(-reach, reach, (count, 3)), directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def test_a_dome_about_one_centre_turns_rays_by_the_closed_form():
+def test_concentric_dome_matches_closed_form():
     a, b, n, centre = 97.0, 100.0, 1.49, np.array([0.0, 0.0, -20.0])
     points, directions = some_rays(200, 30.0)
     passage = through_dome(points, directions, (centre, a), (centre, b), n, 1.0)
-    s, left = (
-        np.linalg.norm(np.cross(p - centre, d), axis=1)
-        for p, d in ((points, directions), (passage.points, passage.directions))
-    )
+    s, left = (np.linalg.norm(np.cross(p - centre, d), axis=1) for p, d in ((points, directions), (passage.points, passage.directions)))
     turned = np.arcsin(s / a) - np.arcsin(s / (n * a)) + np.arcsin(s / (n * b)) - np.arcsin(s / b)
-    found = np.arctan2(
-        np.linalg.norm(np.cross(directions, passage.directions), axis=1),
-        np.einsum("ni,ni->n", directions, passage.directions),
-    )
+    found = np.arctan2(np.linalg.norm(np.cross(directions, passage.directions), axis=1), np.einsum("ni,ni->n", directions, passage.directions))
     np.testing.assert_allclose(left, s, atol=1e-9)
     np.testing.assert_allclose(found, turned, atol=1e-12)
     assert np.degrees(turned.max()) > 0.3
 
 
-def test_a_dome_about_the_single_viewpoint_bends_nothing():
+def test_dome_about_viewpoint_preserves_directions():
     sensor = om.load_sensor("paper-hyperboloidal")
     height = float(om.evaluate(sensor, omega_deg=[90.0]).viewpoint_z_mm[0])
     rays = sensor.backproject(np.random.default_rng(1).uniform(100, 900, (200, 2)))
     turn = sensor.mount.rotation()
     origins, directions = rays.origins[rays.valid] @ turn, rays.directions[rays.valid] @ turn
     passage = passage_of(Dome(160.0, 4.0, centre_mm=height), origins, directions)
-    np.testing.assert_allclose(
-        passage.directions, directions, atol=2e-6
-    )  # to the precision of the file
+    np.testing.assert_allclose(passage.directions, directions, atol=2e-6)  # to the precision of the file
     np.testing.assert_allclose(passage.passed, wall_transmission(0.0, 1.49), atol=1e-6)
 
 
-def test_a_dome_of_two_centres_bends_as_mitsubas_spheres_do(mi):  # noqa: F811
+def test_eccentric_dome_matches_mitsuba(mi):  # noqa: F811
     dome = Dome(200.0, 8.0, 1.6, centre_mm=-40.0, inner_shift_mm=4.0)
     points, directions = some_rays(100, 40.0)
     points[:, 2] -= 40.0
     passage = passage_of(dome, points, directions)
-    spheres = [
-        {"type": "sphere", "radius": 92.0, "center": [0, 0, -36.0], "bsdf": glass(1.0, 1.6)},
-        {"type": "sphere", "radius": 100.0, "center": [0, 0, -40.0], "bsdf": glass(1.6, 1.0)},
-    ]
+    spheres = [{"type": "sphere", "radius": 92.0, "center": [0, 0, -36.0], "bsdf": glass(1.0, 1.6)}, {"type": "sphere", "radius": 100.0, "center": [0, 0, -40.0], "bsdf": glass(1.6, 1.0)}]
     scenes = [mi.load_dict({"type": "scene", "sphere": sphere}) for sphere in spheres]
     for i, (point, towards) in enumerate(zip(points, directions, strict=True)):
         for scene in scenes:
@@ -201,18 +153,15 @@ def glass(inside, outside):
 
 
 @pytest.mark.full
-def test_a_picture_through_a_dome_is_mitsubas_with_its_ghosts(mi):  # noqa: F811
+def test_dome_image_matches_mitsuba(mi):  # noqa: F811
     """Mitsuba's paths include random reflections between two spheres and the mirror."""
     sensor, (ours, theirs) = small("paper-spherical", 64, MirrorPose()), maps()
     dome = Dome(236.0, centre_mm=-75.0)
-    picture = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)
+    image = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)
     plain = expose(sensor, Environment(ours), samples=64, blur=True)
-    shells = {
-        name: {"type": "sphere", "radius": r, "center": [0, 0, -75.0], "bsdf": glass(*indices)}
-        for name, r, indices in (("inner", 115.0, (1.0, 1.49)), ("outer", 118.0, (1.49, 1.0)))
-    }
+    shells = {name: {"type": "sphere", "radius": r, "center": [0, 0, -75.0], "bsdf": glass(*indices)} for name, r, indices in (("inner", 115.0, (1.0, 1.49)), ("outer", 118.0, (1.49, 1.0)))}
     other = rendered(mi, sensor, ball(sensor), theirs, 2500, shells)
-    decibels, shift = compared(sensor, picture, other)
+    decibels, shift = compared(sensor, image, other)
     print(f"{decibels:.1f} dB, no sector shifted by more than {shift:.4f} px")
     assert decibels > compared(sensor, plain, other)[0] + 8
     assert decibels > 45

@@ -17,31 +17,12 @@ from ._source_coordinates import is_separable, lattice_map_of, polar_map_of, sou
 from .field_of_view import annulus_of, field_of
 from .interfaces import INTERPOLATIONS, Border, Image, Interpolation, Map
 from .maps import PixelMap, Rectangle
-from .sampling import (
-    border_values,
-    check_border,
-    check_picture,
-    checked_out,
-    clear_border,
-    remap,
-    with_alpha,
-)
+from .sampling import border_values, check_border, check_image, checked_out, remap, transparent_border, with_alpha
 from .screens import Screen, View, parts_of
 from .viewpoints import Viewpoint, check_viewpoint
-from .yuv import (
-    SITINGS,
-    Planes,
-    Siting,
-    border_of_planes,
-    check_planes,
-    check_shapes,
-    empty_planes,
-    remap_planes,
-    remap_whole_planes,
-    subsampling,
-)
+from .yuv import SITINGS, Planes, Siting, border_of_planes, check_planes, check_shapes, empty_planes, remap_planes, remap_whole_planes, subsampling
 
-# -- Dewarping of images for a camera and a screen -------------------------------------------------
+# -- Dewarper --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -110,18 +91,14 @@ class Dewarper:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __post_init__(self) -> None:
-        instance("camera", self.camera, Camera, "a camera, such as om.load_sensor gives")
+        instance("camera", self.camera, Camera, "a camera, for example from om.load_sensor")
         # A string has the same attribute
         has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
-            raise InvalidType(
-                f"view = {format_value(self.view)} is not one of om.screens or om.views"
-            )
+            raise InvalidType(f"view must be a view from om.screens or om.views; got {shown(self.view)}")
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             known = ", ".join(INTERPOLATIONS)
-            raise InvalidParameter(
-                f"interpolation = {format_value(self.interpolation)} is not one of {known}"
-            )
+            raise InvalidParameter(f"interpolation must be one of {known}; got {shown(self.interpolation)}")
         check_viewpoint(self.viewpoint)
         check_border(self.border)
 
@@ -144,26 +121,18 @@ class Dewarper:
             If an image does not match the camera in size or type, or ``out`` does not match the
             view.
         """
-        check_picture(image, self.camera.image_size)
+        check_image(image, self.camera.image_size)
         instance("transparent", transparent, bool, "True or False")
         if out is not None:
             instance("out", out, np.ndarray, "an array of pixels")
         border: Border = self.border
         if transparent:
-            border = clear_border(border, image)
+            border = transparent_border(border, image)
             image = with_alpha(image)
         return remap(image, self._map, self.interpolation, out, border)
 
     @validate_arguments
-    def planes(
-        self,
-        parts: Planes,
-        out: Planes | None = None,
-        siting: Siting = "left",
-        to_siting: Siting | None = None,
-        full_range: bool = False,
-        bits: int = 8,
-    ) -> Planes:
+    def planes(self, parts: Planes, out: Planes | None = None, siting: Siting = "left", to_siting: Siting | None = None, full_range: bool = False, bits: int = 8) -> Planes:
         """Return the dewarped video frame, plane by plane in its coded format, without conversion.
 
         Parameters
@@ -217,9 +186,7 @@ class Dewarper:
             remap(parts[3], self._map, self.interpolation, out[3], opacity)
         if subsampling(parts) != (2, 2):
             return remap_whole_planes(parts, self._map, sitings, self.interpolation, out, border)
-        remap_planes(
-            parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border
-        )
+        remap_planes(parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border)
         return out
 
     @validate_arguments
@@ -250,11 +217,8 @@ class Dewarper:
         return pixels
 
     def _sees_nothing(self) -> OutsideField:
-        seen = field_of(self.camera)
-        return OutsideField(
-            f"the {self.view} sees nothing of the camera's field, which reaches from "
-            f"{seen.tilt_min_deg:.6g} to {seen.tilt_max_deg:.6g} deg of elevation"
-        )
+        field = field_of(self.camera)
+        return OutsideField(f"the view must overlap the field of the camera, elevation {field.tilt_min_deg:.6g} to {field.tilt_max_deg:.6g} deg; got the {self.view}")
 
     @property
     def valid(self) -> Mask:
@@ -280,11 +244,9 @@ class Dewarper:
             polar = polar_map_of(self.camera, self.view, self.viewpoint)
             # A polar map without visible pixels is inconclusive: only a pixel map determines
             # visibility.
-            return (
-                replace(polar, annulus=annulus_of(self.camera)) if polar.shows_something() else None
-            )
+            return replace(polar, annulus=annulus_of(self.camera)) if polar.has_valid_pixels() else None
         lattice = lattice_map_of(self.camera, self.view, self.viewpoint)
-        if not lattice.shows_something():
+        if not lattice.has_valid_pixels():
             raise self._sees_nothing()
         return replace(lattice, annulus=annulus_of(self.camera))
 
@@ -295,15 +257,13 @@ class Dewarper:
             return PixelMap.of(self._quick_map, annulus)
         views = [] if isinstance(self.view, Screen) else parts_of(self.view)
         rectangles = [Rectangle(left, top, *screen.size) for left, top, screen in views]
-        return PixelMap(
-            self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles
-        )
+        return PixelMap(self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles)
 
     def _chroma_map(self, sitings: tuple[Siting, Siting]) -> Map:
         """Return the map of 4:2:0 chroma for the siting of the source and of the view."""
         if sitings not in self._chroma_maps:
-            in_picture, in_view = (SITINGS[siting] for siting in sitings)
-            self._chroma_maps[sitings] = self._map.halved(in_picture, in_view)
+            image_offset, view_offset = (SITINGS[siting] for siting in sitings)
+            self._chroma_maps[sitings] = self._map.halved(image_offset, view_offset)
         return self._chroma_maps[sitings]
 
     @cached_property
@@ -311,7 +271,7 @@ class Dewarper:
         return {}
 
 
-# -- Correction of lateral colour: each colour channel is dewarped with its own camera model -------
+# -- Correction of lateral colour ------------------------------------------------------------------
 
 GREEN = 1
 
@@ -358,22 +318,15 @@ class ColourDewarper:
 
     def __post_init__(self) -> None:
         if not isinstance(self.cameras, tuple | list) or len(self.cameras) != 3:
-            raise InvalidParameter(
-                f"cameras = {format_value(self.cameras)} are not three, of red, green and blue light"
-            )
+            raise InvalidParameter(f"cameras must be three cameras for red, green and blue light; got {shown(self.cameras)}")
         sizes = {dewarper.camera.image_size for dewarper in self._colours}
         if len(sizes) > 1:
-            told = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-            raise InvalidParameter(
-                f"the cameras of the colours have pictures of {told} px; valid is one size"
-            )
+            listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
+            raise InvalidParameter(f"cameras must have the same image size; got {listed} px")
 
     @cached_property
     def _colours(self) -> tuple[Dewarper, ...]:
-        return tuple(
-            Dewarper(camera, self.view, self.interpolation, self.viewpoint, 0, self.keep_map)
-            for camera in self.cameras
-        )
+        return tuple(Dewarper(camera, self.view, self.interpolation, self.viewpoint, 0, self.keep_map) for camera in self.cameras)
 
     @property
     def camera(self) -> Camera:
@@ -403,23 +356,15 @@ class ColourDewarper:
         InvalidParameter
             If the image has no colours or the wrong size, or ``out`` does not match the view.
         """
-        check_picture(image, self.camera.image_size)
+        check_image(image, self.camera.image_size)
         if image.ndim != 3 or image.shape[2] < 3:
-            raise InvalidParameter(
-                f"a picture of shape {image.shape} has no colours to be straightened apart"
-            )
+            raise InvalidParameter(f"the image must have 3 or 4 channels for a ColourDewarper; got shape {image.shape}")
         border: Border = self.border
         if transparent:
-            border = clear_border(border, image)
+            border = transparent_border(border, image)
             image = with_alpha(image)
         out = checked_out(out, image, self.view.size)
         for channel, value in enumerate(border_values(border, image)):
             where = self._colours[channel if channel < len(self._colours) else GREEN]._map
-            remap(
-                np.ascontiguousarray(image[..., channel]),
-                where,
-                self.interpolation,
-                out[..., channel],
-                value,
-            )
+            remap(np.ascontiguousarray(image[..., channel]), where, self.interpolation, out[..., channel], value)
         return out

@@ -87,9 +87,9 @@ class Footprints:
 
     @cached_property
     def _averages(self) -> Callable[[Interpolation], Averages | None]:
-        return cache(self._worked_out)
+        return cache(self._compute)
 
-    def _worked_out(self, interpolation: Interpolation) -> Averages | None:
+    def _compute(self, interpolation: Interpolation) -> Averages | None:
         rule = RULES.get(interpolation)
         if (
             rule is None
@@ -125,7 +125,7 @@ def squared_sides_of_pixels(pixels: NDArray[Any]) -> SquaredSides:
     cells = -(-rows // CELL_PX), -(-columns // CELL_PX)
     squares = np.zeros((*cells, 2), np.float32)
     every = EVERY_PX
-    some = pixels[::every, ::every]
+    sampled = pixels[::every, ::every]
     neighbours = (
         (pixels[::every, 1::every], pixels[::every, every - 1 :: every]),
         (
@@ -133,21 +133,21 @@ def squared_sides_of_pixels(pixels: NDArray[Any]) -> SquaredSides:
             pixels[every - 1 :: every, ::every].swapaxes(0, 1),
         ),
     )
-    for axis, (behind, before) in enumerate(neighbours):
-        sides = _sides(some.swapaxes(0, 1) if axis else some, behind, before)
+    for axis, (after, before) in enumerate(neighbours):
+        sides = _sides(sampled.swapaxes(0, 1) if axis else sampled, after, before)
         if sides.size:
             squares[..., axis] = _largest(sides.T if axis else sides, cells)
     return squares
 
 
-def _sides(some: NDArray[Any], behind: NDArray[Any], before: NDArray[Any]) -> NDArray[np.float32]:
+def _sides(sampled: NDArray[Any], after: NDArray[Any], before: NDArray[Any]) -> NDArray[np.float32]:
     """Return squared sides along the second axis; the shorter one at boundaries between views of a
     mosaic.
     """
-    sides = _squared(behind - some[:, : behind.shape[1]])
+    sides = _squared(after - sampled[:, : after.shape[1]])
     count = sides.shape[1]
     sides[:, 1:] = np.fmin(
-        sides[:, 1:], _squared(some[:, 1:count] - before[:, : max(count - 1, 0)])
+        sides[:, 1:], _squared(sampled[:, 1:count] - before[:, : max(count - 1, 0)])
     )
     return np.nan_to_num(sides, copy=False)
 
@@ -205,8 +205,11 @@ def squared_sides_of_nodes(
 
 
 def _squares_of_patches(patches: NDArray[np.float32]) -> SquaredSides:
-    some = patches[:, ::EVERY_PX, ::EVERY_PX]
-    sides = (patches[:, ::EVERY_PX, 1::EVERY_PX] - some, patches[:, 1::EVERY_PX, ::EVERY_PX] - some)
+    sampled = patches[:, ::EVERY_PX, ::EVERY_PX]
+    sides = (
+        patches[:, ::EVERY_PX, 1::EVERY_PX] - sampled,
+        patches[:, 1::EVERY_PX, ::EVERY_PX] - sampled,
+    )
     return np.stack(
         [np.fmax.reduce(_squared(to_next), axis=(1, 2), initial=0) for to_next in sides], axis=-1
     )

@@ -18,7 +18,7 @@ from .screens import Panorama, Screen, View, parts_of
 from .screens._screen import pixels_of_rows
 from .viewpoints import Viewpoint, centre_of_projection, projection_of
 
-# -- Source coordinates of a view, interpolated from an exact coarse lattice with local refinement
+# -- Lattice with local refinement -----------------------------------------------------------------
 #
 # Source coordinates vary slowly over a view, and most pixels are interpolated between exact nodes
 # some 16 pixels apart (four-point Lagrange, with an error proportional to the fourth power of the
@@ -37,8 +37,10 @@ if unknown.
 
 STEPS = (16, 8)
 TOLERANCE_PX = 0.001  # at the middle of a cell, the maximum of the interpolation error
-CELLS = 6  # minimum number across and down; below it, adjacent nodes of a wide view may be on opposite sides
-FEW = 0.1  # maximum fraction of cells computed pixel by pixel before a finer lattice is faster
+MIN_CELLS = 6  # minimum number across and down; below it, adjacent nodes of a wide view may be on opposite sides
+MAX_EXACT_FRACTION = (
+    0.1  # maximum fraction of cells computed pixel by pixel before a finer lattice is faster
+)
 
 
 def lattice_map(
@@ -72,16 +74,16 @@ def lattice_map(
            [49.09, 30.  ],
            [  nan,   nan]], dtype=float32)
     """
-    ask = with_excess or (lambda u, v: _without_excess(exact(u, v)))
+    evaluate = with_excess or (lambda u, v: _without_excess(exact(u, v)))
     lattice = None
-    for step in (step for step in STEPS if min(size) >= CELLS * step):
-        lattice = _Lattice(ask, size, step)
-        rough = lattice.rough(tolerance)
-        if rough.sum() <= FEW * rough.size:
+    for step in (step for step in STEPS if min(size) >= MIN_CELLS * step):
+        lattice = _Lattice(evaluate, size, step)
+        inexact = lattice.inexact(tolerance)
+        if inexact.sum() <= MAX_EXACT_FRACTION * inexact.size:
             break
     if lattice is None:
         return _pixel_by_pixel(exact, size, source_size, STEPS[-1])
-    cells, patches = lattice.patched(exact, rough)
+    cells, patches = lattice.patched(exact, inexact)
     return LatticeMap(lattice.nodes_of_kernels(), size, source_size, lattice.step, cells, patches)
 
 
@@ -121,12 +123,14 @@ class _Lattice:
     field cannot reach it.
     """
 
-    def __init__(self, ask: WithExcess, size: tuple[int, int], step: int) -> None:
+    def __init__(self, evaluate: WithExcess, size: tuple[int, int], step: int) -> None:
         self.step = step
         across, down = (-(-n // step) for n in size)
         columns, rows = (step * np.arange(-1.0, cells + 2) for cells in (across, down))
-        self.nodes, excess = ask(columns, rows[:, None])
-        self.middles, excess_within = ask(columns[1:-2] + step / 2, rows[1:-2, None] + step / 2)
+        self.nodes, excess = evaluate(columns, rows[:, None])
+        self.middles, excess_within = evaluate(
+            columns[1:-2] + step / 2, rows[1:-2, None] + step / 2
+        )
         outside, outside_within = ~(excess <= 0), ~(excess_within <= 0)
         self.outside: Mask = outside
         self.unsure: Mask = outside_within
@@ -140,7 +144,7 @@ class _Lattice:
             nearest = np.minimum(_in_windows(np.minimum, excess[1:-1, 1:-1], 2), excess_within)
             self.empty = nearest > change / 2
 
-    def rough(self, tolerance: float) -> Mask:
+    def inexact(self, tolerance: float) -> Mask:
         """Return cells (down, across) with interpolation errors above the tolerance, at the middle
         or between nodes.
         """
@@ -149,14 +153,14 @@ class _Lattice:
             _bend(self.nodes, self.outside),
             _bend(self.nodes.swapaxes(0, 1), self.outside.T).T,
         )
-        rough: Mask = ~self.unsure & ((miss[..., 0] > tolerance) | (miss[..., 1] > tolerance))
-        rough |= ~self.unsure & ~((down <= tolerance) & (across <= tolerance))
-        return rough
+        inexact: Mask = ~self.unsure & ((miss[..., 0] > tolerance) | (miss[..., 1] > tolerance))
+        inexact |= ~self.unsure & ~((down <= tolerance) & (across <= tolerance))
+        return inexact
 
-    def patched(self, exact: Exact, rough: Mask) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def patched(self, exact: Exact, inexact: Mask) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return the cell indices and patches of cells that are computed pixel by pixel."""
-        patched = (rough | self.unsure) & ~self.empty
-        cells = np.full(rough.shape, -1, np.int32)
+        patched = (inexact | self.unsure) & ~self.empty
+        cells = np.full(inexact.shape, -1, np.int32)
         patches = np.empty((0, self.step, self.step, 2), np.float32)
         if patched.any():
             patches = _patches(exact, patched, self.step)
@@ -227,13 +231,15 @@ def source_pixels(
     With ``exact`` every pixel is projected individually; otherwise most are interpolated, with
     errors of some 0.001 px.
     """
-    of_screen = exact_pixels if exact else screen_pixels
+    pixels_of_screen = exact_pixels if exact else screen_pixels
     if isinstance(view, Screen):
-        return of_screen(camera, view, viewpoint)
+        return pixels_of_screen(camera, view, viewpoint)
     pixels = np.full((view.size[1], view.size[0], 2), np.nan)
     for left, top, screen in parts_of(view):
         width, height = screen.size
-        pixels[top : top + height, left : left + width] = of_screen(camera, screen, viewpoint)
+        pixels[top : top + height, left : left + width] = pixels_of_screen(
+            camera, screen, viewpoint
+        )
     return pixels
 
 
@@ -256,8 +262,8 @@ def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact
     centre = centre_of_projection(camera, screen, viewpoint)
 
     def targets(u: Array, v: Array) -> Array:
-        there = screen.targets_at(u, v)
-        return there - centre if centre is not None and centre.any() else there
+        points = screen.targets_at(u, v)
+        return points - centre if centre is not None and centre.any() else points
 
     return lattice_map(
         lambda u, v: table.pixels(targets(u, v), centre is None),
@@ -300,7 +306,7 @@ def _projected(camera: Camera, screen: Screen, viewpoint: Viewpoint, targets: Ar
     return pixels.reshape(*targets.shape[:-1], 2)
 
 
-# -- panoramas about the camera axis ---------------------------------------------------------------
+# -- Panoramas about the camera axis ---------------------------------------------------------------
 
 
 def is_separable(camera: Camera, screen: Screen) -> bool:
@@ -343,6 +349,6 @@ def _radii_of_tilts(symmetry: AxialSymmetry, tilts: Array) -> Array:
     """Return image radii (n,) in px for tilts (n,) in radians; NaN outside the field."""
     omega: Array = np.pi / 2 - symmetry.axis[2] * tilts
     radii = np.full_like(omega, np.nan)
-    seen = (omega >= symmetry.omega_min) & (omega <= symmetry.omega_max)
-    radii[seen] = symmetry.radius_px(omega[seen])
+    visible = (omega >= symmetry.omega_min) & (omega <= symmetry.omega_max)
+    radii[visible] = symmetry.radius_px(omega[visible])
     return radii

@@ -65,23 +65,23 @@ def field_of(camera: Camera) -> FieldOfView:
     >>> round(field.tilt_min_deg, 2), round(field.tilt_max_deg, 2), round(field.pixels_per_degree, 1)
     (-90.0, 45.0, 4.7)
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("camera", camera, Camera, "a camera, for example from om.load_sensor")
     pixels = _pixels_all_over(camera.image_size)
-    whole = _whole_field(camera, pixels)
-    if whole is not None:
-        return whole
+    circular = _circular_field(camera, pixels)
+    if circular is not None:
+        return circular
     rays = camera.backproject(pixels)
     if not rays.valid.any():
-        raise OutsideField("no pixel of the camera's picture sees anything of the scene")
-    low, high = _tilts_seen(camera, rays.directions[rays.valid])
+        raise OutsideField("at least one pixel of the camera must observe the scene; got none")
+    low, high = _visible_tilts(camera, rays.directions[rays.valid])
     sphere = _directions_all_over()
     width, height = camera.image_size
-    pixels_seen = rays.valid.mean() * width * height
-    resolution = _resolution(pixels_seen, camera.project_directions(sphere).valid)
+    visible_pixels = rays.valid.mean() * width * height
+    resolution = _resolution(visible_pixels, camera.project_directions(sphere).valid)
     return FieldOfView(low, high, resolution, _pole(camera, rays.directions))
 
 
-def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
+def _circular_field(camera: Camera, pixels: Array) -> FieldOfView | None:
     """Return the field of a camera with a vertical axis that images its full field, without
     tracing; None for others.
     """
@@ -94,22 +94,24 @@ def _whole_field(camera: Camera, pixels: Array) -> FieldOfView | None:
     if not inside_image(corners, camera.image_size).all():
         return None
     radius = np.hypot(*(pixels - symmetry.centre_px).T)
-    seen = (radius >= inner - EDGE_SLACK) & (radius <= outer + EDGE_SLACK)
-    if not seen.any():
+    visible = (radius >= inner - EDGE_SLACK) & (radius <= outer + EDGE_SLACK)
+    if not visible.any():
         return None  # the field is smaller than the spacing of the sampled pixels
     omega = np.arccos(np.clip(_directions_all_over() @ symmetry.axis, -1, 1))
     width, height = camera.image_size
-    resolution = _resolution(seen.mean() * width * height, (omega >= ends[0]) & (omega <= ends[1]))
+    resolution = _resolution(
+        visible.mean() * width * height, (omega >= ends[0]) & (omega <= ends[1])
+    )
     tilts = _sorted_degrees(symmetry.axis[2] * (np.pi / 2 - ends))
     return FieldOfView(*tilts, resolution, _towards(symmetry.axis[2]))
 
 
-def _resolution(pixels_seen: float, directions_seen: Mask) -> float:
+def _resolution(visible_pixels: float, visible_directions: Mask) -> float:
     """Return the resolution (px/deg) from the number of pixels and the fraction of directions in
     the field.
     """
-    square_degrees = max(directions_seen.mean(), 1 / SAMPLES) * 4 * np.pi * np.degrees(1) ** 2
-    return float(np.sqrt(pixels_seen / square_degrees))
+    square_degrees = max(visible_directions.mean(), 1 / SAMPLES) * 4 * np.pi * np.degrees(1) ** 2
+    return float(np.sqrt(visible_pixels / square_degrees))
 
 
 def pole_of(camera: Camera) -> Pole:
@@ -148,11 +150,11 @@ def is_vertical(symmetry: AxialSymmetry) -> bool:
 
 def annulus_of(camera: Camera) -> Annulus | None:
     """Return the image annulus filled by the field of a symmetric camera; None for other cameras."""
-    return None if camera.symmetry is None else _annulus_seen(camera)  # type: ignore[arg-type]  # asks for Hashable
+    return None if camera.symmetry is None else _image_annulus(camera)  # type: ignore[arg-type]  # asks for Hashable
 
 
 @lru_cache(maxsize=32)
-def _annulus_seen(camera: Camera) -> Annulus:
+def _image_annulus(camera: Camera) -> Annulus:
     symmetry = camera.symmetry
     assert symmetry is not None
     ends = symmetry.radius_px(np.array([symmetry.omega_min, symmetry.omega_max]))
@@ -160,18 +162,18 @@ def _annulus_seen(camera: Camera) -> Annulus:
     return Annulus(*symmetry.centre_px, max(inner, 0.0), outer)
 
 
-def _tilts_seen(camera: Camera, directions: Array) -> tuple[float, float]:
+def _visible_tilts(camera: Camera, directions: Array) -> tuple[float, float]:
     """Return the minimum and maximum elevation (deg) of the field from directions (n, 3) inside it."""
     symmetry = camera.symmetry
     edge = [camera.backproject(_pixels_along_the_edge(camera.image_size)).directions]
     if symmetry is not None:
         rim = _circle(symmetry.axis, symmetry.omega_max)
-        seen = camera.project_directions(rim).valid
-        if is_vertical(symmetry) and seen.any():
+        visible = camera.project_directions(rim).valid
+        if is_vertical(symmetry) and visible.any():
             return _sorted_degrees(
                 symmetry.axis[2] * (np.pi / 2 - np.array([symmetry.omega_min, symmetry.omega_max]))
             )
-        edge.append(rim[seen])
+        edge.append(rim[visible])
     poles = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     edge.append(poles[camera.project_directions(poles).valid])
     heights = np.concatenate([directions, *edge])[:, 2]

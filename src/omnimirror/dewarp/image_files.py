@@ -18,45 +18,21 @@ from ..base.errors import InvalidParameter
 from ..base.files import display_name, is_same_file
 from ..cameras.camera import Camera
 from ..io import GPano, write_image
-from ..io.batch import (
-    IMAGE_SUFFIXES,
-    VIDEO_SUFFIXES,
-    BatchResult,
-    Job,
-    expand_inputs,
-    outputs_for,
-    run_parallel,
-)
-from ..io.exif import (
-    ORIENTATION_NAMES,
-    STORED_ORIENTATION_HINT,
-    TRANSPOSING_ORIENTATIONS,
-    UPRIGHT,
-    Exposure,
-    applied,
-    exposure_of,
-)
-from ..io.images import (
-    OPAQUE,
-    Image,
-    ImageFormat,
-    can_be_panorama,
-    check_size,
-    format_of,
-    read_image_and_metadata,
-)
+from ..io.batch import IMAGE_SUFFIXES, VIDEO_SUFFIXES, BatchResult, Job, expand_inputs, outputs_for, run_parallel
+from ..io.exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, TRANSPOSING_ORIENTATIONS, UPRIGHT, Exposure, applied, exposure_of
+from ..io.images import OPAQUE, Image, ImageFormat, can_be_panorama, check_size, format_of, read_image_and_metadata
 from . import ColourDewarper, Dewarper
 from .interfaces import Border
-from .request import BorderColour, DewarpRequest, Recording, Size, is_video
+from .request import BorderColour, DewarpRequest, Size, VideoSettings, is_video
 
 if TYPE_CHECKING:
     from ..optics.sensor import Sensor
     from .restoration.deblurring import Restoration, Restorer
 
-__all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "Recording", "is_video"]
+__all__ = ["BorderColour", "DewarpRequest", "DewarpedImages", "VideoSettings", "is_video"]
 
 
-# -- Conversion of images to the depths and channels of a file format: integers are sRGB, floats linear light
+# -- Conversion to file formats: integers are sRGB, floats linear light ----------------------------
 
 ImageArray = NDArray[Any]
 
@@ -72,16 +48,16 @@ def depth_for(depth: str, kind: ImageFormat) -> str:
     return depth if depth in kind.depths else kind.depths[-1]
 
 
-def as_held(image: ImageArray, kind: ImageFormat) -> ImageArray:
+def as_stored(image: ImageArray, kind: ImageFormat) -> ImageArray:
     """Convert an image to a depth and channels supported by a file format.
 
     16 bits are rounded to 8; floating-point light is converted to sRGB, clipped at white, and vice
     versa. A grey image becomes RGB if the format supports no grey images. Alpha is linear.
 
     >>> from omnimirror.io.images import format_of
-    >>> as_held(np.array([[0, 257, 65535]], np.uint16), format_of("a.jpg"))
+    >>> as_stored(np.array([[0, 257, 65535]], np.uint16), format_of("a.jpg"))
     array([[  0,   1, 255]], dtype=uint8)
-    >>> as_held(np.array([[0.0, 0.214, 7.0]], np.float32), format_of("a.jpg"))
+    >>> as_stored(np.array([[0.0, 0.214, 7.0]], np.float32), format_of("a.jpg"))
     array([[  0, 127, 255]], dtype=uint8)
     """
     depth = depth_for(image.dtype.name, kind)
@@ -106,7 +82,7 @@ def _in_depth(image: ImageArray, depth: str) -> ImageArray:
     return np.rint(values.clip(0, 1) * OPAQUE[depth]).astype(depth)
 
 
-# -- Dewarping of image files, individually or in parallel -----------------------------------------
+# -- Dewarping of image files ----------------------------------------------------------------------
 #
 # Sensors and deblurring are imported on demand: their import takes as long as dewarping a mirror-ball
 # image.
@@ -118,9 +94,9 @@ class DewarpedImages:
 
     results: BatchResult
     """Completed, failed (with reasons) and unprocessed images."""
-    was_there: int = 0
+    skipped: int = 0
     """Number of skipped images with existing output."""
-    left_out: Counter[str] = field(default_factory=Counter)
+    dropped_metadata: Counter[str] = field(default_factory=Counter)
     """Metadata that the output formats cannot store, with the number of images."""
     oriented: Counter[str] = field(default_factory=Counter)
     """Orientations other than that of the stored pixels, in words, with the number of images."""
@@ -129,35 +105,26 @@ class DewarpedImages:
 class ImageDewarper:
     """Dewarper of image files; images of one size share their map."""
 
-    def __init__(
-        self,
-        how: DewarpRequest,
-        *,
-        transparent: bool | None = None,
-        restoration: Restoration | None = None,
-        wavelengths_nm: tuple[float, float, float] | None = None,
-    ) -> None:
-        self.how, self.restoration, self.wavelengths_nm = how, restoration, wavelengths_nm
-        self.transparent = False if how.border else transparent
+    def __init__(self, request: DewarpRequest, *, transparent: bool | None = None, restoration: Restoration | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> None:
+        self.request, self.restoration, self.wavelengths_nm = request, restoration, wavelengths_nm
+        self.transparent = False if request.border else transparent
         self.dewarper = cache(self._dewarper)
         self.inside = cache(self._inside)
         self.restorer = cache(self._restorer)
-        self.alone = Lock()  # needs much memory
-        self.left_out: Counter[str] = Counter()
+        self.restoration_lock = Lock()  # needs much memory
+        self.dropped_metadata: Counter[str] = Counter()
         self.oriented: Counter[str] = Counter()
 
-    def _dewarper(
-        self, size: Size, border: Border
-    ) -> tuple[Dewarper | ColourDewarper, GPano | None]:
+    def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper | ColourDewarper, GPano | None]:
         """Return the dewarper for images of one size, and the GPano metadata of its panoramas."""
-        stands = self.how.camera_of(size)
-        camera = self.how.drawing(stands)
-        view = self.how.view_of(camera)
-        panorama = self.how.panorama_of(stands, view)
+        mounted = self.request.camera_of(size)
+        camera = self.request.view_camera(mounted)
+        view = self.request.view_of(camera)
+        panorama = self.request.panorama_of(mounted, view)
         if self.wavelengths_nm is None:
-            return self.how.dewarper(camera, view, border), panorama
-        how = (view, self.how.interpolation, self.how.viewpoint, border)
-        return ColourDewarper(self._colours(camera), *how), panorama
+            return self.request.dewarper(camera, view, border), panorama
+        arguments = (view, self.request.interpolation, self.request.viewpoint, border)
+        return ColourDewarper(self._colours(camera), *arguments), panorama
 
     def _colours(self, camera: Camera) -> tuple[Sensor, Sensor, Sensor]:
         """Return the camera for red, green and blue light."""
@@ -166,10 +133,7 @@ class ImageDewarper:
 
         assert self.wavelengths_nm is not None
         if not isinstance(camera, Sensor):
-            raise InvalidParameter(
-                "what parts the colours is known of a sensor with a lens and a cover; straighten the pictures of this "
-                "camera without wavelengths_nm, or by an om.ColourDewarper of three calibrations"
-            )
+            raise InvalidParameter(f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}; alternatively use an om.ColourDewarper of three calibrations")
         red, green, blue = (at_wavelength(camera, nm) for nm in self.wavelengths_nm)
         return red, green, blue
 
@@ -181,105 +145,77 @@ class ImageDewarper:
         assert self.restoration is not None
         return self.restoration.restorer(camera, exposure)
 
-    def _restored(
-        self, picture: Image, source: Path, camera: Camera, exposure: Exposure
-    ) -> tuple[Image, str]:
+    def _restored(self, image: Image, source: Path, camera: Camera, exposure: Exposure) -> tuple[Image, str]:
         """Return the deblurred image and a description of its blur and noise."""
         assert self.restoration is not None
-        with self.alone:
-            return self.restoration.restored(picture, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
+        with self.restoration_lock:
+            return self.restoration.restored(image, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
 
     def __call__(self, source: Path, output: Path) -> str:
         """Read, dewarp and write one image; return a summary sentence."""
         if is_same_file(output, source):
-            raise InvalidParameter(f"{output} is the picture to straighten; write to another name")
+            raise InvalidParameter(f"the output must differ from the source image; got {output}")
         kind = format_of(output)
         if self.transparent and not kind.has_alpha:
-            raise InvalidParameter(
-                f"{output.suffix} files hold no transparency; write .png, .tif or .webp, or black outside the field"
-            )
-        is_stored = self.how.stored_orientation
-        picture, carried = read_image_and_metadata(source, stored_orientation=is_stored)
-        border = self.how.border.of_picture(picture) if self.how.border else 0
-        same = (picture.shape[1], picture.shape[0]), border  # identical for all such images
-        dewarp, panorama = self.dewarper(*same)
-        _check_orientation(same[0], dewarp.camera.image_size, carried.orientation, is_stored)
+            raise InvalidParameter(f"the output must be a .png, .tif or .webp file for transparency; got a {output.suffix} file; alternatively use black outside the field")
+        is_stored = self.request.stored_orientation
+        image, source_metadata = read_image_and_metadata(source, stored_orientation=is_stored)
+        border = self.request.border.for_image(image) if self.request.border else 0
+        key = (image.shape[1], image.shape[0]), border  # identical for all such images
+        dewarp, panorama = self.dewarper(*key)
+        _check_orientation(key[0], dewarp.camera.image_size, source_metadata.orientation, is_stored)
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
-            picture, restored = self._restored(
-                picture, source, dewarp.camera, exposure_of(carried.exif)
-            )
-        straight = dewarp(picture, kind.has_alpha if self.transparent is None else self.transparent)
-        held = as_held(straight, kind)
-        recoded = held.dtype != straight.dtype and np.float32 in (held.dtype, straight.dtype)
-        kept, left_out = carried.that_fits(output, held, recoded)
-        write_image(
-            output, held, panorama=panorama if can_be_panorama(output) else None, carried=kept
-        )
-        height, width = straight.shape[:2]
-        told = _change_of_depth(straight.dtype.name, held.dtype.name)
-        if left_out:
-            told += f", {left_out}"
-            self.left_out[left_out] += 1
-        if carried.orientation != UPRIGHT:
-            turned = applied(carried.orientation, is_stored)
-            told += f", {turned}"
+            image, restored = self._restored(image, source, dewarp.camera, exposure_of(source_metadata.exif))
+        dewarped = dewarp(image, kind.has_alpha if self.transparent is None else self.transparent)
+        converted = as_stored(dewarped, kind)
+        recoded = converted.dtype != dewarped.dtype and np.float32 in (converted.dtype, dewarped.dtype)
+        metadata, dropped = source_metadata.that_fits(output, converted, recoded)
+        write_image(output, converted, panorama=panorama if can_be_panorama(output) else None, carried=metadata)
+        height, width = dewarped.shape[:2]
+        notes = _change_of_depth(dewarped.dtype.name, converted.dtype.name)
+        if dropped:
+            notes += f", {dropped}"
+            self.dropped_metadata[dropped] += 1
+        if source_metadata.orientation != UPRIGHT:
+            turned = applied(source_metadata.orientation, is_stored)
+            notes += f", {turned}"
             self.oriented[turned] += 1
         size = f"{width} x {height} px"
-        return (
-            f"{display_name(output)}: {dewarp.view}, {size}, "
-            f"{self.inside(*same)} of it inside the field{told}{restored}"
-        )
+        return f"{display_name(output)}: {dewarp.view}, {size}, {self.inside(*key)} inside the field{notes}{restored}"
 
-    def many(
-        self,
-        sources: Iterable[str | Path],
-        folder: Path,
-        *,
-        skip_existing: bool = False,
-        threads: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> DewarpedImages:
+    def dewarp_many(self, sources: Iterable[str | Path], folder: Path, *, skip_existing: bool = False, threads: int | None = None, on_progress: Callable[[int, int], None] | None = None) -> DewarpedImages:
         """Dewarp images, folders and patterns to a folder in parallel; failures are reported and do
         not stop the others.
         """
         if folder.exists() and not folder.is_dir():
-            raise InvalidParameter(f"{folder} is a file, and several pictures need a folder")
+            raise InvalidParameter(f"the output must be a folder for several images; got the file {folder}")
         if not folder.is_dir() and folder.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES):
-            raise InvalidParameter(
-                f"{folder} is the name of one file, and several pictures need a folder"
-            )
+            raise InvalidParameter(f"the output must be a folder for several images; got the file name {folder}")
         paths = expand_inputs(sources)
-        found = list(zip(paths, outputs_for(paths, folder), strict=True))
-        pairs = [(s, o) for s, o in found if not (skip_existing and o.exists())]
+        pairs_of_paths = list(zip(paths, outputs_for(paths, folder), strict=True))
+        pairs = [(s, o) for s, o in pairs_of_paths if not (skip_existing and o.exists())]
         jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
-        results = run_parallel(jobs, threads, progress)
-        return DewarpedImages(results, len(found) - len(pairs), self.left_out, self.oriented)
+        results = run_parallel(jobs, threads, on_progress)
+        return DewarpedImages(results, len(pairs_of_paths) - len(pairs), self.dropped_metadata, self.oriented)
 
 
-def _check_orientation(size: Size, of_camera: Size, orientation: int, is_stored: bool) -> None:
+def _check_orientation(size: Size, camera_size: Size, orientation: int, is_stored: bool) -> None:
     """Raise an error that names the option if an image matches the camera only in its other
     orientation.
     """
-    if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(of_camera) == size[::-1]:
-        remedy = (
-            "leave out --stored-orientation (stored_orientation=True in Python)"
-            if is_stored
-            else STORED_ORIENTATION_HINT
-        )
-        raise InvalidParameter(
-            f"the image must have the {of_camera[0]} x {of_camera[1]} px of the camera; got {size[0]} x {size[1]} px, "
-            f"{'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}"
-        )
+    if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(camera_size) == size[::-1]:
+        remedy = "omit --stored-orientation (stored_orientation=True in Python)" if is_stored else STORED_ORIENTATION_HINT
+        raise InvalidParameter(f"the image must have the {camera_size[0]} x {camera_size[1]} px of the camera; got {size[0]} x {size[1]} px, {'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}")
 
 
-def _change_of_depth(had: str, has: str) -> str:
+def _change_of_depth(before: str, after: str) -> str:
     """Return a description of the loss or conversion caused by a change of depth."""
-    words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "light"}
-    return "" if had == has else f", {words[had]} written as {words[has]}"
+    words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "linear light"}
+    return "" if before == after else f", converted from {words[before]} to {words[after]}"
 
 
 def _percent(dewarp: Dewarper | ColourDewarper) -> str:
     share = 100 * dewarp.valid.mean()
-    return "all" if share == 100 else f"{share:.3g} %"
+    return "all pixels" if share == 100 else f"{share:.3g} % of the pixels"

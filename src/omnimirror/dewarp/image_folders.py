@@ -17,7 +17,7 @@ from .viewpoints import Viewpoint
 
 
 @validate_arguments
-def dewarp_pictures(
+def dewarp_images(
     sources: str | Path | Iterable[str | Path],
     folder: str | Path,
     *,
@@ -28,12 +28,12 @@ def dewarp_pictures(
     border: BorderArgument | None = None,
     transparent: bool | None = None,
     restoration: Restoration | None = None,
-    keep_lean: bool = False,
+    keep_tilt: bool = False,
     stored_orientation: bool = False,
     wavelengths_nm: tuple[float, float, float] | None = None,
     skip_existing: bool = False,
     threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> DewarpedImages:
     """Dewarp images to a folder in parallel, as ``omnimirror dewarp`` does.
 
@@ -60,7 +60,7 @@ def dewarp_pictures(
         Transparency outside the field; by default if the file format supports it.
     restoration
         Deblurring before dewarping; none by default.
-    keep_lean
+    keep_tilt
         Draw the view relative to the tilted camera, without levelling.
     stored_orientation
         Use pixels as stored, ignoring the orientation in the EXIF data.
@@ -71,7 +71,7 @@ def dewarp_pictures(
         Skip images whose output exists.
     threads
         Number of images processed in parallel; by default the number of processor cores.
-    progress
+    on_progress
         Callback with the number of finished images and the total.
 
     Returns
@@ -92,7 +92,7 @@ def dewarp_pictures(
     >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     om.write_image(f"{folder}/a.png", np.full((1024, 1024, 3), 90, np.uint8))
-    ...     found = om.dewarp_pictures(
+    ...     found = om.dewarp_images(
     ...         f"{folder}/*.png", f"{folder}/straight", camera=om.load_sensor("paper-spherical"),
     ...         view=lambda camera: om.views.panorama(camera, (360, None)),
     ...     )
@@ -100,17 +100,7 @@ def dewarp_pictures(
     ((135, 360, 4), 0)
     """
     colour = None if border is None else BorderColour.of(border)
-    how = DewarpRequest(
-        camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation
-    )
+    request = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation)
     names = [sources] if isinstance(sources, str | Path) else list(sources)
-    straightener = ImageDewarper(
-        how, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm
-    )
-    return straightener.many(
-        names,
-        file_name("folder", folder),
-        skip_existing=skip_existing,
-        threads=threads,
-        progress=progress,
-    )
+    dewarper = ImageDewarper(request, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm)
+    return dewarper.dewarp_many(names, file_name("folder", folder), skip_existing=skip_existing, threads=threads, on_progress=on_progress)

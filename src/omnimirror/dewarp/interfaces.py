@@ -58,7 +58,7 @@ class Annulus(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Averages:
-    """Number of samples per pixel in each cell of a view; see :mod:`.sampling.footprints`."""
+    """Number of samples per pixel in each cell of a view; see :mod:`._footprints`."""
 
     taps: NDArray[np.uint8]
     """Samples (cell rows, cell columns, 2), across and down, 1 to 128."""
@@ -99,7 +99,7 @@ class RemapJob:
     """Averaging parameters; None if each pixel is a single sample."""
 
     @property
-    def how(self) -> tuple[int, tuple[float, ...], object]:
+    def arguments(self) -> tuple[int, tuple[float, ...], object]:
         """Trailing arguments of the compiled samplers."""
         averages = None if self.averages is None else self.averages.compiled
         return ("nearest", "linear", "cubic").index(self.kernel), self.border, averages
@@ -130,11 +130,11 @@ class Map(Protocol):
         """Fill the output of the job with the compiled kernel of this map type."""
         ...
 
-    def halved(self, in_picture: tuple[float, float], in_view: tuple[float, float]) -> Map:
+    def halved(self, image_offset: tuple[float, float], view_offset: tuple[float, float]) -> Map:
         """Return the map from a half-resolution view to a half-resolution image, sizes rounded up.
 
         Samples are offset from the first pixel of each 2 x 2 block by (x, y) from 0 to 1 px:
-        ``in_picture`` in the image, ``in_view`` in the view. At the field boundary a sample is
+        ``image_offset`` in the image, ``view_offset`` in the view. At the field boundary a sample is
         valid if at least two of its four pixels are.
         """
         ...

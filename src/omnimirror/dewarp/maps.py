@@ -27,9 +27,9 @@ from ._footprints import (
     squared_sides_of_pixels,
 )
 from .interfaces import Annulus, Averages, Interpolation, Kernel, Map, Pixels, RemapJob
-from .sampling import adjoining, check_pixels
+from .sampling import check_pixels, contiguous
 
-# -- Source coordinates of half-resolution planes (4:2:0 chroma) from those of the full image ------
+# -- Half-resolution planes (4:2:0 chroma) ---------------------------------------------------------
 #
 # Such a plane has one sample per 2 x 2 pixels. Its column i is at column ``2 i + x`` and its row j at
 # row ``2 j + y`` of the full image, with the sample offset (x, y). The source coordinate of a sample
@@ -39,7 +39,7 @@ from .sampling import adjoining, check_pixels
 Floats = NDArray[Any]
 Offset = tuple[float, float]
 
-SEEN = 2  # minimum number of the 4 pixels inside the field for a valid sample
+MIN_VALID_PIXELS = 2  # minimum number of the 4 pixels inside the field for a valid sample
 
 
 def half(size: tuple[int, int]) -> tuple[int, int]:
@@ -53,8 +53,8 @@ def half(size: tuple[int, int]) -> tuple[int, int]:
 
 def halved_pixels(
     pixels: Floats,
-    in_picture: Offset,
-    in_view: Offset,
+    image_offset: Offset,
+    view_offset: Offset,
     source_size: tuple[int, int],
     labels: NDArray[np.int32] | None = None,
 ) -> Floats:
@@ -66,7 +66,7 @@ def halved_pixels(
 
     Parameters
     ----------
-    in_picture, in_view
+    image_offset, view_offset
         Sample offsets (x, y), px; see :meth:`~omnimirror.dewarp.interfaces.Map.halved`.
     source_size
         Size (width, height) of the full image.
@@ -80,20 +80,22 @@ def halved_pixels(
     array([[[0., 0.],
             [1., 0.]]])
     """
-    x, y = in_view
+    x, y = view_offset
     blocks = _blocks(np.where(inside_image(pixels, source_size)[..., None], pixels, np.nan))
     rows = (1 - y) * blocks[..., 0, :, :] + y * blocks[..., 1, :, :]
     at = (1 - x) * rows[..., 0, :] + x * rows[..., 1, :]
-    cut = np.isnan(at[..., 0]) & ((~np.isnan(blocks[..., 0])).sum(axis=(-2, -1)) >= SEEN)
+    cut = np.isnan(at[..., 0]) & (
+        (~np.isnan(blocks[..., 0])).sum(axis=(-2, -1)) >= MIN_VALID_PIXELS
+    )
     at[cut] = np.nanmean(blocks[cut], axis=(1, 2))
     if labels is not None:
-        of_block = _blocks(labels[..., None])[..., 0]
-        mixed = (of_block != of_block[..., :1, :1]).any(axis=(-2, -1))
+        block_labels = _blocks(labels[..., None])[..., 0]
+        mixed = (block_labels != block_labels[..., :1, :1]).any(axis=(-2, -1))
         at[mixed] = blocks[mixed][:, 0, 0]
     # A point on the outermost half pixel of the full image may be outside the half-resolution
     # plane.
     halved: Floats = np.clip(
-        (at - np.array(in_picture)) / 2, -0.5, np.array(half(source_size)) - 0.5
+        (at - np.array(image_offset)) / 2, -0.5, np.array(half(source_size)) - 0.5
     )
     return halved.astype(pixels.dtype, copy=False)
 
@@ -119,7 +121,7 @@ def pairs(values: Floats) -> Floats:
     return values.reshape(-1, 2)
 
 
-# -- Pixel map: one source coordinate for each pixel of the view -----------------------------------
+# -- Pixel map: one source coordinate per pixel ----------------------------------------------------
 
 
 class Rectangle(NamedTuple):
@@ -167,13 +169,13 @@ class PixelMap:
         averages: Callable[[Interpolation], Averages | None] | None = None,
     ):
         check_pixels(pixels)
-        self._pixels: Pixels = adjoining(pixels)
+        self._pixels: Pixels = contiguous(pixels)
         self.source_size = source_size
         self._annulus = annulus
         self._views = tuple(views)
         self._averages = averages
         self._packed: dict[tuple[Kernel, int, bool], PackedMap] = {}
-        self._is_used = False
+        self._was_sampled = False
 
     @classmethod
     def of(cls, other: Map, annulus: Annulus | None = None) -> PixelMap:
@@ -208,9 +210,9 @@ class PixelMap:
         """Sample with unpacked or packed coordinates."""
         # If all values are averages, a packed map of single samples is not used.
         can_pack = job.averages is None or not job.averages.are_everywhere
-        if not (self._is_used and can_pack):
-            self._is_used = True
-            backend.kernels.remap(job.source, self._pixels, job.target, *job.how)
+        if not (self._was_sampled and can_pack):
+            self._was_sampled = True
+            backend.kernels.remap(job.source, self._pixels, job.target, *job.arguments)
             return
         packed = self._packed_for(job.kernel, job.source.shape[2], job.source.dtype != np.uint8)
         if job.averages is None:
@@ -227,10 +229,12 @@ class PixelMap:
             )
         return self._packed[kind]
 
-    def halved(self, in_picture: Offset, in_view: Offset) -> PixelMap:
+    def halved(self, image_offset: Offset, view_offset: Offset) -> PixelMap:
         """Return the half-resolution map; see :meth:`~omnimirror.dewarp.interfaces.Map.halved`."""
-        pixels = halved_pixels(self._pixels, in_picture, in_view, self.source_size, self._labels())
-        annulus = self._annulus and self._annulus.halved(in_picture)
+        pixels = halved_pixels(
+            self._pixels, image_offset, view_offset, self.source_size, self._labels()
+        )
+        annulus = self._annulus and self._annulus.halved(image_offset)
         return PixelMap(pixels.astype(np.float32, copy=False), half(self.source_size), annulus)
 
     def _labels(self) -> NDArray[np.int32] | None:
@@ -245,9 +249,9 @@ class PixelMap:
         return labels
 
 
-# -- Lattice map: source coordinates on a regular lattice of view pixels with bicubic interpolation
+# -- Lattice map: bicubic interpolation between lattice nodes --------------------------------------
 
-FINEST_STEP = 4
+MIN_STEP = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,13 +302,13 @@ class LatticeMap:
         exact = self.cells >= 0
         tiles[exact] = self.patches[self.cells[exact]]
         width, height = self.size
-        whole = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[
+        view = tiles.transpose(0, 2, 1, 3, 4).reshape(down * self.step, across * self.step, 2)[
             :height, :width
         ]
-        pixels: NDArray[np.float32] = whole
+        pixels: NDArray[np.float32] = view
         return pixels
 
-    def shows_something(self) -> bool:
+    def has_valid_pixels(self) -> bool:
         """Return True if part of the view is inside the field."""
         return not ((self.cells >= 0).all() and np.isnan(self.patches).all())
 
@@ -321,41 +325,41 @@ class LatticeMap:
         """Sample with the lattice kernel."""
         u, v = self.nodes
         lattice = u, v, *self._weights, self.cells, self.patches
-        backend.kernels.remap_lattice(job.source, *lattice, job.target, *job.how)
+        backend.kernels.remap_lattice(job.source, *lattice, job.target, *job.arguments)
 
     @cached_property
     def _weights(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Node weights, across and down."""
         return node_weights(self.step, self.shift[0]), node_weights(self.step, self.shift[1])
 
-    # -- half resolution -----------------------------------------------------------------------------
+    # -- Half resolution ---------------------------------------------------------------------------
 
-    def halved(self, in_picture: Offset, in_view: Offset) -> Map:
+    def halved(self, image_offset: Offset, view_offset: Offset) -> Map:
         """Return the same lattice at half the step, evaluated between its pixels; patched at the
         image boundary.
         """
-        if self.step == FINEST_STEP:
-            return PixelMap.of(self, self.annulus).halved(in_picture, in_view)
-        nodes = (self.nodes - np.array(in_picture)[:, None, None]) / 2
-        cells, patches = self._patched_at_ends()
+        if self.step == MIN_STEP:
+            return PixelMap.of(self, self.annulus).halved(image_offset, view_offset)
+        nodes = (self.nodes - np.array(image_offset)[:, None, None]) / 2
+        cells, patches = self._patched_at_border()
         return LatticeMap(
             nodes.astype(np.float32),
             half(self.size),
             half(self.source_size),
             self.step // 2,
             cells,
-            halved_pixels(patches, in_picture, in_view, self.source_size),
-            ((self.shift[0] + in_view[0]) / 2, (self.shift[1] + in_view[1]) / 2),
-            self.annulus and self.annulus.halved(in_picture),
+            halved_pixels(patches, image_offset, view_offset, self.source_size),
+            ((self.shift[0] + view_offset[0]) / 2, (self.shift[1] + view_offset[1]) / 2),
+            self.annulus and self.annulus.halved(image_offset),
         )
 
-    def _patched_at_ends(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def _patched_at_border(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return cells and patches, with additional patches for nodes outside the image."""
         (u, v), (width, height) = self.nodes, self.source_size
-        beyond = (u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5)
-        if not beyond.any():
+        outside = (u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5)
+        if not outside.any():
             return self.cells, self.patches
-        ends = np.lib.stride_tricks.sliding_window_view(beyond, (4, 4)).any(axis=(2, 3)) & (
+        ends = np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3)) & (
             self.cells < 0
         )
         windows = np.lib.stride_tricks.sliding_window_view(self.nodes, (4, 4), axis=(1, 2))[:, ends]
@@ -378,11 +382,11 @@ def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
     )
 
 
-# -- Polar map: panoramas about the camera axis, whose rows are circles in the image ---------------
+# -- Polar map: panoramas about the camera axis ----------------------------------------------------
 
 Float32Array = NDArray[np.float32]
 
-EVERY_COLUMN = 16  # column spacing of the visibility check
+CHECKED_COLUMN_STEP = 16  # column spacing of the visibility check
 
 
 @dataclass(frozen=True, eq=False)
@@ -419,12 +423,12 @@ class PolarMap:
     def _of_columns(self, angles: Array) -> Array:
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         pixels: Array = self.centre + self.radii[:, None, None] * directions
-        if not self._lies_within:
+        if not self._is_within_image:
             pixels[~inside_image(pixels, self.source_size)] = np.nan
         return pixels
 
     @property
-    def _lies_within(self) -> bool:
+    def _is_within_image(self) -> bool:
         """True if all circles are inside the rectangle of the outermost pixel centres."""
         reach = np.nanmax(self.radii, initial=0.0)
         return all(
@@ -432,11 +436,11 @@ class PolarMap:
             for c, length in zip(self.centre, self.source_size, strict=True)
         )
 
-    def shows_something(self) -> bool:
+    def has_valid_pixels(self) -> bool:
         """Return True if part of the image is visible; False also for undecided cases."""
-        if self._lies_within:
+        if self._is_within_image:
             return bool(np.isfinite(self.radii).any())
-        return bool(np.isfinite(self._of_columns(self.angles[::EVERY_COLUMN])).any())
+        return bool(np.isfinite(self._of_columns(self.angles[::CHECKED_COLUMN_STEP])).any())
 
     def averages(self, interpolation: Interpolation) -> Averages | None:
         """Return the averaging parameters of an interpolation; None if it does not average."""
@@ -449,7 +453,7 @@ class PolarMap:
     def sample_compiled(self, job: RemapJob) -> None:
         """Sample with the polar kernel."""
         x, y = self.centre
-        backend.kernels.remap_polar(job.source, *self._floats, x, y, job.target, *job.how)
+        backend.kernels.remap_polar(job.source, *self._floats, x, y, job.target, *job.arguments)
 
     @cached_property
     def _floats(self) -> tuple[Float32Array, Float32Array, Float32Array]:
@@ -459,18 +463,18 @@ class PolarMap:
         )
         return radii, cosines, sines
 
-    def halved(self, in_picture: Offset, in_view: Offset) -> Map:
+    def halved(self, image_offset: Offset, view_offset: Offset) -> Map:
         """Return the map with interpolated circles; at the field boundary one of two rows is
         sufficient.
         """
-        annulus = self.annulus and self.annulus.halved(in_picture)
-        if not self._lies_within:
+        annulus = self.annulus and self.annulus.halved(image_offset)
+        if not self._is_within_image:
             return PixelMap(self._pixels, self.source_size, self.annulus).halved(
-                in_picture, in_view
+                image_offset, view_offset
             )
-        (x, y), radii, angles = in_view, pairs(self.radii), pairs(self.angles)
+        (x, y), radii, angles = view_offset, pairs(self.radii), pairs(self.angles)
         at = (1 - y) * radii[:, 0] + y * radii[:, 1]
         at = np.where(np.isnan(at), np.where(np.isnan(radii[:, 0]), radii[:, 1], radii[:, 0]), at)
-        centre = (self.centre[0] - in_picture[0]) / 2, (self.centre[1] - in_picture[1]) / 2
+        centre = (self.centre[0] - image_offset[0]) / 2, (self.centre[1] - image_offset[1]) / 2
         between = (1 - x) * angles[:, 0] + x * angles[:, 1]
         return PolarMap(centre, at / 2, between, half(self.source_size), annulus)

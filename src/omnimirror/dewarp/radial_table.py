@@ -73,8 +73,8 @@ class RadialTable:
 
         Radii outside the field are NaN; the image boundary is ignored.
         """
-        radii, seen = self._radii_of(self._half_sines(across, along, are_points))
-        radii[~seen] = np.nan
+        radii, visible = self._radii_of(self._half_sines(across, along, are_points))
+        radii[~visible] = np.nan
         return radii
 
     @cached_property
@@ -105,23 +105,18 @@ class RadialTable:
         with np.errstate(invalid="ignore"):  # non-finite targets are not visible
             along, right, down = np.moveaxis(rotate_vectors(targets, self._frame.T), -1, 0)
         across = np.hypot(right, down)
-        radii, seen = self._radii_of(self._half_sines(across, along, are_points))
+        radii, visible = self._radii_of(self._half_sines(across, along, are_points))
         off_axis = across > 0  # the azimuth is arbitrary on the axis
         positive = np.maximum(radii, 0)
         scale = positive / np.where(off_axis, across, 1.0)
-        u, v = (
-            x + np.where(off_axis, scale * right, positive),
-            y + np.where(off_axis, scale * down, 0.0),
-        )
+        u, v = (x + np.where(off_axis, scale * right, positive), y + np.where(off_axis, scale * down, 0.0))
         pixels = np.stack([u, v], axis=-1)
-        seen &= inside_image(pixels, self.image_size)
-        pixels[~seen] = np.nan
+        visible &= inside_image(pixels, self.image_size)
+        pixels[~visible] = np.nan
         if excess is not None:
             beyond = np.maximum.reduce([-u, u - (width - 1), -v, v - (height - 1)]) - 0.5
             ends = self._tables.radii[[0, -1]]
-            excess[...] = np.where(
-                seen, 0.0, np.maximum.reduce([radii - ends[1], ends[0] - radii, beyond])
-            )
+            excess[...] = np.where(visible, 0.0, np.maximum.reduce([radii - ends[1], ends[0] - radii, beyond]))
         return pixels
 
     def _half_sines(self, across: Array, along: Array, are_points: bool) -> Array:
@@ -168,7 +163,7 @@ def radial_table(camera: Camera) -> RadialTable | None:
     return None if symmetry is None else RadialTable(symmetry, camera.image_size)
 
 
-# -- formulas, identical to native/src/sampling/axial_kernel.hpp --------------------------------------------
+# -- Formulas, identical to native/src/sampling/axial_kernel.hpp -----------------------------------
 
 
 def _cells(table: Array, half_sines: Array, tables: Tables) -> tuple[Array, Array, Array]:
@@ -209,7 +204,7 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
     per = (len(origins) - 1) / (last - first)
     q = np.clip(np.nan_to_num(_half_angles(across, along - viewpoint)[0], nan=first), first, last)
     low, high = np.full_like(q, 2 * first - last), np.full_like(q, 2 * last - first)
-    sought = np.full_like(q, np.nan)
+    roots = np.full_like(q, np.nan)
     for _ in range(MOST_STEPS):
         (x, x_rate, fraction), (z, z_rate, _) = (_cells(column, q, tables) for column in origins.T)
         # f(q) = q - sin(phi/2), f' = 1 - cos(phi/2) / 2 * dphi/dq, with the angle phi of (dx, dz)
@@ -217,19 +212,16 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
         dx, dz = across - (x + fraction * x_rate), along - (z + fraction * z_rate)
         sine, cosine = _half_angles(dx, dz)
         with np.errstate(invalid="ignore", divide="ignore"):
-            miss, rate = (
-                q - sine,
-                1 - 0.5 * cosine * per * (dx * z_rate - dz * x_rate) / (dx**2 + dz**2),
-            )
+            miss, rate = (q - sine, 1 - 0.5 * cosine * per * (dx * z_rate - dz * x_rate) / (dx**2 + dz**2))
             newton = q - miss / rate
         low, high = np.where(miss <= 0, q, low), np.where(miss >= 0, q, high)
         inside = (newton >= low) & (newton <= high)
-        following = np.clip(np.where(inside, newton, (low + high) / 2), first, last)
+        next_q = np.clip(np.where(inside, newton, (low + high) / 2), first, last)
         beyond = ((miss > 0) & (q <= first)) | ((miss < 0) & (q >= last))
         # A discontinuity isolated by bisection is not a root: the point is inside the mirror or in
         # its shadow.
-        sought = np.where(beyond, q - miss, np.where(np.abs(miss) < GAP, newton, np.nan))
-        moved, q = np.abs(following - q).max(initial=0.0), following
-        if moved <= CLOSE:
+        roots = np.where(beyond, q - miss, np.where(np.abs(miss) < GAP, newton, np.nan))
+        change, q = np.abs(next_q - q).max(initial=0.0), next_q
+        if change <= CLOSE:
             break
-    return sought
+    return roots

@@ -20,24 +20,24 @@ from ..io.image_sequences import is_sequence
 from ..io.images import OPAQUE
 from . import Dewarper, views
 from .interfaces import Border, Interpolation
-from .screens import Cylinder, Sphere, View
+from .screens import Cylinder, Equirectangular, View
 from .viewpoints import Viewpoint
 
 if TYPE_CHECKING:
     import av
 
 
-# -- Colour outside the field, specified before the depth and channels of the image are known ------
+# -- Border colour ---------------------------------------------------------------------------------
 
 HEX_DIGITS = set("0123456789abcdefABCDEF")
-VALID_COLOURS = "valid are a grey level, R,G,B and #rrggbb"
+VALID_COLOURS = "a grey level, R,G,B or #rrggbb"
 
 
 @dataclass(frozen=True)
 class BorderColour:
     """Grey level or RGB colour, in image values or as a hexadecimal colour.
 
-    >>> BorderColour.of("#204080").of_picture(np.zeros((1, 1, 3), np.uint8)), BorderColour.of(7).values
+    >>> BorderColour.of("#204080").for_image(np.zeros((1, 1, 3), np.uint8)), BorderColour.of(7).values
     ((32.0, 64.0, 128.0), (7.0,))
     """
 
@@ -63,24 +63,20 @@ class BorderColour:
             return border
         if isinstance(border, str):
             if border.startswith("#") and len(border) == 7 and set(border[1:]) <= HEX_DIGITS:
-                return cls(
-                    border, tuple(float(int(border[i : i + 2], 16)) for i in (1, 3, 5)), True
-                )
+                return cls(border, tuple(float(int(border[i : i + 2], 16)) for i in (1, 3, 5)), True)
             text, parts = border, border.split(",")
         else:
-            parts = (
-                [f"{part}" for part in border] if isinstance(border, Sequence) else [f"{border}"]
-            )
+            parts = [f"{part}" for part in border] if isinstance(border, Sequence) else [f"{border}"]
             text = ",".join(parts)
         try:
             values = tuple(parse_float(part) for part in parts)
         except ValueError:
             values = ()
         if len(values) not in (1, 3) or not np.isfinite(values).all():
-            raise InvalidParameter(f"{format_value(border)} is no colour; {VALID_COLOURS}")
+            raise InvalidParameter(f"border must be {VALID_COLOURS}; got {shown(border)}")
         return cls(text, values, False)
 
-    def of_picture(self, image: NDArray[Any]) -> tuple[float, ...]:
+    def for_image(self, image: NDArray[Any]) -> tuple[float, ...]:
         """Return one value per channel of a grey, RGB or RGBA image, opaque.
 
         Raises
@@ -90,24 +86,17 @@ class BorderColour:
         """
         values = self._scaled(image.dtype.name)
         full = OPAQUE[image.dtype.name]
-        if image.dtype.kind == "u" and not all(
-            0 <= value <= full and value % 1 == 0 for value in values
-        ):
-            raise InvalidParameter(
-                f"border {self.text} is no value of a picture of {image.dtype.name}; "
-                f"valid are whole numbers from 0 to {full}"
-            )
+        if image.dtype.kind == "u" and not all(0 <= value <= full and value % 1 == 0 for value in values):
+            raise InvalidParameter(f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {self.text}")
         channels = image.shape[2] if image.ndim == 3 else 1
         if channels == 1:
             if len(set(values)) > 1:
-                raise InvalidParameter(
-                    f"border {self.text} is a colour, and the picture is grey; give one value"
-                )
+                raise InvalidParameter(f"border must be one value for a grey image; got {self.text}")
             return values[:1]
         colour = values if len(values) == 3 else values * 3
         return colour if channels == 3 else (*colour, float(full))
 
-    def of_frame(self, frame: av.VideoFrame) -> tuple[int, int, int]:
+    def for_frame(self, frame: av.VideoFrame) -> tuple[int, int, int]:
         """Return y, u and v in the colour coding of a video frame.
 
         Raises
@@ -117,7 +106,7 @@ class BorderColour:
         """
         from ..io.video_frames import coded_colour
 
-        return coded_colour(self.of_picture(np.empty((1, 1, 3), np.uint8)), frame)
+        return coded_colour(self.for_image(np.empty((1, 1, 3), np.uint8)), frame)
 
     def _scaled(self, depth: str) -> tuple[float, ...]:
         if not self.is_hex or depth == "uint8":
@@ -132,7 +121,7 @@ class BorderColour:
 BorderArgument: TypeAlias = BorderColour | str | float | Sequence[float]
 
 
-# -- Requests for dewarping images and videos of any size ------------------------------------------
+# -- Dewarping requests ----------------------------------------------------------------------------
 
 C = TypeVar("C", bound=Camera)
 Size: TypeAlias = tuple[int, int]
@@ -155,7 +144,7 @@ class DewarpRequest:
         As in :class:`omnimirror.Dewarper`.
     border
         Colour outside the field; black by default.
-    keep_lean
+    keep_tilt
         Draw the view relative to the tilted camera, without levelling; panoramas store the tilt for
         viewers.
     stored_orientation
@@ -168,25 +157,23 @@ class DewarpRequest:
     interpolation: Interpolation = "auto"
     viewpoint: Viewpoint = "exact"
     border: BorderColour | None = None
-    keep_lean: bool = False
+    keep_tilt: bool = False
     stored_orientation: bool = False
 
     def camera_of(self, size: Size) -> Camera:
         """Return the camera for images of a size (width, height), with its actual tilt."""
-        found = self.camera if isinstance(self.camera, Camera) else self.camera(size)
-        return instance("the camera of the pictures", found, Camera, "a camera")
+        camera = self.camera if isinstance(self.camera, Camera) else self.camera(size)
+        return instance("the result of camera(size)", camera, Camera, "a camera")
 
-    def drawing(self, camera: Camera) -> Camera:
-        """Return the camera for drawing the view: without tilt if the view is not levelled."""
-        return without_tilt(camera) if self.keep_lean else camera
+    def view_camera(self, camera: Camera) -> Camera:
+        """Return the camera for the view: without tilt if the view is not levelled."""
+        return without_tilt(camera) if self.keep_tilt else camera
 
     def view_of(self, camera: Camera) -> View:
         """Return the view drawn by a camera."""
         return self.view(camera) if callable(self.view) else self.view
 
-    def dewarper(
-        self, camera: Camera, view: View, border: Border, keep_map: bool = False
-    ) -> Dewarper:
+    def dewarper(self, camera: Camera, view: View, border: Border, keep_map: bool = False) -> Dewarper:
         """Return the dewarper for the images of a camera that draws the view."""
         return Dewarper(camera, view, self.interpolation, self.viewpoint, border, keep_map)
 
@@ -194,21 +181,15 @@ class DewarpRequest:
         """Return the GPano metadata of the view; None unless it is a distant panorama linear in
         tilt.
         """
-        if (
-            not isinstance(view, Cylinder | Sphere)
-            or not view.is_distant
-            or getattr(view, "rows", "tilt") != "tilt"
-        ):
+        if not isinstance(view, Cylinder | Equirectangular) or not view.is_distant or getattr(view, "rows", "tilt") != "tilt":
             return None
-        mount = _mount_of(camera) if self.keep_lean else None
+        mount = _mount_of(camera) if self.keep_tilt else None
         lean = (0.0, 0.0) if mount is None else mount.view_tilt_deg(view.pan_deg)
-        return GPano.of_view(
-            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=lean
-        )
+        return GPano.of_view(view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=lean)
 
 
 @dataclass(frozen=True)
-class Recording:
+class VideoSettings:
     """Selection of a video and output settings.
 
     Parameters
@@ -232,7 +213,7 @@ class Recording:
     Examples
     --------
     >>> import omnimirror as om
-    >>> om.Recording(start_s=2.0, crf=20).encoding()
+    >>> om.VideoSettings(start_s=2.0, crf=20).encoding()
     {'crf': 20}
     """
 
@@ -258,9 +239,7 @@ class Recording:
         dict
             Keyword arguments of the writer.
         """
-        names = (
-            ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
-        )
+        names = ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
@@ -270,17 +249,8 @@ def is_video(source: str) -> bool:
     >>> [is_video(s) for s in ("room.MP4", "0", "/dev/video2", "rtsp://door/1", "room.png", "*.jpg", "١٢٣")]
     [True, True, True, True, False, False, False]
     """
-    is_live = (
-        (source.isascii() and source.isdigit())
-        or source.startswith("/dev/video")
-        or "://" in source
-    )
-    return (
-        is_live
-        or source == "-"
-        or is_sequence(source)
-        or Path(source).suffix.lower() in VIDEO_SUFFIXES
-    )
+    is_live = (source.isascii() and source.isdigit()) or source.startswith("/dev/video") or "://" in source
+    return is_live or source == "-" or is_sequence(source) or Path(source).suffix.lower() in VIDEO_SUFFIXES
 
 
 def without_tilt(camera: C) -> C:
@@ -292,7 +262,7 @@ def without_tilt(camera: C) -> C:
         If it has no mount that could be tilted.
     """
     if (mount := _mount_of(camera)) is None:
-        raise InvalidParameter("this camera has no mount, so nothing is known of how it leans")
+        raise InvalidParameter(f"the camera must have a mount to keep its tilt; got a {type(camera).__name__} without")
     upright: C = replace(camera, mount=mount.levelled)  # type: ignore[type-var]
     return upright
 

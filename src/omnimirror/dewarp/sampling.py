@@ -33,53 +33,53 @@ from ..io.images import OPAQUE
 from ._footprints import JUMP2, JUMP2_PX
 from .interfaces import INTERPOLATIONS, KERNELS, Annulus, Averages, Border, Image, Interpolation, Map, Pixels, RemapJob, Sampler
 
-# -- Validation of sampling arguments, and conversion of arrays for the samplers -------------------
+# -- Validation of sampling arguments --------------------------------------------------------------
 
 DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {np.dtype(name).newbyteorder() for name in OPAQUE}
 MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
-def check_picture(image: Image, size: tuple[int, int]) -> None:
+def check_image(image: Image, size: tuple[int, int]) -> None:
     """Raise an error unless an array is an image of the given (width, height)."""
     check_kind(image)
     if image.shape[2:] == (2,):
-        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1, 3 or 4 channels")
+        raise InvalidParameter(f"the image must have 1, 3 or 4 channels; got an array of shape {image.shape}")
     height, width = image.shape[:2]
     if (width, height) != tuple(size):
         same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
-        advice = "; both have the same shape: scale the picture to that size first" if same_shape else ""
-        raise InvalidParameter(f"the picture has {width} x {height} px and the camera's {size[0]} x {size[1]} px{advice}")
+        advice = "; the aspect ratios are equal: scale the image to that size first" if same_shape else ""
+        raise InvalidParameter(f"the image must have the {size[0]} x {size[1]} px of the camera; got {width} x {height} px{advice}")
 
 
 def check_kind(image: Image) -> None:
     """Raise an error for arrays of an unsupported shape or data type."""
-    instance("a picture", image, np.ndarray, "an array of pixels")
+    instance("the image", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
-        raise InvalidParameter(f"an array of shape {image.shape} is not a picture of 1 to 4 channels")
+        raise InvalidParameter(f"the image must have 1 to 4 channels; got an array of shape {image.shape}")
     if image.dtype not in DEPTHS:
-        raise InvalidParameter(f"the picture holds {image.dtype.name} values; valid are {', '.join(OPAQUE)}")
+        raise InvalidParameter(f"the type of the image must be one of {', '.join(OPAQUE)}; got {image.dtype.name}")
 
 
 def check_largest(image: Image, longest_side_px: int) -> None:
     """Raise an error if an image has too many pixels for a sampler."""
     height, width = image.shape[:2]
     if max(width, height) > longest_side_px:
-        raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {longest_side_px} px a side, and more with the compiled samplers")
+        raise InvalidParameter(f"the sides of the image must be at most {longest_side_px} px without the compiled samplers; got {width} x {height} px")
     if image.size > MAX_VALUES:
-        raise InvalidParameter(f"a picture of {width} x {height} px is too large; valid are {MAX_VALUES} values")
+        raise InvalidParameter(f"the image must have at most {MAX_VALUES} values; got {image.size} in {width} x {height} px")
 
 
 def check_interpolation(interpolation: str) -> None:
     """Raise an error for an unknown interpolation."""
     if interpolation not in INTERPOLATIONS:
-        raise InvalidParameter(f"interpolation = {interpolation!r} is not one of {', '.join(INTERPOLATIONS)}")
+        raise InvalidParameter(f"interpolation must be one of {', '.join(INTERPOLATIONS)}; got {interpolation!r}")
 
 
 def check_pixels(pixels: Pixels) -> None:
     """Raise an error unless an array is a pixel map."""
     if pixels.ndim != 3 or pixels.shape[2] != 2 or pixels.dtype not in (np.float32, np.float64):
-        raise InvalidParameter(f"coordinates are (rows, columns, 2) of float32 or float64, not {pixels.shape} of {pixels.dtype}")
+        raise InvalidParameter(f"coordinates must be (rows, columns, 2) of float32 or float64; got {pixels.shape} of {pixels.dtype}")
 
 
 def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image:
@@ -90,23 +90,23 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
     if out is None:
         return np.empty(shape, kind)
     if out.shape != shape or out.dtype != kind:
-        raise InvalidParameter(f"out is {out.shape} of {out.dtype.name}, not {shape} of {image.dtype.name}")
+        raise InvalidParameter(f"out must be {shape} of {image.dtype.name}; got {out.shape} of {out.dtype.name}")
     if not out.flags.writeable:
-        raise InvalidParameter("out cannot be written")
+        raise InvalidParameter("out must be writeable")
     return out
 
 
-# -- array layout for the samplers -----------------------------------------------------------------
+# -- Array layout for the samplers -----------------------------------------------------------------
 
 
-def adjoining(array: Image) -> Image:
+def contiguous(array: Image) -> Image:
     """Return the array (rows, columns, c), or an aligned copy in native byte order if samplers
     require it.
     """
-    return array if adjoins(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
+    return array if is_contiguous(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
 
 
-def adjoins(array: Image) -> bool:
+def is_contiguous(array: Image) -> bool:
     """Return True if channels and pixels are contiguous, and rows are ascending without overlap."""
     flags = array.flags
     if not (flags.aligned and array.dtype.isnative):
@@ -119,9 +119,9 @@ def adjoins(array: Image) -> bool:
     return bool((channels == 1 or deep == item) and (width == 1 or across == channels * item) and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0)) and (down % item, across % item, deep % item) == (0, 0, 0))
 
 
-# -- Border of a view: a colour outside the field, or transparency ---------------------------------
+# -- Border of a view: colour or transparency ------------------------------------------------------
 
-LARGEST_VALUE = 1e30  # maximum magnitude of a colour
+MAX_BORDER_VALUE = 1e30  # maximum magnitude of a colour
 
 
 def check_border(border: Border) -> None:
@@ -131,14 +131,14 @@ def check_border(border: Border) -> None:
     except ValueError:
         values = np.empty((0, 0), object)
     if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
-        raise InvalidParameter(f"border = {format_value(border)} is no colour; valid are a number, or one for every channel")
+        raise InvalidParameter(f"border must be one number or one number per channel; got {shown(border)}")
 
 
 def _is_value(value: Any) -> bool:
     if not isinstance(value, int | float | np.integer | np.floating):
         return False
     size: Any = abs(value)
-    return not size > LARGEST_VALUE  # NaN is valid in floating-point images
+    return not size > MAX_BORDER_VALUE  # NaN is valid in floating-point images
 
 
 def border_values(border: Border, image: Image) -> tuple[float, ...]:
@@ -147,14 +147,14 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
     channels = image.shape[2] if image.ndim == 3 else 1
     values = np.array(border, float)
     if values.ndim and len(values) != channels:
-        raise InvalidParameter(f"border = {border} has {len(values)} values, and the picture {channels} channels; a single number stands for all of them")
+        raise InvalidParameter(f"border must have one value, or one for each of the {channels} channels of the image; got {border}")
     full = OPAQUE[image.dtype.name]
     if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
-        raise InvalidParameter(f"border = {border} is no value of a picture of {image.dtype.name}; valid are whole numbers from 0 to {full}")
+        raise InvalidParameter(f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {border}")
     return tuple(np.broadcast_to(values, channels).tolist())
 
 
-def clear_border(border: Border, image: Image) -> tuple[float, ...]:
+def transparent_border(border: Border, image: Image) -> tuple[float, ...]:
     """Return the border of an image with an alpha channel: a colour for programs that ignore alpha,
     and 0.
     """
@@ -172,12 +172,12 @@ def with_alpha(image: Image) -> Image:
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA))
 
 
-# -- OpenCV sampler without compiled module, consistent with :mod:`omnimirror.dewarp.sampling` -----
+# -- OpenCV sampler --------------------------------------------------------------------------------
 
 Values = NDArray[Any]
 
 FLAGS = {"nearest": cv2.INTER_NEAREST, "linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
-LONGEST_SIDE_PX = 32_766  # cv2.remap indexes pixels with 16 bits
+MAX_SIDE_PX = 32_766  # cv2.remap indexes pixels with 16 bits
 BAND_PX = 1 << 17  # output pixels averaged per band
 LIST_WIDTH_PX = 1024  # row width of scattered samples arranged for OpenCV
 
@@ -188,15 +188,15 @@ def remap_opencv(job: RemapJob, where: Pixels) -> None:
         _average(job, where, job.averages)
         return
     rows, columns = where.shape[:2]
-    for top in range(0, rows, LONGEST_SIDE_PX):
-        for left in range(0, columns, LONGEST_SIDE_PX):
-            tile = slice(top, top + LONGEST_SIDE_PX), slice(left, left + LONGEST_SIDE_PX)
+    for top in range(0, rows, MAX_SIDE_PX):
+        for left in range(0, columns, MAX_SIDE_PX):
+            tile = slice(top, top + MAX_SIDE_PX), slice(left, left + MAX_SIDE_PX)
             pixels: Values = where[tile].astype(np.float32)
             inside: Mask = inside_image(pixels, (job.source.shape[1], job.source.shape[0]))
             pixels[~inside] = 0
-            taken = _values(job.source, pixels, job.kernel)
-            taken[~inside] = job.border
-            job.target[tile] = taken
+            samples = _values(job.source, pixels, job.kernel)
+            samples[~inside] = job.border
+            job.target[tile] = samples
 
 
 def _values(image: Image, pixels: Values, kernel: str) -> Image:
@@ -207,27 +207,27 @@ def _values(image: Image, pixels: Values, kernel: str) -> Image:
     x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
     if kernel == "nearest":  # OpenCV versions round halves differently
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
-    taken = cv2.remap(image, x, y, FLAGS[kernel], borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(taken).reshape(*x.shape, channels)
+    samples = cv2.remap(image, x, y, FLAGS[kernel], borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(samples).reshape(*x.shape, channels)
 
 
-# -- averages --------------------------------------------------------------------------------------
+# -- Averages over footprints ----------------------------------------------------------------------
 
 
 def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
     """Compute means over footprints in bands of rows, identical to
     native/src/sampling/footprint.hpp.
     """
-    picture = job.source.astype(np.float32)
+    image = job.source.astype(np.float32)
     rows, columns = where.shape[:2]
     step = averages.step
     band = max(step, BAND_PX // columns // step * step)
     for top in range(0, rows, band):
         bottom = min(top + band, rows)
-        around = _neighbourhood(where, (picture.shape[1], picture.shape[0]), top, bottom)
+        around = _neighbourhood(where, (image.shape[1], image.shape[0]), top, bottom)
         cells = averages.taps[top // step : -(-bottom // step)]
         taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
-        job.target[top:bottom] = _band(picture, around, taps, averages, job.border, job.target.dtype)
+        job.target[top:bottom] = _band(image, around, taps, averages, job.border, job.target.dtype)
 
 
 def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
@@ -235,33 +235,33 @@ def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) 
     first, last = max(top - 1, 0), min(bottom + 1, len(where))
     pixels: Values = where[first:last].astype(np.float32)
     pixels[~inside_image(pixels, size)] = np.nan
-    return _continued(_with_neighbours(pixels), 0, first == top, last == bottom)
+    return _extrapolated(_with_neighbours(pixels), 0, first == top, last == bottom)
 
 
 def _with_neighbours(pixels: Values) -> Values:
     """Extrapolate rows by one pixel at both ends, by a parabola through three pixels if they are
     inside: columns at the seam of a full panorama have neighbours on a circle.
     """
-    whole = _continued(pixels, 1, True, True)
+    extended = _extrapolated(pixels, 1, True, True)
     if pixels.shape[1] > 2:
         for end, (one, two, three) in ((0, (0, 1, 2)), (-1, (-1, -2, -3))):
-            bent = 3 * (pixels[:, one] - pixels[:, two]) + pixels[:, three]
-            whole[:, end] = np.where(np.isnan(bent), whole[:, end], bent)
-    return whole
+            parabola = 3 * (pixels[:, one] - pixels[:, two]) + pixels[:, three]
+            extended[:, end] = np.where(np.isnan(parabola), extended[:, end], parabola)
+    return extended
 
 
-def _continued(pixels: Values, axis: int, before: bool, behind: bool) -> Values:
+def _extrapolated(pixels: Values, axis: int, before: bool, after: bool) -> Values:
     """Extrapolate linearly by one pixel at the ends of an axis."""
     ends = []
-    for end, next_one, wanted in ((0, 1, before), (-1, -2, behind)):
+    for end, next_one, is_extended in ((0, 1, before), (-1, -2, after)):
         last = pixels.take([end], axis)
-        ends.append([2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * wanted)
+        ends.append([2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * is_extended)
     return np.concatenate([*ends[0], pixels, *ends[1]], axis)
 
 
-def _band(picture: Image, around: Values, taps: NDArray[np.uint8], averages: Averages, border: tuple[float, ...], dtype: Any) -> Image:
+def _band(image: Image, around: Values, taps: NDArray[np.uint8], averages: Averages, border: tuple[float, ...], dtype: Any) -> Image:
     middle = around[1:-1, 1:-1]
-    out = np.empty((*middle.shape[:2], picture.shape[2]), np.float32)
+    out = np.empty((*middle.shape[:2], image.shape[2]), np.float32)
     out[:] = border
     aside = _sides(middle, around[1:-1, :-2], around[1:-1, 2:], averages)
     upright = _sides(middle, around[:-2, 1:-1], around[2:, 1:-1], averages)
@@ -269,26 +269,26 @@ def _band(picture: Image, around: Values, taps: NDArray[np.uint8], averages: Ave
     for across, down in np.unique(taps[inside], axis=0):
         chosen = inside & (taps == (across, down)).all(axis=-1)
         places = (middle[chosen] + _part(i, across, [s[chosen] for s in aside]) + _part(j, down, [s[chosen] for s in upright]) for i in range(across) for j in range(down))
-        out[chosen] = _means(picture, middle[chosen], places, averages.annulus)
+        out[chosen] = _means(image, middle[chosen], places, averages.annulus)
     if dtype == np.float32:
         return out
     return np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max).astype(dtype)
 
 
-def _sides(middle: Values, before: Values, behind: Values, averages: Averages) -> list[Values]:
+def _sides(middle: Values, before: Values, after: Values, averages: Averages) -> list[Values]:
     """Return vectors (..., 2) to the neighbours on one axis, shortened as in
     :class:`~.footprints.Rule`.
     """
-    ways = before - middle, behind - middle
-    squares = [(way**2).sum(axis=-1) for way in ways]
+    offsets = before - middle, after - middle
+    squares = [(offset**2).sum(axis=-1) for offset in offsets]
     with np.errstate(invalid="ignore"):
         missing = [np.isnan(s) | (s > JUMP2 * o + JUMP2_PX) for s, o in (squares, squares[::-1])]
     none = missing[0] & missing[1]
     if averages.annulus is None:
         none |= np.isnan(squares[0]) | np.isnan(squares[1])
     sides = []
-    for is_missing, way, opposite in zip(missing, ways, ways[::-1], strict=True):
-        side = np.where(is_missing[..., None], -opposite, way)
+    for is_missing, offset, opposite in zip(missing, offsets, offsets[::-1], strict=True):
+        side = np.where(is_missing[..., None], -opposite, offset)
         side[none] = 0
         sides.append(side * _share((side**2).sum(axis=-1), averages.sharp_px)[..., None])
     return sides
@@ -305,41 +305,41 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
     return abs(t) * sides[0 if t < 0 else 1]
 
 
-def _means(picture: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
+def _means(image: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
     """
-    sums, counts = (np.zeros((len(middle), picture.shape[2]), np.float32), np.zeros(len(middle), np.float32))
+    sums, counts = (np.zeros((len(middle), image.shape[2]), np.float32), np.zeros(len(middle), np.float32))
     for pixels in places:
         if annulus is not None:
             square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
             pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
-        values, seen = _listed(picture, pixels)
+        values, visible = _sampled_list(image, pixels)
         sums += values
-        counts += seen
-    lonely = counts == 0
-    sums[lonely] = _listed(picture, middle[lonely])[0]
+        counts += visible
+    without_samples = counts == 0
+    sums[without_samples] = _sampled_list(image, middle[without_samples])[0]
     means: Image = sums / np.maximum(counts, 1)[:, None]
     return means
 
 
-def _listed(picture: Image, pixels: Values) -> tuple[Image, Mask]:
+def _sampled_list(image: Image, pixels: Values) -> tuple[Image, Mask]:
     """Return cubic samples (n, channels) at scattered pixels (n, 2), 0 outside, and the mask of
     those inside.
     """
-    inside: Mask = inside_image(pixels, (picture.shape[1], picture.shape[0]))
+    inside: Mask = inside_image(pixels, (image.shape[1], image.shape[0]))
     rows = -(-len(pixels) // LIST_WIDTH_PX)
-    laid_out = np.zeros((rows * LIST_WIDTH_PX, 2), np.float32)
-    laid_out[: len(pixels)][inside] = pixels[inside]
+    arranged = np.zeros((rows * LIST_WIDTH_PX, 2), np.float32)
+    arranged[: len(pixels)][inside] = pixels[inside]
     if not rows:
-        return np.zeros((0, picture.shape[2]), np.float32), inside
-    values = _values(picture, laid_out.reshape(rows, LIST_WIDTH_PX, 2), "cubic")
-    values = values.reshape(-1, picture.shape[2])[: len(pixels)]
+        return np.zeros((0, image.shape[2]), np.float32), inside
+    values = _values(image, arranged.reshape(rows, LIST_WIDTH_PX, 2), "cubic")
+    values = values.reshape(-1, image.shape[2])[: len(pixels)]
     values[~inside] = 0
     return values, inside
 
 
-# -- Samplers, and their common entry point: image and map to image --------------------------------
+# -- Selection of the sampler ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -356,7 +356,7 @@ class CompiledSampler:
 class OpenCVSampler:
     """Sampler with OpenCV, which requires coordinates of all pixels."""
 
-    longest_side_px: int = LONGEST_SIDE_PX
+    longest_side_px: int = MAX_SIDE_PX
 
     def sample(self, job: RemapJob, where: Map) -> None:
         remap_opencv(job, where.pixels())
@@ -367,26 +367,26 @@ def sampler() -> Sampler:
     return CompiledSampler() if backend.is_compiled else OpenCVSampler()
 
 
-LEAST_WEIGHT = 1e-6
+MIN_WEIGHT = 1e-6
 """Weight of infinite values above which a mean is infinite, above rounding errors."""
 
 
-def _sample_infinite(chosen: Sampler, job: RemapJob, where: Map) -> None:
+def _sample_infinite(selected: Sampler, job: RemapJob, where: Map) -> None:
     """Sample an image with infinite values: means with a positive weight of them are infinite.
 
     A weight of 0 would make the product with infinity undefined, and so would the negative weights
     of cubic samples beside it. The means of finite values are therefore divided by their weight.
     """
     finite = np.where(np.isinf(job.source), np.float32(0), job.source)
-    chosen.sample(replace(job, source=finite), where)
+    selected.sample(replace(job, source=finite), where)
     result = job.target
     for value in (np.float32(np.inf), np.float32(-np.inf)):
         weight = np.empty_like(result)
         is_value = (job.source == value).astype(np.float32)
-        chosen.sample(replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where)
+        selected.sample(replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where)
         with np.errstate(invalid="ignore"):
-            result /= np.where(weight < LEAST_WEIGHT, 1 - weight, 1)
-        result[weight >= LEAST_WEIGHT] = value
+            result /= np.where(weight < MIN_WEIGHT, 1 - weight, 1)
+        result[weight >= MIN_WEIGHT] = value
 
 
 def remap(image: Image, where: Map, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0) -> Image:
@@ -418,23 +418,23 @@ def remap(image: Image, where: Map, interpolation: Interpolation = "linear", out
     >>> remap(picture, PixelMap(np.array([[[0.25, 0.5], [1.5, 0.0], [1.6, 0.0]]]), (2, 2)), border=7)
     array([[ 25, 100,   7]], dtype=uint8)
     """
-    chosen = sampler()
+    selected = sampler()
     check_kind(image)
     check_interpolation(interpolation)
-    check_largest(image, chosen.longest_side_px)
+    check_largest(image, selected.longest_side_px)
     if image.shape[1::-1] != tuple(where.source_size):
-        raise InvalidParameter(f"the picture has another size than the map: {image.shape[1::-1]}, not {where.source_size}")
+        raise InvalidParameter(f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}")
     out = checked_out(out, image, where.size)
-    whole = out if out.ndim == 3 else out[..., None]
-    is_direct = adjoins(whole) and not np.may_share_memory(image, out)
-    target = whole if is_direct else np.empty(whole.shape, whole.dtype)
-    source = adjoining(image if image.ndim == 3 else image[..., None])
+    target_view = out if out.ndim == 3 else out[..., None]
+    is_direct = is_contiguous(target_view) and not np.may_share_memory(image, out)
+    target = target_view if is_direct else np.empty(target_view.shape, target_view.dtype)
+    source = contiguous(image if image.ndim == 3 else image[..., None])
     averages = where.averages(interpolation)
     job = RemapJob(source, target, KERNELS[interpolation], border_values(border, image), averages)
     if source.dtype == np.float32 and np.isinf(source).any():
-        _sample_infinite(chosen, job, where)
+        _sample_infinite(selected, job, where)
     else:
-        chosen.sample(job, where)
+        selected.sample(job, where)
     if not is_direct:
-        whole[...] = target
+        target_view[...] = target
     return out

@@ -31,12 +31,12 @@ from ..io.video_writer import ImageSequenceWriter, Sink, VideoWriter, check_patt
 from . import views
 from ._dewarper import Dewarper
 from .interfaces import Border, Interpolation
-from .request import BorderArgument, BorderColour, DewarpRequest, Recording, Size
+from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoSettings
 from .screens import View
 from .viewpoints import Viewpoint
 from .yuv import Siting
 
-# -- Dewarping of video frames in their coded format -----------------------------------------------
+# -- Video frames ----------------------------------------------------------------------------------
 
 
 def dewarp_frame(dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None) -> av.VideoFrame:
@@ -77,15 +77,15 @@ def dewarp_frame(dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left"
     """
     frame = workable(frame)
     kind = PixelFormat.of(frame.format.name)
-    made, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame)
+    dewarped, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame)
     is_full = is_full_range(frame)
     if is_full:
-        made.color_range = FULL_RANGE
+        dewarped.color_range = FULL_RANGE
     dewarp.planes(planes(frame), target, siting, to_siting, is_full, kind.bits)
-    return made
+    return dewarped
 
 
-# -- Dewarping of videos, cameras and streams: one source and any number of outputs ----------------
+# -- Videos, cameras and streams -------------------------------------------------------------------
 
 UNKNOWN_RATE = Fraction(25)
 
@@ -102,16 +102,16 @@ class DewarpedVideo:
 
 
 @dataclass(frozen=True)
-class Listener:
+class VideoCallbacks:
     """Callbacks for messages and progress."""
 
-    note: Callable[[str], None] = lambda sentence: None
+    on_warning: Callable[[str], None] = lambda message: None
     """Called with a sentence about losses and doubts."""
-    progress: Callable[[FrameProgress], None] = lambda progress: None
+    on_progress: Callable[[FrameProgress], None] = lambda progress: None
     """Called a few times per second with the progress."""
 
 
-SILENT = Listener()
+NO_CALLBACKS = VideoCallbacks()
 
 
 @validate_arguments
@@ -124,10 +124,10 @@ def dewarp_video(
     interpolation: Interpolation = "auto",
     viewpoint: Viewpoint = "exact",
     border: BorderArgument | None = None,
-    keep_lean: bool = False,
+    keep_tilt: bool = False,
     stored_orientation: bool = False,
-    recording: Recording | None = None,
-    listener: Listener | None = None,
+    settings: VideoSettings | None = None,
+    callbacks: VideoCallbacks | None = None,
 ) -> DewarpedVideo:
     """Dewarp a video, as ``omnimirror dewarp`` does, preserving depth, colours, sound and timing.
 
@@ -146,13 +146,13 @@ def dewarp_video(
         As in :class:`omnimirror.Dewarper`.
     border
         Colour outside the field: a grey level or (red, green, blue), 0 to 255, or ``"#rrggbb"``.
-    keep_lean
+    keep_tilt
         Draw the view relative to the tilted camera, without levelling.
     stored_orientation
         Use frames as stored, ignoring the rotation in the display matrix of the video.
-    recording
+    settings
         Selection of the video and output settings.
-    listener
+    callbacks
         Callbacks for losses and progress; none by default.
 
     Returns
@@ -181,72 +181,72 @@ def dewarp_video(
     (3, (320, 120))
     """
     colour = None if border is None else BorderColour.of(border)
-    how = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_lean, stored_orientation)
+    request = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation)
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
-        raise InvalidParameter("outputs is empty; it is valid with one at least")
-    return dewarp_source(str(source), [str(name) for name in names], how, recording or Recording(), listener)
+        raise InvalidParameter("outputs must contain at least one output")
+    return dewarp_source(str(source), [str(name) for name in names], request, settings or VideoSettings(), callbacks)
 
 
-def dewarp_source(source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener | None = None) -> DewarpedVideo:
+def dewarp_source(source: str, outputs: Sequence[str], request: DewarpRequest, settings: VideoSettings, callbacks: VideoCallbacks | None = None) -> DewarpedVideo:
     """Dewarp a video as specified by a request."""
-    _check_outputs(source, outputs, recording)
-    listener = listener or SILENT
+    _check_outputs(source, outputs, settings)
+    callbacks = callbacks or NO_CALLBACKS
     if is_live(source):
-        return _dewarp_live_source(source, outputs, how, recording, listener)
+        return _dewarp_live_source(source, outputs, request, settings, callbacks)
     with standard_input() if source == "-" else nullcontext(source) as path:
-        return _dewarp_file(str(path), outputs, how, recording, listener)
+        return _dewarp_file(str(path), outputs, request, settings, callbacks)
 
 
-def _dewarp_file(source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener) -> DewarpedVideo:
-    if recording.frame_rate is not None and not is_sequence(source):
-        raise InvalidParameter("a frame rate belongs to numbered pictures; videos tell theirs")
+def _dewarp_file(source: str, outputs: Sequence[str], request: DewarpRequest, settings: VideoSettings, callbacks: VideoCallbacks) -> DewarpedVideo:
+    if settings.frame_rate is not None and not is_sequence(source):
+        raise InvalidParameter(f"frame_rate must be omitted unless the source is an image sequence; got {settings.frame_rate:g}")
     with_audio = any(_is_video_file(output) for output in outputs)
-    rate = 25.0 if recording.frame_rate is None else recording.frame_rate
-    with VideoReader(source, recording.start_s or 0.0, recording.duration_s, with_audio, rate, how.stored_orientation) as reader:
+    rate = 25.0 if settings.frame_rate is None else settings.frame_rate
+    with VideoReader(source, settings.start_s or 0.0, settings.duration_s, with_audio, rate, request.stored_orientation) as reader:
         for note in reader.notes:
-            listener.note(note)
-        turn = ViewOverTime(how, reader.size, recording, reader.siting, reader.pixel_format)
-        sink = _sinks(outputs, turn, FrameProperties(reader.frame_rate, reader.colour, reader.display), reader, listener)
+            callbacks.on_warning(note)
+        view_over_time = ViewOverTime(request, reader.size, settings, reader.siting, reader.pixel_format)
+        sink = _sinks(outputs, view_over_time, FrameProperties(reader.frame_rate, reader.colour, reader.display), reader, callbacks)
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
         if isinstance(sink, ImageSequenceWriter):
             items = sink.missing_frames(items)
-        outcome = _run(items, sink, turn, reader.expected_frames, listener)
-        _report_stale_images(outputs, outcome.frames, recording, listener)
-        return DewarpedVideo(turn.view, outcome)
+        outcome = _run(items, sink, view_over_time, reader.expected_frames, callbacks)
+        _report_stale_images(outputs, outcome.frames, settings, callbacks)
+        return DewarpedVideo(view_over_time.view, outcome)
 
 
-def _dewarp_live_source(source: str, outputs: Sequence[str], how: DewarpRequest, recording: Recording, listener: Listener) -> DewarpedVideo:
-    if recording.start_s is not None:
-        raise InvalidParameter(f"a start belongs to video files; {source} has no beginning")
-    live = LiveSource(source, on_warning=listener.note, stored_orientation=how.stored_orientation)
+def _dewarp_live_source(source: str, outputs: Sequence[str], request: DewarpRequest, settings: VideoSettings, callbacks: VideoCallbacks) -> DewarpedVideo:
+    if settings.start_s is not None:
+        raise InvalidParameter(f"start_s must be omitted for the live source {source}; got {settings.start_s:g}")
+    live = LiveSource(source, on_warning=callbacks.on_warning, stored_orientation=request.stored_orientation)
     try:
         first = live.first()
         for note in live.notes:
-            listener.note(note)
-        turn = ViewOverTime(how, (first.width, first.height), recording, live.siting, first.format.name)
-        told = FrameProperties(live.frame_rate or UNKNOWN_RATE, ColourCoding.of_video(first), MasteringDisplay.of(first.side_data))
-        sink = _sinks(outputs, turn, told, None, listener)
-        outcome = _run(_until(live.frames(), recording.duration_s), sink, turn, None, listener, ahead=0)
+            callbacks.on_warning(note)
+        view_over_time = ViewOverTime(request, (first.width, first.height), settings, live.siting, first.format.name)
+        properties = FrameProperties(live.frame_rate or UNKNOWN_RATE, ColourCoding.of_video(first), MasteringDisplay.of(first.side_data))
+        sink = _sinks(outputs, view_over_time, properties, None, callbacks)
+        outcome = _run(_until(live.frames(), settings.duration_s), sink, view_over_time, None, callbacks, ahead=0)
     finally:
         live.close()
-    _report_stale_images(outputs, outcome.frames, recording, listener)
+    _report_stale_images(outputs, outcome.frames, settings, callbacks)
     summary = f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
-    return DewarpedVideo(turn.view, outcome, summary)
+    return DewarpedVideo(view_over_time.view, outcome, summary)
 
 
-def _report_stale_images(outputs: Sequence[str], count: int, recording: Recording, listener: Listener) -> None:
+def _report_stale_images(outputs: Sequence[str], count: int, settings: VideoSettings, callbacks: VideoCallbacks) -> None:
     """Report numbered images left by an earlier, longer run: readers of the pattern would continue
     with them.
     """
     for output in outputs:
-        if recording.skip_existing or not (_is_file(output) and is_image_output(output)):
+        if settings.skip_existing or not (_is_file(output) and is_image_output(output)):
             continue
         pattern = Path(output)
         if others := [number for number in numbers_of(pattern) if number > count]:
             first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
-            listener.note(f"{output}: what lies there of other runs, {first} to {last}, does not belong to this video")
+            callbacks.on_warning(f"{output}: {first} to {last} are images of a previous run and do not belong to this video")
 
 
 def _is_file(output: str) -> bool:
@@ -262,26 +262,26 @@ def _is_virtual_camera(output: str) -> bool:
     return output.startswith("/dev/video")
 
 
-def _check_outputs(source: str, outputs: Sequence[str], recording: Recording) -> None:
+def _check_outputs(source: str, outputs: Sequence[str], settings: VideoSettings) -> None:
     """Raise an error for conflicting outputs and for options that apply to none of them."""
-    if twice := [output for output in outputs if outputs.count(output) > 1]:
-        raise InvalidParameter(f"{twice[0]} is to be written twice; give each output once")
+    if duplicates := [output for output in outputs if outputs.count(output) > 1]:
+        raise InvalidParameter(f"the outputs must differ; got {duplicates[0]} twice")
     for output in outputs:
         if _is_file(output) and is_same_file(output, source):
-            raise InvalidParameter(f"{output} is the video to straighten; write to another name")
-    pictures = [output for output in outputs if _is_file(output) and is_image_output(output)]
-    for pattern in map(check_pattern, pictures):
+            raise InvalidParameter(f"the output must differ from the source video; got {output}")
+    sequences = [output for output in outputs if _is_file(output) and is_image_output(output)]
+    for pattern in map(check_pattern, sequences):
         if is_sequence(source) and may_share_a_name(source, pattern):
-            raise InvalidParameter(f"{pattern} may write over the pictures {source}; write to another folder")
-    if pictures and recording.skip_existing and (len(outputs) > 1 or recording.preview):
-        raise InvalidParameter(f"what is there already is skipped of one output alone; leave out others than {pictures[0]}")
+            raise InvalidParameter(f"the output must not overwrite the source images {source}; got {pattern}")
+    if sequences and settings.skip_existing and (len(outputs) > 1 or settings.preview):
+        raise InvalidParameter(f"skip_existing must be used with a single image sequence as output; omit all outputs except {sequences[0]}")
     is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
-    if not is_coded and (asked := [name for name in ("codec", "crf") if getattr(recording, name) is not None]):
-        raise InvalidParameter(f"{asked[0]} does not apply to a pipe, camera, window or pictures: no film is made")
-    if recording.pipe_format is not None and "-" not in outputs:
-        raise InvalidParameter("a format of the pipe says what '-' writes; other outputs are named by themselves")
-    if recording.pixel_format is not None and recording.pipe_format != "rawvideo" and not is_coded:
-        raise InvalidParameter("a pixel format belongs to files of videos, streams and a pipe of raw video")
+    if not is_coded and (inapplicable := [name for name in ("codec", "crf") if getattr(settings, name) is not None]):
+        raise InvalidParameter(f"{inapplicable[0]} must be omitted unless an output is a video file or stream; got {getattr(settings, inapplicable[0])}")
+    if settings.pipe_format is not None and "-" not in outputs:
+        raise InvalidParameter(f"pipe_format must be omitted unless an output is '-'; got {settings.pipe_format}")
+    if settings.pixel_format is not None and settings.pipe_format != "rawvideo" and not is_coded:
+        raise InvalidParameter(f"pixel_format must be omitted unless an output is a video file, a stream or a pipe of raw video; got {settings.pixel_format}")
 
 
 class ViewOverTime:
@@ -289,29 +289,29 @@ class ViewOverTime:
 
     border: Border
 
-    def __init__(self, how: DewarpRequest, size: Size, recording: Recording, siting: Siting, pixel_format: str) -> None:
-        stands = how.camera_of(size)
-        self.how, self.recording, self.siting, self.pixel_format = (how, recording, siting, pixel_format)
-        self.camera = how.drawing(stands)
-        self.colour, self.border = how.border, 0
-        self.view: View = how.view_of(self.camera)
-        self.panorama = how.panorama_of(stands, self.view)
-        self.keyframes = None if recording.keyframes is None else Keyframes.load(recording.keyframes)
+    def __init__(self, request: DewarpRequest, size: Size, settings: VideoSettings, siting: Siting, pixel_format: str) -> None:
+        mounted = request.camera_of(size)
+        self.request, self.settings, self.siting, self.pixel_format = (request, settings, siting, pixel_format)
+        self.camera = request.view_camera(mounted)
+        self.colour, self.border = request.border, 0
+        self.view: View = request.view_of(self.camera)
+        self.panorama = request.panorama_of(mounted, self.view)
+        self.keyframes = None if settings.keyframes is None else Keyframes.load(settings.keyframes)
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
             known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
-                raise InvalidParameter(f"{recording.keyframes}: {unknown[0]} does not apply to the {self.view}")
+                raise InvalidParameter(f"{settings.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}")
 
     def _dewarper(self, view: View) -> Dewarper:
-        return self.how.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
+        return self.request.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
 
     def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
         """Return the dewarped frame at a time, with the chroma siting assumed by readers of the
         output.
         """
         if self.colour is not None:  # the first frame determines the colour coding
-            self.border, self.colour = self.colour.of_frame(frame), None
+            self.border, self.colour = self.colour.for_frame(frame), None
             self.still = self._dewarper(self.view)
         if self.keyframes is None:
             return dewarp_frame(self.still, frame, self.siting, to_siting)
@@ -327,51 +327,51 @@ class FrameProperties(NamedTuple):
     display: MasteringDisplay
 
 
-def _sinks(outputs: Sequence[str], turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener) -> Sink:
+def _sinks(outputs: Sequence[str], view_over_time: ViewOverTime, properties: FrameProperties, source: VideoReader | None, callbacks: VideoCallbacks) -> Sink:
     """Open all outputs as one sink; opened outputs are discarded if one fails."""
     with ExitStack() as opened:
         sinks: list[Sink] = []
         for output in outputs:
-            sinks.append(_sink(output, turn, told, source, listener))
+            sinks.append(_sink(output, view_over_time, properties, source, callbacks))
             opened.callback(sinks[-1].abort)
             for note in getattr(sinks[-1], "notes", ()):
-                listener.note(note)
-        if turn.recording.preview:
-            sinks.append(Preview(turn.view.size, f"omnimirror: {turn.view}"))
+                callbacks.on_warning(note)
+        if view_over_time.settings.preview:
+            sinks.append(Preview(view_over_time.view.size, f"omnimirror: {view_over_time.view}"))
         opened.pop_all()
     return Tee(*sinks) if len(sinks) > 1 else sinks[0]
 
 
-def _sink(output: str, turn: ViewOverTime, told: FrameProperties, source: VideoReader | None, listener: Listener) -> Sink:
-    size, recording, rate = turn.view.size, turn.recording, told.rate
-    if told.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
-        listener.note(f"{output}: {DISPLAY_LOST}; a file by libx264 or libx265 keeps it")
+def _sink(output: str, view_over_time: ViewOverTime, properties: FrameProperties, source: VideoReader | None, callbacks: VideoCallbacks) -> Sink:
+    size, settings, rate = view_over_time.view.size, view_over_time.settings, properties.rate
+    if properties.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
+        callbacks.on_warning(f"{output}: {DISPLAY_LOST}; files encoded with libx264 or libx265 preserve it")
     if output == "-":
-        return PipeSink(recording.pipe_format or "y4m", rate, recording.pixel_format or "rgb24")
+        return PipeSink(settings.pipe_format or "y4m", rate, settings.pixel_format or "rgb24")
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
     if is_image_output(output) and "://" not in output:
-        panorama = turn.panorama if can_be_panorama(output) and recording.keyframes is None else None
-        return ImageSequenceWriter(output, size, turn.pixel_format, told.colour, panorama, skip_existing=recording.skip_existing)
-    encoding: dict[str, Any] = recording.encoding()
+        panorama = view_over_time.panorama if can_be_panorama(output) and settings.keyframes is None else None
+        return ImageSequenceWriter(output, size, view_over_time.pixel_format, properties.colour, panorama, skip_existing=settings.skip_existing)
+    encoding: dict[str, Any] = settings.encoding()
     # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
     is_for_any = source is None or "://" in output
-    if is_for_any and "pixel_format" not in encoding and (lost := conversion_losses(turn.pixel_format, PixelFormat())):
-        listener.note(f"{output}: {lost}; --pixel-format names another choice")
+    if is_for_any and "pixel_format" not in encoding and (lost := conversion_losses(view_over_time.pixel_format, PixelFormat())):
+        callbacks.on_warning(f"{output}: {lost}; use --pixel-format for another format")
     if is_for_any:  # use the range assumed by players
-        encoding |= {"colour": replace(told.colour, range=min(told.colour.range, 1)), "display": told.display}
+        encoding |= {"colour": replace(properties.colour, range=min(properties.colour.range, 1)), "display": properties.display}
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
-    if can_be_spherical(output) and recording.keyframes is None:
-        encoding["panorama"] = turn.panorama
+    if can_be_spherical(output) and settings.keyframes is None:
+        encoding["panorama"] = view_over_time.panorama
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
     return VideoWriter.from_source(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
 
 
-def _run(items: Iterable[Item], sink: Sink, turn: ViewOverTime, total: int | None, listener: Listener, ahead: int = 4) -> video_processing.ProcessingResult:
+def _run(items: Iterable[Item], sink: Sink, view_over_time: ViewOverTime, total: int | None, callbacks: VideoCallbacks, ahead: int = 4) -> video_processing.ProcessingResult:
     """Dewarp all frames."""
-    return video_processing.process(items, sink, partial(turn, to_siting=sink.siting), "frame", total=total, queue_size=ahead, on_progress=listener.progress)
+    return video_processing.process(items, sink, partial(view_over_time, to_siting=sink.siting), "frame", total=total, queue_size=ahead, on_progress=callbacks.on_progress)
 
 
 def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:

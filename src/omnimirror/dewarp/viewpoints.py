@@ -20,13 +20,10 @@ from .screens import Screen
 
 Viewpoint: TypeAlias = float | Literal["exact", "single"]
 
-PLACES = 16  # sampled rows and columns of a screen for its distance
-AZIMUTHS, ANGLES = (
-    8,
-    257,
-)  # rays for the evaluation of a single viewpoint; some azimuths may be outside the image
-PRECISION = 1e-7  # relative to the search range
-SIDEWAYS = 1e-6  # minimum sine of the angle from the axis for an intersection with the axis
+SAMPLES_PER_SIDE = 16  # sampled rows and columns of a screen for its distance
+AZIMUTHS, ANGLES = (8, 257)  # rays for the evaluation of a single viewpoint; some azimuths may be outside the image
+RELATIVE_PRECISION = 1e-7  # relative to the search range
+MIN_AXIS_SINE = 1e-6  # minimum sine of the angle from the axis for an intersection with the axis
 
 
 def check_viewpoint(viewpoint: Viewpoint) -> None:
@@ -37,14 +34,10 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
     else:
         number("viewpoint", viewpoint, unit="mm")
         return
-    raise InvalidParameter(
-        f"viewpoint = {format_value(viewpoint)} is not 'exact', 'single' or a height over the vertex in mm"
-    )
+    raise InvalidParameter(f"viewpoint must be 'exact', 'single' or a height above the vertex in mm; got {shown(viewpoint)}")
 
 
-def projection_of(
-    camera: Camera, screen: Screen, viewpoint: Viewpoint
-) -> Callable[[Array], Projection]:
+def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:
     """Return the projection of screen targets (n, 3) by a camera."""
     centre = centre_of_projection(camera, screen, viewpoint)
     if centre is None:
@@ -60,10 +53,10 @@ def centre_of_projection(camera: Camera, screen: Screen, viewpoint: Viewpoint) -
         return None
     if viewpoint == "single":
         viewpoint = single_viewpoint(camera, middle_distance(screen))
-    return place_on_axis(camera, float(viewpoint))
+    return point_on_axis(camera, float(viewpoint))
 
 
-def place_on_axis(camera: Camera, height_mm: float) -> Array:
+def point_on_axis(camera: Camera, height_mm: float) -> Array:
     """Return the world point (3,) mm on the camera axis at a height over the mirror vertex.
 
     Raises
@@ -74,23 +67,21 @@ def place_on_axis(camera: Camera, height_mm: float) -> Array:
     if height_mm == 0:
         return np.zeros(3)
     if camera.symmetry is None:
-        raise InvalidParameter(
-            f"viewpoint = {height_mm:g} mm is nowhere: the camera is not symmetric about an axis; 'exact' is valid"
-        )
-    place: Array = -height_mm * camera.symmetry.axis  # the axis is the direction at field angle 0
-    return place
+        raise InvalidParameter(f"viewpoint must be 'exact' for a camera without axial symmetry; got {height_mm:g} mm")
+    point: Array = -height_mm * camera.symmetry.axis  # the axis is the direction at field angle 0
+    return point
 
 
 def middle_distance(screen: Screen) -> float:
     """Return the median distance (mm) of the points of a screen from the mirror vertex.
 
-    >>> from omnimirror.dewarp.screens import Sphere
-    >>> round(middle_distance(Sphere((40, 20), distance_mm=300.0)), 9)
+    >>> from omnimirror.dewarp.screens import Equirectangular
+    >>> round(middle_distance(Equirectangular((40, 20), distance_mm=300.0)), 9)
     300.0
     """
     width, height = screen.size
-    columns = np.unique(np.linspace(0, width - 1, min(width, PLACES)).round().astype(int))
-    rows = np.unique(np.linspace(0, height - 1, min(height, PLACES)).round().astype(int))
+    columns = np.unique(np.linspace(0, width - 1, min(width, SAMPLES_PER_SIDE)).round().astype(int))
+    rows = np.unique(np.linspace(0, height - 1, min(height, SAMPLES_PER_SIDE)).round().astype(int))
     points = screen.targets_at(columns.astype(float), rows[:, None].astype(float)).reshape(-1, 3)
     distances = np.linalg.norm(points[~np.isnan(points[:, 0])], axis=1)
     return float(np.median(distances)) if len(distances) else np.inf
@@ -121,26 +112,24 @@ def single_viewpoint(camera: Camera, distance_mm: float) -> float:
     0.255
     """
     pixels = _pixels_of_the_field(camera)
-    origins, directions, seen = camera.backproject(pixels)
-    if not seen.any():
-        raise OutsideField("the camera sees nothing, so no viewpoint of it is best")
-    pixels, origins, directions = pixels[seen], origins[seen], directions[seen]
+    origins, directions, visible = camera.backproject(pixels)
+    if not visible.any():
+        raise OutsideField("at least one pixel of the camera must observe the scene; got none")
+    pixels, origins, directions = pixels[visible], origins[visible], directions[visible]
     heights = _heights_on_axis(camera, origins, directions)
     low, high = float(heights.min()), float(heights.max())
-    if np.isinf(distance_mm) or high - low <= PRECISION * max(abs(low), abs(high)):
+    if np.isinf(distance_mm) or high - low <= RELATIVE_PRECISION * max(abs(low), abs(high)):
         return low
     points = origins + distance_mm * directions
 
-    def worst_px(height: float) -> float:
-        apparent = points - place_on_axis(camera, height)
-        return float(np.nanmax(np.hypot(*(_seen_in(camera, apparent, directions) - pixels).T)))
+    def max_error_px(height: float) -> float:
+        apparent = points - point_on_axis(camera, height)
+        return float(np.nanmax(np.hypot(*(_projected_apparent(camera, apparent, directions) - pixels).T)))
 
     from scipy.optimize import minimize_scalar
 
-    best = minimize_scalar(
-        worst_px, bounds=(low, high), method="bounded", options={"xatol": PRECISION * (high - low)}
-    )
-    return float(best.x)
+    optimum = minimize_scalar(max_error_px, bounds=(low, high), method="bounded", options={"xatol": RELATIVE_PRECISION * (high - low)})
+    return float(optimum.x)
 
 
 def _pixels_of_the_field(camera: Camera) -> Array:
@@ -150,30 +139,24 @@ def _pixels_of_the_field(camera: Camera) -> Array:
     s = camera.symmetry
     if s is None:
         width, height = camera.image_size
-        return np.stack(
-            np.meshgrid([0.0, (width - 1) / 2, width - 1.0], [0.0, (height - 1) / 2]), -1
-        ).reshape(-1, 2)
+        return np.stack(np.meshgrid([0.0, (width - 1) / 2, width - 1.0], [0.0, (height - 1) / 2]), -1).reshape(-1, 2)
     phi = np.linspace(0, 2 * np.pi, AZIMUTHS, endpoint=False)
     across = np.outer(np.cos(phi), s.right) + np.outer(np.sin(phi), s.down)
     omega = np.linspace(s.omega_min, s.omega_max, ANGLES)[:, None, None]
-    pixels, seen = camera.project_directions(
-        (np.cos(omega) * s.axis + np.sin(omega) * across).reshape(-1, 3)
-    )
-    return pixels[seen]
+    pixels, visible = camera.project_directions((np.cos(omega) * s.axis + np.sin(omega) * across).reshape(-1, 3))
+    return pixels[visible]
 
 
-def _seen_in(camera: Camera, apparent: Array, true: Array) -> Array:
+def _projected_apparent(camera: Camera, apparent: Array, true: Array) -> Array:
     """Return pixels (n, 2) of apparent directions (n, 3).
 
     Directions outside the field are mirrored at the true direction, which preserves the magnitude
     of the error: without them, viewpoints that move the edge out of the field would be preferred.
     """
-    pixels, seen = camera.project_directions(apparent)
-    unit = apparent[~seen] / np.linalg.norm(apparent[~seen], axis=1, keepdims=True)
-    axis = true[~seen]
-    pixels[~seen] = camera.project_directions(
-        2 * (unit * axis).sum(axis=1, keepdims=True) * axis - unit
-    ).pixels
+    pixels, visible = camera.project_directions(apparent)
+    unit = apparent[~visible] / np.linalg.norm(apparent[~visible], axis=1, keepdims=True)
+    axis = true[~visible]
+    pixels[~visible] = camera.project_directions(2 * (unit * axis).sum(axis=1, keepdims=True) * axis - unit).pixels
     return pixels
 
 
@@ -184,16 +167,14 @@ def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array
     if np.ptp(origins, axis=0).max() == 0 and not origins[0].any():
         return np.zeros(1)
     if camera.symmetry is None:
-        raise InvalidParameter(
-            "the camera's viewpoints lie about no axis, so none of them is best; use 'exact'"
-        )
+        raise InvalidParameter("viewpoint must be 'exact' for a camera without axial symmetry; got 'single'")
     up = -camera.symmetry.axis
-    along, sideways = directions @ up, directions - np.outer(directions @ up, up)
-    tilted = np.linalg.norm(sideways, axis=1) > SIDEWAYS
+    along, across = directions @ up, directions - np.outer(directions @ up, up)
+    tilted = np.linalg.norm(across, axis=1) > MIN_AXIS_SINE
     if not tilted.any():
         return np.zeros(1)
     # Closest approach to the axis: the component s of the ray across the axis satisfies
     # (o + t s) . s = 0, therefore t = -(o . s) / (s . s)
-    steps = -(origins * sideways).sum(axis=1)[tilted] / (sideways**2).sum(axis=1)[tilted]
+    steps = -(origins * across).sum(axis=1)[tilted] / (across**2).sum(axis=1)[tilted]
     heights: Array = (origins @ up)[tilted] + steps * along[tilted]
     return heights

@@ -13,45 +13,13 @@ from ..base.registry import Registry
 from ..cameras.camera import Camera
 from ._source_coordinates import rows_of_pixels
 from .field_of_view import FieldOfView, field_of, pole_of
-from .screens import (
-    CubeMap,
-    Cylinder,
-    Dome,
-    Ground,
-    Layout,
-    LittlePlanet,
-    Mosaic,
-    Plane,
-    Pole,
-    Rows,
-    Screen,
-    Sphere,
-    View,
-    parts_of,
-)
-from .screens._screen import NOT_MOVED, Offset
+from .screens import CubeMap, Cylinder, DomeMaster, Equirectangular, Ground, Layout, LittlePlanet, Mosaic, Plane, Pole, Rows, Screen, View, parts_of
+from .screens._screen import NO_OFFSET, Offset
 
-__all__ = [
-    "LARGEST_MAGNIFICATION",
-    "PRESETS",
-    "VIEWS",
-    "Preset",
-    "cube",
-    "dome",
-    "ground",
-    "largest_zoom",
-    "mosaic",
-    "panorama",
-    "perspective",
-    "planet",
-    "preset",
-    "register_view",
-    "resolution",
-    "sphere",
-]
+__all__ = ["MAX_MAGNIFICATION", "PRESETS", "VIEWS", "Preset", "cube", "dome", "ground", "max_zoom", "mosaic", "panorama", "perspective", "planet", "preset", "register_view", "resolution", "sphere"]
 
 
-# -- Size of a view that preserves the image resolution, and maximum zoom --------------------------
+# -- Resolution, size and maximum zoom -------------------------------------------------------------
 
 PartialSize = tuple[int | None, int | None]
 
@@ -59,16 +27,16 @@ PartialSize = tuple[int | None, int | None]
 UNKNOWN_SIZE: PartialSize = (None, None)
 
 
-LARGEST_MAGNIFICATION = 4.0
+MAX_MAGNIFICATION = 4.0
 """Maximum magnification in output pixels per source pixel: cubic interpolation is still smooth,
 without additional detail above about 1.
 """
 
 
-ROWS_EXAMINED = 65
+SAMPLED_ROWS = 65
 
 
-LARGEST_RATIO = 1e6  # maximum aspect of an image
+MAX_ASPECT_RATIO = 1e6  # maximum aspect of an image
 
 
 @validate_arguments
@@ -98,15 +66,15 @@ def resolution(camera: Camera, view: View) -> float:
     >>> print(f"{om.views.resolution(om.load_sensor('paper-spherical'), view):.3f}")
     0.154
     """
-    found = [screen_resolution(camera, part.screen) for part in parts_of(view)]
-    return float(min((r for r in found if np.isfinite(r)), default=np.nan))
+    resolutions = [screen_resolution(camera, part.screen) for part in parts_of(view)]
+    return float(min((r for r in resolutions if np.isfinite(r)), default=np.nan))
 
 
 @validate_arguments
-def largest_zoom(camera: Camera, view: View) -> float:
+def max_zoom(camera: Camera, view: View) -> float:
     """Return the maximum zoom factor within the resolution of the camera, at least 1.
 
-    At this zoom, :data:`LARGEST_MAGNIFICATION` output pixels correspond to one source pixel;
+    At this zoom, :data:`MAX_MAGNIFICATION` output pixels correspond to one source pixel;
     infinite if the resolution is unknown.
 
     Parameters
@@ -125,11 +93,11 @@ def largest_zoom(camera: Camera, view: View) -> float:
     --------
     >>> import omnimirror as om
     >>> camera = om.load_sensor("paper-spherical")
-    >>> print(f"{om.views.largest_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
+    >>> print(f"{om.views.max_zoom(camera, om.views.perspective(hfov_deg=120.0)):.2f}")
     2.94
     """
-    within = LARGEST_MAGNIFICATION * resolution(camera, view)
-    return max(1.0, within) if np.isfinite(within) else np.inf
+    maximum = MAX_MAGNIFICATION * resolution(camera, view)
+    return max(1.0, maximum) if np.isfinite(maximum) else np.inf
 
 
 def screen_resolution(camera: Camera, screen: Screen) -> float:
@@ -137,44 +105,35 @@ def screen_resolution(camera: Camera, screen: Screen) -> float:
     if width < 2 or height < 2:
         return np.nan
     middle = (height - 2) / 2
-    rows = np.unique(np.linspace(0, height - 2, min(height - 1, ROWS_EXAMINED)).round().astype(int))
-    nearest, found = np.inf, np.nan
+    rows = np.unique(np.linspace(0, height - 2, min(height - 1, SAMPLED_ROWS)).round().astype(int))
+    nearest, resolution_at_middle = np.inf, np.nan
     for row in map(int, rows[np.argsort(abs(rows - middle), kind="stable")]):
         if abs(row - middle) >= nearest:
             break
         pixels = rows_of_pixels(camera, screen, row, row + 2)
         across, down = np.diff(pixels[0], axis=0), (pixels[1] - pixels[0])[:-1]
         area = abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
-        distances = np.where(
-            np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle)
-        )
-        best = int(np.argmin(distances))
-        if distances[best] < nearest:
-            nearest, found = float(distances[best]), float(np.sqrt(area[best]))
-    return found
+        distances = np.where(np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle))
+        nearest_column = int(np.argmin(distances))
+        if distances[nearest_column] < nearest:
+            nearest, resolution_at_middle = (float(distances[nearest_column]), float(np.sqrt(area[nearest_column])))
+    return resolution_at_middle
 
 
-def field_end(seen: FieldOfView, pole: Pole) -> float:
+def field_end(field: FieldOfView, pole: Pole) -> float:
     """Return the angle (deg) from a pole to the far end of the field."""
-    return 90 - seen.tilt_min_deg if pole == "zenith" else 90 + seen.tilt_max_deg
+    return 90 - field.tilt_min_deg if pole == "zenith" else 90 + field.tilt_max_deg
 
 
-def completed(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
+def completed_size(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise InvalidType(
-            f"size = {format_value(size)} is not (width, height) in px, each perhaps None"
-        )
-    width, height = (
-        side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size
-    )
+        raise InvalidType(f"size must be (width, height) in px, each a number or None; got {shown(size)}")
+    width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
     if width is not None and height is not None:
         return width, height
-    if not np.isfinite(natural).all() or max(natural) > LARGEST_RATIO * min(natural) >= 0:
-        raise InvalidParameter(
-            f"a view of {natural[0]:.3g} x {natural[1]:.3g} px, at the picture's resolution, is no picture; give it "
-            "other angles, or both sides of its size"
-        )
+    if not np.isfinite(natural).all() or max(natural) > MAX_ASPECT_RATIO * min(natural) >= 0:
+        raise InvalidParameter(f"the size of the view at the resolution of the image must be finite and nonzero; got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or specify both sides")
     if width is None and height is None:
         return _even(natural[0]), _even(natural[1])
     if height is None:
@@ -188,12 +147,12 @@ def _even(length: float) -> int:
     return max(2, 2 * round(length / 2))
 
 
-# -- Views of all types for a camera: they cover its field at the resolution of its image ----------
+# -- Views of a camera -----------------------------------------------------------------------------
 
 PERSPECTIVE_SIZE = (1280, 720)
 
 
-WIDEST_PLANET_DEG = 270.0  # beyond it, the opposite pole fills most of the image
+MAX_PLANET_DEG = 270.0  # beyond it, the opposite pole fills most of the image
 
 
 PLAN_HEIGHTS = 4.0  # side of a plan relative to the mirror height: down to 63 deg from the nadir
@@ -203,17 +162,7 @@ VIEWS_IN_MOSAIC = 4
 
 
 @validate_arguments
-def panorama(
-    camera: Camera,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    span_deg: float = 360.0,
-    elevation_deg: tuple[float, float] | None = None,
-    rows: Rows = "tilt",
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> Cylinder:
+def panorama(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, span_deg: float = 360.0, elevation_deg: tuple[float, float] | None = None, rows: Rows = "tilt", distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Cylinder:
     """Create a panorama of the camera's elevation range, or a given range, at its mean resolution.
 
     With rows linear in height, the elevations are required unless the field excludes both poles.
@@ -248,28 +197,17 @@ def panorama(
     >>> panorama(om.load_sensor("paper-spherical")).size  # .21 deg per pixel
     (1706, 640)
     """
-    seen = field_of(camera)
-    low, high = elevation_deg or (seen.tilt_min_deg, seen.tilt_max_deg)
+    field = field_of(camera)
+    low, high = elevation_deg or (field.tilt_min_deg, field.tilt_max_deg)
     tall = high - low
     if rows == "height" and -90 < low < high < 90:
         tall = float(np.degrees(np.ptp(np.tan(np.radians([low, high])))))
-    natural = span_deg * seen.pixels_per_degree, tall * seen.pixels_per_degree
-    return Cylinder(
-        completed(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm
-    )
+    natural = span_deg * field.pixels_per_degree, tall * field.pixels_per_degree
+    return Cylinder(completed_size(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
 
 
 @validate_arguments
-def sphere(
-    camera: Camera,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    span_deg: float = 360.0,
-    elevation_deg: tuple[float, float] = (-90.0, 90.0),
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> Sphere:
+def sphere(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, span_deg: float = 360.0, elevation_deg: tuple[float, float] = (-90.0, 90.0), distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Equirectangular:
     """Create an equirectangular view of the sphere, or of a part of it, at the mean resolution of
     the camera.
 
@@ -295,7 +233,7 @@ def sphere(
 
     Returns
     -------
-    Sphere
+    Equirectangular
         Screen.
 
     Raises
@@ -317,24 +255,12 @@ def sphere(
         natural = 2.0 * _even(natural[1]), float(_even(natural[1]))
         width, height = size
         if height is None and width is not None and width % 2:
-            raise InvalidParameter(
-                f"{width} px of an equirectangular picture that is twice as wide as high have no half; give an even "
-                f"width, such as {width + 1}, or the height too"
-            )
-    return Sphere(completed(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
+            raise InvalidParameter(f"the width must be even for an equirectangular image with the aspect ratio 2:1; got {width} px; use for example {width + 1} px, or specify the height also")
+    return Equirectangular(completed_size(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
 
 
 @validate_arguments
-def perspective(
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    tilt_deg: float = 0.0,
-    roll_deg: float = 0.0,
-    hfov_deg: float = 90.0,
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> Plane:
+def perspective(size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, tilt_deg: float = 0.0, roll_deg: float = 0.0, hfov_deg: float = 90.0, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Plane:
     """Create a perspective view, 1280 x 720 by default.
 
     Parameters
@@ -365,28 +291,11 @@ def perspective(
     >>> om.views.perspective(hfov_deg=40.0).size
     (1280, 720)
     """
-    return Plane(
-        completed(size, PERSPECTIVE_SIZE),
-        pan_deg,
-        tilt_deg,
-        roll_deg,
-        hfov_deg,
-        distance_mm,
-        offset_mm,
-    )
+    return Plane(completed_size(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
 
 
 @validate_arguments
-def dome(
-    camera: Camera,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    omega_deg: tuple[float, float] | None = None,
-    pole: Pole | None = None,
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> Dome:
+def dome(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, omega_deg: tuple[float, float] | None = None, pole: Pole | None = None, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> DomeMaster:
     """Create a dome about the pole nearest to the centre of the field, up to the end of the field.
 
     Parameters
@@ -409,7 +318,7 @@ def dome(
 
     Returns
     -------
-    Dome
+    DomeMaster
         Screen.
 
     Examples
@@ -419,26 +328,15 @@ def dome(
     >>> om.views.dome(camera).pole
     'nadir'
     """
-    seen = field_of(camera)
+    field = field_of(camera)
     pole = pole or pole_of(camera)
-    first, last = omega_deg or (0.0, field_end(seen, pole))
-    diameter = 2 * last * seen.pixels_per_degree
-    return Dome(
-        completed(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm
-    )
+    first, last = omega_deg or (0.0, field_end(field, pole))
+    diameter = 2 * last * field.pixels_per_degree
+    return DomeMaster(completed_size(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
 
 
 @validate_arguments
-def planet(
-    camera: Camera,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    hfov_deg: float | None = None,
-    pole: Pole | None = None,
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> LittlePlanet:
+def planet(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, hfov_deg: float | None = None, pole: Pole | None = None, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> LittlePlanet:
     """Create a little planet about the pole nearest to the centre of the field, up to the end of
     the field.
 
@@ -471,25 +369,15 @@ def planet(
     >>> om.views.planet(camera).hfov_deg
     270.0
     """
-    seen = field_of(camera)
+    field = field_of(camera)
     pole = pole or pole_of(camera)
-    hfov = hfov_deg or min(2 * field_end(seen, pole), WIDEST_PLANET_DEG)
-    diameter = hfov * seen.pixels_per_degree
-    return LittlePlanet(
-        completed(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm
-    )
+    hfov = hfov_deg or min(2 * field_end(field, pole), MAX_PLANET_DEG)
+    diameter = hfov * field.pixels_per_degree
+    return LittlePlanet(completed_size(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
 
 
 @validate_arguments
-def ground(
-    camera: Camera,
-    height_mm: float,
-    *,
-    size: PartialSize = UNKNOWN_SIZE,
-    mm_per_px: float | None = None,
-    pan_deg: float = 0.0,
-    offset_mm: Offset = NOT_MOVED,
-) -> Ground:
+def ground(camera: Camera, height_mm: float, *, size: PartialSize = UNKNOWN_SIZE, mm_per_px: float | None = None, pan_deg: float = 0.0, offset_mm: Offset = NO_OFFSET) -> Ground:
     """Create a plan of the ground with a width of 4 mirror heights at the mean resolution of the
     image.
 
@@ -522,19 +410,11 @@ def ground(
     """
     scale = mm_per_px or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
     side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
-    return Ground(completed(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
+    return Ground(completed_size(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
 
 
 @validate_arguments
-def cube(
-    camera: Camera,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    layout: Layout = "cross",
-    pan_deg: float = 0.0,
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> CubeMap:
+def cube(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, layout: Layout = "cross", pan_deg: float = 0.0, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> CubeMap:
     """Create a cube map with faces of the mean resolution of the camera.
 
     Parameters
@@ -566,23 +446,11 @@ def cube(
     """
     face = _even(90 * field_of(camera).pixels_per_degree)
     columns, rows = CubeMap.grid(layout)
-    return CubeMap(
-        completed(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm
-    )
+    return CubeMap(completed_size(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
 
 
 @validate_arguments
-def mosaic(
-    camera: Camera,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    tilt_deg: float = 0.0,
-    hfov_deg: float = 90.0,
-    elevation_deg: tuple[float, float] | None = None,
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> Mosaic:
+def mosaic(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, tilt_deg: float = 0.0, hfov_deg: float = 90.0, elevation_deg: tuple[float, float] | None = None, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Mosaic:
     """Create a panorama above four perspective views (left, ahead, right, behind) with an aspect of
     4:3.
 
@@ -627,47 +495,32 @@ def mosaic(
     """
     width, height = size
     if height is not None:
-        raise InvalidParameter(
-            f"the height of a mosaic, {height} px, follows from its width; give the width only"
-        )
-    part = round(
-        (width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC
-    )
+        raise InvalidParameter(f"the height of a mosaic must be None, as it follows from the width; got {height} px")
+    part = round((width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC)
     part_size = max(1, part), max(1, round(part * 3 / 4))
-    over = panorama(
-        camera,
-        (VIEWS_IN_MOSAIC * part_size[0], None),
-        pan_deg=pan_deg + 45,
-        elevation_deg=elevation_deg,
-    )
+    over = panorama(camera, (VIEWS_IN_MOSAIC * part_size[0], None), pan_deg=pan_deg + 45, elevation_deg=elevation_deg)
     pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
     under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
     return Mosaic.panorama_over_views(over, under)
 
 
-# -- Placements of the virtual screen in the paper (Fig. 13) ---------------------------------------
+# -- Presets of the paper (Fig. 13) ----------------------------------------------------------------
 
 
 class Preset(NamedTuple):
     """Placement of the virtual screen of the paper in front of the virtual projector (Fig. 13)."""
 
-    widths_away: float
+    distance_widths: float
     """Distance of the screen from the projector in screen widths."""
-    is_bent: bool
+    is_curved: bool
     """True for a screen bent about the projector, False for a flat one."""
     description: str
 
 
 PRESETS: dict[str, Preset] = {
-    "distant": Preset(
-        2.0, False, "flat, two widths away: 28 deg wide, as through a telephoto lens"
-    ),
-    "wide": Preset(
-        0.5, False, "the same screen moved up to half a width: 90 deg wide, still in perspective"
-    ),
-    "super-wide": Preset(
-        1 / np.pi, True, "the same screen bent half round the projector: 180 deg wide"
-    ),
+    "distant": Preset(2.0, False, "flat, at two screen widths: field of 28 deg, as with a telephoto lens"),
+    "wide": Preset(0.5, False, "flat, at half a screen width: field of 90 deg, still in perspective"),
+    "super-wide": Preset(1 / np.pi, True, "bent to a half cylinder around the projector: field of 180 deg"),
 }
 """Distant, wide-angle and super-wide-angle views of the paper: one screen at three positions.
 
@@ -678,15 +531,7 @@ in height.
 
 
 @validate_arguments
-def preset(
-    name: str,
-    size: PartialSize = UNKNOWN_SIZE,
-    *,
-    pan_deg: float = 0.0,
-    tilt_deg: float = 0.0,
-    distance_mm: float = np.inf,
-    offset_mm: Offset = NOT_MOVED,
-) -> Plane | Cylinder:
+def preset(name: str, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, tilt_deg: float = 0.0, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Plane | Cylinder:
     """Create one of the views of :data:`PRESETS`; a bent screen is moved up instead of tilted.
 
     Parameters
@@ -723,10 +568,10 @@ def preset(
     panorama (180 deg around pan 0, elevation -41.4629 to 41.4629 deg)
     """
     if name not in PRESETS:
-        raise InvalidParameter(f"there is no preset {name!r}; there are {', '.join(PRESETS)}")
-    away, is_bent, _ = PRESETS[name]
-    width, height = completed(size, PERSPECTIVE_SIZE)
-    if not is_bent:
+        raise InvalidParameter(f"the preset must be one of {', '.join(PRESETS)}; got {name!r}")
+    away, is_curved, _ = PRESETS[name]
+    width, height = completed_size(size, PERSPECTIVE_SIZE)
+    if not is_curved:
         hfov = float(2 * np.degrees(np.arctan(0.5 / away)))
         return Plane((width, height), pan_deg, tilt_deg, 0.0, hfov, distance_mm, offset_mm)
     end = float(np.degrees(np.arctan(height / width / 2 / away)))
@@ -735,32 +580,18 @@ def preset(
     return bent.panned(0.0, tilt_deg)
 
 
-# -- Registry of views by name, including views of plug-ins ----------------------------------------
+# -- Registry of views -----------------------------------------------------------------------------
 
 
 def _check_maker(name: str, make: Any) -> None:
     if not callable(make):
-        raise InvalidType(f"{format_value(make)} is no function of a camera that gives a view")
+        raise InvalidType(f"the view {name!r} must be a function of a camera that returns a view; got {shown(make)}")
 
 
 ViewMaker: TypeAlias = Callable[..., View]
 
 
-VIEWS: Registry[ViewMaker] = Registry(
-    "omnimirror.views",
-    "a view",
-    {
-        "panorama": panorama,
-        "perspective": lambda _, **options: perspective(**options),
-        "dome": dome,
-        "sphere": sphere,
-        "ground": ground,
-        "planet": planet,
-        "cube": cube,
-        "mosaic": mosaic,
-    },
-    _check_maker,
-)
+VIEWS: Registry[ViewMaker] = Registry("omnimirror.views", "a view", {"panorama": panorama, "perspective": lambda _, **options: perspective(**options), "dome": dome, "sphere": sphere, "ground": ground, "planet": planet, "cube": cube, "mosaic": mosaic}, _check_maker)
 """Views by command-line name, called as ``make(camera, **options)``."""
 
 

@@ -12,7 +12,7 @@ from .interfaces import Border, Image, Interpolation, Map
 from .maps import half
 from .sampling import remap
 
-# -- Planes of coded video frames: arrangement, creation and validation ----------------------------
+# -- Planes of coded video frames ------------------------------------------------------------------
 
 Siting: TypeAlias = Literal["left", "center", "topleft", "right", "top", "bottom"]
 Planes: TypeAlias = tuple[Image, ...]
@@ -46,12 +46,12 @@ def check_planes(parts: Planes, size: tuple[int, int], bits: int) -> None:
     kinds = {part.dtype for part in parts}
     if len(kinds) != 1 or not kinds <= {np.dtype(np.uint8), np.dtype(np.uint16)}:
         raise InvalidParameter(
-            f"planes hold {', '.join(sorted(map(str, kinds)))}; valid are uint8, or all uint16"
+            f"planes must be all uint8 or all uint16; got {', '.join(sorted(map(str, kinds)))}"
         )
     low, high = (8, 8) if parts[0].dtype == np.uint8 else (9, 16)
     if not low <= bits <= high:
         raise InvalidParameter(
-            f"bits = {bits} does not go with {parts[0].dtype} planes; valid are {low} to {high}"
+            f"bits must be between {low} and {high} for {parts[0].dtype} planes; got {bits}"
         )
 
 
@@ -61,9 +61,9 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
     """
     (across, down), luma = half(size), (size[1], size[0])
     pairs: list[tuple[int, ...]] = [luma, (down, across, 2)]
-    of_colours = {(2, 2): (down, across), (2, 1): (size[1], across), (1, 1): luma}
+    chroma_shapes = {(2, 2): (down, across), (2, 1): (size[1], across), (1, 1): luma}
     three: dict[tuple[int, int], list[tuple[int, ...]]] = {
-        by: [luma, c, c] for by, c in of_colours.items()
+        by: [luma, c, c] for by, c in chroma_shapes.items()
     }
     if not like:
         valid = [pairs, *three.values(), *([*part, luma] for part in three.values())]
@@ -72,14 +72,17 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
     else:
         valid = [three[subsampling(like)] + [luma] * (len(like) - 3)]
     if [part.shape for part in parts] not in valid:
-        found, wanted = ", ".join(str(part.shape) for part in parts), ", ".join(map(str, valid[0]))
+        shapes, expected = (
+            ", ".join(str(part.shape) for part in parts),
+            ", ".join(map(str, valid[0])),
+        )
         also = (
             ""
             if like
-            else f", or three, of which the last two are {', '.join(map(str, of_colours.values()))}"
+            else f", or three planes with chroma of {', '.join(map(str, chroma_shapes.values()))}"
         )
         raise InvalidParameter(
-            f"planes of shapes {found} are no picture of {size[0]} x {size[1]} px; valid are {wanted}{also}"
+            f"planes must have the shapes {expected}{also} for {size[0]} x {size[1]} px; got {shapes}"
         )
 
 
@@ -105,15 +108,15 @@ def border_of_planes(border: Border, full_range: bool, bits: int) -> tuple[float
     if isinstance(border, Sequence):
         if len(border) != 3:
             raise InvalidParameter(
-                f"border = {border} is no colour of a 4:2:0 frame; valid are a grey, or y, u and v"
+                f"border must be a grey level or (y, u, v) for a 4:2:0 frame; got {border}"
             )
         return border[0], border[1], border[2]
-    most = (1 << bits) - 1
-    if not 0 <= border <= most:
+    white = (1 << bits) - 1
+    if not 0 <= border <= white:
         raise InvalidParameter(
-            f"border = {border} is no grey of {bits} bits; valid are 0 to {most}"
+            f"border must be between 0 and {white} for {bits} bits; got {border}"
         )
-    y = border if full_range else (16 << (bits - 8)) + border * (219 << (bits - 8)) / most
+    y = border if full_range else (16 << (bits - 8)) + border * (219 << (bits - 8)) / white
     return round(y), 1 << (bits - 1), 1 << (bits - 1)
 
 
@@ -126,7 +129,7 @@ def empty_planes(like: Planes, size: tuple[int, int]) -> Planes:
     )
 
 
-# -- Dewarping of video frames by planes: luma with the map of the view, chroma with a derived map
+# -- Dewarping by planes ---------------------------------------------------------------------------
 #
 # In 4:2:0 a chroma sample belongs to 2 x 2 luma pixels at a position given by the siting; its map is
 # that of luma, :meth:`halved <omnimirror.dewarp.interfaces.Map.halved>`.
@@ -167,10 +170,10 @@ def remap_whole_planes(
     is_shared = subsampling(parts) == (2, 1)
     for part, target, value in zip(parts[1:3], out[1:3], border[1:], strict=True):
         if is_shared:
-            whole = remap(
+            full = remap(
                 widened(part, parts[0].shape[1], sitings[0]), luma, interpolation, None, value
             )
-            target[:] = narrowed(whole, sitings[1])
+            target[:] = narrowed(full, sitings[1])
         else:
             remap(part, luma, interpolation, target, value)
     return out

@@ -17,14 +17,14 @@ from ..optics.lenses.distortion import fold
 from ..optics.mirrors import Mirror
 from ..optics.sensor import Sensor
 from ..optics.tracing.obscuration import Obstructions
-from .image_tiles import LIGHT, Medium, Progress, Tile, render_tiles
-from .pixel_rays import Samples, mirror_net
+from .image_tiles import LIGHT, PixelConversion, Progress, Tile, render_tiles
+from .pixel_rays import Samples, mirror_grid
 from .radiometry import Radiometry
 from .scenes._painting import PaintedScene, Surroundings
 from .scenes.environment import Environment
-from .scenes.scene import Distant, PosedScene, Scene
+from .scenes.scene import DistantScene, PosedScene, Scene
 
-# -- Sensor parameters for the compiled kernels: lens, mirror and obstructions ---------------------
+# -- Sensor parameters for the compiled kernels ----------------------------------------------------
 
 PROFILE_NODES = 2049  # nodes of the meridian; cubic interpolation of the sag is accurate to 1e-6 mm
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -84,26 +84,26 @@ def native_optics(
         conic=conic,
         rim=mirror.rim_radius_mm,
         nodes=nodes,
-        reflectance=tuple(reflectance_series(radiometry, steepest_incidence(sensor))),
+        reflectance=tuple(reflectance_series(radiometry, max_incidence(sensor))),
         natural_vignetting=radiometry.vignetting,
-        **_standing(sensor.obstructions, m),
-        housing_light=(radiometry.grey,) * 3,
-        sees_past=radiometry.sees_past,
+        **_obstruction_parameters(sensor.obstructions, m),
+        housing_light=(radiometry.housing_light,) * 3,
+        sees_past=radiometry.direct_view,
         rotation=tuple(rotation.ravel()),
         shift=tuple(np.array(frame.shift_mm) - (0.0 if frame.distant else m) * rotation[:, 2]),
         distant=frame.distant,
     )
 
 
-def _standing(standing: Obstructions, m: float) -> dict[str, Any]:
+def _obstruction_parameters(obstructions: Obstructions, m: float) -> dict[str, Any]:
     """Return the obstructions with heights from the entrance pupil; without the walls of tubes and
     domes.
     """
-    camera, rod, rim = standing.camera, standing.rod, standing.rim
+    camera, rod, rim = obstructions.camera, obstructions.rod, obstructions.rim
     return {
         "body_z": m + camera.height_mm if camera else 0.0,
         "body_radius": camera.radius_mm if camera else 0.0,
-        "lens_radius": standing.front_ring_mm / 2,
+        "lens_radius": obstructions.front_ring_mm / 2,
         "edge_z": rim.height_mm if rim else 0.0,
         "edge_radius": rim.radius_mm if rim else 0.0,
         "rod_z": (m + rod.foot_mm, m + rod.top_mm) if rod else (0.0, 0.0),
@@ -115,7 +115,7 @@ REFLECTANCE_TERMS = 8
 INCIDENCE_MARGIN = np.radians(2.0)  # margin of the angle of incidence for rays through the edge of the aperture
 
 
-def steepest_incidence(sensor: Sensor) -> float:
+def max_incidence(sensor: Sensor) -> float:
     """Return the maximum angle of incidence on the mirror, radians, with a margin."""
     aligned, pose = sensor.aligned(), sensor.mirror_pose
     gamma = aligned.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, 257)).gamma
@@ -166,22 +166,22 @@ def _surface(mirror: Mirror) -> tuple[float, float, NDArray[np.float32]]:
     (c, ck), *_ = np.linalg.lstsq(np.stack([x**2, z**2], axis=-1), 2 * z, rcond=None)
     conic = float(ck / c - 1) if c > 0 else -1.0
     with np.errstate(invalid="ignore"):
-        same = c * x**2 / (1 + np.sqrt(1 - (1 + conic) * c**2 * x**2))
-    is_conic = bool(np.abs(same - z).max() < CONIC_TOLERANCE_MM)
+        fitted_sag = c * x**2 / (1 + np.sqrt(1 - (1 + conic) * c**2 * x**2))
+    is_conic = bool(np.abs(fitted_sag - z).max() < CONIC_TOLERANCE_MM)
     nodes = np.zeros((0, 3)) if is_conic else np.stack(profile, axis=-1)
     return float(c), conic, nodes.astype(np.float32)
 
 
-# -- Rendering with compiled kernels: environments, and surfaces in front of a distant background
+# -- Rendering with compiled kernels ---------------------------------------------------------------
 #
 # Rays are not stored, except those that reach the background.
 
 ROWS_AT_ONCE = 64  # rows of an environment between progress reports
 # Relative to the rim radius: maximum distance of ray origins from the box around the mirror grid
-BESIDE = 0.02
+ORIGIN_MARGIN = 0.02
 
 
-class _Placed(NamedTuple):
+class _SceneTransform(NamedTuple):
     """Scene without its placement: directions are rotated, and points then shifted, or all moved to
     the shift.
     """
@@ -197,17 +197,17 @@ class _Placed(NamedTuple):
         return SceneFrame(tuple(self.turn.ravel()), tuple(self.shift_mm), self.distant)
 
 
-def _placed(scene: Scene) -> _Placed:
-    if isinstance(scene, Distant):
-        return _placed(scene.scene)._replace(distant=True)
+def _scene_transform(scene: Scene) -> _SceneTransform:
+    if isinstance(scene, DistantScene):
+        return _scene_transform(scene.scene)._replace(distant=True)
     if isinstance(scene, PosedScene):
-        inner, pose = _placed(scene.scene), scene.pose
+        inner, pose = _scene_transform(scene.scene), scene.pose
         shift = inner.shift_mm if inner.distant else inner.turn @ pose.shift_mm + inner.shift_mm
         return inner._replace(turn=inner.turn @ pose.rotation(), shift_mm=shift)
-    return _Placed(scene, np.eye(3), np.zeros(3), False)
+    return _SceneTransform(scene, np.eye(3), np.zeros(3), False)
 
 
-def compiled_light(sensor: Sensor, scene: Scene, plan: Samples, radiometry: Radiometry, progress: Progress | None = None, workers: int | None = None, medium: Medium = LIGHT) -> NDArray[Any] | None:
+def compiled_light(sensor: Sensor, scene: Scene, plan: Samples, radiometry: Radiometry, on_progress: Progress | None = None, workers: int | None = None, conversion: PixelConversion = LIGHT) -> NDArray[Any] | None:
     """Render the image (rows, columns, 3) of a scene supported by the kernels; None for others.
 
     Parameters
@@ -218,51 +218,51 @@ def compiled_light(sensor: Sensor, scene: Scene, plan: Samples, radiometry: Radi
     scene
     plan
     radiometry
-    progress
+    on_progress
     workers
-    medium
+    conversion
     """
-    placed = _placed(scene)
-    if isinstance(placed.scene, Environment):
-        return _of_environment(sensor, placed.scene, placed, plan, radiometry, progress, medium)
+    transform = _scene_transform(scene)
+    if isinstance(transform.scene, Environment):
+        return _render_environment(sensor, transform.scene, transform, plan, radiometry, on_progress, conversion)
     # Rays past the mirror have arbitrary origins
-    if isinstance(placed.scene, PaintedScene) and not radiometry.sees_past:
-        starts = rotate_vectors(mirror_net(sensor).reshape(-1, 3), placed.turn.T) + placed.shift_mm
-        starts = np.where(placed.distant, placed.shift_mm, starts)
-        margin = 0.0 if placed.distant else BESIDE * sensor.mirror.rim_radius_mm
-        surroundings = placed.scene.surroundings_from(starts.min(axis=0) - margin, starts.max(axis=0) + margin)
+    if isinstance(transform.scene, PaintedScene) and not radiometry.direct_view:
+        starts = rotate_vectors(mirror_grid(sensor).reshape(-1, 3), transform.turn.T) + transform.shift_mm
+        starts = np.where(transform.distant, transform.shift_mm, starts)
+        margin = 0.0 if transform.distant else ORIGIN_MARGIN * sensor.mirror.rim_radius_mm
+        surroundings = transform.scene.surroundings_from(starts.min(axis=0) - margin, starts.max(axis=0) + margin)
         if surroundings is not None:
-            optics = native_optics(sensor, radiometry, plan.blur, placed.frame())
-            light_of = partial(_of_surfaces, optics, surroundings, plan)
-            return render_tiles(light_of, sensor.image_size, len(plan.points), progress, workers, medium)
+            optics = native_optics(sensor, radiometry, plan.blur, transform.frame())
+            light_of = partial(_render_surfaces, optics, surroundings, plan)
+            return render_tiles(light_of, sensor.image_size, len(plan.points), on_progress, workers, conversion)
     return None
 
 
-def _of_environment(sensor: Sensor, world: Environment, placed: _Placed, plan: Samples, radiometry: Radiometry, progress: Progress | None, medium: Medium) -> NDArray[Any]:
-    frame = placed._replace(turn=world.heading() @ placed.turn).frame()
+def _render_environment(sensor: Sensor, world: Environment, transform: _SceneTransform, plan: Samples, radiometry: Radiometry, on_progress: Progress | None, conversion: PixelConversion) -> NDArray[Any]:
+    frame = transform._replace(turn=world.heading() @ transform.turn).frame()
     optics = native_optics(sensor, radiometry, plan.blur, frame)
     width, height = sensor.image_size
-    picture = medium.empty((width, height))
+    image = conversion.empty((width, height))
     for top in range(0, height, ROWS_AT_ONCE):
         light = np.empty((min(ROWS_AT_ONCE, height - top), width, 3), np.float32)
         backend.kernels.expose_environment(optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light)
-        picture[top : top + len(light)] = medium.read(light)
-        if progress is not None:
-            progress(top + len(light), height)
-    return picture
+        image[top : top + len(light)] = conversion.read(light)
+        if on_progress is not None:
+            on_progress(top + len(light), height)
+    return image
 
 
-def _of_surfaces(optics: object, surroundings: Surroundings, plan: Samples, tile: Tile) -> Light:
+def _render_surfaces(optics: object, surroundings: Surroundings, plan: Samples, tile: Tile) -> Light:
     rows, columns = tile
     light = np.empty((rows.stop - rows.start, columns.stop - columns.start, 3), np.float32)
-    behind = surroundings.background
-    most = 0 if behind is None else light.size // 3 * len(plan.points)
-    pixels, rays = np.empty(most, np.int32), np.empty((most, 7), np.float32)
+    background = surroundings.background
+    max_rays = 0 if background is None else light.size // 3 * len(plan.points)
+    pixels, rays = np.empty(max_rays, np.int32), np.empty((max_rays, 7), np.float32)
     surfaces, start = surroundings.surfaces.native, (columns.start, rows.start)
     count = backend.kernels.expose_surfaces(optics, surfaces, plan.points, plan.blur, plan.seed, *start, light, pixels, rays)
-    if behind is not None and count:
+    if background is not None and count:
         share, origins, directions = np.split(rays[:count].astype(float), (1, 4), axis=1)
         first = np.flatnonzero(np.diff(pixels[:count], prepend=-1))  # rays of a pixel are consecutive
-        sums = np.add.reduceat(share * behind.radiance(origins, directions), first, axis=0)
+        sums = np.add.reduceat(share * background.radiance(origins, directions), first, axis=0)
         light.reshape(-1, 3)[pixels[first]] += sums.astype(np.float32)
     return light

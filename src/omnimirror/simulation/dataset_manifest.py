@@ -24,16 +24,12 @@ from .scenes.moving_objects import MovingBox
 from .scenes.scene import Scene
 from .scenes.scene_sources import SceneSource, record_of, sha256_of, source_of
 
-# -- Dataset manifest: dataset.json lists completed files to resume interrupted datasets -----------
+# -- Manifest of completed files -------------------------------------------------------------------
 
-DESCRIPTION = "dataset.json"
+MANIFEST_NAME = "dataset.json"
 FRAMES = "frames"
-LEFTOVER = re.compile(
-    r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)"
-)
-REWRITE_FRACTION = (
-    50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
-)
+TEMPORARY_FILE = re.compile(r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)")
+REWRITE_FRACTION = 50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
 
 
 class Manifest:
@@ -44,7 +40,7 @@ class Manifest:
     folder
         Folder of the dataset. Existing files that match its dataset.json are kept; others are
         rewritten.
-    described
+    header
         Constant entries of dataset.json, including the ``recipe`` of the dataset.
 
     Raises
@@ -53,24 +49,22 @@ class Manifest:
         If the folder contains another dataset.
     """
 
-    def __init__(self, folder: Path, described: dict[str, Any]) -> None:
-        self.folder, self.described = folder, described
+    def __init__(self, folder: Path, header: dict[str, Any]) -> None:
+        self.folder, self.header = folder, header
         self.entries: dict[str, Any] = {}
         self.files: dict[str, str] = {}
-        before = _description(folder)
-        self.is_new = before is None
+        previous = _stored_manifest(folder)
+        self.is_new = previous is None
         self.is_complete = False
-        if before is not None:
-            _check_same(folder, before, described["recipe"])
-            _remove_leftovers(folder)
-            named = before.get("files", {})
-            self.files = {
-                name: sha for name, sha in named.items() if _is_the_same(folder / name, sha)
-            }
-            changing = before.keys() - described.keys() - {"files", "complete"}
-            self.entries = {name: before[name] for name in before if name in changing}
-            self.is_complete = bool(before.get("complete")) and len(self.files) == len(named)
-        self._noted = len(self.files)
+        if previous is not None:
+            _check_same_recipe(folder, previous, header["recipe"])
+            _remove_temporary_files(folder)
+            listed = previous.get("files", {})
+            self.files = {name: sha for name, sha in listed.items() if _is_unchanged(folder / name, sha)}
+            changing = previous.keys() - header.keys() - {"files", "complete"}
+            self.entries = {name: previous[name] for name in previous if name in changing}
+            self.is_complete = bool(previous.get("complete")) and len(self.files) == len(listed)
+        self._listed_files = len(self.files)
         if self.is_new:
             self.write()
 
@@ -81,7 +75,7 @@ class Manifest:
     def add(self, *names: str) -> None:
         """Add files that were just written."""
         self.files |= {name: sha256_of(self.folder / name) for name in names}
-        if len(self.files) - self._noted > len(self.files) // REWRITE_FRACTION:
+        if len(self.files) - self._listed_files > len(self.files) // REWRITE_FRACTION:
             self.write()
 
     def drop(self, names: Sequence[str]) -> None:
@@ -94,71 +88,58 @@ class Manifest:
 
     def write(self) -> None:
         """Write dataset.json in its current state, atomically."""
-        whole = (
-            self.described
-            | {"complete": self.is_complete}
-            | self.entries
-            | {"files": dict(sorted(self.files.items()))}
-        )
-        write_text(self.folder / DESCRIPTION, json.dumps(whole) + "\n")
-        self._noted = len(self.files)
+        content = self.header | {"complete": self.is_complete} | self.entries | {"files": dict(sorted(self.files.items()))}
+        write_text(self.folder / MANIFEST_NAME, json.dumps(content) + "\n")
+        self._listed_files = len(self.files)
 
     def finish(self, complete: bool) -> None:
         """Write the final dataset.json."""
         self.is_complete = complete
         self.write()
 
-    def end(self, beginning: Sequence[str]) -> None:
+    def end(self, initial_files: Sequence[str]) -> None:
         """Write the current state; a dataset without completed files is removed, including its
         ``beginning`` files.
         """
-        if not self.is_new or self.files.keys() - {*beginning}:
+        if not self.is_new or self.files.keys() - {*initial_files}:
             self.write()
             return
-        for name in (DESCRIPTION, *beginning):
+        for name in (MANIFEST_NAME, *initial_files):
             (self.folder / name).unlink(missing_ok=True)
         if not any(self.folder.iterdir()):
             self.folder.rmdir()
 
 
-def _remove_leftovers(folder: Path) -> None:
+def _remove_temporary_files(folder: Path) -> None:
     """Remove incomplete files of a terminated process."""
     for place in (folder, folder / FRAMES):
         for path in place.glob(".*") if place.is_dir() else ():
-            if LEFTOVER.fullmatch(path.name):
+            if TEMPORARY_FILE.fullmatch(path.name):
                 path.unlink(missing_ok=True)
 
 
-def _description(folder: Path) -> dict[str, Any] | None:
+def _stored_manifest(folder: Path) -> dict[str, Any] | None:
     try:
-        found = parse_json(read_bytes(folder / DESCRIPTION, 16 * MAX_TEXT_BYTES))
+        content = parse_json(read_bytes(folder / MANIFEST_NAME, 16 * MAX_TEXT_BYTES))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as e:
-        raise MediaError(
-            f"{folder / DESCRIPTION} cannot be read, and is not written over: {e}"
-        ) from None
-    return found if isinstance(found, dict) else {}
+        raise MediaError(f"cannot read {folder / MANIFEST_NAME}, which is not overwritten: {e}") from None
+    return content if isinstance(content, dict) else {}
 
 
-def _check_same(folder: Path, before: dict[str, Any], recipe: dict[str, Any]) -> None:
-    old = before.get("recipe", {})
-    different = [
-        name
-        for name in (*recipe, *(old.keys() - recipe.keys()))
-        if old.get(name) != recipe.get(name)
-    ]
+def _check_same_recipe(folder: Path, previous: dict[str, Any], recipe: dict[str, Any]) -> None:
+    old = previous.get("recipe", {})
+    different = [name for name in (*recipe, *(old.keys() - recipe.keys())) if old.get(name) != recipe.get(name)]
     if different:
-        raise InvalidParameter(
-            f"{folder} holds another set, which differs in {', '.join(different)}; take another folder or remove it"
-        )
+        raise InvalidParameter(f"folder must be new or contain the same dataset; {folder} differs in {', '.join(different)}; choose another folder or remove it")
 
 
-def _is_the_same(path: Path, sha256: str) -> bool:
+def _is_unchanged(path: Path, sha256: str) -> bool:
     return path.is_file() and sha256_of(path) == sha256
 
 
-# -- Dataset recipes in dataset.json, for reproduction ---------------------------------------------
+# -- Recipes ---------------------------------------------------------------------------------------
 
 FORMAT = 3
 
@@ -206,14 +187,12 @@ class VideoRecipe(Recipe):
     duration_s: float | None = None
 
 
-KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {
-    kind.KIND: kind for kind in (CalibrationRecipe, VideoRecipe)
-}
+KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {kind.KIND: kind for kind in (CalibrationRecipe, VideoRecipe)}
 
 
 def format_of(kind: str) -> str:
     """Return the format identifier of a dataset.json."""
-    return f"omnimirror {kind} set {FORMAT}"
+    return f"omnimirror {kind} dataset {FORMAT}"
 
 
 def recipe_record(recipe: Recipe) -> dict[str, Any]:
@@ -221,46 +200,40 @@ def recipe_record(recipe: Recipe) -> dict[str, Any]:
     encoders: dict[str, Any] = {
         "sensor": format_camera,
         "hall": asdict,
-        "radiometry": lambda r: (
-            r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)}
-        ),
+        "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
         "detector": _detector_record,
         "scene": record_of,
         "path": _path_record,
         "bodies": lambda bodies: [vars(box) | {"path": _path_record(box.path)} for box in bodies],
     }
-    same: Any = lambda value: value  # noqa: E731
-    told = {f.name: encoders.get(f.name, same)(getattr(recipe, f.name)) for f in fields(recipe)}
-    whole = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | told
-    as_read: dict[str, Any] = json.loads(json.dumps(whole, default=lambda number: number.item()))
-    return as_read
+    unchanged: Any = lambda value: value  # noqa: E731
+    stored = {f.name: encoders.get(f.name, unchanged)(getattr(recipe, f.name)) for f in fields(recipe)}
+    content = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | stored
+    record: dict[str, Any] = json.loads(json.dumps(content, default=lambda number: number.item()))
+    return record
 
 
 def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | VideoRecipe:
     """Convert JSON data to a recipe; scene files may be in a folder."""
-    given = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
+    values = {name: value for name, value in record.items() if name not in ("omnimirror", "kind")}
     decoders: dict[str, Any] = {
         "sensor": parse_camera,
         "hall": lambda r: Hall(**r),
-        "radiometry": lambda r: (
-            r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])})
-        ),
+        "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
         "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),
         "scene": lambda r: source_of(r, folder),
         "path": _path_of,
         "bodies": lambda r: tuple(map(_body_of, r)),
     }
-    same: Any = lambda value: value  # noqa: E731
-    return KINDS[record["kind"]](
-        **{name: decoders.get(name, same)(value) for name, value in given.items()}
-    )
+    unchanged: Any = lambda value: value  # noqa: E731
+    return KINDS[record["kind"]](**{name: decoders.get(name, unchanged)(value) for name, value in values.items()})
 
 
 class StoredRecipe(NamedTuple):
     """Recipe of a dataset, and the omnimirror version that created it."""
 
     recipe: CalibrationRecipe | VideoRecipe
-    made_by: str | None
+    created_with: str | None
 
 
 def load_recipe(path: str | Path) -> StoredRecipe:
@@ -277,7 +250,7 @@ def load_recipe(path: str | Path) -> StoredRecipe:
     try:
         return StoredRecipe(_recipe_of(record, Path(path).parent), record.get("omnimirror"))
     except (TypeError, KeyError, AttributeError):
-        raise MediaError(f"{path} holds an entry of its recipe that is not valid") from None
+        raise MediaError(f"the recipe in {path} must contain valid entries") from None
 
 
 def _record_in(path: str | Path) -> dict[str, Any]:
@@ -285,48 +258,33 @@ def _record_in(path: str | Path) -> dict[str, Any]:
     try:
         data = parse_json(read_bytes(path, 16 * MAX_TEXT_BYTES))
         record = data["recipe"]
-        kind, told = record["kind"], data.get("format")
+        kind, stored = record["kind"], data.get("format")
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror}") from None
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise MediaError(
-            f"{path} does not say how a set is made; dataset.json of this release's sets does"
-        ) from None
+        raise MediaError(f"{path} must be the dataset.json of a dataset with its recipe") from None
     if kind not in KINDS:
-        raise MediaError(f"{path} is of a set of kind {kind!r}; valid are {', '.join(KINDS)}")
-    if told != format_of(kind):
-        raise MediaError(
-            f"{path} is of the format {told!r}, and valid is {format_of(kind)!r}; write its set anew"
-        )
+        raise MediaError(f"{path}: the kind of dataset must be one of {', '.join(KINDS)}; got {kind!r}")
+    if stored != format_of(kind):
+        raise MediaError(f"{path} must have the format {format_of(kind)!r}; got {stored!r}; write the dataset again")
     return record  # type: ignore[no-any-return]
 
 
 def _path_record(path: Keyframes) -> dict[str, Any]:
-    return {
-        "tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()},
-        "between": path.interpolation,
-    }
+    return {"tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()}, "interpolation": path.interpolation}
 
 
 def _path_of(record: dict[str, Any]) -> Keyframes:
-    return Keyframes(
-        {n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["between"]
-    )
+    return Keyframes({n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["interpolation"])
 
 
 def _body_of(record: dict[str, Any]) -> MovingBox:
-    return MovingBox(
-        **record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])}
-    )
+    return MovingBox(**record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])})
 
 
 def _detector_record(detector: Detector) -> dict[str, Any]:
-    record = asdict(detector) | {
-        "black_level_dn": detector.offset_dn if detector.curve == "linear" else None
-    }
-    return record | {
-        "full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None
-    }
+    record = asdict(detector) | {"black_level_dn": detector.offset_dn if detector.curve == "linear" else None}
+    return record | {"full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None}
 
 
 def _reflectivity_text(value: Any) -> Any:

@@ -26,19 +26,10 @@ from ..io.exr import check_exr_can_be_written
 from ..io.images import encoded
 from ..io.keyframes import Keyframes
 from ..optics.sensor_files import AnyCamera, save_camera
-from .dataset_manifest import (
-    DESCRIPTION,
-    FRAMES,
-    CalibrationRecipe,
-    Manifest,
-    Recipe,
-    VideoRecipe,
-    format_of,
-    recipe_record,
-)
+from .dataset_manifest import FRAMES, MANIFEST_NAME, CalibrationRecipe, Manifest, Recipe, VideoRecipe, format_of, recipe_record
 from .detector import Detector
-from .ground_truth_maps import LearningTruth, Moment, ground_truth, learning_truth
-from .pixel_rays import project_visible, sights
+from .ground_truth_maps import Moment, TrainingGroundTruth, ground_truth, training_ground_truth
+from .pixel_rays import project_visible, trace_pixels
 from .radiometry import Radiometry
 from .rendering import expose
 from .scenes.calibration_hall import SQUARE_MM, Hall
@@ -47,10 +38,10 @@ from .scenes.scene import POSE_NAMES, Pose, PosedScene, Scene, distances_mm
 from .scenes.scene_sources import SceneSource
 from .simulated_video import check_video_can_be_written, encode, frame_at, frame_times
 
-# -- Calibration datasets with true board corners, and videos with poses and depth -----------------
+# -- Calibration datasets and videos with ground truth ---------------------------------------------
 
 FRAME_PATTERN = f"{FRAMES}/frame-%05d.png"
-MOST_VIEWS = 10_000
+MAX_VIEWS = 10_000
 POSITION_RANGE_MM = np.array([700.0, 700.0, 350.0])
 """Maximum distance of viewpoints from the centre of the hall: boards are at least twice as far."""
 MAX_TILT_DEG = 12.0
@@ -70,15 +61,12 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     >>> view_poses(2)[0]
     Pose(x_mm=0.0, y_mm=0.0, z_mm=0.0, pan_deg=0.0, tilt_deg=0.0, roll_deg=0.0)
     """
-    if not 1 <= count <= MOST_VIEWS:
-        raise InvalidParameter(f"views = {count} is outside 1 to {MOST_VIEWS}")
-    chance = np.random.default_rng(integer("seed", seed))
-    places = POSITION_RANGE_MM * chance.uniform(-1, 1, (count - 1, 3))
-    turns = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * chance.uniform(-1, 1, (count - 1, 3))
-    return [
-        Pose(),
-        *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([places, turns], axis=1)),
-    ]
+    if not 1 <= count <= MAX_VIEWS:
+        raise InvalidParameter(f"views must be between 1 and {MAX_VIEWS}; got {count}")
+    rng = np.random.default_rng(integer("seed", seed))
+    positions = POSITION_RANGE_MM * rng.uniform(-1, 1, (count - 1, 3))
+    rotations = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * rng.uniform(-1, 1, (count - 1, 3))
+    return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([positions, rotations], axis=1))]
 
 
 def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, Array]:
@@ -88,34 +76,20 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
     A corner is visible if the chief ray of its pixel meets it: past camera, rod and rim, through
     the wall of a tube or a dome.
     """
-    scene, found = PosedScene(hall, pose), {}
+    scene, corners_px = PosedScene(hall, pose), {}
     for name in hall.boards:
         corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
         pixels, valid = project_visible(sensor, corners)
-        origins = sights(sensor, pixels[valid]).origins
-        ways = corners[valid] - origins
-        met = distances_mm(scene, origins, ways)
-        pixels[
-            np.flatnonzero(valid)[met < np.linalg.norm(ways, axis=1) - VISIBILITY_TOLERANCE_MM]
-        ] = np.nan
-        found[name] = pixels.reshape(7, 11, 2)
-    return found
+        origins = trace_pixels(sensor, pixels[valid]).origins
+        vectors = corners[valid] - origins
+        distances = distances_mm(scene, origins, vectors)
+        pixels[np.flatnonzero(valid)[distances < np.linalg.norm(vectors, axis=1) - VISIBILITY_TOLERANCE_MM]] = np.nan
+        corners_px[name] = pixels.reshape(7, 11, 2)
+    return corners_px
 
 
 @validate_arguments
-def write_calibration_set(
-    sensor: AnyCamera,
-    folder: str | Path,
-    *,
-    views: int = 12,
-    samples: int = 16,
-    blur: bool | None = None,
-    radiometry: Radiometry | None = None,
-    detector: Detector | None = None,
-    seed: int = 0,
-    hall: Hall | None = None,
-    truth: bool = False,
-) -> Iterator[Path]:
+def write_calibration_dataset(sensor: AnyCamera, folder: str | Path, *, views: int = 12, samples: int = 16, blur: bool | None = None, radiometry: Radiometry | None = None, detector: Detector | None = None, seed: int = 0, hall: Hall | None = None, truth: bool = False) -> Iterator[Path]:
     """Write images of the calibration hall one by one, and ``dataset.json``, which describes them.
 
     An interrupted dataset is resumed when it is written again; unchanged files are kept.
@@ -155,74 +129,41 @@ def write_calibration_set(
     >>> sensor = om.load_sensor("paper-spherical")
     >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = om.write_calibration_set(small, folder, views=1, samples=1, blur=False)
+    ...     written = om.write_calibration_dataset(small, folder, views=1, samples=1, blur=False)
     ...     [path.name for path in written]
     ['view-000.png', 'dataset.json']
     """
-    return render_views(
-        CalibrationRecipe(
-            sensor=sensor,
-            views=views,
-            samples=samples,
-            blur=blur,
-            radiometry=radiometry,
-            detector=detector or Detector(),
-            seed=seed,
-            hall=hall or Hall(),
-            truth=truth,
-        ),
-        Path(folder),
-    )
+    return render_views(CalibrationRecipe(sensor=sensor, views=views, samples=samples, blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, hall=hall or Hall(), truth=truth), Path(folder))
 
 
 def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
-    """Write the dataset of a recipe; see :func:`write_calibration_set`."""
+    """Write the dataset of a recipe; see :func:`write_calibration_dataset`."""
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
-    ledger = _begin(
-        folder,
-        recipe,
-        {
-            "square_mm": SQUARE_MM,
-            "boards_mm": {
-                name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards
-            },
-        },
-    )
-    records = {
-        view["image"]: view for view in ledger.entries.get("views", []) if ledger.has(view["image"])
-    }
-    with _to_its_end(ledger):
+    manifest = _open_manifest(folder, recipe, {"square_mm": SQUARE_MM, "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards}})
+    records = {view["image"]: view for view in manifest.entries.get("views", []) if manifest.has(view["image"])}
+    with _closing_on_error(manifest):
         for number, pose in enumerate(poses):
             name = f"view-{number:03d}"
             files = [f"{name}.png"] + [f"{name}.exr"] * recipe.truth
-            if not (files[0] in records and ledger.has(*files)):
+            if not (files[0] in records and manifest.has(*files)):
                 scene = PosedScene(hall, pose)
-                light = expose(
-                    sensor,
-                    scene,
-                    samples=recipe.samples,
-                    blur=bool(recipe.blur),
-                    radiometry=radiometry,
-                    seed=seed + number,
-                )
+                light = expose(sensor, scene, samples=recipe.samples, blur=bool(recipe.blur), radiometry=radiometry, seed=seed + number)
                 if recipe.truth:
                     write_truth(folder / files[1], sensor, scene, light, radiometry)
                 write_image(folder / files[0], recipe.detector.read(light, seed + number))
-                corners = _lists(visible_corners_px(sensor, hall, pose))
+                corners = _corner_lists(visible_corners_px(sensor, hall, pose))
                 record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
                 records[files[0]] = record | ({"truth": files[1]} if recipe.truth else {})
-                ledger.entries["views"] = [
-                    records[name] for name in sorted(records, key=lambda n: (len(n), n))
-                ]
-                ledger.add(*files)
+                manifest.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
+                manifest.add(*files)
             yield folder / files[0]
-    ledger.finish(complete=True)
-    yield folder / DESCRIPTION
+    manifest.finish(complete=True)
+    yield folder / MANIFEST_NAME
 
 
 @validate_arguments
-def write_video_set(
+def write_video_dataset(
     sensor: AnyCamera,
     scene: Scene | SceneSource,
     *,
@@ -237,7 +178,7 @@ def write_video_set(
     detector: Detector | None = None,
     seed: int = 0,
     truth: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write the video of a sensor moving through a scene, its poses and ground truth; return the
     number of frames.
@@ -276,7 +217,7 @@ def write_video_set(
         Random seed.
     truth
         Also write ``frame-00000.exr``, ...: light, depth, direction and origin of every pixel.
-    progress
+    on_progress
         Callback with the number of finished frames and the total.
 
     Returns
@@ -299,101 +240,69 @@ def write_video_set(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with open(f"{folder}/path.csv", "w") as file:
     ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
-    ...     om.write_video_set(
+    ...     om.write_video_dataset(
     ...         small, om.Room(texel_mm=40.0), path=om.load_path(f"{folder}/path.csv"), folder=f"{folder}/set",
     ...         samples=1, blur=False)
     2
     """
-    recipe = VideoRecipe(
-        sensor=sensor,
-        scene=scene,
-        path=path,
-        bodies=tuple(bodies),
-        frame_rate=frame_rate,
-        duration_s=duration_s,
-        samples=samples,
-        blur=blur,
-        radiometry=radiometry,
-        detector=detector or Detector(),
-        seed=seed,
-        truth=truth,
-    )
-    return render_frames(recipe, Path(folder), progress)
+    recipe = VideoRecipe(sensor=sensor, scene=scene, path=path, bodies=tuple(bodies), frame_rate=frame_rate, duration_s=duration_s, samples=samples, blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth)
+    return render_frames(recipe, Path(folder), on_progress)
 
 
-def render_frames(
-    recipe: VideoRecipe, folder: Path, progress: Callable[[int, int], None] | None = None
-) -> int:
-    """Write the dataset of a recipe and return its number of frames; see :func:`write_video_set`."""
+def render_frames(recipe: VideoRecipe, folder: Path, on_progress: Callable[[int, int], None] | None = None) -> int:
+    """Write the dataset of a recipe and return its number of frames; see :func:`write_video_dataset`."""
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
     world = scene.load() if isinstance(scene, SceneSource) else scene
-    described: dict[str, Any] = {
-        "video": "video.mp4",
-        "poses": "poses.csv",
-        "frame_rate": recipe.frame_rate,
-    }
-    ledger = _begin(folder, recipe, described | ({"truth": "frame-%05d.exr"} if truth else {}))
-    if ledger.is_complete:
+    header: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": recipe.frame_rate}
+    manifest = _open_manifest(folder, recipe, header | ({"truth": "frame-%05d.exr"} if truth else {}))
+    if manifest.is_complete:
         return len(times)
-    done = 0
+    completed = 0
 
-    def expose_frame(number: int, picture: str, exr: str) -> None:
+    def expose_frame(number: int, image: str, exr: str) -> None:
         time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
-        seen = with_bodies(world, recipe.bodies, time)
-        light = frame_at(
-            sensor, seen, path, time, recipe.samples, bool(recipe.blur), radiometry, seed
-        )
+        current_scene = with_bodies(world, recipe.bodies, time)
+        light = frame_at(sensor, current_scene, path, time, recipe.samples, bool(recipe.blur), radiometry, seed)
         if truth:
-            write_truth(
-                folder / exr, sensor, PosedScene(seen, Pose(**path.at(time))), light, radiometry
-            )
-        write_image(folder / picture, recipe.detector.read(light, seed))
-        ledger.add(picture, *([exr] if truth else []))
+            write_truth(folder / exr, sensor, PosedScene(current_scene, Pose(**path.at(time))), light, radiometry)
+        write_image(folder / image, recipe.detector.read(light, seed))
+        manifest.add(image, *([exr] if truth else []))
 
     try:
-        with _to_its_end(ledger):
+        with _closing_on_error(manifest):
             for number in range(len(times)):
-                picture, exr = FRAME_PATTERN % number, f"frame-{number:05d}.exr"
-                if not ledger.has(picture, *([exr] if truth else [])):
-                    expose_frame(number, picture, exr)
-                done = number + 1
-                if progress is not None:
-                    progress(done, len(times))
+                image, exr = FRAME_PATTERN % number, f"frame-{number:05d}.exr"
+                if not manifest.has(image, *([exr] if truth else [])):
+                    expose_frame(number, image, exr)
+                completed = number + 1
+                if on_progress is not None:
+                    on_progress(completed, len(times))
     except KeyboardInterrupt:
-        if done:
-            _join(ledger, sensor, path, times[:done], recipe.frame_rate)
-            ledger.write()
+        if completed:
+            _write_video_files(manifest, sensor, path, times[:completed], recipe.frame_rate)
+            manifest.write()
         raise
-    _join(ledger, sensor, path, times, recipe.frame_rate)
-    ledger.is_complete = True
-    ledger.drop([FRAME_PATTERN % number for number in range(len(times))])
+    _write_video_files(manifest, sensor, path, times, recipe.frame_rate)
+    manifest.is_complete = True
+    manifest.drop([FRAME_PATTERN % number for number in range(len(times))])
     (folder / FRAMES).rmdir()
     return len(times)
 
 
-def _join(
-    ledger: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float
-) -> None:
+def _write_video_files(manifest: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float) -> None:
     """Write the video of the existing frames, and their poses."""
     rows = [",".join(["time_s", *POSE_NAMES])]
-    rows += [
-        ",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values()))
-        for time in times
-    ]
-    write_text(ledger.folder / "poses.csv", "\n".join(rows) + "\n")
-    pictures = (
-        read_image(ledger.folder / (FRAME_PATTERN % number)) for number in range(len(times))
-    )
-    encode(ledger.folder / "video.mp4", sensor.image_size, frame_rate, pictures)
-    ledger.entries["frames"] = len(times)
-    ledger.add("poses.csv", "video.mp4")
+    rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
+    write_text(manifest.folder / "poses.csv", "\n".join(rows) + "\n")
+    images = (read_image(manifest.folder / (FRAME_PATTERN % number)) for number in range(len(times)))
+    encode(manifest.folder / "video.mp4", sensor.image_size, frame_rate, images)
+    manifest.entries["frames"] = len(times)
+    manifest.add("poses.csv", "video.mp4")
 
 
-def write_truth(
-    path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None
-) -> None:
+def write_truth(path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None) -> None:
     """Write light and :func:`~omnimirror.ground_truth` to an EXR file."""
     from ..io.exr import write_channels
 
@@ -402,51 +311,44 @@ def write_truth(
         write_channels(temporary, truth.channels(light))
 
 
-def _begin(folder: Path, recipe: Recipe, described: dict[str, Any]) -> Manifest:
+def _open_manifest(folder: Path, recipe: Recipe, header: dict[str, Any]) -> Manifest:
     """Return the manifest of existing files after writing the sensor and dataset.json."""
     record = recipe_record(recipe)
     if recipe.truth:
         check_exr_can_be_written(folder)
     head = {"format": format_of(recipe.KIND), "sensor": "sensor.toml", "recipe": record}
-    ledger = Manifest(folder, head | described)
-    if not ledger.has("sensor.toml"):
+    manifest = Manifest(folder, head | header)
+    if not manifest.has("sensor.toml"):
         save_camera(recipe.sensor, folder / "sensor.toml")
-        ledger.add("sensor.toml")
-    return ledger
+        manifest.add("sensor.toml")
+    return manifest
 
 
 @contextmanager
-def _to_its_end(ledger: Manifest) -> Iterator[None]:
+def _closing_on_error(manifest: Manifest) -> Iterator[None]:
     """Record completed files in dataset.json in all cases, and remove a dataset without completed
     files.
     """
-    ledger.is_complete = False
+    manifest.is_complete = False
     try:
         yield
     except BaseException:
-        ledger.end(["sensor.toml"])
+        manifest.end(["sensor.toml"])
         raise
 
 
-def _lists(corners: dict[str, Array]) -> dict[str, Any]:
+def _corner_lists(corners: dict[str, Array]) -> dict[str, Any]:
     """Convert corners to JSON with null for missing ones; invisible boards are omitted."""
-    return {
-        name: [
-            [None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row]
-            for row in pixels
-        ]
-        for name, pixels in corners.items()
-        if np.isfinite(pixels).any()
-    }
+    return {name: [[None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row] for row in pixels] for name, pixels in corners.items() if np.isfinite(pixels).any()}
 
 
-# -- Training datasets as WebDataset shards: tar files with a common name for the files of each sample
+# -- Training datasets: WebDataset shards ----------------------------------------------------------
 
-CARD = "README.md"
+CARD_NAME = "README.md"
 
 
 @validate_arguments
-def write_learning_set(
+def write_training_dataset(
     camera: AnyCamera,
     scene: Scene,
     *,
@@ -461,7 +363,7 @@ def write_learning_set(
     detector: Detector | None = None,
     seed: int = 0,
     per_shard: int = 100,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Write images of a camera moving through a scene with depth, directions, normals, labels and
     optical flow.
@@ -488,7 +390,7 @@ def write_learning_set(
         Rendering parameters, as in :func:`omnimirror.write_video`.
     per_shard
         Number of samples per tar file.
-    progress
+    on_progress
         Callback with the number of finished frames and the total.
 
     Returns
@@ -508,56 +410,40 @@ def write_learning_set(
     >>> from omnimirror.io.keyframes import Keyframes
     >>> moves = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     shards = om.write_learning_set(camera, om.Room(texel_mm=40.0), path=moves, folder=folder, samples=1)
+    ...     shards = om.write_training_dataset(camera, om.Room(texel_mm=40.0), path=moves, folder=folder, samples=1)
     ...     [shard.name for shard in shards]
     ['set-000000.tar']
     """
     folder, per_shard = file_name("folder", folder), integer("per_shard", per_shard, 1, 1_000_000)
     times = frame_times(path, frame_rate, duration_s)
-    if (folder / CARD).exists():
-        raise InvalidParameter(
-            f"{folder} holds a set already; remove {folder / CARD} or take another folder"
-        )
-    reading, moving = detector or Detector(), tuple(bodies)
+    if (folder / CARD_NAME).exists():
+        raise InvalidParameter(f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder")
+    sensor_detector, moving_bodies = detector or Detector(), tuple(bodies)
 
     def moment(time: float) -> Moment:
-        return Moment(SceneWithBodies(scene, moving, time), Pose(**path.at(time)))
+        return Moment(SceneWithBodies(scene, moving_bodies, time), Pose(**path.at(time)))
 
     def sample(number: int) -> dict[str, bytes]:
         now, following = moment(times[number]), moment(times[min(number + 1, len(times) - 1)])
-        light = expose(
-            camera, now.seen, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number
-        )
-        picture = encoded(reading.read(light, seed + number), ".png")
-        found = learning_truth(camera, now, following, radiometry)
-        if progress is not None:
-            progress(number + 1, len(times))
-        return {
-            "png": picture,
-            "npz": _arrays(found),
-            "json": _record(now, times[number], number + 1 == len(times)),
-        }
+        light = expose(camera, now.posed_scene, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number)
+        image = encoded(sensor_detector.read(light, seed + number), ".png")
+        truth_maps = training_ground_truth(camera, now, following, radiometry)
+        if on_progress is not None:
+            on_progress(number + 1, len(times))
+        return {"png": image, "npz": _arrays(truth_maps), "json": _record(now, times[number], number + 1 == len(times))}
 
     shards = []
     for number, first in enumerate(range(0, len(times), per_shard)):
         shards.append(folder / f"set-{number:06d}.tar")
-        _write_shard(
-            shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times))))
-        )
+        _write_shard(shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times)))))
     save_camera(camera, folder / "sensor.toml")
-    write_text(
-        folder / CARD,
-        _card(camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]),
-    )
+    write_text(folder / CARD_NAME, _dataset_card(camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]))
     return shards
 
 
 def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) -> None:
     """Write a tar file that is reproducible byte by byte."""
-    with (
-        atomic_output(path) as temporary,
-        tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard,
-    ):
+    with atomic_output(path) as temporary, tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard:
         for number, files in samples:
             for ending, content in files.items():
                 entry = tarfile.TarInfo(f"{number:06d}.{ending}")
@@ -565,17 +451,17 @@ def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) ->
                 shard.addfile(entry, io.BytesIO(content))
 
 
-def _arrays(found: LearningTruth) -> bytes:
-    truth, into = found.truth, io.BytesIO()
+def _arrays(truth_maps: TrainingGroundTruth) -> bytes:
+    truth, into = truth_maps.truth, io.BytesIO()
     np.savez_compressed(
         into,
         depth_mm=truth.depth_mm.astype(np.float32),
         directions=truth.directions.astype(np.float32),
         origins_mm=truth.origins_mm.astype(np.float32),
-        normals=found.normals.astype(np.float32),
-        flow_px=found.flow_px.astype(np.float32),
-        labels=found.labels,
-        seen_again=found.seen_again,
+        normals=truth_maps.normals.astype(np.float32),
+        flow_px=truth_maps.flow_px.astype(np.float32),
+        labels=truth_maps.labels,
+        visible_again=truth_maps.visible_again,
         hidden=truth.hidden,
     )
     return into.getvalue()
@@ -587,43 +473,38 @@ def _record(now: Moment, time_s: float, is_last: bool) -> bytes:
     return json.dumps(record).encode()
 
 
-def _card(
-    camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]
-) -> str:
+def _dataset_card(camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]) -> str:
     width, height = camera.image_size
     name: Any = getattr(camera, "name", "camera")
-    labels = "\n".join(
-        f"| {i} | {markdown_text(label)} |"
-        for i, label in enumerate(("nothing", *scene.label_names))
-    )
+    labels = "\n".join(f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("none", *scene.label_names)))
     return f"""---
-pretty_name: {yaml_string(f"simulated pictures of {name}")}
+pretty_name: {yaml_string(f"Simulated images of {name}")}
 task_categories: [depth-estimation, image-segmentation]
 tags: [synthetic, catadioptric, omnidirectional, optical-flow, webdataset]
 ---
 
-# Simulated pictures of {markdown_text(name)}
+# Simulated images of {markdown_text(name)}
 
-{count} frames of {width} x {height} px, {frame_rate:g} a second, by omnimirror {__version__}, in {len(shards)} shards
-({shards[0]} to {shards[-1]}). All of it is synthetic. `sensor.toml` is the camera.
+Synthetic dataset of {count} frames of {width} x {height} px at {frame_rate:g} frames/s in {len(shards)} shards
+({shards[0]} to {shards[-1]}), rendered with omnimirror {__version__}. `sensor.toml` contains the camera.
 
-| file of a sample | holds |
+| file of a sample | content |
 |---|---|
-| `.png` | the picture, sRGB |
-| `.npz` | arrays (rows, columns, ..) for the chief ray of each pixel's centre; NaN where it sees nothing of the scene |
-| `.json` | `time_s`; `pose` of the sensor and of `bodies` in the scene (mm, deg); `is_last`: nothing follows it |
+| `.png` | image, sRGB |
+| `.npz` | arrays (rows, columns, ...) for the chief ray of each pixel; NaN for rays that miss the scene |
+| `.json` | `time_s`; `pose` of the sensor and of `bodies` in the scene (mm, deg); `is_last`: last frame |
 
-| array | holds |
+| array | content |
 |---|---|
-| `depth_mm` | along the ray, from its origin; infinite for what is infinitely far |
-| `origins_mm`, `directions` | of the ray, in the sensor's frame: x forward, y left, z up, from the mirror's vertex |
-| `normals` | of what is seen, towards the sensor, in that frame |
-| `labels` | what is seen |
-| `flow_px` | from the pixel to where the same appears in the next frame, right and down; NaN if out of its field |
-| `seen_again` | whether nothing stands before it there |
-| `hidden` | whether a part of the sensor is what the pixel sees |
+| `depth_mm` | distance along the ray from its origin; infinite for the background |
+| `origins_mm`, `directions` | ray in the sensor frame: x forward, y left, z up, origin at the mirror vertex |
+| `normals` | surface normal in the sensor frame, towards the sensor |
+| `labels` | label of the surface |
+| `flow_px` | displacement of the object point to the next frame, right and down; NaN outside the field |
+| `visible_again` | True if the object point is visible in the next frame |
+| `hidden` | True if the pixel observes a part of the sensor |
 
-| label | |
+| label | name |
 |---|---|
 {labels}
 """

@@ -12,15 +12,15 @@ from ..base.arguments import check_fields
 from ..base.colour import Light, srgb_from_linear, value_blocks
 from ..base.errors import InvalidParameter
 from ..base.parameters import Parameter
-from .image_tiles import Medium
+from .image_tiles import PixelConversion
 
-# -- Image sensor electronics: conversion of light to digital values with photon noise and read noise
+# -- Detector: photon noise, read noise and quantisation -------------------------------------------
 
 BAYER = ("none", "RGGB", "BGGR", "GRBG", "GBRG")
 CURVES = ("srgb", "linear")
 MAX_ELECTRONS = 1e9  # 1000 times the capacity of real pixels
 DARK_DEVIATIONS = 5  # read-noise deviations from 0 to the black level
-BEYOND = 20  # values this many deviations above white are always white
+SATURATION_DEVIATIONS = 20  # values this many deviations above white are always white
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class Detector:
     black_level_dn: float | None = None
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "exposure": Parameter("", 1e-9, 1e9, "factor of the light"),
+        "exposure": Parameter("", 1e-9, 1e9, "factor applied to the light"),
         "full_well_e": Parameter("electrons", 10.0, MAX_ELECTRONS, "electrons at saturation"),
-        "read_noise_e": Parameter("electrons", 0.0, 1e6, "noise of reading out"),
-        "black_level_dn": Parameter("DN", 0.0, 65535.0, "what is added to linear values"),
-        "bits": Parameter("", 8, 16, "bits of a value"),
-        "curve": Parameter("", 0, 0, "of the values", CURVES),
-        "bayer": Parameter("", 0, 0, "colours of the first two rows", BAYER),
+        "read_noise_e": Parameter("electrons", 0.0, 1e6, "read noise"),
+        "black_level_dn": Parameter("DN", 0.0, 65535.0, "offset added to linear values"),
+        "bits": Parameter("", 8, 16, "bit depth"),
+        "curve": Parameter("", 0, 0, "transfer curve", CURVES),
+        "bayer": Parameter("", 0, 0, "Bayer pattern of the first two rows", BAYER),
     }
 
     def __post_init__(self) -> None:
@@ -98,23 +98,16 @@ class Detector:
             if value is not None and not (f.name == "full_well_e" and value == np.inf):
                 self.PARAMETERS[f.name].check(f.name, value)
         if int(self.bits) != self.bits:
-            raise InvalidParameter(f"bits = {self.bits} is not a whole number from 8 to 16")
+            raise InvalidParameter(f"bits must be an integer from 8 to 16; got {self.bits}")
         if self.read_noise_e and not np.isfinite(self.full_well_e):
-            raise InvalidParameter(
-                f"read_noise_e = {self.read_noise_e:g} is counted in electrons; say how many fill a pixel, full_well_e"
-            )
+            raise InvalidParameter(f"full_well_e must be specified with read_noise_e; got read_noise_e = {self.read_noise_e:g}")
         if self.black_level_dn and self.curve != "linear":
-            raise InvalidParameter(
-                f"black_level_dn = {self.black_level_dn:g} belongs to values as imagers count; take the curve linear"
-            )
-        if self.offset_dn > self.largest_dn / 2:
-            raise InvalidParameter(
-                f"a black level of {self.offset_dn:g} DN leaves little of values that end at {self.largest_dn}; valid "
-                f"are black_level_dn up to {self.largest_dn // 2} and a read_noise_e that needs no more"
-            )
+            raise InvalidParameter(f"curve must be 'linear' with black_level_dn; got black_level_dn = {self.black_level_dn:g}")
+        if self.offset_dn > self.max_dn / 2:
+            raise InvalidParameter(f"black_level_dn must be at most {self.max_dn // 2}, half of the largest value; got {self.offset_dn:g} DN; reduce black_level_dn or read_noise_e")
 
     @property
-    def largest_dn(self) -> int:
+    def max_dn(self) -> int:
         """Maximum value, at saturation."""
         return int(2**self.bits - 1)
 
@@ -135,19 +128,17 @@ class Detector:
             return self.black_level_dn
         if self.curve != "linear":
             return 0.0
-        return float(
-            np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.largest_dn)
-        )
+        return float(np.ceil(DARK_DEVIATIONS * self.read_noise_e / self.full_well_e * self.max_dn))
 
     @property
-    def counts(self) -> bool:
+    def counts_electrons(self) -> bool:
         """True if light is counted as electrons and therefore noisy."""
         return bool(np.isfinite(self.full_well_e))
 
     @property
-    def is_of_values(self) -> bool:
+    def is_pointwise(self) -> bool:
         """True if each value depends on one light value only: no noise and no colour mosaic."""
-        return self.bayer == "none" and not self.counts
+        return self.bayer == "none" and not self.counts_electrons
 
     def read(self, light: Light, seed: int = 0) -> NDArray[Any]:
         """Convert linear light (h, w, 3) to values: (h, w, 3) in RGB order, or (h, w) for a Bayer
@@ -170,11 +161,11 @@ class Detector:
         InvalidParameter
             If the light is not an image or contains NaN, or the seed is not a non-negative integer.
         """
-        kept = filtered_light(self, light)
-        if not self.counts:
-            return digital_values(self, kept)
+        filtered = filtered_light(self, light)
+        if not self.counts_electrons:
+            return digital_values(self, filtered)
         electrons = Electrons(self, seed)
-        return electrons.read(electrons.counted(kept))
+        return electrons.read(electrons.counted(filtered))
 
 
 def filtered_light(detector: Detector, light: Light, first_row: int = 0) -> Light:
@@ -189,9 +180,7 @@ def filtered_light(detector: Detector, light: Light, first_row: int = 0) -> Ligh
     light = _checked(light)
     if detector.bayer == "none":
         return light
-    return mosaic(
-        light, detector.bayer[2:] + detector.bayer[:2] if first_row % 2 else detector.bayer
-    )
+    return mosaic(light, detector.bayer[2:] + detector.bayer[:2] if first_row % 2 else detector.bayer)
 
 
 def digital_values(detector: Detector, light: Light) -> NDArray[Any]:
@@ -204,9 +193,9 @@ def digital_values(detector: Detector, light: Light) -> NDArray[Any]:
 
 
 def _rounded(detector: Detector, signal: Light) -> Light:
-    shown = srgb_from_linear(signal) if detector.curve == "srgb" else signal
-    values: Light = np.rint(detector.largest_dn * shown + np.float32(detector.offset_dn))
-    return np.clip(values, 0, detector.largest_dn)
+    coded = srgb_from_linear(signal) if detector.curve == "srgb" else signal
+    values: Light = np.rint(detector.max_dn * coded + np.float32(detector.offset_dn))
+    return np.clip(values, 0, detector.max_dn)
 
 
 class Electrons:
@@ -230,16 +219,16 @@ class Electrons:
 
     def __init__(self, detector: Detector, seed: int) -> None:
         if not (seed >= 0 and int(seed) == seed):
-            raise InvalidParameter(f"seed = {seed} is not a whole number from 0 on")
+            raise InvalidParameter(f"seed must be an integer from 0; got {seed}")
         self.detector = detector
         self._chance = np.random.default_rng(int(seed))
         full, noise = detector.full_well_e, detector.read_noise_e
-        self._most = full + BEYOND * (np.sqrt(full) + noise + 1)
+        self._max_electrons = full + SATURATION_DEVIATIONS * (np.sqrt(full) + noise + 1)
 
     @property
     def dtype(self) -> type[np.uint16 | np.uint32]:
         """Data type for all counts, including random excess."""
-        return np.uint16 if self._most + BEYOND * np.sqrt(self._most) < 2**16 else np.uint32
+        return np.uint16 if self._max_electrons + SATURATION_DEVIATIONS * np.sqrt(self._max_electrons) < 2**16 else np.uint32
 
     def counted(self, light: Light) -> NDArray[Any]:
         """Return the electrons generated by light in an array of its shape."""
@@ -247,9 +236,7 @@ class Electrons:
         values, counts = light.reshape(-1), electrons.reshape(-1)
         for part in value_blocks(light.size):
             exposed = (self.detector.exposure * values[part]).astype(float)
-            counts[part] = self._chance.poisson(
-                np.clip(exposed * self.detector.full_well_e, 0, self._most)
-            )
+            counts[part] = self._chance.poisson(np.clip(exposed * self.detector.full_well_e, 0, self._max_electrons))
         return electrons
 
     def read(self, electrons: NDArray[Any]) -> NDArray[Any]:
@@ -260,19 +247,17 @@ class Electrons:
             noise = detector.read_noise_e * self._chance.standard_normal(part.stop - part.start)
             signal = ((counts[part] + noise) / detector.full_well_e).astype(np.float32)
             numbers[part] = _rounded(detector, signal)
-        size, needed = counts.size, -(-numbers.nbytes // counts.itemsize)
-        electrons.resize(needed, refcheck=False)  # the two views of it above are no longer used
+        size, elements = counts.size, -(-numbers.nbytes // counts.itemsize)
+        electrons.resize(elements, refcheck=False)  # the two views of it above are no longer used
         return electrons.view(detector.dtype)[:size].reshape(shape)
 
 
 def _checked(light: Light) -> Light:
     light = np.asarray(light)
     if light.ndim != 3 or light.shape[2] != 3 or light.dtype.kind not in "fiu":
-        raise InvalidParameter(
-            f"light is numbers (rows, columns, 3), not {light.shape} of {light.dtype}"
-        )
+        raise InvalidParameter(f"light must be numbers of shape (rows, columns, 3); got {light.shape} of {light.dtype}")
     if any(np.isnan(row).any() for row in light):
-        raise InvalidParameter("light holds NaN; it is valid from 0 on")
+        raise InvalidParameter("light must not contain NaN")
     return light
 
 
@@ -283,14 +268,14 @@ def mosaic(light: Light, bayer: str) -> Light:
     array([[1., 2., 1., 2.],
            [2., 3., 2., 3.]], dtype=float32)
     """
-    kept = np.empty(light.shape[:2], np.float32)
+    filtered = np.empty(light.shape[:2], np.float32)
     for place, colour in enumerate(bayer):
         row, column = divmod(place, 2)
-        kept[row::2, column::2] = light[row::2, column::2, "RGB".index(colour)]
-    return kept
+        filtered[row::2, column::2] = light[row::2, column::2, "RGB".index(colour)]
+    return filtered
 
 
-# -- Readout of a detector during exposure, which avoids storing the light of the whole image ------
+# -- Readout by tiles ------------------------------------------------------------------------------
 
 
 class Readout:
@@ -307,34 +292,30 @@ class Readout:
     >>> import numpy as np
     >>> detector, light = Detector(full_well_e=10_000.0, bayer="RGGB"), np.full((3, 4, 3), 0.25, np.float32)
     >>> readout = Readout(detector, seed=1)
-    >>> taken = np.concatenate([readout.medium.read(light[:1]), readout.medium.read(light[1:])])
-    >>> bool((readout.numbers(taken) == detector.read(light, seed=1)).all())
+    >>> taken = np.concatenate([readout.conversion.read(light[:1]), readout.conversion.read(light[1:])])
+    >>> bool((readout.digital_values(taken) == detector.read(light, seed=1)).all())
     True
     """
 
     def __init__(self, detector: Detector, seed: int = 0) -> None:
         self._detector = detector
-        self._electrons = Electrons(detector, seed) if detector.counts else None
+        self._electrons = Electrons(detector, seed) if detector.counts_electrons else None
         self._rows = 0
 
     @property
-    def medium(self) -> Medium:
-        """Medium that receives the light."""
+    def conversion(self) -> PixelConversion:
+        """Conversion of the light of each tile."""
         detector, electrons = self._detector, self._electrons
-        if detector.is_of_values:
-            return Medium(detector.dtype, detector.read)
+        if detector.is_pointwise:
+            return PixelConversion(detector.dtype, detector.read)
         dtype = detector.dtype if electrons is None else electrons.dtype
-        return Medium(dtype, self._read, in_order=True, is_grey=detector.bayer != "none")
+        return PixelConversion(dtype, self._read, in_order=True, is_grey=detector.bayer != "none")
 
     def _read(self, light: Light) -> NDArray[Any]:
-        kept = filtered_light(self._detector, light, self._rows)
+        filtered = filtered_light(self._detector, light, self._rows)
         self._rows += len(light)
-        return (
-            digital_values(self._detector, kept)
-            if self._electrons is None
-            else self._electrons.counted(kept)
-        )
+        return digital_values(self._detector, filtered) if self._electrons is None else self._electrons.counted(filtered)
 
-    def numbers(self, taken: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of the image recorded on :attr:`medium`, possibly in its memory."""
-        return taken if self._electrons is None else self._electrons.read(taken)
+    def digital_values(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return the values of the image converted by :attr:`conversion`, possibly in its memory."""
+        return image if self._electrons is None else self._electrons.read(image)

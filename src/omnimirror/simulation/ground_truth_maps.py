@@ -11,17 +11,17 @@ from ..base.arguments import validate_arguments
 from ..base.colour import Light
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
-from .pixel_rays import sights
+from .pixel_rays import trace_pixels
 from .radiometry import Radiometry
 from .scenes.moving_objects import SceneWithBodies
 from .scenes.scene import Pose, PosedScene, Scene, distances_mm
 
-# -- Ground truth of an image: origin, direction and depth of each pixel ---------------------------
+# -- Ground truth: origin, direction and depth -----------------------------------------------------
 
 ROWS_AT_ONCE = 64
 
 
-class Truth(NamedTuple):
+class GroundTruth(NamedTuple):
     """Scene points of the chief rays of pixel centres (rows, columns); NaN for pixels without
     scene.
 
@@ -65,7 +65,7 @@ class Truth(NamedTuple):
 
 
 @validate_arguments
-def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> Truth:
+def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = None) -> GroundTruth:
     """Return the ground truth of each pixel centre by its chief ray.
 
     Parameters
@@ -77,7 +77,7 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
 
     Returns
     -------
-    Truth
+    GroundTruth
         Origin, direction, depth and visibility for each pixel.
 
     Raises
@@ -99,16 +99,16 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
     for top in range(0, height, ROWS_AT_ONCE):
         rows = np.arange(top, min(top + ROWS_AT_ONCE, height))
         pixels = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).reshape(-1, 2)
-        seen = sights(camera, pixels, radiometry)
+        rays = trace_pixels(camera, pixels, radiometry)
         band, shape = slice(rows[0], rows[-1] + 1), (len(rows), width)
-        origins[band], directions[band] = (seen.origins.reshape(*shape, 3), seen.directions.reshape(*shape, 3))
-        hidden[band] = seen.hidden.reshape(shape)
-        valid = seen.valid
-        depth[band][valid.reshape(shape)] = distances_mm(scene, seen.origins[valid], seen.directions[valid])
-    return Truth(origins, directions, depth, hidden)
+        origins[band], directions[band] = (rays.origins.reshape(*shape, 3), rays.directions.reshape(*shape, 3))
+        hidden[band] = rays.hidden.reshape(shape)
+        valid = rays.valid
+        depth[band][valid.reshape(shape)] = distances_mm(scene, rays.origins[valid], rays.directions[valid])
+    return GroundTruth(origins, directions, depth, hidden)
 
 
-# -- Ground truth for machine learning: normals, labels and optical flow to the next frame of every pixel
+# -- Ground truth for machine learning: normals, labels and optical flow ---------------------------
 
 NEIGHBOUR_ANGLE = 2e-4  # radians: rays next to that of a pixel, on the same surface except at edges
 # Maximum distance of a ray endpoint from a point that is visible again: in mm, and relative
@@ -122,45 +122,45 @@ class Moment(NamedTuple):
     pose: Pose
 
     @property
-    def seen(self) -> PosedScene:
+    def posed_scene(self) -> PosedScene:
         """Scene in the sensor frame."""
         return PosedScene(self.scene, self.pose)
 
 
-class LearningTruth(NamedTuple):
+class TrainingGroundTruth(NamedTuple):
     """Ground truth of a frame for the chief rays of pixel centres; NaN for pixels without scene."""
 
-    truth: Truth
+    truth: GroundTruth
     normals: Array
     """Unit normals (h, w, 3) towards the sensor, in its world frame."""
     labels: NDArray[np.uint16]
     """Labels (h, w); 0 for pixels without object."""
     flow_px: Array
     """Optical flow (h, w, 2) to the next frame, (right, down); NaN outside its field."""
-    seen_again: Mask
+    visible_again: Mask
     """Mask (h, w) of points that are not occluded in the next frame."""
 
 
-def learning_truth(camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None) -> LearningTruth:
+def training_ground_truth(camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None) -> TrainingGroundTruth:
     """Return the ground truth of a frame, and its flow to the following one.
 
     Normals are those of the plane through three points on adjacent rays, on the sides without an
     edge, and therefore exact on flat surfaces.
     """
-    truth = ground_truth(camera, now.seen, radiometry)
+    truth = ground_truth(camera, now.posed_scene, radiometry)
     shape = truth.depth_mm.shape
     valid = np.isfinite(truth.directions[..., 0])
     origins, towards, depth = (truth.origins_mm[valid], truth.directions[valid], truth.depth_mm[valid])
     normals, flow = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
-    labels, again = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
-    normals[valid] = _normals(now.seen, origins, towards, depth)
+    labels, visible = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
+    normals[valid] = _normals(now.posed_scene, origins, towards, depth)
     turn = now.pose.rotation().T
-    met = now.scene.labels(now.pose.to_scene(origins), towards @ turn)
-    labels[valid] = met
+    scene_labels = now.scene.labels(now.pose.to_scene(origins), towards @ turn)
+    labels[valid] = scene_labels
     v, u = np.nonzero(valid)
-    moved, again[valid] = _moved(camera, now, following, (origins, towards, depth, met), radiometry)
-    flow[valid] = moved - np.stack([u, v], axis=1)
-    return LearningTruth(truth, normals, labels, flow, again)
+    next_pixels, visible[valid] = _next_frame(camera, now, following, (origins, towards, depth, scene_labels), radiometry)
+    flow[valid] = next_pixels - np.stack([u, v], axis=1)
+    return TrainingGroundTruth(truth, normals, labels, flow, visible)
 
 
 @np.errstate(invalid="ignore")  # points at infinity
@@ -200,9 +200,9 @@ def _reach(scene: PosedScene, origins: Array, towards: Array) -> Array:
     return reach
 
 
-def _moved(camera: Camera, now: Moment, following: Moment, seen: tuple[Array, Array, Array, NDArray[np.int64]], radiometry: Radiometry | None) -> tuple[Array, Mask]:
+def _next_frame(camera: Camera, now: Moment, following: Moment, surface: tuple[Array, Array, Array, NDArray[np.int64]], radiometry: Radiometry | None) -> tuple[Array, Mask]:
     """Return pixels (n, 2) of the visible points in the following frame, and their visibility."""
-    origins, towards, depth, labels = seen
+    origins, towards, depth, labels = surface
     far = np.isinf(depth)
     points = now.pose.to_scene(origins + np.where(far, 0.0, depth)[:, None] * towards)
     first = 1 + len(now.scene.label_names) - len(now.scene.bodies)
@@ -215,14 +215,14 @@ def _moved(camera: Camera, now: Moment, following: Moment, seen: tuple[Array, Ar
     away = towards @ now.pose.rotation().T @ following.pose.rotation()
     if far.any():
         pixels[far], valid[far] = camera.project_directions(away[far])
-    again = valid.copy()
-    there = sights(camera, pixels[valid], radiometry)
+    visible = valid.copy()
+    next_rays = trace_pixels(camera, pixels[valid], radiometry)
     with np.errstate(invalid="ignore"):
-        ends = np.full(len(there.valid), np.nan)
-        ok = there.valid
-        ends[ok] = distances_mm(following.seen, there.origins[ok], there.directions[ok])
-        wanted = np.where(far[valid], np.inf, np.linalg.norm(points[valid] - there.origins, axis=1))
-        same = (ends == wanted) | (np.abs(ends - wanted) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * wanted)
-    again[valid] = ok & ~there.hidden & same
+        distances = np.full(len(next_rays.valid), np.nan)
+        valid_rays = next_rays.valid
+        distances[valid_rays] = distances_mm(following.posed_scene, next_rays.origins[valid_rays], next_rays.directions[valid_rays])
+        expected = np.where(far[valid], np.inf, np.linalg.norm(points[valid] - next_rays.origins, axis=1))
+        is_same_point = (distances == expected) | (np.abs(distances - expected) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * expected)
+    visible[valid] = valid_rays & ~next_rays.hidden & is_same_point
     pixels[~valid] = np.nan
-    return pixels, again
+    return pixels, visible

@@ -22,9 +22,10 @@ Tile = tuple[slice, slice]
 
 
 @dataclass(frozen=True)
-class Medium:
-    """Recording medium for light: stored values take 1/4 of the memory of the light, which is never
-    stored as a whole.
+class PixelConversion:
+    """Conversion of light to stored pixel values.
+
+    The light of the full image, which needs 4 times the memory of 8-bit values, is never stored.
 
     Attributes
     ----------
@@ -48,8 +49,8 @@ class Medium:
         return np.empty((size[1], size[0]) if self.is_grey else (size[1], size[0], 3), self.dtype)
 
 
-LIGHT = Medium(np.float32, lambda light: light)
-BYTES = Medium(np.uint8, srgb_bytes)
+LIGHT = PixelConversion(np.float32, lambda light: light)
+BYTES = PixelConversion(np.uint8, srgb_bytes)
 
 ROWS_AHEAD = 2  # rows of tiles per thread that are rendered ahead of their readout
 RAYS_PER_TILE = 1 << 16  # larger tiles exceed the cache, smaller ones cause idle threads
@@ -59,9 +60,9 @@ def render_tiles(
     light_of: Callable[[Tile], Light],
     size: tuple[int, int],
     samples: int,
-    progress: Progress | None = None,
+    on_progress: Progress | None = None,
     workers: int | None = None,
-    medium: Medium = LIGHT,
+    conversion: PixelConversion = LIGHT,
 ) -> NDArray[Any]:
     """Render an image (rows, columns, 3) tile by tile with threads; the kernels release the
     interpreter lock.
@@ -74,37 +75,39 @@ def render_tiles(
         Columns and rows.
     samples
         Rays per pixel.
-    progress
+    on_progress
         Callback in the calling thread.
     workers
         Number of threads; the number of available cores by default.
-    medium
-        Medium that receives the light.
+    conversion
+        Conversion of the light to pixel values.
     """
     width, height = size
-    picture = medium.empty(size)
+    image = conversion.empty(size)
 
     # Initialises caches once instead of once per thread
     light_of((slice(height // 2, height // 2 + 1), slice(0, 1)))
     workers = workers or usable_cores()
-    fill = _row_by_row if medium.in_order else _as_they_come
-    for done in fill(picture, light_of, _tiles(width, height, samples), medium, workers):
-        if progress is not None:
-            progress(done, height)
-    return picture
+    fill = _row_by_row if conversion.in_order else _in_any_order
+    for completed_rows in fill(
+        image, light_of, _tiles(width, height, samples), conversion, workers
+    ):
+        if on_progress is not None:
+            on_progress(completed_rows, height)
+    return image
 
 
-def _as_they_come(
-    picture: NDArray[Any],
+def _in_any_order(
+    image: NDArray[Any],
     light_of: Callable[[Tile], Light],
     tiles: Iterator[Tile],
-    medium: Medium,
+    conversion: PixelConversion,
     workers: int,
 ) -> Iterator[int]:
     """Fill an image, with readout in each thread; yield the number of finished rows."""
 
     def fill(tile: Tile) -> int:
-        picture[tile] = medium.read(light_of(tile))
+        image[tile] = conversion.read(light_of(tile))
         return int(tile[0].stop)
 
     with ThreadPoolExecutor(workers) as pool:
@@ -112,10 +115,10 @@ def _as_they_come(
 
 
 def _row_by_row(
-    picture: NDArray[Any],
+    image: NDArray[Any],
     light_of: Callable[[Tile], Light],
     tiles: Iterator[Tile],
-    medium: Medium,
+    conversion: PixelConversion,
     workers: int,
 ) -> Iterator[int]:
     """Fill an image in consecutive rows, with readout in this thread while others render the next
@@ -125,7 +128,7 @@ def _row_by_row(
 
     def read() -> int:
         rows, parts = waiting.popleft()
-        picture[rows] = medium.read(np.concatenate([part.result() for part in parts], axis=1))
+        image[rows] = conversion.read(np.concatenate([part.result() for part in parts], axis=1))
         return int(rows.stop)
 
     with ThreadPoolExecutor(workers) as pool:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import format_value, numbers
+from ..base.arguments import whole
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
@@ -19,9 +19,9 @@ from ..optics.housing import FlatWindow, Shell
 from ..optics.sensor import Sensor
 from ..optics.tracing.shell_transmission import ShellTransit, passage
 from .radiometry import Radiometry, camera_front
-from .scenes.scene import Measured, Scene
+from .scenes.scene import MeasurableScene, Scene
 
-# -- Sampling of rays: positions on the pixel and on the lens aperture -----------------------------
+# -- Sampling of pixel and aperture ----------------------------------------------------------------
 #
 # Rays are uniform in all four dimensions (an additive recurrence), with a different shift in each
 # pixel, which turns the remaining error into fine grain without pattern. Sharp images need two
@@ -43,7 +43,7 @@ class Samples(NamedTuple):
     seed: int
 
 
-def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
+def sampling_plan(samples: int, blur: bool, seed: int = 0) -> Samples:
     """Return samples for each pixel.
 
     Parameters
@@ -62,16 +62,11 @@ def spread(samples: int, blur: bool, seed: int = 0) -> Samples:
 
     Examples
     --------
-    >>> spread(4, blur=False).points[:, :2].tolist()
+    >>> sampling_plan(4, blur=False).points[:, :2].tolist()
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
-    for name, value in (("samples", samples), ("seed", seed)):
-        if numbers(name, value, "a number").ndim:
-            raise InvalidParameter(f"{name} = {format_value(value)} is not one whole number")
-    if not (1 <= samples <= MAX_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(f"samples = {format_value(samples)} is not a whole number from 1 to {MAX_SAMPLES}")
-    if not (0 <= seed < 1 << 32 and int(seed) == seed):
-        raise InvalidParameter(f"seed = {format_value(seed)} is not a whole number from 0 to {2**32 - 1}")
+    whole("samples", samples, 1, MAX_SAMPLES)
+    whole("seed", seed, 0, 2**32 - 1)
     points = np.zeros((samples, 4))
     side = isqrt(samples)
     if blur:
@@ -91,7 +86,7 @@ def _recurrence(count: int, dimensions: int) -> Array:
     return points
 
 
-def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array, Array]:
+def sample_positions(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array, Array]:
     """Return pixels (..., n, 2) and aperture points (..., n, 2) of the unit disk, for pixels given
     by column and row.
 
@@ -100,7 +95,7 @@ def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array
     columns, rows = np.broadcast_arrays(np.asarray(columns, np.int64), np.asarray(rows, np.int64))
     p = samples.points.astype(float)
     if samples.blur:
-        p = (p + _shifts(columns, rows, samples.seed)[..., None, :]) % 1.0
+        p = (p + _pixel_shifts(columns, rows, samples.seed)[..., None, :]) % 1.0
     else:
         p = np.broadcast_to(p, (*columns.shape, *p.shape))
     pixels = np.stack([columns, rows], axis=-1)[..., None, :] + p[..., :2] - 0.5
@@ -109,16 +104,16 @@ def places(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array
     return pixels, aperture
 
 
-def _shifts(columns: NDArray[np.int64], rows: NDArray[np.int64], seed: int) -> Array:
-    h = _mixed(np.uint32(seed) ^ _mixed(columns.astype(np.uint32) + _mixed(rows.astype(np.uint32))))
+def _pixel_shifts(columns: NDArray[np.int64], rows: NDArray[np.int64], seed: int) -> Array:
+    h = _hash(np.uint32(seed) ^ _hash(columns.astype(np.uint32) + _hash(rows.astype(np.uint32))))
     shifts = []
     for _ in range(4):
         shifts.append((h >> np.uint32(8)) * 2.0**-24)
-        h = _mixed(h + np.uint32(0x9E3779B9))
+        h = _hash(h + np.uint32(0x9E3779B9))
     return np.stack(shifts, axis=-1)
 
 
-def _mixed(h: NDArray[np.uint32]) -> NDArray[np.uint32]:
+def _hash(h: NDArray[np.uint32]) -> NDArray[np.uint32]:
     h = np.asarray(h, np.uint32)
     h = h ^ (h >> np.uint32(16))
     h = h * np.uint32(0x7FEB352D)
@@ -128,7 +123,7 @@ def _mixed(h: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return mixed
 
 
-# -- Transparent tubes and domes around a sensor: refraction, transmission losses and ghosts -------
+# -- Transparent housings: refraction, transmission and ghosts -------------------------------------
 
 MAX_GHOST_ORDER = 2  # higher-order ghosts have less than 0.001 of the light
 ORIGIN_TOLERANCE_MM = 1e-4  # tolerance of a ray origin on a surface: single precision
@@ -213,14 +208,14 @@ class ThroughShell:
         turn = self.sensor.mount.rotation()
         points, towards = (rotate_vectors(v, turn) for v in (origins_mm, directions))
         light = np.zeros(points.shape)
-        left = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
-        points, towards, share = points[left], towards[left], np.ones(len(left))
+        active = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
+        points, towards, share = points[active], towards[active], np.ones(len(active))
         for _ in range(1 + MAX_GHOST_ORDER):
-            left_by = passage(self.shell, points, towards)
-            seen = self.scene.radiance(rotate_vectors(left_by.points, turn.T), rotate_vectors(left_by.directions, turn.T))
-            light[left] += (share * left_by.passed)[:, None] * seen
-            ghosts = self._ghosts(left_by)
-            left, share = left[ghosts.alive], (share * (1 - left_by.passed))[ghosts.alive]
+            transit = passage(self.shell, points, towards)
+            radiance = self.scene.radiance(rotate_vectors(transit.points, turn.T), rotate_vectors(transit.directions, turn.T))
+            light[active] += (share * transit.passed)[:, None] * radiance
+            ghosts = self._ghosts(transit)
+            active, share = active[ghosts.alive], (share * (1 - transit.passed))[ghosts.alive]
             points, towards = ghosts.points[ghosts.alive], ghosts.directions[ghosts.alive]
         return light.astype(np.float32)
 
@@ -228,9 +223,9 @@ class ThroughShell:
         """Return the continuation of reflected rays."""
         mirror = self.sensor.optical_train.posed_mirror
         points, directions = (passage.met + ORIGIN_OFFSET_MM * passage.reflected, passage.reflected)
-        again = mirror.trace(points, directions)
-        points = np.where(again.valid[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, points)
-        directions = np.where(again.valid[:, None], again.directions, directions)
+        reflected = mirror.trace(points, directions)
+        points = np.where(reflected.valid[:, None], reflected.points + ORIGIN_OFFSET_MM * reflected.directions, points)
+        directions = np.where(reflected.valid[:, None], reflected.directions, directions)
         rim = self.sensor.mirror.rim_radius_mm
         back = float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
         alive = ~(_meets_disc(points, directions, back, rim) | intersects_lid(self.shell, self.lids_mm, points, directions))
@@ -241,12 +236,12 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
     """Return the scene through the tube or dome of the housing of a camera; unchanged without one."""
     if not isinstance(camera, Sensor) or camera.housing.shell is None:
         return scene
-    standing = camera.obstructions
-    assert standing.housing.shell is not None
-    return ThroughShell(scene, standing.housing.shell, camera, tuple(lid.height_mm for lid in standing.lids))
+    obstructions = camera.obstructions
+    assert obstructions.housing.shell is not None
+    return ThroughShell(scene, obstructions.housing.shell, camera, tuple(lid.height_mm for lid in obstructions.lids))
 
 
-# -- Pixel rays and obstructions: reflection at the mirror, past rod, camera and rim, through a wall
+# -- Pixel rays and obscurations -------------------------------------------------------------------
 
 Fates = NDArray[np.uint8]
 
@@ -273,21 +268,21 @@ class TracedRays(NamedTuple):
     """
 
 
-def follow(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> TracedRays:
+def trace_to_scene(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> TracedRays:
     """Trace rays of pixels (n, 2) through points (n, 2) of the unit disk of the aperture, in double
     precision.
     """
     start, towards = sensor.lens_rays(pixels, pupil)
-    found = sensor.optical_train.posed_mirror.trace(start, towards)
-    hit = found.valid
-    points, directions = (np.where(hit[:, None], found.points, start), np.where(hit[:, None], found.directions, towards))
-    fate = np.where(hit, REFLECTED, DIRECT if radiometry.sees_past else LOST).astype(np.uint8)
+    reflection = sensor.optical_train.posed_mirror.trace(start, towards)
+    hit = reflection.valid
+    points, directions = (np.where(hit[:, None], reflection.points, start), np.where(hit[:, None], reflection.directions, towards))
+    fate = np.where(hit, REFLECTED, DIRECT if radiometry.direct_view else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
         fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
-    standing = sensor.obstructions
-    fate[hit & standing.meets_front(points, directions, -towards)] = HIDDEN
-    fate[standing.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
+    obstructions = sensor.obstructions
+    fate[hit & obstructions.meets_front(points, directions, -towards)] = HIDDEN
+    fate[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
     return TracedRays(points, directions, towards, hit, fate)
 
 
@@ -295,22 +290,22 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
     """Return the relative brightness (n,) of the targets of mirrored rays (n, 3): parts of the
     camera front; 1 elsewhere.
     """
-    standing = sensor.obstructions
-    if standing.camera is None:
+    obstructions = sensor.obstructions
+    if obstructions.camera is None:
         return np.ones(len(points))
-    meets, across = standing.camera.blocks(points, directions)
-    if standing.rod is not None:
-        meets &= ~(standing.rod.blocks(points, directions) | standing.rod.blocks(points, towards_lens))
-    return np.where(meets, camera_front(2 * across / standing.front_ring_mm), 1.0)
+    meets, across = obstructions.camera.blocks(points, directions)
+    if obstructions.rod is not None:
+        meets &= ~(obstructions.rod.blocks(points, directions) | obstructions.rod.blocks(points, towards_lens))
+    return np.where(meets, camera_front(2 * across / obstructions.front_ring_mm), 1.0)
 
 
 def check_housing_is_rendered(sensor: Sensor) -> None:
     """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
     if sensor.secondary is not None and not sensor.housing.is_empty:
-        raise InvalidParameter(f"pictures and their truth show the housing of one mirror, and {sensor.name!r} has two; take it without: replace(sensor, housing=Housing())")
+        raise InvalidParameter(f"the housing must be empty for rendering and ground truth of two mirrors; {sensor.name!r} has both; use replace(sensor, housing=Housing())")
 
 
-def mirror_net(sensor: Sensor) -> Array:
+def mirror_grid(sensor: Sensor) -> Array:
     """Return world points (lines from the vertex, lines around, 3) of the mirror, mm, including the
     rim.
     """
@@ -325,20 +320,20 @@ def mirror_net(sensor: Sensor) -> Array:
     return rotate_vectors(points, rotation.T).reshape(*across.shape[:2], 3)
 
 
-def check_clear(sensor: Sensor, scene: Scene) -> None:
+def check_clearance(sensor: Sensor, scene: Scene) -> None:
     """Raise InvalidParameter if a scene intersects the mirror, tested along lines from the vertex
     to the rim and around it.
 
     Scenes without distances are not tested.
     """
     scene = scene.scene if isinstance(scene, ThroughShell) else scene
-    if not isinstance(scene, Measured):
+    if not isinstance(scene, MeasurableScene):
         return
-    net = mirror_net(sensor)
-    start = np.concatenate([net[:-1].reshape(-1, 3), net[1:, :-1].reshape(-1, 3)])
-    end = np.concatenate([net[1:].reshape(-1, 3), net[1:, 1:].reshape(-1, 3)])
+    grid = mirror_grid(sensor)
+    start = np.concatenate([grid[:-1].reshape(-1, 3), grid[1:, :-1].reshape(-1, 3)])
+    end = np.concatenate([grid[1:].reshape(-1, 3), grid[1:, 1:].reshape(-1, 3)])
     if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
-        raise InvalidParameter("the mirror stands in something of the scene; give it another pose, or look at the unit of a mesh")
+        raise InvalidParameter("the mirror must not intersect the scene; change the pose, or check the unit of the mesh")
 
 
 class PixelRays(NamedTuple):
@@ -358,7 +353,7 @@ class PixelRays(NamedTuple):
     """
 
 
-def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> PixelRays:
+def trace_pixels(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> PixelRays:
     """Return the chief rays of pixels (n, 2) past obstructions and through a tube or a dome.
 
     Parameters
@@ -381,14 +376,14 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
     >>> from dataclasses import replace
     >>> from omnimirror.optics.housing import CameraBody, Housing
     >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
-    >>> seen = sights(sensor, [[511.5, 511.5], [900.0, 511.5]])
-    >>> seen.valid, seen.hidden
+    >>> rays = trace_pixels(sensor, [[511.5, 511.5], [900.0, 511.5]])
+    >>> rays.valid, rays.hidden
     (array([False,  True]), array([ True, False]))
     """
     pixels = np.asarray(pixels, dtype=float)
     if not isinstance(camera, Sensor) or camera.secondary is not None:
         if radiometry is not None:
-            raise InvalidParameter("only a sensor of one mirror has radiometry")
+            raise InvalidParameter("radiometry must be omitted unless the camera is a sensor with one mirror")
         if isinstance(camera, Sensor):
             check_housing_is_rendered(camera)
         rays, hidden = camera.backproject(pixels), np.zeros(len(pixels), dtype=bool)
@@ -396,14 +391,14 @@ def sights(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = No
             hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
             hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
         return PixelRays(rays.origins, _unit(rays.directions), rays.valid, hidden)
-    followed, standing = (follow(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions)
-    points, directions, hidden = (followed.points, _unit(followed.directions), followed.fate == HIDDEN)
-    valid = (followed.fate == REFLECTED) | (followed.fate == DIRECT)
-    if (shell := standing.housing.shell) is not None:
-        for disc in standing.discs:  # lids and the frame of a window
+    traced, obstructions = (trace_to_scene(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions)
+    points, directions, hidden = (traced.points, _unit(traced.directions), traced.fate == HIDDEN)
+    valid = (traced.fate == REFLECTED) | (traced.fate == DIRECT)
+    if (shell := obstructions.housing.shell) is not None:
+        for disc in obstructions.discs:  # lids and the frame of a window
             hidden |= valid & (disc.clearance(points, directions) < 0)
-        left_by = passage(shell, points[valid], directions[valid])
-        points[valid], directions[valid] = left_by.points, left_by.directions
+        transit = passage(shell, points[valid], directions[valid])
+        points[valid], directions[valid] = transit.points, transit.directions
         valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan
     rotation = camera.mount.rotation().T
@@ -418,12 +413,12 @@ def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:
     Raises
     ------
     InvalidParameter
-        As in :func:`sights`.
+        As in :func:`trace_pixels`.
     """
     points = np.asarray(points_mm, dtype=float)
     pixels, valid = camera.project(points)
     if isinstance(camera, Sensor) and not camera.housing.is_empty:
-        valid[valid] = ~sights(camera, pixels[valid]).hidden
+        valid[valid] = ~trace_pixels(camera, pixels[valid]).hidden
     pixels[~valid] = np.nan
     return Projection(pixels, valid)
 

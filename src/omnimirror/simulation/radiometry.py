@@ -21,7 +21,7 @@ class Radiometry:
 
     Parameters
     ----------
-    grey
+    housing_light
         Light emitted by camera, rod and rim, linear, white at 1.
     reflectivity
         Reflectivity of the mirror: a number, the complex index ``n + 1j k`` of a metal or its name,
@@ -29,7 +29,7 @@ class Radiometry:
         three of them, for red, green and blue.
     vignetting
         1: natural vignetting with the fourth power of the cosine; 0: none.
-    sees_past
+    direct_view
         True if the camera images the world past the mirror; otherwise it is black there.
 
     Raises
@@ -43,14 +43,14 @@ class Radiometry:
     array([0.921])
     """
 
-    grey: float = 0.02
+    housing_light: float = 0.02
     reflectivity: Reflectivity | tuple[Reflectivity, Reflectivity, Reflectivity] = 1.0
     vignetting: float = 0.0
-    sees_past: bool = False
+    direct_view: bool = False
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "grey": Parameter("", 0.0, 1e3, "light that camera, rod and rim send out"),
-        "vignetting": Parameter("", 0.0, 1.0, "share of the natural vignetting of the lens"),
+        "housing_light": Parameter("", 0.0, 1e3, "radiance of the camera, the rod and the rim"),
+        "vignetting": Parameter("", 0.0, 1.0, "fraction of the natural vignetting of the lens"),
     }
 
     def __post_init__(self) -> None:
@@ -77,7 +77,7 @@ class Radiometry:
         assert not isinstance(self.reflectivity, tuple)
         return reflectance(gamma, self.reflectivity)
 
-    def of_colours(self) -> tuple[Radiometry, Radiometry, Radiometry] | None:
+    def by_colour(self) -> tuple[Radiometry, Radiometry, Radiometry] | None:
         """Return the radiometry for red, green and blue light.
 
         Returns

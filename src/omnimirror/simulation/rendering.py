@@ -24,14 +24,14 @@ from ..cameras.frames import rotate_vectors
 from ..optics.image_sensor import Imager
 from ..optics.sensor import Sensor
 from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
-from .image_tiles import BYTES, LIGHT, Medium, Progress, Tile, render_tiles
-from .pixel_rays import DIRECT, HIDDEN, LOST, REFLECTED, Samples, ThroughShell, check_clear, check_housing_is_rendered, follow, front_shade, places, scene_through_shell, spread
+from .image_tiles import BYTES, LIGHT, PixelConversion, Progress, Tile, render_tiles
+from .pixel_rays import DIRECT, HIDDEN, LOST, REFLECTED, Samples, ThroughShell, check_clearance, check_housing_is_rendered, front_shade, sample_positions, sampling_plan, scene_through_shell, trace_to_scene
 from .radiometry import Radiometry
-from .scenes.scene import Distant, Scene
+from .scenes.scene import DistantScene, Scene
 
-# -- Light on the image sensor: mean over rays of each pixel through the aperture, via the mirror, to a scene
+# -- Radiance on the image sensor ------------------------------------------------------------------
 
-MOST_ACROSS = 1 << 15  # maximum side of a square image, px, whose light requires 12 GB
+MAX_SIDE_PX = 1 << 15  # maximum side of a square image, px, whose light requires 12 GB
 
 
 class Bundle(NamedTuple):
@@ -48,7 +48,7 @@ class Bundle(NamedTuple):
 
 
 @validate_arguments
-def expose(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> Light:
+def expose(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> Light:
     """Compute the light (rows, columns, 3), linear RGB, on the pixels of a camera.
 
     Parameters
@@ -61,12 +61,12 @@ def expose(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False
     blur
         Render defocus blur with the lens aperture. Supported for sensors only.
     distant
-        Render the scene as infinitely distant (:class:`~omnimirror.simulation.scenes.Distant`).
+        Render the scene as infinitely distant (:class:`~omnimirror.simulation.scenes.DistantScene`).
     radiometry
         Radiometry of a sensor and appearance of its housing; without losses by default.
     seed
         Random seed of the sample positions in a blurred image.
-    progress
+    on_progress
         Callback in the calling thread with the finished rows.
     workers
         Number of threads; the number of processors by default.
@@ -102,94 +102,96 @@ def expose(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False
     >>> light.shape, light.dtype
     ((64, 64, 3), dtype('float32'))
     """
-    return exposed(camera, scene, LIGHT, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, progress=progress, workers=workers, wavelengths_nm=wavelengths_nm)
+    return render_light(camera, scene, LIGHT, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, on_progress=on_progress, workers=workers, wavelengths_nm=wavelengths_nm)
 
 
-def exposed(camera: Camera, scene: Scene, medium: Medium, *, samples: int, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> NDArray[Any]:
-    """Return the response of a medium to the light, (rows, columns, 3); parameters as in
+def render_light(
+    camera: Camera, scene: Scene, conversion: PixelConversion, *, samples: int, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None
+) -> NDArray[Any]:
+    """Return the converted light, (rows, columns, 3); parameters as in
     :func:`expose`.
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
-    instance("scene", scene, Scene, "a scene, such as om.Room()")
+    instance("camera", camera, Camera, "a camera, for example from om.load_sensor")
+    instance("scene", scene, Scene, "a scene, for example om.Room()")
     _check_size(camera)
     workers = None if workers is None else integer("workers", workers, 1)
     instance("blur", blur, bool, "True or False")
     instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
-        raise InvalidParameter("only a sensor has blur; a calibrated camera says nothing of its aperture")
+        raise InvalidParameter(f"blur must be False unless the camera is a sensor; got a {type(camera).__name__}")
     if radiometry is not None and not _has_one_mirror(camera):
-        raise InvalidParameter("only a sensor of one mirror has radiometry; a calibrated camera says nothing of it, and two mirrors dim nothing yet")
+        raise InvalidParameter("radiometry must be omitted unless the camera is a sensor with one mirror")
     if isinstance(camera, Sensor):
         check_housing_is_rendered(camera)
         camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
         if not distant:
-            check_clear(camera, scene)
-    plan = spread(samples, blur, seed)
+            check_clearance(camera, scene)
+    plan = sampling_plan(samples, blur, seed)
     radiometry = radiometry or Radiometry()
-    cameras, coloured = _of_colours(camera, wavelengths_nm), radiometry.of_colours()
+    cameras, coloured = _cameras_at_wavelengths(camera, wavelengths_nm), radiometry.by_colour()
     if cameras is not None or coloured is not None:
-        plain = partial(exposed, scene=scene, medium=LIGHT if medium.in_order else medium, samples=samples, blur=blur, distant=distant, seed=seed, progress=progress, workers=workers)
-        seen_by: list[Any] = [camera] * 3 if cameras is None else [*cameras]
-        each = zip(seen_by, coloured or [radiometry] * 3, strict=True)
-        shares = [plain(seen, radiometry=light) for seen, light in each]
+        plain = partial(render_light, scene=scene, conversion=LIGHT if conversion.in_order else conversion, samples=samples, blur=blur, distant=distant, seed=seed, on_progress=on_progress, workers=workers)
+        cameras_by_colour: list[Any] = [camera] * 3 if cameras is None else [*cameras]
+        each = zip(cameras_by_colour, coloured or [radiometry] * 3, strict=True)
+        shares = [plain(colour_camera, radiometry=light) for colour_camera, light in each]
         stacked = np.stack([share[..., i] for i, share in enumerate(shares)], axis=-1)
-        return medium.read(stacked) if medium.in_order else stacked
-    seen = scene_through_shell(camera, _distant(scene) if distant else scene)
+        return conversion.read(stacked) if conversion.in_order else stacked
+    visible_scene = scene_through_shell(camera, _at_infinity(scene) if distant else scene)
     if _has_one_mirror(camera) and is_for_kernels(camera):
-        picture = compiled_light(camera, seen, plan, radiometry, progress, workers, medium)
-        if picture is not None:
-            return picture
-    return _of_scene(camera, seen, plan, radiometry, progress, workers, medium)
+        image = compiled_light(camera, visible_scene, plan, radiometry, on_progress, workers, conversion)
+        if image is not None:
+            return image
+    return _render_scene(camera, visible_scene, plan, radiometry, on_progress, workers, conversion)
 
 
-def _of_colours(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
+def _cameras_at_wavelengths(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
     """Return the sensor for red, green and blue light; None if all colours are equal."""
     if wavelengths_nm is None:
         return None
     if not isinstance(camera, Sensor):
-        raise InvalidParameter("only a sensor has colours; a calibrated camera says nothing of its lens")
+        raise InvalidParameter(f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}")
     three = finite("wavelengths_nm", wavelengths_nm, last=3)
     return [at_wavelength(camera, float(nm)) for nm in three]
 
 
 def _check_size(camera: Camera) -> None:
     width, height = camera.image_size
-    if width * height > MOST_ACROSS**2:
-        raise InvalidParameter(f"a picture of {width} x {height} px is too large to be simulated; valid are up to {MOST_ACROSS} x {MOST_ACROSS} px, or as many in all")
+    if width * height > MAX_SIDE_PX**2:
+        raise InvalidParameter(f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} x {MAX_SIDE_PX} px; got {width} x {height} px")
 
 
-def _distant(scene: Scene) -> Scene:
+def _at_infinity(scene: Scene) -> Scene:
     """Return the scene at infinity; a tube or a dome is unchanged."""
-    return replace(scene, scene=_distant(scene.scene)) if isinstance(scene, ThroughShell) else Distant(scene)
+    return replace(scene, scene=_at_infinity(scene.scene)) if isinstance(scene, ThroughShell) else DistantScene(scene)
 
 
 def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
     return isinstance(camera, Sensor) and camera.secondary is None
 
 
-def _of_scene(camera: Camera, scene: Scene, plan: Samples, radiometry: Radiometry, progress: Progress | None, workers: int | None, medium: Medium) -> NDArray[Any]:
+def _render_scene(camera: Camera, scene: Scene, plan: Samples, radiometry: Radiometry, on_progress: Progress | None, workers: int | None, conversion: PixelConversion) -> NDArray[Any]:
     def light_of(tile: Tile) -> Light:
-        light: Light = gather(trace(camera, plan, radiometry, *tile), scene, radiometry).mean(axis=2)
+        light: Light = gather_light(trace_bundle(camera, plan, radiometry, *tile), scene, radiometry).mean(axis=2)
         return light
 
-    return render_tiles(light_of, camera.image_size, len(plan.points), progress, workers, medium)
+    return render_tiles(light_of, camera.image_size, len(plan.points), on_progress, workers, conversion)
 
 
-def gather(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
+def gather_light(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     """Return the light (rows, columns, n, 3) along the rays."""
     light = np.zeros(bundle.origins.shape, np.float32)
-    seeing = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
-    light[seeing] = scene.radiance(bundle.origins[seeing], bundle.directions[seeing])
+    visible = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
+    light[visible] = scene.radiance(bundle.origins[visible], bundle.directions[visible])
     light *= bundle.weight[..., None]
     hidden = bundle.fate == HIDDEN
-    light[hidden] = radiometry.grey * bundle.weight[hidden, None]
+    light[hidden] = radiometry.housing_light * bundle.weight[hidden, None]
     return light
 
 
-def trace(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
+def trace_bundle(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     """Trace the rays of a tile of the image."""
     if not _has_one_mirror(camera):
-        pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
+        pixels, pupil = sample_positions(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
         shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
         if isinstance(camera, Sensor) and plan.blur:
             origins, directions, valid = camera.aperture_rays(flat, pupil.reshape(-1, 2) * plan.blur)
@@ -212,10 +214,10 @@ def _trace_natively(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows:
 
 def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
     """Trace the same rays without the compiled module."""
-    pixels, pupil = places(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
+    pixels, pupil = sample_positions(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
     pixels, pupil = pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur
-    points, directions, towards, hit, fate = follow(sensor, pixels, pupil, radiometry)
+    points, directions, towards, hit, fate = trace_to_scene(sensor, pixels, pupil, radiometry)
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = sensor.image_plane.flat_mm(pixels)[0]
@@ -229,7 +231,7 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     return Bundle(rotate_vectors(points, rotation).reshape(*shape, 3), rotate_vectors(directions, rotation).reshape(*shape, 3), weight.reshape(shape), fate.reshape(shape))
 
 
-# -- Rendering of the image of a scene captured by a camera ----------------------------------------
+# -- Rendered images -------------------------------------------------------------------------------
 #
 # Images are arrays (rows, columns, 3) of uint8 in sRGB and in **RGB order**, as usual in Python;
 # OpenCV requires BGR, ``picture[..., ::-1]``.
@@ -239,7 +241,7 @@ SHOWN_SAMPLES = 16
 """Rays per pixel of images for display."""
 
 
-def take_picture(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, progress: Progress | None = None, workers: int | None = None, low_pass: bool = False) -> SrgbImage:
+def render_image(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Progress | None = None, workers: int | None = None, low_pass: bool = False) -> SrgbImage:
     """Render the image (rows, columns, 3), uint8 sRGB in RGB order, of a scene captured by a
     camera.
 
@@ -268,7 +270,7 @@ def take_picture(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool =
         Reflectivity of the mirror, vignetting of the lens, and appearance of the housing.
     seed
         Random seed of the sample positions in a blurred image.
-    progress
+    on_progress
         Callback with the number of finished rows and the total.
     workers
         Number of threads; the number of processors by default.
@@ -288,42 +290,42 @@ def take_picture(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool =
     Examples
     --------
     >>> import omnimirror as om
-    >>> picture = om.take_picture(om.load_sensor("paper-spherical"), om.Room(texel_mm=40.0), samples=1)
+    >>> picture = om.render_image(om.load_sensor("paper-spherical"), om.Room(texel_mm=40.0), samples=1)
     >>> picture.shape, picture.dtype, picture[0, 0]
     ((1024, 1024, 3), dtype('uint8'), array([0, 0, 0], dtype=uint8))
     """
     if low_pass:
-        fine = _finer(camera)
-        light = expose(fine, scene, samples=-(-samples // 4), blur=blur, distant=distant, radiometry=radiometry, seed=seed, progress=progress, workers=workers)
-        return srgb_bytes(_low_passed(light))
-    return exposed(camera, scene, BYTES, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, progress=progress, workers=workers)
+        fine = _with_half_pixel_pitch(camera)
+        light = expose(fine, scene, samples=-(-samples // 4), blur=blur, distant=distant, radiometry=radiometry, seed=seed, on_progress=on_progress, workers=workers)
+        return srgb_bytes(_low_pass_filtered(light))
+    return render_light(camera, scene, BYTES, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, on_progress=on_progress, workers=workers)
 
 
-TENT = np.array([1.0, 3.0, 3.0, 1.0]) / 8
+LOW_PASS_KERNEL = np.array([1.0, 3.0, 3.0, 1.0]) / 8
 """Weights of half-width pixels: a tent that extends one pixel to either side."""
 
 
-def _finer(camera: Camera) -> Sensor:
+def _with_half_pixel_pitch(camera: Camera) -> Sensor:
     """Return the sensor with pixels of half the width."""
     if not isinstance(camera, Sensor):
-        raise InvalidParameter("only a sensor has a low-pass filter; a calibrated camera has taken its pictures already")
+        raise InvalidParameter(f"low_pass must be False unless the camera is a sensor; got a {type(camera).__name__}")
     imager = camera.imager
     u, v = imager.centre
     finer = Imager(2 * imager.width_px, 2 * imager.height_px, imager.pixel_pitch_um / 2, (2 * u + 0.5, 2 * v + 0.5))
     return replace(camera, imager=finer)
 
 
-def _low_passed(light: Light) -> Light:
+def _low_pass_filtered(light: Light) -> Light:
     """Filter light (2 n, 2 m, 3) on half-width pixels to pixels (n, m, 3)."""
     for axis in (0, 1):
         padded = np.moveaxis(np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0)
         count = light.shape[axis] // 2
-        light = np.moveaxis(sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(TENT)), 0, axis)
+        light = np.moveaxis(sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(LOW_PASS_KERNEL)), 0, axis)
     return np.ascontiguousarray(light, np.float32)
 
 
 @validate_arguments
-def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> SrgbImage:
+def render_pinhole_image(scene: Scene, directions: ArrayLike, samples: int = 1) -> SrgbImage:
     """Render the image of an ideal camera at the world origin: the reference for dewarped images.
 
     Parameters
@@ -348,25 +350,25 @@ def pinhole_picture(scene: Scene, directions: ArrayLike, samples: int = 1) -> Sr
     >>> from omnimirror.cameras.frames import pan_tilt_direction
     >>> from omnimirror import Room
     >>> pan, tilt = np.meshgrid(np.radians(np.arange(-60, 60, 2)), np.radians(np.arange(30, -30, -2)))
-    >>> pinhole_picture(Room(texel_mm=40.0), pan_tilt_direction(pan, tilt)).shape
+    >>> render_pinhole_image(Room(texel_mm=40.0), pan_tilt_direction(pan, tilt)).shape
     (30, 60, 3)
     """
     _check_samples(samples)
     towards = np.asarray(directions, dtype=float)
     if towards.ndim != 3 or towards.shape[2] != 3 or towards.shape[0] % samples or towards.shape[1] % samples:
-        raise InvalidParameter(f"directions have the shape {towards.shape}; it must be (rows, columns, 3), both a multiple of samples = {samples}")
+        raise InvalidParameter(f"directions must have the shape (rows, columns, 3), with rows and columns multiples of samples = {samples}; got {towards.shape}")
     light = np.zeros(towards.shape, dtype=np.float32)
     valid = np.isfinite(towards).all(axis=2)
     light[valid] = scene.radiance(np.zeros((int(valid.sum()), 3)), towards[valid])
-    return _develop(light, samples)
+    return _averaged_srgb(light, samples)
 
 
 def _check_samples(samples: int) -> None:
     if not (1 <= samples <= MAX_SAMPLES and int(samples) == samples):
-        raise InvalidParameter(f"samples = {samples} is not a whole number from 1 to {MAX_SAMPLES}")
+        raise InvalidParameter(f"samples must be an integer from 1 to {MAX_SAMPLES}; got {samples}")
 
 
-def _develop(light: Light, samples: int) -> SrgbImage:
+def _averaged_srgb(light: Light, samples: int) -> SrgbImage:
     """Convert the light of samples (rows * samples, columns * samples, 3) to pixels."""
     rows, columns, _ = light.shape
     return srgb_bytes(light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3)))

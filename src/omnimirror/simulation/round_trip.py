@@ -16,7 +16,7 @@ from ..base.typing import Array
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
 from ..optics.sensor import Sensor
-from .rendering import expose, pinhole_picture
+from .rendering import expose, render_pinhole_image
 from .scenes.room import Room
 from .scenes.scene import Pose, PosedScene, Scene
 
@@ -25,7 +25,7 @@ WALL_MM = 800.0
 """Distance from the sensor to the wall ahead with the word OMNIMIRROR."""
 POSE = Pose(x_mm=3400.0 - WALL_MM, y_mm=-200.0, z_mm=300.0)
 VIEW = Plane(SIZE, hfov_deg=80.0, distance_mm=WALL_MM, offset_mm=(0.0, 0.0, 430.0))
-ELSEWHERE_MM = 10.0
+OTHER_TEXEL_MM = 10.0
 """Texel size outside the view; painting the whole room as finely as its wall would take 1.7 GB."""
 ROWS = 30
 STRIPS = 4
@@ -104,65 +104,42 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     >>> found.finer_db > found.exact_db
     True
     """
-    room = PosedScene(Room(texel_mm, max(texel_mm, ELSEWHERE_MM)), POSE)
+    room = PosedScene(Room(texel_mm, max(texel_mm, OTHER_TEXEL_MM)), POSE)
     truth = _truth(room)
     near = best_viewpoint(sensor, WALL_MM)
-    exact, single = (
-        Dewarper(sensor, VIEW, "cubic"),
-        Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm),
-    )
+    exact, single = (Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm))
     if not np.isfinite(exact.coordinates()[LETTERS]).all():
-        raise OutsideField(
-            f"{sensor.name!r} does not see all of the letters on the wall {WALL_MM:g} mm ahead"
-        )
-    sharp = _picture(sensor, room, samples)
-    straight, guessed = exact(sharp), single(sharp)
+        raise OutsideField(f"the sensor must observe all letters on the wall {WALL_MM:g} mm ahead; got {sensor.name!r}")
+    sharp = _rendered(sensor, room, samples)
+    exact_view, single_view = exact(sharp), single(sharp)
     blurred_db = np.nan
     if sensor.secondary is None:  # aperture rays via a second mirror are not traced
-        blurred_db = _decibels(exact(_picture(sensor, room, samples, blur=True)), truth)
+        blurred_db = _decibels(exact(_rendered(sensor, room, samples, blur=True)), truth)
     u, v = sensor.imager.centre
-    halved = replace(
-        sensor.imager,
-        width_px=2 * sensor.imager.width_px,
-        height_px=2 * sensor.imager.height_px,
-        pixel_pitch_um=sensor.imager.pixel_pitch_um / 2,
-        centre_px=(2 * u + 0.5, 2 * v + 0.5),
-    )
+    halved = replace(sensor.imager, width_px=2 * sensor.imager.width_px, height_px=2 * sensor.imager.height_px, pixel_pitch_um=sensor.imager.pixel_pitch_um / 2, centre_px=(2 * u + 0.5, 2 * v + 0.5))
     finer = replace(sensor, imager=halved)
-    fine = Dewarper(finer, VIEW, "cubic")(_picture(finer, room, max(1, samples // 4)))
-    return RoundTrip(
-        _decibels(straight, truth),
-        _decibels(fine, truth),
-        blurred_db,
-        _decibels(guessed, truth),
-        _shifts(straight, truth, exact, sensor),
-        _shifts(guessed, truth, exact, sensor),
-        _predicted(sensor, exact, near.z_mm),
-    )
+    fine = Dewarper(finer, VIEW, "cubic")(_rendered(finer, room, max(1, samples // 4)))
+    return RoundTrip(_decibels(exact_view, truth), _decibels(fine, truth), blurred_db, _decibels(single_view, truth), _shifts(exact_view, truth, exact, sensor), _shifts(single_view, truth, exact, sensor), _predicted(sensor, exact, near.z_mm))
 
 
-def _picture(
-    sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False
-) -> NDArray[np.float32]:
+def _rendered(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) -> NDArray[np.float32]:
     """Render an sRGB image, converted in place in bands of rows."""
-    picture = expose(sensor, scene, samples=samples, blur=blur)
-    for rows in np.array_split(picture, max(1, len(picture) // ROWS)):
+    image = expose(sensor, scene, samples=samples, blur=blur)
+    for rows in np.array_split(image, max(1, len(image) // ROWS)):
         rows[:] = srgb_from_linear(rows)
-    return picture
+    return image
 
 
 def _truth(scene: Scene) -> NDArray[np.float32]:
     """Render the wall with a pinhole at the sensor, 4 x 4 rays per pixel."""
     fine = replace(VIEW, size=(4 * SIZE[0], 4 * SIZE[1]))
-    edges = range(
-        0, fine.size[1] + 1, 4 * ROWS
-    )  # processed in parts: three million rays take 0.5 GB
-    parts = [pinhole_picture(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
+    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # processed in parts: three million rays take 0.5 GB
+    parts = [render_pinhole_image(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
     return (np.concatenate(parts) / 255).astype(np.float32)
 
 
-def _decibels(picture: NDArray[np.float32], truth: NDArray[np.float32]) -> float:
-    return float(-10 * np.log10(np.mean((picture[LETTERS] - truth[LETTERS]) ** 2)))
+def _decibels(image: NDArray[np.float32], truth: NDArray[np.float32]) -> float:
+    return float(-10 * np.log10(np.mean((image[LETTERS] - truth[LETTERS]) ** 2)))
 
 
 def _strips() -> list[slice]:
@@ -170,14 +147,12 @@ def _strips() -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
-def _middle(dewarp: Dewarper, sensor: Sensor) -> Array:
+def _radii_of_middle_column(dewarp: Dewarper, sensor: Sensor) -> Array:
     """Return the image radius (rows,), px, of the middle column by the true reflection."""
     return sensor.radius_from_centre_px(dewarp.coordinates()[:, SIZE[0] // 2])
 
 
-def _shifts(
-    picture: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewarper, sensor: Sensor
-) -> Array:
+def _shifts(image: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewarper, sensor: Sensor) -> Array:
     """Return the downward shift (strips,) of an image relative to the reference by least squares;
     source px.
 
@@ -186,26 +161,21 @@ def _shifts(
     """
     import cv2
 
-    radius, columns, found = _middle(exact, sensor), slice(SIZE[0] // 3, 2 * SIZE[0] // 3), []
-    seen, smooth = (cv2.GaussianBlur(p, (0, 0), SMOOTHING_PX) for p in (picture, truth))
+    radius, columns, shifts_px = (_radii_of_middle_column(exact, sensor), slice(SIZE[0] // 3, 2 * SIZE[0] // 3), [])
+    smooth_image, smooth = (cv2.GaussianBlur(p, (0, 0), SMOOTHING_PX) for p in (image, truth))
     for rows in _strips():
         shift = 0.0
         for _ in range(STEPS):
-            moved = cv2.warpAffine(
-                smooth,
-                np.array([[1.0, 0, 0], [0, 1.0, shift]]),
-                SIZE,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            slope = np.gradient(moved, axis=0)[rows, columns].ravel()
-            shift += float(slope @ (moved - seen)[rows, columns].ravel() / (slope @ slope))
-        found.append(shift * abs(radius[rows.stop] - radius[rows.start]) / (rows.stop - rows.start))
-    return np.array(found)
+            shifted = cv2.warpAffine(smooth, np.array([[1.0, 0, 0], [0, 1.0, shift]]), SIZE, borderMode=cv2.BORDER_REPLICATE)
+            slope = np.gradient(shifted, axis=0)[rows, columns].ravel()
+            shift += float(slope @ (shifted - smooth_image)[rows, columns].ravel() / (slope @ slope))
+        shifts_px.append(shift * abs(radius[rows.stop] - radius[rows.start]) / (rows.stop - rows.start))
+    return np.array(shifts_px)
 
 
 def _predicted(sensor: Sensor, exact: Dewarper, viewpoint_mm: float) -> Array:
     """Return shifts (strips,) in px by Eq. 23, with the sign of rows, which increase downwards."""
-    radius = _middle(exact, sensor)
+    radius = _radii_of_middle_column(exact, sensor)
     rays = sensor.meridian.trace(sensor.x_from_height_px(radius))
     targets = VIEW.targets(0, SIZE[1])[:, SIZE[0] // 2]
     origins = sensor.backproject(exact.coordinates()[:, SIZE[0] // 2]).origins

@@ -22,7 +22,7 @@ from .rendering import expose
 from .scenes.moving_objects import MovingBox, with_bodies
 from .scenes.scene import POSE_NAMES, Pose, PosedScene, Scene
 
-MOST_FRAMES = 100_000
+MAX_FRAMES = 100_000
 MIN_FRAME_RATE = 1e-3  # frames per second
 
 
@@ -75,29 +75,13 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
     number("frame_rate", frame_rate, low=MIN_FRAME_RATE, high=1e6)
     if duration_s is None:
         duration_s = max(time for track in path.tracks.values() for time, _ in track)
-    count = (
-        int(np.floor(duration_s * frame_rate + 1e-9)) + 1
-        if duration_s >= 0 and frame_rate > 0
-        else 0
-    )
-    if not 1 <= count <= MOST_FRAMES:
-        raise InvalidParameter(
-            f"{duration_s:g} s at {frame_rate:g} frames a second make no video; valid are 1 to {MOST_FRAMES} frames"
-        )
+    count = int(np.floor(duration_s * frame_rate + 1e-9)) + 1 if duration_s >= 0 and frame_rate > 0 else 0
+    if not 1 <= count <= MAX_FRAMES:
+        raise InvalidParameter(f"the video must have 1 to {MAX_FRAMES} frames; got {duration_s:g} s at {frame_rate:g} frames/s")
     return [i / frame_rate for i in range(count)]
 
 
-def frame_at(
-    camera: Camera,
-    scene: Scene,
-    path: Keyframes,
-    time_s: float,
-    samples: int = 4,
-    blur: bool = False,
-    radiometry: Radiometry | None = None,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> Light:
+def frame_at(camera: Camera, scene: Scene, path: Keyframes, time_s: float, samples: int = 4, blur: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Callable[[int, int], None] | None = None) -> Light:
     """Return the linear light (h, w, 3) at the time ``time_s``; the sensor is static during the
     exposure.
 
@@ -107,16 +91,8 @@ def frame_at(
         As in :func:`~omnimirror.expose`, or if the path leads to a position that is impossible for
         a sensor.
     """
-    seen = PosedScene(scene, Pose(**path.at(time_s)))
-    return expose(
-        camera,
-        seen,
-        samples=samples,
-        blur=blur,
-        radiometry=radiometry,
-        seed=seed,
-        progress=progress,
-    )
+    posed_scene = PosedScene(scene, Pose(**path.at(time_s)))
+    return expose(camera, posed_scene, samples=samples, blur=blur, radiometry=radiometry, seed=seed, on_progress=on_progress)
 
 
 class VideoFrame(NamedTuple):
@@ -144,7 +120,7 @@ def write_video(
     radiometry: Radiometry | None = None,
     detector: Detector | None = None,
     seed: int = 0,
-    written: Callable[[VideoFrame, int], None] | None = None,
+    on_frame: Callable[[VideoFrame, int], None] | None = None,
 ) -> int:
     """Write the video of a camera along a path and return its number of frames.
 
@@ -175,7 +151,7 @@ def write_video(
         Image sensor electronics; without noise by default.
     seed
         Random seed.
-    written
+    on_frame
         Callback with each frame after it is written, and the total number.
 
     Returns
@@ -209,29 +185,27 @@ def write_video(
     check_video_can_be_written(output)
     times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()
 
-    def pictures() -> Iterator[NDArray[Any]]:
+    def images() -> Iterator[NDArray[Any]]:
         for i, time in enumerate(times):
-            seen = with_bodies(scene, bodies, time)
-            light = frame_at(camera, seen, path, time, samples, blur, radiometry, seed + i)
+            posed_scene = with_bodies(scene, bodies, time)
+            light = frame_at(camera, posed_scene, path, time, samples, blur, radiometry, seed + i)
             yield detector.read(light, seed + i)
-            if written is not None:
-                written(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))
+            if on_frame is not None:
+                on_frame(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))
 
-    encode(output, camera.image_size, frame_rate, pictures())
+    encode(output, camera.image_size, frame_rate, images())
     return len(times)
 
 
-def encode(
-    output: str | Path, size: tuple[int, int], frame_rate: float, pictures: Iterable[NDArray[Any]]
-) -> None:
+def encode(output: str | Path, size: tuple[int, int], frame_rate: float, images: Iterable[NDArray[Any]]) -> None:
     """Write RGB images (h, w, 3) as a video."""
     from ..io.video_frames import frame_of_image
     from ..io.video_writer import VideoWriter
 
     rate = Fraction(frame_rate).limit_denominator(1001)
     with VideoWriter(output, size, rate) as video:
-        for number, picture in enumerate(pictures):
-            frame = frame_of_image(picture)
+        for number, image in enumerate(images):
+            frame = frame_of_image(image)
             frame.pts, frame.time_base = number, 1 / rate
             video.write(frame)
 
@@ -239,4 +213,4 @@ def encode(
 def check_video_can_be_written(output: str | Path) -> None:
     """Raise MediaError unless PyAV is installed."""
     if find_spec("av") is None:
-        raise MediaError(f"{output} is a video, which needs PyAV: pip install 'omnimirror[video]'")
+        raise MediaError(f"writing the video {output} requires PyAV: pip install 'omnimirror[video]'")

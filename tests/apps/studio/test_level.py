@@ -129,7 +129,7 @@ def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
 def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
     """Room image of a tilted sensor, compared with the simulated tilt."""
     write_image(
-        tmp_path / "leaned.png", om.take_picture(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1)
+        tmp_path / "leaned.png", om.render_image(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1)
     )
     drop(page, tmp_path / "leaned.png")
     page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'leaned.png'")

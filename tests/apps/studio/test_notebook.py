@@ -17,7 +17,7 @@ SENSOR = replace(om.load_sensor("paper-spherical"), imager=Imager(256, 256, 20.8
 
 def test_a_frame_of_a_notebook_shows_the_view(browser, tmp_path):
     """Embedding as in Jupyter: HTML in HTML, from another origin."""
-    picture = om.take_picture(SENSOR, om.Room(texel_mm=20), samples=1)
+    picture = om.render_image(SENSOR, om.Room(texel_mm=20), samples=1)
     shown = om.show(picture, SENSOR, height_px=300)
     (tmp_path / "notebook.html").write_text(f"<p>In [1]</p>{shown._repr_html_()}", encoding="utf-8")
     context = browser.new_context(viewport={"width": 700, "height": 500}, bypass_csp=True)
@@ -51,7 +51,7 @@ def test_pictures_are_taken_from_files(tmp_path):
     ("words", "sentence"),
     [
         ({"picture": np.zeros((8, 8), np.uint8)}, "8 x 8 px, and the camera's have 256 x 256"),
-        ({"picture": [1, 2]}, "a picture of list is not valid"),
+        ({"picture": [1, 2]}, "the image must be an array of uint8"),
         ({"camera": "paper-spherical"}, "is no camera"),
         ({"height_px": 5}, "outside 120 to 4000"),
     ],

@@ -38,7 +38,7 @@ def room(tmp_path_factory) -> Path:
     """An image of a room with signs on its walls."""
     path = tmp_path_factory.mktemp("room") / "circle.png"
     write_image(
-        path, om.take_picture(om.load_sensor("paper-spherical"), om.Room(texel_mm=15.0), samples=1)
+        path, om.render_image(om.load_sensor("paper-spherical"), om.Room(texel_mm=15.0), samples=1)
     )
     return path
 
@@ -46,7 +46,7 @@ def room(tmp_path_factory) -> Path:
 @pytest.fixture
 def coarse_room(monkeypatch) -> None:
     """Render the demo room with one sample per pixel."""
-    taken = lambda known: om.take_picture(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
+    taken = lambda known: om.render_image(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
     monkeypatch.setattr(_look_routes, "room_picture", lambda known: encoded(taken(known), ".png"))
 
 

@@ -71,7 +71,7 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
         found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
         assert np.abs(restored.astype(int) - picture).max() > 8
         assert np.abs(found.astype(int) - restored).max() <= 1
-        assert answer.headers["omnimirror-note"].startswith("restored at a noise of")
+        assert answer.headers["omnimirror-note"].startswith("restored with noise of")
         stopped = io.BytesIO()
         exif = Image.Exif()
         exif[0x010F] = "Maker"
@@ -80,7 +80,7 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
         png = stopped.getvalue()
         answer = asked()
         assert (
-            "EXIF has F/0.6, the sensor F/0.3: 50 % of its blur is assumed"
+            "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed"
             in answer.headers["omnimirror-note"]
         )
         found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]

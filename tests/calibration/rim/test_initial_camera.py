@@ -36,7 +36,7 @@ def large(name: str, pose: MirrorPose | None = None) -> om.Sensor:
     ],
 )
 def test_a_misaligned_mirror_is_measured_from_one_picture(name, pose):
-    taken = om.take_picture(large(name, pose), sky(), samples=2)
+    taken = om.render_image(large(name, pose), sky(), samples=2)
     found = om.sensor_from_rim(om.find_rim(taken), large(name)).mirror_pose
     assert found.shift[:2] == pytest.approx(pose.shift[:2], abs=0.3)
     assert (found.tilt_x_deg, found.tilt_y_deg) == (

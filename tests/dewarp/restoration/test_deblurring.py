@@ -67,7 +67,7 @@ def small() -> Restorer:
     return Restorer(faster(om.load_sensor("paper-spherical"), 256, 1.0))
 
 
-def test_the_matrix_blurs_as_real_rays_do(small: Restorer, scene: om.Environment):
+def test_blur_matrix_matches_ray_traced_blur(small: Restorer, scene: om.Environment):
     sensor, blur = small.camera, small.problem.blur
     fine = om.expose(faster(sensor, 256 * blur.fineness, sensor.lens.f_number), scene, samples=16)
     traced = om.expose(sensor, scene, samples=1024, blur=True).reshape(-1, 3)[blur.pixels]
@@ -77,7 +77,7 @@ def test_the_matrix_blurs_as_real_rays_do(small: Restorer, scene: om.Environment
     assert np.sqrt((error**2).mean()) < 0.25 * np.sqrt(((sharp - traced)[outer] ** 2).mean())
 
 
-def test_a_scene_never_tuned_on_gains(small: Restorer, scene: om.Environment):
+def test_restoration_gains_on_unseen_scene(small: Restorer, scene: om.Environment):
     found = gains(small, scene)
     rest, outer = TARGETS["paper-spherical"]
     assert found.gain_db[0] > rest
@@ -88,7 +88,7 @@ def test_a_scene_never_tuned_on_gains(small: Restorer, scene: om.Environment):
 @pytest.mark.full
 @pytest.mark.parametrize("name", TARGETS)
 @pytest.mark.parametrize("kind", ["dead leaves", "hall"])
-def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
+def test_paper_sensor_restoration_gain(name: str, kind: str):
     """Two kinds of scenes that were excluded from tuning."""
     found = gains(
         Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.Hall()
@@ -101,7 +101,7 @@ def test_sensors_of_the_paper_gain_what_was_promised(name: str, kind: str):
 
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
-def test_a_scene_full_of_texture_loses_nothing(small: Restorer, times: float):
+def test_restoration_preserves_textured_scene(small: Restorer, times: float):
     """Clouds, whose finest detail is below the noise, permit little gain and do not reveal
     overestimated blur."""
     told = small if times == 1 else Restorer(small.camera, told=small.known.scaled(times).sizes)
@@ -110,7 +110,7 @@ def test_a_scene_full_of_texture_loses_nothing(small: Restorer, times: float):
     assert found.gain_db[1] > 0.5
 
 
-def test_less_noise_leaves_more_to_gain(small: Restorer, scene: om.Environment):
+def test_restoration_gain_increases_with_lower_noise(small: Restorer, scene: om.Environment):
     """At 0.3 %, where errors of the known blur exceed the noise and must not be amplified."""
     found = gains(small, scene, noise=0.003)
     assert found.gain_db[0] > 2.5
@@ -119,9 +119,7 @@ def test_less_noise_leaves_more_to_gain(small: Restorer, scene: om.Environment):
 
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
-def test_a_photograph_with_bright_windows_gains_at_the_rim(
-    small: Restorer, shared_data: Path, times: float
-):
+def test_restoration_gains_at_rim_with_saturation(small: Restorer, shared_data: Path, times: float):
     """They reveal all errors of the blur; very bright points with black gaps would be another
     solution."""
     photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
@@ -131,7 +129,7 @@ def test_a_photograph_with_bright_windows_gains_at_the_rim(
     assert found.gain_db[1] > 0.3
 
 
-def test_what_is_white_all_around_stays_white(smaller: Restorer):
+def test_white_image_is_unchanged(smaller: Restorer):
     """A saturated pixel can have had any higher value, as can its neighbours."""
     picture = np.random.default_rng(3).integers(40, 90, (160, 160, 3), dtype=np.uint8)
     picture[:, 110:] = 255
@@ -141,7 +139,7 @@ def test_what_is_white_all_around_stays_white(smaller: Restorer):
 
 
 @pytest.mark.full
-def test_near_things_are_blurred_otherwise(scene: om.Environment):
+def test_blur_depends_on_object_distance(scene: om.Environment):
     """A wall at 300 mm all around: its own blur restores more than that of distant objects, which
     causes no damage."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 160, 0.625)
@@ -171,10 +169,10 @@ def test_edges_do_not_ring(small: Restorer):
     light = np.broadcast_to(np.where(columns, 0.6, 0.1)[None, :, None], (360, 720, 3)).astype(
         np.float32
     )
-    blurred = om.take_picture(
+    blurred = om.render_image(
         small.camera, om.Environment(np.ascontiguousarray(light)), samples=256, blur=True
     )
-    sharp = om.take_picture(small.camera, om.Environment(np.ascontiguousarray(light)), samples=16)
+    sharp = om.render_image(small.camera, om.Environment(np.ascontiguousarray(light)), samples=16)
     restored = small(blurred, 0.01).astype(float)
     where = (small.share > 0.9) & (small.radius > 40)
     low, high = np.percentile(sharp[where], [1, 99])
@@ -182,8 +180,8 @@ def test_edges_do_not_ring(small: Restorer):
     assert restored[where].min() > low - 0.03 * 255
 
 
-def test_kinds_of_pictures_agree(smaller: Restorer, scene: om.Environment):
-    byte = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+def test_restoration_is_consistent_across_image_types(smaller: Restorer, scene: om.Environment):
+    byte = om.render_image(smaller.camera, scene, samples=32, blur=True)
     reference = smaller(byte, 0.01, 1.0) / 255
     light = om.expose(smaller.camera, scene, samples=32, blur=True)
     for picture in (byte * np.uint16(257), light):
@@ -194,7 +192,7 @@ def test_kinds_of_pictures_agree(smaller: Restorer, scene: om.Environment):
         assert np.sqrt(((values - reference) ** 2).mean()) < 0.006
 
 
-def test_alpha_and_what_is_outside_stay(smaller: Restorer):
+def test_restoration_preserves_alpha_and_outside(smaller: Restorer):
     picture = np.random.default_rng(0).integers(0, 255, (160, 160, 4), dtype=np.uint8)
     restored = smaller(picture, 0.05)
     np.testing.assert_array_equal(restored[..., 3], picture[..., 3])
@@ -203,11 +201,11 @@ def test_alpha_and_what_is_outside_stay(smaller: Restorer):
     assert (restored[~outside] != picture[~outside]).any()
 
 
-def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Environment):
+def test_restoration_commutes_with_flip(smaller: Restorer, scene: om.Environment):
     """Also off centre, where a flip moves the optical axis; neighbours are one-sided, so not exact
     to the byte."""
     sensor = replace(smaller.camera, imager=replace(smaller.camera.imager, centre_px=(68.0, 80.0)))
-    picture = om.take_picture(sensor, scene, samples=32, blur=True)
+    picture = om.render_image(sensor, scene, samples=32, blur=True)
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
     restored = om.restore(sensor, picture, noise=0.01).astype(float)
     reversed_picture = np.ascontiguousarray(picture[:, ::-1])
@@ -219,9 +217,9 @@ def test_a_flipped_picture_is_restored_flipped(smaller: Restorer, scene: om.Envi
     )
 
 
-def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scene: om.Environment):
+def test_pixels_beyond_rim_do_not_affect_restoration(smaller: Restorer, scene: om.Environment):
     """A wall, a window or a lamp behind the mirror: up to the last restored pixel."""
-    picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    picture = om.render_image(smaller.camera, scene, samples=32, blur=True)
     beyond = smaller.radius > smaller.known.whole_radius_px
     others = [picture.copy(), picture.copy()]
     others[0][beyond] = 255
@@ -233,12 +231,10 @@ def test_what_lies_beyond_the_rim_changes_nothing_within(smaller: Restorer, scen
 
 
 @pytest.mark.long
-def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(
-    smaller: Restorer, scene: om.Environment
-):
+def test_specified_blur_restores_other_cameras(smaller: Restorer, scene: om.Environment):
     """Image of a sensor with the blur specified in each form: equal to that of the sensor, up to
     the rim."""
-    picture = om.take_picture(smaller.camera, scene, samples=32, blur=True)
+    picture = om.render_image(smaller.camera, scene, samples=32, blur=True)
     centre, rim = smaller.camera.symmetry.centre_px, smaller.camera.rim_radius_px
     ball = om.MirrorBall(centre, rim, 360.0, (160, 160))
     ocam = om.OCam((-37.5, 0.0, 0.0064), centre, (160, 160), rim_radius_px=rim)
@@ -258,11 +254,9 @@ def test_a_ball_and_a_calibrated_camera_are_restored_by_the_blur_that_is_told(
 
 
 @pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
-def test_blur_told_too_large_is_found_and_lowered(
-    small: Restorer, scene: om.Environment, times: float
-):
+def test_overestimated_blur_is_reduced(small: Restorer, scene: om.Environment, times: float):
     """The correct blur is not reduced; a larger one is reduced to about the actual blur."""
-    noisy = om.take_picture(
+    noisy = om.render_image(
         small.camera, scene, samples=64, blur=True
     ) + 2.55 * np.random.default_rng(1).standard_normal(3)
     picture = np.clip(noisy, 0, 255).astype(np.uint8)
@@ -278,12 +272,12 @@ def test_blur_told_too_large_is_found_and_lowered(
         ("paper-equidistant", Hall),
     ),
 )
-def test_large_blur_on_few_pixels_is_lowered_to_about_what_is_there(name: str, world):
+def test_large_blur_on_small_image_is_reduced(name: str, world):
     """A correctly specified blur is removed; of one that is specified too large, no more than is
     present, or none."""
     sensor = om.load_sensor(name)
     sensor = faster(sensor, 256, sensor.lens.f_number * 256 / sensor.imager.width_px)
-    taken = om.take_picture(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
+    taken = om.render_image(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
         1
     ).standard_normal((256, 256, 3))
     picture = np.rint(np.clip(taken, 0, 255)).astype(np.uint8)
@@ -296,7 +290,7 @@ def test_large_blur_on_few_pixels_is_lowered_to_about_what_is_there(name: str, w
         assert removed > 0.65 or times > 1
 
 
-def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lose(
+def test_blur_of_texture_and_plain_images(
     smaller: Restorer,
 ):
     """Grain on a uniform surface: with the specified noise, and as texture above it."""
@@ -310,7 +304,7 @@ def test_texture_hides_how_much_blur_there_is_and_a_plain_picture_has_none_to_lo
     ("kind", "quality"),
     [pytest.param("leaves", 90, marks=pytest.mark.full), ("leaves", 75), ("clouds", 75)],
 )
-def test_coded_pictures_lose_nothing(
+def test_restoration_preserves_coded_images(
     small: Restorer, kind: str, quality: int, request: pytest.FixtureRequest
 ):
     """Blind noise estimation: neither blocks nor ringing are sharpened, and clouds, which are
@@ -356,7 +350,7 @@ SCENES = {
         *(pytest.param(k, marks=pytest.mark.full) for k in ("hall", "clouds", "panorama")),
     ],
 )
-def test_no_more_blur_is_removed_than_there_is(shared_data: Path, kind: str, stops: int | None):
+def test_removed_blur_does_not_exceed_actual_blur(shared_data: Path, kind: str, stops: int | None):
     """A lens stopped down after its file was written, up to a completely sharp image."""
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES[kind](shared_data)
@@ -406,7 +400,7 @@ def test_uniform_blur_that_is_specified_too_large_does_no_harm(
 @pytest.mark.parametrize(
     "name", ["paper-hyperboloidal", pytest.param("paper-spherical", marks=pytest.mark.full)]
 )
-def test_a_sharpened_photograph_stays_as_it_is(shared_data: Path, name: str, amount: float):
+def test_sharpened_image_is_unchanged(shared_data: Path, name: str, amount: float):
     """Denoised, sharpened and coded as by phones; the same image without sharpening is restored."""
     sensor = faster(om.load_sensor(name), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES["panorama"](shared_data)
@@ -434,7 +428,7 @@ def test_a_sharpened_photograph_stays_as_it_is(shared_data: Path, name: str, amo
         pytest.param("paper-spherical", "panorama", 95, marks=pytest.mark.full),
     ],
 )
-def test_a_weakly_sharpened_photograph_loses_nothing(
+def test_weakly_sharpened_image_is_restored_partially(
     shared_data: Path, name: str, kind: str, quality: int
 ):
     """Denoised and sharpened by an amount of 0.3: less blur is removed than from the image without."""
@@ -458,43 +452,41 @@ def test_a_weakly_sharpened_photograph_loses_nothing(
 
 
 @pytest.mark.parametrize("quality", [85, pytest.param(70, marks=pytest.mark.full)])
-def test_ringing_of_the_coding_is_not_taken_for_sharpening(
-    small: Restorer, scene: om.Environment, quality: int
-):
+def test_coding_ringing_is_not_sharpening(small: Restorer, scene: om.Environment, quality: int):
     """Sharp edges everywhere, where coding errors overshoot by more than a sharpened photograph does."""
-    image = coded(om.take_picture(small.camera, scene, samples=64, blur=True), quality)
+    image = coded(om.render_image(small.camera, scene, samples=64, blur=True), quality)
     assert small.decide(image).share > 0.5
 
 
 @pytest.mark.parametrize(
-    ("told", "sentence"),
+    ("blur", "message"),
     [
-        (None, "nothing is known of the blur of MirrorBall"),
-        (-1.0, "blur = -1 px is outside 0 to 30 px"),
-        ((1.0, np.nan), "blur = nan px is outside"),
-        ([[0, 1, 1], [0, 2, 2]], "do not increase"),
-        ([[0, 1]], r"shape \(1, 2\) is not valid"),
-        (lambda radius: (radius, radius, radius), "valid are two sizes"),
+        (None, "blur must be specified for a MirrorBall"),
+        (-1.0, "blur must be between 0 and 30 px; got -1 px"),
+        ((1.0, np.nan), "blur must be between .*; got nan px"),
+        ([[0, 1, 1], [0, 2, 2]], "finite and increasing"),
+        ([[0, 1]], r"got shape \(1, 2\)"),
+        (lambda radius: (radius, radius, radius), "must return two diameters"),
     ],
 )
-def test_blur_that_cannot_be_is_refused(told, sentence: str):
+def test_invalid_blur_raises(blur, message: str):
     ball = om.MirrorBall((31.5, 31.5), 30.0, 360.0, (64, 64))
-    with pytest.raises(InvalidParameter, match=sentence):
-        om.restore(ball, np.zeros((64, 64), np.uint8), noise=0.01, blur=told)
+    with pytest.raises(InvalidParameter, match=message):
+        om.restore(ball, np.zeros((64, 64), np.uint8), noise=0.01, blur=blur)
 
 
-def test_what_cannot_be_restored_is_refused(small: Restorer):
-    with pytest.raises(InvalidParameter, match="20 x 10 px"):
+def test_invalid_image_raises(small: Restorer):
+    with pytest.raises(InvalidParameter, match="got 20 x 10 px"):
         small(np.zeros((10, 20), np.uint8))
     with pytest.raises(InvalidParameter, match="int32"):
         small(np.zeros((256, 256), np.int32))
-    with pytest.raises(InvalidParameter, match="noise = 3 is outside"):
+    with pytest.raises(InvalidParameter, match=r"noise must be .*; got 3"):
         small(np.zeros((256, 256), np.uint8), 3)
-    with pytest.raises(InvalidParameter, match="noise = nan is outside"):
+    with pytest.raises(InvalidParameter, match=r"noise must be .*; got nan"):
         small(np.zeros((256, 256), np.uint8), float("nan"))
     light = np.full((256, 256), 0.5, np.float32)
     light[7, 7:9] = np.nan, np.inf
-    with pytest.raises(InvalidParameter, match="2 values that are NaN or infinite"):
+    with pytest.raises(InvalidParameter, match="got 2 that are NaN or infinite"):
         small(light, 0.01)
     tilted = replace(small.camera, mirror_pose=MirrorPose(tilt_x_deg=0.5))
     with pytest.raises(InvalidParameter, match="decentred or tilted"):

@@ -27,7 +27,7 @@ from omnimirror.dewarp.restoration.blur_model import (
 from omnimirror.optics.image_sensor import Imager
 from tests.everyday import few
 
-needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 KINDS = [SparseDeblurring, pytest.param(CompiledDeblurring, marks=needs_compiled)]
 
 
@@ -61,12 +61,12 @@ def random_roots(blur: Blur, channels: int = 3, seed: int = 4):
     return np.random.default_rng(seed).random((blur.size[1], blur.size[0], channels), np.float32)
 
 
-def test_kernels_reach_beyond_the_edge(blur: Blur):
+def test_kernels_extend_beyond_border(blur: Blur):
     rows, _ = np.divmod(blur.pixels, blur.size[0])
     assert (blur.fineness * rows.max() + blur.offsets[:, 0].max()) >= blur.fineness * blur.size[1]
 
 
-def test_every_kernel_adds_up_to_one(blur: Blur):
+def test_kernels_sum_to_one(blur: Blur):
     np.testing.assert_allclose(np.add.reduceat(blur.weights, blur.firsts[:-1]), 1, atol=1e-5)
 
 
@@ -83,7 +83,7 @@ def values_of(blur: Blur, box: np.ndarray) -> tuple[slice, slice]:
 
 
 @pytest.mark.usefixtures("small_tiles")
-def test_tiles_share_the_picture_and_hold_all_that_their_pixels_depend_on(blur: Blur):
+def test_tiles_partition_image_and_contain_dependencies(blur: Blur):
     width, height = blur.size
     kept = np.zeros((height, width), int)
     matrix, known = blur.matrix(), np.full((height, width), -1)
@@ -112,9 +112,7 @@ def _box(box: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("channels", [1, 3])
-def test_what_is_seen_of_the_sharp_picture_is_that_blurred_by_the_matrix(
-    blur: Blur, kind, channels: int
-):
+def test_forward_model_matches_matrix(blur: Blur, kind, channels: int):
     """Image with known fine values: initially, each is the mean of the pixels it touches."""
     roots = random_roots(blur, channels)
     fine = np.repeat(np.repeat(roots, 2, axis=0), 2, axis=1)
@@ -143,7 +141,7 @@ def concentrated(blur: Blur, by_pixel: np.ndarray) -> Blur:
     return Told(*blur)
 
 
-def test_concentration_is_the_length_of_a_row_of_the_matrix(blur: Blur):
+def test_concentration_is_row_norm(blur: Blur):
     matrix = blur.matrix()
     rows, columns = np.divmod(blur.pixels, blur.size[0])
     inside = (
@@ -158,7 +156,7 @@ def test_concentration_is_the_length_of_a_row_of_the_matrix(blur: Blur):
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
-def test_few_steps_come_nearest_by_how_concentrated_kernels_are(name: str):
+def test_step_size_follows_concentration(name: str):
     """Squares with noise: with 0.1 or 10 times the concentration, conjugate gradients leave more
     blur."""
     problem = BlurProblem(radial_blur_of(faster(om.load_sensor(name), 144, 0.5)))
@@ -180,7 +178,7 @@ def test_few_steps_come_nearest_by_how_concentrated_kernels_are(name: str):
 
 @pytest.mark.usefixtures("small_tiles")
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_round_explains_the_picture_better(blur: Blur, kind):
+def test_iterations_reduce_residual(blur: Blur, kind):
     """Squares blurred by the matrix itself: the residual decreases to 10 %."""
     width, height = blur.size
     squares = np.kron(
@@ -199,7 +197,7 @@ def test_every_round_explains_the_picture_better(blur: Blur, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_where_differences_cost_much_the_picture_becomes_even(blur: Blur, kind):
+def test_large_difference_cost_flattens_image(blur: Blur, kind):
     roots = 0.4 + 0.2 * random_roots(blur)
     sharp = kind(blur).start(roots, roots)
     for _ in range(3):
@@ -211,7 +209,7 @@ def test_where_differences_cost_much_the_picture_becomes_even(blur: Blur, kind):
 
 @pytest.mark.usefixtures("small_tiles")
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_lies_far_from_known_pixels_stays(kind):
+def test_values_far_from_known_pixels_are_unchanged(kind):
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
     imager = Imager(130, 140, sensor.imager.pixel_pitch_um, centre_px=(40.0, 50.0))
     blur = BlurProblem(radial_blur_of(replace(sensor, imager=imager))).blur
@@ -230,7 +228,7 @@ def test_what_lies_far_from_known_pixels_stays(kind):
 
 @pytest.mark.usefixtures("small_tiles")
 @pytest.mark.parametrize("kind", KINDS)
-def test_tiles_without_steps_stay_and_the_others_move_as_ever(blur: Blur, kind):
+def test_tiles_without_steps_are_unchanged(blur: Blur, kind):
     roots, costs = random_roots(blur), np.full(blur.size[::-1], 0.02, np.float32)
     steps = steps_of(blur, 3) * (np.arange(len(blur.tiles)) % 2 == 0)
     some, all_, none = (kind(blur).start(roots, roots) for _ in range(3))
@@ -253,7 +251,7 @@ def test_tiles_without_steps_stay_and_the_others_move_as_ever(blur: Blur, kind):
 @needs_compiled
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("block", [1, 2, 4, 8])
-def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
+def test_pixels_with_shared_kernel_are_grouped(
     monkeypatch: pytest.MonkeyPatch, block: int, channels: int
 ):
     monkeypatch.setattr(blur_model, "_block_px", lambda sizes, whole_radius_px: block)
@@ -281,7 +279,7 @@ def test_as_many_pixels_as_have_one_kernel_are_blurred_beside_each_other(
 )
 @pytest.mark.parametrize("instructions", few(["plain", "best"], "best"))
 @pytest.mark.parametrize("channels", few([1, 3], 3))
-def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
+def test_compiled_solver_matches_matrices(
     monkeypatch: pytest.MonkeyPatch,
     blur: Blur,
     coarse_blur: Blur,
@@ -319,7 +317,7 @@ def test_pictures_solved_by_compiled_kernels_and_by_matrices_are_the_same(
 
 @needs_compiled
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
-def test_tiles_restore_as_the_picture_as_a_whole_does(monkeypatch: pytest.MonkeyPatch, name: str):
+def test_tiled_restoration_matches_full_image(monkeypatch: pytest.MonkeyPatch, name: str):
     """Including tile boundaries: a checkerboard is restored equally well."""
     problem = BlurProblem(radial_blur_of(faster(om.load_sensor(name), 160, 0.625)))
     columns = np.arange(160) // 9 % 2
@@ -352,7 +350,7 @@ def test_tiles_restore_as_the_picture_as_a_whole_does(monkeypatch: pytest.Monkey
 
 
 @needs_compiled
-def test_arrays_that_do_not_fit_are_refused(blur: Blur):
+def test_invalid_arrays_raise(blur: Blur):
     deblurring = CompiledDeblurring(blur)
     with pytest.raises(ValueError, match="roots must have shape"):
         deblurring.start(*2 * [np.zeros((5, 4, 3), np.float32)])

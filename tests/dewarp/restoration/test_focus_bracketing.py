@@ -17,7 +17,7 @@ from omnimirror.dewarp.restoration.focus_bracketing import (
 )
 
 
-def test_real_rays_are_as_sharp_as_planned():
+def test_bracket_blur_matches_ray_trace():
     sensor = om.load_sensor("paper-hyperboloidal")
     plan = plan_bracket(sensor, limit_px=2.0)
     assert not plan.astigmatic.any()
@@ -28,7 +28,7 @@ def test_real_rays_are_as_sharp_as_planned():
     assert widths.min(axis=1).max() < 2.0 + 0.1, "coma adds some hundredths of a pixel"
 
 
-def test_every_planned_picture_is_needed():
+def test_bracket_is_minimal():
     sensor = om.load_sensor("paper-hyperboloidal")
     plan = plan_bracket(sensor, limit_px=2.0)
     for k in range(len(plan.focus_mm)):
@@ -38,7 +38,7 @@ def test_every_planned_picture_is_needed():
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant"])
-def test_astigmatism_is_what_limits(name: str):
+def test_astigmatism_limits_bracket(name: str):
     """No focus is sharp there: the best one leaves half of the difference of the two blurs."""
     plan = plan_bracket(om.load_sensor(name))
     found = om.evaluate(om.load_sensor(name), plan.omega_deg)
@@ -65,7 +65,7 @@ def centroid(picture, u: float, v: float):
 
 
 @pytest.mark.parametrize("flipped", [False, True])
-def test_points_come_together_to_a_tenth_of_a_pixel(flipped: bool):
+def test_bracket_images_are_aligned(flipped: bool):
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=flipped))
     points = np.array(
@@ -86,7 +86,7 @@ def test_points_come_together_to_a_tenth_of_a_pixel(flipped: bool):
         assert np.hypot(*(found - meant).T).max() < 0.1
 
 
-def test_a_rendered_grid_of_lights_lands_where_the_sensor_sees_it():
+def test_merged_points_match_projection():
     """Rays through the focused lens, an environment and the merged image, against projected
     directions."""
     sensor, width = om.load_sensor("paper-spherical"), 4096
@@ -116,7 +116,7 @@ def test_a_rendered_grid_of_lights_lands_where_the_sensor_sees_it():
         assert np.hypot(*(found - meant).T).max() < 0.1
 
 
-def test_weights_are_smooth_and_add_up():
+def test_weights_are_smooth_and_sum_to_one():
     sensor = om.load_sensor("paper-spherical")
     radius = np.linspace(0, 520, 2000)
     weights = picture_weights(sensor, plan_bracket(sensor).focus_mm, radius)
@@ -124,12 +124,12 @@ def test_weights_are_smooth_and_add_up():
     assert np.abs(np.diff(weights, axis=1)).max() < 0.05
 
 
-def test_the_merged_picture_is_as_sharp_as_the_sharpest_everywhere():
+def test_merged_image_is_as_sharp_as_best_image():
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     scene = dead_leaves(1024, 900, smallest_deg=2.1)
     focuses = plan_bracket(sensor, limit_px=2.0).focus_mm
-    taken = [om.take_picture(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses]
-    sharp = om.take_picture(sensor, scene, samples=16).astype(float)
+    taken = [om.render_image(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses]
+    sharp = om.render_image(sensor, scene, samples=16).astype(float)
     tenth = np.minimum(
         np.hypot(*(np.indices((256, 256)) - 127.5)) / sensor.rim_radius_px * 10, 10
     ).astype(int)
@@ -148,11 +148,11 @@ def test_the_merged_picture_is_as_sharp_as_the_sharpest_everywhere():
     assert (merged.mean() < 0.9 * alone.mean(axis=1)).all()
 
 
-def test_pictures_that_do_not_fit_are_refused():
+def test_inconsistent_bracket_raises():
     sensor = om.load_sensor("paper-spherical")
-    with pytest.raises(InvalidParameter, match="1 pictures and 2 focus distances"):
+    with pytest.raises(InvalidParameter, match="got 2 distances for 1 images"):
         merge_bracket(sensor, [np.zeros((1024, 1024), np.uint8)], focus_mm=[200, 210])
-    with pytest.raises(InvalidParameter, match="10 x 20 px"):
+    with pytest.raises(InvalidParameter, match="got 10 x 20 px"):
         merge_bracket(sensor, [np.zeros((20, 10), np.uint8)], focus_mm=[200])
-    with pytest.raises(InvalidParameter, match="limit_px = 0 is outside"):
+    with pytest.raises(InvalidParameter, match=r"limit_px must be .*; got 0"):
         plan_bracket(sensor, limit_px=0)

@@ -56,7 +56,7 @@ def camera():
 @pytest.fixture(scope="module")
 def film(camera, tmp_path_factory):
     """Two seconds of a static room, blurred because JPEG and H.264 subsample chroma."""
-    picture = cv2.GaussianBlur(om.take_picture(camera, om.Room(), samples=1), (0, 0), 3)
+    picture = cv2.GaussianBlur(om.render_image(camera, om.Room(), samples=1), (0, 0), 3)
     path = tmp_path_factory.mktemp("gateway") / "room.ts"
     with VideoWriter(path, (SIDE, SIDE), 25, crf=8, options={"g": "10", "tune": "zerolatency"}) as video:
         for _ in range(50):

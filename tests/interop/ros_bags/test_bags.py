@@ -47,7 +47,7 @@ def images(sensor):
     """Images along a path through the room."""
     room = om.Room()
     return [
-        om.take_picture(
+        om.render_image(
             sensor, om.PosedScene(room, om.Pose(200.0 * i, pan_deg=10.0 * i)), samples=1
         )
         for i in range(len(STAMPS))

@@ -50,7 +50,7 @@ AHEAD = om.screens.Plane(
 
 @pytest.fixture(scope="module")
 def image():
-    return om.take_picture(SENSOR, om.Room(texel_mm=20.0), samples=4, low_pass=True)
+    return om.render_image(SENSOR, om.Room(texel_mm=20.0), samples=4, low_pass=True)
 
 
 @pytest.fixture(scope="module")

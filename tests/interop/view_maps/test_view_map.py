@@ -108,7 +108,7 @@ def test_warp_map_agrees_with_the_projection(camera):
 @pytest.mark.parametrize("distance_mm", [np.inf, 900.0])
 def test_poles_of_panoramas_have_no_hole(width, distance_mm):
     """Rays around the nadir hit the screen for any size of the panorama."""
-    view = om.screens.Sphere((width, width // 2), distance_mm=distance_mm)
+    view = om.screens.Equirectangular((width, width // 2), distance_mm=distance_mm)
     radius, azimuth = np.meshgrid(
         [0.02, 0.1, 0.3, 0.7, 1.5, 4.0], np.radians(np.arange(0.0, 360.0, 7.0))
     )
@@ -189,7 +189,7 @@ def test_rays_at_the_seam_of_a_panorama(distance_mm):
 def test_chunks_do_not_change_the_map(monkeypatch):
     """All pixels of a fisheye camera are mapped, in one chunk or several."""
     camera = om.Unified(0.9, (55.0, 55.0), (31.5, 23.5), (64, 48), optics="fisheye")
-    view = om.screens.Sphere((180, 90))
+    view = om.screens.Equirectangular((180, 90))
     whole = view_pixels(camera, view, "exact")
     assert np.isfinite(whole).all()
     monkeypatch.setattr(_inverse_mapping, "CHUNK_RAYS", 1000)
@@ -219,6 +219,6 @@ def test_viewpoint_mode_of_the_warp_map():
 
 def test_view_outside_the_field_raises():
     with pytest.raises(
-        OutsideField, match=r"the perspective view .* sees nothing of the camera's field"
+        OutsideField, match=r"must overlap the field of the camera, .*; got the perspective view"
     ):
         om.view_map(SMALL, om.screens.Plane((64, 48), tilt_deg=89.0, hfov_deg=10.0))

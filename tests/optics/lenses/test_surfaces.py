@@ -15,9 +15,9 @@ from omnimirror.optics.materials import Glass, glass_named, read_agf
 from omnimirror.optics.mirrors import Sphere
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor
-from omnimirror.simulation.pixel_rays import spread
+from omnimirror.simulation.pixel_rays import sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
-from omnimirror.simulation.rendering import trace
+from omnimirror.simulation.rendering import trace_bundle
 from tests.commands import omnimirror
 from tests.optics.lenses import prescriptions as own
 
@@ -138,8 +138,8 @@ def test_pixel_round_trip_and_apertures(file, pose):
 
 def test_rendered_rays_reach_their_pixels(sensor):
     """Rays of the renderer, traced back through the glass from their mirror points."""
-    plan = spread(8, True)
-    bundle = trace(sensor, plan, Radiometry(), slice(300, 301), slice(400, 420))
+    plan = sampling_plan(8, True)
+    bundle = trace_bundle(sensor, plan, Radiometry(), slice(300, 301), slice(400, 420))
     assert (bundle.fate == 1).all()
     rng = np.random.default_rng(0)
     image, pupil = rng.uniform(-2, 2, (50, 2)), 0.9 * rng.uniform(-0.7, 0.7, (50, 2))

@@ -24,7 +24,7 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.tracing import optical_train as covered_mirror
 from omnimirror.optics.tracing.reflection import RayEndpoints
 from omnimirror.optics.tracing.shell_transmission import shell_exit_compiled, shell_exit_numpy
-from omnimirror.simulation.pixel_rays import sights
+from omnimirror.simulation.pixel_rays import trace_pixels
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
@@ -297,7 +297,7 @@ def test_views_and_images_use_equal_rays(name):
     both = np.isfinite(quick).all(axis=-1) & np.isfinite(exact).all(axis=-1)
     assert both.mean() > 0.5
     assert np.abs(quick - exact)[both].max() < 5e-3
-    looks, pictured = sensor.backproject(PIXELS), sights(sensor, PIXELS)
+    looks, pictured = sensor.backproject(PIXELS), trace_pixels(sensor, PIXELS)
     np.testing.assert_allclose(pictured.directions, looks.directions, atol=1e-12)
     np.testing.assert_allclose(pictured.origins, looks.origins, atol=1e-9)
 

@@ -38,7 +38,7 @@ path = "lamp.csv"
 """
 
 
-def test_a_file_of_bodies_says_what_python_does(tmp_path):
+def test_load_bodies(tmp_path):
     (tmp_path / "bodies.toml").write_text(BODIES)
     (tmp_path / "lamp.csv").write_text("time_s,x_mm\n0,-800\n1,-700\n")
     cart, lamp = om.load_bodies(tmp_path / "bodies.toml")
@@ -48,88 +48,48 @@ def test_a_file_of_bodies_says_what_python_does(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", r"bodies\.toml must contain 1 to 1000 bodies; got 0"),
         ("cart = 3", r"bodies\.toml: the body cart must be a table \[cart\]; got 3"),
-        ("[cart]\ncolour = '#fff'", r"\[cart\] of .* has no size_mm"),
+        ("[cart]\ncolour = '#fff'", r"\[cart\] of .*: size_mm must be"),
         ("[cart]\nsize_mm = [1, 2]\nkeyframe = [{time_s = 0, x_mm = 1}]", r"\[cart\] of .*size_mm"),
-        (
-            "[cart]\nsize_mm = [1, 2, 0]\nkeyframe = [{time_s = 0, x_mm = 1}]",
-            r"\[cart\] of .*bodies\.toml: size_mm\[2\] must be finite and at least 0\.001; got 0",
-        ),
+        ("[cart]\nsize_mm = [1, 2, 0]\nkeyframe = [{time_s = 0, x_mm = 1}]", r"\[cart\] of .*bodies\.toml: size_mm\[2\] must be finite and at least 0\.001; got 0"),
         ("[cart]\nsize_mm = [1, 2, 3]", r"\[cart\] of .*bodies\.toml must contain keyframes"),
         ("[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, hfov_deg = 1}]", "hfov_deg"),
-        (
-            "[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, x_mm = 1}]\nmass = 3",
-            r"\[cart\] of .*bodies\.toml must contain only \[\[keyframe\]\] tables and optionally interpolation",
-        ),
-        (
-            "[cart]\nsize_mm = [1, 2, 3]\ncolour = 'reddish'\nkeyframe = [{time_s = 0, x_mm = 1}]",
-            "reddish",
-        ),
-        (
-            "[cart]\nsize_mm = [1, 2, 3]\npath = 'gone.csv'",
-            "path must be an existing keyframe file",
-        ),
-        (
-            "[cart]\nsize_mm = [1, 2, 3]\npath = 4",
-            r"\[cart\] of .*bodies\.toml: path must be a file name; got 4",
-        ),
+        ("[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, x_mm = 1}]\nmass = 3", r"\[cart\] of .*bodies\.toml must contain only \[\[keyframe\]\] tables and optionally interpolation"),
+        ("[cart]\nsize_mm = [1, 2, 3]\ncolour = 'reddish'\nkeyframe = [{time_s = 0, x_mm = 1}]", "reddish"),
+        ("[cart]\nsize_mm = [1, 2, 3]\npath = 'gone.csv'", "path must be an existing keyframe file"),
+        ("[cart]\nsize_mm = [1, 2, 3]\npath = 4", r"\[cart\] of .*bodies\.toml: path must be a file name; got 4"),
     ],
 )
-def test_a_wrong_file_is_refused_with_the_body_s_name(tmp_path, text, says):
+def test_invalid_bodies_file_raises(tmp_path, text, message):
     (tmp_path / "bodies.toml").write_text(text)
-    with pytest.raises(SpecError, match=says):
+    with pytest.raises(SpecError, match=message):
         om.load_bodies(tmp_path / "bodies.toml")
 
 
-def test_bodies_that_are_not_there():
+def test_missing_bodies_raise():
     with pytest.raises(SpecError, match=r"path must be an existing file of bodies"):
         om.load_bodies("nowhere.toml")
-    with pytest.raises(InvalidParameter, match="path has 'hfov_deg'"):
+    with pytest.raises(InvalidParameter, match=r"tracks of path must be .*; got 'hfov_deg'"):
         om.MovingBox((1.0, 1.0, 1.0), Keyframes({"hfov_deg": ((0.0, 1.0),)}))
 
 
-def test_a_video_shows_bodies_where_they_are(tmp_path):
+def test_video_shows_moving_bodies(tmp_path):
     """Centre of the side facing the sensor, by the projection of the sensor, in every frame;
     reproducible."""
     av = pytest.importorskip("av")
     sphere = om.load_sensor("paper-spherical")
-    small = replace(
-        sphere, imager=replace(sphere.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8)
-    )
+    small = replace(sphere, imager=replace(sphere.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8))
     om.save_sensor(small, tmp_path / "small.toml")
     (tmp_path / "path.csv").write_text("time_s,x_mm\n0,0\n2,100\n")
     (tmp_path / "bodies.toml").write_text(BODIES.partition("[lamp]")[0].replace("pan_deg = 90", ""))
-    asked = (
-        "--path",
-        tmp_path / "path.csv",
-        "--bodies",
-        tmp_path / "bodies.toml",
-        "--spp",
-        "1",
-        "--no-blur",
-        "--fps",
-        "1",
-    )
-    for words in (
-        ("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"),
-        ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"),
-        (
-            "simulate",
-            "dataset",
-            "--again",
-            tmp_path / "set" / "dataset.json",
-            "-o",
-            tmp_path / "again",
-        ),
-    ):
-        run = omnimirror(*words)
+    asked = ("--path", tmp_path / "path.csv", "--bodies", tmp_path / "bodies.toml", "--spp", "1", "--no-blur", "--fps", "1")
+    for arguments in (("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"), ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"), ("simulate", "dataset", "--again", tmp_path / "set" / "dataset.json", "-o", tmp_path / "again")):
+        run = omnimirror(*arguments)
         assert run.returncode == 0, run.stderr
-    assert (tmp_path / "again" / "video.mp4").read_bytes() == (
-        tmp_path / "set" / "video.mp4"
-    ).read_bytes()
+    assert (tmp_path / "again" / "video.mp4").read_bytes() == (tmp_path / "set" / "video.mp4").read_bytes()
 
     (cart,), path = om.load_bodies(tmp_path / "bodies.toml"), om.load_path(tmp_path / "path.csv")
     for film in (tmp_path / "set" / "video.mp4", tmp_path / "film.mp4"):
@@ -154,51 +114,38 @@ class Unpainted:
         self.radiance, self.distance_mm = scene.radiance, scene.distance_mm
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="not built")
+@pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 @pytest.mark.parametrize("blur", [True, False])
-def test_kernels_see_bodies_as_rays_one_by_one_do(blur):
+def test_compiled_bodies_match_numpy(blur):
     turns = {"x_mm": ((0.0, 900.0),), "pan_deg": ((0.0, 34.0),), "tilt_deg": ((0.0, 12.0),)}
     lies = {"y_mm": ((0.0, -700.0),), "z_mm": ((0.0, -300.0),)}
-    bodies = (
-        om.MovingBox((400.0, 300.0, 500.0), Keyframes(turns)),
-        om.MovingBox((200.0, 200.0, 200.0), Keyframes(lies), colour="#3388ff"),
-    )
-    scene, sensor = (
-        SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0),
-        replace(BALL, imager=Imager(256, 256, 20.8)),
-    )
-    seen, expected = (
-        expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene))
-    )
+    bodies = (om.MovingBox((400.0, 300.0, 500.0), Keyframes(turns)), om.MovingBox((200.0, 200.0, 200.0), Keyframes(lies), colour="#3388ff"))
+    scene, sensor = (SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0), replace(BALL, imager=Imager(256, 256, 20.8)))
+    seen, expected = (expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene)))
     differs = np.abs(seen - expected).max(axis=-1)
     assert (differs > 1e-5).sum() <= 3, "but for rays that graze an edge"
     alone = expose(sensor, scene.scene, samples=4, blur=blur, seed=1)
     assert (np.abs(alone - seen).max(axis=-1) > 1e-2).sum() > 500, "bodies are in sight"
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="not built")
-def test_where_surfaces_touch_the_same_one_is_seen_whatever_was_seen_before():
+@pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
+def test_touching_surfaces_are_deterministic():
     """Compiled surfaces reorder their records; regenerated datasets previously had other pixels for
     that reason."""
     cart = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 900.0),)}))
-    scene, corners = (
-        SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0),
-        (np.full(3, -50.0), np.full(3, 50.0)),
-    )
+    scene, corners = (SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0), (np.full(3, -50.0), np.full(3, 50.0)))
     first = scene.surroundings_from(*corners).surfaces.records.copy()
     own = scene.scene.surroundings_from(*corners).surfaces
     before = own.records.copy()
-    own.seen(np.zeros((1, 3)), np.ones((1, 3)))
+    own.first_hits(np.zeros((1, 3)), np.ones((1, 3)))
     assert (own.records != before).any(), "else there is nothing to hold"
     np.testing.assert_array_equal(scene.surroundings_from(*corners).surfaces.records, first)
 
 
-def test_rays_that_may_start_in_a_body_are_left_to_the_scene():
+def test_rays_starting_in_body():
     around = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 100.0),)}))
     scene = SceneWithBodies(om.Room(texel_mm=40.0), (around,), 0.0)
     corners = np.full(3, -50.0), np.full(3, 50.0)
     assert scene.surroundings_from(*corners) is None
-    assert SceneWithBodies(scene.scene).surroundings_from(
-        *corners
-    ) is scene.scene.surroundings_from(*corners)
+    assert SceneWithBodies(scene.scene).surroundings_from(*corners) is scene.scene.surroundings_from(*corners)
     assert SceneWithBodies(Unpainted(scene.scene)).surroundings_from(*corners) is None

@@ -30,10 +30,10 @@ from tests.samplers import instructions
 
 # -- Environments and textured surfaces: against closed forms, and the compiled search against exhaustive search
 
-needs_native = pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
+needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
 
 
-def test_an_environment_shows_pan_and_tilt_where_they_are():
+def test_environment_directions():
     height, width = 90, 180
     pan = np.radians((np.arange(width) + 0.5) / width * 360 - 180)
     tilt = np.radians(90 - (np.arange(height) + 0.5) / height * 180)
@@ -50,14 +50,14 @@ def test_an_environment_shows_pan_and_tilt_where_they_are():
 
 
 @pytest.mark.parametrize(
-    ("light", "words"),
+    ("light", "message"),
     [
         (np.ones((4, 8), np.float32), "height, width, 3"),
-        (-np.ones((4, 8, 3), np.float32), "no light"),
+        (-np.ones((4, 8, 3), np.float32), "finite values from 0"),
     ],
 )
-def test_what_is_no_environment_is_refused(light, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_invalid_environment_raises(light, message):
+    with pytest.raises(InvalidParameter, match=message):
         Environment(light)
 
 
@@ -84,16 +84,16 @@ def every_instruction(request):
 @pytest.mark.usefixtures("every_instruction")
 @needs_native
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 50, 400])
-def test_the_first_surface_met_is_the_nearest_of_all(count):
+def test_first_hit_is_nearest(count):
     rng = np.random.default_rng(count)
     scene = clutter(count, rng)
     origins, directions = rng.uniform(-6, 6, (3000, 3)), rng.normal(size=(3000, 3))
     directions[:300, 0] = 0.0  # including rays along planes of the boxes
-    fast = scene.seen(origins, directions)
+    fast = scene.first_hits(origins, directions)
     if not count:
         assert np.isinf(fast.distance).all()
         return
-    slow = scene._seen_by_all(origins, directions)
+    slow = scene._hits_in_parts(origins, directions)
     same = np.isclose(fast.distance, slow.distance, rtol=1e-4) | (
         np.isinf(fast.distance) & np.isinf(slow.distance)
     )
@@ -119,7 +119,7 @@ def ball(rings: int) -> np.ndarray:
 
 @pytest.mark.usefixtures("every_instruction")
 @needs_native
-def test_what_a_ray_meets_does_not_depend_on_those_beside_it():
+def test_hits_are_independent_of_batch():
     rng = np.random.default_rng(3)
     triangles = ball(60)
     scene = facets(triangles, rng.uniform(0, 1, (len(triangles), 3, 3)).astype(np.float32))
@@ -130,14 +130,16 @@ def test_what_a_ray_meets_does_not_depend_on_those_beside_it():
     directions[9000:12000] = (
         triangles[rng.integers(len(triangles), size=3000), 1] - origins[9000:12000]
     )  # at corners
-    seen, order = scene.seen(origins, directions), rng.permutation(len(origins))
+    seen, order = scene.first_hits(origins, directions), rng.permutation(len(origins))
     assert np.isinf(seen.distance).mean() < 1e-3  # between triangles
-    for alone, together in zip(scene.seen(origins[order], directions[order]), seen, strict=True):
+    for alone, together in zip(
+        scene.first_hits(origins[order], directions[order]), seen, strict=True
+    ):
         np.testing.assert_array_equal(alone, together[order])
 
 
 @needs_native
-def test_many_surfaces_at_one_place_are_met():
+def test_coincident_surfaces():
     wall = np.array([[5.0, 1, -1], [0, -2, 0], [0, 0, 2]])
     count = 5000  # which no plane separates
     scene = Surfaces.of(
@@ -147,12 +149,12 @@ def test_many_surfaces_at_one_place_are_met():
         np.zeros(count, bool),
         (Texture(np.full((1, 1, 4), 0.5, np.float32)),),
     )
-    seen = scene.seen(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
+    seen = scene.first_hits(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
     assert seen.distance.tolist() == [5.0, np.inf]
 
 
 @needs_native
-def test_kernels_share_texels_and_keep_them():
+def test_kernels_share_texels():
     scene = facets(ball(20), np.full((1600, 3, 3), 0.25, np.float32))
     texels = scene.textures[0].texels
     native, kept = scene.native, weakref.ref(texels if texels.base is None else texels.base)
@@ -168,25 +170,25 @@ def test_kernels_share_texels_and_keep_them():
 
 
 @needs_native
-def test_what_is_compiled_is_kept_once():
+def test_compiled_surfaces_are_cached():
     """Records of 64 bytes in tree order: results are unchanged, and no second copy remains."""
     rng = np.random.default_rng(7)
     scene = facets(
         rng.uniform(-50, 50, (500, 3, 3)), rng.uniform(0, 1, (500, 3, 3)).astype(np.float32)
     )
     given = np.sort(scene.records, order=["texel"])
-    before = scene._seen_by_all(np.zeros((99, 3)), towards := rng.normal(size=(99, 3)))
+    before = scene._hits_in_parts(np.zeros((99, 3)), towards := rng.normal(size=(99, 3)))
     kept = scene.native.records
     assert kept.nbytes == 500 * 64
     assert np.shares_memory(scene.records, kept)
     assert np.array_equal(np.sort(scene.records, order=["texel"]), given)
-    for now, then in zip(scene._seen_by_all(np.zeros((99, 3)), towards), before, strict=True):
+    for now, then in zip(scene._hits_in_parts(np.zeros((99, 3)), towards), before, strict=True):
         np.testing.assert_array_equal(now, then)
 
 
 @needs_native
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e20])
-def test_places_that_are_no_numbers_are_refused(bad):
+def test_nan_surfaces_raise(bad):
     wall = np.array([[[5.0, 1, -1], [0, -2, 0], [0, 0, bad]]])
     scene = Surfaces.of(
         wall,
@@ -196,10 +198,10 @@ def test_places_that_are_no_numbers_are_refused(bad):
         (Texture(np.ones((1, 1, 4), np.float32)),),
     )
     with pytest.raises(ValueError, match="places of surfaces must be between"):
-        scene.seen(np.zeros((1, 3)), np.ones((1, 3)))
+        scene.first_hits(np.zeros((1, 3)), np.ones((1, 3)))
 
 
-def test_a_texture_lies_on_its_surface_as_one_reads_it():
+def test_texture_orientation():
     texels = np.zeros((2, 3, 4), np.float32)
     texels[..., 0] = [[0, 1, 2], [3, 4, 5]]
     wall = np.array(
@@ -215,7 +217,7 @@ def test_a_texture_lies_on_its_surface_as_one_reads_it():
     towards = np.array(
         [[5.0, 2.0, 1.0], [5.0, -2.0, 1.0], [5.0, 0.0, -1.0], [5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]]
     )
-    seen = scene.seen(np.zeros((5, 3)), towards)
+    seen = scene.first_hits(np.zeros((5, 3)), towards)
     np.testing.assert_allclose(seen.light[:, 0], [0, 2, 4, 2.5, 0], atol=1e-4)
 
 
@@ -253,8 +255,8 @@ def rays(count: int) -> tuple[np.ndarray, np.ndarray]:
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="not built")
-def test_compiled_boxes_are_those_of_numpy_to_the_last_bit():
+@pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")
+def test_compiled_boxes_match_numpy():
     """Depth and light are therefore independent of it; includes rays along planes, from faces, and
     from inside a solid."""
     origins, directions = rays(5000)
@@ -273,7 +275,7 @@ def test_compiled_boxes_are_those_of_numpy_to_the_last_bit():
     assert not are_blocked((), origins, ways).any()
 
 
-def test_rays_end_where_marching_ends():
+def test_box_hits_match_ray_marching():
     origins, directions = rays(300)
     hits = intersect_boxes(ROOM, SOLIDS, origins, directions)
     marched = [march(o, d) for o, d in zip(origins, directions, strict=True)]
@@ -282,7 +284,7 @@ def test_rays_end_where_marching_ends():
     assert set(hits.face // 6) == {0, 1, 2, 3}
 
 
-def test_rays_end_on_the_face_that_is_named():
+def test_box_hits_face():
     origins, directions = rays(3000)
     hits = intersect_boxes(ROOM, SOLIDS, origins, directions)
     for number in np.unique(hits.face):
@@ -296,20 +298,20 @@ def test_rays_end_on_the_face_that_is_named():
             assert ((offset @ along >= -1e-12) & (offset @ along <= size + 1e-12)).all()
 
 
-def test_rays_along_the_axes_do_not_divide_by_zero():
+def test_axis_parallel_rays():
     directions = np.concatenate([np.eye(3), -np.eye(3)])
     hits = intersect_boxes(ROOM, (), np.zeros((6, 3)), directions)
     np.testing.assert_array_equal(hits.distance, [3, 4, 2, 3, 2, 1])
     np.testing.assert_array_equal(hits.face, [1, 3, 5, 0, 2, 4])
 
 
-def test_a_ray_that_starts_in_a_solid_meets_it_at_once():
+def test_ray_starting_in_solid():
     hits = intersect_boxes(ROOM, SOLIDS, np.array([[1.5, 0.0, 0.0]]), np.array([[1.0, 0.1, 0.0]]))
     assert hits.distance[0] == 0
     assert hits.face[0] // 6 == 1
 
 
-def test_ways_are_blocked_where_a_step_on_them_is_in_a_solid():
+def test_segments_are_blocked_by_solids():
     rng = np.random.default_rng(6)
     starts, ends = rng.uniform(ROOM.low, ROOM.high, (2, 400, 3))
     t = np.linspace(0, 1, 4001)[:, None]
@@ -324,7 +326,7 @@ def test_ways_are_blocked_where_a_step_on_them_is_in_a_solid():
 
 @pytest.mark.parametrize("number", FACES)
 @pytest.mark.parametrize("inside", [True, False])
-def test_faces_are_seen_the_right_way_round(number: int, inside: bool):
+def test_face_orientation(number: int, inside: bool):
     """Right, up and the direction to the viewer form a right-handed set; no face is mirrored."""
     face = face_of(ROOM, number, inside)
     np.testing.assert_array_equal(np.cross(face.right, face.up), face.normal)

@@ -37,18 +37,11 @@ if TYPE_CHECKING:
 class OrientationOptions(Options):
     """Orientation of images and videos."""
 
-    stored_orientation: bool = option(
-        default=False,
-        is_flag=True,
-        help="Take pixels as stored, without the rotation in EXIF data (images) or in the display matrix (videos).",
-    )
+    stored_orientation: bool = option(default=False, is_flag=True, help="Take pixels as stored, without the rotation in EXIF data (images) or in the display matrix (videos).")
 
     def read(self, files: Sequence[Path]) -> list[NDArray[Any]]:
         """Return the images in files, and report the orientations that were applied."""
-        found = [
-            read_image_and_metadata(file, stored_orientation=self.stored_orientation)
-            for file in files
-        ]
+        found = [read_image_and_metadata(file, stored_orientation=self.stored_orientation) for file in files]
         self._report([carried.orientation for _, carried in found])
         return [image for image, _ in found]
 
@@ -60,9 +53,7 @@ class OrientationOptions(Options):
         """Report remarks on a video, such as the orientation applied to its frames."""
         from ...io.video_reader import VideoReader
 
-        with VideoReader(
-            video, with_audio=False, stored_orientation=self.stored_orientation
-        ) as reader:
+        with VideoReader(video, with_audio=False, stored_orientation=self.stored_orientation) as reader:
             for note in reader.notes:
                 remark(f"omnimirror: {note}")
 
@@ -77,63 +68,23 @@ class OrientationOptions(Options):
 
 Source: TypeAlias = Literal["sensor", "ocam", "ball"]
 
-OPTIONS_OF_SOURCE: dict[Source, tuple[str, ...]] = {
-    "sensor": (),
-    "ocam": ("optics", "rim_radius_px"),
-    "ball": (),
-}
+OPTIONS_OF_SOURCE: dict[Source, tuple[str, ...]] = {"sensor": (), "ocam": ("optics", "rim_radius_px"), "ball": ()}
 
 
 @dataclass(frozen=True)
 class CameraOptions(Options):
     """Camera model, with its mounting."""
 
-    sensor: str | None = option(
-        type=SENSOR,
-        metavar="FILE|NAME",
-        help="Camera: a sensor file, a camera file, or the name of a bundled sensor.",
-    )
+    sensor: str | None = option(type=SENSOR, metavar="FILE|NAME", help="Camera: a sensor file, a camera file, or the name of a bundled sensor.")
     ocam: str | None = option(metavar="FILE", help="Camera: calib_results.txt of OCamCalib.")
-    ball: tuple[float, float, float, float] | None = option(
-        type=ball,
-        metavar="CX,CY,R,FOV",
-        help="Camera: a mirror ball, with its circle in px and its full field in deg. The optical axis is assumed "
-        "to point up; for a ball photographed horizontally, add --camera-looks forward.",
-    )
-    optics: Optics | None = option(
-        type=click.Choice(["mirror", "fisheye"]),
-        help="Type of optics of the --ocam camera.  [default: mirror]",
-    )
-    rim_radius_px: float | None = option(
-        type=NUMBER,
-        metavar="PX",
-        help="Radius of the field of --ocam in the image.  [default: unlimited]",
-    )
-    camera_looks: CameraLooks | None = option(
-        type=click.Choice(["up", "down", "forward"]),
-        help="Orientation of the optical axis.  [default: as in the sensor file, or up, also for --ball; forward "
-        "for --auto with --mirror ball or convex]",
-    )
-    forward_azimuth_deg: float | None = option(
-        type=angle,
-        metavar="DEG",
-        help="Image direction of forward, from image right towards image bottom.  [default: as in the sensor file, "
-        "or -90]",
-    )
-    image_flipped: bool | None = option(
-        "--image-flipped/--not-image-flipped",
-        help="Declare that the image is mirrored left to right.",
-    )
-    level: tuple[float, float] | None = option(
-        type=lean,
-        metavar="PITCH,ROLL",
-        help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is "
-        "rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]",
-    )
-    keep_lean: bool | None = option(
-        is_flag=True,
-        help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.",
-    )
+    ball: tuple[float, float, float, float] | None = option(type=ball, metavar="CX,CY,R,FOV", help="Camera: a mirror ball, with its circle in px and its full field in deg. The optical axis is assumed to point up; for a ball photographed horizontally, add --camera-looks forward.")
+    optics: Optics | None = option(type=click.Choice(["mirror", "fisheye"]), help="Type of optics of the --ocam camera.  [default: mirror]")
+    rim_radius_px: float | None = option(type=NUMBER, metavar="PX", help="Radius of the field of --ocam in the image.  [default: unlimited]")
+    camera_looks: CameraLooks | None = option(type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.  [default: as in the sensor file, or up, also for --ball; forward for --auto with --mirror ball or convex]")
+    forward_azimuth_deg: float | None = option(type=angle, metavar="DEG", help="Image direction of forward, from image right towards image bottom.  [default: as in the sensor file, or -90]")
+    image_flipped: bool | None = option("--image-flipped/--not-image-flipped", help="Declare that the image is mirrored left to right.")
+    level: tuple[float, float] | None = option(type=lean, metavar="PITCH,ROLL", help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]")
+    keep_tilt: bool | None = option(is_flag=True, help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.")
 
     def check(self) -> None:
         """Raise UsageError unless exactly one camera is given, or for options of another kind of
@@ -141,17 +92,9 @@ class CameraOptions(Options):
         """
         sources = [name for name in OPTIONS_OF_SOURCE if name in self.given]
         if len(sources) != 1:
-            found = (
-                "none is given" if not sources else f"{' and '.join(map(flag, sources))} are given"
-            )
-            raise click.UsageError(
-                f"say which camera it was with exactly one of --sensor, --ocam and --ball; {found}"
-            )
-        refuse_other(
-            self.given,
-            {flag(name): names for name, names in OPTIONS_OF_SOURCE.items()},
-            flag(sources[0]),
-        )
+            found = "none is given" if not sources else f"{' and '.join(map(flag, sources))} are given"
+            raise click.UsageError(f"say which camera it was with exactly one of --sensor, --ocam and --ball; {found}")
+        refuse_other(self.given, {flag(name): names for name, names in OPTIONS_OF_SOURCE.items()}, flag(sources[0]))
 
     def camera(self, picture_size: tuple[int, int]) -> AnyCamera:
         """Return the camera with the mounting of the options; for a ball, in images of size (width,
@@ -178,7 +121,7 @@ class CameraOptions(Options):
 
     def drawing(self, camera: AnyCamera) -> AnyCamera:
         """Return the camera that draws the view: as if plumb if the options keep the tilt."""
-        return replace(camera, mount=camera.mount.levelled) if self.keep_lean else camera
+        return replace(camera, mount=camera.mount.levelled) if self.keep_tilt else camera
 
     def words(self) -> tuple[str, tuple[str, ...]]:
         """Return a name for the camera, and these options as words of a command line."""
@@ -193,8 +136,8 @@ class CameraOptions(Options):
             words.append("--image-flipped" if self.image_flipped else "--not-image-flipped")
         if self.level is not None:
             words.append("--level={:.10g},{:.10g}".format(*self.level))
-        if self.keep_lean:
-            words.append("--keep-lean")
+        if self.keep_tilt:
+            words.append("--keep-tilt")
         return "mirror ball" if kind == "ball" else Path(text).name, tuple(words)
 
 
@@ -208,17 +151,8 @@ FoundCamera: TypeAlias = "Callable[[tuple[int, int]], Sensor | MirrorBall]"
 class AutoOptions(Options):
     """Automatic camera, and its type of mirror."""
 
-    auto: bool | None = option(
-        is_flag=True,
-        help="Detect the outline of the mirror in the images and use the mirror of --mirror; a ball is levelled "
-        "from vertical edges.",
-    )
-    mirror: str | None = option(
-        metavar="PRESET|FILE|NAME",
-        help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The "
-        "camera of ball and convex is assumed to look forward, that of dome up (--camera-looks).  [default: "
-        "one-shot]",
-    )
+    auto: bool | None = option(is_flag=True, help="Detect the outline of the mirror in the images and use the mirror of --mirror; a ball is levelled from vertical edges.")
+    mirror: str | None = option(metavar="PRESET|FILE|NAME", help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The camera of ball and convex is assumed to look forward, that of dome up (--camera-looks).  [default: one-shot]")
 
     def check(self, camera: CameraOptions) -> None:
         """Raise UsageError for --mirror without --auto, or for another camera with --auto."""
@@ -227,28 +161,17 @@ class AutoOptions(Options):
                 raise click.UsageError("--mirror belongs to --auto")
             camera.check()
             return
-        owned = {
-            name: names for name, names in OPTIONS_OF_SOURCE.items() if camera.picked(name, *names)
-        }
+        owned = {name: names for name, names in OPTIONS_OF_SOURCE.items() if camera.picked(name, *names)}
         if owned:
-            given = next(
-                iter(camera.picked(*(n for name, names in owned.items() for n in (name, *names))))
-            )
-            raise click.UsageError(
-                f"--auto finds the camera, and {flag(given)} tells it; leave out one of them"
-            )
+            given = next(iter(camera.picked(*(n for name, names in owned.items() for n in (name, *names)))))
+            raise click.UsageError(f"--auto finds the camera, and {flag(given)} tells it; leave out one of them")
 
     def refuse_video(self, source: str) -> None:
         """Raise UsageError for --auto with a video."""
         if self.auto:
-            raise click.UsageError(
-                f"--auto looks for the rim in pictures, and {source} is none; 'omnimirror rim' finds it in one of its "
-                "frames, for --ball"
-            )
+            raise click.UsageError(f"--auto looks for the rim in pictures, and {source} is none; 'omnimirror rim' finds it in one of its frames, for --ball")
 
-    def camera(
-        self, sources: tuple[str, ...], options: CameraOptions, orientation: OrientationOptions
-    ) -> tuple[FoundCamera, str]:
+    def camera(self, sources: tuple[str, ...], options: CameraOptions, orientation: OrientationOptions) -> tuple[FoundCamera, str]:
         """Return the detected camera with the mounting of the options, and a report of the
         detection.
         """
@@ -266,19 +189,13 @@ class AutoOptions(Options):
 
         def camera_of(size: tuple[int, int]) -> Sensor | MirrorBall:
             if size != rim.image_size:
-                raise InvalidParameter(
-                    f"it has {size[0]} x {size[1]} px, and the rim was found in pictures of {rim.image_size[0]} x "
-                    f"{rim.image_size[1]} px; straighten pictures of each size by themselves"
-                )
+                raise InvalidParameter(f"it has {size[0]} x {size[1]} px, and the rim was found in pictures of {rim.image_size[0]} x {rim.image_size[1]} px; straighten pictures of each size by themselves")
             return found
 
         (u, v), among = rim.centre_px, "" if len(pictures) == 1 else f" in {len(pictures)} pictures"
         words = f" ({PRESETS[name].words})" if name in PRESETS else ""
         default = "" if self.mirror else "; name another with --mirror"
-        told = (
-            f"rim of {rim.radius_px:.1f} px about {u:.1f}, {v:.1f}{among}, confidence {rim.confidence:.2f}; "
-            f"taken for {name}{words}{default}{_other_tilt(rim, name)}{stood}"
-        )
+        told = f"rim of {rim.radius_px:.1f} px about {u:.1f}, {v:.1f}{among}, confidence {rim.confidence:.2f}; taken for {name}{words}{default}{_other_tilt(rim, name)}{stood}"
         return camera_of, told
 
 
@@ -289,9 +206,7 @@ def _other_tilt(rim: FoundRim, mirror: str) -> str:
 
     if mirror in PRESETS or len(found := sensors_from_rim(rim, load_sensor(mirror))) == 1:
         return ""
-    taken, other = (
-        f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found
-    )
+    taken, other = (f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found)
     return f"; tilted by {taken} deg about x and y, or by {other}, which its rim does not tell"
 
 
@@ -302,10 +217,7 @@ def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall,
     looks = {"up": "up", "down": "down", "forward": "ahead"}[ball.mount.camera_looks]
     level = level_in(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
     if level is None or not level.is_sure:
-        return (
-            ball,
-            f"; the camera is taken to look {looks} and stand level (--camera-looks, --level)",
-        )
+        return (ball, f"; the camera is taken to look {looks} and stand level (--camera-looks, --level)")
     lean = f"{level.pitch_deg:.1f},{level.roll_deg:.1f} deg, by {level.upright} upright edges"
     told = f"; the camera is taken to look {looks} (--camera-looks), and leaned {lean}"
     return replace(ball, mount=level.on(ball.mount)), told
@@ -317,8 +229,5 @@ def _alike(sources: tuple[str, ...], orientation: OrientationOptions) -> list[ND
     from ...io.batch import expand_inputs
 
     is_stored = orientation.stored_orientation
-    pictures = [
-        read_image(file, stored_orientation=is_stored)
-        for file in expand_inputs(sources)[:LOOKED_AT]
-    ]
+    pictures = [read_image(file, stored_orientation=is_stored) for file in expand_inputs(sources)[:LOOKED_AT]]
     return [picture for picture in pictures if picture.shape[:2] == pictures[0].shape[:2]]

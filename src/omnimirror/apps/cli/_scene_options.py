@@ -93,7 +93,7 @@ class SceneOptions(Options):
         return source
 
 
-RADIOMETRY = ("reflectivity", "vignetting", "sees_past")
+RADIOMETRY = ("reflectivity", "vignetting", "direct_view")
 DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits", "curve", "bayer")
 
 
@@ -126,8 +126,8 @@ class TakingOptions(Options):
         metavar="R,G,B",
         help="Wavelengths of the colours, for dispersion in lens and cover.",
     )
-    sees_past: bool | None = option(
-        "--sees-past/--black-past",
+    direct_view: bool | None = option(
+        "--direct-view/--no-direct-view",
         help="Render the surroundings of the mirror, or black.  [default: black]",
     )
     exposure: float | None = option(

@@ -20,7 +20,7 @@ from ...dewarp import Dewarper, screens, views
 from ...io import write_image
 from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import obscuration_summary
-from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
 
 # -- Common templates of the report pages ----------------------------------------------------------
@@ -100,7 +100,7 @@ def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: boo
     result.to_csv(folder / "evaluation.csv")  # first, to fail early if the folder is not writable
     tell = progress or (lambda what, share: None)
     tell("Taking the picture", 0.0)
-    circle = take_picture(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur and sensor.secondary is None, progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows))
+    circle = render_image(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur and sensor.secondary is None, on_progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows))
     pictures = {"circle": circle, "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle), "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle)}
     for name, picture in pictures.items():
         write_image(folder / f"{name}.png", picture)

@@ -23,7 +23,7 @@ from ...dewarp.field_of_view import field_of
 from ...io import write_image
 from ...io.images import encoded
 from ...optics.sensor import Sensor
-from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
 from ...simulation.scenes.scene import Scene
 from . import figure_html, page_html
@@ -92,7 +92,7 @@ def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
     elevations = min(f.tilt_min_deg for f in fields), max(f.tilt_max_deg for f in fields)
     circles, panoramas = [], []
     for sensor in comparison.sensors:
-        circle = take_picture(sensor, scene, samples=SHOWN_SAMPLES)
+        circle = render_image(sensor, scene, samples=SHOWN_SAMPLES)
         view = views.panorama(sensor, (PANORAMA_PX, None), elevation_deg=elevations)
         circles.append(circle)
         panoramas.append(Dewarper(sensor, view, interpolation="cubic")(circle))

@@ -20,7 +20,7 @@ from ...optics.housing import CameraBody, Dome, Housing, Rod, Tube
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ...simulation.pixel_rays import ThroughShell
-from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
 from ._paper_sensors import M, paper_sensors
 
@@ -36,7 +36,7 @@ def _sphere() -> Sensor:
 def _circle() -> Picture:
     """Render the room with the spherical sensor through its whole aperture, as recorded by its
     camera."""
-    return take_picture(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)
+    return render_image(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)
 
 
 def fig1() -> Figure:
@@ -50,9 +50,7 @@ def fig2() -> Figure:
 def fig13() -> Figure:
     sensor = _sphere()
     flat = (views.panorama(sensor), views.dome(sensor))
-    return sensor_diagrams.virtual_screens(
-        sensor, [Dewarper(sensor, view)(_circle()) for view in flat]
-    )
+    return sensor_diagrams.virtual_screens(sensor, [Dewarper(sensor, view)(_circle()) for view in flat])
 
 
 def fig14() -> Figure:
@@ -71,26 +69,12 @@ def fig16() -> Figure:
     imager = Imager(PANEL_PX, PANEL_PX, pitch)
     room, bare = Room(), replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA)))
     lens = -bare.meridian.m
-    rod, tube, dome = (
-        Rod(1.4, 14.0, gap_mm=-0.1 * lens),
-        Tube(110.0, 3.0),
-        Dome(150.0, 3.0, centre_mm=20.0),
-    )
-    scenes = (
-        room,
-        ThroughShell(room, tube, bare, lids_mm=(lens,)),
-        ThroughShell(room, dome, bare),
-    )  # lid of the tube
-    taken = [take_picture(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
-    held = [
-        replace(bare.housing, rod=rod),
-        replace(bare.housing, shell=tube),
-        replace(bare.housing, shell=dome),
-    ]
+    rod, tube, dome = (Rod(1.4, 14.0, gap_mm=-0.1 * lens), Tube(110.0, 3.0), Dome(150.0, 3.0, centre_mm=20.0))
+    scenes = (room, ThroughShell(room, tube, bare, lids_mm=(lens,)), ThroughShell(room, dome, bare))  # lid of the tube
+    taken = [render_image(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
+    held = [replace(bare.housing, rod=rod), replace(bare.housing, shell=tube), replace(bare.housing, shell=dome)]
     titles = ("Bare, on a clear rod", "In a clear tube", "In a clear globe")
-    return sensor_diagrams.prototypes(
-        [Prototype(bare, *each) for each in zip(titles, taken, held, strict=True)]
-    )
+    return sensor_diagrams.prototypes([Prototype(bare, *each) for each in zip(titles, taken, held, strict=True)])
 
 
 def fig17() -> Figure:
@@ -105,7 +89,5 @@ def fig18() -> Figure:
     return sensor_diagrams.blur_geometry()
 
 
-PICTURES: dict[str, Callable[[], Figure]] = {
-    f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)
-}
+PICTURES: dict[str, Callable[[], Figure]] = {f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)}
 """Figures other than evaluation curves, by name."""

@@ -52,9 +52,7 @@ def opened(name: str, data: bytes) -> Opened:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise SpecError(
-            f"{name} is not a text file; valid are sensor files and requirement files"
-        ) from None
+        raise SpecError(f"{name} is not a text file; valid are sensor files and requirement files") from None
     tables = parse_toml(text, name)
     where = SourceLocator(text, name)
     if "field" in tables:
@@ -99,9 +97,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- download --------------------------------------------------------------------------------------
 
 
-def downloaded(
-    asked: Download, tell: Callable[[str, float], None] = lambda what, share: None
-) -> File:
+def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
     """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
 
     For reports, ``tell`` receives the current step and the completed fraction.
@@ -114,9 +110,7 @@ def downloaded(
     sensor = sensor_on_bench(asked.tables)
     if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
         what = OF_ONE_MERIDIAN[asked.kind]
-        raise InvalidParameter(
-            f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there"
-        )
+        raise InvalidParameter(f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there")
     return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
 
 
@@ -143,21 +137,13 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
 
     width, height = sensor.imager.size
     if max(width, height) > MOST_ACROSS:
-        raise InvalidParameter(
-            f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, "
-            "and omnimirror demo makes larger ones"
-        )
+        raise InvalidParameter(f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, and omnimirror demo makes larger ones")
     with tempfile.TemporaryDirectory() as folder:
         data = write_demo(sensor, folder, progress=tell).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
-KINDS: dict[str, Callable[[Sensor, Download], File]] = {
-    "sensor": _sensor_file,
-    "table": _table,
-    "sag": _sag,
-    "drawing": _drawing,
-}
+KINDS: dict[str, Callable[[Sensor, Download], File]] = {"sensor": _sensor_file, "table": _table, "sag": _sag, "drawing": _drawing}
 SLOW_KINDS = ("drawing", "report")
 
 
@@ -195,11 +181,11 @@ def taken(ask: PictureAsk) -> bytes:
         Invalid sensor.
     """
     from ...dewarp import Dewarper, views
-    from ...simulation.rendering import take_picture
+    from ...simulation.rendering import render_image
     from ...simulation.scenes.room import Room
 
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
-    picture = take_picture(sensor, Room(), samples=ask.samples)
+    picture = render_image(sensor, Room(), samples=ask.samples)
     view = views.panorama(sensor)
     if view.size[0] > MOST_ACROSS:  # narrow vertical field
         view = views.panorama(sensor, (MOST_ACROSS, None))

@@ -135,7 +135,7 @@ def room_picture(known: Known) -> bytes:
     OmnimirrorError
         Image too large.
     """
-    from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+    from ...simulation.rendering import SHOWN_SAMPLES, render_image
     from ...simulation.scenes.room import Room
 
     width, height = known.camera.image_size
@@ -144,7 +144,7 @@ def room_picture(known: Known) -> bytes:
             f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are "
             f"{MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more"
         )
-    return encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
+    return encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
 
 # -- HTTP and WebSocket routes of the Look tab: cameras as tables, images, streams -----------------

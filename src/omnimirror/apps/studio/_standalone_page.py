@@ -21,7 +21,7 @@ from ...optics.mirrors import (
     Sphere,
 )
 from ...optics.sensor_files import load_sensor
-from ...simulation.rendering import SHOWN_SAMPLES, take_picture
+from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
 from ._bench_sensors import bench_start, on_bench
 from ._camera_tables import camera_tables
@@ -165,7 +165,7 @@ def _standalone_camera(known: Known) -> CameraAlone:
         b""
         if is_ball
         else encoded(
-            take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY
+            render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY
         )
     )
     return CameraAlone(

@@ -177,7 +177,7 @@ def offsets_from_axis(sensor: Sensor) -> Array:
     InvalidParameter
         If the mirror is decentred or tilted, or there are two mirrors.
     """
-    sensor.check("restoring and merging pictures", "single mirror")
+    sensor.check("image restoration and focus bracketing", "single mirror")
     _ = sensor.meridian  # raises an error for misaligned mirrors
     assert sensor.symmetry is not None
     width, height = sensor.image_size
@@ -371,9 +371,9 @@ def radial_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: Blu
             return RadialBlur(offsets, whole_radius_px(camera), sizes)
         return _specified_blur(offsets, camera.rim_radius_px, told)
     if told is None:
-        raise InvalidParameter(f"nothing is known of the blur of {type(camera).__name__}; tell it, or give a sensor with lens and mirror")
+        raise InvalidParameter(f"blur must be specified for a {type(camera).__name__}; alternatively use a sensor with lens and mirror")
     if not isinstance(camera, RadialModel):
-        raise InvalidParameter(f"{type(camera).__name__} is no camera with an axis; valid are a Sensor and the camera models")
+        raise InvalidParameter(f"the camera must be a Sensor or a camera model with an optical axis; got a {type(camera).__name__}")
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     offsets = (pixels - np.asarray(camera.centre_px)) @ np.linalg.inv(camera.stretch).T
@@ -394,19 +394,19 @@ def _sizes_of(told: BlurDiameters) -> Callable[[Array], BlurSize]:
         def sizes(radius: Array) -> BlurSize:
             found = function(radius)
             if not isinstance(found, Sequence | np.ndarray) or len(found) != 2:
-                raise InvalidParameter(f"the function of the blur returns {format_value(found)}; valid are two sizes")
+                raise InvalidParameter(f"the blur function must return two diameters; got {format_value(found)}")
             return _checked(BlurSize(*(np.broadcast_to(numbers("blur", size), radius.shape) for size in found)))
 
         return sizes
-    table = numbers("blur", told, "one or two numbers, or numbers of shape (n, 3)")
+    table = numbers("blur", told, "of shape (), (2,) or numbers of shape (n, 3)")
     if table.ndim < 2 and table.size in (1, 2):
         tangential, sagittal = np.broadcast_to(table.ravel(), 2)
         _checked(BlurSize(tangential, sagittal))
         return lambda radius: BlurSize(np.full(radius.shape, tangential), np.full(radius.shape, sagittal))
     if table.ndim != 2 or table.shape[1] != 3:
-        raise InvalidParameter(f"a blur of shape {table.shape} is not valid; give one number, two, or a table (n, 3)")
+        raise InvalidParameter(f"blur must be one number, two numbers or a table (n, 3); got shape {table.shape}")
     if not (len(table) and np.isfinite(table).all() and (np.diff(table[:, 0]) > 0).all()):
-        raise InvalidParameter("the radii of the blur's table do not increase, or are no numbers")
+        raise InvalidParameter("the radii of the blur table must be finite and increasing")
     _checked(BlurSize(table[:, 1], table[:, 2]))
     return lambda radius: BlurSize(*(np.interp(radius, table[:, 0], column) for column in table.T[1:]))
 
@@ -415,7 +415,7 @@ def _checked(sizes: BlurSize) -> BlurSize:
     for size in sizes:
         wrong = ~((size >= 0) & (size <= MAX_BLUR_PX))
         if wrong.any():
-            raise InvalidParameter(f"blur = {np.asarray(size)[wrong][0]:g} px is outside 0 to {MAX_BLUR_PX:g} px")
+            raise InvalidParameter(f"blur must be between 0 and {MAX_BLUR_PX:g} px; got {np.asarray(size)[wrong][0]:g} px")
     return sizes
 
 
@@ -436,18 +436,18 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
     try:
         text = read_bytes(path, MAX_BLUR_FILE_BYTES).decode("utf-8-sig")
     except OSError as e:
-        raise SpecError(f"cannot read the blur {path}: {e.strerror or e}") from None
+        raise SpecError(f"cannot read the blur table {path}: {e.strerror or e}") from None
     except UnicodeDecodeError:
-        raise SpecError(f"cannot read the blur {path}: it is not a text file") from None
+        raise SpecError(f"cannot read the blur table {path}: not a text file") from None
     lines = [line for line in csv.reader(text.splitlines()) if line and not line[0].lstrip().startswith("#")]
     names = [name.strip() for name in lines[0]] if lines else []
     where = next((name for name in BLUR_FILE_COLUMNS if name in names), None)
     if where is None or not {"t_px", "s_px"} <= set(names):
-        raise SpecError(f"{path} has the columns {names}; the blur needs radius_px or omega_deg, t_px and s_px")
+        raise SpecError(f"{path} must have the columns radius_px or omega_deg, t_px and s_px; got {names}")
     try:
         rows = [[float(line[names.index(name)]) for name in (where, "t_px", "s_px")] for line in lines[1:]]
     except (ValueError, IndexError):
-        raise SpecError(f"{path} holds a line that is not one number for each of {', '.join(names)}") from None
+        raise SpecError(f"each line of {path} must contain one number for each of {', '.join(names)}") from None
     table = np.array(rows).reshape(-1, 3)
     if where == "omega_deg":
         table[:, 0] = _radii_of(table[:, 0], camera, path)
@@ -458,10 +458,10 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
 def _radii_of(omega_deg: Array, camera: Camera, path: str | Path) -> Array:
     symmetry = camera.symmetry
     if symmetry is None:
-        raise SpecError(f"{path} tells the blur by the field angle, and the picture is not round; tell it by radius_px")
+        raise SpecError(f"{path} must specify the blur by radius_px for a camera without axial symmetry; got omega_deg")
     omega = np.radians(omega_deg)
     outside = ~((omega >= symmetry.omega_min - 1e-9) & (omega <= symmetry.omega_max + 1e-9))
     if outside.any():
         low, high = np.degrees([symmetry.omega_min, symmetry.omega_max])
-        raise SpecError(f"{path}: {omega_deg[outside][0]:g} deg is not seen; the field is {low:.4g} to {high:.4g} deg")
+        raise SpecError(f"{path}: omega_deg must be within the field, {low:.4g} to {high:.4g} deg; got {omega_deg[outside][0]:g} deg")
     return symmetry.radius_px(np.clip(omega, symmetry.omega_min, symmetry.omega_max))

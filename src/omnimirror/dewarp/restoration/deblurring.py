@@ -121,16 +121,16 @@ class Decision(NamedTuple):
     """Empty if all of the blur is removed."""
 
 
-SHARPENED = "its edges overshoot, as those of sharpened images do"
-SLIGHTLY_SHARPENED = "its edges overshoot slightly, as those of weakly sharpened images do"
+SHARPENED = "its edges overshoot as in sharpened images"
+SLIGHTLY_SHARPENED = "its edges overshoot slightly as in weakly sharpened images"
 MAX_SHARE_OF_DOUBTFUL = 0.45  # less than half of the blur does no harm to weakly sharpened images
-FEW_EDGES = "it has too few isolated edges to show whether it was sharpened"
+FEW_EDGES = "it has too few isolated edges to detect sharpening"
 MAX_SHARE_OF_CODED = 0.5  # if edges do not reveal whether a coded image was sharpened
-SMALL = "with little noise, errors of a blur this small would be sharpened"
+SMALL = "errors of this small blur would be amplified at the low noise"
 MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter everywhere
-SHARPER = "it is sharper than that blur"
-UNSEEN = "it does not show how much blur it has"
-NO_MORE = "it shows no more blur"
+SHARPER = "it is sharper than the assumed blur"
+UNSEEN = "its blur cannot be estimated"
+NO_MORE = "it contains no more blur"
 
 
 @validate_arguments
@@ -279,11 +279,11 @@ class Restorer:
             assert isinstance(self.camera, Sensor)
             known = self.camera.lens.stop_number
             share = known / self.f_number
-            effect = f"{100 * share:.0f} % of its blur is assumed" if share < 1 else "no more than its blur is assumed"
+            effect = f"{100 * share:.0f} % of the blur is assumed" if share < 1 else "the blur of the sensor is assumed"
             words.append(f"EXIF has F/{self.f_number:.3g}, the sensor F/{known:.3g}: {effect}")
         if self.focus_distance_mm is not None:
             assert isinstance(self.camera, Sensor)
-            words.append(f"EXIF has a focus distance of {self.focus_distance_mm:.4g} mm, the sensor {self.camera.lens.focus_distance_mm:.4g} mm: the smaller blur of both is assumed")
+            words.append(f"EXIF has a focus distance of {self.focus_distance_mm:.4g} mm, the sensor {self.camera.lens.focus_distance_mm:.4g} mm: the smaller blur is assumed")
         return "; ".join(words)
 
     def reported(self, image: Picture, noise: float | Noise | None = None, file: str | Path | None = None) -> tuple[Picture, str]:
@@ -296,10 +296,10 @@ class Restorer:
         decision = self.decide(image, found)
         described = f"; {words}" if (words := self.exposure_words) else ""
         if decision.share == 0:
-            return image.copy(), f"not restored, since {decision.reason}{described}"
-        text = f"restored at a noise of {100 * found.share:.2g} % ({found.kind}){described}"
+            return image.copy(), f"not restored because {decision.reason}{described}"
+        text = f"restored with noise of {100 * found.share:.2g} % ({found.kind}){described}"
         if decision.share < 1:
-            text += f", and {100 * decision.share:.0f} % of the blur is removed, since {decision.reason}"
+            text += f", and {100 * decision.share:.0f} % of the blur is removed because {decision.reason}"
         return self(image, found, decision.share), text
 
     def estimate_noise(self, image: Picture, file: str | Path | None = None) -> Noise:
@@ -383,7 +383,7 @@ class Restorer:
         width, height = self.camera.image_size
         if image.shape[:2] != (height, width):
             name = getattr(self.camera, "name", type(self.camera).__name__)
-            raise InvalidParameter(f"the picture has {image.shape[1]} x {image.shape[0]} px, and those of {name!r} have {width} x {height}")
+            raise InvalidParameter(f"the image must have the {width} x {height} px of {name!r}; got {image.shape[1]} x {image.shape[0]} px")
 
 
 def _differs(value: float | None, known: float, tolerance: float) -> TypeGuard[float]:
@@ -454,9 +454,9 @@ class Restoration:
             If the blur of the camera is unknown, or specified twice.
         """
         if self.blur_px is None and not isinstance(camera, Sensor):
-            raise InvalidParameter("to restore, the lens and the mirror must be known (a sensor), or the blur told")
+            raise InvalidParameter(f"blur_px must be specified unless the camera is a sensor; got a {type(camera).__name__}")
         if self.blur_px is not None and self.object_distance_mm is not None:
-            raise InvalidParameter("the blur that is told holds at any distance; leave out the object's distance")
+            raise InvalidParameter(f"object_distance_mm must be omitted with blur_px; got {self.object_distance_mm:g}")
         blur = load_blur(self.blur_px, camera) if isinstance(self.blur_px, str | Path) else self.blur_px
         distance = np.inf if self.object_distance_mm is None else self.object_distance_mm
         return Restorer.of_exposure(camera, exposure, distance, blur)

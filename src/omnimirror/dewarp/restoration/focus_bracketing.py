@@ -96,7 +96,7 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: f
     check_sensor(sensor)
     limit_px = number("limit_px", limit_px)
     if not 0.05 <= limit_px <= 1000:
-        raise InvalidParameter(f"limit_px = {limit_px:g} is outside 0.05 to 1000 px")
+        raise InvalidParameter(f"limit_px must be between 0.05 and 1000 px; got {limit_px:g}")
     sensor.check("a focus bracket", "single mirror")
     omega = np.linspace(*sensor.field_deg, ANGLES)
     omega[-1] *= ROUNDED
@@ -106,14 +106,14 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: f
     least = blur.min(axis=0)
     chosen = _stab(blur <= np.maximum(limit_px, SLACK * least))
     if len(chosen) > MAX_BRACKET_IMAGES:
-        raise InvalidParameter(f"limit_px = {limit_px:g} would take {len(chosen)} pictures; up to {MAX_BRACKET_IMAGES} are valid")
+        raise InvalidParameter(f"the focus bracket must have at most {MAX_BRACKET_IMAGES} images; got {len(chosen)} with limit_px = {limit_px:g}")
     return Bracket(candidates[chosen], omega, blur[chosen].min(axis=0), least, limit_px)
 
 
 def _distance(object_distance_mm: float) -> float:
     distance = distances("object_distance_mm", object_distance_mm)
     if distance.ndim:
-        raise InvalidParameter(f"object_distance_mm has shape {distance.shape}; it is valid as one number")
+        raise InvalidParameter(f"object_distance_mm must be one number; got shape {distance.shape}")
     return float(distance)
 
 
@@ -135,7 +135,7 @@ def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
     if sensor.lens.TELECENTRIC:
         return np.linspace(low, high, FOCUSES)
     if not (np.isfinite(L).all() and low > sensor.lens.PARAMETERS["focus_distance_mm"].low):
-        raise InvalidParameter(f"the virtual images of {sensor.name!r} lie where its lens cannot be focused")
+        raise InvalidParameter(f"the virtual images of {sensor.name!r} must be within the focus range of its lens; got {low:.4g} to {high:.4g} mm")
     spaced: Array = 1 / np.linspace(1 / low, 1 / high, FOCUSES)
     return spaced
 
@@ -206,8 +206,8 @@ def merge_bracket(sensor: Sensor, pictures: Sequence[NDArray[Any]], *, focus_mm:
     ((1024, 1024), np.uint8(100))
     """
     check_sensor(sensor)
-    for picture in instance("pictures", pictures, Sequence, "a list of pictures"):
-        instance("a picture", picture, np.ndarray, "an array of pixels")
+    for picture in instance("pictures", pictures, Sequence, "a list of images"):
+        instance("an image", picture, np.ndarray, "an array of pixels")
     focuses = row("focus_mm", focus_mm)
     _check(sensor, pictures, focuses)
     offsets = offsets_from_axis(sensor)
@@ -239,10 +239,10 @@ def picture_weights(sensor: Sensor, focus_mm: Array, radius_px: Array, object_di
 
 def _check(sensor: Sensor, pictures: Sequence[NDArray[Any]], focuses: Array) -> None:
     if not pictures or len(pictures) != len(focuses):
-        raise InvalidParameter(f"there are {len(pictures)} pictures and {len(focuses)} focus distances; give one for each")
+        raise InvalidParameter(f"focus_mm must have one distance per image; got {len(focuses)} distances for {len(pictures)} images")
     width, height = sensor.image_size
     for picture in pictures:
         if picture.shape[:2] != (height, width):
-            raise InvalidParameter(f"a picture has {picture.shape[1]} x {picture.shape[0]} px, and those of {sensor.name!r} have {width} x {height}")
+            raise InvalidParameter(f"all images must have the {width} x {height} px of {sensor.name!r}; got {picture.shape[1]} x {picture.shape[0]} px")
         if picture.shape != pictures[0].shape or picture.dtype != pictures[0].dtype:
-            raise InvalidParameter("the pictures differ in depth or channels; give pictures of one kind")
+            raise InvalidParameter("all images must have the same type and number of channels")

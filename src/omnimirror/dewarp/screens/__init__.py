@@ -8,13 +8,15 @@ it.
 
 from typing import TypeAlias
 
-from ._domes import Dome, LittlePlanet, Pole
+from ._domes import DomeMaster, LittlePlanet, Pole
 from ._mosaics import FACES, LAYOUTS, CubeMap, Layout, Mosaic
-from ._panoramas import Cylinder, Panorama, Rows, Sphere
+from ._panoramas import Cylinder, Equirectangular, Panorama, Rows
 from ._planes import Ground, Plane
 from ._screen import Composite, Screen, ScreenPart, View, parts_of
 
-Shape: TypeAlias = Cylinder | Sphere | Plane | Ground | Dome | LittlePlanet | CubeMap | Mosaic
+Shape: TypeAlias = (
+    Cylinder | Equirectangular | Plane | Ground | DomeMaster | LittlePlanet | CubeMap | Mosaic
+)
 """All views of this package; each can be ``zoomed`` and ``panned``."""
 
 __all__ = [
@@ -23,7 +25,8 @@ __all__ = [
     "Composite",
     "CubeMap",
     "Cylinder",
-    "Dome",
+    "DomeMaster",
+    "Equirectangular",
     "Ground",
     "Layout",
     "LittlePlanet",
@@ -35,7 +38,6 @@ __all__ = [
     "Screen",
     "ScreenPart",
     "Shape",
-    "Sphere",
     "View",
     "parts_of",
 ]

@@ -12,17 +12,7 @@ from ...base.arguments import positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
-from ._screen import (
-    NOT_MOVED,
-    CentredScreen,
-    Offset,
-    check_angle,
-    check_choice,
-    check_range,
-    check_zoom,
-    on_plane,
-    refuse_tilt,
-)
+from ._screen import NO_OFFSET, CentredScreen, Offset, check_angle, check_choice, check_no_tilt, check_range, check_zoom, on_plane
 
 Pole = Literal["nadir", "zenith"]
 
@@ -59,13 +49,13 @@ class PolarScreen(CentredScreen):
         return vectors
 
     def _check(self) -> None:
-        self._check_place()
+        self._check_placement()
         check_choice("pole", self.pole, get_args(Pole))
         check_angle("pan_deg", self.pan_deg)
 
 
 @dataclass(frozen=True)
-class Dome(PolarScreen):
+class DomeMaster(PolarScreen):
     """Compensated circle of the paper: the distance from the centre is proportional to the angle.
 
     Drawn as seen by a viewer: facing the nadir, forward is at the top and right is on the right;
@@ -96,7 +86,7 @@ class Dome(PolarScreen):
 
     Examples
     --------
-    >>> dome = Dome((3, 3), omega_max_deg=135.0)
+    >>> dome = DomeMaster((3, 3), omega_max_deg=135.0)
     >>> dome.targets(0, 1)[0, 1].round(12) + 0.0  # the top is forward, one pixel of 1.5 from the nadir
     array([1., 0., 0.])
     """
@@ -107,15 +97,12 @@ class Dome(PolarScreen):
     pan_deg: float = 0.0
     omega_min_deg: float = 0.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
         if not 0 <= self.omega_min_deg < self.omega_max_deg <= 180:
-            raise InvalidParameter(
-                f"angles from {self.omega_min_deg:g} to {self.omega_max_deg:g} deg make no dome; they are valid "
-                "from 0 to 180, the smaller one first"
-            )
+            raise InvalidParameter(f"omega_min_deg and omega_max_deg must increase within 0 to 180 deg; got {self.omega_min_deg:g} and {self.omega_max_deg:g} deg")
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Return unit vectors (..., 3); NaN outside the circle."""
@@ -137,11 +124,11 @@ class Dome(PolarScreen):
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
-        refuse_tilt(self, tilt_deg)
+        check_no_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
-        return f"dome ({self.omega_min_deg:g} to {self.omega_max_deg:.6g} deg from the {self.pole}{self._place})"
+        return f"dome ({self.omega_min_deg:g} to {self.omega_max_deg:.6g} deg from the {self.pole}{self._placement})"
 
 
 @dataclass(frozen=True)
@@ -183,7 +170,7 @@ class LittlePlanet(PolarScreen):
     pole: Pole = "nadir"
     pan_deg: float = 0.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
@@ -196,25 +183,18 @@ class LittlePlanet(PolarScreen):
         # Stereographic projection: radius proportional to tan(omega / 2), and with t = tan(omega / 2)
         # sin(omega) = 2 t / (1 + t^2), cos(omega) = (1 - t^2) / (1 + t^2)
         half_tangent = radius * per_pixel  # tan(omega / 2)
-        return self._vectors(
-            x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2)
-        )
+        return self._vectors(x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2))
 
     def zoomed(self, factor: float) -> Self:
         """Return the screen magnified by a factor."""
         check_zoom(factor)
-        return replace(
-            self,
-            hfov_deg=float(
-                4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))
-            ),
-        )
+        return replace(self, hfov_deg=float(4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))))
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
-        refuse_tilt(self, tilt_deg)
+        check_no_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
-        return f"little planet (hfov {self.hfov_deg:.6g} deg about the {self.pole}{self._place})"
+        return f"little planet (hfov {self.hfov_deg:.6g} deg about the {self.pole}{self._placement})"

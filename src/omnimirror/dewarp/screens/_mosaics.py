@@ -12,34 +12,14 @@ import numpy as np
 from ...base.arguments import check_fields, validate_arguments
 from ...base.errors import InvalidParameter
 from ._planes import Plane
-from ._screen import (
-    NOT_MOVED,
-    Offset,
-    ScreenPart,
-    View,
-    check_angle,
-    check_choice,
-    check_size,
-    offset_words,
-)
+from ._screen import NO_OFFSET, Offset, ScreenPart, View, check_angle, check_choice, check_size, offset_text
 
 Layout = Literal["cross", "strip", "3x2"]
 
-FACES: dict[str, tuple[float, float]] = {
-    "right": (90.0, 0.0),
-    "left": (-90.0, 0.0),
-    "up": (0.0, 90.0),
-    "down": (0.0, -90.0),
-    "front": (0.0, 0.0),
-    "back": (180.0, 0.0),
-}
+FACES: dict[str, tuple[float, float]] = {"right": (90.0, 0.0), "left": (-90.0, 0.0), "up": (0.0, 90.0), "down": (0.0, -90.0), "front": (0.0, 0.0), "back": (180.0, 0.0)}
 """Pan and tilt (deg) of the faces of a cube as seen from inside; up and down adjoin the front."""
 
-LAYOUTS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "cross": (("", "up", "", ""), ("left", "front", "right", "back"), ("", "down", "", "")),
-    "strip": (tuple(FACES),),
-    "3x2": (("right", "left", "up"), ("down", "front", "back")),
-}
+LAYOUTS: dict[str, tuple[tuple[str, ...], ...]] = {"cross": (("", "up", "", ""), ("left", "front", "right", "back"), ("", "down", "", "")), "strip": (tuple(FACES),), "3x2": (("right", "left", "up"), ("down", "front", "back"))}
 """Rows of faces. Strip and 3x2 have the order of c6x1 and c3x2 in the v360 filter of ffmpeg."""
 
 
@@ -78,7 +58,7 @@ class CubeMap:
     layout: Layout = "cross"
     pan_deg: float = 0.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -86,10 +66,7 @@ class CubeMap:
         check_choice("layout", self.layout, get_args(Layout))
         columns, rows = self.grid(self.layout)
         if self.size[0] * rows != self.size[1] * columns or self.size[0] % columns:
-            raise InvalidParameter(
-                f"size = {self.size} holds no square faces; the layout {self.layout} needs {columns} n x {rows} n px, "
-                f"such as {columns * 256} x {rows * 256}"
-            )
+            raise InvalidParameter(f"size must be {columns} n x {rows} n px for square faces in the layout {self.layout}, for example {columns * 256} x {rows * 256}; got {self.size[0]} x {self.size[1]} px")
         check_angle("pan_deg", self.pan_deg)
         self.face("front")  # raises an error for an invalid placement
 
@@ -119,36 +96,23 @@ class CubeMap:
         """Faces and their positions."""
         n = self.face_px
         rows = enumerate(LAYOUTS[self.layout])
-        return tuple(
-            ScreenPart(i * n, j * n, self.face(name))
-            for j, row in rows
-            for i, name in enumerate(row)
-            if name
-        )
+        return tuple(ScreenPart(i * n, j * n, self.face(name)) for j, row in rows for i, name in enumerate(row) if name)
 
     @validate_arguments
     def zoomed(self, factor: float) -> Self:
         """Raise an error: a cube covers all directions and cannot be zoomed."""
-        raise InvalidParameter(
-            f"a cube map shows everything around and cannot be zoomed by {factor:g}"
-        )
+        raise InvalidParameter(f"a cube map cannot be zoomed, as it covers all directions; got a factor of {factor:g}")
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the cube rotated with its front farther to the right."""
         if tilt_deg:
-            raise InvalidParameter(
-                f"a cube map stands upright and cannot be tilted by {tilt_deg:g} deg"
-            )
+            raise InvalidParameter(f"tilt_deg must be 0 for a cube map, which is upright; got {tilt_deg:g} deg")
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
         turned = f"pan {self.pan_deg:g} deg, " if self.pan_deg else ""
-        place = (
-            ""
-            if math.isinf(self.distance_mm)
-            else f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
-        )
+        place = "" if math.isinf(self.distance_mm) else f", at {self.distance_mm:g} mm{offset_text(self.offset_mm)}"
         return f"cube map ({turned}{self.layout} of {self.face_px} px faces{place})"
 
 
@@ -185,24 +149,19 @@ class Mosaic:
         check_size(self.size)
         object.__setattr__(self, "parts", tuple(ScreenPart(*part) for part in self.parts))
         if not self.parts:
-            raise InvalidParameter("a mosaic needs at least one view")
+            raise InvalidParameter("parts must contain at least one view")
         for left, top, view in self.parts:
             right, bottom = left + view.size[0], top + view.size[1]
             if not (0 <= left == int(left) and 0 <= top == int(top)):
-                raise InvalidParameter(
-                    f"a view of the mosaic begins at ({left}, {top}), which is no pixel of it"
-                )
+                raise InvalidParameter(f"left and top of a view must be integers from 0; got ({left}, {top})")
             if right > self.size[0] or bottom > self.size[1]:
-                raise InvalidParameter(
-                    f"a view of the mosaic at ({left}, {top}) reaches to ({right}, {bottom}), beyond its "
-                    f"{self.size[0]} x {self.size[1]} px"
-                )
+                raise InvalidParameter(f"the views must be within the {self.size[0]} x {self.size[1]} px of the mosaic; got one from ({left}, {top}) to ({right}, {bottom})")
 
     @classmethod
     def stacked(cls, rows: Sequence[Sequence[View]], gap_px: int = 0) -> Self:
         """Return rows of views, stacked and centred, with ``gap_px`` between neighbours."""
         if not all(rows):
-            raise InvalidParameter("a row of the mosaic has no view")
+            raise InvalidParameter("each row of the mosaic must contain at least one view")
         widths = [sum(v.size[0] for v in row) + gap_px * (len(row) - 1) for row in rows]
         parts, top = [], 0
         for row, width in zip(rows, widths, strict=True):
@@ -230,10 +189,8 @@ class Mosaic:
     def _each(self, method: str, *args: float) -> Self:
         for part in self.parts:
             if not hasattr(part.view, method):
-                raise InvalidParameter(f"the {part.view} in the mosaic cannot be {method}")
-        return replace(
-            self, parts=tuple(p._replace(view=getattr(p.view, method)(*args)) for p in self.parts)
-        )
+                raise InvalidParameter(f"the views of the mosaic must support {method}(); got the {part.view}")
+        return replace(self, parts=tuple(p._replace(view=getattr(p.view, method)(*args)) for p in self.parts))
 
     def __str__(self) -> str:
         return f"mosaic of {len(self.parts)} views"

@@ -9,22 +9,14 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import number, numbers, positions, validate_arguments
+from ...base.arguments import number, places
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction
-from ._screen import (
-    NOT_MOVED,
-    CentredScreen,
-    Offset,
-    check_angle,
-    check_choice,
-    check_range,
-    check_zoom,
-)
+from ._screen import NO_OFFSET, CentredScreen, Offset, check_angle, check_choice, check_range, check_zoom
 
 Rows = Literal["tilt", "height"]
-NARROWEST_DEG = 1e-6
+MIN_SPAN_DEG = 1e-6
 
 
 class Panorama(CentredScreen):
@@ -47,9 +39,7 @@ class Panorama(CentredScreen):
 
     def pans_at(self, u: ArrayLike) -> Array:
         """Return the pan of columns (...), radians."""
-        return np.radians(
-            self.pan_deg + ((positions("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg
-        )
+        return np.radians(self.pan_deg + ((positions("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg)
 
     @abstractmethod
     def tilts_at(self, v: ArrayLike) -> Array:
@@ -61,35 +51,20 @@ class Panorama(CentredScreen):
         """
         return highest - (positions("v", v) + 0.5) / self.size[1] * (highest - lowest)
 
-    def _words(self, name: str) -> str:
-        around = (
-            "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
-        )
+    def _description(self, name: str) -> str:
+        around = "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
         elevations = f"elevation {self.tilt_min_deg:.6g} to {self.tilt_max_deg:.6g} deg"
-        return f"{name} ({around}{elevations}{self._place})"
+        return f"{name} ({around}{elevations}{self._placement})"
 
     def _check(self) -> None:
-        self._check_place()
-        if (
-            numbers(
-                "tilt_min_deg and tilt_max_deg",
-                (self.tilt_min_deg, self.tilt_max_deg),
-                "two numbers",
-            ).ndim
-            != 1
-        ):
-            raise InvalidParameter("tilt_min_deg and tilt_max_deg are one number each")
+        self._check_placement()
+        for name in ("tilt_min_deg", "tilt_max_deg"):
+            number(name, getattr(self, name), unit="deg")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
-            raise InvalidParameter(
-                f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg make no panorama; they are "
-                "valid from -90 to 90, the smaller one first"
-            )
-        if self.tilt_max_deg - self.tilt_min_deg < NARROWEST_DEG:
-            raise InvalidParameter(
-                f"elevations from {self.tilt_min_deg:g} to {self.tilt_max_deg:g} deg leave nothing to see; they are "
-                f"valid {NARROWEST_DEG:g} deg apart, and more"
-            )
-        check_range("span_deg", self.span_deg, NARROWEST_DEG, 360, upper_included=True)
+            raise InvalidParameter(f"tilt_min_deg and tilt_max_deg must increase within -90 to 90 deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg")
+        if self.tilt_max_deg - self.tilt_min_deg < MIN_SPAN_DEG:
+            raise InvalidParameter(f"tilt_max_deg must be at least {MIN_SPAN_DEG:g} deg above tilt_min_deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg")
+        check_range("span_deg", self.span_deg, MIN_SPAN_DEG, 360, upper_included=True)
         check_angle("pan_deg", self.pan_deg)
 
 
@@ -141,37 +116,24 @@ class Cylinder(Panorama):
     span_deg: float = 360.0
     rows: Rows = "tilt"
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
         check_choice("rows", self.rows, get_args(Rows))
         if self.rows == "height" and 90 in (-self.tilt_min_deg, self.tilt_max_deg):
-            raise InvalidParameter(
-                "the wall of a cylinder reaches neither the zenith nor the nadir; with rows = 'height' elevations "
-                "are valid between -90 and 90 deg, without these"
-            )
+            raise InvalidParameter(f"tilt_min_deg and tilt_max_deg must be above -90 and below 90 deg with rows = 'height'; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg")
 
     @classmethod
     @validate_arguments
-    def wall(
-        cls,
-        size: tuple[int, int],
-        height_mm: tuple[float, float],
-        distance_mm: float,
-        pan_deg: float = 0.0,
-        span_deg: float = 360.0,
-        offset_mm: Offset = NOT_MOVED,
-    ) -> Self:
+    def wall(cls, size: tuple[int, int], height_mm: tuple[float, float], distance_mm: float, pan_deg: float = 0.0, span_deg: float = 360.0, offset_mm: Offset = NO_OFFSET) -> Self:
         """Return the section of a cylinder wall between two heights (mm) over its centre, in
         ascending order.
         """
         low, high = height_mm
         number("distance_mm", distance_mm, above=0.0)
         if not low < high:
-            raise InvalidParameter(
-                f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first"
-            )
+            raise InvalidParameter(f"height_mm must be the lower and the upper edge of the wall; got {low:g} and {high:g} mm")
         low, high = (float(np.degrees(np.arctan2(z, distance_mm))) for z in (low, high))
         return cls(size, low, high, pan_deg, span_deg, "height", distance_mm, offset_mm)
 
@@ -193,9 +155,7 @@ class Cylinder(Panorama):
         """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = self._rows_changed(1 / factor, 0.0)
-        return replace(
-            self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
-        )
+        return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -210,18 +170,16 @@ class Cylinder(Panorama):
         if self.rows == "tilt":
             return _stretched(self.tilt_min_deg, self.tilt_max_deg, stretch, tilt_deg)
         check_range("tilt_deg", tilt_deg, -90, 90, upper_included=False)
-        low, high, shift = (
-            float(np.tan(np.radians(a))) for a in (self.tilt_min_deg, self.tilt_max_deg, tilt_deg)
-        )
+        low, high, shift = (float(np.tan(np.radians(a))) for a in (self.tilt_min_deg, self.tilt_max_deg, tilt_deg))
         low, high = _stretched(low, high, stretch, shift, limit=np.inf)
         return float(np.degrees(np.arctan(low))), float(np.degrees(np.arctan(high)))
 
     def __str__(self) -> str:
-        return self._words("panorama")
+        return self._description("panorama")
 
 
 @dataclass(frozen=True)
-class Sphere(Panorama):
+class Equirectangular(Panorama):
     """Equirectangular image of a sphere: columns linear in pan, rows linear in tilt.
 
     Parameters
@@ -246,7 +204,7 @@ class Sphere(Panorama):
 
     Examples
     --------
-    >>> Sphere((4, 2), distance_mm=1000.0).targets(0, 1)[0, 1].round(1)  # 45 deg left, 45 deg up
+    >>> Equirectangular((4, 2), distance_mm=1000.0).targets(0, 1)[0, 1].round(1)  # 45 deg left, 45 deg up
     array([500. , 500. , 707.1])
     """
 
@@ -256,7 +214,7 @@ class Sphere(Panorama):
     pan_deg: float = 0.0
     span_deg: float = 360.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
         self._check()
@@ -273,9 +231,7 @@ class Sphere(Panorama):
         """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1 / factor)
-        return replace(
-            self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
-        )
+        return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -284,12 +240,10 @@ class Sphere(Panorama):
         return replace(self, tilt_min_deg=low, tilt_max_deg=high, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
-        return self._words("sphere")
+        return self._description("sphere")
 
 
-def _stretched(
-    low: float, high: float, stretch: float, shift: float = 0.0, limit: float = 90.0
-) -> tuple[float, float]:
+def _stretched(low: float, high: float, stretch: float, shift: float = 0.0, limit: float = 90.0) -> tuple[float, float]:
     """Return a range scaled about its middle, clipped to the limits, and shifted."""
     middle, half = (low + high) / 2, (high - low) / 2 * stretch
     return max(middle - half, -limit) + shift, min(middle + half, limit) + shift

@@ -12,20 +12,7 @@ from ...base.arguments import positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
-from ._screen import (
-    NOT_MOVED,
-    CentredScreen,
-    Offset,
-    check_angle,
-    check_offset,
-    check_range,
-    check_size,
-    check_zoom,
-    offset_words,
-    on_plane,
-    pixels_of_rows,
-    refuse_tilt,
-)
+from ._screen import NO_OFFSET, CentredScreen, Offset, check_angle, check_no_tilt, check_offset, check_range, check_size, check_zoom, offset_text, on_plane, pixels_of_rows
 
 
 @dataclass(frozen=True)
@@ -71,10 +58,10 @@ class Plane(CentredScreen):
     roll_deg: float = 0.0
     hfov_deg: float = 90.0
     distance_mm: float = np.inf
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
 
     def __post_init__(self) -> None:
-        self._check_place()
+        self._check_placement()
         for name in ("pan_deg", "tilt_deg", "roll_deg"):
             check_angle(name, getattr(self, name))
         check_range("hfov_deg", self.hfov_deg, 0, 180, upper_included=False)
@@ -95,12 +82,7 @@ class Plane(CentredScreen):
     def zoomed(self, factor: float) -> Self:
         """Return the view with its focal length multiplied by a factor."""
         check_zoom(factor)
-        return replace(
-            self,
-            hfov_deg=float(
-                2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))
-            ),
-        )
+        return replace(self, hfov_deg=float(2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))))
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -110,7 +92,7 @@ class Plane(CentredScreen):
     def __str__(self) -> str:
         roll = f", roll {self.roll_deg:g}" if self.roll_deg else ""
         looks = f"pan {self.pan_deg:g}, tilt {self.tilt_deg:g}{roll}, hfov {self.hfov_deg:.6g} deg"
-        return f"perspective view ({looks}{self._place})"
+        return f"perspective view ({looks}{self._placement})"
 
 
 @dataclass(frozen=True)
@@ -149,7 +131,7 @@ class Ground:
     height_mm: float
     mm_per_px: float
     pan_deg: float = 0.0
-    offset_mm: Offset = NOT_MOVED
+    offset_mm: Offset = NO_OFFSET
     is_distant = False
 
     def __post_init__(self) -> None:
@@ -157,11 +139,9 @@ class Ground:
         check_offset(self.offset_mm)
         check_angle("pan_deg", self.pan_deg)
         if not np.isfinite(self.height_mm):
-            raise InvalidParameter(f"height_mm = {self.height_mm:g} is not a height in mm")
+            raise InvalidParameter(f"height_mm must be finite; got {self.height_mm:g}")
         if not (np.isfinite(self.mm_per_px) and self.mm_per_px > 0):
-            raise InvalidParameter(
-                f"mm_per_px = {self.mm_per_px:g} is no scale; it is valid above 0"
-            )
+            raise InvalidParameter(f"mm_per_px must be finite and above 0; got {self.mm_per_px:g}")
 
     @validate_arguments
     def targets(self, first_row: int, last_row: int) -> Array:
@@ -185,13 +165,10 @@ class Ground:
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the screen rotated with a direction farther to the right at the top."""
-        refuse_tilt(self, tilt_deg)
+        check_no_tilt(self, tilt_deg)
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
         turned = f", pan {self.pan_deg:g} deg" if self.pan_deg else ""
         side = "below" if self.height_mm >= 0 else "above"
-        return (
-            f"plan of the ground ({abs(self.height_mm):g} mm {side} the mirror, {self.mm_per_px:.4g} mm per pixel"
-            f"{turned}{offset_words(self.offset_mm)})"
-        )
+        return f"plan of the ground ({abs(self.height_mm):g} mm {side} the mirror, {self.mm_per_px:.4g} mm per pixel{turned}{offset_text(self.offset_mm)})"

@@ -15,8 +15,8 @@ from ...base.typing import Array
 
 Offset = tuple[float, float, float]
 
-LARGEST_PX = 100_000
-NOT_MOVED: Offset = (0.0, 0.0, 0.0)
+MAX_SIDE_PX = 100_000
+NO_OFFSET: Offset = (0.0, 0.0, 0.0)
 
 
 @runtime_checkable
@@ -106,9 +106,7 @@ def parts_of(view: View, left: int = 0, top: int = 0) -> tuple[PlacedScreen, ...
     [(0, 0), (4, 0), (8, 0), (0, 4), (4, 4), (8, 4)]
     """
     if isinstance(view, Composite):
-        return tuple(
-            s for part in view.parts for s in parts_of(part.view, left + part.left, top + part.top)
-        )
+        return tuple(s for part in view.parts for s in parts_of(part.view, left + part.left, top + part.top))
     return (PlacedScreen(left, top, view),)
 
 
@@ -150,24 +148,19 @@ class CentredScreen(ABC):
         return vectors
 
     @property
-    def _place(self) -> str:
+    def _placement(self) -> str:
         """Placement for messages; empty for an infinite distance."""
         if self.is_distant:
             return ""
-        return f", at {self.distance_mm:g} mm{offset_words(self.offset_mm)}"
+        return f", at {self.distance_mm:g} mm{offset_text(self.offset_mm)}"
 
-    def _check_place(self) -> None:
+    def _check_placement(self) -> None:
         check_size(self.size)
-        if numbers("distance_mm", self.distance_mm, "a number").ndim or not self.distance_mm > 0:
-            raise InvalidParameter(
-                f"distance_mm = {format_value(self.distance_mm)} is no distance; it is valid above 0, and inf"
-            )
+        if numbers("distance_mm", self.distance_mm, "of shape ()").ndim or not self.distance_mm > 0:
+            raise InvalidParameter(f"distance_mm must be above 0 mm or infinite; got {format_value(self.distance_mm)}")
         check_offset(self.offset_mm)
         if self.is_distant and any(self.offset_mm):
-            raise InvalidParameter(
-                f"offset_mm = {self.offset_mm} moves nothing: a screen at infinity looks the same from everywhere; "
-                "give it a distance_mm"
-            )
+            raise InvalidParameter(f"offset_mm must be (0, 0, 0) for a screen at infinity; got {self.offset_mm}; specify a finite distance_mm")
 
 
 def pixels_of_rows(size: tuple[int, int], first_row: int, last_row: int) -> tuple[Array, Array]:
@@ -185,26 +178,22 @@ def on_plane(origin: Array, x: Array, right: Array, y: Array, down: Array) -> Ar
     return points
 
 
-def offset_words(offset_mm: Offset) -> str:
+def offset_text(offset_mm: Offset) -> str:
     """Return ``, moved by (x, y, z) mm``, or an empty string."""
-    return ", moved by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""
+    return ", offset by ({:g}, {:g}, {:g}) mm".format(*offset_mm) if any(offset_mm) else ""
 
 
 def check_size(size: tuple[int, int]) -> None:
     """Raise an error unless the size is a width and height in whole pixels."""
-    if numbers("size", size, "two numbers (width, height)").shape != (2,) or not all(
-        1 <= n <= LARGEST_PX and int(n) == n for n in size
-    ):
-        raise InvalidParameter(
-            f"size = {format_value(size)} is not a width and a height from 1 to {LARGEST_PX} px"
-        )
+    if numbers("size", size, "of shape (2,)").shape != (2,) or not all(1 <= n <= MAX_SIDE_PX and int(n) == n for n in size):
+        raise InvalidParameter(f"size must be (width, height) from 1 to {MAX_SIDE_PX} px; got {shown(size)}")
 
 
 def check_offset(offset_mm: Offset) -> None:
     """Raise an error unless the offset is a point in the world."""
     offset = numbers("offset_mm", offset_mm, "numbers of shape (3,)")
     if offset.shape != (3,) or not np.isfinite(offset).all():
-        raise InvalidParameter(f"offset_mm = {format_value(offset_mm)} is not x, y and z in mm")
+        raise InvalidParameter(f"offset_mm must be finite numbers (x, y, z); got {shown(offset_mm)}")
 
 
 def check_angle(name: str, angle_deg: float) -> None:
@@ -212,35 +201,29 @@ def check_angle(name: str, angle_deg: float) -> None:
     number(name, angle_deg, unit="deg")
 
 
-SMALLEST_DEG = 1e-9
+MIN_ANGLE_DEG = 1e-9
 
 
 def check_range(name: str, value: float, low: float, high: float, upper_included: bool) -> None:
     """Raise an error unless an angle (deg) is above ``low`` and below ``high``."""
     value = number(name, value)
-    if not (low + SMALLEST_DEG < value < high or (upper_included and value == high)):
+    if not (low + MIN_ANGLE_DEG < value < high or (upper_included and value == high)):
         bound = f"up to {high:g}" if upper_included else f"below {high:g}"
-        raise InvalidParameter(f"{name} = {value:g} is valid above {low:g} and {bound} deg")
+        raise InvalidParameter(f"{name} must be above {low:g} and {bound} deg; got {value:g}")
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Raise an error for an unknown choice."""
     if not isinstance(value, str) or value not in choices:
-        raise InvalidParameter(f"{name} = {format_value(value)} is not one of {', '.join(choices)}")
+        raise InvalidParameter(f"{name} must be one of {', '.join(choices)}; got {shown(value)}")
 
 
 def check_zoom(factor: float) -> None:
     """Raise an error unless the zoom is a positive finite factor."""
-    found = numbers("zoom", factor, "a number")
-    if found.ndim or not (np.isfinite(found) and found > 0):
-        raise InvalidParameter(
-            f"zoom = {format_value(factor)} is no factor; it is valid above 0 and finite"
-        )
+    number("zoom", factor, above=0.0)
 
 
-def refuse_tilt(screen: object, tilt_deg: float) -> None:
+def check_no_tilt(screen: object, tilt_deg: float) -> None:
     """Raise an error for tilting a screen without an up direction."""
     if tilt_deg:
-        raise InvalidParameter(
-            f"the {screen} cannot be tilted by {tilt_deg:g} deg; only its pan can change"
-        )
+        raise InvalidParameter(f"tilt_deg must be 0 for the {screen}, which can only be panned; got {tilt_deg:g} deg")

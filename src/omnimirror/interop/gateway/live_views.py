@@ -22,7 +22,7 @@ from ...dewarp import Dewarper
 from ...dewarp.interfaces import Interpolation
 from ...dewarp.screens import Plane, View
 from ...dewarp.video_files import dewarp_frame
-from ...dewarp.views import largest_zoom, resolution
+from ...dewarp.views import max_zoom, resolution
 from ...dewarp.yuv import Siting
 from ...io.live_sources import TICKS, Playback, without_credentials
 from ...io.video_frames import planar
@@ -126,7 +126,7 @@ class LiveView:
         zoom = changes.pop("zoom", None)
         steered = replace(view, **changes)
         if zoom is not None:
-            maximum = largest_zoom(self.camera, replace(steered, hfov_deg=initial.hfov_deg))
+            maximum = max_zoom(self.camera, replace(steered, hfov_deg=initial.hfov_deg))
             if zoom > maximum:
                 raise InvalidParameter(f"zoom must be at most {maximum:.3g}, the resolution of the camera; got {zoom:g}")
             steered = replace(steered, hfov_deg=initial.zoomed(zoom).hfov_deg)

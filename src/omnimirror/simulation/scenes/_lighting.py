@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...base.colour import Light, hex_colour
 from ...base.typing import Array
-from ._painting import CLEAR, EMISSION, SENT, Canvas
+from ._painting import CLEAR, EMISSION, EMITTED, Canvas
 from .surfaces import Box, Face, are_blocked, intersect_boxes
 
 GRID_MM = 100.0  # grid spacing of the light on a face: shadows are softer than this
@@ -46,7 +46,7 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
     """Return the patches of all light sources: emitting faces, and faces that transmit daylight."""
     points, normals, strength = [], [], []
     for face, canvas in painted:
-        if not canvas.sends:
+        if not canvas.emits:
             continue
         x, y = canvas.grid()
         rows, columns = (
@@ -55,7 +55,7 @@ def find_sources(painted: Iterable[tuple[Face, Canvas]]) -> LightSources:
         for down in _parts(y.size, rows):
             for across in _parts(x.size, columns):
                 texels = canvas.texels[down, across]
-                if texels[..., SENT].any():  # the patch is at the centroid of its light
+                if texels[..., EMITTED].any():  # the patch is at the centroid of its light
                     patch = LAMPLIGHT * texels[..., EMISSION] + texels[..., CLEAR, None] * DAYLIGHT
                     weight = patch.sum(axis=2)
                     points.append(face.point(*_centroid(weight, x[across], y[down])))
@@ -88,8 +88,8 @@ def light_on(
     from_sources = direct(np.concatenate(points), np.concatenate(normals), solids, sources)
     shares = np.split(from_sources, np.cumsum([len(p) for p in points])[:-1])
     for (face, canvas), p, share in zip(painted, points, shares, strict=True):
-        reached = openness(p, face, room, solids)
-        yield _spread(share + reached[:, None] * GLOW, reached > 0, face, canvas, GRID_MM)
+        visibility = openness(p, face, room, solids)
+        yield _spread(share + visibility[:, None] * GLOW, visibility > 0, face, canvas, GRID_MM)
 
 
 def under_sky(
@@ -180,13 +180,13 @@ def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightS
     """
     light = np.zeros_like(points)
     for point, towards, strength in zip(*sources, strict=True):
-        ways = point - points
-        square, facing = (np.einsum("ij,ij->i", ways, other) for other in (ways, normals))
+        vectors = point - points
+        square, facing = (np.einsum("ij,ij->i", vectors, other) for other in (vectors, normals))
         # A patch is not a point source: limits the singularity
         square = np.maximum(square, SOURCE_MM**2 / 16)
-        share = np.maximum(facing, 0) * np.maximum(-ways @ towards, 0) / (np.pi * square**2)
+        share = np.maximum(facing, 0) * np.maximum(-vectors @ towards, 0) / (np.pi * square**2)
         lit = np.flatnonzero(share)
-        lit = lit[~are_blocked(solids, points[lit], ways[lit])]
+        lit = lit[~are_blocked(solids, points[lit], vectors[lit])]
         light[lit] += share[lit, None] * strength
     return light
 
@@ -195,11 +195,14 @@ def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Arr
     """Return the fraction (n,) of ambient light at points (n, 3) mm of a face: 1 far from all
     objects.
     """
-    ways = _hemisphere() @ np.stack([face.right, face.up, face.normal])
+    vectors = _hemisphere() @ np.stack([face.right, face.up, face.normal])
     low, high = points.min(axis=0), points.max(axis=0)
     near = [solid for solid in solids if _may_dim(solid, low, high, face)]
     distance = intersect_boxes(
-        room, near, np.repeat(points, OCCLUSION_DIRECTIONS, axis=0), np.tile(ways, (len(points), 1))
+        room,
+        near,
+        np.repeat(points, OCCLUSION_DIRECTIONS, axis=0),
+        np.tile(vectors, (len(points), 1)),
     ).distance
     return np.asarray(
         np.minimum(np.sqrt(distance / OCCLUSION_RANGE_MM), 1)
@@ -213,10 +216,10 @@ def _may_dim(solid: Box, low: Array, high: Array, face: Face) -> bool:
     not entirely behind it.
     """
     ends = np.array([solid.low, solid.high])
-    apart = np.maximum(0, np.maximum(ends[0] - high, low - ends[1]))
-    foremost = np.where(face.normal > 0, ends[1], ends[0])
+    gap = np.maximum(0, np.maximum(ends[0] - high, low - ends[1]))
+    nearest_to_normal = np.where(face.normal > 0, ends[1], ends[0])
     return bool(
-        apart @ apart < OCCLUSION_RANGE_MM**2 and face.normal @ foremost >= face.normal @ low
+        gap @ gap < OCCLUSION_RANGE_MM**2 and face.normal @ nearest_to_normal >= face.normal @ low
     )
 
 

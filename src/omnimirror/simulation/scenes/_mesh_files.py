@@ -19,17 +19,17 @@ from ._painting import Surroundings
 from .scene import Scene
 from .surfaces import Surfaces, Texture, combine_surfaces, facets, textured_triangles
 
-# -- Validation of mesh files before rendering -----------------------------------------------------
+# -- Validation ------------------------------------------------------------------------------------
 
-SMALLEST_MM, LARGEST_MM = 0.01, 1e9
+MIN_EXTENT_MM, MAX_EXTENT_MM = 0.01, 1e9
 ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t](?:.*[ \t/])?0(?=[/ \t\r\n]|$)", re.M)
 MATERIALS = re.compile(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.M)
 COLOURS = re.compile(rb"^[ \t]*map_Kd[ \t]+(.+?)[ \t\r]*$", re.M)
 TEXTURE = re.compile(rb"^comment[ \t]+TextureFile[ \t]+(.+?)[ \t\r]*$", re.M)
-HEAD = 1 << 16
+HEADER_BYTES = 1 << 16
 MAX_MESH_BYTES = 256 << 20
 """Maximum size in bytes of a mesh, and of each file that it references."""
-MOST_CORNERS = 50_000_000
+MAX_CORNERS = 50_000_000
 """Maximum number of values in the accessors of a glTF file."""
 
 
@@ -53,60 +53,45 @@ def check_mesh_file(path: Path) -> None:
         _check_gltf(path)
     elif suffix == ".ply":
         with open_file(path) as file:
-            names = TEXTURE.findall(file.read(HEAD))
+            names = TEXTURE.findall(file.read(HEADER_BYTES))
         for name in names:
-            _check_there(path, "texture", _text(name))
+            _check_referenced_file(path, "texture", _text(name))
 
 
 def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
     """Raise MediaError if triangles (n, 3) reference missing vertices."""
-    if (wrong := (faces < 0) | (faces >= count)).any():
-        raise MediaError(
-            f"the mesh {path} has {int(wrong.any(axis=1).sum())} triangles of corners that are not there, such as "
-            f"{faces[wrong][0]}; it has {count}, from 0 on"
-        )
+    if (invalid := (faces < 0) | (faces >= count)).any():
+        raise MediaError(f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[invalid][0]}, in total {int(invalid.any(axis=1).sum())} invalid triangles")
 
 
 def check_corners(path: Path, corners_mm: list[Array]) -> None:
     """Raise MediaError unless triangles (n, 3, 3) mm are a visible object."""
-    bad = sum(int((~np.isfinite(corners).all(axis=(1, 2))).sum()) for corners in corners_mm)
+    invalid = sum(int((~np.isfinite(corners).all(axis=(1, 2))).sum()) for corners in corners_mm)
     count = sum(len(corners) for corners in corners_mm)
-    if bad:
-        raise MediaError(
-            f"the mesh {path} has corners that are no finite numbers in {bad} of its {count} triangles"
-        )
-    low, high = (
-        pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0)
-        for pick in (np.min, np.max)
-    )
+    if invalid:
+        raise MediaError(f"the corners of the mesh {path} must be finite; {invalid} of {count} triangles are not")
+    low, high = (pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0) for pick in (np.min, np.max))
     extent = float(np.max(high - low))
-    if not SMALLEST_MM <= extent <= LARGEST_MM:
-        raise MediaError(
-            f"the mesh {path} is {extent:.3g} mm across, and valid are {SMALLEST_MM:g} to {LARGEST_MM:g} mm; give its "
-            "unit, --unit-mm"
-        )
+    if not MIN_EXTENT_MM <= extent <= MAX_EXTENT_MM:
+        raise MediaError(f"the extent of the mesh {path} must be between {MIN_EXTENT_MM:g} and {MAX_EXTENT_MM:g} mm; got {extent:.3g} mm; specify the unit of the mesh (--unit-mm, unit_mm)")
     sides = [corners[:, 1:] - corners[:, :1] for corners in corners_mm]
     if not any(np.cross(side[:, 0], side[:, 1]).any() for side in sides):
-        raise MediaError(
-            f"the mesh {path} has no area: each of its {count} triangles is a line or a point"
-        )
+        raise MediaError(f"the mesh {path} must have an area; all {count} triangles are degenerate")
 
 
 def _check_obj(path: Path) -> None:
     text = read_bytes(path, MAX_MESH_BYTES)
-    if found := ZERO_INDEX.search(text):
-        line = text.count(b"\n", 0, found.end()) + 1
-        raise MediaError(
-            f"the mesh {path} has a face with the index 0 in line {line}; OBJ counts from 1, or from -1 back"
-        )
+    if match := ZERO_INDEX.search(text):
+        line = text.count(b"\n", 0, match.end()) + 1
+        raise MediaError(f"the mesh {path}: indices of OBJ files must be nonzero; got 0 in line {line}")
     for names in MATERIALS.findall(text):
         name = _text(names)
-        _check_there(path, "material file", name)
+        _check_referenced_file(path, "material file", name)
         for options in COLOURS.findall(read_bytes(path.parent / name, MAX_MESH_BYTES)):
             texture = _text(options)
             if not (path.parent / texture).is_file():  # options precede the name
                 texture = texture.split()[-1]
-            _check_there(path, "texture", texture)
+            _check_referenced_file(path, "texture", texture)
 
 
 def _check_gltf(path: Path) -> None:
@@ -115,60 +100,42 @@ def _check_gltf(path: Path) -> None:
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
     try:
         data: Any = parse_json(content)
-        parts = [
-            (what, each.get("uri")) for what in ("images", "buffers") for each in data.get(what, [])
-        ]
+        parts = [(kind, each.get("uri")) for kind in ("images", "buffers") for each in data.get(kind, [])]
         corners = sum(each.get("count", 0) for each in data.get("accessors", []))
-        too_many = (
-            corners > MOST_CORNERS
-        )  # accessors without a buffer are zeros, without data in the file
+        too_many = corners > MAX_CORNERS  # accessors without a buffer are zeros, without data in the file
     except (ValueError, AttributeError, TypeError):
         return  # the reader reports the reason
     if too_many:
-        raise MediaError(
-            f"the mesh {path} must not hold more than {MOST_CORNERS} values of corners; got {corners}"
-        )
-    for what, uri in parts:
+        raise MediaError(f"the mesh {path} must have at most {MAX_CORNERS} corner values; got {corners}")
+    for kind, uri in parts:
         if isinstance(uri, str) and not uri.startswith("data:"):
-            _check_there(path, {"images": "texture", "buffers": "buffer"}[what], unquote(uri))
+            _check_referenced_file(path, {"images": "texture", "buffers": "buffer"}[kind], unquote(uri))
 
 
-def _check_there(path: Path, what: str, name: str) -> None:
+def _check_referenced_file(path: Path, kind: str, name: str) -> None:
     try:
         check_file(path.parent / name, MAX_MESH_BYTES)
     except FileNotFoundError:
-        raise MediaError(
-            f"the mesh {path} names the {what} {name!r}, which is not there; put it into {path.parent}"
-        ) from None
+        raise MediaError(f"cannot find the {kind} {name!r} of the mesh {path}; copy it to {path.parent}") from None
     except OSError as e:
-        raise MediaError(
-            f"the mesh {path} names the {what} {name!r}, which cannot be read: {e.strerror}"
-        ) from None
+        raise MediaError(f"cannot read the {kind} {name!r} of the mesh {path}: {e.strerror}") from None
 
 
 def _text(name: bytes) -> str:
     return name.decode("utf-8", "replace").strip().strip('"')
 
 
-# -- Scenes from files: triangle meshes in glTF, GLB, OBJ, PLY and STL, read with trimesh ----------
+# -- Loading ---------------------------------------------------------------------------------------
 
-TO_WORLD = {
-    "y": np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-    "z": np.eye(3),
-}
+TO_WORLD = {"y": np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), "z": np.eye(3)}
 """Rotation from file axes to forward, left and up: y-up files face -z, z-up files x."""
 DEFAULT_CONVENTIONS = {".glb": (1000.0, "y"), ".stl": (1.0, "z")}
 """Unit (mm) and upward axis defined by file formats."""
 SUN_DIRECTION = np.array([0.35, 0.5, 0.8]) / np.linalg.norm([0.35, 0.5, 0.8])
-FROM_SKY, FROM_SUN = 0.55, 0.45
+SKY_FRACTION, SUN_FRACTION = 0.55, 0.45
 
 
-def load_mesh(
-    path: str | Path,
-    unit_mm: float | None = None,
-    up: str | None = None,
-    background: Scene | None = None,
-) -> Surroundings:
+def load_mesh(path: str | Path, unit_mm: float | None = None, up: str | None = None, background: Scene | None = None) -> Surroundings:
     """Read a mesh.
 
     Textures are rendered unchanged, as baked light; vertex colours and uniform colours are shaded
@@ -194,28 +161,20 @@ def load_mesh(
         If the axis is unknown or the unit is not a length.
     """
     path = Path(path)
-    usual_unit, usual_up = DEFAULT_CONVENTIONS.get(path.suffix.lower(), DEFAULT_CONVENTIONS[".glb"])
-    unit_mm, up = usual_unit if unit_mm is None else unit_mm, usual_up if up is None else up
+    default_unit, default_up = DEFAULT_CONVENTIONS.get(path.suffix.lower(), DEFAULT_CONVENTIONS[".glb"])
+    unit_mm, up = default_unit if unit_mm is None else unit_mm, default_up if up is None else up
     if up not in TO_WORLD:
-        raise InvalidParameter(f"up = {up!r} is not one of {', '.join(TO_WORLD)}")
+        raise InvalidParameter(f"up must be one of {', '.join(TO_WORLD)}; got {up!r}")
     if not 0 < unit_mm < np.inf:
-        raise InvalidParameter(f"unit_mm = {unit_mm:g} is no length; it is valid above 0")
+        raise InvalidParameter(f"unit_mm must be finite and above 0 mm; got {unit_mm:g}")
     meshes, to_world = _meshes(path), unit_mm * TO_WORLD[up]
     for mesh in meshes:
         check_faces(path, np.asarray(mesh.faces), len(mesh.vertices))
     with np.errstate(all="ignore"):  # overflows are rejected below
-        corners = [
-            rotate_vectors(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes
-        ]
+        corners = [rotate_vectors(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
         check_corners(path, corners)
-    corners_are_linear = path.suffix.lower() in (
-        ".glb",
-        ".gltf",
-    )  # defined by glTF; other formats imply sRGB
-    parts = [
-        _surfaces_of(m, c, to_world, corners_are_linear)
-        for m, c in zip(meshes, corners, strict=True)
-    ]
+    corners_are_linear = path.suffix.lower() in (".glb", ".gltf")  # defined by glTF; other formats imply sRGB
+    parts = [_surfaces_of(m, c, to_world, corners_are_linear) for m, c in zip(meshes, corners, strict=True)]
     return Surroundings(combine_surfaces(parts), background)
 
 
@@ -224,52 +183,38 @@ def _meshes(path: Path) -> list[Any]:
     try:
         import trimesh
     except ImportError:
-        raise MediaError(
-            f"{path.name} is a mesh, which needs one more package: pip install 'omnimirror[cad]'"
-        ) from None
+        raise MediaError(f"reading the mesh {path.name} requires trimesh: pip install 'omnimirror[cad]'") from None
     if not path.exists():
-        raise MediaError(f"there is no mesh {path}")
+        raise MediaError(f"cannot find the mesh {path}")
     check_mesh_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)
-        meshes = [
-            mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
-        ]
+        meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     except Exception as e:  # readers of many formats raise arbitrary exceptions
         reason = str(e).strip().splitlines()
-        raise MediaError(
-            f"the mesh {path} cannot be read: {reason[0] if reason else type(e).__name__}"
-        ) from None
+        raise MediaError(f"cannot read the mesh {path}: {reason[0] if reason else type(e).__name__}") from None
     if not meshes:
-        raise MediaError(f"the mesh {path} holds no triangles")
+        raise MediaError(f"the mesh {path} must contain triangles")
     return meshes
 
 
-def _surfaces_of(
-    mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool
-) -> Surfaces:
-    picture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
-    if picture is not None and uv is not None and len(uv) == len(mesh.vertices):
-        return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], picture)
-    normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (
-        to_world.T / np.linalg.norm(to_world[0])
-    )
-    shade = FROM_SKY * (0.5 + 0.5 * normals[..., 2]) + FROM_SUN * np.clip(
-        normals @ SUN_DIRECTION, 0, 1
-    )
-    return facets(
-        triangles, (shade[..., None] * _corner_colours(mesh, corners_are_linear)).astype(np.float32)
-    )
+def _surfaces_of(mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool) -> Surfaces:
+    texture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
+    if texture is not None and uv is not None and len(uv) == len(mesh.vertices):
+        return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], texture)
+    normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (to_world.T / np.linalg.norm(to_world[0]))
+    shade = SKY_FRACTION * (0.5 + 0.5 * normals[..., 2]) + SUN_FRACTION * np.clip(normals @ SUN_DIRECTION, 0, 1)
+    return facets(triangles, (shade[..., None] * _corner_colours(mesh, corners_are_linear)).astype(np.float32))
 
 
-def _textured(triangles: Array, uv: Array, picture: Light) -> Surfaces:
+def _textured(triangles: Array, uv: Array, texture: Light) -> Surfaces:
     """Return triangles (n, 3, 3) with an image at coordinates (n, 3, 2), from 0 to 1 from its lower
     left corner.
     """
-    height, width = picture.shape[:2]
+    height, width = texture.shape[:2]
     at = np.stack([uv[..., 0] * width - 0.5, (1 - uv[..., 1]) * height - 0.5], axis=-1)
     at[:, 1:] -= at[:, :1]
-    return textured_triangles(triangles, at, Texture(picture, repeats=True))
+    return textured_triangles(triangles, at, Texture(texture, repeats=True))
 
 
 def _texture(visual: Any) -> Light | None:
@@ -279,9 +224,7 @@ def _texture(visual: Any) -> Light | None:
     if image is None:
         return None
     rgba = np.asarray(image.convert("RGBA"), dtype=np.float32) / 255
-    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(
-        getattr(material, "baseColorFactor", None)
-    )
+    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(getattr(material, "baseColorFactor", None))
     is_opaque = getattr(material, "alphaMode", None) in (None, "OPAQUE")
     alpha = np.ones_like(rgba[..., 3:]) if is_opaque else rgba[..., 3:]
     return np.ascontiguousarray(np.concatenate([colour * alpha, 1 - alpha], axis=-1), np.float32)
@@ -302,9 +245,7 @@ def _corner_colours(mesh: Any, are_linear: bool) -> Light:
         corners = np.asarray(visual.vertex_colors)[mesh.faces][..., :3] / np.float32(255)
         return corners if are_linear else linear_from_srgb(corners)
     if visual.kind == "face":
-        return np.broadcast_to(
-            linear_from_srgb(np.asarray(visual.face_colors)[:, None, :3] / 255), shape
-        )
+        return np.broadcast_to(linear_from_srgb(np.asarray(visual.face_colors)[:, None, :3] / 255), shape)
     material = getattr(visual, "material", None)
     factor, diffuse = (getattr(material, name, None) for name in ("baseColorFactor", "diffuse"))
     if factor is not None:

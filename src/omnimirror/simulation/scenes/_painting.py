@@ -18,7 +18,7 @@ from ...base.typing import Array
 from .scene import Scene
 from .surfaces import Box, Face, Surfaces, Texture, face_of
 
-# -- Lettering: words as coverage maps, with the font of matplotlib --------------------------------
+# -- Lettering -------------------------------------------------------------------------------------
 
 OVERSAMPLING = 8  # oversampling of letters before averaging, for edges with 65 grey levels
 FONT = "DejaVu Sans"
@@ -53,9 +53,7 @@ def lettering(text: str, cap_height_px: float) -> Light:
     from matplotlib.textpath import TextPath
 
     if not text.strip():
-        raise InvalidParameter(
-            f"the text {text!r} leaves no ink; it needs at least one visible letter"
-        )
+        raise InvalidParameter(f"text must contain at least one visible letter; got {text!r}")
     font = FontProperties(family=FONT, weight="bold")
     capital = TextPath((0, 0), "H", size=100, prop=font).get_extents().height
     scale = cap_height_px * OVERSAMPLING / capital
@@ -75,12 +73,12 @@ def lettering(text: str, cap_height_px: float) -> Light:
     return ink
 
 
-# -- Painting on a flat surface, in millimetres from its lower left corner as seen by a viewer -----
+# -- Canvas ----------------------------------------------------------------------------------------
 #
 # Shapes are painted with the covered fraction of each texel (antialiasing); edges are smooth and
 # unbiased at any resolution.
 
-ALBEDO, EMISSION, CLEAR, SENT = slice(0, 3), slice(3, 6), 6, slice(3, 7)
+ALBEDO, EMISSION, CLEAR, EMITTED = slice(0, 3), slice(3, 6), 6, slice(3, 7)
 """Channels of a canvas: albedo, emitted light, transmitted fraction of outside light, and the last
 two combined.
 """
@@ -106,7 +104,7 @@ class Paint:
     """Transmitted fraction of outside light."""
 
     @property
-    def sends(self) -> bool:
+    def emits(self) -> bool:
         """True if it emits or transmits light."""
         return self.glow != 0 or self.clear != 0
 
@@ -144,7 +142,7 @@ class Canvas:
         self.texel = np.array([width_mm / columns, height_mm / rows])
         self.texels: Light = np.empty((rows, columns, 7), np.float32)
         self.texels[:] = ground.channels
-        self.sends = ground.sends
+        self.emits = ground.emits
         """True if any texel may emit or transmit light."""
 
     def rectangle(self, left: float, bottom: float, right: float, top: float, paint: Paint) -> None:
@@ -212,7 +210,7 @@ class Canvas:
     def _cover(
         self, down: slice, across: slice, coverage: Array | Light | float, paint: Paint
     ) -> None:
-        self.sends |= paint.sends
+        self.emits |= paint.emits
         window = self.texels[down, across]
         if isinstance(coverage, float) and coverage == 1.0:
             window[:] = paint.channels
@@ -255,7 +253,7 @@ def _square_wave(x: Array, width: float) -> Array:
     return np.asarray((high - low) / width)
 
 
-# -- Landscape outside the windows: sky and hills at infinity, which depend on the direction only
+# -- Landscape at infinity -------------------------------------------------------------------------
 
 ZENITH, HAZE = hex_colour("#4f86c6"), hex_colour("#e6edf2")
 SOFTNESS_DEG = 0.15  # edge width of the ridges
@@ -288,30 +286,30 @@ def landscape_light(directions: Array) -> Light:
     return light
 
 
-# -- Painted faces as surfaces, and scenes made of them --------------------------------------------
+# -- Painted faces as surfaces ---------------------------------------------------------------------
 
 
 def illuminated_texels(canvas: Canvas, light: Light) -> Light:
     """Return light emitted and reflected by a face, and its transmittance: (rows, columns, 4)."""
     texels: Light = np.empty((*light.shape[:2], 4), np.float32)
     np.multiply(canvas.texels[..., ALBEDO], light, out=texels[..., :3])
-    if canvas.sends:
+    if canvas.emits:
         texels[..., :3] += canvas.texels[..., EMISSION]
     texels[..., 3] = canvas.texels[..., CLEAR]
     return texels
 
 
-def surfaces_of_faces(faces: Sequence[Face], pictures: Sequence[Light]) -> Surfaces:
+def surfaces_of_faces(faces: Sequence[Face], textures_of_faces: Sequence[Light]) -> Surfaces:
     """Return surfaces from faces with their images (rows, columns, 4), whose first row is the top."""
-    places = np.array(
+    corners = np.array(
         [(f.point(0.0, f.height_mm), f.width_mm * f.right, -f.height_mm * f.up) for f in faces]
     )
     texels = np.array(
-        [((-0.5, -0.5), (p.shape[1], 0), (0, p.shape[0])) for p in pictures], dtype=float
+        [((-0.5, -0.5), (p.shape[1], 0), (0, p.shape[0])) for p in textures_of_faces], dtype=float
     )
     count = len(faces)
-    textures = tuple(Texture(np.ascontiguousarray(p, np.float32)) for p in pictures)
-    return Surfaces.of(places.reshape(-1, 3, 3), texels, np.arange(count), False, textures)
+    textures = tuple(Texture(np.ascontiguousarray(p, np.float32)) for p in textures_of_faces)
+    return Surfaces.of(corners.reshape(-1, 3, 3), texels, np.arange(count), False, textures)
 
 
 def outer_faces(boxes: Sequence[Box]) -> list[Face]:
@@ -337,12 +335,12 @@ class Surroundings:
         length but 0.
         """
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
-        light, clear, distance = self.surfaces.seen(origins, towards)
+        light, clear, distance = self.surfaces.first_hits(origins, towards)
         if self.background is not None:
             share = np.where(np.isinf(distance), np.float32(1), clear)
-            behind = np.flatnonzero(share)
-            light[behind] += share[behind, None] * self.background.radiance(
-                origins[behind], towards[behind]
+            background_rays = np.flatnonzero(share)
+            light[background_rays] += share[background_rays, None] * self.background.radiance(
+                origins[background_rays], towards[background_rays]
             )
         return light
 
@@ -351,9 +349,9 @@ class Surroundings:
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         length = np.linalg.norm(towards, axis=1)
         # Unit directions preserve full single precision
-        distance: Array = self.surfaces.seen(origins, towards / length[:, None]).distance.astype(
-            float
-        )
+        distance: Array = self.surfaces.first_hits(
+            origins, towards / length[:, None]
+        ).distance.astype(float)
         return distance
 
     def surroundings_from(self, low_mm: Array, high_mm: Array) -> Surroundings:

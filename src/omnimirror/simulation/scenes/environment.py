@@ -21,7 +21,7 @@ from ...dewarp.sampling import remap
 from ...io import read_image
 from .scene import rays_from
 
-FEWEST_ROWS = 4
+MIN_ROWS = 4
 FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 
 
@@ -58,19 +58,10 @@ class Environment:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if (
-            self.light.ndim != 3
-            or self.light.shape[2] != 3
-            or self.light.size == 0
-            or self.light.dtype != np.float32
-        ):
-            raise InvalidParameter(
-                f"an environment is (height, width, 3) of float32, not {self.light.shape} of {self.light.dtype}"
-            )
+        if self.light.ndim != 3 or self.light.shape[2] != 3 or self.light.size == 0 or self.light.dtype != np.float32:
+            raise InvalidParameter(f"light must be (height, width, 3) of float32; got {self.light.shape} of {self.light.dtype}")
         if not (np.isfinite(self.light).all() and (self.light >= 0).all()):
-            raise InvalidParameter(
-                "an environment holds values below 0 or that are no numbers, which is no light"
-            )
+            raise InvalidParameter("light must contain finite values from 0")
 
     @classmethod
     def load(cls, path: str | Path, heading_deg: float = 0.0, gain: float = 1.0) -> Environment:
@@ -100,13 +91,9 @@ class Environment:
         image = read_image(path)
         height, width = image.shape[:2]
         if not 1.9 <= width / height <= 2.1:
-            raise MediaError(
-                f"{path} has {width} x {height} px; an equirectangular picture is twice as wide as high"
-            )
-        if height < FEWEST_ROWS:
-            raise MediaError(
-                f"{path} has {width} x {height} px; an environment has at least {2 * FEWEST_ROWS} x {FEWEST_ROWS}"
-            )
+            raise MediaError(f"{path}: an equirectangular image must have the aspect ratio 2:1; got {width} x {height} px")
+        if height < MIN_ROWS:
+            raise MediaError(f"{path}: an environment must have at least {2 * MIN_ROWS} x {MIN_ROWS} px; got {width} x {height} px")
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
@@ -130,8 +117,8 @@ class Environment:
         height, width = self.light.shape[:2]
         column = (0.5 - np.arctan2(y, x) / (2 * np.pi)) * width - 0.5
         row = np.arctan2(np.hypot(x, y), z) / np.pi * height - 0.5
-        places = np.stack([column + 1, row], axis=-1)[None]
-        light: Light = remap(self._closed, PixelMap(places, (width + 2, height)))[0]
+        positions = np.stack([column + 1, row], axis=-1)[None]
+        light: Light = remap(self._closed, PixelMap(positions, (width + 2, height)))[0]
         return light
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:

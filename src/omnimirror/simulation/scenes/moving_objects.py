@@ -24,7 +24,7 @@ from .surfaces import FACES, TINY, Box, Face, face_of, merge_surfaces
 SHADES = np.array([0.75, 0.55, 1.0])
 """Brightness of sides, fronts and tops, to make them distinguishable."""
 NO_SURFACE, BACKGROUND = 0, 1
-MOST = 1000
+MAX_BODIES = 1000
 """Maximum number of bodies in a scene."""
 MAX_REORDERED_SURFACES = 20_000
 """Maximum number of scene surfaces for rendering bodies with kernels, which reorder all surfaces
@@ -82,8 +82,8 @@ class MovingBox:
         check_fields(self)
         finite("size_mm", self.size_mm, 1e-3)
         hex_colour(self.colour)
-        if other := next((name for name in self.path.tracks if name not in POSE_NAMES), None):
-            raise InvalidParameter(f"path has {other!r}; valid are {', '.join(POSE_NAMES)}")
+        if unknown := next((name for name in self.path.tracks if name not in POSE_NAMES), None):
+            raise InvalidParameter(f"the tracks of path must be from {', '.join(POSE_NAMES)}; got {unknown!r}")
 
     def pose_at(self, time_s: float) -> Pose:
         """Return the pose at a time.
@@ -136,32 +136,27 @@ def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
     [('cart', 1200.0)]
     """
     path = file_name("path", path)
-    return tuple(
-        _body(name, table, path)
-        for name, table in read_tables(path, "body", "bodies", MOST).items()
-    )
+    return tuple(_body(name, table, path) for name, table in read_tables(path, "body", "bodies", MAX_BODIES).items())
 
 
 def _body(name: str, table: dict[str, Any], source: Path) -> MovingBox:
-    where, rest = f"[{name}] of {source}", dict(table)
-    size = rest.pop("size_mm", None)
+    location, remaining = f"[{name}] of {source}", dict(table)
+    size = remaining.pop("size_mm", None)
     if not isinstance(size, list):
-        raise SpecError(
-            f"{where} has no size_mm; valid is such as [400, 300, 500]: length ahead, width, height"
-        )
-    told = {"colour": rest.pop("colour")} if "colour" in rest else {}
+        raise SpecError(f"{location}: size_mm must be [length, width, height], for example [400, 300, 500]")
+    colour = {"colour": remaining.pop("colour")} if "colour" in remaining else {}
     try:
-        if "path" in rest:
-            moves = Keyframes.load(source.parent / file_name("path", rest.pop("path")), POSE_NAMES)
-            if rest:
-                raise InvalidParameter(f"{next(iter(rest))} is not valid beside a path")
+        if "path" in remaining:
+            track = Keyframes.load(source.parent / file_name("path", remaining.pop("path")), POSE_NAMES)
+            if remaining:
+                raise InvalidParameter(f"{next(iter(remaining))} must be omitted with a path")
         else:
-            moves = keyframes_of(rest, where, POSE_NAMES)
-        return MovingBox(tuple(size), moves, name=name, **told)
+            track = keyframes_of(remaining, location, POSE_NAMES)
+        return MovingBox(tuple(size), track, name=name, **colour)
     except MediaError as e:
         raise SpecError(str(e)) from None
     except InvalidParameter as e:
-        raise SpecError(f"{where}: {e}") from None
+        raise SpecError(f"{location}: {e}") from None
 
 
 @dataclass(frozen=True)
@@ -193,7 +188,7 @@ class SceneWithBodies:
     def radiance(self, origins_mm: Array, directions: Array) -> Light:
         """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3)."""
         light = self.scene.radiance(origins_mm, directions)
-        _, body, axis = self._first(origins_mm, directions)
+        _, body, axis = self._nearest(origins_mm, directions)
         for number, box in enumerate(self.bodies):
             on = body == number
             light[on] = hex_colour(box.colour) * SHADES[axis[on], None].astype(np.float32)
@@ -206,44 +201,32 @@ class SceneWithBodies:
         None if the scene contains more than surfaces, has too many surfaces to reorder for each
         time, or if rays may start in a body.
         """
-        own = (
-            self.scene.surroundings_from(low_mm, high_mm)
-            if isinstance(self.scene, PaintedScene)
-            else None
-        )
-        if own is None or not self.bodies:
-            return own
+        surroundings = self.scene.surroundings_from(low_mm, high_mm) if isinstance(self.scene, PaintedScene) else None
+        if surroundings is None or not self.bodies:
+            return surroundings
         poses = [box.pose_at(self.time_s) for box in self.bodies]
         starts = [np.clip(pose.shift_mm, low_mm, high_mm) - pose.shift_mm for pose in poses]
         reaches = [np.linalg.norm(box.size_mm) / 2 for box in self.bodies]
-        is_inside = any(
-            np.linalg.norm(start) <= reach for start, reach in zip(starts, reaches, strict=True)
-        )
-        if is_inside or len(own.surfaces.records) > MAX_REORDERED_SURFACES:
+        is_inside = any(np.linalg.norm(start) <= reach for start, reach in zip(starts, reaches, strict=True))
+        if is_inside or len(surroundings.surfaces.records) > MAX_REORDERED_SURFACES:
             return None
-        faces = [
-            face
-            for box, pose in zip(self.bodies, poses, strict=True)
-            for face in _faces_of(box, pose)
-        ]
-        pictures = [_plain(box, number // 2) for box in self.bodies for number in FACES]
-        return Surroundings(
-            merge_surfaces(own.surfaces, surfaces_of_faces(faces, pictures)), own.background
-        )
+        faces = [face for box, pose in zip(self.bodies, poses, strict=True) for face in _faces_of(box, pose)]
+        images = [_plain(box, number // 2) for box in self.bodies for number in FACES]
+        return Surroundings(merge_surfaces(surroundings.surfaces, surfaces_of_faces(faces, images)), surroundings.background)
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
         """Return distances (n,) of rays, mm."""
-        return self._first(origins_mm, directions)[0]
+        return self._nearest(origins_mm, directions)[0]
 
     @property
     def label_names(self) -> tuple[str, ...]:
         """Names of the labels from 1 on: those of the scene, followed by those of the bodies."""
-        own = self.scene.label_names if isinstance(self.scene, LabelledScene) else ("scene",)
-        return own + tuple(box.name for box in self.bodies)
+        names = self.scene.label_names if isinstance(self.scene, LabelledScene) else ("scene",)
+        return names + tuple(box.name for box in self.bodies)
 
     def labels(self, origins_mm: Array, directions: Array) -> NDArray[np.int64]:
         """Return labels (n,) of rays."""
-        distance, body, _ = self._first(origins_mm, directions)
+        distance, body, _ = self._nearest(origins_mm, directions)
         if isinstance(self.scene, LabelledScene):
             labels = self.scene.labels(origins_mm, directions)
         else:
@@ -251,9 +234,7 @@ class SceneWithBodies:
         first = 1 + len(self.label_names) - len(self.bodies)
         return np.where(body >= 0, first + body, labels)
 
-    def _first(
-        self, origins: Array, directions: Array
-    ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    def _nearest(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
         """Return distances (n,) of rays, body indices, -1 for none, and the axis of the intersected
         face.
         """
@@ -269,24 +250,20 @@ class SceneWithBodies:
             entries = (-np.sign(towards) * half - start) / towards
             exits = (np.sign(towards) * half - start) / towards
             near = entries.max(axis=1)
-            met = (near > 0) & (near < exits.min(axis=1)) & (near < nearest)
-            nearest[met], body[met], axis[met] = near[met], number, entries.argmax(axis=1)[met]
+            is_hit = (near > 0) & (near < exits.min(axis=1)) & (near < nearest)
+            nearest[is_hit], body[is_hit], axis[is_hit] = (near[is_hit], number, entries.argmax(axis=1)[is_hit])
         return nearest, body, axis
 
 
 def _faces_of(box: MovingBox, pose: Pose) -> list[Face]:
     """Return its faces in the scene, ordered by number."""
     length, width, height = (side / 2 for side in box.size_mm)
-    own, turn, placed = (
-        Box((-length, -width, -height), (length, width, height)),
-        pose.rotation().T,
-        [],
-    )
-    for face in (face_of(own, number, inside=False) for number in FACES):
+    local_box, turn, faces = (Box((-length, -width, -height), (length, width, height)), pose.rotation().T, [])
+    for face in (face_of(local_box, number, inside=False) for number in FACES):
         corner = pose.to_scene(face.corner[None])[0]
         right, up, normal = rotate_vectors(np.array([face.right, face.up, face.normal]), turn)
-        placed.append(Face(corner, right, up, normal, face.width_mm, face.height_mm))
-    return placed
+        faces.append(Face(corner, right, up, normal, face.width_mm, face.height_mm))
+    return faces
 
 
 def _plain(box: MovingBox, axis: int) -> Light:

@@ -15,7 +15,7 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_rotation, rotate_vectors
 
-# -- Scene interface: radiance along rays ----------------------------------------------------------
+# -- Scene interface -------------------------------------------------------------------------------
 
 
 @runtime_checkable
@@ -34,7 +34,7 @@ class Scene(Protocol):
 
 
 @runtime_checkable
-class Measured(Protocol):
+class MeasurableScene(Protocol):
     """Scene with distances, for ground truth."""
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
@@ -58,13 +58,11 @@ def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Arra
     origins = vectors("origins_mm", origins_mm, 3, is_list=True)
     towards = vectors("directions", directions, 3, is_list=True)
     if len(origins) != len(towards):
-        raise InvalidParameter(
-            f"there are {len(origins)} origins_mm and {len(towards)} directions; valid is one origin for each direction"
-        )
+        raise InvalidParameter(f"origins_mm must have one origin per direction; got {len(origins)} for {len(towards)} directions")
     usable = ~np.isnan(towards).any(axis=1) & towards.any(axis=1)
     if not usable.all():
-        bad = np.asarray(directions, float)[~usable][0].tolist()
-        raise InvalidParameter(f"{bad} is no direction; it needs finite numbers, not all 0")
+        invalid = np.asarray(directions, float)[~usable][0].tolist()
+        raise InvalidParameter(f"directions must be finite and nonzero; got {invalid}")
     return origins, towards
 
 
@@ -76,21 +74,19 @@ def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
     InvalidParameter
         If the scene provides no distances.
     """
-    if not isinstance(scene, Measured):
-        raise InvalidParameter(
-            f"a {type(scene).__name__} has no distance_mm(), which depth as ground truth needs"
-        )
+    if not isinstance(scene, MeasurableScene):
+        raise InvalidParameter(f"the scene must have the method distance_mm() for depth; got a {type(scene).__name__}")
     return scene.distance_mm(origins_mm, directions)
 
 
 @dataclass(frozen=True)
-class Distant:
+class DistantScene:
     """Scene moved to infinity: every ray has the radiance at the world origin in its direction.
 
     Images of it have no parallax, independent of the viewpoints of the mirror.
 
     >>> from omnimirror import Room
-    >>> room = Distant(Room(texel_mm=40.0))
+    >>> room = DistantScene(Room(texel_mm=40.0))
     >>> towards = np.array([[1.0, 0.2, 0.1]])
     >>> bool(np.all(room.radiance(np.full((1, 3), 999.0), towards) == room.radiance(np.zeros((1, 3)), towards)))
     True
@@ -107,7 +103,7 @@ class Distant:
         return np.full(len(directions), np.inf)
 
 
-# -- Pose of a sensor in a scene, and the scene in the sensor frame --------------------------------
+# -- Pose of the sensor ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -142,12 +138,12 @@ class Pose:
     roll_deg: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "x_mm": Parameter("mm", -1e7, 1e7, "forward"),
-        "y_mm": Parameter("mm", -1e7, 1e7, "to the left"),
-        "z_mm": Parameter("mm", -1e7, 1e7, "up"),
-        "pan_deg": Parameter("deg", -1e4, 1e4, "of forward, to the right"),
-        "tilt_deg": Parameter("deg", -90.0, 90.0, "of forward, upwards"),
-        "roll_deg": Parameter("deg", -1e4, 1e4, "about forward, clockwise"),
+        "x_mm": Parameter("mm", -1e7, 1e7, "position, forward"),
+        "y_mm": Parameter("mm", -1e7, 1e7, "position, left"),
+        "z_mm": Parameter("mm", -1e7, 1e7, "position, up"),
+        "pan_deg": Parameter("deg", -1e4, 1e4, "pan of the forward axis, right"),
+        "tilt_deg": Parameter("deg", -90.0, 90.0, "tilt of the forward axis, up"),
+        "roll_deg": Parameter("deg", -1e4, 1e4, "roll about the forward axis, clockwise"),
     }
 
     def __post_init__(self) -> None:
@@ -197,10 +193,8 @@ class Pose:
         (n, 3) array
             Points in the sensor world, mm.
         """
-        moved: Array = rotate_vectors(
-            np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation()
-        )
-        return moved
+        points: Array = rotate_vectors(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
+        return points
 
 
 POSE_NAMES = tuple(f.name for f in fields(Pose))

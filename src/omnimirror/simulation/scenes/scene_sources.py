@@ -17,7 +17,7 @@ from .room import Room
 from .scene import Scene
 from .street import Street
 
-# -- Bundled scenes by name ------------------------------------------------------------------------
+# -- Bundled scenes --------------------------------------------------------------------------------
 
 BUNDLED: dict[str, Callable[..., Scene]] = {"room": Room, "street": Street, "hall": Hall}
 
@@ -31,11 +31,11 @@ def bundled_scene(name: str) -> Scene:
         If there is no scene of that name.
     """
     if name not in BUNDLED:
-        raise InvalidParameter(f"there is no scene {name!r}; valid are {', '.join(BUNDLED)}")
+        raise InvalidParameter(f"the scene must be one of {', '.join(BUNDLED)}; got {name!r}")
     return BUNDLED[name]()
 
 
-# -- Scenes by name: bundled scenes, and scene files -----------------------------------------------
+# -- Scene files -----------------------------------------------------------------------------------
 
 ENVIRONMENTS = (".hdr", ".exr", ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp")
 MESHES = (".glb", ".gltf", ".obj", ".ply", ".stl")
@@ -60,7 +60,7 @@ class SceneSource:
     Examples
     --------
     >>> SceneSource("room", texel_mm=40.0).load()
-    Room(texel_mm=40.0, elsewhere_mm=None)
+    Room(texel_mm=40.0, other_texel_mm=None)
     """
 
     name: str
@@ -91,34 +91,17 @@ class SceneSource:
         if self.is_mesh:
             from ._mesh_files import load_mesh
 
-            far = (
-                None
-                if self.background is None
-                else Environment.load(self.background, self.heading_deg)
-            )
-            return load_mesh(self.name, self.unit_mm, self.up, far)
+            distant_scene = None if self.background is None else Environment.load(self.background, self.heading_deg)
+            return load_mesh(self.name, self.unit_mm, self.up, distant_scene)
         if self.is_environment:
             return Environment.load(self.name, self.heading_deg)
         if self.name in BUNDLED:
-            return (
-                BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
-            )
-        raise OmnimirrorError(
-            f"there is no scene {self.name!r}; valid are {', '.join(BUNDLED)}, and files "
-            f"{', '.join((*ENVIRONMENTS, *MESHES))}"
-        )
+            return BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
+        raise OmnimirrorError(f"the scene must be one of {', '.join(BUNDLED)} or a file {', '.join((*ENVIRONMENTS, *MESHES))}; got {self.name!r}")
 
 
 @validate_arguments
-def load_scene(
-    name: str | Path,
-    *,
-    texel_mm: float | None = None,
-    heading_deg: float = 0.0,
-    unit_mm: float | None = None,
-    up: str | None = None,
-    background: str | Path | None = None,
-) -> Scene:
+def load_scene(name: str | Path, *, texel_mm: float | None = None, heading_deg: float = 0.0, unit_mm: float | None = None, up: str | None = None, background: str | Path | None = None) -> Scene:
     """Load a scene by name, or from an environment or mesh file, as ``omnimirror simulate --scene``
     does.
 
@@ -141,7 +124,7 @@ def load_scene(
     Returns
     -------
     Scene
-        Scene for :func:`omnimirror.take_picture` and :func:`omnimirror.expose`.
+        Scene for :func:`omnimirror.render_image` and :func:`omnimirror.expose`.
 
     Raises
     ------
@@ -152,10 +135,10 @@ def load_scene(
     --------
     >>> import omnimirror as om
     >>> om.load_scene("room", texel_mm=40.0)
-    Room(texel_mm=40.0, elsewhere_mm=None)
+    Room(texel_mm=40.0, other_texel_mm=None)
     """
-    behind = None if background is None else str(background)
-    return SceneSource(str(name), texel_mm, heading_deg, unit_mm, up, behind).load()
+    background_name = None if background is None else str(background)
+    return SceneSource(str(name), texel_mm, heading_deg, unit_mm, up, background_name).load()
 
 
 def record_of(scene: Scene | SceneSource) -> dict[str, Any] | None:
@@ -182,30 +165,20 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         If the scene was created in Python, or a file is missing or has changed.
     """
     if record is None:
-        raise MediaError(
-            "the set's scene was made in Python, and no file says how; take it with the same program"
-        )
-    source = SceneSource(
-        **{name: value for name, value in record.items() if not name.endswith("_sha256")}
-    )
+        raise MediaError("the scene of the dataset was created in Python and is not stored; use the original program")
+    source = SceneSource(**{name: value for name, value in record.items() if not name.endswith("_sha256")})
     for entry in ("name", "background"):
         expected = record.get(f"{entry}_sha256")
         if expected is None:
             continue
-        there = Path(record[entry])
-        found = [file for file in (there, folder / there.name) if file.is_file()]
-        same = [file for file in found if sha256_of(file) == expected]
-        if not same:
-            what = "is not the file it was" if found else "is not there"
-            raise MediaError(
-                f"the set's scene {there} {what}; it is looked for there and in {folder}"
-            )
-        found_at = str(same[0])
-        source = (
-            replace(source, name=found_at)
-            if entry == "name"
-            else replace(source, background=found_at)
-        )
+        original = Path(record[entry])
+        candidates = [file for file in (original, folder / original.name) if file.is_file()]
+        matches = [file for file in candidates if sha256_of(file) == expected]
+        if not matches:
+            problem = "has changed" if candidates else "is missing"
+            raise MediaError(f"the scene {original} of the dataset {problem}; it must be there or in {folder}")
+        location = str(matches[0])
+        source = replace(source, name=location) if entry == "name" else replace(source, background=location)
     return source
 
 
@@ -220,8 +193,8 @@ def sha256_of(path: Path) -> str:
     digest = hashlib.sha256()
     try:
         with open_file(path) as file:
-            while piece := file.read(CHUNK_BYTES):
-                digest.update(piece)
+            while chunk := file.read(CHUNK_BYTES):
+                digest.update(chunk)
     except OSError as e:
         raise MediaError(f"cannot read {path}: {e.strerror or e}") from None
     return digest.hexdigest()

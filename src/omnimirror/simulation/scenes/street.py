@@ -28,7 +28,7 @@ from ._painting import (
 from .scene import rays_from
 from .surfaces import Box, Face, combine_surfaces, face_of, tree_crown
 
-# -- Houses, cars and trees of the street, and their paint: purely decorative definitions ----------
+# -- Decoration ------------------------------------------------------------------------------------
 
 GROUND_MM = -1600.0
 FRONT_MM = 7_600.0  # distance of the houses from the middle of the road
@@ -250,9 +250,9 @@ def paint_car(car: Car, number: int, face: Face, texel_mm: float) -> Canvas:
     return canvas
 
 
-# -- Street between houses on a sunny day; the sensor is on the road, 1.6 m high -------------------
+# -- Street ----------------------------------------------------------------------------------------
 
-TEXEL = Parameter("mm", 4.0, 200.0, "fineness of what is painted")
+TEXEL = Parameter("mm", 4.0, 200.0, "texel size of the painted surfaces")
 NEAR_MM = 15_000.0  # beyond twice this distance the texel size is doubled
 GRID_MM = 250.0  # grid spacing of light and shadows
 SUN_DIRECTION = np.array([0.35, -0.55, 0.75]) / np.linalg.norm([0.35, -0.55, 0.75])
@@ -376,21 +376,19 @@ def _rays_outside(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, 
     if not len(origins):
         return origins, towards
     if np.isnan(origins).any():
-        raise InvalidParameter(
-            "a ray starts at what is no point; origins_mm are valid as finite numbers"
-        )
+        raise InvalidParameter("origins_mm must not contain NaN")
     low, high = origins.min(axis=0), origins.max(axis=0)
     if low[2] < GROUND_MM:
         raise InvalidParameter(
-            f"a ray starts at z = {low[2]:.6g} mm, under the ground of the street, which lies at {GROUND_MM:g} mm"
+            f"ray origins must be above the ground of the street, z = {GROUND_MM:g} mm; got {low[2]:.6g} mm"
         )
     for what, box in _solids():
         if _overlap(box, low, high):
             inside = ((origins > box.low) & (origins < box.high)).all(axis=1)
             if inside.any():
                 raise InvalidParameter(
-                    f"a ray starts at {origins[inside][0].round(3).tolist()} mm, in {what} that reaches from "
-                    f"{list(box.low)} to {list(box.high)} mm"
+                    f"ray origins must be outside {what} from {list(box.low)} to {list(box.high)} mm; "
+                    f"got {origins[inside][0].round(3).tolist()} mm"
                 )
     return origins, towards
 
@@ -411,27 +409,25 @@ def _painted(texel_mm: float) -> Surroundings:
     cars = [box for car in CARS for box in car.boxes]
     solids = [*houses, *cars, *TRUNKS, *CROWNS, *LANTERNS]
     faces: list[Face] = []
-    waiting: list[Canvas] = []
+    pending: list[Canvas] = []
 
-    def one_by_one() -> Iterator[tuple[Face, Canvas]]:
-        for face, canvas in _everything(texel_mm):
+    def painted_faces() -> Iterator[tuple[Face, Canvas]]:
+        for face, canvas in _all_faces(texel_mm):
             faces.append(face)
-            waiting.append(canvas)
+            pending.append(canvas)
             yield face, canvas
 
-    pictures = [
-        illuminated_texels(waiting.pop(), light)
-        for light in under_sky(one_by_one(), solids, SUN_DIRECTION, GRID_MM)
+    images = [
+        illuminated_texels(pending.pop(), light)
+        for light in under_sky(painted_faces(), solids, SUN_DIRECTION, GRID_MM)
     ]
     leaves = [
         tree_crown(box, LEAVES[i % len(LEAVES)], SUN_DIRECTION) for i, box in enumerate(CROWNS)
     ]
-    return Surroundings(
-        combine_surfaces([surfaces_of_faces(faces, pictures), *leaves]), Landscape()
-    )
+    return Surroundings(combine_surfaces([surfaces_of_faces(faces, images), *leaves]), Landscape())
 
 
-def _everything(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
+def _all_faces(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
     """Yield each face with its paint one by one: the whole street would take much memory."""
     road = face_of(ROAD, 5, inside=False)
     yield road, paint_road(road, texel_mm)
@@ -455,14 +451,14 @@ def _everything(texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
 def _house_faces(house: House, texel_mm: float) -> Iterator[tuple[Face, Canvas]]:
     front = 2 if house.box.low[1] > 0 else 3
     middle = (house.box.low[0] + house.box.high[0]) / 2
-    fineness = texel_mm * max(1.0, abs(middle) / NEAR_MM)
+    texel_size = texel_mm * max(1.0, abs(middle) / NEAR_MM)
     for i in (0, 1, 2, 3, 5):
         face = face_of(house.box, i, inside=False)
         yield (
             face,
             (
-                paint_front(house, face, fineness)
+                paint_front(house, face, texel_size)
                 if i == front
-                else paint_side(house, i, face, 4 * fineness)
+                else paint_side(house, i, face, 4 * texel_size)
             ),
         )

@@ -16,7 +16,7 @@ from ...base.native import CompiledSurfaces, backend, kernel_array
 from ...base.typing import Array
 from .scene import rays_from
 
-# -- Axis-aligned boxes: intersection with rays, and the intersected faces -------------------------
+# -- Axis-aligned boxes ----------------------------------------------------------------------------
 #
 # A face has the number 2 axis + side: 0 and 1 are the low and the high x face, up to 5. Each face is
 # an image with right and up directions as seen by a viewer facing it.
@@ -149,8 +149,8 @@ def rays_inside(
     inside = ((origins >= box.low) & (origins <= box.high)).all(axis=1)
     if not inside.all():
         raise InvalidParameter(
-            f"a ray starts at {origins[~inside][0].tolist()} mm, outside {what}, which reaches from "
-            f"{list(box.low)} to {list(box.high)} mm"
+            f"ray origins must be inside {what}, from {list(box.low)} to {list(box.high)} mm; "
+            f"got {origins[~inside][0].tolist()} mm"
         )
     return origins, towards
 
@@ -216,7 +216,7 @@ def _passage(box: Box, origins: Array, inverse: Array) -> tuple[Array, Array]:
     return near, far
 
 
-# -- Scenes of flat textured surfaces: parallelograms and triangles with baked light ---------------
+# -- Textured parallelograms and triangles ---------------------------------------------------------
 
 BESIDE = 1e-6  # relative to a side: no gaps between surfaces that share an edge
 RAYS_AT_ONCE = 1 << 22  # rays times surfaces, in NumPy
@@ -273,7 +273,7 @@ class Surfaces:
     >>> white = Texture(np.array([[[1, 1, 1, 0]]], np.float32))
     >>> wall = np.array([[[5.0, 1, -1], [0, -2, 0], [0, 0, 2]]])
     >>> scene = Surfaces.of(wall, np.zeros((1, 3, 2)), np.zeros(1, int), np.zeros(1, bool), (white,))
-    >>> seen = scene.seen(np.zeros((2, 3)), np.array([[1.0, 0, 0], [1.0, 1.0, 0]]))
+    >>> seen = scene.first_hits(np.zeros((2, 3)), np.array([[1.0, 0, 0], [1.0, 1.0, 0]]))
     >>> seen.distance
     array([ 5., inf], dtype=float32)
     """
@@ -313,10 +313,10 @@ class Surfaces:
         records["kind"] = np.where(is_triangle, -1 - np.asarray(texture_of), texture_of)
         return cls(records, textures)
 
-    def seen(self, origins_mm: Array, directions: Array) -> SurfaceHits:
+    def first_hits(self, origins_mm: Array, directions: Array) -> SurfaceHits:
         """Return the first intersections of rays from origins (n, 3) mm in directions (n, 3)."""
         if not backend.is_compiled:
-            return self._seen_by_all(origins_mm, directions)
+            return self._hits_in_parts(origins_mm, directions)
         count = len(origins_mm)
         light, distance = np.empty((count, 4), np.float32), np.empty(count, np.float32)
         origins, towards = (kernel_array(a, np.float32) for a in (origins_mm, directions))
@@ -328,7 +328,7 @@ class Surfaces:
         """Compiled surfaces."""
         texels = [t.texels.reshape(-1, 4) for t in self.textures]
         sizes = [(t.texels.shape[1], t.texels.shape[0], t.repeats) for t in self.textures]
-        made = backend.kernels.Surfaces(
+        compiled = backend.kernels.Surfaces(
             np.ascontiguousarray(self.records)
             .view(np.float32)
             .reshape(len(self.records), RECORD.itemsize // 4),
@@ -337,16 +337,16 @@ class Surfaces:
                 texels[0] if len(texels) == 1 else np.concatenate(texels), np.float32
             ),
         )
-        object.__setattr__(self, "records", made.records.view(RECORD)[:, 0])
-        return made
+        object.__setattr__(self, "records", compiled.records.view(RECORD)[:, 0])
+        return compiled
 
-    # -- without the compiled module -------------------------------------------------------------
+    # -- NumPy implementation ----------------------------------------------------------------------
 
-    def _seen_by_all(self, origins: Array, directions: Array) -> SurfaceHits:
+    def _hits_in_parts(self, origins: Array, directions: Array) -> SurfaceHits:
         """Intersect every ray with every surface; same results, slowly."""
         step = max(1, RAYS_AT_ONCE // max(1, len(self.records)))
         parts = [
-            self._seen_at_once(origins[i : i + step], directions[i : i + step])
+            self._hits_numpy(origins[i : i + step], directions[i : i + step])
             for i in range(0, len(origins), step)
         ]
         if not parts:
@@ -355,24 +355,24 @@ class Surfaces:
             )
         return SurfaceHits(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
-    def _seen_at_once(self, origins: Array, directions: Array) -> SurfaceHits:
+    def _hits_numpy(self, origins: Array, directions: Array) -> SurfaceHits:
         distance, a, b = self._meet(origins, directions)
         first = distance.argmin(axis=1)
         rays = np.arange(len(origins))
         nearest = distance[rays, first]
         hit = np.isfinite(nearest)
         light = np.zeros((len(origins), 4), np.float32)
-        met = self.records[first]
-        texture_of = np.where(met["kind"] < 0, -1 - met["kind"], met["kind"])
+        records = self.records[first]
+        texture_of = np.where(records["kind"] < 0, -1 - records["kind"], records["kind"])
         for number, texture in enumerate(self.textures):
             on = np.flatnonzero(hit & (texture_of == number))
-            along_a, along_b = np.moveaxis(met["texel_sides"][on], 1, 0)
-            place = (
-                met["texel"][on]
+            along_a, along_b = np.moveaxis(records["texel_sides"][on], 1, 0)
+            texel = (
+                records["texel"][on]
                 + a[on, first[on], None] * along_a
                 + b[on, first[on], None] * along_b
             )
-            light[on] = _look_up(texture, place)
+            light[on] = _look_up(texture, texel)
         return SurfaceHits(light[:, :3], light[:, 3], nearest.astype(np.float32))
 
     def _meet(self, origins: Array, directions: Array) -> tuple[Array, Array, Array]:
@@ -400,23 +400,23 @@ def merge_surfaces(one: Surfaces, other: Surfaces) -> Surfaces:
     Rays meet the same one of two coincident surfaces, independent of the order of compiled
     surfaces.
     """
-    added = other.records.copy()
-    added["kind"] += np.where(added["kind"] < 0, -len(one.textures), len(one.textures)).astype(
-        np.int32
-    )
-    records = np.concatenate([one.records, added])
+    other_records = other.records.copy()
+    other_records["kind"] += np.where(
+        other_records["kind"] < 0, -len(one.textures), len(one.textures)
+    ).astype(np.int32)
+    records = np.concatenate([one.records, other_records])
     return Surfaces(
         records[np.argsort(records.view(f"V{RECORD.itemsize}"))], one.textures + other.textures
     )
 
 
-def _look_up(texture: Texture, place: Array) -> Light:
+def _look_up(texture: Texture, texel: Array) -> Light:
     """Return texels (n, 4), interpolated bilinearly, at columns and rows (n, 2)."""
     size = np.array(texture.texels.shape[1::-1])
     if not texture.repeats:
-        place = np.clip(place, 0, size - 1)
-    first = np.floor(place).astype(int)
-    share = (place - first).astype(np.float32)
+        texel = np.clip(texel, 0, size - 1)
+    first = np.floor(texel).astype(int)
+    share = (texel - first).astype(np.float32)
     (left, top), (right, bottom) = (
         (np.mod(i, size) if texture.repeats else np.minimum(i, size - 1)).T
         for i in (first, first + 1)
@@ -428,7 +428,7 @@ def _look_up(texture: Texture, place: Array) -> Light:
     return mixed
 
 
-# -- Triangles with uniform or interpolated colours, as surfaces, and tree crowns made of them -----
+# -- Coloured triangles and tree crowns ------------------------------------------------------------
 
 
 def facets(triangles: Array, colours: Light) -> Surfaces:
@@ -437,7 +437,7 @@ def facets(triangles: Array, colours: Light) -> Surfaces:
     Each has four texels; the last one continues the plane of the others, for exact interpolation.
 
     >>> red_to_blue = facets(np.array([[[9.0, 3, -3], [9, -3, -3], [9, 3, 3]]]), np.eye(3)[None].astype(np.float32))
-    >>> red_to_blue.seen(np.zeros((1, 3)), np.array([[9.0, 1.0, -1.0]])).light.round(3)
+    >>> red_to_blue.first_hits(np.zeros((1, 3)), np.array([[9.0, 1.0, -1.0]])).light.round(3)
     array([[0.333, 0.333, 0.333]], dtype=float32)
     """
     count = len(triangles)

@@ -16,7 +16,7 @@ def test_pictures_of_one_size_ask_once_what_lies_in_the_field(tmp_path, monkeypa
     sizes = [(64, 64)] * 3 + [(96, 96)] * 2
     for i, (width, height) in enumerate(sizes):
         om.write_image(tmp_path / f"{i}.png", np.full((height, width, 3), 90, np.uint8))
-    om.dewarp_pictures(
+    om.dewarp_images(
         tmp_path,
         tmp_path / "straight",
         threads=1,

@@ -39,7 +39,7 @@ def test_invalid_arguments(tmp_path):
         "maps", "paper-spherical", *VIEW, "-o", tmp_path, "--format", "nuke"
     )
     sky = ["--view", "perspective", "--tilt-deg", "89", "--hfov-deg", "10"]
-    assert "sees nothing of the camera's field" in fails(
+    assert "must overlap the field of the camera" in fails(
         "maps", "paper-spherical", *sky, "-o", tmp_path / "a.npz"
     )
     assert not list(tmp_path.iterdir())

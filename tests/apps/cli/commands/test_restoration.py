@@ -23,7 +23,7 @@ def small(tmp_path) -> om.Sensor:
     sensor = replace(sensor, imager=Imager(128, 128, 41.6), lens=replace(sensor.lens, f_number=1.0))
     om.save_sensor(sensor, tmp_path / "small.toml")
     light = np.random.default_rng(1).random((32, 64, 3), np.float32)
-    picture = om.take_picture(sensor, om.Environment(light), samples=16, blur=True)
+    picture = om.render_image(sensor, om.Environment(light), samples=16, blur=True)
     om.write_image(tmp_path / "raw.png", picture)
     om.write_image(tmp_path / "world.hdr", light)
     return sensor
@@ -115,11 +115,11 @@ def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
         ),
         (
             ("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"),
-            "cannot read the blur no.csv",
+            "cannot read the blur table no.csv",
         ),
         (
             ("--ball", "64,64,50,180", "--restore"),
-            "to restore, the lens and the mirror must be known",
+            "blur_px must be specified unless the camera is a sensor",
         ),
     ],
 )
@@ -155,7 +155,7 @@ def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
             "dewarp", "raw.png", *options, "--blur-px", blur, "-o", "out.png", cwd=tmp_path
         )
         assert run.returncode == 0, run.stderr
-        assert "restored at a noise of 2 % (told)" in run.stdout
+        assert "restored with noise of 2 % (specified)" in run.stdout
         found.append(om.read_image(tmp_path / "out.png"))
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
@@ -180,15 +180,15 @@ def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
     )
     run = omnimirror("dewarp", "grain.png", *options, "-o", "out.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert "85 % of the blur is removed, since it does not show how much blur it has" in run.stdout
+    assert "85 % of the blur is removed because its blur cannot be estimated" in run.stdout
 
 
 @pytest.mark.parametrize(
     ("f_number", "metres", "words"),
     [
         ((40, 10), 0, ""),
-        ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of its blur is assumed"),
-        ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: no more than its blur is assumed"),
+        ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"),
+        ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: the blur of the sensor is assumed"),
         (8.0, 0, "EXIF has F/8, the sensor F/4"),
         ((0, 1), 5, "EXIF has a focus distance of 5000 mm"),
     ],
@@ -228,7 +228,7 @@ def test_restore_compares_the_exif_data_of_a_file(small, tmp_path, f_number, is_
     assert np.abs(restored.astype(int) - expected).mean() <= 0.1
     assert (np.abs(restored.astype(int) - given).mean() > 1) == is_other
     assert [
-        ("EXIF has F/2, the sensor F/1: 50 % of its blur is assumed" in note) for note in notes
+        ("EXIF has F/2, the sensor F/1: 50 % of the blur is assumed" in note) for note in notes
     ] == [is_other]
     if is_other:
         with pytest.warns(OmnimirrorWarning, match=r"stopped\.png: .*EXIF has F/2"):
@@ -256,7 +256,7 @@ def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     run = omnimirror(*take, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     world = om.Environment.load(tmp_path / "world.hdr")
-    straight = om.take_picture(
+    straight = om.render_image(
         focused_at(small, 175.0), world, samples=16, blur=True
     )  # heading and pose cancel
     assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - straight).max() <= 2

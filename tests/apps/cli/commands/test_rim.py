@@ -19,10 +19,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rims")
     for turn in (0.0, 90.0):
         scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=turn))
-        om.write_image(
-            folder / f"room{turn:.0f}.png",
-            om.take_picture(om.load_sensor("paper-spherical"), scene, samples=1),
-        )
+        om.write_image(folder / f"room{turn:.0f}.png", om.render_image(om.load_sensor("paper-spherical"), scene, samples=1))
     v, u = np.mgrid[:200, :260]
     away, turn = np.hypot(u - 130.0, v - 100.0), np.arctan2(v - 100.0, u - 130.0)
     disc = np.clip(80.5 - away, 0, 1) * (110 + 80 * np.tanh(6 * np.sin(11 * turn))) + 12
@@ -32,14 +29,7 @@ def folder(tmp_path_factory):
 
 
 def test_the_rim_of_a_sensor(folder, tmp_path):
-    run = omnimirror(
-        "rim",
-        folder / "room0.png",
-        "--json",
-        tmp_path / "rim.json",
-        "--figure",
-        tmp_path / "rim.png",
-    )
+    run = omnimirror("rim", folder / "room0.png", "--json", tmp_path / "rim.json", "--figure", tmp_path / "rim.png")
     assert run.returncode == 0, run.stderr
     rim = json.loads((tmp_path / "rim.json").read_text())
     assert rim["centre_px"] == pytest.approx([511.5, 511.5], abs=1.0)
@@ -50,9 +40,7 @@ def test_the_rim_of_a_sensor(folder, tmp_path):
 
 
 def test_pictures_of_one_sensor_are_looked_at_together(folder, tmp_path):
-    run = omnimirror(
-        "rim", folder / "room0.png", folder / "room90.png", "--json", tmp_path / "rim.json"
-    )
+    run = omnimirror("rim", folder / "room0.png", folder / "room90.png", "--json", tmp_path / "rim.json")
     assert run.returncode == 0, run.stderr
     assert "together" in run.stdout
     rim = json.loads((tmp_path / "rim.json").read_text())
@@ -69,9 +57,7 @@ def test_what_is_not_sure_is_said(folder):
 def test_rejected_outlines_are_listed_as_candidates(tmp_path):
     """Two discs of one colour that are not mirrors."""
     v, u = np.mgrid[:240, :400]
-    picture = np.where(
-        np.hypot(u - 110, v - 120) < 70, 200, np.where(np.hypot(u - 290, v - 120) < 60, 120, 40)
-    )
+    picture = np.where(np.hypot(u - 110, v - 120) < 70, 200, np.where(np.hypot(u - 290, v - 120) < 60, 120, 40))
     om.write_image(tmp_path / "discs.png", picture.astype(np.uint8))
     run = omnimirror("rim", tmp_path / "discs.png", "--json", tmp_path / "rim.json")
     assert run.returncode == 0, run.stderr
@@ -95,10 +81,7 @@ def test_pictures_of_another_size_are_named(command, folder):
 def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):
     """Same view as with the sensor that rendered the image, up to the outline error."""
     views = {}
-    for name, camera in {
-        "auto": ["--auto", "--mirror", "paper-spherical"],
-        "told": ["--sensor", "paper-spherical"],
-    }.items():
+    for name, camera in {"auto": ["--auto", "--mirror", "paper-spherical"], "told": ["--sensor", "paper-spherical"]}.items():
         run = omnimirror("dewarp", folder / "room0.png", *camera, "-o", tmp_path / f"{name}.png")
         assert run.returncode == 0, run.stderr
         views[name] = om.read_image(tmp_path / f"{name}.png")[..., :3].astype(float)
@@ -117,29 +100,20 @@ def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
 
 def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
     """A camera looks slightly down at a ball: the view is that of a tilted ball."""
-    ball = om.MirrorBall(
-        (299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0)
-    )
-    om.write_image(tmp_path / "ball.png", om.take_picture(ball, om.Room(texel_mm=20.0), samples=1))
+    ball = om.MirrorBall((299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0))
+    om.write_image(tmp_path / "ball.png", om.render_image(ball, om.Room(texel_mm=20.0), samples=1))
     command = ("dewarp", tmp_path / "ball.png", "--auto", "--mirror", "ball", "-o")
     run = omnimirror(*command, tmp_path / "view.png")
     assert run.returncode == 0, run.stderr
-    said = re.search(
-        r"look ahead \(--camera-looks\), and leaned (\S+),(\S+) deg, by \d+ upright edges",
-        run.stderr,
-    )
+    said = re.search(r"look ahead \(--camera-looks\), and leaned (\S+),(\S+) deg, by \d+ upright edges", run.stderr)
     assert said is not None, run.stderr
     assert (float(said[1]), float(said[2])) == pytest.approx((-15.0, 3.0), abs=0.5)
     run = omnimirror(*command, tmp_path / "told.png", "--level", "-15,3")
     assert run.returncode == 0, run.stderr
     assert "the camera" not in run.stderr
-    told, found = (
-        om.read_image(tmp_path / name)[..., :3].astype(float) for name in ("told.png", "view.png")
-    )
+    told, found = (om.read_image(tmp_path / name)[..., :3].astype(float) for name in ("told.png", "view.png"))
     assert np.median(np.abs(told - found)) < 4
-    run = omnimirror(
-        "dewarp", folder / "disc.png", "--auto", "--mirror", "ball", "-o", tmp_path / "disc.png"
-    )
+    run = omnimirror("dewarp", folder / "disc.png", "--auto", "--mirror", "ball", "-o", tmp_path / "disc.png")
     assert "the camera is taken to look ahead and stand level" in run.stderr
 
 
@@ -150,60 +124,26 @@ def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
     sensor = om.load_sensor("prototype-hyperboloidal")
     imager = replace(sensor.imager, width_px=1100, height_px=1100, centre_px=None)
     tilted = replace(sensor, imager=imager, mirror_pose=MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0))
-    om.write_image(
-        tmp_path / "tilted.png",
-        om.take_picture(tilted, om.load_scene("room", texel_mm=20.0), samples=1),
-    )
-    run = omnimirror(
-        "dewarp",
-        tmp_path / "tilted.png",
-        "--auto",
-        "--mirror",
-        "prototype-hyperboloidal",
-        "-o",
-        tmp_path / "view.png",
-    )
+    om.write_image(tmp_path / "tilted.png", om.render_image(tilted, om.load_scene("room", texel_mm=20.0), samples=1))
+    run = omnimirror("dewarp", tmp_path / "tilted.png", "--auto", "--mirror", "prototype-hyperboloidal", "-o", tmp_path / "view.png")
     assert run.returncode == 0, run.stderr
-    said = re.search(
-        r"tilted by (\S+), (\S+) deg about x and y, or by (\S+), (\S+), which its rim", run.stderr
-    )
+    said = re.search(r"tilted by (\S+), (\S+) deg about x and y, or by (\S+), (\S+), which its rim", run.stderr)
     assert said is not None, run.stderr
-    assert [float(said[k]) for k in (1, 2)] == [
-        pytest.approx(-5.0, abs=0.4),
-        pytest.approx(2.0, abs=0.4),
-    ]
+    assert [float(said[k]) for k in (1, 2)] == [pytest.approx(-5.0, abs=0.4), pytest.approx(2.0, abs=0.4)]
     assert float(said[3]) > 1.0
 
 
 def test_what_auto_refuses(folder, tmp_path):
     view = tmp_path / "view.png"
-    assert "no rim was found for sure" in fails(
-        "dewarp", folder / "nothing.png", "--auto", "-o", view
-    )
+    assert "no rim was found for sure" in fails("dewarp", folder / "nothing.png", "--auto", "-o", view)
     assert not view.exists()
-    assert "--ball tells it" in fails(
-        "dewarp", folder / "room0.png", "--auto", "--ball", "1,2,3,90", "-o", view
-    )
-    assert "--mirror belongs to --auto" in fails(
-        "dewarp", folder / "room0.png", "--mirror", "ball", "-o", view
-    )
-    assert "presets of common mirrors are one-shot" in fails(
-        "dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view
-    )  # raised before the detection
+    assert "--ball tells it" in fails("dewarp", folder / "room0.png", "--auto", "--ball", "1,2,3,90", "-o", view)
+    assert "--mirror belongs to --auto" in fails("dewarp", folder / "room0.png", "--mirror", "ball", "-o", view)
+    assert "presets of common mirrors are one-shot" in fails("dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view)  # raised before the detection
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (["--crf", "20"], "--crf belongs to videos"),
-        (["--noise", ".01"], "--noise belongs to --restore"),
-        (["--restore", "--blur-px", "1,2,3"], "has 3 numbers"),
-        (["-o", "view.xyz"], "got '.xyz'"),
-    ],
-)
-def test_what_auto_refuses_of_other_options_is_all_that_it_says(
-    options, sentence, folder, tmp_path
-):
+@pytest.mark.parametrize(("options", "sentence"), [(["--crf", "20"], "--crf belongs to videos"), (["--noise", ".01"], "--noise belongs to --restore"), (["--restore", "--blur-px", "1,2,3"], "has 3 numbers"), (["-o", "view.xyz"], "got '.xyz'")])
+def test_what_auto_refuses_of_other_options_is_all_that_it_says(options, sentence, folder, tmp_path):
     output = [] if "-o" in options else ["-o", tmp_path / "view.png"]
     said = fails("dewarp", folder / "nothing.png", "--auto", *options, *output)
     assert sentence in said

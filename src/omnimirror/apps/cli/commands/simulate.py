@@ -21,21 +21,11 @@ from ....optics.sensor_files import AnyCamera, bundled_sensors, load_camera, loa
 from ....simulation.detector import Detector, Readout
 from ....simulation.image_tiles import LIGHT
 from ....simulation.radiometry import Radiometry
-from ....simulation.rendering import exposed
-from ....simulation.scenes.scene import Distant, Pose, PosedScene, Scene
+from ....simulation.rendering import render_light
+from ....simulation.scenes.scene import DistantScene, Pose, PosedScene, Scene
 from .._declarations import DocumentedCommand, Options, flag, option, takes
 from .._option_types import SENSOR, WHOLE
-from .._output import (
-    PICTURES,
-    format_option,
-    json_option,
-    notice,
-    output_console,
-    output_option,
-    plain_table,
-    say,
-    say_written,
-)
+from .._output import PICTURES, format_option, json_option, notice, output_console, output_option, plain_table, say, say_written
 from .._scene_options import DETECTOR, FilmOptions, SceneOptions, TakingOptions, pose, rows_bar
 from .._sensor_options import HousingOptions
 
@@ -62,50 +52,18 @@ def command() -> None:
     """
 
 
-@command.command(
-    "picture",
-    cls=DocumentedCommand,
-    page="simulate",
-    examples=(
-        "omnimirror simulate paper-spherical --scene street --full-well-e 10000 -o circle.png",
-        "omnimirror simulate mine.toml --path walk.csv -o walk.mp4",
-    ),
-)
+@command.command("picture", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate paper-spherical --scene street --full-well-e 10000 -o circle.png", "omnimirror simulate mine.toml --path walk.csv -o walk.mp4"))
 @click.argument("sensor", type=SENSOR)
 @takes(SceneOptions, "scene")
-@click.option(
-    "--pose",
-    "stands",
-    type=pose,
-    metavar="X,Y,Z,..",
-    help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
-)
+@click.option("--pose", "stands", type=pose, metavar="X,Y,Z,..", help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]")
 @takes(FilmOptions, "film")
-@click.option(
-    "--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax."
-)
+@click.option("--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax.")
 @takes(TakingOptions, "taking")
 @takes(HousingOptions, "housing")
 @output_option("--panorama", formats=PICTURES, help="Write a panorama of the light as well.")
-@output_option(
-    "-o",
-    "--output",
-    formats=PICTURES,
-    required=True,
-    help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.",
-)
+@output_option("-o", "--output", formats=PICTURES, required=True, help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.")
 @format_option(PICTURES)
-def picture(
-    sensor: str,
-    scene: SceneOptions,
-    stands: Pose | None,
-    film: FilmOptions,
-    distant: bool,
-    taking: TakingOptions,
-    housing: HousingOptions,
-    panorama: Path | None,
-    output: Path,
-) -> None:
+def picture(sensor: str, scene: SceneOptions, stands: Pose | None, film: FilmOptions, distant: bool, taking: TakingOptions, housing: HousingOptions, panorama: Path | None, output: Path) -> None:
     """Render the image, or the video, that SENSOR would capture of a scene.
 
     SENSOR is a sensor, or a calibrated camera, which is rendered without blur.
@@ -118,16 +76,9 @@ def picture(
     """
     seen, camera = scene.source().load(), housing.on(load_camera(sensor))
     if film.path is not None:
-        named = {
-            "pose": stands,
-            "panorama": panorama,
-            **taking.picked(*OF_PICTURES),
-            "distant": distant or None,
-        }
+        named = {"pose": stands, "panorama": panorama, **taking.picked(*OF_PICTURES), "distant": distant or None}
         if asked := [name for name, value in named.items() if value is not None]:
-            raise click.UsageError(
-                f"{flag(asked[0])} belongs to pictures, not to a video along a --path"
-            )
+            raise click.UsageError(f"{flag(asked[0])} belongs to pictures, not to a video along a --path")
         _film(camera, seen, output, film, taking)
         return
     if film.given:
@@ -135,49 +86,29 @@ def picture(
     if output.suffix.lower() in WRITABLE_VIDEO_SUFFIXES:
         raise click.UsageError(f"{output} is a video, which needs a --path of poses")
     posed = PosedScene(seen, stands or Pose())
-    _photograph(camera, Distant(posed) if distant else posed, output, taking, panorama)
+    _photograph(camera, DistantScene(posed) if distant else posed, output, taking, panorama)
 
 
-def _photograph(
-    camera: AnyCamera,
-    scene: Scene,
-    output: Path,
-    taking: TakingOptions,
-    panorama: Path | None = None,
-) -> None:
+def _photograph(camera: AnyCamera, scene: Scene, output: Path, taking: TakingOptions, panorama: Path | None = None) -> None:
     """Render the image, convert it to the output format, and write it with the panorama of its
     light.
     """
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
     if is_light and (asked := [name for name in taking.picked(*DETECTOR) if name != "exposure"]):
-        raise click.UsageError(
-            f"{flag(asked[0])} belongs to pictures of whole numbers, and {output.suffix} holds light"
-        )
+        raise click.UsageError(f"{flag(asked[0])} belongs to pictures of whole numbers, and {output.suffix} holds light")
     detector, radiometry = taking.detector(), taking.radiometry()
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
-        raise click.UsageError(
-            f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}"
-        )
+        raise click.UsageError(f"{output.suffix} holds 8 bits; write .png or .tif for {detector.bits}")
     if output.suffix.lower() == ".exr":
         from ....io.exr import check_exr_can_be_written
 
         check_exr_can_be_written(output)
     readout = None if is_light or panorama is not None else Readout(detector, taking.seed)
     with rows_bar("Exposing") as progress:
-        taken = exposed(
-            camera,
-            scene,
-            LIGHT if readout is None else readout.medium,
-            samples=taking.samples,
-            blur=taking.is_blurred(camera),
-            radiometry=radiometry,
-            seed=taking.seed,
-            progress=progress,
-            wavelengths_nm=taking.wavelengths_nm,
-        )
+        taken = render_light(camera, scene, LIGHT if readout is None else readout.conversion, samples=taking.samples, blur=taking.is_blurred(camera), radiometry=radiometry, seed=taking.seed, on_progress=progress, wavelengths_nm=taking.wavelengths_nm)
     if readout is not None:
-        write_image(output, readout.numbers(taken))
+        write_image(output, readout.digital_values(taken))
     elif not is_light:
         write_image(output, detector.read(taken, taking.seed))
     else:
@@ -186,14 +117,10 @@ def _photograph(
     width, height = camera.image_size
     say(f"{display_name(output)}: {width} x {height} px, {taking.samples} rays a pixel")
     if panorama is not None:
-        _write_panorama(
-            camera, Detector(exposure=1.0 if is_light else detector.exposure).read(taken), panorama
-        )
+        _write_panorama(camera, Detector(exposure=1.0 if is_light else detector.exposure).read(taken), panorama)
 
 
-def _write_light(
-    output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None
-) -> None:
+def _write_light(output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None) -> None:
     if output.suffix.lower() == ".exr":
         from ....simulation.datasets import write_truth
 
@@ -211,9 +138,7 @@ def _write_panorama(camera: AnyCamera, picture: Any, output: Path) -> None:
     say(f"{display_name(output)}: {dewarp.view}, {straight.shape[1]} x {straight.shape[0]} px")
 
 
-def _film(
-    camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions
-) -> None:
+def _film(camera: AnyCamera, scene: Scene, output: Path, film: FilmOptions, taking: TakingOptions) -> None:
     from ....simulation.simulated_video import load_path, write_video
 
     assert film.path is not None
@@ -226,21 +151,7 @@ def _film(
             progress(done, total)
 
         try:
-            write_video(
-                camera,
-                scene,
-                path=load_path(film.path),
-                output=output,
-                bodies=film.moving(),
-                frame_rate=film.frame_rate,
-                duration_s=film.duration_s,
-                samples=taking.samples,
-                blur=taking.is_blurred(camera),
-                radiometry=taking.radiometry(),
-                detector=taking.detector(),
-                seed=taking.seed,
-                written=written,
-            )
+            write_video(camera, scene, path=load_path(film.path), output=output, bodies=film.moving(), frame_rate=film.frame_rate, duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera), radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, on_frame=written)
         except KeyboardInterrupt:
             _stopped(output, done, "frames")
             raise
@@ -254,49 +165,17 @@ def _stopped(output: Path, done: int, what: str) -> None:
     notice(f"{output} {held}")
 
 
-@command.command(
-    "dataset",
-    cls=DocumentedCommand,
-    page="simulate",
-    examples=(
-        "omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",
-    ),
-)
+@command.command("dataset", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",))
 @click.argument("sensor", type=SENSOR, required=False)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    help="Output folder.",
-)
-@click.option(
-    "--again",
-    type=click.Path(path_type=Path),
-    metavar="dataset.json",
-    help="Reproduce a dataset: its sensor and options, no others.",
-)
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
+@click.option("--again", type=click.Path(path_type=Path), metavar="dataset.json", help="Reproduce a dataset: its sensor and options, no others.")
 @click.option("--views", type=WHOLE, help="Number of images of the hall.  [default: 12]")
 @takes(FilmOptions, "film")
-@click.option(
-    "--truth",
-    is_flag=True,
-    help="Write an EXR file with light, depth and directions for each image or frame.",
-)
+@click.option("--truth", is_flag=True, help="Write an EXR file with light, depth and directions for each image or frame.")
 @takes(SceneOptions, "scene")
 @takes(TakingOptions, "taking")
 @takes(HousingOptions, "housing")
-def dataset(
-    sensor: str | None,
-    output: Path,
-    again: Path | None,
-    views: int | None,
-    film: FilmOptions,
-    truth: bool,
-    scene: SceneOptions,
-    taking: TakingOptions,
-    housing: HousingOptions,
-) -> None:
+def dataset(sensor: str | None, output: Path, again: Path | None, views: int | None, film: FilmOptions, truth: bool, scene: SceneOptions, taking: TakingOptions, housing: HousingOptions) -> None:
     """Write a calibration dataset, or with --path a video dataset, of SENSOR.
 
     A calibration dataset contains images of the checkerboards of the hall from many poses.
@@ -317,9 +196,7 @@ def dataset(
     elif sensor is None:
         raise click.UsageError("a set is taken with a SENSOR, or made --again from a dataset.json")
     else:
-        recipe = _asked_for(
-            lambda: housing.on(load_camera(sensor)), views, film, truth, scene, taking
-        )
+        recipe = _asked_for(lambda: housing.on(load_camera(sensor)), views, film, truth, scene, taking)
     if isinstance(recipe, VideoRecipe):
         _write_video_set(output, recipe)
     else:
@@ -337,59 +214,31 @@ def _made_before(again: Path) -> CalibrationRecipe | VideoRecipe:
         source = context.get_parameter_source(name)
         if name not in ("again", "output") and source == click.core.ParameterSource.COMMANDLINE:
             what = "a SENSOR" if name == "sensor" else flag(name)
-            raise click.UsageError(
-                f"{what} is not valid beside --again, which takes all from {again}"
-            )
+            raise click.UsageError(f"{what} is not valid beside --again, which takes all from {again}")
     kept, this = load_recipe(again), version("omnimirror")
-    if kept.made_by != this:
-        notice(f"{again} is of omnimirror {kept.made_by}, and {this} may make other files")
+    if kept.created_with != this:
+        notice(f"{again} is of omnimirror {kept.created_with}, and {this} may make other files")
     return kept.recipe
 
 
-def _asked_for(
-    sensor: Callable[[], AnyCamera],
-    views: int | None,
-    film: FilmOptions,
-    truth: bool,
-    scene: SceneOptions,
-    taking: TakingOptions,
-) -> CalibrationRecipe | VideoRecipe:
+def _asked_for(sensor: Callable[[], AnyCamera], views: int | None, film: FilmOptions, truth: bool, scene: SceneOptions, taking: TakingOptions) -> CalibrationRecipe | VideoRecipe:
     """Return the recipe of the dataset for the options."""
     from ....simulation.dataset_manifest import CalibrationRecipe, VideoRecipe
 
     if taking.wavelengths_nm is not None:
         raise click.UsageError("--wavelengths-nm belongs to pictures, not to a set")
-    common: dict[str, Any] = {
-        "samples": taking.samples,
-        "blur": taking.wants_blur,
-        "seed": taking.seed,
-        "radiometry": taking.radiometry(),
-        "detector": taking.detector(),
-        "truth": truth,
-    }
+    common: dict[str, Any] = {"samples": taking.samples, "blur": taking.wants_blur, "seed": taking.seed, "radiometry": taking.radiometry(), "detector": taking.detector(), "truth": truth}
     if film.path is None:
         source = click.get_current_context().get_parameter_source("scene")
         is_named = source == click.core.ParameterSource.COMMANDLINE
         if asked := [name for name in (*scene.given, *film.given) if name != "scene" or is_named]:
-            raise click.UsageError(
-                f"{flag(asked[0])} belongs to a video set; give a --path, or take the hall as it is"
-            )
+            raise click.UsageError(f"{flag(asked[0])} belongs to a video set; give a --path, or take the hall as it is")
         return CalibrationRecipe(sensor=sensor(), views=12 if views is None else views, **common)
     from ....simulation.simulated_video import load_path
 
     if asked := [*["views"] * (views is not None), *taking.picked("bits", "bayer")]:
-        raise click.UsageError(
-            f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path"
-        )
-    return VideoRecipe(
-        sensor=sensor(),
-        scene=scene.source(),
-        path=load_path(film.path),
-        bodies=film.moving(),
-        frame_rate=film.frame_rate,
-        duration_s=film.duration_s,
-        **common,
-    )
+        raise click.UsageError(f"{flag(asked[0])} belongs to a calibration set, not to a video along a --path")
+    return VideoRecipe(sensor=sensor(), scene=scene.source(), path=load_path(film.path), bodies=film.moving(), frame_rate=film.frame_rate, duration_s=film.duration_s, **common)
 
 
 def _write_calibration_set(output: Path, recipe: CalibrationRecipe) -> None:
@@ -433,43 +282,22 @@ class ShardOptions(Options):
     per_shard: int = option(type=WHOLE, default=100, help="Samples per tar file.")
 
 
-@command.command(
-    "learning",
-    cls=DocumentedCommand,
-    page="simulate",
-    examples=(
-        "omnimirror simulate learning paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",
-    ),
-)
+@command.command("learning", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate learning paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",))
 @click.argument("sensor", type=SENSOR)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    help="Output folder.",
-)
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
 @takes(FilmOptions, "film")
 @takes(ShardOptions, "stored")
 @takes(SceneOptions, "scene")
 @takes(TakingOptions, "taking")
 @takes(HousingOptions, "housing")
-def learning(
-    sensor: str,
-    output: Path,
-    film: FilmOptions,
-    stored: ShardOptions,
-    scene: SceneOptions,
-    taking: TakingOptions,
-    housing: HousingOptions,
-) -> None:
+def learning(sensor: str, output: Path, film: FilmOptions, stored: ShardOptions, scene: SceneOptions, taking: TakingOptions, housing: HousingOptions) -> None:
     """Write a training dataset: images of SENSOR along a --path, with ground truth for each pixel.
 
     The dataset consists of WebDataset shards, tar files in which each frame has an image, its pose,
     and arrays: depth, directions and origins of the rays, normals, labels, and optical flow to the
     next frame. README.md describes the format.
     """
-    from ....simulation.datasets import write_learning_set
+    from ....simulation.datasets import write_training_dataset
     from ....simulation.simulated_video import load_path
 
     if film.path is None:
@@ -479,21 +307,8 @@ def learning(
     camera, path, bodies = housing.on(load_camera(sensor)), load_path(film.path), film.moving()
     with rows_bar("Taking frames") as progress:
         try:
-            shards = write_learning_set(
-                camera,
-                scene.source().load(),
-                path=path,
-                folder=output,
-                bodies=bodies,
-                frame_rate=film.frame_rate,
-                duration_s=film.duration_s,
-                samples=taking.samples,
-                blur=taking.is_blurred(camera),
-                radiometry=taking.radiometry(),
-                detector=taking.detector(),
-                seed=taking.seed,
-                progress=progress,
-                **stored.given,
+            shards = write_training_dataset(
+                camera, scene.source().load(), path=path, folder=output, bodies=bodies, frame_rate=film.frame_rate, duration_s=film.duration_s, samples=taking.samples, blur=taking.is_blurred(camera), radiometry=taking.radiometry(), detector=taking.detector(), seed=taking.seed, on_progress=progress, **stored.given
             )
         except KeyboardInterrupt:
             _stopped(output, len([*output.glob("set-*.tar")]), "shards")
@@ -508,12 +323,7 @@ class RoundTripOptions(Options):
     samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
 
 
-@command.command(
-    "roundtrip",
-    cls=DocumentedCommand,
-    page="simulate",
-    examples=("omnimirror simulate roundtrip paper-spherical paper-hyperboloidal",),
-)
+@command.command("roundtrip", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate roundtrip paper-spherical paper-hyperboloidal",))
 @click.argument("sensors", type=SENSOR, nargs=-1, metavar="[SENSOR...]")
 @takes(RoundTripOptions, "taking")
 @json_option()
@@ -527,9 +337,7 @@ def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Pat
     """
     from ....simulation.round_trip import measure_round_trip
 
-    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + [
-        "of it blur\n%"
-    ]
+    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + ["of it blur\n%"]
     heads += [f"shift, {heading}\npx" for heading in ("exact", "single", "Eq. 23")]
     table = plain_table("sensor", *heads, words=("sensor",))
     console = output_console()
@@ -546,9 +354,7 @@ def roundtrip(sensors: tuple[str, ...], taking: RoundTripOptions, json_file: Pat
         records.append({"sensor": name, "blur_share": found.blur_share} | asdict(found))
         decibels = (found.exact_db, found.finer_db, found.blurred_db, found.single_db)
         numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * found.blur_share:.0f}"]
-        numbers += [
-            f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)
-        ]
+        numbers += [f"{np.abs(s).max():.2f}" for s in (found.exact_px, found.single_px, found.predicted_px)]
         table.add_row(name, *("-" if number == "nan" else number for number in numbers))
     console.print(table)
     if json_file:

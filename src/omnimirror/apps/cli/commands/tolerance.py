@@ -346,7 +346,7 @@ def _write_typical(
 ) -> list[Path]:
     from ....io.images import write_image
     from ....optics.sensor_files import save_sensor
-    from ....simulation.rendering import take_picture
+    from ....simulation.rendering import render_image
     from ....simulation.scenes.room import Room
 
     written = []
@@ -354,7 +354,7 @@ def _write_typical(
         name = f"{100 * trial.quantile:02.0f}"
         files = [out / f"sensor-{name}.toml", out / f"picture-{name}.png"]
         save_sensor(trial.sensor, files[0])
-        write_image(files[1], take_picture(trial.sensor, Room(), blur=True))
+        write_image(files[1], render_image(trial.sensor, Room(), blur=True))
         words = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
         say(words, console=console)
         written += files
