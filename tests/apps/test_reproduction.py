@@ -193,7 +193,7 @@ def test_the_list_of_errata_quotes_the_computed_values(rows):
 
 def test_figures_are_drawn_the_papers_way(tmp_path):
     seen = []
-    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], progress=seen.append)
+    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], on_progress=seen.append)
     assert [f.name for f in files] == ["fig5.svg"]
     assert seen == ["fig5"]
     assert ">SPH<" in files[0].read_text(encoding="utf-8")

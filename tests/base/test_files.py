@@ -336,7 +336,7 @@ def test_no_command_waits_for_a_pipe_or_reads_without_end(kind, tmp_path):
         ["design", "--like", endless],
         ["parts", "paper-spherical", endless],
         ["parts", "paper-spherical", str(tmp_path / "p.toml")],
-        ["judge", endless, "paper-spherical"],
+        ["check", endless, "paper-spherical"],
         ["tolerance", "paper-spherical", endless],
         ["tolerance", "paper-spherical", str(tmp_path / "m.toml")],
         ["form", "paper-spherical", named(".dat")],

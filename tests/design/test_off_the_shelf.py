@@ -364,17 +364,17 @@ def test_a_csv_of_one_s_own_from_the_file_and_the_command_line(tmp_path):
         "--at-most",
         "total_blur_deg=.8",
     )
-    again = omnimirror("design", *options, "--parts", "shelf.csv", "--most", "1", cwd=tmp_path)
+    again = omnimirror(
+        "design", *options, "--parts", "shelf.csv", "--max-designs", "1", cwd=tmp_path
+    )
     assert again.returncode == 0, again.stderr
     assert "C 8 mm, iris + 2 MP" in again.stdout
     assert "1 dearer ones not looked at" in again.stdout
-    none = omnimirror(
-        "design", *options, "--parts", "shelf.csv", "--most-price", "10", cwd=tmp_path
-    )
+    none = omnimirror("design", *options, "--parts", "shelf.csv", "--max-price", "10", cwd=tmp_path)
     assert none.returncode == 3
     assert "2 too dear" in none.stdout
-    assert "--most does not apply" in fails(
-        "design", *options, "--focal-length-mm", "8", "--most", "3", cwd=tmp_path
+    assert "--max-designs does not apply" in fails(
+        "design", *options, "--focal-length-mm", "8", "--max-designs", "3", cwd=tmp_path
     )
 
 

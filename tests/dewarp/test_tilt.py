@@ -237,9 +237,9 @@ def test_the_command_line_levels_and_says_so(folder):
         dewarp("--sensor", "leaning.toml", "--level", "0,0", *view), plumb
     )
     assert pose_told() == (0, 0)
-    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-lean", *view), plumb)
+    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-tilt", *view), plumb)
     assert pose_told() == (PITCH, ROLL)
-    dewarp("--sensor", "leaning.toml", "--keep-lean", "--pan-deg", "90", *view)
+    dewarp("--sensor", "leaning.toml", "--keep-tilt", "--pan-deg", "90", *view)
     assert pose_told() == pytest.approx(
         Mount(pitch_deg=PITCH, roll_deg=ROLL).lean_of_view(90.0), abs=1e-3
     )

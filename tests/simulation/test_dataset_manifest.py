@@ -220,7 +220,7 @@ def test_a_set_of_another_format_is_refused_by_its_name(tmp_path):
         json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe})
     )
     said = fails(
-        "simulate", "dataset", "--again", tmp_path / "dataset.json", "-o", tmp_path / "other"
+        "simulate", "dataset", "--reproduce", tmp_path / "dataset.json", "-o", tmp_path / "other"
     )
     assert (
         "is of the format 'omnimirror calibration set 2', and valid is 'omnimirror calibration set 3'"
@@ -233,7 +233,13 @@ def made_again(place, name, *options):
     run = omnimirror("simulate", "dataset", "small.toml", *options, "-o", name, cwd=place)
     assert run.returncode == 0, run.stderr
     run = omnimirror(
-        "simulate", "dataset", "--again", f"{name}/dataset.json", "-o", f"{name}-again", cwd=place
+        "simulate",
+        "dataset",
+        "--reproduce",
+        f"{name}/dataset.json",
+        "-o",
+        f"{name}-again",
+        cwd=place,
     )
     assert run.returncode == 0, run.stderr
     files = contents(place / name)
@@ -306,8 +312,8 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
         samples=1,
     )
     description = tmp_path / "set" / "dataset.json"
-    assert "is not valid beside --again" in fails(
-        "simulate", "dataset", "--again", description, "--seed", 4, "-o", tmp_path / "other"
+    assert "is not valid beside --reproduce" in fails(
+        "simulate", "dataset", "--reproduce", description, "--seed", 4, "-o", tmp_path / "other"
     )
     om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))
     with pytest.raises(MediaError, match=r"sky.hdr is not the file it was"):

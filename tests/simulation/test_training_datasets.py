@@ -219,7 +219,7 @@ def test_the_command_writes_what_python_does(tmp_path):
     (tmp_path / "lamp.csv").write_text("time_s,x_mm,y_mm\n0,-800,300\n")
     words = (
         "simulate",
-        "learning",
+        "training",
         sensor,
         "--path",
         tmp_path / "walk.csv",
@@ -246,6 +246,6 @@ def test_the_command_writes_what_python_does(tmp_path):
 
 def test_a_set_to_learn_from_needs_a_path(tmp_path):
     assert "give a --path" in fails(
-        "simulate", "learning", "paper-spherical", "-o", tmp_path / "set"
+        "simulate", "training", "paper-spherical", "-o", tmp_path / "set"
     )
     assert not (tmp_path / "set").exists()

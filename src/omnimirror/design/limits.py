@@ -319,7 +319,7 @@ LIMITABLE: Registry[Limitable] = Registry(
 
 
 def register_quantity(limitable: Limitable) -> None:
-    """Register a custom quantity for requirements, designs and ``omnimirror judge``.
+    """Register a custom quantity for requirements, designs and ``omnimirror check``.
 
     An installed package registers a quantity without a call by an entry point in its
     ``pyproject.toml``: ``[project.entry-points."omnimirror.quantities"]`` with ``density_px2 =

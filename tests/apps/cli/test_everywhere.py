@@ -26,7 +26,7 @@ TABLES = {
     "mtf": ["paper-spherical", "--omega-deg", "30", "--cycles-per-px", "0.1,0.2"],
     "illumination": ["paper-spherical", "--omega-deg", "30"],
     "apertures": ["paper-spherical"],
-    "parts": ["paper-spherical", "--best"],
+    "parts": ["paper-spherical", "--feasible"],
     "bracket plan": ["paper-spherical"],
     "simulate roundtrip": ["paper-spherical", "--samples", "1"],
 }

@@ -71,9 +71,9 @@ def test_a_command_that_is_not_used_as_it_can_be(place, words):
         ("evaluate", "missing.toml"),
         ("evaluate", "broken.toml"),
         ("design", "broken.toml"),
-        ("judge", "missing.toml", "paper-spherical"),
+        ("check", "missing.toml", "paper-spherical"),
         ("simulate", "paper-spherical", "--scene", "missing.hdr", "-o", "p.png"),
-        ("simulate", "dataset", "--again", "broken.toml", "-o", "set"),
+        ("simulate", "dataset", "--reproduce", "broken.toml", "-o", "set"),
         ("parts", "paper-spherical", "missing.csv"),
         ("evaluate", "paper-spherical", "--omega-deg", "170"),  # outside the field of this sensor
     ],

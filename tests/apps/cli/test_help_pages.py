@@ -36,7 +36,7 @@ def test_every_command_has_a_page_and_an_example_of_its_own(words):
     assert isinstance(command, DocumentedCommand)
     assert (DOCS / f"{command.page}.md").exists()
     page = (DOCS / f"{command.page}.md").read_text(encoding="utf-8")
-    assert f"omnimirror {words}" in page or f"omnimirror {words.replace(' picture', '')}" in page
+    assert f"omnimirror {words}" in page or f"omnimirror {words.replace(' image', '')}" in page
     shown = command.get_help(click.Context(command, info_name=words))
     assert f"More: docs/{command.page}.md" in shown
     assert command.examples
@@ -57,7 +57,7 @@ def understand(line: str) -> None:
     assert first == "omnimirror"
     if name in ("simulate", "bracket", "tolerance") and f"{name} {words[0]}" in COMMANDS:
         name = f"{name} {words.pop(0)}"
-    command = COMMANDS["simulate picture" if name == "simulate" else name]
+    command = COMMANDS["simulate image" if name == "simulate" else name]
     command.make_context("command", words)
 
 

@@ -47,7 +47,7 @@ PATH = "time_s,x_mm,y_mm,z_mm\n0,0,0,0\n100,1000,0,0\n"
 VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 
 ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
-    "reproduce": (("reproduce", "--out", "out"), "out/*"),
+    "reproduce": (("reproduce", "-o", "out"), "out/*"),
     "tolerance": (
         ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"),
         "out/trials/*",
@@ -68,7 +68,7 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "simulate": (("simulate", "paper-spherical", "--spp", "4000", "-o", "a.png"), ""),
     "dataset": (("simulate", "dataset", "paper-spherical", "--views", "500", "-o", "set"), "set/*"),
-    "demo": (("demo", "--out", "out"), "out/*"),
+    "demo": (("demo", "-o", "out"), "out/*"),
     "dewarp a video": (
         ("dewarp", "long.mp4", *BALL, "--size", "1600x800", "-o", "view.mp4"),
         ".view*",
@@ -110,13 +110,13 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
         "2 processes",
     ),
     "design with parts": (
-        ("design", "parts.toml", "--processes", "2", "--most", "999"),
+        ("design", "parts.toml", "--processes", "2", "--max-designs", "999"),
         "3 processes",
     ),
-    "learning": (
+    "training": (
         (
             "simulate",
-            "learning",
+            "training",
             "paper-spherical",
             "--path",
             "path.csv",
@@ -133,7 +133,7 @@ or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "sensors": (("sensors",), "apps.cli.commands.sensors:load_sensor"),
     "init": (("init", "new.toml", "--force"), "apps.cli.commands.init:write_text"),
-    "judge": (("judge", "lens.toml", "paper-spherical"), "apps.cli.commands.judge:judge"),
+    "check": (("check", "lens.toml", "paper-spherical"), "apps.cli.commands.check:judge"),
     "mappings": (("mappings", "--figure", "a.png"), "analysis.figures:save_figure"),
     "rays": (
         ("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"),
@@ -166,8 +166,18 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         ("simulate", "roundtrip", "paper-spherical", "--spp", "1"),
         "apps.cli.commands.simulate:load_sensor",
     ),
-    "bracket take": (
-        ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
+    "bracket render": (
+        (
+            "bracket",
+            "render",
+            "paper-spherical",
+            "--focus-mm",
+            "212,228",
+            "--spp",
+            "1",
+            "-o",
+            "out",
+        ),
         "apps.cli.commands.bracket:expose",
     ),
     "bracket merge": (
@@ -221,7 +231,7 @@ def repeated(*args, **more):
 setattr(owner, name, repeated)
 run()
 """
-KEEP = ("dewarp", "simulate", "dataset", "learning", "design")
+KEEP = ("dewarp", "simulate", "dataset", "training", "design")
 """Commands that first report completed work."""
 EVERYDAY = [
     ("reproduce", signal.SIGTERM),
@@ -243,7 +253,7 @@ EVERYDAY = [
     ("colmap", signal.SIGINT),
     ("rays", signal.SIGHUP),
     ("maps", signal.SIGTERM),
-    ("judge", signal.SIGHUP),
+    ("check", signal.SIGHUP),
 ]
 
 pytestmark = pytest.mark.skipif(
@@ -439,7 +449,7 @@ def test_a_signal_that_another_error_wraps_ends_a_command(wrapped, monkeypatch, 
 
 def test_signals_are_sent_to_every_command():
     called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
-    called.append(("simulate", "picture"))  # to which "simulate SENSOR" expands
+    called.append(("simulate", "image"))  # to which "simulate SENSOR" expands
     assert [
         words for words in leaves(app) if not any(words == those[: len(words)] for those in called)
     ] == []

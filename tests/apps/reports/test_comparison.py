@@ -14,9 +14,9 @@ from PIL import Image
 import omnimirror as om
 from omnimirror.analysis.figures import side_by_side
 from omnimirror.apps.reports.comparison import (
-    Pictures,
+    RenderedImages,
     comparison_sheet,
-    take_pictures,
+    render_images,
     write_comparison,
 )
 from omnimirror.base.errors import InvalidParameter
@@ -76,7 +76,7 @@ def test_a_sheet_keeps_the_colours_of_its_pictures(comparison):
     colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255)], [(255, 255, 0), (0, 255, 255), (255, 0, 255)]
     circles = [np.full((64, 64, 3), colour, np.uint8) for colour in colours[0]]
     panoramas = [np.full((32, 144, 3), colour, np.uint8) for colour in colours[1]]
-    sheet = comparison_sheet(comparison, Pictures(circles, panoramas))
+    sheet = comparison_sheet(comparison, RenderedImages(circles, panoramas))
     assert sheet.dtype == np.uint8
     assert sheet.shape[1:] == (1440, 3)
     assert (sheet[0] == 255).all()
@@ -104,7 +104,7 @@ def test_other_files_than_pages_and_pictures_are_refused_at_once(comparison, tmp
 def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):
     """Panoramas agree in the common field, including that of the folded sensor; black outside the
     field of a sensor."""
-    one, folded, telecentric = (p.astype(int) for p in take_pictures(comparison, ROOM).panoramas)
+    one, folded, telecentric = (p.astype(int) for p in render_images(comparison, ROOM).panoramas)
     assert one.shape == folded.shape == telecentric.shape
     rows = slice(one.shape[0] // 4, one.shape[0] // 2)
     assert np.abs(one - folded)[rows].mean() < 3

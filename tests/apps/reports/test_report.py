@@ -34,7 +34,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo")
-    run = omnimirror("demo", "--out", folder / "new")
+    run = omnimirror("demo", "-o", folder / "new")
     assert run.returncode == 0, run.stderr
     assert str(folder / "new" / "report.html") in run.stdout
     return folder / "new"
@@ -92,7 +92,7 @@ def test_other_sensors_in_few_pixels(name, told, tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "taken").write_text("a file")
-    assert "cannot write" in fails("demo", "--out", tmp_path / "taken")
+    assert "cannot write" in fails("demo", "-o", tmp_path / "taken")
 
 
 @pytest.mark.full

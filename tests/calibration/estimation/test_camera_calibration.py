@@ -432,7 +432,7 @@ def one_pose(count: int) -> list[om.Detection]:
         ),
         (
             lambda: [replace(d, is_reversed=False) for d in detections(count=4)],
-            "picture 1, picture 2, picture 3 and picture 4: the board's markers show not mirror images.*--flipped",
+            "picture 1, picture 2, picture 3 and picture 4: the board's markers show not mirror images.*--image-fl",
         ),
         (
             lambda: [

@@ -113,7 +113,7 @@ def test_a_video_shows_bodies_where_they_are(tmp_path):
         (
             "simulate",
             "dataset",
-            "--again",
+            "--reproduce",
             tmp_path / "set" / "dataset.json",
             "-o",
             tmp_path / "again",

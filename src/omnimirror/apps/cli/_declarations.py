@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
-from ._output import refuse_losses
+from ._output import check_output_files
 
 # -- Commands with grouped options, examples and a documentation page; outputs must not overwrite inputs
 
@@ -39,7 +39,7 @@ class DocumentedCommand(click.Command):
         self.page, self.examples = page, examples
 
     def invoke(self, ctx: click.Context) -> Any:
-        refuse_losses(ctx)
+        check_output_files(ctx)
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -97,7 +97,7 @@ def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
     return field(default=default, metadata={"flags": flags, "attributes": attributes})
 
 
-def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
+def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
     """Add the options of a dataclass to a click command, which receives them as one argument."""
 
     def decorate(function: Command) -> Command:
@@ -132,7 +132,9 @@ def heading(kind: type[Options]) -> str:
     return re.split("[,;.]", kind.__doc__ or kind.__name__, maxsplit=1)[0]
 
 
-def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:
+def refuse_inapplicable(
+    given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str
+) -> None:
     """Raise UsageError for options of owners other than the chosen one, each owner named by its
     flag.
     """
@@ -142,10 +144,14 @@ def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], c
             *others, last = owners
             belongs = f"{', '.join(others)} and {last}" if others else last
             raise click.UsageError(
-                f"{flag(name)} does not apply to {chosen}; it belongs to {belongs}"
+                f"{flag(name)} requires {belongs}; it does not apply to {chosen}"
             )
 
 
 def flag(name: str) -> str:
-    """Return the option name of a parameter."""
+    """Return the option of a parameter as it is written on the command line."""
+    context = click.get_current_context(silent=True)
+    for parameter in context.command.params if context else ():
+        if parameter.name == name and isinstance(parameter, click.Option):
+            return max(parameter.opts, key=len)
     return "--" + name.replace("_", "-")

@@ -20,7 +20,7 @@ from ...simulation.scenes.moving_objects import MovingBox, load_bodies
 from ...simulation.scenes.scene import Pose
 from ...simulation.scenes.scene_sources import BUNDLED, SceneSource
 from ._declarations import Options, flag, option
-from ._option_types import NUMBER, WHOLE, _numbers, angle, distance, factor, three_wavelengths
+from ._option_types import INTEGER, NUMBER, _numbers, angle, distance, factor, three_wavelengths
 from ._process_state import is_quiet
 
 
@@ -82,13 +82,13 @@ class SceneOptions(Options):
         source = SceneSource(
             self.scene, **self.picked("heading_deg", "unit_mm", "up", "background")
         )
-        if not source.is_mesh and (asked := self.picked("unit_mm", "up", "background")):
+        if not source.is_mesh and (given := self.picked("unit_mm", "up", "background")):
             raise click.UsageError(
-                f"{flag(next(iter(asked)))} belongs to a mesh, and {self.scene} is none"
+                f"{flag(next(iter(given)))} requires a mesh; got the scene {self.scene}"
             )
         if self.heading_deg is not None and not (source.is_environment or self.background):
             raise click.UsageError(
-                "--heading-deg turns an environment; turn other scenes with --pose"
+                "--heading-deg requires an environment image; rotate other scenes with --pose"
             )
         return source
 
@@ -98,7 +98,7 @@ DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits",
 
 
 @dataclass(frozen=True)
-class TakingOptions(Options):
+class RenderingOptions(Options):
     """Rendering."""
 
     blur: str | None = option(
@@ -109,11 +109,11 @@ class TakingOptions(Options):
         "which has no known aperture]",
     )
     no_blur: bool | None = option(is_flag=True, help="Disable blur, as --blur off.")
-    samples: int = option("--samples", "--spp", type=WHOLE, default=16, help="Rays per pixel.")
-    seed: int = option(type=WHOLE, default=0, help="Random seed for ray sampling and noise.")
+    samples: int = option("--samples", "--spp", type=INTEGER, default=16, help="Rays per pixel.")
+    seed: int = option(type=INTEGER, default=0, help="Random seed for ray sampling and noise.")
     reflectivity: Any = option(
         type=reflectivity,
-        metavar="SHARE|METAL|N+Kj",
+        metavar="FRACTION|METAL|N+Kj",
         help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three values for red, green "
         "and blue.  [default: 1]",
     )
@@ -127,7 +127,7 @@ class TakingOptions(Options):
         help="Wavelengths of the colours, for dispersion in lens and cover.",
     )
     sees_past: bool | None = option(
-        "--sees-past/--black-past",
+        "--surroundings/--no-surroundings",
         help="Render the surroundings of the mirror, or black.  [default: black]",
     )
     exposure: float | None = option(
@@ -148,7 +148,7 @@ class TakingOptions(Options):
         "deviations of read noise]",
     )
     bits: int | None = option(
-        type=WHOLE,
+        type=INTEGER,
         metavar="8..16",
         help="Bit depth; PNG and TIFF support more than 8.  [default: 8]",
     )
@@ -171,14 +171,14 @@ class TakingOptions(Options):
 
     def radiometry(self) -> Radiometry | None:
         """Return the radiometric settings; None without options."""
-        asked = self.picked(*RADIOMETRY)
-        if not asked:
+        given = self.picked(*RADIOMETRY)
+        if not given:
             return None
         if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
             raise click.UsageError(
-                "--reflectivity takes one value, or three for red, green and blue"
+                "--reflectivity must be one value, or three for red, green and blue"
             )
-        return Radiometry(**asked | {"vignetting": float(self.vignetting or 0.0)})
+        return Radiometry(**given | {"vignetting": float(self.vignetting or 0.0)})
 
     def detector(self) -> Detector:
         """Return the detector model."""
@@ -186,7 +186,7 @@ class TakingOptions(Options):
 
 
 @dataclass(frozen=True)
-class FilmOptions(Options):
+class TrajectoryOptions(Options):
     """Video along poses."""
 
     path: Path | None = option(
@@ -211,11 +211,11 @@ class FilmOptions(Options):
 
 
 @contextmanager
-def rows_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+def percentage_bar(activity: str) -> Iterator[Callable[[int, int], None]]:
     """Show a progress bar on stderr and yield its update function for rows or frames."""
     console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
-        TextColumn(what, markup=False),
+        TextColumn(activity, markup=False),
         BarColumn(),
         TextColumn("{task.percentage:.0f} %"),
         TimeRemainingColumn(),

@@ -51,8 +51,8 @@ class _Order:
     @classmethod
     def of(cls, report: ToleranceReport) -> _Order:
         """Use the allocated tolerances with new trials, or the given ones."""
-        plan, found = report.plan, report.allocation
-        if found is None:
+        plan, allocation = report.plan, report.allocation
+        if allocation is None:
             return cls(
                 report,
                 plan.tolerances,
@@ -61,7 +61,7 @@ class _Order:
                 report.statistics.yields,
             )
         errors = {
-            name: replace(bound, value=found.tolerances.get(name, bound.value))
+            name: replace(bound, value=allocation.tolerances.get(name, bound.value))
             for name, bound in plan.tolerances.errors.items()
         }
         chosen = replace(plan.tolerances, errors=errors)
@@ -69,21 +69,21 @@ class _Order:
             report.sensor, plan.refocus, select_requirement_merits(plan.limits), **plan.objects
         )
         statistics = simulate_trials(
-            evaluator, chosen, plan.limits, trials=found.trials, seed=report.seed + 2
+            evaluator, chosen, plan.limits, trials=allocation.trials, seed=report.seed + 2
         )
         return cls(
             report,
             chosen,
             statistics,
             sensitivities(evaluator, chosen, plan.limits),
-            found.confirmed_yield,
+            allocation.confirmed_yield,
         )
 
     def cost(self, name: str) -> float:
         """Return the cost of a tolerance."""
-        asked = self.report.plan.tolerances.errors[name].value
-        held = self.tolerances.errors[name].value
-        return self.report.plan.costs.get(name, 1.0) * (asked / held if held else 0.0)
+        initial = self.report.plan.tolerances.errors[name].value
+        allocated = self.tolerances.errors[name].value
+        return self.report.plan.costs.get(name, 1.0) * (initial / allocated if allocated else 0.0)
 
 
 @checked
@@ -128,7 +128,7 @@ def page_name(path: str | Path) -> Path:
     """Return the path of a report; raise InvalidParameter for another suffix."""
     path = file_name("path", path)
     if path.suffix.lower() != ".html":
-        raise InvalidParameter(f"tolerances are written as .html, and {path.name} ends otherwise")
+        raise InvalidParameter(f"path must have the suffix .html; got {path.name}")
     return path
 
 
@@ -140,7 +140,9 @@ def tolerances_html(report: ToleranceReport) -> str:
             render(figure, "svg")
             for figure in (plot_tornado(order.effects), curves(order.statistics))
         )
-    wanted = "" if report.allocation is None else f" --yield {order.confirmed_yield.value:.2f}"
+    target_yield = (
+        "" if report.allocation is None else f" --yield {order.confirmed_yield.value:.2f}"
+    )
     return page_html(
         f"Tolerances of {name}",
         "tolerances",
@@ -153,14 +155,14 @@ def tolerances_html(report: ToleranceReport) -> str:
         ),
         indications=_table(("", "ISO 10110", "description"), indications(order.tolerances)),
         limits=_table(("limit", "good, %", "median", "95 %"), _limits(order)),
-        judged=_judged(order),
+        conditions=_conditions(order),
         tornado=figure_html(
             bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"
         ),
         curves=figure_html(shares, "svg+xml", f"{order.statistics.trials} trials.", "plot"),
         command=html_text(
             f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} "
-            f"--seed {report.seed}{wanted} --report order.html"
+            f"--seed {report.seed}{target_yield} --report order.html"
         ),
     )
 
@@ -174,7 +176,7 @@ def _lead(order: _Order) -> str:
 
 
 def _numbers(order: _Order) -> str:
-    found, of = order.report.allocation, order.confirmed_yield
+    allocation, of = order.report.allocation, order.confirmed_yield
     numbers = {
         "Yield": f"{100 * of.value:.2f} %",
         "95 % confidence": f"{100 * of.low:.2f} to {100 * of.high:.2f} %",
@@ -182,8 +184,8 @@ def _numbers(order: _Order) -> str:
         "Sensors with lost rays": f"{order.statistics.lost} of {order.statistics.trials}",
         "Cost": f"{sum(order.cost(name) for name in order.tolerances.names):.4g}",
     }
-    if found is not None:
-        numbers["Cost with uniform scaling"] = f"{found.uniform_cost:.4g}"
+    if allocation is not None:
+        numbers["Cost with uniform scaling"] = f"{allocation.uniform_cost:.4g}"
     return "".join(
         f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items()
     )
@@ -252,7 +254,7 @@ def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
         yield format_limit(name, limit), f"{good:.1f}", low, high
 
 
-def _judged(order: _Order) -> str:
+def _conditions(order: _Order) -> str:
     plan = order.report.plan
     focus = {"none": "has the nominal focus", "rms": "is refocused for minimum rms blur"}
     focused = focus.get(plan.refocus, "is refocused for minimum worst-case blur")

@@ -24,7 +24,7 @@ from ...simulation.rendering import SHOWN_SAMPLES, take_picture
 from ...simulation.scenes.room import Room
 from ._paper_sensors import M, paper_sensors
 
-CAMERA = 20.0  # mm: radius of the body of the prototypes' cameras
+CAMERA_RADIUS_MM = 20.0  # body of the cameras of the prototypes
 PANEL_PX, PANEL_SAMPLES = 360, 8  # resolution of a panel of Fig. 16 in print, rays per pixel
 
 
@@ -69,7 +69,10 @@ def fig16() -> Figure:
     sphere = _sphere()
     pitch = sphere.imager.pixel_pitch_um * sphere.imager.width_px / PANEL_PX
     imager = Imager(PANEL_PX, PANEL_PX, pitch)
-    room, bare = Room(), replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA)))
+    room, bare = (
+        Room(),
+        replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA_RADIUS_MM))),
+    )
     lens = -bare.meridian.m
     rod, tube, dome = (
         Rod(1.4, 14.0, gap_mm=-0.1 * lens),
@@ -81,15 +84,15 @@ def fig16() -> Figure:
         ThroughShell(room, tube, bare, lids_mm=(lens,)),
         ThroughShell(room, dome, bare),
     )  # lid of the tube
-    taken = [take_picture(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
-    held = [
+    images = [take_picture(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
+    housings = [
         replace(bare.housing, rod=rod),
         replace(bare.housing, shell=tube),
         replace(bare.housing, shell=dome),
     ]
     titles = ("Bare, on a clear rod", "In a clear tube", "In a clear globe")
     return sensor_diagrams.prototypes(
-        [Prototype(bare, *each) for each in zip(titles, taken, held, strict=True)]
+        [Prototype(bare, *each) for each in zip(titles, images, housings, strict=True)]
     )
 
 
@@ -105,7 +108,7 @@ def fig18() -> Figure:
     return sensor_diagrams.blur_geometry()
 
 
-PICTURES: dict[str, Callable[[], Figure]] = {
+DIAGRAMS: dict[str, Callable[[], Figure]] = {
     f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)
 }
 """Figures other than evaluation curves, by name."""

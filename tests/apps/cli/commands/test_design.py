@@ -79,7 +79,7 @@ def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
             f"at_least = {at_least}",
         )
         file.write_text("\n".join(lines))
-        run = omnimirror("judge", "r.toml", "paper-spherical", "--json", "t.json", cwd=tmp_path)
+        run = omnimirror("check", "r.toml", "paper-spherical", "--json", "t.json", cwd=tmp_path)
         assert run.returncode == code, run.stderr
         assert all(word in run.stdout for word in ("requirement", "asked", "reached", "margin"))
         table = json.loads((tmp_path / "t.json").read_text())
@@ -90,9 +90,9 @@ def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
             pytest.approx(worst, rel=1e-6),
         )
         assert row["margin"] == pytest.approx(worst - at_least, rel=1e-5)
-    assert json.loads(omnimirror("judge", file, "paper-spherical", "--json", "-").stdout) == table
-    assert "and the requirements are about one" in fails("judge", file, "paraboloid-telecentric")
-    housed = omnimirror("judge", file, "paper-spherical", "--camera-diameter-mm", 30, "--json", "-")
+    assert json.loads(omnimirror("check", file, "paper-spherical", "--json", "-").stdout) == table
+    assert "and the requirements are about one" in fails("check", file, "paraboloid-telecentric")
+    housed = omnimirror("check", file, "paper-spherical", "--camera-diameter-mm", 30, "--json", "-")
     assert json.loads(housed.stdout)["requirements"][-1]["remarks"] != row["remarks"]
 
 

@@ -237,7 +237,7 @@ def test_apertures_and_parts_print_their_tables(tmp_path):
     bought = om.load_sensor(tmp_path / "bought.toml")
     assert bought.mirror == om.load_sensor("paper-spherical").mirror
     assert "fit, so there is no sensor" in fails(
-        "parts", "paper-spherical", "typical", "--least-fill", 0.99999, "-o", "x.toml", cwd=tmp_path
+        "parts", "paper-spherical", "typical", "--min-fill", 0.99999, "-o", "x.toml", cwd=tmp_path
     )
 
 

@@ -277,10 +277,10 @@ def test_zoom_says_when_it_goes_past_what_is_resolved(folder, capsys):
     limited = capsys.readouterr()
     assert limited.err.startswith("omnimirror: zoom 50 goes past what the sensor resolves (")
     assert limited.err.endswith(
-        " output pixels per source pixel); it is limited to 3.39, and --past-resolution lifts the limit\n"
+        " output pixels per source pixel); it is limited to 3.39, and --allow-upsampling lifts the limit\n"
     )
     assert "hfov 32.8" in limited.out
-    assert dewarp(*args, "--zoom", "50", "--past-resolution") == 0
+    assert dewarp(*args, "--zoom", "50", "--allow-upsampling") == 0
     past = capsys.readouterr()
     assert past.err.startswith("omnimirror: zoom 50 goes past what the sensor resolves (59.0")
     assert past.err.endswith(" output pixels per source pixel)\n")
@@ -602,7 +602,7 @@ def test_a_grey_picture_has_no_border_in_colour():
         ),
         ("sphere.png SPHERE --rows height", "neither the zenith nor the nadir"),
         ("sphere.png SPHERE --zoom 0", "'0' is not a factor above 0"),
-        ("sphere.png SPHERE --past-resolution", "--past-resolution says how far --zoom may go"),
+        ("sphere.png SPHERE --allow-upsampling", "--allow-upsampling says how far --zoom may go"),
         (
             "sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10",
             "sees nothing of the camera's field",

@@ -12,7 +12,7 @@ from tests.commands import fails, omnimirror
 
 
 def test_writes_table_and_figures(tmp_path):
-    run = omnimirror("reproduce", "--out", "here", "--only", "fig6", "--only", "fig8", cwd=tmp_path)
+    run = omnimirror("reproduce", "-o", "here", "--only", "fig6", "--only", "fig8", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert {p.name for p in (tmp_path / "here").iterdir()} == {
         "numbers.csv",
@@ -42,7 +42,7 @@ def test_a_wrong_number_ends_with_exit_code_1_and_names_the_row(tmp_path, monkey
     claims[i] = replace(claims[i], compute=lambda paper: 41000.0)
     monkeypatch.setattr(package, "all_claims", lambda: claims)
     with pytest.raises(SystemExit, match=r"^1$"):
-        main(["reproduce", "--no-figures", "--out", str(tmp_path)])
+        main(["reproduce", "--no-figures", "-o", str(tmp_path)])
     sentence = capsys.readouterr().err.strip()
     assert len(sentence.splitlines()) == 1
     assert f"{i + 1} (Sec. 3.3: whole sphere)" in sentence

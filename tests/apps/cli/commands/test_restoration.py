@@ -214,13 +214,13 @@ def test_exif_that_differs_from_the_sensor_reduces_the_blur(f_number, metres, wo
 
 @pytest.mark.long
 def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
-    run = omnimirror("bracket", "plan", "small.toml", "--limit-px", "3", cwd=tmp_path)
+    run = omnimirror("bracket", "plan", "small.toml", "--max-blur-px", "3", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
     scene = ("--scene", "world.hdr", "--heading-deg", "20", "--pose", "0,0,0,20")
     take = (
         "bracket",
-        "take",
+        "render",
         "small.toml",
         "--focus-mm",
         "175,207",

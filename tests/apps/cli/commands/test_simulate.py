@@ -236,7 +236,7 @@ def test_sigterm_keeps_the_shards_of_a_set_to_learn_from_that_were_done(
     folder = tmp_path / "set"
     words = (
         "simulate",
-        "learning",
+        "training",
         sensor_file,
         "--scene",
         sky_file,

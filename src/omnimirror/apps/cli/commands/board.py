@@ -12,9 +12,9 @@ from ....base.arguments import shown
 from ....base.files import is_standard_output
 from ....calibration.targets.boards import KINDS, Board
 from ....calibration.targets.printing import PAPERS_MM, SUFFIXES, write_board
-from .._declarations import DocumentedCommand, Options, option, takes
+from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER
-from .._output import format_option, output_option, say, say_written
+from .._output import format_option, output_option, print_line, print_written
 
 # -- Options that specify a calibration target -----------------------------------------------------
 
@@ -30,12 +30,12 @@ def board_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"{shown(text)} is not the size of a board, such as 11x7")
+        raise click.BadParameter(f"must be the size of a board, such as 11x7; got {shown(text)}")
     return int(match[1]), int(match[2])
 
 
 @dataclass(frozen=True)
-class SoughtBoardOptions(Options):
+class OptionalBoardOptions(Options):
     """Calibration board, with the parameters of :class:`omnimirror.Board`; optional."""
 
     board: tuple[int, int] | None = option(
@@ -59,11 +59,11 @@ class SoughtBoardOptions(Options):
         "--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6."
     )
 
-    def made(self) -> Board | None:
+    def target_board(self) -> Board | None:
         """Return the board; None without options for one."""
         if self.board is None or self.square_mm is None:
             if self.changed:
-                raise click.UsageError("a board takes --board and --square-mm")
+                raise click.UsageError("--board and --square-mm must be given together")
             return None
         columns, rows = self.board
         more = self.picked("marker_mm", "spacing", "family")
@@ -71,7 +71,7 @@ class SoughtBoardOptions(Options):
 
 
 @dataclass(frozen=True)
-class BoardOptions(SoughtBoardOptions):
+class BoardOptions(OptionalBoardOptions):
     """Calibration board, with the parameters of :class:`omnimirror.Board`."""
 
     board: tuple[int, int] = option(
@@ -81,11 +81,11 @@ class BoardOptions(SoughtBoardOptions):
         type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE
     )
 
-    def made(self) -> Board:
+    def target_board(self) -> Board:
         """Return the board."""
-        made = super().made()
-        assert made is not None
-        return made
+        target = super().target_board()
+        assert target is not None
+        return target
 
 
 # -- ``omnimirror board``: calibration targets for printing ----------------------------------------
@@ -118,17 +118,21 @@ class SheetOptions(Options):
     help="Output file: .pdf, .svg or .png.",
 )
 @format_option(tuple(suffix[1:] for suffix in SUFFIXES))
-@takes(BoardOptions, "board")
-@takes(SheetOptions, "sheet")
+@add_options(BoardOptions, "board")
+@add_options(SheetOptions, "sheet")
 def command(output: Path, board: BoardOptions, sheet: SheetOptions) -> None:
     """Write a calibration target for printing at true scale.
 
     Print it at 100 %, without fitting it to the page, and measure the 100 mm line at its foot.
     Mount it on a flat and stiff support.
     """
-    made = board.made()
-    written = write_board(made, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi)
-    say_written(written)
+    target = board.target_board()
+    written = write_board(
+        target, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi
+    )
+    print_written(written)
     if not is_standard_output(output):
-        size = f"--board {made.columns}x{made.rows} --square-mm {made.square_mm:g}"
-        say(f"Calibrate with {size} --target {made.kind}, and the square as you measured it")
+        size = f"--board {target.columns}x{target.rows} --square-mm {target.square_mm:g}"
+        print_line(
+            f"Calibrate with {size} --target {target.kind}, with the measured size of a square"
+        )

@@ -20,20 +20,20 @@ from ....simulation.detector import Detector
 from ....simulation.rendering import expose
 from ....simulation.scenes.scene import Pose, PosedScene
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, option, takes
-from .._option_types import NUMBER, SENSOR, WHOLE, distance, values
+from .._declarations import DocumentedCommand, Options, add_options, option
+from .._option_types import INTEGER, NUMBER, SENSOR, distance, values
 from .._output import (
-    PICTURES,
+    IMAGE_FORMATS,
+    column_head,
     format_option,
-    head,
     json_option,
     output_console,
     output_option,
     plain_table,
-    say,
-    say_written,
+    print_line,
+    print_written,
 )
-from .._scene_options import SceneOptions, pose, rows_bar
+from .._scene_options import SceneOptions, percentage_bar, pose
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class ObjectDistance(Options):
 class PlanOptions(ObjectDistance):
     """Limits."""
 
-    limit_px: float = option(type=NUMBER, default=1.0, help="Maximum blur, px.")
+    limit_px: float = option("--max-blur-px", type=NUMBER, default=1.0, help="Maximum blur, px.")
 
 
 @dataclass(frozen=True)
@@ -60,27 +60,27 @@ class MergeOptions(ObjectDistance):
         type=values,
         required=True,
         show_default=False,
-        metavar="A,B,..",
+        metavar="A,B,...",
         help="Focus distances of the images.",
     )
 
 
 @dataclass(frozen=True)
-class TakeOptions(Options):
+class BracketRenderingOptions(Options):
     """Rendering."""
 
     focus_mm: Array | None = option(
         type=values,
-        metavar="A,B,..",
+        metavar="A,B,...",
         help="Focus distances.  [default: planned for a blur of 1 px]",
     )
-    stands: Pose | None = option(
+    mirror_pose: Pose | None = option(
         "--pose",
         type=pose,
-        metavar="X,Y,Z,..",
+        metavar="X,Y,Z,...",
         help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
     )
-    samples: int = option("--samples", "--spp", type=WHOLE, default=32, help="Rays per pixel.")
+    samples: int = option("--samples", "--spp", type=INTEGER, default=32, help="Rays per pixel.")
 
 
 @click.group()
@@ -91,62 +91,62 @@ def command() -> None:
 @command.command(
     cls=DocumentedCommand,
     page="restoration",
-    examples=("omnimirror bracket plan paper-spherical --limit-px 2",),
+    examples=("omnimirror bracket plan paper-spherical --max-blur-px 2",),
 )
 @click.argument("sensors", type=SENSOR, nargs=-1, required=True)
-@takes(PlanOptions, "asked")
+@add_options(PlanOptions, "limits")
 @json_option()
-def plan(sensors: tuple[str, ...], asked: PlanOptions, json_file: Path | None) -> None:
-    """Compute the fewest focus distances that keep the blur of SENSORS below a limit, and the
-    astigmatic zones.
+def plan(sensors: tuple[str, ...], limits: PlanOptions, json_file: Path | None) -> None:
+    """Compute the minimum number of focus distances that keep the blur of SENSORS below a limit, and
+    the astigmatic zones.
     """
-    focus = head("focus_mm")
+    focus = column_head("focus_mm")
     numbers = (
-        "pictures",
+        "images",
         "worst px\none focus",
         "worst px\nmerged",
         "astigmatic\ndeg",
-        "least px\nthere",
+        "min. px\nthere",
     )
     table = plain_table("sensor", *numbers, focus, words=("sensor", focus))
     console = output_console()
     records: list[dict[str, Any]] = []
     for name in sensors:
         sensor = load_sensor(name)
-        found = plan_bracket(sensor, **asked.given)
+        bracket = plan_bracket(sensor, **limits.given)
         alone = best_focus(
-            sensor, "worst_blur_px", object_distance_mm=asked.object_distance_mm
+            sensor, "worst_blur_px", object_distance_mm=limits.object_distance_mm
         ).value
         records.append(
             {
                 "sensor": sensor.name,
-                "focus_mm": found.focus_mm,
+                "focus_mm": bracket.focus_mm,
                 "worst_px_one_focus": alone,
-                "worst_px_merged": found.blur_px.max(),
-                "astigmatic_deg": found.omega_deg[found.astigmatic],
+                "worst_px_merged": bracket.blur_px.max(),
+                "astigmatic_deg": bracket.omega_deg[bracket.astigmatic],
             }
         )
-        focuses = ", ".join(f"{focus:.1f}" for focus in found.focus_mm)
+        focuses = ", ".join(f"{focus:.1f}" for focus in bracket.focus_mm)
         table.add_row(
             sensor.name,
-            f"{len(found.focus_mm)}",
+            f"{len(bracket.focus_mm)}",
             f"{alone:.2f}",
-            f"{found.blur_px.max():.2f}",
-            *_astigmatic(found),
+            f"{bracket.blur_px.max():.2f}",
+            *_astigmatic(bracket),
             focuses,
         )
     console.print(table)
     if json_file:
         write_json(json_file, records)
-        say_written(json_file, console=console)
+        print_written(json_file, console=console)
 
 
-def _astigmatic(found: Bracket) -> tuple[str, str]:
+def _astigmatic(bracket: Bracket) -> tuple[str, str]:
     """Format the range of field angles without a sharp focus, and its minimum blur."""
-    if not found.astigmatic.any():
+    if not bracket.astigmatic.any():
         return "-", "-"
-    low, high = found.omega_deg[found.astigmatic][[0, -1]]
-    return f"{low:.0f} to {high:.0f}", f"{found.least_px.max():.2f}"
+    low, high = bracket.omega_deg[bracket.astigmatic][[0, -1]]
+    return f"{low:.0f} to {high:.0f}", f"{bracket.least_px.max():.2f}"
 
 
 @command.command(
@@ -157,35 +157,35 @@ def _astigmatic(found: Bracket) -> tuple[str, str]:
     ),
 )
 @click.argument("sensor", type=SENSOR)
-@click.argument("pictures", nargs=-1, required=True, type=click.Path(path_type=Path))
-@takes(MergeOptions, "taken")
-@takes(OrientationOptions, "orientation")
-@output_option("-o", "--output", formats=PICTURES, required=True, help="Output image.")
-@format_option(PICTURES)
+@click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
+@add_options(MergeOptions, "capture")
+@add_options(OrientationOptions, "orientation")
+@output_option("-o", "--output", formats=IMAGE_FORMATS, required=True, help="Output image.")
+@format_option(IMAGE_FORMATS)
 def merge(
     sensor: str,
-    pictures: tuple[Path, ...],
-    taken: MergeOptions,
+    images: tuple[Path, ...],
+    capture: MergeOptions,
     orientation: OrientationOptions,
     output: Path,
 ) -> None:
-    """Merge PICTURES of SENSOR, focused at different distances, at the scale of its own focus."""
+    """Merge IMAGES of SENSOR, focused at different distances, at the scale of its own focus."""
     format_of(output)
-    merged = merge_bracket(load_sensor(sensor), orientation.read(pictures), **taken.given)
+    merged = merge_bracket(load_sensor(sensor), orientation.read(images), **capture.given)
     write_image(output, merged)
-    say(f"{name_of(output)}: {len(pictures)} pictures merged")
+    print_line(f"{name_of(output)}: {len(images)} images merged")
 
 
 @command.command(
     cls=DocumentedCommand,
     page="restoration",
     examples=(
-        "omnimirror bracket take paper-spherical --scene street --focus-mm 212,228 -o bracket",
+        "omnimirror bracket render paper-spherical --scene street --focus-mm 212,228 -o bracket",
     ),
 )
 @click.argument("sensor", type=SENSOR)
-@takes(SceneOptions, "scene")
-@takes(TakeOptions, "taking")
+@add_options(SceneOptions, "scene")
+@add_options(BracketRenderingOptions, "rendering")
 @click.option(
     "-o",
     "--output",
@@ -193,18 +193,25 @@ def merge(
     required=True,
     help="Output folder.",
 )
-def take(sensor: str, scene: SceneOptions, taking: TakeOptions, output: Path) -> None:
+def render(
+    sensor: str, scene: SceneOptions, rendering: BracketRenderingOptions, output: Path
+) -> None:
     """Render the images of a scene that SENSOR would capture at each focus distance."""
-    seen, camera = PosedScene(scene.source().load(), taking.stands or Pose()), load_sensor(sensor)
-    for focus in plan_bracket(camera).focus_mm if taking.focus_mm is None else taking.focus_mm:
+    posed, camera = (
+        PosedScene(scene.source().load(), rendering.mirror_pose or Pose()),
+        load_sensor(sensor),
+    )
+    for focus in (
+        plan_bracket(camera).focus_mm if rendering.focus_mm is None else rendering.focus_mm
+    ):
         path = output / f"{focus:.1f}mm.png"
-        with rows_bar("Exposing") as progress:
+        with percentage_bar("Exposing") as progress:
             light = expose(
                 focused_at(camera, float(focus)),
-                seen,
-                samples=taking.samples,
+                posed,
+                samples=rendering.samples,
                 blur=True,
                 progress=progress,
             )
         write_image(path, Detector().read(light))
-        say(f"{path}: focused at {focus:.1f} mm")
+        print_line(f"{path}: focused at {focus:.1f} mm")

@@ -28,25 +28,25 @@ from ....design.reference_mirrors import EXACTLY, known_sensors, merit_values
 from ....design.requirements import Requirements
 from ....optics.batch.families import FreeForm
 from ....optics.sensor_files import save_sensor
-from .._declarations import DocumentedCommand, refuse_other, takes
-from .._design_options import RequirementOptions, SearchedOptions, merit_list
-from .._option_types import WHOLE
+from .._declarations import DocumentedCommand, add_options, refuse_inapplicable
+from .._design_options import OptimisationOptions, RequirementOptions, merit_list
+from .._option_types import INTEGER
 from .._output import (
     FIGURES,
+    column_head,
     format_option,
-    head,
     json_option,
     output_console,
     output_option,
     plain_table,
+    print_line,
+    print_written,
     progress_bar,
-    say,
-    say_written,
 )
-from .._process_state import stopped_code
+from .._process_state import interrupted_exit_code
 from .._sensor_options import HousingOptions
 from ._design_report import (
-    MISSED,
+    EXIT_MISSED,
     print_conflict,
     print_convergence,
     print_design,
@@ -59,39 +59,39 @@ from ._design_report import (
 
 def design_with_catalogue(
     console: Console,
-    asked: Requirements,
-    most: int,
-    front: bool,
+    requirements: Requirements,
+    max_designs: int,
+    price_front: bool,
     processes: int,
     out: Path | None,
     json_file: Path | None,
 ) -> NoReturn:
     """Design with off-the-shelf parts, print the result, write the cheapest design, and exit."""
     with console.status("Designing") as status:
-        found = design_from_parts(
-            asked,
-            most=most,
-            front=front,
+        search = design_from_parts(
+            requirements,
+            most=max_designs,
+            front=price_front,
             processes=processes,
             on_step=lambda words: status.update(f"Designing: {words}"),
         )
-    if found.found:
-        console.print(_parts_table(found.found))
+    if search.found:
+        console.print(_parts_table(search.found))
         console.print()
-    best = found.found[0] if found.found else found.nearest
-    if best is not None:
+    cheapest = search.found[0] if search.found else search.nearest
+    if cheapest is not None:
         console.print(
-            f"{'The cheapest' if found.found else 'Nearest'}: {best.combination.name}",
+            f"{'Cheapest' if search.found else 'Smallest violation'}: {cheapest.combination.name}",
             highlight=False,
         )
-        print_verdict(console, best.design.verdict)
-    _print_counts(console, found)
-    if out and best is not None:
-        save_sensor(best.design.sensor, out)
+        print_verdict(console, cheapest.design.verdict)
+    _print_counts(console, search)
+    if out and cheapest is not None:
+        save_sensor(cheapest.design.sensor, out)
     if json_file:
-        write_json(json_file, found.to_dict())
-    say_written(out if best is not None else None, json_file, console=console)
-    sys.exit(0 if found.is_met else MISSED)
+        write_json(json_file, search.to_dict())
+    print_written(out if cheapest is not None else None, json_file, console=console)
+    sys.exit(0 if search.is_met else EXIT_MISSED)
 
 
 def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
@@ -100,9 +100,9 @@ def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
         kind for kind in ("lens", "imager", "ball", "dome") if _component_name(designs[0], kind)
     ]
     numbers = (
-        head("f_number"),
+        column_head("f_number"),
         "Θ\ndeg",
-        head("focus_mm"),
+        column_head("focus_mm"),
         "ring\nmm",
         "rim\npx",
         f"{area.title}\n{area.unit}",
@@ -131,63 +131,66 @@ def _component_name(design: BoughtDesign, kind: str) -> str:
     return next((part.name for part in parts if kind == part.KIND), "")
 
 
-def _print_counts(console: Console, found: PartsSearch) -> None:
+def _print_counts(console: Console, search: PartsSearch) -> None:
     """Print the number of combinations by result."""
     console.print(
-        f"\n{found.combinations} combinations; {len(found.found)} of them above", highlight=False
+        f"\n{search.combinations} combinations; {len(search.found)} of them listed above",
+        highlight=False,
     )
-    for said, counts in (
-        ("cut, before any mirror was made", found.cut),
-        ("designed, and missed", found.missed),
+    for outcome, counts in (
+        ("excluded before the mirror design", search.cut),
+        ("designed, requirements missed", search.missed),
     ):
         if counts:
-            told = ", ".join(
+            reasons = ", ".join(
                 f"{count} {name}" for name, count in sorted(counts.items(), key=lambda c: -c[1])
             )
             console.print(
-                f"  {sum(counts.values())} {said}: {told}", highlight=False, soft_wrap=True
+                f"  {sum(counts.values())} {outcome}: {reasons}", highlight=False, soft_wrap=True
             )
-    if found.left:
-        console.print(f"  {found.left} dearer ones not looked at", highlight=False)
+    if search.left:
+        console.print(f"  {search.left} more expensive combinations not evaluated", highlight=False)
 
 
 # -- ``omnimirror design --pareto``: Pareto front of merits, its table and figure, and one selected design
 
 
-def find_front(
-    console: Console, asked: Requirements, merits: list[str], searched: SearchedOptions
+def compute_front(
+    console: Console, requirements: Requirements, merits: list[str], settings: OptimisationOptions
 ) -> Front:
     """Compute, draw and print the Pareto front."""
-    if searched.figure and len(merits) != 2:
-        raise click.UsageError(f"a figure shows two merits; {len(merits)} were given")
+    if settings.figure and len(merits) != 2:
+        raise click.UsageError(f"--figure requires two merits; got {len(merits)}")
     with progress_bar(console) as bar:
-        task = bar.add_task("generations", total=searched.generations)
+        task = bar.add_task("Generations", total=settings.generations)
         front = pareto(
-            asked,
+            requirements,
             merits,
-            population=searched.population,
-            generations=searched.generations,
-            seed=searched.seed,
-            resume=searched.resume,
+            population=settings.population,
+            generations=settings.generations,
+            seed=settings.seed,
+            resume=settings.resume,
             on_progress=lambda done, _: bar.update(task, completed=done),
-            mode=searched.mode,
-            image_radius_px=searched.image_radius_px,
+            mode=settings.mode,
+            image_radius_px=settings.image_radius_px,
         )
-    if searched.pick is not None:
-        front.sensor(searched.pick)  # raises if the design does not exist
+    if settings.pick is not None:
+        front.sensor(settings.pick)  # raises if the design does not exist
     problem = front.space.problem
     known = {
         name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()
     }
-    if searched.figure:
-        _draw_front(front, known, searched.figure)
+    if settings.figure:
+        _draw_front(front, known, settings.figure)
     _print_front(console, front, known)
-    if searched.pick is not None:
+    if settings.pick is not None:
         console.print()
     if not front.is_complete:
-        kept = f"; the same command goes on from {searched.resume}" if searched.resume else ""
+        resume = (
+            f"; repeat the command to continue from {settings.resume}" if settings.resume else ""
+        )
         console.print(
-            f"Stopped before generation {searched.generations}{kept}",
+            f"Stopped before generation {settings.generations}{resume}",
             highlight=False,
             soft_wrap=True,
         )
@@ -196,7 +199,7 @@ def find_front(
 
 def _print_front(console: Console, front: Front, known: dict[str, Any], rows: int = 12) -> None:
     table = plain_table(
-        "number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), head("focus_mm")
+        "number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), column_head("focus_mm")
     )
     for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
         table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
@@ -221,20 +224,20 @@ def _draw_front(front: Front, known: dict[str, Any], path: Path) -> None:
 
 def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:
     """Raise UsageError for outputs of a single design if none is selected with --pick."""
-    named = [f"--{name}" for name, path in outputs.items() if path]
-    if pick is None and named:
+    given = [f"--{name}" for name, path in outputs.items() if path]
+    if pick is None and given:
         raise click.UsageError(
-            f"{named[0]} is about one design of the front; name it with --pick NUMBER"
+            f"{given[0]} requires one design of the front; select it with --pick NUMBER"
         )
 
 
 # -- ``omnimirror design``: sensor design from requirements, with margins --------------------------
 
-FOR_BOTH = ("seed", "resume", "paper_mode", "image_radius_px")
+SEARCH_OPTIONS = ("seed", "resume", "paper_mode", "image_radius_px")
 ONLY = {
-    "--optimise": ("starts", "terms", *FOR_BOTH),
-    "--pareto": ("population", "generations", "figure", "pick", *FOR_BOTH),
-    "--parts": ("most", "front", "processes"),
+    "--optimise": ("starts", "terms", *SEARCH_OPTIONS),
+    "--pareto": ("population", "generations", "figure", "pick", *SEARCH_OPTIONS),
+    "--parts": ("max_designs", "price_front", "processes"),
 }
 
 
@@ -248,7 +251,7 @@ ONLY = {
     ),
 )
 @click.argument("requirements", required=False, type=click.Path(path_type=Path))
-@takes(RequirementOptions, "options")
+@add_options(RequirementOptions, "options")
 @click.option(
     "--pareto",
     "merits",
@@ -256,25 +259,28 @@ ONLY = {
     metavar="MERIT,MERIT",
     help="Compute the Pareto front of these merits instead of a single design.",
 )
-@takes(SearchedOptions, "searched")
+@add_options(OptimisationOptions, "settings")
 @click.option(
-    "--most", type=WHOLE, default=10, help="Stop after N feasible combinations; with a catalogue."
+    "--max-designs",
+    type=INTEGER,
+    default=10,
+    help="Stop after N feasible combinations; with a catalogue.",
 )
 @click.option(
-    "--front",
+    "--price-front",
     is_flag=True,
     help="Return designs that are sharper than all cheaper ones; with a catalogue.",
 )
 @click.option(
-    "--processes", type=WHOLE, default=1, help="Number of parallel designs; with a catalogue."
+    "--processes", type=INTEGER, default=1, help="Number of parallel designs; with a catalogue."
 )
 @format_option(FIGURES)
-@output_option("-o", "--out", help="Output sensor file.")
-@json_option("Write the table, and what conflicts.")
+@output_option("-o", "--output", "out", help="Output sensor file.")
+@json_option("Write the table and the relaxations.")
 @click.option(
     "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
 )
-@takes(HousingOptions, "housing")
+@add_options(HousingOptions, "housing")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -282,13 +288,13 @@ def command(
     requirements: Path | None,
     merits: list[str] | None,
     options: RequirementOptions,
-    searched: SearchedOptions,
+    settings: OptimisationOptions,
     out: Path | None,
     json_file: Path | None,
     figures: Path | None,
     housing: HousingOptions,
-    most: int,
-    front: bool,
+    max_designs: int,
+    price_front: bool,
     processes: int,
 ) -> None:
     """Design a sensor that meets REQUIREMENTS, a TOML file, or the requirements given as options.
@@ -298,36 +304,40 @@ def command(
     """
     if merits:
         options = replace(options, optimise=merits[0])
-    asked = options.requirements(requirements)
-    asked = replace(asked, housing=housing.of(asked.housing))
-    way = (
-        "--pareto" if merits else "--optimise" if asked.mirror.optimise else "a mapping or a family"
+    loaded = options.requirements(requirements)
+    loaded = replace(loaded, housing=housing.of(loaded.housing))
+    method = (
+        "--pareto"
+        if merits
+        else "--optimise"
+        if loaded.mirror.optimise
+        else "a mapping or a family"
     )
-    way = "--parts" if asked.parts is not None else way
+    method = "--parts" if loaded.parts is not None else method
     given = [
         n
         for n in ctx.params
         if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE
     ]
-    refuse_other(given, ONLY, way)
+    refuse_inapplicable(given, ONLY, method)
     console = output_console()
-    if asked.parts is not None:
-        design_with_catalogue(console, asked, most, front, processes, out, json_file)
+    if loaded.parts is not None:
+        design_with_catalogue(console, loaded, max_designs, price_front, processes, out, json_file)
     if merits:
-        check_pick(searched.pick, {"out": out, "json": json_file, "figures": figures})
-        found = find_front(console, asked, merits, searched)
-        design = None if searched.pick is None else found.design(searched.pick)
-        is_complete = found.is_complete
-    elif asked.mirror.optimise:
+        check_pick(settings.pick, {"output": out, "json": json_file, "figures": figures})
+        pareto_front = compute_front(console, loaded, merits, settings)
+        design = None if settings.pick is None else pareto_front.design(settings.pick)
+        is_complete = pareto_front.is_complete
+    elif loaded.mirror.optimise:
         design = _optimised(
-            console, asked, searched, lambda design: _write(console, design, out, json_file)
+            console, loaded, settings, lambda design: _write(console, design, out, json_file)
         )
         is_complete = design.optimum is None or design.optimum.is_complete
         is_complete = is_complete and (design.conflict is None or design.conflict.is_complete)
     else:
         with console.status("Designing") as status:
             design = design_sensor(
-                asked,
+                loaded,
                 lambda words: status.update(f"Designing: {words}"),
                 on_design=lambda design: _write(console, design, out, json_file),
             )
@@ -336,13 +346,13 @@ def command(
         if merits:
             _write(console, design, out, json_file)
         _finish(console, design, out, json_file, figures)
-    for path in (searched.figure, searched.resume):
+    for path in (settings.figure, settings.resume):
         if path and path.exists():
-            say_written(path, console=console)
+            print_written(path, console=console)
     if not is_complete:
         click.echo("omnimirror: stopped", err=True)
-        sys.exit(stopped_code())
-    sys.exit(MISSED if design and not design.is_met else 0)
+        sys.exit(interrupted_exit_code())
+    sys.exit(EXIT_MISSED if design and not design.is_met else 0)
 
 
 def _write(console: Console, design: Design, out: Path | None, json_file: Path | None) -> None:
@@ -365,19 +375,19 @@ def _finish(
     if design.optimum:
         print_merits(console, design.optimum)
         if not design.optimum.is_complete:
-            say(
-                ("Stopped: this is the best of the starts that were finished", "bold"),
+            print_line(
+                ("Stopped: best result of the completed starts", "bold"),
                 console=console,
             )
     if figures:
         _draw(console, design, figures)
-    say_written(out, json_file, figures, console=console)
+    print_written(out, json_file, figures, console=console)
 
 
 def _optimised(
     console: Console,
-    asked: Requirements,
-    searched: SearchedOptions,
+    requirements: Requirements,
+    settings: OptimisationOptions,
     on_design: Callable[[Design], None],
 ) -> Design:
     """Return the best design of one or several numbers of terms, with a progress bar.
@@ -385,35 +395,33 @@ def _optimised(
     ``on_design`` receives the design before the search for relaxations; with several numbers of
     terms, the best design after the table of convergence.
     """
-    shape = asked.mirror.shape or SHAPE
-    counts = searched.terms or [FreeForm.parse(shape).terms]
-    if searched.resume and len(counts) > 1:
-        raise click.UsageError(
-            "a file to resume holds the search with one number of terms; give one"
-        )
-    starts, designs = searched.starts, {}
+    shape = requirements.mirror.shape or SHAPE
+    counts = settings.terms or [FreeForm.parse(shape).terms]
+    if settings.resume and len(counts) > 1:
+        raise click.UsageError("--resume requires a single value of --terms")
+    starts, designs = settings.starts, {}
     with progress_bar(console) as bar:
         task = bar.add_task("", total=starts * len(counts))
         for i, count in enumerate(counts):
 
-            def told(p: Progress, i: int = i) -> None:
+            def on_progress(p: Progress, i: int = i) -> None:
                 bar.update(
                     task,
                     completed=i * starts + p.run,
-                    description=f"{asked.mirror.optimise} {p.value:.5g}",
+                    description=f"{requirements.mirror.optimise} {p.value:.5g}",
                 )
 
             designs[count] = design_sensor(
-                asked.changed(shape=f"{shape.partition(':')[0]}:{count}"),
+                requirements.changed(shape=f"{shape.partition(':')[0]}:{count}"),
                 lambda words: bar.update(task, description=words),
-                search=searched.search(told),
+                search=settings.search(on_progress),
                 on_design=on_design if len(counts) == 1 else None,
             )
-    best = min(designs.values(), key=lambda d: d.optimum.value if d.optimum else float("inf"))
+    optimum = min(designs.values(), key=lambda d: d.optimum.value if d.optimum else float("inf"))
     if len(counts) > 1:
         print_convergence(console, designs)
-        on_design(best)
-    return best
+        on_design(optimum)
+    return optimum
 
 
 def _draw(console: Console, design: Design, folder: Path) -> None:

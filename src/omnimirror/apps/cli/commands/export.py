@@ -26,9 +26,16 @@ from ....manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
 from ....manufacturing.tolerancing.tolerance_file import load_allocated_tolerances
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, option, takes
-from .._option_types import NUMBER, SENSOR, WHOLE
-from .._output import json_option, output_console, output_option, plain_table, say, say_written
+from .._declarations import DocumentedCommand, Options, add_options, option
+from .._option_types import INTEGER, NUMBER, SENSOR
+from .._output import (
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_line,
+    print_written,
+)
 from .._sensor_options import HousingOptions
 
 DRAWN = (".pdf", ".svg", ".png", ".dxf")
@@ -119,9 +126,9 @@ class FileOptions(Options):
     )
     step_deg: float | None = option(type=NUMBER, help="Sag table: step of the field angle instead.")
     digits: int = option(
-        type=WHOLE, default=6, help="Sag table, tool path: decimals of a millimetre."
+        type=INTEGER, default=6, help="Sag table, tool path: decimals of a millimetre."
     )
-    grid_points: int = option(type=WHOLE, default=257, help="Grid sag: points along each side.")
+    grid_points: int = option(type=INTEGER, default=257, help="Grid sag: points along each side.")
     sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper size.")
     scale: float | None = option(
         type=scale,
@@ -176,7 +183,7 @@ class ToolOptions(Options):
 @click.option(
     "--formats",
     type=formats,
-    metavar="NAME,..",
+    metavar="NAME,...",
     help=f"Formats for a folder: {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]",
 )
 @click.option(
@@ -187,10 +194,10 @@ class ToolOptions(Options):
 @click.option(
     "--tolerances", metavar="FILE", help="Drawing: TOML or JSON file of 'omnimirror tolerance'."
 )
-@takes(BodyOptions, "solid")
-@takes(FileOptions, "files")
-@takes(ToolOptions, "lathe")
-@takes(HousingOptions, "housing")
+@add_options(BodyOptions, "body")
+@add_options(FileOptions, "files")
+@add_options(ToolOptions, "lathe")
+@add_options(HousingOptions, "housing")
 @click.option(
     "--allow-changes",
     is_flag=True,
@@ -208,7 +215,7 @@ def command(
     formats: list[str] | None,
     workshop: str | None,
     tolerances: str | None,
-    solid: BodyOptions,
+    body: BodyOptions,
     files: FileOptions,
     lathe: ToolOptions,
     housing: HousingOptions,
@@ -228,8 +235,8 @@ def command(
             camera,
             output,
             formats=formats,
-            body=solid.body(camera),
-            secondary_body=solid.secondary_body(),
+            body=body.body(camera),
+            secondary_body=body.secondary_body(),
             housing=housing.of(camera.housing),
             tool=lathe.tool(),
             workshop=data,
@@ -240,26 +247,24 @@ def command(
     numbers = ("deviation\num", "ray deviation\ndeg")
     table = plain_table("file", "content", *numbers, words=("file", "content"))
     for file in written:
-        table.add_row(str(file.path), file.description, deviation_words(file), ray_words(file))
+        table.add_row(str(file.path), file.description, deviation_text(file), ray_text(file))
     console.print(table)
     if json_file:
         write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
-        say_written(json_file, console=console)
+        print_written(json_file, console=console)
     parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
     if any(file.path.suffix.lower() in DRAWN for file in written) and (
         missing := data.missing(parts)
     ):
         console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")
     if any(file.path.suffix.lower() in DRAWN for file in written):
-        for conflict in tolerance_conflicts(
-            camera, data, solid.body(camera), solid.secondary_body()
-        ):
-            say(("inconsistent tolerances", "yellow"), f": {conflict}", console=console)
+        for conflict in tolerance_conflicts(camera, data, body.body(camera), body.secondary_body()):
+            print_line(("inconsistent tolerances", "yellow"), f": {conflict}", console=console)
     for file in written:
         if not file.follows:
-            say(
+            print_line(
                 (f"{file.path.name} is not accurate", "yellow"),
-                f": its rays deviate by up to {ray_words(file)} deg from those of the mirror; no asphere is more "
+                f": its rays deviate by up to {ray_text(file)} deg from those of the mirror; no asphere is more "
                 "accurate; "
                 "use the grid sag (--formats gridsag)",
                 console=console,
@@ -277,14 +282,14 @@ def _workshop(sensor: Sensor, workshop: str | None, tolerances: str | None) -> W
     )
 
 
-def deviation_words(file: ExportedFile) -> str:
+def deviation_text(file: ExportedFile) -> str:
     """Format the deviation of a file."""
     if file.deviation_um is None:
         return ""
     return f"{file.deviation_um:.2g}" if file.deviation_um else "exact"
 
 
-def ray_words(file: ExportedFile) -> str:
+def ray_text(file: ExportedFile) -> str:
     """Format the ray deviation of a lens file."""
     if file.ray_deg is None:
         return ""

@@ -13,7 +13,7 @@ from ....interop.export_formats import ExportedFiles, ExportFormat
 from ....interop.ray_tables import RAY_FORMATS, write_rays
 from ....optics.sensor_files import load_camera
 from .._declarations import DocumentedCommand
-from .._option_types import SENSOR, WHOLE
+from .._option_types import INTEGER, SENSOR
 from .._output import output_console, output_option, plain_table, write_standard_output_as
 
 # -- Options and output shared by the export commands ----------------------------------------------
@@ -82,7 +82,7 @@ def print_exported_files(exported: Iterable[ExportedFiles], console: Console) ->
 )
 @formats_option(RAY_FORMATS)
 @click.option(
-    "--step", type=WHOLE, default=1, show_default=True, help="Spacing of the sampled pixels, px."
+    "--step", type=INTEGER, default=1, show_default=True, help="Spacing of the sampled pixels, px."
 )
 def command(camera: str, output: Path, formats: list[str] | None, step: int) -> None:
     """Write origin, direction and weight of the ray of each pixel for other programs.

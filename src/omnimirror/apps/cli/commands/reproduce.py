@@ -7,16 +7,18 @@ from pathlib import Path
 import click
 
 from .._declarations import DocumentedCommand
-from .._output import output_console, say
+from .._output import output_console, print_line
 
 
 @click.command(
     cls=DocumentedCommand,
     page="errata",
-    examples=("omnimirror reproduce --out paper --figures",),
+    examples=("omnimirror reproduce -o paper --figures",),
 )
 @click.option(
-    "--out",
+    "-o",
+    "--output",
+    "folder",
     type=click.Path(path_type=Path),
     default="reproduced",
     show_default=True,
@@ -34,7 +36,7 @@ from .._output import output_console, say
     metavar="FIG",
     help="Draw this figure only, for example fig4 (repeatable).",
 )
-def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
+def command(folder: Path, figures: bool, only: tuple[str, ...]) -> None:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
     The exit code is 1 if a verdict differs from the known one.
@@ -45,14 +47,14 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
     console = output_console()
     with console.status("Computing") as status:
         result = reproduce_paper(
-            out,
+            folder,
             figures=figures,
             only=only or None,
-            progress=lambda what: status.update(f"Working on {what}"),
+            on_progress=lambda step: status.update(f"Computing {step}"),
         )
     console.print(_claims.terminal_table(result.rows))
     console.print(_claims.summary(result.rows), highlight=False, soft_wrap=True)
-    say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)
+    print_line(f"Wrote {len(result.files)} files to ", (str(folder), "bold"), console=console)
     if result.unexpected:
         rows = "; ".join(r.title for r in result.unexpected)
-        raise NotReproduced(f"verdicts differ from the known ones in row {rows}")
+        raise NotReproduced(f"verdicts differ from the known ones in rows {rows}")

@@ -14,27 +14,27 @@ from ....calibration.edge_detection import levels_of
 from ....calibration.rim import SURE, FoundRim, check_alike, find_rim
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, takes
+from .._declarations import DocumentedCommand, add_options
 from .._output import (
     FIGURES,
     json_option,
     output_console,
     output_option,
     plain_table,
-    say,
-    say_written,
+    print_line,
+    print_written,
 )
 
 
 @click.command(
     cls=DocumentedCommand,
     page="calibrate",
-    examples=("omnimirror rim picture1.jpg picture2.jpg --figure rim.png --json rim.json",),
+    examples=("omnimirror rim image1.jpg image2.jpg --figure rim.png --json rim.json",),
 )
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
-@takes(OrientationOptions, "orientation")
+@add_options(OrientationOptions, "orientation")
 @click.option(
-    "--each", is_flag=True, help="Process each image separately, as from different sensors."
+    "--separately", is_flag=True, help="Process each image separately, as from different sensors."
 )
 @output_option(
     "--figure", formats=FIGURES, help="Draw the detected outlines on the images (PNG, SVG, PDF)."
@@ -43,7 +43,7 @@ from .._output import (
 def command(
     images: tuple[str, ...],
     orientation: OrientationOptions,
-    each: bool,
+    separately: bool,
     figure: Path | None,
     json_file: Path | None,
 ) -> None:
@@ -55,49 +55,49 @@ def command(
     candidate, with the next best circles of the image.
     """
     files = expand_inputs(images, READABLE_IMAGE_SUFFIXES)
-    pictures = orientation.read(files)
-    if not each:
-        check_alike(pictures, [file.name for file in files])
-    found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
-    singles = found if each else list(found[0].pictures) or found
+    pixels = orientation.read(files)
+    if not separately:
+        check_alike(pixels, [file.name for file in files])
+    rims = [find_rim(image) for image in pixels] if separately else [find_rim(pixels)]
+    singles = rims if separately else list(rims[0].pictures) or rims
     console = output_console()
-    numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera's image\npx", "confidence\n")
-    table = plain_table("picture", *numbers, words=("picture",))
+    numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera image\npx", "confidence\n")
+    table = plain_table("image", *numbers, words=("image",))
     for file, rim in zip(files, singles, strict=True):
         table.add_row(*_row(file.name, rim))
-    if len(singles) > len(found):
-        table.add_row(*_row("together", found[0]))
+    if len(singles) > len(rims):
+        table.add_row(*_row("together", rims[0]))
     for name, rim in zip(
-        [file.name for file in files] if len(singles) == len(found) else ["together"],
-        found,
+        [file.name for file in files] if len(singles) == len(rims) else ["together"],
+        rims,
         strict=True,
     ):
         for number, candidate in enumerate(() if rim.is_sure else rim.candidates[1:], 2):
             table.add_row(*_row(f"{name}, candidate {number}", candidate))
     console.print(table)
     for name, rim in zip(
-        [file.name for file in files] if each else ["together"], found, strict=True
+        [file.name for file in files] if separately else ["together"], rims, strict=True
     ):
         if not rim.is_sure:
-            who = f"{name}: " if len(files) > 1 else ""
-            say(
-                f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {SURE:g}",
+            prefix = f"{name}: " if len(files) > 1 else ""
+            print_line(
+                f"{prefix}no rim detected: the confidence must be at least {SURE:g}; got {rim.confidence:.2f}",
                 console=console,
             )
     if json_file:
-        record = [rim.to_json() for rim in found]
+        record = [rim.to_json() for rim in rims]
         named = [
             {"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)
         ]
-        whole = record[0] | {"pictures": named} if len(found) == 1 else {"pictures": named}
-        write_json(json_file, whole)
-        say_written(json_file, console=console)
+        document = record[0] | {"pictures": named} if len(rims) == 1 else {"pictures": named}
+        write_json(json_file, document)
+        print_written(json_file, console=console)
     if figure:
-        say_written(_drawn(figure, files, pictures, singles), console=console)
+        print_written(_draw_outlines(figure, files, pixels, singles), console=console)
 
 
-def _drawn(
-    figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]
+def _draw_outlines(
+    figure: Path, files: list[Path], images: list[NDArray[Any]], rims: list[FoundRim]
 ) -> Path:
     """Write a figure of the images with the detected outlines."""
     from ....analysis.figures import save_figure
@@ -105,14 +105,14 @@ def _drawn(
 
     drawn = [
         DrawnRim(
-            levels_of(picture).astype(np.uint8),
+            levels_of(image).astype(np.uint8),
             rim.points(),
             rim.centre_px,
             None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px),
             rim.is_sure,
             f"{file.name}: {rim.confidence:.2f}",
         )
-        for file, picture, rim in zip(files, pictures, found, strict=True)
+        for file, image, rim in zip(files, images, rims, strict=True)
     ]
     return save_figure(found_rims(drawn), figure)
 

@@ -12,9 +12,9 @@ from ....base.native import MOST_THREADS
 from ....dewarp.interfaces import INTERPOLATIONS, Interpolation
 from ....interop.named_views import load_views
 from .._camera_options import CameraOptions
-from .._declarations import DocumentedCommand, option, takes
-from .._option_types import WholeRange
-from .._output import notice
+from .._declarations import DocumentedCommand, add_options, option
+from .._option_types import IntegerRange
+from .._output import print_notice
 from .studio import ListenOptions
 
 
@@ -46,8 +46,8 @@ class GatewayOptions(ListenOptions):
     type=click.Path(path_type=Path),
     help="TOML file of named views.",
 )
-@takes(CameraOptions, "camera")
-@takes(GatewayOptions, "gateway")
+@add_options(CameraOptions, "camera")
+@add_options(GatewayOptions, "gateway")
 @click.option(
     "--interpolation",
     type=click.Choice(list(INTERPOLATIONS)),
@@ -57,7 +57,7 @@ class GatewayOptions(ListenOptions):
 )
 @click.option(
     "--threads",
-    type=WholeRange(1, MOST_THREADS),
+    type=IntegerRange(1, MOST_THREADS),
     metavar="N",
     help="Number of dewarping threads.  [default: one per processor core]",
 )
@@ -101,5 +101,5 @@ def command(
         publish_to=gateway.publish,
         threads=threads,
         on_start=click.echo,
-        on_status=notice,
+        on_status=print_notice,
     )

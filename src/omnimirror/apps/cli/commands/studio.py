@@ -11,9 +11,9 @@ import click
 
 from ....base.errors import OmnimirrorError
 from ....base.files import write_text
-from .._declarations import DocumentedCommand, Options, option, takes
-from .._option_types import WholeRange
-from .._output import progress_bar, say
+from .._declarations import DocumentedCommand, Options, add_options, option
+from .._option_types import IntegerRange
+from .._output import print_line, progress_bar
 from .._process_state import is_quiet
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class ListenOptions(Options):
         help="Host address; addresses reachable from other machines require a token.",
     )
     port: int = option(
-        type=WholeRange(0, 65535),
+        type=IntegerRange(0, 65535),
         default=0,
         show_default=False,
         help="Port.  [default: any free port]",
@@ -70,7 +70,7 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
         if e.name not in ("fastapi", "starlette", "uvicorn"):
             raise
         raise OmnimirrorError(
-            "the studio needs FastAPI and uvicorn: pip install 'omnimirror[studio]'"
+            "the studio requires FastAPI and uvicorn: pip install 'omnimirror[studio]'"
         ) from None
     serve(make(), server.host, server.port, server.open_browser, click.echo)
 
@@ -78,18 +78,18 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
 @click.command(
     cls=DocumentedCommand,
     page="studio",
-    examples=("omnimirror studio --folder pictures", "omnimirror studio --page look.html"),
+    examples=("omnimirror studio --folder images", "omnimirror studio --page viewer.html"),
 )
-@takes(PageOptions, "written")
-@takes(ServerOptions, "server")
-def command(server: ServerOptions, written: PageOptions) -> None:
+@add_options(PageOptions, "standalone")
+@add_options(ServerOptions, "server")
+def command(server: ServerOptions, standalone: PageOptions) -> None:
     """Open the studio in the browser: view images, videos and cameras through a sensor, or design
     one.
 
     The server listens on this machine only, unless --host is given.
     """
-    if written.page is not None:
-        return _write_page(written.page)
+    if standalone.page is not None:
+        return _write_page(standalone.page)
 
     def make() -> Studio:
         from ...studio._server_state import Sources, Studio
@@ -107,10 +107,12 @@ def _write_page(path: Path) -> None:
 
     if path.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(
-            f"--page writes an HTML file, such as {path.stem or 'look'}.html, and no {path}"
+            f"--page must be an HTML file, such as {path.stem or 'viewer'}.html; got {path}"
         )
     with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
-        task = bar.add_task("simulating rooms", total=None)
+        task = bar.add_task("Simulating rooms", total=None)
         text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
     write_text(path, text)
-    say(f"{path}: open it in a browser, or put it on a web server, and drop pictures on it")
+    print_line(
+        f"Wrote {path}; open it in a browser, or host it on a web server, and drop images on it"
+    )

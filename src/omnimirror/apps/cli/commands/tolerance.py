@@ -30,16 +30,16 @@ from ....manufacturing.tolerancing.tolerance_file import (
     tolerance_template,
 )
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, flag, option, takes
-from .._option_types import NUMBER, SENSOR, WholeRange
+from .._declarations import DocumentedCommand, Options, add_options, flag, option
+from .._option_types import NUMBER, SENSOR, IntegerRange
 from .._output import (
     json_option,
     output_console,
     output_option,
     plain_table,
+    print_line,
+    print_written,
     progress_bar,
-    say,
-    say_written,
 )
 
 INIT = "init"
@@ -52,8 +52,8 @@ MAX_ROWS = 12
 class TrialOptions(Options):
     """Number of trials, limits and analyses."""
 
-    trials: int = option(default=10_000, type=WholeRange(1), help="Number of Monte Carlo trials.")
-    seed: int = option(default=0, type=WholeRange(0), help="Random seed.")
+    trials: int = option(default=10_000, type=IntegerRange(1), help="Number of Monte Carlo trials.")
+    seed: int = option(default=0, type=IntegerRange(0), help="Random seed.")
     target_yield: float | None = option(
         "--yield",
         type=NUMBER,
@@ -99,7 +99,7 @@ class SweepOptions(Options):
         metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials."
     )
     shard_trials: int | None = option(
-        type=WholeRange(1),
+        type=IntegerRange(1),
         help=f"Trials per shard; larger runs are stored in DIR/{SHARDS}.  [default: {SHARD_TRIALS}]",
     )
 
@@ -130,8 +130,8 @@ class SweepOptions(Options):
 )
 @click.argument("sensor", type=SENSOR)
 @click.argument("tolerances", required=False)
-@takes(TrialOptions, "options")
-@takes(SweepOptions, "storage")
+@add_options(TrialOptions, "options")
+@add_options(SweepOptions, "storage")
 @click.option(
     "--grade",
     type=click.Choice(GRADES),
@@ -192,7 +192,7 @@ def command(
     console, sweep = output_console(), storage.of(options.trials, out)
     with progress_bar(console) as bar:
         task = bar.add_task("Simulating", total=options.trials)
-        found = tolerance(
+        report = tolerance(
             nominal,
             plan,
             trials=options.trials,
@@ -201,31 +201,31 @@ def command(
             variance=options.variance,
             sweep=sweep,
             on_progress=lambda done, all_: bar.update(task, completed=done, total=all_),
-            on_warning=lambda sentence: say(sentence, console=console),
+            on_warning=lambda message: print_line(message, console=console),
         )
-    merit = next(iter(found.plan.limits), "motion_px")
+    merit = next(iter(report.plan.limits), "motion_px")
     typical = (
-        typical_sensors(nominal, found.plan, merit, trials=options.trials, seed=options.seed)
+        typical_sensors(nominal, report.plan, merit, trials=options.trials, seed=options.seed)
         if save_trials
         else []
     )
-    _print(console, found)
+    _print(console, report)
     if sweep is not None:
-        say(f"\nTrials stored in {sweep.folder}", console=console)
+        print_line(f"\nTrials stored in {sweep.folder}", console=console)
         if not sweep.is_whole:  # charts require all trials
-            say(
+            print_line(
                 f"Part {storage.part} completed; when all parts are done, run without --part to combine them",
                 console=console,
             )
             out = None
-    written = _write(found, out, json_file)
+    written = _write(report, out, json_file)
     if report_file is not None:
         from ...reports.tolerances import write_tolerances
 
-        written.append(write_tolerances(found, report_file))
+        written.append(write_tolerances(report, report_file))
     if typical and out is not None:
         written += _write_typical(typical, merit, out, console)
-    say_written(*written, console=console)
+    print_written(*written, console=console)
 
 
 def _init(name: str | None, grade: str, force: bool) -> None:
@@ -235,7 +235,9 @@ def _init(name: str | None, grade: str, force: bool) -> None:
     if path.exists() and not (force or is_stream(path)):
         raise OmnimirrorError(f"{path} already exists; rename it or use --force to overwrite it")
     write_text(path, tolerance_template(load_sensor(name), grade))
-    say(f"Wrote {path}; edit it, then run: omnimirror tolerance {shell_command([name, path])}")
+    print_line(
+        f"Wrote {path}; edit it, then run: omnimirror tolerance {shell_command([name, path])}"
+    )
 
 
 def _limit(words: str) -> tuple[str, float]:
@@ -258,10 +260,10 @@ def _part(words: str) -> tuple[int, int]:
     return i, n
 
 
-def _print(console: Console, found: ToleranceReport) -> None:
-    statistics, of = found.statistics, found.statistics.yields
+def _print(console: Console, report: ToleranceReport) -> None:
+    statistics, of = report.statistics, report.statistics.yields
     lost = f", {statistics.lost} lose rays" if statistics.lost else ""
-    console.print(f"{statistics.trials} trials{lost}; seed {found.seed}\n")
+    console.print(f"{statistics.trials} trials{lost}; seed {report.seed}\n")
     table = plain_table("merit", "limit", "median", "95 %", "99 %", "good %")
     usual = (
         *(after("motion_px", depth) for depth in CALIBRATIONS),
@@ -284,7 +286,7 @@ def _print(console: Console, found: ToleranceReport) -> None:
     table = plain_table(
         "single error", "tolerance", "motion px", "after affine", "after pose", "max. tolerance"
     )
-    ranked = sorted(found.sensitivities, key=lambda row: -row.merits["motion_px"])
+    ranked = sorted(report.sensitivities, key=lambda row: -row.merits["motion_px"])
     for row in ranked[:MAX_ROWS]:
         motions = [
             format_motion(row.merits[after("motion_px", depth)])
@@ -302,12 +304,12 @@ def _print(console: Console, found: ToleranceReport) -> None:
         console.print(
             f"... and {len(ranked) - MAX_ROWS} smaller ones; use --json or --output for all"
         )
-    _print_variance(console, found)
-    _print_allocation(console, found)
+    _print_variance(console, report)
+    _print_allocation(console, report)
 
 
-def _print_variance(console: Console, found: ToleranceReport) -> None:
-    if (variance := found.variance) is None:
+def _print_variance(console: Console, report: ToleranceReport) -> None:
+    if (variance := report.variance) is None:
         return
     for merit, shares in variance.indices.items():
         console.print(f"\nSobol indices of {merit}\n")
@@ -321,23 +323,23 @@ def _print_variance(console: Console, found: ToleranceReport) -> None:
         console.print(table)
 
 
-def _print_allocation(console: Console, found: ToleranceReport) -> None:
-    if (cheapest := found.allocation) is None:
+def _print_allocation(console: Console, report: ToleranceReport) -> None:
+    if (allocation := report.allocation) is None:
         return
-    of = cheapest.confirmed_yield
+    of = allocation.confirmed_yield
     console.print(
         f"\nallocated tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to {100 * of.high:.2f} %) of "
-        f"{cheapest.trials} independent trials\ncost {cheapest.cost:.4g}; {cheapest.uniform_cost:.4g} with uniform "
-        "scaling\n"
+        f"{allocation.trials} independent trials\ncost {allocation.cost:.4g}; {allocation.uniform_cost:.4g} with "
+        "uniform scaling\n"
     )
     table = plain_table("error", "initial", "allocated", "factor")
-    for name, value in cheapest.tolerances.items():
-        initial = found.plan.tolerances.errors[name].value
+    for name, value in allocation.tolerances.items():
+        initial = report.plan.tolerances.errors[name].value
         table.add_row(name, f"{initial:.3g}", f"{value:.3g}", f"{value / initial:.2g}")
     console.print(table)
-    if cheapest.at_maximum:
+    if allocation.at_maximum:
         console.print(
-            f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(cheapest.at_maximum)}"
+            f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(allocation.at_maximum)}"
         )
 
 
@@ -352,35 +354,35 @@ def _write_typical(
     written = []
     for trial in typical:
         name = f"{100 * trial.quantile:02.0f}"
-        files = [out / f"sensor-{name}.toml", out / f"picture-{name}.png"]
+        files = [out / f"sensor-{name}.toml", out / f"image-{name}.png"]
         save_sensor(trial.sensor, files[0])
         write_image(files[1], take_picture(trial.sensor, Room(), blur=True))
         words = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
-        say(words, console=console)
+        print_line(words, console=console)
         written += files
     return written
 
 
-def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> list[Path]:
+def _write(report: ToleranceReport, out: Path | None, json_file: Path | None) -> list[Path]:
     written = []
     if out is not None:
         from ....analysis.figures.style import save_figure, styled
         from ....manufacturing.tolerancing.charts import curves, plot_tornado, plot_variance
 
         out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "tolerance.json", found.to_dict())
+        write_json(out / "tolerance.json", report.to_dict())
         with styled():
-            save_figure(plot_tornado(found.sensitivities), out / "tornado.svg")
-            save_figure(curves(found.statistics), out / "yield.svg")
-            if found.variance is not None:
-                save_figure(plot_variance(found.variance), out / "variance.svg")
+            save_figure(plot_tornado(report.sensitivities), out / "tornado.svg")
+            save_figure(curves(report.statistics), out / "yield.svg")
+            if report.variance is not None:
+                save_figure(plot_variance(report.variance), out / "variance.svg")
         charts = (
             "tornado.svg",
             "yield.svg",
-            *(() if found.variance is None else ("variance.svg",)),
+            *(() if report.variance is None else ("variance.svg",)),
         )
         written += [out / name for name in ("tolerance.json", *charts)]
     if json_file is not None:
-        write_json(json_file, found.to_dict())
+        write_json(json_file, report.to_dict())
         written.append(json_file)
     return written

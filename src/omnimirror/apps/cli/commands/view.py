@@ -11,7 +11,7 @@ from ....base.errors import MediaError
 from ....dewarp.request import is_video
 from ....io import read_image
 from .._camera_options import CameraOptions
-from .._declarations import DocumentedCommand, takes
+from .._declarations import DocumentedCommand, add_options
 from .studio import ServerOptions, run_studio
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     ),
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
-@takes(CameraOptions, "camera")
-@takes(ServerOptions, "server")
+@add_options(CameraOptions, "camera")
+@add_options(ServerOptions, "server")
 def command(sources: tuple[str, ...], camera: CameraOptions, server: ServerOptions) -> None:
     """View each SOURCE in the browser.
 
@@ -57,7 +57,7 @@ def _is_live(source: str) -> bool:
     """
     live = is_video(source) and not Path(source).is_file()
     if live and Path(source).suffix and "://" not in source and not source.startswith("/dev/"):
-        raise MediaError(f"there is no video {source}")
+        raise MediaError(f"{source}: video not found")
     if not live and not is_video(source):
         read_image(source)
     return live

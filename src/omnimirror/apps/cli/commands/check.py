@@ -1,4 +1,4 @@
-"""``omnimirror judge``: check of a sensor against requirements, with margins."""
+"""``omnimirror check``: check of a sensor against requirements, with margins."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pathlib import Path
 
 import click
 
-from ....base.arguments import float_of
+from ....base.arguments import float_of, shown
 from ....base.files import write_json
 from ....design.requirement_check import TemperatureRange, judge, temperature_range
 from ....design.requirement_files import load_requirements
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, takes
+from .._declarations import DocumentedCommand, add_options
 from .._option_types import SENSOR
-from .._output import json_option, output_console, say_written
+from .._output import json_option, output_console, print_written
 from .._sensor_options import HousingOptions
-from ._design_report import MISSED, print_verdict
+from ._design_report import EXIT_MISSED, print_verdict
 
 
 def temperatures(text: str) -> tuple[float, float]:
@@ -30,14 +30,16 @@ def temperatures(text: str) -> tuple[float, float]:
     try:
         low, high = (float_of(word) for word in text.split(":"))
     except ValueError:
-        raise click.BadParameter(f"{text!r} is not two temperatures, such as -40:85") from None
+        raise click.BadParameter(
+            f"must be two temperatures, such as -40:85; got {shown(text)}"
+        ) from None
     return low, high
 
 
 @click.command(
     cls=DocumentedCommand,
     page="design",
-    examples=("omnimirror judge panorama.toml paper-equidistant",),
+    examples=("omnimirror check panorama.toml paper-equidistant",),
 )
 @click.argument("requirements", type=click.Path(path_type=Path))
 @click.argument("sensor", type=SENSOR)
@@ -48,7 +50,7 @@ def temperatures(text: str) -> tuple[float, float]:
     metavar="A:B",
     help="Temperature range, C: report the part in which the requirements are met.",
 )
-@takes(HousingOptions, "housing")
+@add_options(HousingOptions, "housing")
 def command(
     requirements: Path,
     sensor: str,
@@ -62,29 +64,31 @@ def command(
     Prints the requirements, the values reached and the margins. The sensor is evaluated at its own
     focus; the type of mirror is not checked. The exit code is 3 if a requirement is missed.
     """
-    asked = load_requirements(requirements)
-    asked, seen = replace(asked, housing=housing.of(asked.housing)), housing.on(load_sensor(sensor))
-    verdict = judge(asked, seen)
+    loaded, camera = load_requirements(requirements), housing.on(load_sensor(sensor))
+    loaded = replace(loaded, housing=housing.of(loaded.housing))
+    verdict = judge(loaded, camera)
     numbers = verdict.to_dict()
     console = output_console()
     print_verdict(console, verdict)
     if temperatures is not None:
         coldest, warmest = temperatures
-        found = temperature_range(asked, seen, coldest_c=coldest, warmest_c=warmest)
-        numbers["temperatures"] = found.to_dict()
-        console.print(_range_words(found))
+        limits = temperature_range(loaded, camera, coldest_c=coldest, warmest_c=warmest)
+        numbers["temperatures"] = limits.to_dict()
+        console.print(_format_range(limits))
     if json_file:
         write_json(json_file, numbers)
-    say_written(json_file, console=console)
-    sys.exit(0 if verdict.is_met else MISSED)
+    print_written(json_file, console=console)
+    sys.exit(0 if verdict.is_met else EXIT_MISSED)
 
 
-def _range_words(found: TemperatureRange) -> str:
+def _format_range(limits: TemperatureRange) -> str:
     """Format a range of temperatures and its limiting requirements."""
-    if math.isnan(found.low_c):
-        return f"at no temperature: {', '.join(found.above)} is missed at the reference already"
-    sides = ((found.below, "below"), (found.above, "above"))
-    ends = [f"{', '.join(what)} is missed {where}" for what, where in sides if what]
-    return f"met from {found.low_c:g} to {found.high_c:g} C" + (
+    if math.isnan(limits.low_c):
+        return (
+            f"met at no temperature: {', '.join(limits.above)} missed at the reference temperature"
+        )
+    sides = ((limits.below, "below"), (limits.above, "above"))
+    ends = [f"{', '.join(labels)} missed {where}" for labels, where in sides if labels]
+    return f"met from {limits.low_c:g} to {limits.high_c:g} C" + (
         f"; {'; '.join(ends)}" if ends else ""
     )
