@@ -126,7 +126,7 @@ def blur_bound(
     low, high = sensor.field_deg
     if omega_min_deg is not None and not low <= omega_min_deg < high:
         raise InvalidParameter(
-            f"omega_min_deg = {omega_min_deg:g} is not in the field of {low:.4g} to {high:.4g} deg"
+            f"omega_min_deg must be in the field, {low:.4g} to {high:.4g} deg; got {omega_min_deg:g}"
         )
     begin = low if omega_min_deg is None else omega_min_deg
     steepest = _steepest(
@@ -143,7 +143,7 @@ def _steepest(
     if isinstance(lens, Perspective):
         if any(lens.brown):
             raise InvalidParameter(
-                f"{sensor.name} has a lens that distorts; the bound of blur is of one that does not"
+                f"the lens of {sensor.name!r} must be free of distortion for the bound of blur"
             )
         theta = float(sensor.meridian.theta_max)
         camera = PerspectiveCamera(
@@ -315,7 +315,7 @@ def _least(too_steep: Callable[[float], float]) -> float:
         return 0.0
     if not too_steep(MIN_BLUR_RAD) > 0 or not too_steep(MAX_BLUR_RAD) <= 0:
         raise InvalidParameter(
-            f"this field, rim, lens and object distance have no bound of blur "
+            "the bound of blur for this field, rim, lens and object distance must be "
             f"between {np.degrees(MIN_BLUR_RAD):.2g} and "
             f"{np.degrees(MAX_BLUR_RAD):.3g} deg"
         )

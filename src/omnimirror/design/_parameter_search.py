@@ -680,9 +680,9 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
     if isinstance(sensor.lens, GaussianLens):
         fills = sensor.rim_radius_px > requirements.largest_image_px - EDGE_PX
         where = (
-            "where the rim fills the imager"
+            "so that the rim fills the imager"
             if fills
-            else "the end of its range, where the imager is not filled"
+            else "the end of its range; the rim does not fill the imager"
         )
         if search.ranges["theta_max_deg"] is None:
             notes.append(
@@ -692,29 +692,29 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
             notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, {where}")
     if requirements.lens.focus_mm is None or is_free(requirements.lens.focus_mm):
         notes.append(
-            f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where {_why_there(requirements, made)}"
+            f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_why_there(requirements, made)}"
         )
     deviation = mapping_deviation_px(made.settled, sensor)
     if deviation is not None:
         mirror = requirements.mirror
-        who = (
+        mirror_text = (
             "the mirror behind lens and cover"
             if mirror.mapping and not mirror.fit
             else "the fitted mirror"
         )
-        notes.append(f"{who} departs from its mapping by up to {deviation:.3g} px")
+        notes.append(f"maximum deviation of {mirror_text} from its mapping: {deviation:.3g} px")
     return tuple(notes)
 
 
 def _why_there(requirements: Requirements, made: Candidate) -> str:
     """Return the criterion of the focus."""
     if made.settled.lens.focus_mm != requirements.lens.focus_mm:
-        return "the smallest margin is largest"
+        return "maximising the smallest margin"
     is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
     return (
-        "the limits of blur are kept best"
+        "maximising the margins of blur limits"
         if is_sharpness
-        else "the worst floored blur area is least"
+        else "minimising the worst floored blur area"
     )
 
 

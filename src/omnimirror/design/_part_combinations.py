@@ -94,7 +94,7 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
     if not there:
         known = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
         raise InvalidParameter(
-            f"there is no {shown(use)} in the catalogue, and parts.extras asks for one; it has {known}"
+            f"the catalogue must contain an extra part with the use {shown(use)} for parts.extras; it has {known}"
         )
     return min(there, key=lambda part: (part.price is None, part.price or 0.0))
 
@@ -308,12 +308,12 @@ def _is_lost_in_the_disk(limit: Limit, airy_px: float, image_px: float, own: Req
 
 
 CUTS: dict[str, Callable[[PartsBounds], bool]] = {
-    "another kind of lens": _is_of_other_kind,
-    "another mount": _does_not_screw_on,
-    "too dear, or of unknown price": _is_too_dear,
+    "different kind of lens": _is_of_other_kind,
+    "different mount": _does_not_screw_on,
+    "too expensive, or of unknown price": _is_too_dear,
     "too heavy, or of unknown mass": _is_too_heavy,
-    "another focal length, magnification, aperture or focus": _has_other_numbers,
-    "another viewing angle": _has_no_such_angle,
+    "different focal length, magnification, aperture or focus": _has_other_numbers,
+    "different viewing angle": _has_no_such_angle,
     "too large": _is_too_large,
     "too few pixels": _resolves_too_little,
     "too much diffraction": _diffracts_too_much,

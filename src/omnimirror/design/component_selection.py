@@ -110,12 +110,12 @@ def best_apertures(
     low, high = f_number if isinstance(f_number, Sequence) else (f_number, f_number)
     if not 0 < low <= high:
         raise InvalidParameter(
-            f"F-numbers {low:g} to {high:g} are no range; it needs 0 < low <= high"
+            f"f_numbers must be a range with 0 < low <= high; got {low:g} to {high:g}"
         )
     first, last = sensor.field_deg
     if not omega_min_deg < last:
         raise InvalidParameter(
-            f"omega_min_deg = {omega_min_deg:g} leaves no field; it is valid below {last:.6g}"
+            f"omega_min_deg must be less than {last:.6g} deg, the end of the field; got {omega_min_deg:g}"
         )
     omega = np.radians(np.linspace(max(first, omega_min_deg), last, FIELD_ANGLES))
     unit = replace(sensor, lens=_at_f_number(sensor.lens, 1.0))
@@ -137,7 +137,7 @@ def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestApe
     L = {"tangential": L_t, "sagittal": L_s, "together": np.concatenate([L_t, L_s])}[side]
     usable = L[np.isfinite(L) & (_nearest(study.sensor.lens) < L)]
     if not usable.size:
-        raise InvalidParameter("the virtual images lie nowhere the lens could be focused at")
+        raise InvalidParameter("the lens cannot be focused at the virtual images")
 
     def at(focus: float) -> BestAperture:
         blur = study.at(focus)
@@ -256,9 +256,7 @@ def choose_parts(
     """
     sensor.check("the choice of parts", "one mirror")
     if not 0 <= least_fill <= 1:
-        raise InvalidParameter(
-            f"least_fill = {least_fill:g} is not valid; it is a share from 0 to 1"
-        )
+        raise InvalidParameter(f"least_fill must be a fraction from 0 to 1; got {least_fill:g}")
     distances("object_distance_mm", object_distance_mm)
     found = [
         _combine(sensor, lens, imager, least_fill, object_distance_mm)
@@ -276,15 +274,11 @@ def _combine(
     distance: float,
 ) -> Combination:
     if isinstance(lens, TelecentricComponent) != sensor.lens.TELECENTRIC:
-        wanted = (
-            "a telecentric lens"
-            if sensor.lens.TELECENTRIC
-            else "a lens at a distance, not a telecentric one"
-        )
+        required = "a telecentric lens" if sensor.lens.TELECENTRIC else "a perspective lens"
         return Combination(
             lens.name,
             imager.name,
-            (f"the mirror is made for {wanted}",),
+            (f"the mirror requires {required}",),
             0.0,
             0.0,
             0.0,
@@ -297,17 +291,17 @@ def _combine(
     reasons = (
         []
         if mounts_fit(lens, imager)
-        else [f"its mount is {lens.mount}, the imager's {imager.mount}"]
+        else [f"lens mount {lens.mount} differs from imager mount {imager.mount}"]
     )
     if rim > half:
-        reasons.append(f"the rim's image of {rim:.0f} px overfills {half:g} px")
+        reasons.append(f"rim image radius {rim:.0f} px exceeds {half:g} px")
     if rim < least_fill * half:
         reasons.append(
-            f"the rim's image of {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px"
+            f"rim image radius {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px"
         )
     if lens.image_circle_mm is not None and 2 * rim * part.pitch_mm > lens.image_circle_mm:
         reasons.append(
-            f"the lens covers {lens.image_circle_mm:g} mm, the image needs {2 * rim * part.pitch_mm:.1f} mm"
+            f"image circle {lens.image_circle_mm:g} mm, required {2 * rim * part.pitch_mm:.1f} mm"
         )
     ring = 0.0
     if isinstance(lens, LensComponent):
@@ -315,7 +309,7 @@ def _combine(
         reasons += more
     elif lens.front_diameter_mm < (width := 2 * sensor.mirror.rim_radius_mm):
         reasons.append(
-            f"its front of {lens.front_diameter_mm:g} mm is narrower than the mirror, {width:g} mm"
+            f"front diameter {lens.front_diameter_mm:g} mm is less than that of the mirror, {width:g} mm"
         )
     return Combination(lens.name, imager.name, tuple(reasons), rim / half, rim, ring, best, area)
 
@@ -338,12 +332,12 @@ def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
     ):
         if ring <= needed <= ring + travel:
             return ring, []
-    sentence = (
-        f"its nearest focus is {part.minimum_focus_mm:g} mm, the images need {focus_mm:.0f} mm"
-    )
+    reason = f"minimum focus {part.minimum_focus_mm:g} mm, required {focus_mm:.0f} mm"
     if rings:
-        sentence += f", which takes rings of {needed - travel:.2f} to {needed:.2f} mm together"
-    return 0.0, [sentence]
+        reason += (
+            f", which requires extension rings of {needed - travel:.2f} to {needed:.2f} mm in total"
+        )
+    return 0.0, [reason]
 
 
 def _at_best_aperture(

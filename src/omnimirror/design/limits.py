@@ -305,10 +305,12 @@ _OURS: dict[str, Limitable] = {
 
 def _check_limitable(name: str, limitable: Any) -> None:
     if not isinstance(limitable, Limitable):
-        raise WrongKind(f"{shown(limitable)} is no omnimirror.design.Limitable")
+        raise WrongKind(
+            f"the quantity must be an omnimirror.design.Limitable; got {shown(limitable)}"
+        )
     if limitable.quantity.name != name:
         raise InvalidParameter(
-            f"the quantity {shown(limitable.quantity.name)} is to be known by its own name"
+            f"the entry point must have the name of its quantity, {shown(limitable.quantity.name)}"
         )
 
 
@@ -403,37 +405,37 @@ class Limit:
         if not isinstance(self.quantity, str) or self.quantity not in LIMITABLE:
             hint = did_you_mean(str(self.quantity)[:60], LIMITABLE)
             raise InvalidParameter(
-                f"limit.quantity = {shown(self.quantity)} is not known{hint}; valid are {', '.join(LIMITABLE)}"
+                f"limit.quantity must be one of {', '.join(LIMITABLE)}; got {shown(self.quantity)}{hint}"
             )
         if self.at_most is None and self.at_least is None:
-            raise InvalidParameter(f"limit of {self.quantity} says neither at_most nor at_least")
+            raise InvalidParameter(f"limit of {self.quantity} must have at_most or at_least")
         self._check_frequency()
         for side in ("at_most", "at_least"):
             if (value := getattr(self, side)) is not None:
                 self._check_side(side, value)
         if self.at_most is not None and self.at_least is not None and self.at_least > self.at_most:
-            raise InvalidParameter(f"limit of {self.quantity}: at_least is above at_most")
+            raise InvalidParameter(f"limit of {self.quantity}: at_least must not exceed at_most")
         if self.omega_deg is not None and self.quantity in OF_THE_WHOLE:
             raise InvalidParameter(
-                f"limit of {self.quantity}: omega_deg does not apply to it; it is of the whole sensor"
+                f"limit of {self.quantity}: omega_deg must be omitted, since the quantity concerns the whole sensor"
             )
         if self.omega_deg is not None:
             low, high = finite("limit.omega_deg", self.omega_deg, last=2)
             object.__setattr__(self, "omega_deg", (float(low), float(high)))
             if not 0 <= low <= high:
                 raise InvalidParameter(
-                    f"limit.omega_deg = {list(self.omega_deg)} is no part of the field; it needs FROM up to TO"
+                    f"limit.omega_deg must be [FROM, TO] with 0 <= FROM <= TO; got {list(self.omega_deg)}"
                 )
 
     def _check_frequency(self) -> None:
         if LIMITABLE[self.quantity].of_frequency is None:
             if self.cycles_per_px is not None:
                 raise InvalidParameter(
-                    f"limit of {self.quantity}: cycles_per_px does not apply to it; it belongs to mtf, mtf_t and mtf_s"
+                    f"limit of {self.quantity}: cycles_per_px requires the quantity mtf, mtf_t or mtf_s"
                 )
         elif self.cycles_per_px is None:
             raise InvalidParameter(
-                f"limit of {self.quantity} does not say at which spatial frequency; give cycles_per_px, such as 0.25"
+                f"limit of {self.quantity} requires a spatial frequency, cycles_per_px, such as 0.25"
             )
         else:
             number("limit.cycles_per_px", self.cycles_per_px, above=0.0, high=FINEST)
@@ -442,8 +444,7 @@ class Limit:
         number(f"{side} of {self.quantity}", value)
         if value < 0:
             raise InvalidParameter(
-                f"limit of {self.quantity}: {side} = {value:g} is below 0, which no {self.quantity} is; "
-                "it is valid from 0 up"
+                f"limit of {self.quantity}: {side} must be at least 0; got {value:g}"
             )
         if (
             side == "at_most"
@@ -452,17 +453,15 @@ class Limit:
             and self.quantity not in MAY_BE_0
         ):
             raise InvalidParameter(
-                f"limit of {self.quantity}: at_most = 0 is kept by no sensor, whose {self.quantity} is above 0; "
-                "it is valid above 0"
+                f"limit of {self.quantity}: at_most must be greater than 0; got 0"
             )
         if (
             side == "at_least"
             and value > 1
             and (self.of.takes == "ratio" or self.quantity in SHARES)
         ):
-            what = "ratio of smallest to largest" if self.of.takes == "ratio" else self.quantity
             raise InvalidParameter(
-                f"limit of {self.quantity}: at_least = {value:g} is above 1, which no {what} is"
+                f"limit of {self.quantity}: at_least must be at most 1; got {value:g}"
             )
 
     def contradicts(self, other: Limit) -> str | None:
@@ -492,7 +491,7 @@ class Limit:
                 return f"{low.quantity} at least {low.at_least:g} and at most {high.at_most:g}"
             return (
                 f"{low.quantity} at least {low.at_least:g} and {high.quantity} at most {high.at_most:g}, "
-                "which is never the smaller"
+                "which is never smaller"
             )
         return None
 

@@ -56,8 +56,8 @@ class FitForm(NamedTuple):
         least = 1 if match and match[1] == "polynomial" else 0
         if not match or not least <= int(match[2]) <= MAX_TERMS:
             raise InvalidParameter(
-                f"{text!r} is not a form to fit; valid are polynomial:N with 1 to {MAX_TERMS} terms, and asphere:N "
-                f"with 0 to {MAX_TERMS} beside the conic"
+                f"fit must be polynomial:N with 1 to {MAX_TERMS} terms, or asphere:N with 0 to {MAX_TERMS} terms in "
+                f"addition to the conic; got {text!r}"
             )
         return cls("polynomial" if match[1] == "polynomial" else "asphere", int(match[2]))
 
@@ -114,11 +114,11 @@ def fit_mirror(
     ['0.0624%', '0.0055%']
     """
     if aim not in get_args(Aim):
-        raise InvalidParameter(f"aim = {aim!r} is not known; valid are {', '.join(get_args(Aim))}")
+        raise InvalidParameter(f"aim must be one of {', '.join(get_args(Aim))}; got {aim!r}")
     form = FitForm.parse(form) if isinstance(form, str) else form
     if target.mirror.is_pointed:
         raise InvalidParameter(
-            f"the {target.mirror.KIND} mirror ends in a point, where even powers of x are smooth; fit a smooth mirror"
+            f"the {target.mirror.KIND} mirror must be smooth at the apex for a fit of even powers; it is pointed"
         )
     problem = _Problem(Meridian(target.mirror, target.distance_mm), form)
     try:
@@ -130,7 +130,7 @@ def fit_mirror(
         return problem.judged(unknowns)
     except OmnimirrorError:
         raise InvalidParameter(
-            f"no {form.kind} of {form.terms} terms comes near this {target.mirror.KIND} mirror; take more terms"
+            f"no {form.kind} of {form.terms} terms approximates this {target.mirror.KIND} mirror; use more terms"
         ) from None
 
 

@@ -33,7 +33,7 @@ from .requirements import PartsRequirements, Requirements
 # -- Sensor design for one combination of parts: mirror, aperture and focus ------------------------
 
 SCREENED = 31  # mirror points during the choice of the aperture
-BLURRED = "more blurred than a cheaper one"
+BLURRED = "more blur than a cheaper combination"
 SLACK = 0.02  # relative violation of a limit of blur permitted in the screening
 SEARCHED = 181  # field angles of the preliminary requirement check
 BEYOND_RIM = 1.2  # relative to the distance of the rim: approximate distance of the virtual images
@@ -111,7 +111,7 @@ def design_bought(
             return found
         return _judged(asked, own, combination, made.sensor)
     except OmnimirrorError:
-        return "no such mirror"
+        return "no feasible mirror"
 
 
 def _judged(
@@ -191,7 +191,7 @@ def _made(
             return BLURRED
     f_number, focus = focusing(own, rough, SCREENED).best_aperture(span)
     if focus.cost > SLACK and any(limit.of.is_sharpness for limit in own.limits):
-        return "too blurred"
+        return "too much blur"
     settled = own.changed(f_number=f_number)
     return make(settled) if combination.ball is None else _of_ball(settled, combination.ball)
 
@@ -246,7 +246,7 @@ def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
         if abs(theta - before) < SETTLED:
             break
     if not low * (1 - SETTLED) <= rim <= high * (1 + SETTLED):
-        return "another rim radius"
+        return "different rim radius"
     return made
 
 
@@ -261,7 +261,7 @@ def check_free(asked: Requirements) -> None:
     assert asked.parts is not None
     if asked.parts.mirror == "ball" and is_free(asked.lens.theta_max_deg):
         raise InvalidParameter(
-            "theta_max_deg of a bought ball follows from lens and imager; leave it out, or give a number"
+            "theta_max_deg must be omitted or a number for a mirror ball from a catalogue, not a range"
         )
 
 
@@ -383,7 +383,7 @@ def design_from_parts(
     instance("requirements", requirements, Requirements, "requirements")
     if requirements.parts is None:
         raise InvalidParameter(
-            "the requirements say nothing of parts; give parts, or design_sensor designs without"
+            "the requirements must contain parts; use design_sensor for a design without parts"
         )
     whole("most", most, 1)
     whole("processes", processes, 1)
@@ -394,7 +394,7 @@ def design_from_parts(
         ("dome", requirements.parts.dome, catalogue.domes),
     ):
         if asked and not there:
-            raise InvalidParameter(f"there is no {name} in the catalogue, and parts asks for one")
+            raise InvalidParameter(f"the catalogue must contain a {name}, required by parts")
     everything = combinations_of(catalogue, requirements)
     reasons = [cut(requirements, combination) for combination in everything]
     tally = _Tally(
@@ -404,7 +404,7 @@ def design_from_parts(
     say = on_step or (lambda words: None)
     for i, answer in enumerate(_designed(requirements, left, processes, tally)):
         tally.take(answer)
-        say(f"{i + 1} of {len(left)} combinations, {len(tally.found)} keep everything")
+        say(f"{i + 1} of {len(left)} combinations, {len(tally.found)} feasible")
         if tally.is_full:
             break
     return tally.result()

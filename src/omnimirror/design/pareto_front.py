@@ -76,8 +76,8 @@ class Contest:
         keep = keep[first]
         if not keep.size:
             raise OmnimirrorError(
-                "no design found that keeps all limits; allow more generations or looser limits, or optimise one merit "
-                "alone, which says what conflicts"
+                "no design meets all limits; use more generations or looser limits, or optimise a single merit, "
+                "which reports the conflicts"
             )
         return y[keep], values[keep]
 
@@ -225,7 +225,7 @@ class Front:
             Index out of range.
         """
         if not -len(self) <= i < len(self):
-            raise InvalidParameter(f"the front has no design {i}; it has {len(self)}, from 0")
+            raise InvalidParameter(f"the index must be from 0 to {len(self) - 1}; got {i}")
         merits = "-".join(m.replace("_", "-") for m in self.merits)
         name = (
             f"front-{merits}-{i % len(self)}"
@@ -322,19 +322,19 @@ def pareto(
     instance("requirements", requirements, Requirements, "requirements")
     if requirements.mirror.optimise is None:
         raise InvalidParameter(
-            "a front is one of optimised mirrors; give mirror.optimise, and neither mapping nor family"
+            "a Pareto front requires mirror.optimise, without mapping and family"
         )
     if requirements.lens.focus_mm is not None:
         raise InvalidParameter(
-            "the designs of a front are compared each at its own best focus; leave out focus_mm"
+            "focus_mm must be omitted for a Pareto front; each design is evaluated at its best focus"
         )
     if len(set(merits)) < max(len(merits), 2):
         raise InvalidParameter(
-            f"a front needs two different merits or more; given were {', '.join(merits) or 'none'}"
+            f"merits must be at least two different names; got {', '.join(merits) or 'none'}"
         )
     for name, value in (("population", population), ("generations", generations)):
         if value < 1:
-            raise InvalidParameter(f"{name} = {value} is not valid; it must be above 0")
+            raise InvalidParameter(f"{name} must be greater than 0; got {value}")
     _needs("pymoo")
     space = FreeformDesignSpace(requirements, problem_of(requirements, mode, image_radius_px))
     contest = Contest(space.designs, [merit_named(m) for m in merits])
@@ -446,7 +446,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any], Generation]:
         y = np.column_stack([table[n].to_numpy() for n in table.column_names if n.startswith("y")])
         alive = Generation(about.pop("generation"), y, np.array(about.pop("box")))
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
-        raise OmnimirrorError(f"{path} is not a front that omnimirror wrote") from None
+        raise OmnimirrorError(f"{path} must be a Pareto front written by omnimirror") from None
     return about, tables, alive
 
 
@@ -457,7 +457,7 @@ def _resumed(path: str | Path | None, search: dict[str, Any]) -> Generation | No
     if about != json.loads(json.dumps(search)):
         changed = ", ".join(k for k in search if about.get(k) != json.loads(json.dumps(search[k])))
         raise OmnimirrorError(
-            f"{path} belongs to another search ({changed} differ); name another file"
+            f"{path} must be the state of the same search; {changed} differ; specify another file"
         )
     return alive
 
@@ -467,5 +467,5 @@ def _needs(package: str) -> None:
         import_module(package)
     except ImportError:
         raise OmnimirrorError(
-            f"fronts need {package}, which is not installed: pip install 'omnimirror[design]'"
+            f"Pareto fronts require {package}: pip install 'omnimirror[design]'"
         ) from None

@@ -200,8 +200,8 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     angles = whole("angles", angles, 2, MAX_ANGLES)
     if requirements.lens.is_telecentric != sensor.lens.TELECENTRIC:
         raise InvalidParameter(
-            f"the lens of the sensor is {sensor.lens.KIND}, and the requirements are about one that is "
-            f"{requirements.lens.kind}"
+            f"the lens of the sensor must be {requirements.lens.kind}, as in the requirements; got "
+            f"{sensor.lens.KIND}"
         )
     if sensor.housing.is_empty:
         sensor = replace(sensor, housing=requirements.housing)
@@ -274,7 +274,7 @@ def _limits_over_temperatures(
     rows = _limit_rows(requirements, sensor, angles)
     for temperature in requirements.temperatures_c or ():
         there = _limit_rows(requirements, at_temperature(sensor, temperature), angles)
-        remark = f"worst at {temperature:g} C"
+        remark = f"smallest margin at {temperature:g} C"
         rows = [
             replace(moved, remarks=(*moved.remarks, remark)) if moved.margin < row.margin else row
             for row, moved in zip(rows, there, strict=True)
@@ -340,10 +340,10 @@ def _diffraction(
     if limit.at_most is None or not limit.of.is_blur:
         return []
     sharp = (field._replace(t_px=0 * field.t_px, s_px=0 * field.s_px) for field, _ in fields)
-    least = max(limit.of.extreme(field, True)[0] for field in sharp)
-    real = "" if sensor.lens.IS_THIN else " with the lens's own blur"
-    said = f"the Airy disk{real} alone is {least:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
-    return [said] if least > limit.at_most else []
+    minimum = max(limit.of.extreme(field, True)[0] for field in sharp)
+    real = "" if sensor.lens.IS_THIN else " with the blur of the lens"
+    remark = f"the Airy disk{real} alone is {minimum:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
+    return [remark] if minimum > limit.at_most else []
 
 
 def evaluations(requirements: Requirements, sensor: Sensor, omega_deg: Array) -> list[Evaluation]:
@@ -434,8 +434,8 @@ def temperature_range(
     reference = sensor.thermal.reference_c  # type: ignore[union-attr]  # refused above
     if not coldest_c <= reference <= warmest_c:
         raise InvalidParameter(
-            f"temperatures from {coldest_c:g} to {warmest_c:g} C are not valid; they must hold the reference of the "
-            f"sensor's [thermal], {reference:g} C"
+            f"coldest_c and warmest_c must enclose the reference temperature of the sensor, {reference:g} C; got "
+            f"{coldest_c:g} and {warmest_c:g}"
         )
     if missed := _missed(requirements, sensor, reference):
         return TemperatureRange(np.nan, np.nan, missed, missed)

@@ -113,7 +113,7 @@ def load_requirements(
     """
     path = file_name("path", path)
     text = read_text(
-        path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}"
+        path, "requirement file", SpecError, f"requirement file {str(path)!r} not found"
     )
     return parse_requirements(text, str(path), path.parent, changes, limits)
 
@@ -234,7 +234,8 @@ def _check_tables(data: dict[str, Any], where: SourceLocator) -> None:
     for key in ("field", "mirror"):
         if key not in data:
             raise where.error(
-                (), f"there is no [{key}] table; a requirement file needs [field] and [mirror]"
+                (),
+                f"the table [{key}] is missing; a requirement file requires [field] and [mirror]",
             )
 
 
@@ -263,11 +264,12 @@ def _parts(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> 
     found = PartsRequirements.read(table, where)
     if folder is None and any(name != TYPICAL for name in found.catalogue):
         raise where.error(
-            ("parts", "catalogue"), "parts.catalogue names a file, which is valid in a file alone"
+            ("parts", "catalogue"),
+            "parts.catalogue must be omitted unless the requirements are in a file",
         )
-    beside = folder or Path()
+    excess = folder or Path()
     return replace(
-        found, catalogue=tuple(n if n == TYPICAL else str(beside / n) for n in found.catalogue)
+        found, catalogue=tuple(n if n == TYPICAL else str(excess / n) for n in found.catalogue)
     )
 
 
@@ -278,16 +280,16 @@ def _with_optics(
     optics = table.get("optics")
     if not isinstance(optics, dict):
         return table
-    if beside := [name for name in ("focal_length_mm", "f_number") if name in table]:
+    if excess := [name for name in ("focal_length_mm", "f_number") if name in table]:
         raise where.error(
-            ("lens", beside[0]),
-            f"lens.{beside[0]} does not apply beside lens.optics, which have their own",
+            ("lens", excess[0]),
+            f"lens.{excess[0]} and lens.optics must not be given together",
         )
     lens = lens_of(optics, where, folder, "lens.optics")
     if lens.IS_THIN:
         raise where.error(
             ("lens.optics", "kind"),
-            f"lens.optics.kind = {lens.KIND!r} is an ideal lens; valid are surfaces and table",
+            f"lens.optics.kind must be surfaces or table; got {lens.KIND!r}",
         )
     return {**table, "optics": lens}
 
@@ -303,9 +305,10 @@ def _by_field_angles(table: dict[str, Any], mount: Mount, where: SourceLocator) 
     """Return the field table with elevations, if present, converted to field angles."""
     if "elevation_deg" not in table:
         return table
-    if beside := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
+    if excess := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
         raise where.error(
-            ("field", beside[0]), f"field has both elevation_deg and {beside[0]}; give one of them"
+            ("field", excess[0]),
+            f"field.elevation_deg and field.{excess[0]} must not be given together",
         )
     entries = validated(
         ElevationTable, "field", {"elevation_deg": table["elevation_deg"]}, where
@@ -322,7 +325,7 @@ def _field_angles(
     if low > high:
         raise where.error(
             place,
-            f"{'.'.join(place)} = {elevation_deg} is no part of the field; it needs LOW up to HIGH",
+            f"{'.'.join(place)} must be [LOW, HIGH] in the field; got {elevation_deg}",
         )
     return where.wrap(place, lambda: mount.field_angles_deg((low, high)))
 
@@ -337,7 +340,7 @@ def limit_of(index: int, table: dict[str, Any], mount: Mount, where: SourceLocat
         if part is not None:
             raise where.error(
                 (section, "omega_deg"),
-                "limit has both elevation_deg and omega_deg; give one of them",
+                "limit.elevation_deg and limit.omega_deg must not be given together",
             )
         part = _field_angles(
             (section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where

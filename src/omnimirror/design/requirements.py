@@ -62,7 +62,8 @@ def check_consistency(requirements: Requirements) -> None:
     if field.omega_min_deg >= field.omega_max_deg:
         raise EntryError(
             ("field", "omega_min_deg"),
-            f"field.omega_min_deg = {field.omega_min_deg:g} is not below omega_max_deg = {field.omega_max_deg:g}",
+            f"field.omega_min_deg must be less than omega_max_deg = {field.omega_max_deg:g}; got "
+            f"{field.omega_min_deg:g}",
         )
     _check_way(mirror)
     _check_forms(mirror)
@@ -82,8 +83,11 @@ def _check_way(mirror: MirrorRequirements) -> None:
     """Check that the mirror has exactly one, known construction method."""
     ways = [name for name in WAYS if getattr(mirror, name) is not None]
     if len(ways) != 1:
-        said = f"both {' and '.join(ways)}" if ways else "neither mapping nor family nor optimise"
-        raise EntryError(("mirror",), f"mirror has {said}; give one of them")
+        requested = " and ".join(ways) or "none"
+        raise EntryError(
+            ("mirror",),
+            f"mirror must have exactly one of mapping, family and optimise; got {requested}",
+        )
     (way,) = ways
     value = getattr(mirror, way)
     known = {
@@ -94,7 +98,7 @@ def _check_way(mirror: MirrorRequirements) -> None:
     if value not in known and not (way == "family" and value.startswith("polynomial:")):
         raise EntryError(
             ("mirror", way),
-            f"mirror.{way} = {value!r} is not known{did_you_mean(value, known)}; valid are {', '.join(known)}",
+            f"mirror.{way} must be one of {', '.join(known)}; got {value!r}{did_you_mean(value, known)}",
         )
 
 
@@ -108,16 +112,16 @@ def _check_forms(mirror: MirrorRequirements) -> None:
         if mirror.shape is not None:
             raise EntryError(
                 ("mirror", "shape"),
-                "mirror.shape belongs to an optimised mirror; give optimise too",
+                "mirror.shape requires mirror.optimise",
             )
         return
     for name in NOT_FOR_FREEFORM:
         if getattr(mirror, name) is not None:
             raise EntryError(
-                ("mirror", name), f"mirror.{name} does not apply to an optimised mirror"
+                ("mirror", name), f"mirror.{name} must be omitted for an optimised mirror"
             )
     if mirror.apex == "pointed":
-        raise EntryError(("mirror", "apex"), "an optimised mirror has a smooth apex")
+        raise EntryError(("mirror", "apex"), "mirror.apex must be smooth for an optimised mirror")
     if mirror.shape is not None:
         NoFile().wrap(("mirror", "shape"), partial(FreeForm.parse, mirror.shape))
 
@@ -137,21 +141,21 @@ def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequire
         if abs(omega[-1] - field.omega_max_deg) > SAME_DEG:
             raise EntryError(
                 ("field", "omega_max_deg"),
-                f"the table ends at {omega[-1]:g} deg and the field at omega_max_deg = {field.omega_max_deg:g}; "
-                "they must agree",
+                f"omega_max_deg must be the last angle of the mapping table, {omega[-1]:g} deg; got "
+                f"{field.omega_max_deg:g}",
             )
-    most = getattr(MAPPINGS[mapping], "MOST_OMEGA_DEG", 180.0)
-    if field.omega_max_deg >= most:
+    maximum = getattr(MAPPINGS[mapping], "MOST_OMEGA_DEG", 180.0)
+    if field.omega_max_deg >= maximum:
         raise EntryError(
             ("field", "omega_max_deg"),
-            f"omega_max_deg = {field.omega_max_deg:g} cannot be reached by the {mapping} mapping; "
-            f"it is valid below {most:g}",
+            f"omega_max_deg must be less than {maximum:g} deg for the {mapping} mapping; got "
+            f"{field.omega_max_deg:g}",
         )
     radius, rim = mirror.cylinder_radius_mm, ends(mirror.rim_radius_mm)[0]
     if radius is not None and radius <= rim:
         raise EntryError(
             ("mirror", "cylinder_radius_mm"),
-            f"cylinder_radius_mm = {radius:g} does not clear the mirror; it is valid above rim_radius_mm = {rim:g}",
+            f"cylinder_radius_mm must be greater than rim_radius_mm = {rim:g}; got {radius:g}",
         )
 
 
@@ -161,22 +165,22 @@ def _check_conic(mirror: MirrorRequirements) -> None:
         return
     way = f"the {mirror.mapping} mapping" if mirror.mapping else f"the family {mirror.family}"
     if mirror.conic is not None and mirror.family not in OF_CONIC:
-        belongs = " and ".join(OF_CONIC)
+        families = " and ".join(OF_CONIC)
         raise EntryError(
-            ("mirror", "conic"), f"mirror.conic does not apply to {way}; it belongs to {belongs}"
+            ("mirror", "conic"), f"mirror.conic must be omitted for {way}; it applies to {families}"
         )
     if mirror.family is not None:
         for name in OF_MAPPINGS:
             if getattr(mirror, name) is not None:
                 raise EntryError(
                     ("mirror", name),
-                    f"mirror.{name} does not apply to {way}; it belongs to a mapping",
+                    f"mirror.{name} must be omitted for {way}; it applies to a mapping",
                 )
 
 
 def _check_camera(requirements: Requirements) -> None:
     """Reject a camera body that is inapplicable or too wide."""
-    camera, most = (
+    camera, maximum = (
         requirements.housing.camera,
         WIDEST_CAMERA * 2 * ends(requirements.mirror.rim_radius_mm)[1],
     )
@@ -185,13 +189,13 @@ def _check_camera(requirements: Requirements) -> None:
     if requirements.lens.is_telecentric:
         raise EntryError(
             ("housing.camera",),
-            "housing.camera does not apply to an orthographic lens, which may stand anywhere; give omega_min_deg",
+            "housing.camera must be omitted for an orthographic lens, whose position is free; use omega_min_deg",
         )
-    if camera.diameter_mm > most:
+    if camera.diameter_mm > maximum:
         raise EntryError(
             ("housing.camera", "diameter_mm"),
-            f"housing.camera.diameter_mm = {camera.diameter_mm:g} is more than {WIDEST_CAMERA:g} times the diameter of "
-            f"the mirror; it is valid up to {most:g}",
+            f"housing.camera.diameter_mm must be at most {maximum:g}, {WIDEST_CAMERA:g} times the diameter of the "
+            f"mirror; got {camera.diameter_mm:g}",
         )
 
 
@@ -203,20 +207,18 @@ def _check_temperatures(requirements: Requirements) -> None:
     if thermal is None:
         raise EntryError(
             ("thermal",),
-            "temperatures are asked for, and nothing is said of how they move the sensor; [thermal] needs a material, "
-            "such as mirror_material",
+            "a temperature range requires a table [thermal] with at least one material, such as mirror_material",
         )
     low, high = span
     if not low <= thermal.reference_c <= high:
         raise EntryError(
             ("thermal", "range_c"),
-            f"thermal.range_c = [{low:g}, {high:g}] does not hold reference_c = {thermal.reference_c:g}, at which the "
-            "sensor is made; it is valid around that",
+            f"thermal.range_c must contain reference_c = {thermal.reference_c:g}; got [{low:g}, {high:g}]",
         )
     if not requirements.limits:
         raise EntryError(
             ("thermal", "range_c"),
-            "thermal.range_c is about limits, and there is none; give a [[limit]]",
+            "thermal.range_c requires at least one [[limit]]",
         )
 
 
@@ -228,20 +230,18 @@ def _check_objects(requirements: Requirements) -> None:
     if field.object_distance_mm != np.inf:
         raise EntryError(
             ("field", "object_distance_mm"),
-            "field has both object_distance_mm and a surface on which the objects are; give one of them",
+            "field.object_distance_mm must not be given together with an object plane or cylinder",
         )
     if mirror.optimise is not None:
         raise EntryError(
             ("mirror", "optimise"),
-            "mirrors of free form are searched for objects at distances; objects on a surface are valid for a mapping "
-            "or a family",
+            "mirror.optimise must not be given together with an object plane or cylinder; use a mapping or a family",
         )
     radius, rim = field.object_cylinder_radius_mm, ends(mirror.rim_radius_mm)[1]
     if radius is not None and radius <= rim:
         raise EntryError(
             ("field", "object_cylinder_radius_mm"),
-            f"object_cylinder_radius_mm = {radius:g} does not clear the mirror; it is valid above rim_radius_mm = "
-            f"{rim:g}",
+            f"object_cylinder_radius_mm must be greater than rim_radius_mm = {rim:g}; got {radius:g}",
         )
 
 
@@ -253,16 +253,17 @@ def _check_parts(requirements: Requirements) -> None:
     if mirror.optimise is not None:
         raise EntryError(
             ("mirror", "optimise"),
-            "mirrors of free form are not designed for each combination of parts; a mapping or a family is valid, and "
-            "free form for the parts that were chosen",
+            "mirror.optimise must not be given together with parts; use a mapping or a family, and optimise the "
+            "mirror for the selected parts",
         )
     if parts.mirror == "ball" and (mirror.family != "sphere" or mirror.fit is not None):
         raise EntryError(
-            ("parts", "mirror"), 'a ball is valid for mirror.family = "sphere" without a fit'
+            ("parts", "mirror"),
+            'parts.mirror = "ball" requires mirror.family = "sphere" without a fit',
         )
     if parts.dome and housing.shell is not None:
         raise EntryError(
-            ("parts", "dome"), "the housing has a cover already; leave it out, or parts.dome"
+            ("parts", "dome"), "parts.dome must not be given together with a cover in the housing"
         )
 
 
@@ -274,12 +275,12 @@ def _check_optics(requirements: Requirements) -> None:
     if lens.is_telecentric:
         raise EntryError(
             ("lens", "kind"),
-            "lens.kind = 'orthographic' does not apply beside lens.optics, a real lens",
+            "lens.kind must be 'perspective' with lens.optics; got 'orthographic'",
         )
     if requirements.parts is not None:
         raise EntryError(
             ("lens", "optics"),
-            "lens.optics does not apply where lenses are chosen from a catalogue",
+            "lens.optics and parts must not be given together",
         )
 
 
@@ -288,26 +289,26 @@ def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:
         for name in OF_PERSPECTIVE:
             if getattr(lens, name) is not None:
                 raise EntryError(
-                    ("lens", name), f"lens.{name} does not apply to an orthographic lens"
+                    ("lens", name), f"lens.{name} must be omitted for an orthographic lens"
                 )
         return
     if lens.magnification is not None:
         raise EntryError(
-            ("lens", "magnification"), "lens.magnification belongs to an orthographic lens"
+            ("lens", "magnification"), "lens.magnification requires an orthographic lens"
         )
     if lens.focal_length_mm is None and lens.theta_max_deg is None and not is_bought:
         raise EntryError(
             ("lens",),
-            "lens has neither focal_length_mm nor theta_max_deg; give one of them, a number or a range",
+            "lens requires focal_length_mm or theta_max_deg, a number or a range",
         )
     if lens.focus_mm is not None:
-        least = 0.0 if lens.focal_length_mm is None else ends(lens.focal_length_mm)[0]
+        minimum = 0.0 if lens.focal_length_mm is None else ends(lens.focal_length_mm)[0]
         low, high = ends(lens.focus_mm)
-        if low <= 0 or high <= least:
-            shown = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
+        if low <= 0 or high <= minimum:
+            text = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
             raise EntryError(
                 ("lens", "focus_mm"),
-                f"lens.focus_mm = {shown} is nearer than the focal length; it is valid above {least:g}",
+                f"lens.focus_mm must be greater than the focal length, {minimum:g} mm; got {text}",
             )
 
 
@@ -317,13 +318,12 @@ def _check_limits(limits: tuple[Limit, ...], field: FieldRequirements) -> None:
         if limit.omega_deg is not None and limit.omega_deg[1] > field.omega_max_deg:
             raise EntryError(
                 (f"limit.{i}", "omega_deg"),
-                f"limit.omega_deg = {list(limit.omega_deg)} is no part of the field; it needs FROM up to TO, up to "
-                f"{field.omega_max_deg:g}",
+                f"limit.omega_deg must be [FROM, TO] up to {field.omega_max_deg:g} deg; got {list(limit.omega_deg)}",
             )
         for j, other in enumerate(limits[:i]):
-            if said := limit.contradicts(other):
+            if reason := limit.contradicts(other):
                 raise EntryError(
-                    (f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {said}"
+                    (f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {reason}"
                 )
 
 
@@ -439,7 +439,7 @@ class FieldRequirements(Entries):
 
     omega_max_deg: Annotated[float, Field(ge=1, le=179, description="field angle at the rim")]
     omega_min_deg: Annotated[
-        float, Field(ge=0, le=170, description="where the field begins that matters")
+        float, Field(ge=0, le=170, description="minimum field angle of interest")
     ] = 0.0
     object_distance_mm: Distances = np.inf
     object_plane_distance_mm: Length | None = None
@@ -572,7 +572,7 @@ class LensRequirements(Entries):
         if self.focal_length_mm not in (None, focal):
             raise EntryError(
                 ("lens", "focal_length_mm"),
-                f"lens.focal_length_mm does not apply beside optics, which have {focal:.5g} mm",
+                f"lens.focal_length_mm must be that of lens.optics, {focal:.5g} mm; got {self.focal_length_mm}",
             )
         object.__setattr__(self, "focal_length_mm", focal)
         object.__setattr__(self, "f_number", F)
@@ -783,7 +783,7 @@ class Requirements:
         """
         if unknown := entries.keys() - ENTRIES:
             raise InvalidParameter(
-                f"{min(unknown)} is no entry of [field], [mirror] or [lens]{did_you_mean(min(unknown), ENTRIES)}"
+                f"{min(unknown)} must be an entry of [field], [mirror] or [lens]{did_you_mean(min(unknown), ENTRIES)}"
             )
         changed = {
             table: dataclasses.replace(

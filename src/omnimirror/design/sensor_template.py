@@ -43,59 +43,59 @@ def sensor_template(name: str = "sensor") -> str:
     Sphere(radius_mm=50.0, rim_radius_mm=44.0)
     """
     instance("name", name, str, "a name")
-    return f'''# A sensor: a curved mirror seen by a camera on its axis. Lengths in mm unless the name says otherwise.
+    return f'''# Sensor: a curved mirror and a camera on its axis. Lengths in mm unless the name specifies another unit.
 format = 1
 name = {toml_string(name)}
 notes = """
-What this sensor is, and where its numbers come from."""
+Description of the sensor and source of its parameters."""
 
 [mirror]
 kind = "sphere"
 radius_mm = 50.0
 rim_radius_mm = 44.0
-# Every kind of mirror and its entries (z grows away from the lens; the vertex is at z = 0):
+# Kinds of mirrors and their entries (z increases away from the lens; the vertex is at z = 0):
 {_catalogue(MIRRORS)}
 
 [lens]
 kind = "perspective"
 focal_length_mm = 11.6
 f_number = 4.0
-focus_distance_mm = 218.0  # from the principal point to the virtual images; `omnimirror evaluate` finds the best
-# Every kind of lens and its entries:
+focus_distance_mm = 218.0  # from the principal point to the virtual images; optimum: `omnimirror evaluate`
+# Kinds of lenses and their entries:
 {_catalogue(LENSES)}
 
 [imager]
 width_px = 1024
 height_px = 1024
 pixel_pitch_um = 5.2
-# centre_px = [511.5, 511.5]  # where the axis meets the array, (u, v); the middle when left out
+# centre_px = [511.5, 511.5]  # image of the axis, (u, v); default: the centre of the array
 
 [mount]
-mirror_distance_mm = 185.93  # m: from the lens's principal point to the mirror vertex
-camera_looks = "up"  # "up": the mirror hangs above the camera; "down"; or "forward" (horizontal)
+mirror_distance_mm = 185.93  # m: from the principal point of the lens to the mirror vertex
+camera_looks = "up"  # "up": the mirror is above the camera; "down"; or "forward" (horizontal)
 forward_azimuth_deg = -90.0  # image direction that is forward: 0 = image right, -90 = image top
-image_flipped = false  # true when the driver delivers the picture reversed left to right
-# pitch_deg = 0.0  # how far the sensor leans: its forward direction above the horizon ..
-# roll_deg = 0.0  # .. and clockwise about that, seen from behind
+image_flipped = false  # true if the driver delivers images mirrored left to right
+# pitch_deg = 0.0  # tilt of the sensor: elevation of its forward direction
+# roll_deg = 0.0  # clockwise rotation about the forward direction, viewed from behind
 
-# [secondary]  # a second mirror, in which the lens sees the first; any kind of mirror, as the camera sees it, or flat
+# [secondary]  # secondary mirror between lens and primary; any kind of mirror, in the frame of the camera, or flat
 # kind = "flat"
 # rim_radius_mm = 21.0
 {_entries(Secondary.PARAMETERS, SECONDARY)}
 
-# [mirror_pose]  # where the mirror really sits, if it is out of place; camera frame, tilts about the vertex
+# [mirror_pose]  # misalignment of the mirror; camera frame, tilts about the vertex
 {_entries(MirrorPose.PARAMETERS)}
 
-# [mirror_form]  # a form error of the mirror: Zernike terms over the rim's disk, by Noll, and their um rms
+# [mirror_form]  # form error of the mirror: Zernike terms over the disk of the rim (Noll indices), um rms
 # zernike = [5, 8]
 # um = [0.3, -0.1]
 
-# [imager_pose]  # how the imager is turned in its plane, and then leans
+# [imager_pose]  # rotation of the imager in its plane, then its tilt
 {_entries(ImagerPose.PARAMETERS)}
 
 {_thermal()}
 
-# What stands around the mirror; sizes that are left out are fitted to the sensor.
+# Housing of the mirror; omitted sizes are adapted to the sensor.
 {_housing()}
 '''
 
@@ -130,7 +130,7 @@ def _thermal() -> str:
     lines = [
         f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()
     ]
-    return "\n".join(["# [thermal]  # what it is made of, for other temperatures", *lines])
+    return "\n".join(["# [thermal]  # materials, for other temperatures", *lines])
 
 
 def _housing() -> str:
@@ -158,14 +158,14 @@ def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:
         ]
         if kind == "sampled":
             lines.append(
-                "#     or profile_csv: a file of two columns x_mm, z_mm beside this one; cloud_csv: x, y, z"
+                "#     or profile_csv: a file in the same folder with the columns x_mm, z_mm; cloud_csv: x, y, z"
             )
             lines.append("#     anywhere on the mirror; grid_sag: an OpticStudio grid")
         if kind in ("table", "surfaces"):
             file = "a CSV of these columns" if kind == "table" else "a .zmx file"
-            lines.append(f"#     or file: {file} beside this one")
+            lines.append(f"#     or file: {file} in the same folder")
         if kind == "tabulated-mapping":
             lines.append(
-                "#     or mapping_csv: a file of two columns omega_deg, height beside this one"
+                "#     or mapping_csv: a file in the same folder with the columns omega_deg, height"
             )
     return "\n".join(lines)

@@ -33,7 +33,8 @@ CAPTIONS = {
     "indicate a systematic error of the model.",
     "residuals-by-radius": "Residuals along and across the image radius; means with their standard errors.",
     "residuals-by-image": "RMS of each image in the fit, and in a fit without this image.",
-    "residual-histograms": "Residuals in both image directions, and a normal distribution with the same standard deviation.",
+    "residual-histograms": "Residuals in both image directions, and a normal distribution with the same standard "
+    "deviation.",
 }
 
 

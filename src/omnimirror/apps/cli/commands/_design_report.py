@@ -69,7 +69,9 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         names = ", ".join(row.label for row in verdict.rows if remark in row.remarks)
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     sensor = verdict.sensor
-    if sensor.obscured and not any("hides it" in remark for remark in remarks):  # not yet reported
+    if sensor.obscured and not any(
+        "obscured by" in remark for remark in remarks
+    ):  # not yet reported
         obscurations = hidden_words(sensor.obscured, sensor.hidden_percent)
         console.print(f"  obscured: {obscurations}", highlight=False, soft_wrap=True)
 
