@@ -239,10 +239,7 @@ def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
     begins = next(ring.omega_deg[0] for ring in sensor.obscurations if ring.part == "tube's cap")
     assert row(design, "omega_max_deg").reached == begins < 130
     assert not row(design, "omega_max_deg").is_met
-    assert any(
-        "what stands around the mirror hides it" in words
-        for words in row(design, "total_blur_px").remarks
-    )
+    assert any("obscured by the housing" in words for words in row(design, "total_blur_px").remarks)
 
 
 @pytest.mark.full
@@ -273,7 +270,9 @@ def test_what_cannot_be_made_at_all_is_said():
         design_sensor(
             parse_requirements(COMMON.replace("theta_max_deg = 12", "theta_max_deg = 50"))
         )
-    with pytest.raises(SpecError, match="line 4: the ground-plane mapping needs plane_distance_mm"):
+    with pytest.raises(
+        SpecError, match="line 4: the ground-plane mapping requires plane_distance_mm"
+    ):
         design_sensor(
             parse_requirements(COMMON.replace("equidistant", "ground-plane").replace("135", "70"))
         )
@@ -284,12 +283,12 @@ def test_what_a_mapping_cannot_reach_names_its_line():
     ground = common.replace('"equidistant"', '"ground-plane"\nplane_distance_mm = 800')
     with pytest.raises(
         SpecError,
-        match=r"line \d+: omega_max_deg = 135 cannot be reached by the ground-plane mapping",
+        match=r"line \d+: omega_max_deg must be less than 90 deg for the ground-plane mapping; got 135",
     ):
         parse_requirements(ground)
     rows = "omega_deg = [0, 20, 40, 60, 80, 100]\nheight = [{}, 1, 2, 3, 4, 5]"
     for first, sentence in (
-        (0, "the table ends at 100 deg and the field at omega_max_deg = 135"),
+        (0, "omega_max_deg must be the last angle of the mapping table, 100 deg; got 135"),
         (0.5, "height starts at 0.5"),
     ):
         table = common.replace('"equidistant"', '"tabulated-mapping"\n' + rows.format(first))

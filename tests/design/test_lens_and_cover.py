@@ -144,7 +144,7 @@ def test_requirements_with_a_lens_are_written_and_read_again(asked, tmp_path):
 def test_the_command_designs_with_it(file, tmp_path):
     ran = omnimirror("design", file, "-o", tmp_path / "sensor.toml")
     assert ran.returncode == 0, ran.stderr
-    assert "the mirror behind lens and cover departs from its mapping by up to" in ran.stdout
+    assert "maximum deviation of the mirror behind lens and cover from its mapping:" in ran.stdout
     sensor = om.load_sensor(tmp_path / "sensor.toml")
     assert isinstance(sensor.lens, SurfaceLens)
     assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-6)
@@ -153,11 +153,14 @@ def test_the_command_designs_with_it(file, tmp_path):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("lens.focal_length_mm = 8", "lens.focal_length_mm does not apply beside lens.optics"),
-        ('lens.kind = "orthographic"', "does not apply beside lens.optics, a real lens"),
+        (
+            "lens.focal_length_mm = 8",
+            "lens.focal_length_mm and lens.optics must not be given together",
+        ),
+        ('lens.kind = "orthographic"', "lens.kind must be 'perspective' with lens.optics"),
         (
             'lens.optics.kind = "perspective"',
-            "'perspective' is an ideal lens; valid are surfaces and table",
+            "must be surfaces or table; got 'perspective'",
         ),
     ],
 )

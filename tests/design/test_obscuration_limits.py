@@ -77,7 +77,7 @@ def test_nothing_hidden_can_be_asked_for():
 
 
 def test_a_part_of_the_field_does_not_apply():
-    with pytest.raises(InvalidParameter, match="omega_deg does not apply to it"):
+    with pytest.raises(InvalidParameter, match="omega_deg must be omitted"):
         om.Limit("hidden_percent", at_most=3.0, omega_deg=(0.0, 20.0))
 
 

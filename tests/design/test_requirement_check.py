@@ -233,8 +233,8 @@ def test_over_a_range_of_temperatures_the_worst_counts():
     }
     worst = max(reached, key=reached.get)
     assert row.reached == pytest.approx(reached[worst], rel=1e-12)
-    assert [remark for remark in row.remarks if remark.startswith("worst at")] == (
-        [] if worst == 20.0 else [f"worst at {worst:g} C"]
+    assert [remark for remark in row.remarks if remark.startswith("smallest margin at")] == (
+        [] if worst == 20.0 else [f"smallest margin at {worst:g} C"]
     )
     fewest = replace(wanted, limits=(om.Limit("total_blur_px", at_least=1.0),))
     (row,) = om.judge(fewest, SPHERE).limits
@@ -261,13 +261,14 @@ def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
 
 def test_what_cannot_be_judged_is_said():
     with pytest.raises(
-        InvalidParameter, match="the lens of the sensor is orthographic, and the req"
+        InvalidParameter, match="the lens of the sensor must be perspective, .* got orthographic"
     ):
         om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))
     limits = [om.Limit("aspect", 9.0, omega_deg=(150, 160))]
     beyond = replace(WANTED, limits=limits, field=om.FieldRequirements(omega_max_deg=165))
     with pytest.raises(
-        InvalidParameter, match=r"nothing from 150 to 160 deg can be judged: the field ends at 135"
+        InvalidParameter,
+        match=r"no field angle from 150 to 160 deg can be evaluated: the field ends at 135",
     ):
         om.judge(beyond, SPHERE)
     for odd in (None, "paper-spherical", 3):
@@ -303,4 +304,4 @@ def test_what_fills_the_imager_stays_within_its_range(focal, theta, radius_px, i
         image_px, rel=1e-9
     )
     assert sensor.rim_radius_px < 511
-    assert any("the imager is not filled" in note for note in found.notes)
+    assert any("the rim does not fill the imager" in note for note in found.notes)

@@ -267,9 +267,9 @@ def _parts(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> 
             ("parts", "catalogue"),
             "parts.catalogue must be omitted unless the requirements are in a file",
         )
-    excess = folder or Path()
+    base = folder or Path()
     return replace(
-        found, catalogue=tuple(n if n == TYPICAL else str(excess / n) for n in found.catalogue)
+        found, catalogue=tuple(n if n == TYPICAL else str(base / n) for n in found.catalogue)
     )
 
 

@@ -69,13 +69,13 @@ def test_a_figure_on_standard_output():
     [
         (
             ["evaluate", "paper-spherical", "--csv", "-", "--json", "-"],
-            "--csv and --json cannot both be written",
+            "--csv and --json must not both be written",
         ),
         (
             ["spots", "paper-spherical", "--format", "svg", "-o", "a.svg"],
-            "--format says what '-' writes",
+            "--format requires '-' as the output",
         ),
-        (["evaluate", "paper-spherical", "--csv", ""], "this one is empty"),
+        (["evaluate", "paper-spherical", "--csv", ""], "must not be empty"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, capsys):
@@ -133,24 +133,24 @@ def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
     [
         (
             "rim a.png --figure ./a.png",
-            "--figure would be written over a.png, which is read; name another file",
+            "--figure must not overwrite the input a.png; specify another file",
         ),
         (
             "evaluate s.toml --omega-deg 0 --csv link.toml",
-            "--csv would be written over link.toml, which is read",
+            "--csv must not overwrite the input link.toml",
         ),
-        ("convert s.toml s.toml", "target would be written over s.toml, which is read"),
+        ("convert s.toml s.toml", "target must not overwrite the input s.toml"),
         (
             "evaluate s.toml --omega-deg 0 --csv x --json ./x",
-            "--csv and --json would both be written to x",
+            "--csv and --json must not both be written to x",
         ),
         (
             "evaluate s.toml --omega-deg 0 --csv x --json ./s.toml",
-            "--json would be written over s.toml, which is read",
+            "--json must not overwrite the input s.toml",
         ),
         (
             "evaluate s.toml --omega-deg 0 --csv /dev/null --json ./s.toml",
-            "--json would be written over s.toml",
+            "--json must not overwrite the input s.toml",
         ),
     ],
 )
@@ -175,9 +175,9 @@ def test_two_outputs_may_go_to_one_device():
 def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
     """Control sequences in names are escaped, brackets are not interpreted as styles, and numbers
     have no colours."""
-    _output.notice("a [bold]b[/bold] \x1b[31m")
-    _output.remark("c \x1b]0;d")
-    _output.say("1 of 2 ", ("e.csv", "bold"))
+    _output.print_notice("a [bold]b[/bold] \x1b[31m")
+    _output.print_remark("c \x1b]0;d")
+    _output.print_line("1 of 2 ", ("e.csv", "bold"))
     told = capsys.readouterr()
     assert told.err == "omnimirror: a [bold]b[/bold] \\x1b[31m\nc \\x1b]0;d\n"
     assert told.out == "1 of 2 e.csv\n"
@@ -193,7 +193,7 @@ def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     for name in ("NO_COLOR", "FORCE_COLOR", "COLUMNS"):
         monkeypatch.delenv(name, raising=False)
-    _output.say("12.5 mm 'a' True ", ("e.csv", "bold"))
+    _output.print_line("12.5 mm 'a' True ", ("e.csv", "bold"))
     _output.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
     assert screen.getvalue() == (
         "12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n"
@@ -209,9 +209,9 @@ def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monke
 
     monkeypatch.chdir(tmp_path)
     words = ["--a", "/dev/null", "--a", "f"]
-    _output.refuse_losses(command.make_context("x", [*words, "--b", "g"]))
-    with pytest.raises(click.UsageError, match="--a and --b would both be written to f"):
-        _output.refuse_losses(command.make_context("x", [*words, "--b", "./f"]))
+    _output.check_output_files(command.make_context("x", [*words, "--b", "g"]))
+    with pytest.raises(click.UsageError, match="--a and --b must not both be written to f"):
+        _output.check_output_files(command.make_context("x", [*words, "--b", "./f"]))
 
 
 def test_numbers_of_a_table_are_never_broken_and_words_are():

@@ -78,8 +78,8 @@ def test_the_commands_of_the_page_make_its_pictures_again(demo, tmp_path):
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("paraboloid-telecentric", "paraboloid, rim 50 mm across"),
-        ("folded-spherical", "sphere, rim 87.81 mm across"),
+        ("paraboloid-telecentric", "paraboloid, rim diameter 50 mm"),
+        ("folded-spherical", "sphere, rim diameter 87.81 mm"),
     ],
 )
 def test_other_sensors_in_few_pixels(name, told, tmp_path):
@@ -109,14 +109,14 @@ def test_what_is_hidden_is_said_and_how_far_a_report_is(tmp_path, monkeypatch):
         replace(small, housing=Housing(CameraBody(60.0))),
         tmp_path,
         blur=False,
-        progress=lambda *now: told.append(now),
+        on_progress=lambda *now: told.append(now),
     )
     shares = [share for _, share in told]
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert 0.8 < shares[-1] < 1
-    assert {what for what, _ in told} == {"Taking the picture", "Drawing the figures"}
+    assert {what for what, _ in told} == {"Rendering the image", "Drawing figures"}
     assert (
-        "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; in all 0.71 % of the picture</dd>"
+        "<dt>Obscured</dt><dd>camera 0 to 8.435 deg; in all 0.71 % of the picture</dd>"
         in page.read_text()
     )

@@ -67,6 +67,6 @@ def test_the_command_writes_it_and_other_endings_are_refused(tmp_path, monkeypat
     assert done.returncode == 0, done.stderr
     assert "Tolerances of paper-spherical" in (tmp_path / "order.html").read_text(encoding="utf-8")
     found = om.tolerance(SENSOR, PLAN, trials=10)
-    with pytest.raises(InvalidParameter, match=r"written as \.html, and order\.pdf ends otherwise"):
+    with pytest.raises(InvalidParameter, match=r"suffix \.html; got order\.pdf"):
         write_tolerances(found, "order.pdf")
     assert np.isfinite(found.statistics.mean("motion_px"))

@@ -96,7 +96,7 @@ def test_a_misaligned_sensor_is_analysed_too(tmp_path):
             command, "m.toml", "--omega-deg", "60", "--azimuth-deg", "90", cwd=tmp_path
         )
         assert run.returncode == 0, run.stderr
-    assert "decentred or tilted; say which --omega-deg" in fails("spots", "m.toml", cwd=tmp_path)
+    assert "decentred or tilted; specify --omega-deg" in fails("spots", "m.toml", cwd=tmp_path)
     assert "is decentred or tilted" in fails(
         "evaluate", "m.toml", "--focus-mm", "300", cwd=tmp_path
     )
@@ -112,19 +112,22 @@ def test_a_misaligned_sensor_is_analysed_too(tmp_path):
         (["spots", "paper-spherical", "--rings", "0"], "rings = 0 is not a whole number"),
         (
             ["spots", "paper-spherical", "--focus-mm", "200:300:1"],
-            "101 focuses do not fit into a figure",
+            "--focus-mm must be at most 15 distances; got 101",
         ),
         (
             ["spots", "paper-spherical", "--f-numbers", "4", "-o", "a.png"],
-            "--f-numbers prints a table of its own",
+            "--f-numbers must not be given together",
         ),
         (["mtf", "paper-spherical", "--wavelength-nm", "3"], "wavelength_nm = 3 is outside"),
         (["mtf", "paper-spherical", "--focus-mm", "2"], "focus_distance_mm = 2 is not beyond"),
-        (["psf", "paper-spherical", "--omega-deg", "0:130:1"], "131 field angles do not fit"),
+        (
+            ["psf", "paper-spherical", "--omega-deg", "0:130:1"],
+            "--omega-deg must be at most 15 field angles; got 131",
+        ),
         (["psf", "paper-spherical", "--omega-deg", "0", "-o", "p.gif"], "not as gif"),
         (
             ["illumination", "paper-spherical", "--reflectivity", "tin"],
-            "'tin' is not a share from 0 to 1",
+            "must be a fraction from 0 to 1",
         ),
         (
             ["illumination", "paper-spherical", "--reflectivity", "2"],

@@ -275,14 +275,14 @@ def test_zoom_says_when_it_goes_past_what_is_resolved(folder, capsys):
     args = ["sphere.png", *SPHERE, "--view", "perspective", "--size", "640x480", "-o", "out.png"]
     assert dewarp(*args, "--zoom", "50") == 0
     limited = capsys.readouterr()
-    assert limited.err.startswith("omnimirror: zoom 50 goes past what the sensor resolves (")
+    assert limited.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (")
     assert limited.err.endswith(
-        " output pixels per source pixel); it is limited to 3.39, and --allow-upsampling lifts the limit\n"
+        " output pixels per source pixel); limited to 3.39; use --allow-upsampling to remove the limit\n"
     )
     assert "hfov 32.8" in limited.out
     assert dewarp(*args, "--zoom", "50", "--allow-upsampling") == 0
     past = capsys.readouterr()
-    assert past.err.startswith("omnimirror: zoom 50 goes past what the sensor resolves (59.0")
+    assert past.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (59.0")
     assert past.err.endswith(" output pixels per source pixel)\n")
     assert "hfov 2.29" in past.out
     assert dewarp(*args, "--zoom", "3") == 0
@@ -491,9 +491,9 @@ def test_a_grey_picture_has_no_border_in_colour():
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("sphere.png", "exactly one of --sensor, --ocam and --ball; none is given"),
-        ("sphere.png SPHERE BALL", "--sensor and --ball are given"),
-        ("sphere.png SPHERE NO-OUTPUT", "say what to write with -o"),
+        ("sphere.png", "exactly one of --sensor, --ocam and --ball must be given; got none"),
+        ("sphere.png SPHERE BALL", "got --sensor and --ball"),
+        ("sphere.png SPHERE NO-OUTPUT", "--output or --viewer must be given"),
         ("-o out.png SPHERE", "Missing argument 'SOURCE...'"),
         ("none.png SPHERE", "there is no picture none.png"),
         ("note.txt SPHERE", "note.txt is not a picture"),
@@ -514,42 +514,45 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("ocam.png --ocam calib.txt --rim-radius-px big", "'big'"),
         (
             "sphere.png SPHERE --optics mirror",
-            "--optics does not apply to --sensor; it belongs to --ocam",
+            "--optics requires --ocam; it does not apply to --sensor",
         ),
-        ("ball.png --ball 99,99,90", "'99,99,90' is not CX,CY,R,FOV"),
-        ("ball.png --ball 99,99,90,x", "is not CX,CY,R,FOV"),
-        ("ball.png --ball 99,99,90,nan", "is not CX,CY,R,FOV"),
+        ("ball.png --ball 99,99,90", "must be CX,CY,R,FOV"),
+        ("ball.png --ball 99,99,90,x", "must be CX,CY,R,FOV"),
+        ("ball.png --ball 99,99,90,nan", "must be CX,CY,R,FOV"),
         ("ball.png --ball 99,99,0,260", "rim_radius_px = 0"),
         ("ball.png --ball 99,99,90,400", "field_deg = 400"),
         ("ball.png --ball 9999,99,90,260", "no pixel of the camera's picture sees anything"),
         ("sphere.png SPHERE --view globe", "'globe'"),
         (
             "sphere.png SPHERE --roll-deg 3",
-            "--roll-deg does not apply to --view panorama; it belongs to --view perspective",
+            "--roll-deg requires --view perspective or",
         ),
-        ("sphere.png SPHERE --hfov-deg 3", "--hfov-deg does not apply"),
-        ("sphere.png SPHERE --tilt-deg 3 --view dome", "--tilt-deg does not apply to --view dome"),
-        ("sphere.png SPHERE --elevation-deg 0:9 --view dome", "--elevation-deg does not apply"),
+        ("sphere.png SPHERE --hfov-deg 3", "--hfov-deg requires"),
+        ("sphere.png SPHERE --tilt-deg 3 --view dome", "it does not apply to --view dome"),
+        ("sphere.png SPHERE --elevation-deg 0:9 --view dome", "--elevation-deg requires"),
         (
             "sphere.png SPHERE --omega-deg 0:9 --view perspective",
-            "belongs to --view panorama, --view dome and --view sphere",
+            "requires --view panorama, --view dome or --view sphere",
         ),
-        ("sphere.png SPHERE --span-deg 9 --view perspective", "--span-deg does not apply"),
-        ("sphere.png SPHERE --omega-deg 0:9 --elevation-deg 0:9", "say the same thing twice"),
+        ("sphere.png SPHERE --span-deg 9 --view perspective", "--span-deg requires"),
+        ("sphere.png SPHERE --omega-deg 0:9 --elevation-deg 0:9", "must not be given together"),
         ("sphere.png SPHERE --omega-deg 50:100 --camera-looks forward", "use --elevation-deg"),
         ("sphere.png SPHERE --elevation-deg 9:0", "9 to 0 deg make no panorama"),
-        ("sphere.png SPHERE --elevation-deg 9", "'9' is not a range MIN:MAX"),
+        ("sphere.png SPHERE --elevation-deg 9", "must be a range MIN:MAX in degrees; got '9'"),
         ("sphere.png SPHERE --elevation-deg 50:80", "sees nothing of the camera's field"),
         ("sphere.png SPHERE --span-deg 400", "span_deg = 400"),
-        ("sphere.png SPHERE --pan-deg north", "'north' is not an angle"),
-        ("sphere.png SPHERE --pan-deg inf", "'inf' is not an angle"),
+        ("sphere.png SPHERE --pan-deg north", "must be an angle in degrees; got 'north'"),
+        ("sphere.png SPHERE --pan-deg inf", "must be an angle in degrees; got 'inf'"),
         ("sphere.png SPHERE --view perspective --hfov-deg 180", "hfov_deg = 180"),
         (
             "sphere.png SPHERE --view ground",
-            "--view ground needs --height-mm, the height of the mirror",
+            "--view ground requires --height-mm, the height of the mirror",
         ),
-        ("sphere.png SPHERE --view ground --height-mm high", "'high' is not a height in mm"),
-        ("sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0", "'0' is not a distance"),
+        ("sphere.png SPHERE --view ground --height-mm high", "must be a height in mm; got 'high'"),
+        (
+            "sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0",
+            "must be a distance in mm above 0, or 'inf'; got '0'",
+        ),
         (
             "sphere.png SPHERE --view ground --height-mm 9 --mm-per-px inf",
             "mm_per_px = inf is no scale",
@@ -557,57 +560,60 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("sphere.png SPHERE --view ground --height-mm 0", "mm_per_px = 0 is no scale"),
         (
             "sphere.png SPHERE --view ground --height-mm 9 --distance-mm 9",
-            "--distance-mm does not apply to --view ground",
+            "it does not apply to --view ground",
         ),
         (
             "sphere.png SPHERE --height-mm 9",
-            "--height-mm does not apply to --view panorama; it belongs to --view ground",
+            "--height-mm requires --view ground; it does not apply to --view panorama",
         ),
         (
             "sphere.png SPHERE --layout strip",
-            "--layout does not apply to --view panorama; it belongs to --view cube",
+            "--layout requires --view cube; it does not apply to --view panorama",
         ),
         ("sphere.png SPHERE --view cube --layout ring", "'ring'"),
         ("sphere.png SPHERE --view cube --size 100x100", "the layout cross needs 4 n x 3 n px"),
-        ("sphere.png SPHERE --view cube --zoom 2", "--zoom does not apply to --view cube"),
+        ("sphere.png SPHERE --view cube --zoom 2", "it does not apply to --view cube"),
         ("sphere.png SPHERE --view mosaic --size x100", "follows from its width"),
         ("sphere.png SPHERE --view planet --hfov-deg 360", "hfov_deg = 360"),
-        ("sphere.png SPHERE --pole nadir", "--pole does not apply to --view panorama"),
+        ("sphere.png SPHERE --pole nadir", "it does not apply to --view panorama"),
         (
             "sphere.png SPHERE --preset wide --view perspective",
-            "--preset is a view of its own; leave out --view",
+            "--preset and --view must not be given together",
         ),
         (
             "sphere.png SPHERE --preset wide --hfov-deg 9",
-            "--hfov-deg does not apply to --preset; it belongs to --view",
+            "--hfov-deg requires --view perspective",
         ),
         ("sphere.png SPHERE --preset tele", "'tele'"),
         ("sphere.png SPHERE --preset super-wide --tilt-deg 90", "tilt_deg = 90"),
-        ("sphere.png SPHERE --distance-mm 0", "'0' is not a distance"),
+        (
+            "sphere.png SPHERE --distance-mm 0",
+            "must be a distance in mm above 0, or 'inf'; got '0'",
+        ),
         ("sphere.png SPHERE --offset-mm 1,2,3", "offset_mm = (1.0, 2.0, 3.0) moves nothing"),
-        ("sphere.png SPHERE --offset-mm 1,2 --distance-mm 9", "'1,2' is not X,Y,Z in mm"),
+        ("sphere.png SPHERE --offset-mm 1,2 --distance-mm 9", "must be X,Y,Z in mm; got '1,2'"),
         (
             "sphere.png SPHERE --viewpoint single",
-            "makes no difference to a distant screen; give it a --distance-mm",
+            "--viewpoint requires --distance-mm",
         ),
         (
             "sphere.png SPHERE --viewpoint best --distance-mm 9",
-            "'best' is not 'exact', 'single' or a height",
+            "must be 'exact', 'single' or a height",
         ),
-        ("sphere.png SPHERE --wall-mm 0:9", "--wall-mm needs --distance-mm"),
-        ("sphere.png SPHERE --wall-mm 9:0 --distance-mm 9", "heights from 9 to 0 mm make no wall"),
+        ("sphere.png SPHERE --wall-mm 0:9", "--wall-mm requires --distance-mm"),
+        ("sphere.png SPHERE --wall-mm 9:0 --distance-mm 9", "--wall-mm must be LOW:HIGH"),
         (
             "sphere.png SPHERE --wall-mm 0:9 --distance-mm 9 --rows tilt",
-            "--wall-mm says what --rows says too",
+            "--wall-mm and --rows must not be given together",
         ),
         ("sphere.png SPHERE --rows height", "neither the zenith nor the nadir"),
-        ("sphere.png SPHERE --zoom 0", "'0' is not a factor above 0"),
-        ("sphere.png SPHERE --allow-upsampling", "--allow-upsampling says how far --zoom may go"),
+        ("sphere.png SPHERE --zoom 0", "must be a factor above 0; got '0'"),
+        ("sphere.png SPHERE --allow-upsampling", "--allow-upsampling requires --zoom"),
         (
             "sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10",
             "sees nothing of the camera's field",
         ),
-        ("sphere.png SPHERE --size big", "'big' is not a size in pixels"),
+        ("sphere.png SPHERE --size big", "must be a size in pixels"),
         ("sphere.png SPHERE --size 0x5", "size = 0 is not valid; it is valid above 0 px"),
         ("sphere.png SPHERE --size 999999x5", "size = (999999, 5)"),
         ("sphere.png SPHERE --camera-looks left", "'left'"),
@@ -620,7 +626,7 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("sphere.png SPHERE --border 1,2", "'1,2' is no colour"),
         ("sphere.png SPHERE --border 256", "border 256 is no value of a picture of uint8"),
         ("ball.png BALL --border #ff0000", "border #ff0000 is a colour, and the picture is grey"),
-        ("sphere.png SPHERE --border 5 --black", "--border is the colour outside the field"),
+        ("sphere.png SPHERE --border 5 --black", "--border must not be given together"),
         ("sphere.png SPHERE --threads 0", "0 is not in the range 1<=x<=1024"),
         ("sphere.png SPHERE -o out.gif", "pictures of kind '.gif' are not known"),
         ("sphere.png SPHERE -o out", "a picture without a suffix"),

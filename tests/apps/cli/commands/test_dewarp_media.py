@@ -191,7 +191,7 @@ def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
     assert run.returncode == 1
     assert run.stderr.count("\n") == 1
     assert "bad.png is not a picture" in run.stderr
-    assert "3 of 4 pictures straightened" in run.stdout
+    assert "3 of 4 images dewarped" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
     expected = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, None)))(picture(61))
     np.testing.assert_array_equal(om.read_image(tmp_path / "out" / "1.png"), expected)
@@ -209,14 +209,14 @@ def test_a_folder_that_was_stopped_goes_on(tmp_path):
         "dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out"
     )
     assert run.returncode == 0, run.stderr
-    assert "2 of 2 pictures straightened, 1 were there" in run.stdout
+    assert "2 of 2 images dewarped, 1 existed" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
     assert (tmp_path / "out" / "1.png").read_bytes() == b"done before"
     again = omnimirror(
         "dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out"
     )
     assert again.returncode == 0
-    assert "0 of 0 pictures straightened, 3 were there" in again.stdout
+    assert "0 of 0 images dewarped, 3 existed" in again.stdout
 
 
 def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
@@ -240,13 +240,13 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["in.mp4", "-o", "in.mp4"], "in.mp4 is the video to straighten"),
         (["in.mp4", "-o", "o.gifv"], "videos of kind '.gifv' are not known"),
         (["in.mp4", "-o", "o.mp4", "--start-s", "9"], "a start at 9 s lies behind the end"),
-        (["in.mp4", "-o", "o.mp4", "--transparent"], "belong to pictures"),
+        (["in.mp4", "-o", "o.mp4", "--transparent"], "--transparent and --black require images"),
         (["in.mp4", "-o", "-", "--crf", "3"], "does not apply to a pipe"),
         (["in.mp4", "-o", "o.mp4", "--keyframes", "no.csv"], "no.csv"),
         (["in.mp4", "-o", "o.mp4", "--codec", "h266"], "h266"),
         (
             ["a.png", "-o", "o.png", "--start-s", "1"],
-            "--start-s belongs to videos, and a.png is none",
+            "--start-s requires a video; got a.png",
         ),
         (["a.png", "a.png", "-o", "o.png"], "several pictures need a folder"),
         (["*.tif", "-o", "out"], "there is no file *.tif"),
@@ -264,9 +264,9 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
             "a pixel format belongs to files of videos, streams and a pipe of raw video",
         ),
         (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
-        (["in.mp4"], "say what to write with -o or --viewer, or of a video ask for a --preview"),
-        (["a.png", "-o", "o.png", "-o", "p.png"], "p.png is one output too many"),
-        (["a.png", "--preview"], "--preview belongs to videos, and a.png is none"),
+        (["in.mp4"], "--output or --viewer must be given, or --preview for a video"),
+        (["a.png", "-o", "o.png", "-o", "p.png"], "several outputs require a video"),
+        (["a.png", "--preview"], "--preview requires a video; got a.png"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):

@@ -114,7 +114,7 @@ def test_init_writes_a_file_that_evaluates_and_never_overwrites(tmp_path):
     assert omnimirror("init", "mine.toml", cwd=tmp_path).returncode == 0
     assert omnimirror("evaluate", "mine.toml", cwd=tmp_path).returncode == 0
     (tmp_path / "mine.toml").write_text("precious")
-    assert "exists already" in fails("init", "mine.toml", cwd=tmp_path)
+    assert "already exists" in fails("init", "mine.toml", cwd=tmp_path)
     assert (tmp_path / "mine.toml").read_text() == "precious"
     assert omnimirror("init", "mine.toml", "--force", cwd=tmp_path).returncode == 0
 
@@ -144,39 +144,45 @@ def test_the_secondary_of_the_template_folds_its_sensor(tmp_path):
             ["evaluate", "paper-spherical", "--omega-deg", "140"],
             "omega = 140 deg is outside the field",
         ),
-        (["evaluate", "paper-spherical", "--omega-deg", "0:135"], "a range is START:STOP:STEP"),
-        (["evaluate", "paper-spherical", "--omega-deg", "0:135:0"], "is an empty range"),
-        (["evaluate", "paper-spherical", "--omega-deg", "0:1e9:1e-3"], "at most 1000000 are valid"),
-        (["evaluate", "paper-spherical", "--omega-deg", "ten"], "'ten' is not a range"),
-        (["evaluate", "paper-spherical", "--omega-deg", "nan"], "not finite"),
+        (["evaluate", "paper-spherical", "--omega-deg", "0:135"], "must be START:STOP:STEP"),
+        (
+            ["evaluate", "paper-spherical", "--omega-deg", "0:135:0"],
+            "START must be at most STOP, and STEP above 0",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--omega-deg", "0:1e9:1e-3"],
+            "must be at most 1000000 numbers",
+        ),
+        (["evaluate", "paper-spherical", "--omega-deg", "ten"], "got 'ten'"),
+        (["evaluate", "paper-spherical", "--omega-deg", "nan"], "must be finite numbers"),
         (
             ["evaluate", "paper-spherical", "--omega-deg", "1", "--x-mm", "2"],
             "omega_deg and x_mm were given together",
         ),
         (
             ["evaluate", "paper-spherical", "--object-distance-mm", "-3"],
-            "'-3' is not a distance in mm",
+            "must be a distance in mm above 0, or 'inf'; got '-3'",
         ),
         (
             ["evaluate", "paper-spherical", "--object-distance-mm", "5m"],
-            "'5m' is not a distance in mm",
+            "must be a distance in mm above 0, or 'inf'; got '5m'",
         ),
         (
             ["evaluate", "paper-spherical", "--focus-mm", "near"],
-            "'near' is not a distance in mm, nor 'auto'",
+            "must be a distance in mm, or 'auto'; got 'near'",
         ),
         (
             ["evaluate", "paper-spherical", "--focus-mm", "3"],
             "focus_distance_mm = 3 is not beyond the focal length",
         ),
-        (["evaluate", "paper-spherical", "--pixel", "7"], "'7' is not a pixel U,V"),
+        (["evaluate", "paper-spherical", "--pixel", "7"], "must be a pixel U,V; got '7'"),
         (
             ["evaluate", "paper-spherical", "--merit", "nice"],
             "'nice' is not one of 'worst_floored_area_deg2'",
         ),
         (["evaluate", "paper-spherical", "--omga-deg", "3"], "No such option"),
         (["evaluate", "paper-spherical", "--csv", "/proc/no/e.csv"], "cannot write /proc/no/e.csv"),
-        (["evaluat", "paper-spherical"], "there is no command 'evaluat'; did you mean evaluate?"),
+        (["evaluat", "paper-spherical"], "unknown command 'evaluat'; did you mean evaluate?"),
     ],
 )
 def test_bad_input_is_one_sentence(args, message, tmp_path):
@@ -247,11 +253,11 @@ def test_a_camera_file_has_a_table_of_its_own(tmp_path):
     [
         (
             ["--pixel", "3,1"],
-            "--pixel asks for mirror and lens, of which a camera file says nothing",
+            "--pixel requires a mirror and a lens, which a camera file does not contain",
         ),
-        (["--focus-mm", "auto"], "--focus-mm asks for"),
-        (["--support", "rod"], "--support asks for"),
-        (["--figures", "folder"], "--figures asks for"),
+        (["--focus-mm", "auto"], "--focus-mm requires"),
+        (["--support", "rod"], "--support requires"),
+        (["--figures", "folder"], "--figures requires"),
         (["--omega-deg", "170"], "omega_deg = 170 is not seen; the camera sees 0 to"),
     ],
 )

@@ -99,19 +99,19 @@ def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("--sensor", "small.toml", "--noise", "0.01"), "--noise belongs to --restore"),
+        (("--sensor", "small.toml", "--noise", "0.01"), "--noise requires --restore"),
         (
             ("--sensor", "small.toml", "--object-distance-mm", "300"),
-            "--object-distance-mm belongs to --restore",
+            "--object-distance-mm requires --restore",
         ),
         (
             ("--sensor", "small.toml", "--restore", "--viewer", "v.html"),
-            "--viewer holds the picture as it is",
+            "--viewer and --restore must not be given together",
         ),
-        (("--ball", "64,64,50,180", "--blur-px", "2"), "--blur-px belongs to --restore"),
+        (("--ball", "64,64,50,180", "--blur-px", "2"), "--blur-px requires --restore"),
         (
             ("--ball", "64,64,50,180", "--restore", "--blur-px", "1,2,3"),
-            "--blur-px 1,2,3 has 3 numbers",
+            "--blur-px must be a diameter, T,S or a file; got 1,2,3",
         ),
         (
             ("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"),
@@ -260,6 +260,6 @@ def test_a_video_is_not_restored(small, tmp_path):
         "dewarp", "film.mp4", "--sensor", "small.toml", "--restore", "-o", "out.mp4", cwd=tmp_path
     )
     assert run.returncode == 2
-    assert "film.mp4 is a video; a folder of its frames can be restored" in " ".join(
+    assert "got the video film.mp4; extract its frames to a folder and restore them" in " ".join(
         run.stderr.split()
     )

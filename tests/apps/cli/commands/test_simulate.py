@@ -161,13 +161,13 @@ def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
     [
         (("--scene", "moon", "-o", "a.png"), "there is no scene 'moon'"),
         (("--scene", "none.hdr", "-o", "a.png"), "there is no picture"),
-        (("--pose", "1,2", "-o", "a.png"), "not a pose X,Y,Z"),
+        (("--pose", "1,2", "-o", "a.png"), "must be a pose X,Y,Z"),
         (("--pose", "9e6,0,0", "-o", "a.png"), "outside the room"),
-        (("--bits", "12", "-o", "a.jpg"), "write .png or .tif"),
-        (("--bayer", "RGGB", "-o", "a.exr"), "--bayer belongs to"),
-        (("--fps", "10", "-o", "a.png"), "--fps belongs to videos"),
-        (("-o", "a.mp4"), "needs a --path"),
-        (("--heading-deg", "10", "-o", "a.png"), "--heading-deg turns an environment"),
+        (("--bits", "12", "-o", "a.jpg"), "use .png or .tif"),
+        (("--bayer", "RGGB", "-o", "a.exr"), "--bayer requires"),
+        (("--fps", "10", "-o", "a.png"), "--fps requires --path"),
+        (("-o", "a.mp4"), "requires --path"),
+        (("--heading-deg", "10", "-o", "a.png"), "--heading-deg requires an environment image"),
         (("-o", "a.xyz"), "not known"),
     ],
 )
@@ -222,7 +222,7 @@ def test_sigterm_keeps_the_pictures_of_a_data_set_that_were_done(sensor_file, sk
     folder = tmp_path / "set"
     words = ("simulate", "dataset", sensor_file, "--views", "400", "--seed", "3", "-o", folder)
     said = _terminated_when(lambda: len(list(folder.glob("*.png"))) > 1, *words)
-    assert "pictures that were done" in said
+    assert "images" in said
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
     for path in folder.glob("*.png"):
         om.read_image(path)
@@ -254,7 +254,7 @@ def test_sigterm_keeps_the_shards_of_a_set_to_learn_from_that_were_done(
         folder,
     )
     shards = sorted(folder.iterdir())
-    assert f"holds the {len(shards)} shards that were done" in said
+    assert f"contains {len(shards)} shards" in said
     for number, shard in enumerate(shards):
         with tarfile.open(shard) as tar:
             assert tar.getnames() == [f"{number:06d}.{ending}" for ending in ("png", "npz", "json")]
@@ -344,6 +344,6 @@ def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housi
     np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
     for option, words in (
         ("--blur=on", "only a sensor has blur"),
-        ("--support=rod", "belongs to a sensor's housing"),
+        ("--support=rod", "requires a sensor; a calibrated camera has no housing"),
     ):
         assert words in fails("simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png")
