@@ -261,7 +261,7 @@ def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
 
 def test_what_cannot_be_judged_is_said():
     with pytest.raises(
-        InvalidParameter, match="the lens of the sensor must be perspective, .* got orthographic"
+        InvalidParameter, match=r"the lens of the sensor must be perspective, .* got orthographic"
     ):
         om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))
     limits = [om.Limit("aspect", 9.0, omega_deg=(150, 160))]

@@ -626,9 +626,12 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
         ),
         (
             lambda _: best_apertures(SENSOR, f_number=(8.0, 2.0)),
-            "8 to 2 are no range; it needs 0 < low <= high",
+            "must be a range with 0 < low <= high; got 8 to 2",
         ),
-        (lambda _: best_apertures(SENSOR, f_number=0.0), "0 to 0 are no range"),
+        (
+            lambda _: best_apertures(SENSOR, f_number=0.0),
+            "must be a range with 0 < low <= high; got 0 to 0",
+        ),
         (
             lambda _: om.Unified(0.9, *PINHOLE[:2], (64, 48, 3)),
             r"image_size = \(64, 48, 3\) is no pair of numbers",

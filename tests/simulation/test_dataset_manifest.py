@@ -312,7 +312,7 @@ def test_a_scene_that_changed_or_a_second_option_is_refused(place, tmp_path):
         samples=1,
     )
     description = tmp_path / "set" / "dataset.json"
-    assert "is not valid beside --reproduce" in fails(
+    assert "must not be given together" in fails(
         "simulate", "dataset", "--reproduce", description, "--seed", 4, "-o", tmp_path / "other"
     )
     om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))

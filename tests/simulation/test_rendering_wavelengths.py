@@ -112,7 +112,7 @@ def test_colours_are_told_apart_where_something_is_known_of_them(domed, tmp_path
     assert "known of a sensor" in fails(
         "dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *words
     )
-    assert "belongs to pictures" in fails(
+    assert "--wavelengths-nm requires images" in fails(
         "dewarp", "ride.mp4", "--sensor", "paper-spherical", *words
     )
 
@@ -134,4 +134,4 @@ def test_what_has_no_colours_is_refused(domed, tmp_path):
         "-o",
         tmp_path / "set",
     )
-    assert "--wavelengths-nm belongs to pictures" in said
+    assert "--wavelengths-nm requires a single image" in said

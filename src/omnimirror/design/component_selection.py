@@ -110,7 +110,7 @@ def best_apertures(
     low, high = f_number if isinstance(f_number, Sequence) else (f_number, f_number)
     if not 0 < low <= high:
         raise InvalidParameter(
-            f"f_numbers must be a range with 0 < low <= high; got {low:g} to {high:g}"
+            f"f_number must be a range with 0 < low <= high; got {low:g} to {high:g}"
         )
     first, last = sensor.field_deg
     if not omega_min_deg < last:

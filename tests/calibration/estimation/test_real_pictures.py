@@ -160,8 +160,8 @@ def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
 @pytest.mark.parametrize(
     ("state", "model"),
     [
-        ("looking for boards, 4 of 6", "unified"),
-        ("looking for boards, 6 of 6", "unified"),
+        ("Detecting boards, 4 of 6", "unified"),
+        ("Detecting boards, 6 of 6", "unified"),
         ("fitting ocam", "auto"),
         ("comparing ", "auto"),
     ],
@@ -185,10 +185,10 @@ def test_ctrl_c_keeps_what_was_found(state, model, tmp_path):
         tmp_path,
     )
     assert code == 130, told
-    assert "Stopped: this is what was found until then" in told
+    assert "Stopped: best camera so far" in told
     assert ("It was stopped before the end" in told) == (model == "auto")
     assert ("the search was stopped before this picture" in told) == (
-        state == "looking for boards, 4 of 6"
+        state == "Detecting boards, 4 of 6"
     )
     om.load_camera(tmp_path / "camera.toml")
 

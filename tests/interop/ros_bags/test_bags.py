@@ -542,8 +542,8 @@ def test_command_equals_the_function(sensor, ride, tmp_path):
 
 def test_options_for_other_sources_raise(ride, tmp_path):
     words = ("dewarp", ride, "--sensor", "paper-spherical", "-o", tmp_path / "out.mcap")
-    assert "--crf belongs to videos, and" in fails(*words, "--crf", "20")
-    assert "--restore belongs to pictures, and" in fails(*words, "--restore")
+    assert "--crf requires videos; got the recording" in fails(*words, "--crf", "20")
+    assert "--restore requires images; got the recording" in fails(*words, "--restore")
     assert "--pan-deg must not be given with --views" in fails(
         *words, "--views", "v.toml", "--pan-deg", "3"
     )

@@ -312,7 +312,7 @@ def test_limits_have_the_format_of_requirement_files(table, limits):
             'quantity = "field_to_deg"\nat_most = 1',
             "'field_to_deg' is not a merit of trials; use 'min field_to_deg'",
         ),
-        ('quantity = "mtf"\nat_least = 0.3', "does not say at which spatial frequency"),
+        ('quantity = "mtf"\nat_least = 0.3', "requires a spatial frequency"),
         ('quantity = "nonsense"\nat_most = 1', "'nonsense' is not a merit of trials"),
     ],
 )
