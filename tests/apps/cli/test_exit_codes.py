@@ -55,7 +55,7 @@ def place(tmp_path):
     ],
     ids=" ".join,
 )
-def test_a_command_that_is_not_used_as_it_can_be(place, words):
+def test_usage_errors_exit_with_2(place, words):
     run = omnimirror(*words, cwd=place)
     assert run.returncode == 2, run.stderr
     assert run.stderr.startswith("omnimirror: ")
@@ -79,7 +79,7 @@ def test_a_command_that_is_not_used_as_it_can_be(place, words):
     ],
     ids=" ".join,
 )
-def test_what_is_not_there_or_not_seen(place, words):
+def test_missing_or_invalid_files_exit_with_1(place, words):
     run = omnimirror(*words, cwd=place)
     assert run.returncode == 1, run.stderr
     assert run.stderr.startswith("omnimirror: ")

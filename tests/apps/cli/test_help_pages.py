@@ -31,7 +31,7 @@ COMMANDS = dict(commands())
 
 
 @pytest.mark.parametrize("words", COMMANDS)
-def test_every_command_has_a_page_and_an_example_of_its_own(words):
+def test_commands_have_page_and_example(words):
     command = COMMANDS[words]
     assert isinstance(command, DocumentedCommand)
     assert (DOCS / f"{command.page}.md").exists()
@@ -45,7 +45,7 @@ def test_every_command_has_a_page_and_an_example_of_its_own(words):
 
 
 @pytest.mark.parametrize("example", [e for c in COMMANDS.values() for e in c.examples])
-def test_examples_are_understood(example, tmp_path, monkeypatch):
+def test_examples_parse(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pictures").mkdir()
     understand(example)
@@ -71,12 +71,12 @@ hour."""
 
 
 @pytest.mark.parametrize("line", SHOWN.values(), ids=SHOWN)
-def test_commands_that_pages_only_show_are_understood(line, tmp_path, monkeypatch):
+def test_displayed_commands_parse(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     understand(re.split(r" [|>] ", line)[0])
 
 
-def test_options_stand_in_their_groups_and_each_once():
+def test_options_are_grouped_once():
     shown = COMMANDS["dewarp"].get_help(click.Context(COMMANDS["dewarp"], info_name="dewarp"))
     headings = [
         line for line in shown.splitlines() if line.endswith(":") and not line.startswith(" ")

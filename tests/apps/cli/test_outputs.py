@@ -25,7 +25,7 @@ def run(*args):
     )
 
 
-def test_a_table_on_standard_output_is_all_there_is(tmp_path):
+def test_table_on_standard_output(tmp_path):
     written = run("evaluate", "paper-spherical", *FEW, "--csv", tmp_path / "a.csv")
     piped = run("evaluate", "paper-spherical", *FEW, "--csv", "-")
     assert piped.stdout == (tmp_path / "a.csv").read_text()
@@ -40,7 +40,7 @@ def test_a_table_on_standard_output_is_all_there_is(tmp_path):
     ]
 
 
-def test_a_picture_on_standard_output_is_that_of_a_file(tmp_path):
+def test_image_on_standard_output_equals_file(tmp_path):
     source = tmp_path / "round.png"
     cv2.imwrite(str(source), np.random.default_rng(1).integers(0, 256, (64, 64, 3), np.uint8))
     words = ["dewarp", source, "--ball", "31.5,31.5,30,300", "--size", "32x16"]
@@ -57,7 +57,7 @@ def test_a_picture_on_standard_output_is_that_of_a_file(tmp_path):
             )
 
 
-def test_a_figure_on_standard_output():
+def test_figure_on_standard_output():
     assert run("spots", "paper-spherical", *FEW, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
     assert (
         b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "-", "--format", "svg").stdout_bytes
@@ -78,7 +78,7 @@ def test_a_figure_on_standard_output():
         (["evaluate", "paper-spherical", "--csv", ""], "must not be empty"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, capsys):
+def test_invalid_standard_output_raises(args, sentence, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=r"^2$"):
         main(args)
@@ -86,7 +86,7 @@ def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_reader_may_leave():
+def test_closed_pipe_is_no_error():
     command = [
         sys.executable,
         "-m",
@@ -104,7 +104,7 @@ def test_the_reader_may_leave():
             assert process.wait() == 0
 
 
-def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
+def test_output_options_support_standard_output():
     """Options that accept a file name accept ``-`` too, except for folders, sources and video
     paths."""
     from omnimirror.apps.cli._output import Output
@@ -154,7 +154,7 @@ def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
         ),
     ],
 )
-def test_nothing_is_written_over_what_is_read_or_over_another_output(
+def test_outputs_must_not_overwrite_inputs_or_outputs(
     words, sentence, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
@@ -168,11 +168,11 @@ def test_nothing_is_written_over_what_is_read_or_over_another_output(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_two_outputs_may_go_to_one_device():
+def test_two_outputs_to_one_device():
     run("evaluate", "paper-spherical", *FEW, "--csv", "/dev/null", "--json", "/dev/null")
 
 
-def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
+def test_messages_on_standard_error_and_text_on_standard_output(capsys):
     """Control sequences in names are escaped, brackets are not interpreted as styles, and numbers
     have no colours."""
     _output.print_notice("a [bold]b[/bold] \x1b[31m")
@@ -183,7 +183,7 @@ def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
     assert told.out == "1 of 2 e.csv\n"
 
 
-def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
+def test_terminal_output_has_only_own_styles(monkeypatch):
     class Screen(io.StringIO):
         def isatty(self):
             return True
@@ -200,7 +200,7 @@ def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
     )
 
 
-def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monkeypatch):
+def test_device_among_several_outputs(tmp_path, monkeypatch):
     @click.command()
     @_output.output_option("--a", multiple=True)
     @_output.output_option("--b")
@@ -214,7 +214,7 @@ def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monke
         _output.check_output_files(command.make_context("x", [*words, "--b", "./f"]))
 
 
-def test_numbers_of_a_table_are_never_broken_and_words_are():
+def test_table_wraps_text_but_not_numbers():
     """The text column uses the rest of 28 characters after the first column and the numbers."""
     table = _output.plain_table("name", "mm", "remark", words=("name", "remark"))
     table.add_row("first part", "1234.5678", "as long as it may be")

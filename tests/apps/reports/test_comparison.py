@@ -40,7 +40,7 @@ def comparison():
     )
 
 
-def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
+def test_page_contains_table_curves_and_images(comparison, tmp_path):
     page = write_comparison(comparison, tmp_path / "c.html", ROOM).read_text(encoding="utf-8")
     assert page.count("data:image/jpeg") == 6
     assert page.count("data:image/svg+xml") == 1
@@ -64,14 +64,14 @@ def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
 
 
 @pytest.mark.full
-def test_the_picture_is_one_sheet(comparison, tmp_path):
+def test_png_is_one_sheet(comparison, tmp_path):
     path = write_comparison(comparison, tmp_path / "c.png", ROOM)
     sheet = om.read_image(path)
     assert sheet.shape[1] == 1440
     assert sheet.shape[0] > 2 * 1440
 
 
-def test_a_sheet_keeps_the_colours_of_its_pictures(comparison):
+def test_sheet_keeps_image_colours(comparison):
     """Uniform images, on white, in their order; the room is not rendered."""
     colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255)], [(255, 255, 0), (0, 255, 255), (255, 0, 255)]
     circles = [np.full((64, 64, 3), colour, np.uint8) for colour in colours[0]]
@@ -92,14 +92,14 @@ def test_a_sheet_keeps_the_colours_of_its_pictures(comparison):
     assert max(m[0] for m in middles[:3]) < min(m[0] for m in middles[3:])
 
 
-def test_other_files_than_pages_and_pictures_are_refused_at_once(comparison, tmp_path):
+def test_other_suffixes_raise_before_rendering(comparison, tmp_path):
     for name in ("c.gif", "c", "c.htm"):
         with pytest.raises(InvalidParameter, match=rf"suffix \.html or \.png; got {name}"):
             write_comparison(comparison, tmp_path / name, None)
     assert not list(tmp_path.iterdir())
 
 
-def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):
+def test_panoramas_have_common_elevations(comparison):
     """Panoramas agree in the common field, including that of the folded sensor; black outside the
     field of a sensor."""
     one, folded, telecentric = (p.astype(int) for p in render_images(comparison, ROOM).panoramas)
@@ -110,7 +110,7 @@ def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):
     assert not telecentric[: one.shape[0] // 8].any()
 
 
-def test_the_curves_are_those_of_the_evaluation(comparison):
+def test_curves_equal_evaluation(comparison):
     figure = side_by_side(comparison.sensors)
     lines = {
         line.get_gid(): line for ax in figure.axes for line in ax.get_lines() if line.get_gid()
@@ -132,7 +132,7 @@ def test_the_curves_are_those_of_the_evaluation(comparison):
     assert legend == comparison.names
 
 
-def test_from_the_command_line(tmp_path):
+def test_command_line(tmp_path):
     run = omnimirror(
         "compare", "paper-spherical", "folded-spherical", "--csv", "c.csv", cwd=tmp_path
     )

@@ -10,7 +10,7 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 from tests.commands import fails, omnimirror
 
 
-def test_spots_are_tabled_drawn_and_written(tmp_path):
+def test_spots_table_figure_and_files(tmp_path):
     args = [
         "--omega-deg",
         "0,60,120",
@@ -31,7 +31,7 @@ def test_spots_are_tabled_drawn_and_written(tmp_path):
     assert f"{found.rms_radius_px()[2, 1]:.3f}" in run.stdout
 
 
-def test_the_table_of_f_numbers():
+def test_spots_f_number_table():
     run = omnimirror("spots", "paper-hyperboloidal", "--f-numbers", "2,4", "--omega-deg", "105")
     assert run.returncode == 0, run.stderr
     rows = [line.split() for line in run.stdout.splitlines() if line.split()[0] in ("2", "4")]
@@ -39,7 +39,7 @@ def test_the_table_of_f_numbers():
     assert float(rows[0][3]) == pytest.approx(4 * float(rows[1][3]), rel=0.1)
 
 
-def test_mtf_is_written_in_three_units(tmp_path):
+def test_mtf_units(tmp_path):
     args = [
         "--omega-deg",
         "60",
@@ -60,14 +60,14 @@ def test_mtf_is_written_in_three_units(tmp_path):
     assert "<text" in (tmp_path / "m.svg").read_text()
 
 
-def test_psf_and_encircled_energy_are_drawn(tmp_path):
+def test_psf_and_encircled_energy_figures(tmp_path):
     args = ["--omega-deg", "0,90", "-o", tmp_path / "p.png", "--encircled", tmp_path / "e.png"]
     run = omnimirror("psf", "paper-spherical", *args, "--focus-mm", "auto")
     assert run.returncode == 0, run.stderr
     assert {p.name for p in tmp_path.iterdir()} == {"p.png", "e.png"}
 
 
-def test_illumination_of_a_metal(tmp_path):
+def test_illumination_of_metal(tmp_path):
     run = omnimirror(
         "illumination",
         "paper-spherical",
@@ -84,7 +84,7 @@ def test_illumination_of_a_metal(tmp_path):
     assert table["relative"][0] == 1
 
 
-def test_a_misaligned_sensor_is_analysed_too(tmp_path):
+def test_misaligned_sensor(tmp_path):
     from dataclasses import replace
 
     sensor = replace(
@@ -135,6 +135,6 @@ def test_a_misaligned_sensor_is_analysed_too(tmp_path):
         ),
     ],
 )
-def test_bad_input_is_one_sentence(args, message, tmp_path):
+def test_invalid_arguments_print_one_line(args, message, tmp_path):
     assert message in fails(*args, cwd=tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -8,7 +8,7 @@ import omnimirror as om
 from tests.commands import omnimirror
 
 
-def test_a_camera_goes_from_one_program_to_another_and_back(tmp_path):
+def test_round_trip_between_formats(tmp_path):
     camera = om.Unified(0.93, (260.0, 261.3), (515.32, 380.29), (1024, 768), k1=-0.01, p2=-2e-3)
     om.save_camera(camera, tmp_path / "a.toml")
     out = omnimirror("convert", "a.toml", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
@@ -22,7 +22,7 @@ def test_a_camera_goes_from_one_program_to_another_and_back(tmp_path):
     assert om.load_camera(tmp_path / "c.toml") == camera
 
 
-def test_a_file_can_be_printed_and_the_words_stand_elsewhere(tmp_path):
+def test_standard_output(tmp_path):
     out = omnimirror(
         "convert",
         "paper-hyperboloidal",
@@ -49,7 +49,7 @@ def test_a_file_can_be_printed_and_the_words_stand_elsewhere(tmp_path):
         (["--from", "kalibre"], "kalibr"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(tmp_path, options, sentence):
+def test_invalid_arguments_print_one_line(tmp_path, options, sentence):
     out = omnimirror(
         "convert", "paper-spherical", "a.yaml", "--to", "opencv-omnidir", *options, cwd=tmp_path
     )
@@ -59,7 +59,7 @@ def test_what_cannot_be_is_one_sentence(tmp_path, options, sentence):
     assert not (tmp_path / "a.yaml").exists()
 
 
-def test_python_and_the_command_line_write_the_same_file(tmp_path):
+def test_command_and_function_write_same_file(tmp_path):
     distance = (700.0, np.inf)
     om.convert(
         "paper-spherical",
@@ -76,7 +76,7 @@ def test_python_and_the_command_line_write_the_same_file(tmp_path):
     assert (tmp_path / "a.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
 
 
-def test_contradictions_in_a_file_are_printed(tmp_path):
+def test_inconsistent_file_is_reported(tmp_path):
     """Notes of a conversion, and warnings on standard error when the file is used."""
     om.convert(
         om.OCam((-130.0, 0.0, 1.9e-3), (515.0, 380.0), (1024, 768)),

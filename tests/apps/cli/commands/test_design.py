@@ -22,7 +22,7 @@ COMMON = [
 ]
 
 
-def test_the_common_case_by_flags_alone(tmp_path):
+def test_design_from_options(tmp_path):
     run = omnimirror(
         "design",
         *COMMON,
@@ -43,7 +43,7 @@ def test_the_common_case_by_flags_alone(tmp_path):
         assert word in run.stdout
 
 
-def test_what_cannot_be_met_is_explained_and_the_exit_code_says_so(tmp_path):
+def test_infeasible_requirements_print_relaxations_and_exit_with_3(tmp_path):
     (tmp_path / "r.toml").write_text(
         'field.omega_max_deg = 135\nmirror = {family = "sphere", rim_radius_mm = 43.9}\n'
         'lens.theta_max_deg = 12\n[[limit]]\nquantity = "total_blur_px"\nat_most = 4.5\n'
@@ -61,7 +61,7 @@ def test_what_cannot_be_met_is_explained_and_the_exit_code_says_so(tmp_path):
     assert eased.returncode == 0, eased.stdout
 
 
-def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
+def test_check_of_bundled_sensor(tmp_path):
     """Check the coarsest resolution of the sphere by its own evaluation; violations are also
     reported by the exit code."""
     file = tmp_path / "r.toml"
@@ -109,13 +109,13 @@ def test_any_sensor_is_judged_by_a_requirement_file(tmp_path):
         (["--omega-max-deg", 120], "the table [mirror] is missing"),
     ],
 )
-def test_what_is_wrong_is_one_sentence(args, message, tmp_path):
+def test_invalid_arguments_print_one_line(args, message, tmp_path):
     said = fails("design", *args, cwd=tmp_path)
     assert any(part in said for part in message.split("|")), said
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_mappings_are_listed_and_drawn(tmp_path):
+def test_mappings_table_and_figure(tmp_path):
     run = omnimirror("mappings", "--omega-max-deg", 75, "--figure", "m.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert (
@@ -128,13 +128,13 @@ def test_the_mappings_are_listed_and_drawn(tmp_path):
     assert "below 90" in wide.stdout
 
 
-def test_mappings_of_a_field_that_cannot_be_had():
+def test_mappings_of_infeasible_field():
     assert "omega_max_deg must be between" in fails("mappings", "--omega-max-deg", 175)
 
 
 @pytest.mark.full
 @pytest.mark.long
-def test_what_would_have_to_give_is_told_by_elevations_where_they_were_asked_for(tmp_path):
+def test_relaxations_are_printed_as_elevations(tmp_path):
     (tmp_path / "watch.toml").write_text(
         '[mount]\ncamera_looks = "up"\n[field]\nelevation_deg = [-60, 20]\n[mirror]\nfamily = "sphere"\n'
         "rim_radius_mm = 30.0\n[lens]\nfocal_length_mm = 11.6\n[[limit]]\n"

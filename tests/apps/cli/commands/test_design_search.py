@@ -33,7 +33,7 @@ at_most = 4.0
 """
 
 
-def test_optimise_writes_a_sensor_and_shows_convergence(tmp_path):
+def test_optimise_writes_sensor_and_prints_convergence(tmp_path):
     run = omnimirror(
         "design",
         "--like",
@@ -65,7 +65,7 @@ def test_optimise_writes_a_sensor_and_shows_convergence(tmp_path):
         assert word in run.stdout
 
 
-def test_optimise_from_options_alone(tmp_path):
+def test_optimise_from_options_only(tmp_path):
     run = omnimirror(
         "design",
         "--optimise",
@@ -132,7 +132,7 @@ SEARCH = (
 )
 
 
-def test_a_requirement_file_is_optimised_instead_of_its_mapping(tmp_path):
+def test_optimise_replaces_mapping_of_file(tmp_path):
     (tmp_path / "r.toml").write_text(REQUIREMENTS)
     met = omnimirror(*SEARCH, "--f-number", 8, "-o", "s.toml", cwd=tmp_path)
     assert met.returncode == 0, met.stdout + met.stderr
@@ -141,7 +141,7 @@ def test_a_requirement_file_is_optimised_instead_of_its_mapping(tmp_path):
 
 @pytest.mark.full  # test_design covers the conflict of a family, reported in the same format
 @pytest.mark.long
-def test_an_optimised_requirement_file_says_what_conflicts(tmp_path):
+def test_optimised_requirements_report_conflicts(tmp_path):
     (tmp_path / "r.toml").write_text(REQUIREMENTS)
     missed = omnimirror(*SEARCH, "--json", "t.json", cwd=tmp_path)
     assert missed.returncode == 3, missed.stdout + missed.stderr
@@ -153,7 +153,7 @@ def test_an_optimised_requirement_file_says_what_conflicts(tmp_path):
 
 
 @pytest.mark.long
-def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
+def test_pareto_front_is_saved_drawn_and_selected_from(tmp_path):
     arguments = (
         "design",
         "--pareto",
@@ -185,7 +185,7 @@ def test_a_front_is_kept_drawn_and_picked_from(tmp_path):
 
 @pytest.mark.full
 @pytest.mark.long
-def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
+def test_interrupted_search_is_resumed(tmp_path):
     """Ctrl-C after the first start: the best design is written, and the same command completes the
     search."""
     search = (
@@ -227,7 +227,7 @@ def test_a_search_that_is_stopped_keeps_what_it_has_and_goes_on(tmp_path):
     assert {p.run for p in told} == {kept}
 
 
-def test_apertures_and_parts_print_their_tables(tmp_path):
+def test_apertures_and_parts_print_tables(tmp_path):
     run = omnimirror("apertures", "paper-spherical", "paper-hyperboloidal", "--f-number", "1.4:16")
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("together") == 2
@@ -297,5 +297,5 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         (["parts", "paper-spherical", "nowhere.toml"], "cannot read"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(arguments, sentence):
+def test_invalid_arguments_print_one_line(arguments, sentence):
     assert sentence in fails(*arguments)

@@ -50,7 +50,7 @@ def dewarp(*args):
     return 0
 
 
-def test_camera_of_a_ball_looks_up_by_default(folder):
+def test_ball_camera_looks_up_by_default(folder):
     """This default is documented in the help and in docs/dewarp.md."""
     v, u = np.mgrid[:200, :200]
     om.write_image("ball.png", np.where(v < 100, 30 + u, 250 - u).astype(np.uint8))
@@ -101,7 +101,7 @@ VIEWS = [
         for k, view in enumerate(VIEWS)
     ],
 )
-def test_every_camera_gives_every_view(folder, capsys, picture, source, view):
+def test_all_views_of_all_cameras(folder, capsys, picture, source, view):
     if "fisheye" in source and "--tilt-deg" in view:
         view = [*view[:-1], "40"]
     assert dewarp(picture, *source, *view, "-o", "out.png") == 0
@@ -118,7 +118,7 @@ def test_every_camera_gives_every_view(folder, capsys, picture, source, view):
     np.testing.assert_array_equal(straight[..., 3] == 255, straight[..., 0] == value)
 
 
-def test_the_line_says_what_was_written(folder, capsys):
+def test_printed_line_describes_view(folder, capsys):
     assert (
         dewarp(
             "sphere.png", *SPHERE, "--size", "720x", "--elevation-deg", "-45:90", "-o", "out.jpg"
@@ -240,13 +240,13 @@ def test_the_line_says_what_was_written(folder, capsys):
         ),
     ],
 )
-def test_options_arrive(folder, capsys, options, message):
+def test_view_options(folder, capsys, options, message):
     assert dewarp("sphere.png", *SPHERE, *options, "-o", "out.png") == 0
     assert message in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("viewpoint", ["exact", "single", "11.5"])
-def test_the_viewpoint_arrives(folder, viewpoint):
+def test_viewpoint_option(folder, viewpoint):
     rng = np.random.default_rng(0)
     om.write_image("a.png", rng.integers(1, 255, (1024, 1024, 3), np.uint8))
     args = [
@@ -271,7 +271,7 @@ def test_the_viewpoint_arrives(folder, viewpoint):
     np.testing.assert_array_equal(om.read_image("out.png"), expected)
 
 
-def test_zoom_says_when_it_goes_past_what_is_resolved(folder, capsys):
+def test_zoom_beyond_resolution_is_reported(folder, capsys):
     args = ["sphere.png", *SPHERE, "--view", "perspective", "--size", "640x480", "-o", "out.png"]
     assert dewarp(*args, "--zoom", "50") == 0
     limited = capsys.readouterr()
@@ -289,7 +289,7 @@ def test_zoom_says_when_it_goes_past_what_is_resolved(folder, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_mount_options_turn_the_view_as_the_mount_would(folder):
+def test_mount_options_rotate_view(folder):
     rng = np.random.default_rng(0)
     picture = rng.integers(1, 255, (1024, 1024, 3), np.uint8)
     om.write_image("a.png", picture)
@@ -317,7 +317,7 @@ def test_mount_options_turn_the_view_as_the_mount_would(folder):
 @pytest.mark.parametrize(
     ("name", "channels"), [("o.png", 4), ("o.tif", 4), ("o.webp", 4), ("o.jpg", 3), ("o.bmp", 3)]
 )
-def test_transparency_is_where_the_file_can_hold_it(folder, name, channels):
+def test_transparency_by_file_format(folder, name, channels):
     assert (
         dewarp("sphere.png", *SPHERE, "--size", "60x40", "--elevation-deg", "-90:90", "-o", name)
         == 0
@@ -328,7 +328,7 @@ def test_transparency_is_where_the_file_can_hold_it(folder, name, channels):
     assert (straight[12:] > 190).all()
 
 
-def test_black_keeps_the_channels(folder):
+def test_black_keeps_channels(folder):
     assert (
         dewarp(
             "deep.png",
@@ -349,7 +349,7 @@ def test_black_keeps_the_channels(folder):
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
-def test_every_interpolation_straightens(folder, interpolation):
+def test_all_interpolations(folder, interpolation):
     args = [
         "sphere.png",
         *SPHERE,
@@ -379,7 +379,7 @@ def test_every_interpolation_straightens(folder, interpolation):
         ("light.tif", BALL, "0,0.5,-2", [0.0, 0.5, -2.0]),
     ],
 )
-def test_the_border_is_a_colour(folder, picture, source, border, expected):
+def test_border_colour(folder, picture, source, border, expected):
     om.write_image("clear.png", np.full((200, 200, 4), 200, np.uint8))
     om.write_image("light.tif", np.full((200, 200, 3), 0.3, np.float32))
     out = "o.tif" if picture.endswith("tif") else "o.png"
@@ -427,7 +427,7 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
         (BorderColour.of("1,2,3"), "uint8", 3, (1, 2, 3)),
     ],
 )
-def test_the_border_colour_fits_depth_and_channels(border, dtype, channels, expected):
+def test_border_colour_is_converted_to_image_format(border, dtype, channels, expected):
     for shape in {(2, 2), (2, 2, 1)} if channels == 1 else {(2, 2, channels)}:
         assert BorderColour.of(border).of_picture(np.zeros(shape, dtype)) == pytest.approx(
             tuple(expected), rel=1e-6
@@ -451,7 +451,7 @@ def test_the_border_colour_fits_depth_and_channels(border, dtype, channels, expe
         None,
     ],
 )
-def test_no_border_colour(border):
+def test_invalid_border_colour_raises(border):
     with pytest.raises(
         InvalidParameter, match="is no colour; valid are a grey level, R,G,B and #rrggbb"
     ):
@@ -459,7 +459,7 @@ def test_no_border_colour(border):
 
 
 @pytest.mark.parametrize("border", [-1, 0.5, 256, (0, 0, 256)])
-def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
+def test_border_colour_out_of_range_raises(border):
     with pytest.raises(
         InvalidParameter,
         match=r"is no value of a picture of uint8; valid are whole numbers from 0 to 255",
@@ -476,12 +476,12 @@ def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
         (255, (235, 128, 128)),
     ],
 )
-def test_the_border_of_a_video_is_coded_as_its_frames(border, coded):
+def test_video_border_is_encoded_as_frames(border, coded):
     """Corners of the colour cube in ITU-R BT.601."""
     assert BorderColour.of(border).of_frame(empty_frame((64, 48))[0]) == coded
 
 
-def test_a_grey_picture_has_no_border_in_colour():
+def test_colour_border_of_grey_image_raises():
     with pytest.raises(
         InvalidParameter, match="border 1,2,2 is a colour, and the picture is grey; give one value"
     ):
@@ -636,7 +636,7 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("sphere.png SPHERE -o ./sphere.png", "is the picture to straighten"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_sentence(folder, capfd, line, message):
+def test_invalid_arguments_print_one_line(folder, capfd, line, message):
     """Each line is completed by ``-o out.png`` unless it contains an output or must not have one."""
     output = "" if "-o" in line.split() or "NO-OUTPUT" in line else " -o out.png"
     words = {"SPHERE": SPHERE, "BALL": BALL, "NO-OUTPUT": []}
@@ -652,7 +652,7 @@ def test_what_is_wrong_is_said_in_one_sentence(folder, capfd, line, message):
     assert {p: p.read_bytes() for p in folder.iterdir()} == before
 
 
-def test_help_explains_itself(capsys):
+def test_help(capsys):
     assert dewarp("--help") == 0
     said = capsys.readouterr().out
     for word in (
@@ -683,7 +683,7 @@ def likeness(picture, text):
 
 
 @pytest.mark.skipif(not MIRRORBALL.exists(), reason=f"no photographs at {MIRRORBALL}")
-def test_a_sign_in_the_store_can_be_read(folder):
+def test_sign_in_store_is_legible(folder):
     """The brand name of a loudspeaker at the right rear of the camera; it is reversed in the raw
     image."""
     args = [

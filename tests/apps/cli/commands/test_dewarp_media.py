@@ -50,7 +50,7 @@ def frames(path) -> list[np.ndarray]:
         return [f.to_ndarray(format="rgb24") for f in container.decode(video=0)]
 
 
-def test_every_frame_of_a_video_is_straightened(video, tmp_path):
+def test_all_video_frames_are_dewarped(video, tmp_path):
     args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
@@ -63,7 +63,7 @@ def test_every_frame_of_a_video_is_straightened(video, tmp_path):
         assert np.abs(out[i] - expected)[4:-4, 4:-4].mean() < 3
 
 
-def test_the_border_of_a_video_is_a_colour(video, tmp_path):
+def test_video_border_colour(video, tmp_path):
     args = [
         *BALL,
         "--elevation-deg",
@@ -89,7 +89,7 @@ def test_the_border_of_a_video_is_a_colour(video, tmp_path):
         assert not (tmp_path / "no.mp4").exists()
 
 
-def test_a_part_of_a_video(video, tmp_path):
+def test_video_range(video, tmp_path):
     args = [*BALL, "--size", "128x", "--start-s", "0.2", "--duration-s", "0.4"]
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
@@ -100,7 +100,7 @@ def test_a_part_of_a_video(video, tmp_path):
     )
 
 
-def test_the_view_moves_with_keyframes(video, tmp_path):
+def test_keyframes(video, tmp_path):
     (tmp_path / "keys.csv").write_text("time_s,pan_deg,hfov_deg\n0,0,60\n0.76,40,90\n")
     args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
     run = omnimirror(
@@ -113,14 +113,14 @@ def test_the_view_moves_with_keyframes(video, tmp_path):
     assert np.abs(frames(tmp_path / "out.mp4")[-1] - last.astype(float))[4:-4, 4:-4].mean() < 3
 
 
-def test_a_pipe_carries_y4m(video, tmp_path):
+def test_y4m_pipe(video, tmp_path):
     run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", "-", text=False)
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith(b"YUV4MPEG2 W128 H64 F25:1")
     assert run.stdout.count(b"FRAME") == 20
 
 
-def test_a_pipe_carries_raw_video(video):
+def test_raw_video_pipe(video):
     args = ["--size", "128x64", "-o", "-", "--format", "rawvideo"]
     run = omnimirror("dewarp", video, *BALL, *args, text=False)
     assert run.returncode == 0, run.stderr
@@ -131,7 +131,7 @@ def test_a_pipe_carries_raw_video(video):
     assert len(grey.stdout) == 20 * 64 * 128
 
 
-def test_several_outputs_at_once(video, tmp_path):
+def test_several_outputs(video, tmp_path):
     args = [
         *BALL,
         "--size",
@@ -155,7 +155,7 @@ def test_several_outputs_at_once(video, tmp_path):
     )
 
 
-def test_sigterm_keeps_what_was_done(video, tmp_path):
+def test_sigterm_keeps_completed_frames(video, tmp_path):
     program = Path(sys.executable).with_name("omnimirror")
     words = ["dewarp", video, *BALL, "--size", "512x256", "-o", tmp_path / "a.mkv", "-o", "-"]
     with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
@@ -167,7 +167,7 @@ def test_sigterm_keeps_what_was_done(video, tmp_path):
     assert 1 <= len(frames(tmp_path / "a.mkv")) < 20
 
 
-def test_a_file_is_streamed_in_real_time(video, tmp_path):
+def test_file_is_streamed_in_real_time(video, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         url = f"udp://127.0.0.1:{probe.getsockname()[1]}"
@@ -183,7 +183,7 @@ def test_a_file_is_streamed_in_real_time(video, tmp_path):
     assert (frame.width, frame.height) == (128, 64)
 
 
-def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
+def test_folder_with_damaged_image(tmp_path):
     for i in range(3):
         om.write_image(tmp_path / f"{i}.png", picture(60 + i))
     (tmp_path / "bad.png").write_bytes(b"not a picture")
@@ -197,7 +197,7 @@ def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
     np.testing.assert_array_equal(om.read_image(tmp_path / "out" / "1.png"), expected)
 
 
-def test_a_folder_that_was_stopped_goes_on(tmp_path):
+def test_skip_existing_continues_folder(tmp_path):
     for i in range(3):
         om.write_image(tmp_path / f"{i}.png", picture(60 + i))
     (tmp_path / "out").mkdir()
@@ -219,7 +219,7 @@ def test_a_folder_that_was_stopped_goes_on(tmp_path):
     assert "0 of 0 images dewarped, 3 existed" in again.stdout
 
 
-def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
+def test_panorama_metadata(tmp_path):
     om.write_image(tmp_path / "a.png", picture(90))
     assert (
         omnimirror(
@@ -269,7 +269,7 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["a.png", "--preview"], "--preview requires a video; got a.png"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
+def test_invalid_arguments_print_one_line(args, message, video, tmp_path):
     om.write_image(tmp_path / "a.png", picture(90))
     before = sorted(p.name for p in tmp_path.iterdir())
     assert message in fails("dewarp", *args, *BALL, cwd=tmp_path)
@@ -277,7 +277,7 @@ def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no DISPLAY")
-def test_no_display_leaves_the_file_alone(video, tmp_path, monkeypatch):
+def test_preview_without_display_writes_no_file(video, tmp_path, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     said = fails("dewarp", video, *BALL, "-o", "o.mp4", "--preview", cwd=tmp_path)

@@ -20,7 +20,7 @@ cylinder_t_mm_per_px object_s_mm_per_px
 """.split()  # noqa: SIM905 - as the requirement spells it
 
 
-def test_help_names_every_command():
+def test_help_lists_all_commands():
     run = omnimirror("--help")
     assert run.returncode == 0
     for name in COMMANDS:
@@ -28,13 +28,13 @@ def test_help_names_every_command():
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_has_help(name):
+def test_all_commands_have_help(name):
     run = omnimirror(name, "--help")
     assert run.returncode == 0, run.stderr
     assert "Usage: omnimirror" in run.stdout
 
 
-def test_the_table_on_the_terminal_has_every_angle():
+def test_printed_table_has_all_angles():
     run = omnimirror("evaluate", "paper-spherical", "--omega-deg", "0:135:5")
     assert run.returncode == 0
     rows = [
@@ -46,7 +46,7 @@ def test_the_table_on_the_terminal_has_every_angle():
     assert "212.00 mm" in run.stdout
 
 
-def test_csv_holds_every_double_exactly(tmp_path):
+def test_csv_is_exact(tmp_path):
     run = omnimirror(
         "evaluate", "paper-equidistant", "--omega-deg", "0:135:15", "--csv", tmp_path / "e.csv"
     )
@@ -58,7 +58,7 @@ def test_csv_holds_every_double_exactly(tmp_path):
     np.testing.assert_array_equal(values, np.stack(list(result.columns().values()), axis=1))
 
 
-def test_json_holds_summary_and_columns(tmp_path):
+def test_json_contains_summary_and_columns(tmp_path):
     args = [
         "evaluate",
         "paper-spherical",
@@ -77,7 +77,7 @@ def test_json_holds_summary_and_columns(tmp_path):
     assert data["summary"]["object_distance_mm"] == 219.5
 
 
-def test_numbers_that_are_not_finite_stay_readable_json(tmp_path):
+def test_non_finite_numbers_in_json(tmp_path):
     (tmp_path / "cone.toml").write_text(
         '[mirror]\nkind = "cone"\nslope_deg = 50.0\nrim_radius_mm = 40.0\n[lens]\nkind = "perspective"\n'
         "focal_length_mm = 11.6\nf_number = 4.0\nfocus_distance_mm = 200.0\n[imager]\nwidth_px = 1024\n"
@@ -90,7 +90,7 @@ def test_numbers_that_are_not_finite_stay_readable_json(tmp_path):
     assert json.loads((tmp_path / "e.json").read_text())["columns"]["radius_t_mm"] == ["inf"]
 
 
-def test_paper_mode_changes_the_blur_only(tmp_path):
+def test_paper_mode_changes_only_blur(tmp_path):
     for name, flags in (("exact", []), ("paper", ["--paper-mode"])):
         args = ["--omega-deg", "0:135:45", "--csv", tmp_path / f"{name}.csv", *flags]
         assert omnimirror("evaluate", "paper-spherical", *args).returncode == 0
@@ -103,14 +103,14 @@ def test_paper_mode_changes_the_blur_only(tmp_path):
     np.testing.assert_allclose(paper["blur_t_px"] / exact["blur_t_px"], 1 - 11.6 / 212, rtol=1e-12)
 
 
-def test_sensors_lists_the_bundled_ones():
+def test_sensors_lists_bundled_sensors():
     run = omnimirror("sensors")
     assert run.returncode == 0
     for name in om.optics.sensor_files.bundled_sensors():
         assert name in run.stdout
 
 
-def test_init_writes_a_file_that_evaluates_and_never_overwrites(tmp_path):
+def test_init_writes_valid_file_and_does_not_overwrite(tmp_path):
     assert omnimirror("init", "mine.toml", cwd=tmp_path).returncode == 0
     assert omnimirror("evaluate", "mine.toml", cwd=tmp_path).returncode == 0
     (tmp_path / "mine.toml").write_text("precious")
@@ -119,7 +119,7 @@ def test_init_writes_a_file_that_evaluates_and_never_overwrites(tmp_path):
     assert omnimirror("init", "mine.toml", "--force", cwd=tmp_path).returncode == 0
 
 
-def test_the_secondary_of_the_template_folds_its_sensor(tmp_path):
+def test_template_secondary_is_valid(tmp_path):
     assert omnimirror("init", "mine.toml", cwd=tmp_path).returncode == 0
     text = (tmp_path / "mine.toml").read_text()
     start, end = text.index("# [secondary]"), text.index("# [mirror_pose]")
@@ -185,14 +185,14 @@ def test_the_secondary_of_the_template_folds_its_sensor(tmp_path):
         (["evaluat", "paper-spherical"], "unknown command 'evaluat'; did you mean evaluate?"),
     ],
 )
-def test_bad_input_is_one_sentence(args, message, tmp_path):
+def test_invalid_arguments_print_one_line(args, message, tmp_path):
     assert message in fails(*args, cwd=tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.long
 @pytest.mark.long
-def test_figures_are_drawn_into_a_folder(tmp_path):
+def test_figures_are_written_to_folder(tmp_path):
     run = omnimirror(
         "evaluate", "paraboloid-telecentric", "--omega-deg", "0:90:30", "--figures", tmp_path / "f"
     )
@@ -201,7 +201,7 @@ def test_figures_are_drawn_into_a_folder(tmp_path):
     assert {"fig4.svg", "fig4.png", "fig5.svg", "fig9.svg"} <= names
 
 
-def test_pixels_can_be_asked_for(tmp_path):
+def test_pixel_option(tmp_path):
     run = omnimirror(
         "evaluate",
         "paper-spherical",
@@ -217,7 +217,7 @@ def test_pixels_can_be_asked_for(tmp_path):
     np.testing.assert_allclose(table["h_px"], [500, 300], rtol=1e-12)
 
 
-def test_a_camera_file_has_a_table_of_its_own(tmp_path):
+def test_camera_file_table(tmp_path):
     """Analytic reference: the image radius of a paraboloid is f tan(Omega / 2)."""
     known = Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.04)))
     camera = om.Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480), uncertainty=known)
@@ -261,7 +261,7 @@ def test_a_camera_file_has_a_table_of_its_own(tmp_path):
         (["--omega-deg", "170"], "omega_deg = 170 is not seen; the camera sees 0 to"),
     ],
 )
-def test_what_a_camera_file_cannot_tell_is_refused(options, message, tmp_path):
+def test_optical_options_of_camera_file_raise(options, message, tmp_path):
     om.save_camera(
         om.Unified(0.9, (200.0, 200.0), (319.5, 239.5), (640, 480)), tmp_path / "mine.toml"
     )

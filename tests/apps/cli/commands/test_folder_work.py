@@ -7,7 +7,7 @@ import numpy as np
 import omnimirror as om
 
 
-def test_pictures_of_one_size_ask_once_what_lies_in_the_field(tmp_path, monkeypatch):
+def test_field_mask_is_computed_once_per_image_size(tmp_path, monkeypatch):
     asked = []
     found = om.Dewarper.valid.fget
     monkeypatch.setattr(

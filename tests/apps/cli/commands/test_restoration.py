@@ -30,7 +30,7 @@ def small(tmp_path) -> om.Sensor:
 
 
 @pytest.mark.long
-def test_restoring_comes_before_straightening(small, tmp_path):
+def test_restoration_precedes_dewarping(small, tmp_path):
     options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x")
     assert (
         omnimirror("dewarp", "raw.png", *options, "-o", "given.png", cwd=tmp_path).returncode == 0
@@ -62,7 +62,7 @@ def test_restoring_comes_before_straightening(small, tmp_path):
 
 @pytest.mark.full
 @pytest.mark.long
-def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
+def test_restoration_of_nearby_objects(small, tmp_path):
     options = (
         "--sensor",
         "small.toml",
@@ -123,7 +123,7 @@ def test_near_things_are_restored_by_the_blur_of_near_things(small, tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
+def test_invalid_restoration_prints_one_line(small, tmp_path, options, sentence):
     run = omnimirror("dewarp", "raw.png", *options, "-o", "out.png", cwd=tmp_path)
     assert run.returncode != 0
     assert sentence in run.stderr
@@ -131,7 +131,7 @@ def test_what_cannot_be_restored_is_said(small, tmp_path, options, sentence):
 
 
 @pytest.mark.long
-def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
+def test_ball_restored_with_given_blur(small, tmp_path):
     """Blur values on the command line and in files over radius or field angle: equal results."""
     angles = np.array([0.0, 60.0, 120.0, 180.0])
     radii = 60 * np.sin(np.radians(angles) / 2)
@@ -162,7 +162,7 @@ def test_a_ball_is_restored_by_blur_that_is_told(small, tmp_path):
 
 
 @pytest.mark.long
-def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
+def test_reduced_restoration_is_reported(small, tmp_path):
     """Texture stronger than the specified noise contains no information on blur, and the message is
     limited to that."""
     grain = 128 + 5 * np.random.default_rng(2).standard_normal((128, 128, 3))
@@ -192,7 +192,7 @@ def test_why_less_blur_is_taken_out_is_said(small, tmp_path):
         ((0, 0), 5, "EXIF has a focus distance of 5000 mm"),
     ],
 )
-def test_exif_that_differs_from_the_sensor_reduces_the_blur(f_number, metres, words):
+def test_different_exif_reduces_assumed_blur(f_number, metres, words):
     """EXIF data written by Pillow, parsed from the file."""
     sensor = om.load_sensor("paper-hyperboloidal")
     exif = Image.Exif()
@@ -213,7 +213,7 @@ def test_exif_that_differs_from_the_sensor_reduces_the_blur(f_number, metres, wo
 
 
 @pytest.mark.long
-def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
+def test_bracket_plan_render_and_merge(small, tmp_path):
     run = omnimirror("bracket", "plan", "small.toml", "--max-blur-px", "3", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
@@ -254,7 +254,7 @@ def test_a_bracket_is_planned_taken_and_merged(small, tmp_path):
     assert "2 pictures and 1 focus distances" in run.stderr
 
 
-def test_a_video_is_not_restored(small, tmp_path):
+def test_restore_of_video_raises(small, tmp_path):
     (tmp_path / "film.mp4").write_bytes(b"")
     run = omnimirror(
         "dewarp", "film.mp4", "--sensor", "small.toml", "--restore", "-o", "out.mp4", cwd=tmp_path

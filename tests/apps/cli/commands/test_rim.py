@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_the_rim_of_a_sensor(folder, tmp_path):
+def test_rim_of_sensor(folder, tmp_path):
     run = omnimirror(
         "rim",
         folder / "room0.png",
@@ -49,7 +49,7 @@ def test_the_rim_of_a_sensor(folder, tmp_path):
     assert om.read_image(tmp_path / "rim.png").shape[2] >= 3
 
 
-def test_pictures_of_one_sensor_are_looked_at_together(folder, tmp_path):
+def test_images_of_one_sensor_are_evaluated_together(folder, tmp_path):
     run = omnimirror(
         "rim", folder / "room0.png", folder / "room90.png", "--json", tmp_path / "rim.json"
     )
@@ -60,7 +60,7 @@ def test_pictures_of_one_sensor_are_looked_at_together(folder, tmp_path):
     assert rim["semi_axes_px"] == pytest.approx([501.63, 501.63], abs=1.0)
 
 
-def test_what_is_not_sure_is_said(folder):
+def test_rejected_outline_is_reported(folder):
     run = omnimirror("rim", folder / "nothing.png")
     assert run.returncode == 0
     assert "no rim detected: the confidence must be at least 0.6; got 0.00" in run.stdout
@@ -86,13 +86,13 @@ def test_rejected_outlines_are_listed_as_candidates(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["rim", "lines"])
-def test_pictures_of_another_size_are_named(command, folder):
+def test_images_of_different_sizes_raise(command, folder):
     pictures = [folder / "room0.png", folder / "nothing.png", folder / "room90.png"]
     said = fails(command, *pictures)
     assert "room0.png is 1024 x 1024 px, and nothing.png is 300 x 200 px" in said
 
 
-def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):
+def test_auto_dewarps_image_by_detected_rim(folder, tmp_path):
     """Same view as with the sensor that rendered the image, up to the outline error."""
     views = {}
     for name, camera in {
@@ -108,14 +108,14 @@ def test_a_picture_is_straightened_by_its_rim_alone(folder, tmp_path):
     assert np.median(np.abs(views["auto"][:height, :width] - views["told"][:height, :width])) < 4
 
 
-def test_the_mirror_that_is_meant_is_said(folder, tmp_path):
+def test_assumed_mirror_is_reported(folder, tmp_path):
     run = omnimirror("dewarp", folder / "disc.png", "--auto", "-o", tmp_path / "view.png")
     assert run.returncode == 0, run.stderr
     assert "assumed mirror: one-shot" in run.stderr
     assert "specify another with --mirror" in run.stderr
 
 
-def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
+def test_ball_orientation_is_reported(folder, tmp_path):
     """A camera looks slightly down at a ball: the view is that of a tilted ball."""
     ball = om.MirrorBall(
         (299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0)
@@ -144,7 +144,7 @@ def test_how_a_ball_was_photographed_is_said(folder, tmp_path):
 
 
 @pytest.mark.full
-def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
+def test_ambiguous_tilt_is_reported(tmp_path):
     """The camera reflection in a hyperboloid is at nearly the same position for both signs of the
     tilt."""
     sensor = om.load_sensor("prototype-hyperboloidal")
@@ -175,7 +175,7 @@ def test_a_tilt_of_which_the_rim_does_not_tell_the_side_is_said(tmp_path):
     assert float(said[3]) > 1.0
 
 
-def test_what_auto_refuses(folder, tmp_path):
+def test_auto_with_invalid_arguments(folder, tmp_path):
     view = tmp_path / "view.png"
     assert "no rim was found for sure" in fails(
         "dewarp", folder / "nothing.png", "--auto", "-o", view
@@ -201,9 +201,7 @@ def test_what_auto_refuses(folder, tmp_path):
         (["-o", "view.xyz"], "pictures of kind '.xyz' are not known"),
     ],
 )
-def test_what_auto_refuses_of_other_options_is_all_that_it_says(
-    options, sentence, folder, tmp_path
-):
+def test_auto_checks_options_before_detection(options, sentence, folder, tmp_path):
     output = [] if "-o" in options else ["-o", tmp_path / "view.png"]
     said = fails("dewarp", folder / "nothing.png", "--auto", *options, *output)
     assert sentence in said

@@ -48,7 +48,7 @@ def done(*args):
     return run.stdout
 
 
-def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
+def test_exr_contains_light_and_ground_truth(sensor_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     out = tmp_path / "truth.exr"
     done(sensor_file, "--no-blur", "--samples", 1, "--pose", "300,100,0,30", "-o", out)
@@ -67,9 +67,7 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     assert om.read_image(out).shape == (128, 128, 4)
 
 
-def test_an_exr_labels_what_the_housing_hides_and_what_a_tube_bends(
-    sensor_file, sky_file, tmp_path
-):
+def test_exr_labels_obscuration_and_refraction(sensor_file, sky_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     found = {}
     supports = {
@@ -91,7 +89,7 @@ def test_an_exr_labels_what_the_housing_hides_and_what_a_tube_bends(
     )
 
 
-def test_an_environment_blurred_noisy_in_12_bits(sensor_file, sky_file, tmp_path):
+def test_blurred_noisy_environment_in_12_bits(sensor_file, sky_file, tmp_path):
     out = tmp_path / "noisy.png"
     options = (
         "--full-well-e",
@@ -115,7 +113,7 @@ def test_an_environment_blurred_noisy_in_12_bits(sensor_file, sky_file, tmp_path
     np.testing.assert_array_equal(picture, om.read_image(again))
 
 
-def test_a_video_along_a_path(sensor_file, sky_file, tmp_path):
+def test_video_along_path(sensor_file, sky_file, tmp_path):
     pytest.importorskip("av")
     from omnimirror.io.video_reader import VideoReader
 
@@ -138,7 +136,7 @@ def test_a_video_along_a_path(sensor_file, sky_file, tmp_path):
     assert VideoReader(out).expected_frames == 5
 
 
-def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
+def test_panorama_option(sensor_file, sky_file, tmp_path):
     done(
         sensor_file,
         "--scene",
@@ -171,7 +169,7 @@ def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
         (("-o", "a.xyz"), "not known"),
     ],
 )
-def test_errors_are_sentences_and_leave_no_file(sensor_file, tmp_path, args, words):
+def test_invalid_arguments_write_no_file(sensor_file, tmp_path, args, words):
     assert words in fails("simulate", sensor_file, *args, cwd=tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -207,7 +205,7 @@ needs_proc = pytest.mark.skipif(
 
 
 @needs_proc
-def test_sigterm_before_the_first_picture_leaves_nothing(sensor_file, tmp_path):
+def test_sigterm_before_first_image_leaves_no_file(sensor_file, tmp_path):
     output = tmp_path / "out.png"
     said = _terminated_when(
         lambda: True, "simulate", sensor_file, "--samples", "1024", "-o", output
@@ -218,7 +216,7 @@ def test_sigterm_before_the_first_picture_leaves_nothing(sensor_file, tmp_path):
 
 @pytest.mark.full
 @needs_proc
-def test_sigterm_keeps_the_pictures_of_a_data_set_that_were_done(sensor_file, sky_file, tmp_path):
+def test_sigterm_keeps_completed_dataset_images(sensor_file, sky_file, tmp_path):
     folder = tmp_path / "set"
     words = ("simulate", "dataset", sensor_file, "--views", "400", "--seed", "3", "-o", folder)
     said = _terminated_when(lambda: len(list(folder.glob("*.png"))) > 1, *words)
@@ -229,9 +227,7 @@ def test_sigterm_keeps_the_pictures_of_a_data_set_that_were_done(sensor_file, sk
 
 
 @needs_proc
-def test_sigterm_keeps_the_shards_of_a_set_to_learn_from_that_were_done(
-    sensor_file, sky_file, tmp_path
-):
+def test_sigterm_keeps_completed_training_shards(sensor_file, sky_file, tmp_path):
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
     words = (
@@ -261,7 +257,7 @@ def test_sigterm_keeps_the_shards_of_a_set_to_learn_from_that_were_done(
 
 
 @needs_proc
-def test_sigterm_leaves_a_video_along_a_path_that_plays(sensor_file, sky_file, tmp_path):
+def test_sigterm_leaves_playable_video(sensor_file, sky_file, tmp_path):
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "out"
@@ -289,7 +285,7 @@ def test_sigterm_leaves_a_video_along_a_path_that_plays(sensor_file, sky_file, t
 
 @pytest.mark.long
 @needs_proc
-def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky_file, tmp_path):
+def test_sigterm_keeps_completed_video_dataset_frames(sensor_file, sky_file, tmp_path):
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
@@ -322,7 +318,7 @@ def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky
         assert sum(1 for _ in container.decode(video=0)) == count
 
 
-def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housing(tmp_path):
+def test_calibrated_camera_renders_sharp_images(tmp_path):
     """Each pixel shows the radiance of the scene along the camera ray."""
     camera = om.Unified(0.9, (33.0, 32.0), (41.0, 39.0), (80, 80), k1=-0.02, rim_radius_px=36.0)
     om.save_camera(camera, tmp_path / "mine.toml")
