@@ -167,7 +167,7 @@ def test_what_has_no_bound_is_refused():
     ):
         om.blur_bound(paper(), 0.0)
     with pytest.raises(
-        InvalidParameter, match="omega_min_deg = 140 is not in the field of 0 to 135 deg"
+        InvalidParameter, match="omega_min_deg must be in the field, 0 to 135 deg; got 140"
     ):
         om.blur_bound(paper(), omega_min_deg=140.0)
     lens = Perspective(11.6, 4.0, 210.0, k1=-0.1)

@@ -214,7 +214,9 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
 def test_what_is_not_asked_for_is_not_said_to_be_left_out():
     whole = SURVEY.replace("omega_deg = [85, 95]", "")
     (remark,) = (
-        r for r in row(best(parse_requirements(whole)), "total_blur_deg").remarks if "judged" in r
+        r
+        for r in row(best(parse_requirements(whole)), "total_blur_deg").remarks
+        if "evaluated" in r
     )
     assert remark.startswith("40 to 4")
     assert "pointed" in remark

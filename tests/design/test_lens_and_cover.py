@@ -131,7 +131,7 @@ def test_limits_of_blur_count_what_the_lens_blurs_by_itself(asked):
         np.sqrt(result.blur_s_px**2 + own["lens_blur_s_px"] ** 2 + result.airy_px**2),
     )
     assert verdict.limits[0].reached == pytest.approx(np.max(sides), rel=1e-9)
-    assert "with the lens's own blur alone" in verdict.limits[0].remarks[-1]
+    assert "with the blur of the lens alone" in verdict.limits[0].remarks[-1]
 
 
 def test_requirements_with_a_lens_are_written_and_read_again(asked, tmp_path):

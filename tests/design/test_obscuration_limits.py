@@ -95,7 +95,7 @@ def test_a_design_without_limits_says_what_its_camera_hides():
         8,
     )
     said = omnimirror("design", *words, "--f-number", 4, "--camera-diameter-mm", 120).stdout
-    assert "hidden: camera 0 to " in said
+    assert "obscured: camera 0 to " in said
     told = float(re.search(r"camera 0 to ([\d.]+) deg", said)[1])
     distance = float(re.search(r"lens ([\d.]+) mm", said)[1])
     theta = float(re.search(r"theta_max_deg = ([\d.]+)", said)[1])

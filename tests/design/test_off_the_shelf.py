@@ -439,11 +439,14 @@ def test_a_search_without_parts_or_balls_is_refused():
         ((",8,1.4,16", ",8,1.4,"), "line 2: column f_number_max is missing"),
         (
             ("3840,2160", "3840.5,2160"),
-            "line 3: column width_px = 3840.5 is not a whole number of pixels",
+            "line 3: column width_px must be an integer number of pixels; got 3840.5",
         ),
         (("8 MP,,", "8 MP,8,"), "line 3: unknown column focal_length_mm; valid are"),
-        (("2 MP,", "8 MP,"), "line 4: the imager '8 MP' is in .* line 3 already"),
-        ((",120,C", ",120,C,more"), "line 2 has 11 cells, and the header 10 columns"),
+        (
+            ("2 MP,", "8 MP,"),
+            "line 4: names must be unique; the imager '8 MP' is also in .* line 3",
+        ),
+        ((",120,C", ",120,C,more"), "line 2 must have 10 cells, as many as the header; got 11"),
     ],
 )
 def test_a_wrong_csv_names_line_and_column(tmp_path, change, sentence):
@@ -517,7 +520,7 @@ def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
     ("line", "sentence"),
     [
         ("triplet,none.zmx,60,,", "line 2: .*none.zmx cannot be read"),
-        ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm = 8 is not that of triplet.zmx"),
+        ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm must be that of triplet.zmx"),
     ],
 )
 def test_wrong_files_of_lenses_are_named(line, sentence, tmp_path):

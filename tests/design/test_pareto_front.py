@@ -124,7 +124,7 @@ def test_what_cannot_be_a_front_is_refused(tmp_path, monkeypatch):
         pareto(REQUIREMENTS, ("worst_blur_deg", "worst_blur_deg"))
     with pytest.raises(InvalidParameter, match="must be one of worst_floored_area_deg2"):
         pareto(REQUIREMENTS, ("worst_blur_deg", "beauty"))
-    with pytest.raises(InvalidParameter, match="population = 0"):
+    with pytest.raises(InvalidParameter, match="population must be greater than 0; got 0"):
         pareto(REQUIREMENTS, population=0)
     (tmp_path / "no.parquet").write_text("no front")
     with pytest.raises(OmnimirrorError, match="not a front"):
