@@ -148,7 +148,7 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
             "and omnimirror demo makes larger ones"
         )
     with tempfile.TemporaryDirectory() as folder:
-        data = write_demo(sensor, folder, progress=tell).read_bytes()
+        data = write_demo(sensor, folder, on_progress=tell).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
