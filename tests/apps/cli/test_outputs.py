@@ -216,7 +216,7 @@ def test_device_among_several_outputs(tmp_path, monkeypatch):
 
 def test_table_wraps_text_but_not_numbers():
     """The text column uses the rest of 28 characters after the first column and the numbers."""
-    table = _output.plain_table("name", "mm", "remark", words=("name", "remark"))
+    table = _output.plain_table("name", "mm", "remark", text_columns=("name", "remark"))
     table.add_row("first part", "1234.5678", "as long as it may be")
     console = Console(file=io.StringIO(), width=28)
     console.print(table)

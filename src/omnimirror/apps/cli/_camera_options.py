@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ...optics.sensor_files import AnyCamera
 
 
-# -- Option for the orientation of images and videos, and reports of applied orientations ----------
+# -- Orientation of images and videos --------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class OrientationOptions(Options):
                 print_remark(f"omnimirror: {count} of {len(orientations)} images {words}")
 
 
-# -- Options that specify a camera and its mounting ------------------------------------------------
+# -- Camera and mounting ---------------------------------------------------------------------------
 
 Source: TypeAlias = Literal["sensor", "ocam", "ball"]
 
@@ -178,7 +178,7 @@ class CameraOptions(Options):
         """Return the camera that draws the view: as if plumb if the options keep the tilt."""
         return replace(camera, mount=camera.mount.upright) if self.keep_tilt else camera
 
-    def words(self) -> tuple[str, tuple[str, ...]]:
+    def command_words(self) -> tuple[str, tuple[str, ...]]:
         """Return a name for the camera, and these options as words of a command line."""
         given = self.given
         kind = next(name for name in SOURCE_OPTIONS if name in given)
@@ -196,7 +196,7 @@ class CameraOptions(Options):
         return "mirror ball" if kind == "ball" else Path(text).name, tuple(words)
 
 
-# -- Options for an uncalibrated camera: the outline of the mirror is detected in the images -------
+# -- Uncalibrated camera ---------------------------------------------------------------------------
 
 MAX_DETECTION_IMAGES = 9  # images of a folder used for outline detection
 CameraOfSize: TypeAlias = "Callable[[tuple[int, int]], Sensor | MirrorBall]"
@@ -226,12 +226,12 @@ class AutoOptions(Options):
             camera.check()
             return
         specified = {
-            name: names for name, names in SOURCE_OPTIONS.items() if camera.picked(name, *names)
+            name: names for name, names in SOURCE_OPTIONS.items() if camera.subset(name, *names)
         }
         if specified:
             given = next(
                 iter(
-                    camera.picked(*(n for name, names in specified.items() for n in (name, *names)))
+                    camera.subset(*(n for name, names in specified.items() for n in (name, *names)))
                 )
             )
             raise click.UsageError(f"--auto and {flag(given)} must not be given together")

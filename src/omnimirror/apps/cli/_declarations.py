@@ -12,7 +12,7 @@ import click
 
 from ._output import check_output_files
 
-# -- Commands with grouped options, examples and a documentation page; outputs must not overwrite inputs
+# -- Commands --------------------------------------------------------------------------------------
 
 
 class GroupedOption(click.Option):
@@ -64,7 +64,7 @@ class DocumentedCommand(click.Command):
         formatter.write(f"\nMore: docs/{self.page}.md\n")
 
 
-# -- Options declared once, as fields of a frozen dataclass that is passed on as one object --------
+# -- Groups of options -----------------------------------------------------------------------------
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -85,7 +85,7 @@ class Options:
         given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}
         return [name for name, v in given.items() if defaults[name] is None or v != defaults[name]]
 
-    def picked(self, *names: str) -> dict[str, Any]:
+    def subset(self, *names: str) -> dict[str, Any]:
         """Return those of the named options that are given."""
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 

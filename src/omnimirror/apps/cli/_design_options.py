@@ -430,6 +430,8 @@ def _without_other_mirrors(changes: dict[str, Any]) -> dict[str, Any]:
     chosen = [way for way in WAYS if way in mirror]
     if not chosen:
         return changes
-    kept = {n for way in chosen for n in MIRROR_OPTIONS[way]}
-    aside = {n for way in WAYS if way not in chosen for n in (way, *MIRROR_OPTIONS[way])} - kept
+    applicable = {n for method in chosen for n in MIRROR_OPTIONS[method]}
+    aside = {
+        n for way in WAYS if way not in chosen for n in (way, *MIRROR_OPTIONS[way])
+    } - applicable
     return changes | {"mirror": dict.fromkeys(sorted(aside)) | mirror}

@@ -234,15 +234,15 @@ def column_head(name: str, unit: str | None = None) -> str:
     return f"{q.heading}\n{q.unit if unit is None else unit}"
 
 
-def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -> Table:
+def plain_table(*heads: str, text_columns: Collection[str] = (), tight: bool = False) -> Table:
     """Return a table without lines: right-aligned numbers, left-aligned text, no wrapped numbers or
     first column.
     """
     table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=tight)
     for i, heading in enumerate(heads):
-        is_words = heading in words
+        is_text = heading in text_columns
         table.add_column(
-            heading, justify="left" if is_words else "right", no_wrap=i == 0 or not is_words
+            heading, justify="left" if is_text else "right", no_wrap=i == 0 or not is_text
         )
     return table
 

@@ -21,7 +21,7 @@ import click
 
 from ...base.errors import OmnimirrorWarning
 
-# -- Standard streams of a command, robust against closed streams, ASCII encodings and output of libraries
+# -- Standard streams ------------------------------------------------------------------------------
 
 _QUIET = "omnimirror.quiet"
 ASCII_REPLACEMENTS = {
@@ -157,7 +157,7 @@ def is_quiet() -> bool:
     return context is not None and bool(context.meta.get(_QUIET))
 
 
-# -- Process state during a command: signal handlers, environment and streams, all restored at its end
+# -- Signals and environment -----------------------------------------------------------------------
 
 SIGNAL_EXIT_BASE = 128
 """Offset of exit codes after a signal (shell convention)."""

@@ -80,9 +80,9 @@ class SceneOptions(Options):
     def source(self) -> SceneSource:
         """Return the source of the scene."""
         source = SceneSource(
-            self.scene, **self.picked("heading_deg", "unit_mm", "up", "background")
+            self.scene, **self.subset("heading_deg", "unit_mm", "up", "background")
         )
-        if not source.is_mesh and (given := self.picked("unit_mm", "up", "background")):
+        if not source.is_mesh and (given := self.subset("unit_mm", "up", "background")):
             raise click.UsageError(
                 f"{flag(next(iter(given)))} requires a mesh; got the scene {self.scene}"
             )
@@ -171,7 +171,7 @@ class RenderingOptions(Options):
 
     def radiometry(self) -> Radiometry | None:
         """Return the radiometric settings; None without options."""
-        given = self.picked(*RADIOMETRY)
+        given = self.subset(*RADIOMETRY)
         if not given:
             return None
         if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
@@ -182,7 +182,7 @@ class RenderingOptions(Options):
 
     def detector(self) -> Detector:
         """Return the detector model."""
-        return Detector(**self.picked(*DETECTOR))
+        return Detector(**self.subset(*DETECTOR))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ...optics.sensor_files import AnyCamera
 from ._declarations import Options, flag, option
 from ._option_types import NUMBER, distance, height
 
-# -- Housing options shared by several commands; they override entries of the sensor file ----------
+# -- Housing ---------------------------------------------------------------------------------------
 
 CameraType = TypeVar("CameraType", bound=AnyCamera)
 
@@ -124,7 +124,7 @@ class HousingOptions(Options):
 
     def _sized(self, housing: Housing) -> Housing:
         """Return the rod, tube or dome of the housing with the given sizes."""
-        given = self.picked(*SIZES)
+        given = self.subset(*SIZES)
         if not given:
             return housing
         parts = {
@@ -164,7 +164,7 @@ def _supported(housing: Housing, kind: str) -> Housing:
     return replace(housing, rod=rod, shell=shell)
 
 
-# -- Options for a real lens in place of that of the sensor ----------------------------------------
+# -- Lens ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

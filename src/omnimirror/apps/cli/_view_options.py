@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ...optics.sensor_files import AnyCamera
 
 
-# -- Options that specify a view -------------------------------------------------------------------
+# -- View ------------------------------------------------------------------------------------------
 
 PLACE_OPTIONS = ("distance_mm", "offset_mm")
 VIEW_OPTIONS: dict[str, tuple[str, ...]] = {
@@ -190,7 +190,7 @@ class ViewOptions(Options):
             )
 
     def _check_wall(self) -> None:
-        if other := self.picked("elevation_deg", "omega_deg", "rows"):
+        if other := self.subset("elevation_deg", "omega_deg", "rows"):
             raise click.UsageError(
                 f"--wall-mm and {flag(next(iter(other)))} must not be given together"
             )
@@ -202,11 +202,11 @@ class ViewOptions(Options):
         view: Shape
         if self.preset:
             view = views.preset(
-                self.preset, **self.picked("size", "pan_deg", "tilt_deg", *PLACE_OPTIONS)
+                self.preset, **self.subset("size", "pan_deg", "tilt_deg", *PLACE_OPTIONS)
             )
         else:
             name = self.view or "panorama"
-            options = self.picked(
+            options = self.subset(
                 "size", *(option for option in options_of(name) if option != "zoom")
             )
             view = _create_view(name, camera, options)
@@ -275,7 +275,7 @@ def _zoom(camera: Camera, view: Shape, zoom: float, allow_upsampling: bool) -> S
     return view.zoomed(zoom)
 
 
-# -- Resampling options: interpolation, colour outside the field, and threads ----------------------
+# -- Resampling ------------------------------------------------------------------------------------
 
 
 def border(text: str) -> BorderColour:

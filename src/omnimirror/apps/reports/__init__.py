@@ -23,7 +23,7 @@ from ...optics.tracing.obscuration import hidden_words
 from ...simulation.rendering import SHOWN_SAMPLES, take_picture
 from ...simulation.scenes.room import Room
 
-# -- Common templates of the report pages ----------------------------------------------------------
+# -- Page templates --------------------------------------------------------------------------------
 
 TEMPLATES = Path(__file__).parent
 
@@ -46,7 +46,7 @@ def _template(name: str) -> Template:
     return Template((TEMPLATES / f"{name}.html").read_text(encoding="utf-8"))
 
 
-# -- Report of a sensor as one self-contained page with images, figures and numbers ----------------
+# -- Sensor report ---------------------------------------------------------------------------------
 
 VIEW = screens.Plane((960, 600))
 ProgressCallback = Callable[[str, float], None]

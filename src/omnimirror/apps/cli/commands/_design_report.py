@@ -53,7 +53,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         "margin",
         "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}",
     )
-    table = plain_table("requirement", *numbers, "", words=("requirement", ""), tight=True)
+    table = plain_table("requirement", *numbers, "", text_columns=("requirement", ""), tight=True)
     for row in verdict.rows:
         at, label = (
             _elevation_and_label(verdict, row) if by_elevation else (row.omega_deg, row.label)
@@ -157,13 +157,16 @@ def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
     """Format the relaxed value of a requirement, with labels as in the table of requirements."""
     unit, name = f" {r.unit}" if r.unit else "", labels.get(r.name, r.name)
     share = f" ({r.share:.2%})" if r.share is not None else ""
-    needed, asked = r.needed, r.asked
-    if name in OF_ELEVATIONS.values() and needed is not None:
-        (asked, needed), share = (
-            (verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0 for v in (asked, needed)),
+    relaxed, required = r.needed, r.asked
+    if name in OF_ELEVATIONS.values() and relaxed is not None:
+        (required, relaxed), share = (
+            (
+                verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0
+                for v in (required, relaxed)
+            ),
             "",
         )
-    return f"{name}: {_number(needed)}{unit} instead of {_number(asked)}{unit}{share}"
+    return f"{name}: {_number(relaxed)}{unit} instead of {_number(required)}{unit}{share}"
 
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
@@ -189,7 +192,7 @@ def print_merits(console: Console, optimum: Optimum) -> None:
     """Print all merits of the optimised mirror next to those of the sphere for the same field."""
     sphere = next(iter(known_sensors(optimum.problem).values()))
     table = plain_table(
-        "merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning")
+        "merit", "sphere", "optimised", "unit", "meaning", text_columns=("merit", "unit", "meaning")
     )
     focus_by = optimum.merit if optimum.merit in FOCUS_MERITS else "worst_floored_area_deg2"
     before_all = merit_values(sphere, list(DESIGN_MERITS), optimum.problem, focus_by)

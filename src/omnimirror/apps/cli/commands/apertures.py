@@ -77,7 +77,7 @@ def command(sensors: tuple[str, ...], apertures: ApertureOptions, json_file: Pat
         "blur\npx",
         column_head("airy_px"),
     )
-    table = plain_table("sensor", "minimised", *numbers, words=("sensor", "minimised"))
+    table = plain_table("sensor", "minimised", *numbers, text_columns=("sensor", "minimised"))
     console = output_console()
     records: list[dict[str, Any]] = []
     for name in sensors:

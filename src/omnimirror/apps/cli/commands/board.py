@@ -16,7 +16,7 @@ from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER
 from .._output import format_option, output_option, print_line, print_written
 
-# -- Options that specify a calibration target -----------------------------------------------------
+# -- Options of a calibration target ---------------------------------------------------------------
 
 SIZE = "Columns and rows: inner corners of a chessboard, squares of a ChArUco board, tags of an April grid."
 SQUARE = "Side of a square, or of a tag."
@@ -66,7 +66,7 @@ class OptionalBoardOptions(Options):
                 raise click.UsageError("--board and --square-mm must be given together")
             return None
         columns, rows = self.board
-        more = self.picked("marker_mm", "spacing", "family")
+        more = self.subset("marker_mm", "spacing", "family")
         return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]
 
 
@@ -88,7 +88,7 @@ class BoardOptions(OptionalBoardOptions):
         return target
 
 
-# -- ``omnimirror board``: calibration targets for printing ----------------------------------------
+# -- Command ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def plan(sensors: tuple[str, ...], limits: PlanOptions, json_file: Path | None) 
         "astigmatic\ndeg",
         "min. px\nthere",
     )
-    table = plain_table("sensor", *numbers, focus, words=("sensor", focus))
+    table = plain_table("sensor", *numbers, focus, text_columns=("sensor", focus))
     console = output_console()
     records: list[dict[str, Any]] = []
     for name in sensors:

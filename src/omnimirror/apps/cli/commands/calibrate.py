@@ -403,19 +403,19 @@ def _command_line() -> str:
     return shell_command(["omnimirror", *sys.argv[1:]])
 
 
-# -- printed output ---------------------------------------------------------------------------
+# -- Printed output --------------------------------------------------------------------------------
 
 
 def _print(console: Console, calibration: Calibration, known: Surveys) -> None:
     used, count = sum(p.used for p in calibration.pictures), len(calibration.pictures)
-    held = (
+    held_out = (
         f", {calibration.held_out_rms_px:.3f} px in held-out images" if calibration.held_out else ""
     )
     inliers = calibration.corners - len(calibration.outliers)
     print_line(
         (f"{calibration.model.KIND}", "bold"),
         f": {calibration.rms_px:.3f} px RMS over {inliers} of {calibration.corners} {calibration.seen} in "
-        f"{used} of {count} {'image' if count == 1 else 'images'}{held}",
+        f"{used} of {count} {'image' if count == 1 else 'images'}{held_out}",
         console=console,
     )
     if len(calibration.candidates) > 1:
@@ -444,24 +444,28 @@ def _outliers(calibration: Calibration, known: Surveys) -> str:
     def location(image: str, corner: int) -> str:
         return known.places[image][corner] if image in known.places else f"{image} corner {corner}"
 
-    shown = [
+    listed = [
         f"{location(o.picture, o.corner)} ({o.residual_px:.2f} px)"
         for o in calibration.outliers[:MAX_OUTLIERS]
     ]
-    more = len(calibration.outliers) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+    more = len(calibration.outliers) - len(listed)
+    return ", ".join(listed) + (f" and {more} more" if more else "")
 
 
 def _models(calibration: Calibration) -> Table:
-    table = plain_table("model", "parameters", "RMS\npx", "held out\npx", "", words=("model", ""))
+    table = plain_table(
+        "model", "parameters", "RMS\npx", "held out\npx", "", text_columns=("model", "")
+    )
     for candidate in calibration.candidates:
-        held = f"{candidate.held_out_rms_px:.3f}" if np.isfinite(candidate.held_out_rms_px) else "-"
+        held_out = (
+            f"{candidate.held_out_rms_px:.3f}" if np.isfinite(candidate.held_out_rms_px) else "-"
+        )
         style = "bold" if candidate.kind == calibration.model.KIND else None
         table.add_row(
             candidate.kind,
             str(candidate.parameters),
             f"{candidate.rms_px:.3f}",
-            held,
+            held_out,
             candidate.why,
             style=style,
         )
@@ -469,7 +473,7 @@ def _models(calibration: Calibration) -> Table:
 
 
 def _parameters(calibration: Calibration) -> Table:
-    table = plain_table("parameter", "value", "sigma", "", words=("parameter", ""))
+    table = plain_table("parameter", "value", "sigma", "", text_columns=("parameter", ""))
     for p in calibration.parameters:
         table.add_row(
             p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit

@@ -140,7 +140,7 @@ def command(
         "view",
         "size",
         *(f"error at {mm / 1000:g} m\npx" for mm in project.rig[0].errors_px),
-        words=("view", "size"),
+        text_columns=("view", "size"),
     )
     for view in project.rig:
         width, height = view.screen.size

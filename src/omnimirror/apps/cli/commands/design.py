@@ -54,7 +54,7 @@ from ._design_report import (
     print_verdict,
 )
 
-# -- ``omnimirror design`` with a catalogue: combinations of off-the-shelf parts by price, each with its own mirror
+# -- Design with a catalogue -----------------------------------------------------------------------
 
 
 def design_with_catalogue(
@@ -108,7 +108,7 @@ def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
         f"{area.title}\n{area.unit}",
         "mass\ng",
     )
-    table = plain_table("price", *kinds, *numbers, words=tuple(kinds))
+    table = plain_table("price", *kinds, *numbers, text_columns=tuple(kinds))
     for d in designs:
         sensor, lens = d.design.sensor, d.design.sensor.lens
         theta = 0.0 if lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
@@ -152,7 +152,7 @@ def _print_counts(console: Console, search: PartsSearch) -> None:
         console.print(f"  {search.left} more expensive combinations not evaluated", highlight=False)
 
 
-# -- ``omnimirror design --pareto``: Pareto front of merits, its table and figure, and one selected design
+# -- Pareto front ----------------------------------------------------------------------------------
 
 
 def compute_front(
@@ -231,7 +231,7 @@ def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:
         )
 
 
-# -- ``omnimirror design``: sensor design from requirements, with margins --------------------------
+# -- Command ---------------------------------------------------------------------------------------
 
 SEARCH_OPTIONS = ("seed", "resume", "paper_mode", "image_radius_px")
 ONLY = {

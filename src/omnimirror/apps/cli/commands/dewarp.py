@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ....dewarp.restoration.deblurring import Restoration
 
 
-# -- Dewarping of ROS bags by ``omnimirror dewarp`` ------------------------------------------------
+# -- ROS bags --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def dewarp_recording(
         sys.exit(result.exit_code)
 
 
-# -- HTML viewer output of ``omnimirror dewarp`` ---------------------------------------------------
+# -- HTML viewer -----------------------------------------------------------------------------------
 
 
 def write_viewer(
@@ -120,17 +120,17 @@ def write_viewer(
         raise click.UsageError(
             f"--viewer must be an HTML file, such as {output.stem or 'view'}.html; got {output}"
         )
-    name, words = options.words()
+    name, arguments = options.command_words()
     is_stored = orientation.stored_orientation
     if is_video_file:
         camera = options.drawing(options.camera(_size_of_video(sources[0], is_stored)))
         text = video_viewer_of(
-            camera, name, words, Path(sources[0]), output, stored_orientation=is_stored
+            camera, name, arguments, Path(sources[0]), output, stored_orientation=is_stored
         )
     else:
         (image,) = orientation.read([Path(sources[0])])
         camera = options.drawing(options.camera((image.shape[1], image.shape[0])))
-        text = viewer_of(camera, name, words, Path(sources[0]), image)
+        text = viewer_of(camera, name, arguments, Path(sources[0]), image)
     write_text(output, text)
     print_line(f"Wrote {output}; open it in a browser to view {sources[0]}")
 
@@ -157,7 +157,7 @@ def _size_of_video(source: str, is_stored: bool) -> tuple[int, int]:
     return VideoReader(source, with_sound=False, stored_orientation=is_stored).size
 
 
-# -- ``omnimirror dewarp``: dewarping of images, folders of images, and videos ---------------------
+# -- Command ---------------------------------------------------------------------------------------
 
 PIPE_FORMATS = get_args(PipeFormat)
 
@@ -203,7 +203,7 @@ class ImageFileOptions(Options):
 
     def check(self) -> None:
         """Raise UsageError for restoration options without --restore."""
-        if not self.restore and (given := self.picked("noise", "object_distance_mm", "blur_px")):
+        if not self.restore and (given := self.subset("noise", "object_distance_mm", "blur_px")):
             raise click.UsageError(f"{flag(next(iter(given)))} requires --restore")
 
     def restoration(self) -> Restoration | None:

@@ -209,11 +209,11 @@ def _show_mapping(
     if json_file:
         result.to_json(json_file)
     s = result.summary()
-    words = (
+    heading = (
         f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg at a radius of "
         f"{s['rim_radius_px']:.1f} px"
     )
-    print_line((Path(source).name, "bold"), words, console=console)
+    print_line((Path(source).name, "bold"), heading, console=console)
     if isinstance(result.camera, SensorModel):
         print_line(
             f"{_misalignment_text(result.camera.sensor)}: values for distant objects, averaged over azimuths; "
@@ -318,12 +318,12 @@ def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
         lines.append(
             f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {source}; standard deviations at most:"
         )
-        worst = (
+        finite = (
             (QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS
         )
         maxima = [
             f"{q.heading} {v.max():.2g} {q.unit}".strip()
-            for q, v in worst
+            for q, v in finite
             if v.size and v.max() > 0
         ]
         lines.append("  " + ", ".join(maxima))

@@ -245,7 +245,7 @@ def command(
             **files.given,
         )
     numbers = ("deviation\num", "ray deviation\ndeg")
-    table = plain_table("file", "content", *numbers, words=("file", "content"))
+    table = plain_table("file", "content", *numbers, text_columns=("file", "content"))
     for file in written:
         table.add_row(str(file.path), file.description, deviation_text(file), ray_text(file))
     console.print(table)

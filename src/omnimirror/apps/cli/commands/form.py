@@ -195,7 +195,7 @@ def _print_form(console: Console, form: FormError) -> None:
         f"{form.rotational_rms_um:.3g} um rms\nnoise {form.noise_um:.2g} um, unexplained "
         f"{form.unexplained_um:.2g} um\n"
     )
-    table = plain_table("term", "name", "um rms", "+-", words=("name",))
+    table = plain_table("term", "name", "um rms", "+-", text_columns=("name",))
     ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))
     for term in ranked[:MAX_TERMS]:
         table.add_row(str(term.noll), term.name, f"{term.um:.4f}", f"{term.sigma_um:.4f}")
@@ -208,10 +208,10 @@ def _print_effect(console: Console, effect: FormEffect) -> None:
     if effect.lost_rays:
         console.print(f"\n{effect.lost_rays} objects in the field are not imaged")
         return
-    table = plain_table("image", "px", words=("image",))
+    table = plain_table("image", "px", text_columns=("image",))
     for depth in CALIBRATIONS:
-        words = "motion" if depth == "none" else f"motion after calibration: {depth}"
-        table.add_row(words, f"{effect.as_built[after('motion_px', depth)]:.4f}")
+        label = "motion" if depth == "none" else f"motion after calibration: {depth}"
+        table.add_row(label, f"{effect.as_built[after('motion_px', depth)]:.4f}")
     table.add_row("blur, nominal", f"{effect.nominal['blur_px']:.3f}")
     table.add_row("blur, as-built", f"{effect.as_built['blur_px']:.3f}")
     console.print(table)

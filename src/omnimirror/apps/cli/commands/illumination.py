@@ -77,7 +77,7 @@ class LightOptions(Options):
     def of(self, sensor: Sensor, omega_deg: Array) -> Illumination:
         """Return the illumination at field angles (n,)."""
         return illumination(
-            sensor, omega_deg, **self.picked("azimuth_deg", "reflectivity", "transmission")
+            sensor, omega_deg, **self.subset("azimuth_deg", "reflectivity", "transmission")
         )
 
 

@@ -59,7 +59,7 @@ def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> Non
     """
     console = output_console()
     table = plain_table(
-        "mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True
+        "mapping", "m/M", "sag/M", "vertex radius/M", "", text_columns=("mapping", ""), tight=True
     )
     mounted: dict[str, MountedMirror] = {}
     records: list[dict[str, float | str]] = []

@@ -101,7 +101,7 @@ def _table(combinations: list[Combination]) -> Table:
         f"{area.title}\n{area.unit}",
     )
     table = plain_table(
-        "", "lens", "imager", *numbers, "reasons", words=("lens", "imager", "reasons")
+        "", "lens", "imager", *numbers, "reasons", text_columns=("lens", "imager", "reasons")
     )
     for i, c in enumerate(combinations, start=1):
         cells = ["", "", "", "", "", ""]

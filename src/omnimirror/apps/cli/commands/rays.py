@@ -16,7 +16,7 @@ from .._declarations import DocumentedCommand
 from .._option_types import INTEGER, SENSOR
 from .._output import output_console, output_option, plain_table, write_standard_output_as
 
-# -- Options and output shared by the export commands ----------------------------------------------
+# -- Shared with ``omnimirror maps`` ---------------------------------------------------------------
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -58,13 +58,13 @@ def check_one_file(
 def print_exported_files(exported: Iterable[ExportedFiles], console: Console) -> None:
     """Print a table of files, contents and deviations."""
     columns = ("file", "contents", "deviation")
-    table = plain_table(*columns, words=columns)
+    table = plain_table(*columns, text_columns=columns)
     for files in exported:
         table.add_row("\n".join(map(str, files.paths)), files.description, str(files.deviation))
     console.print(table)
 
 
-# -- ``omnimirror rays``: ray tables for renderers -------------------------------------------------
+# -- Command ---------------------------------------------------------------------------------------
 
 
 @click.command(

@@ -62,7 +62,7 @@ def command(
     singles = rims if separately else list(rims[0].pictures) or rims
     console = output_console()
     numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera image\npx", "confidence\n")
-    table = plain_table("image", *numbers, words=("image",))
+    table = plain_table("image", *numbers, text_columns=("image",))
     for file, rim in zip(files, singles, strict=True):
         table.add_row(*_row(file.name, rim))
     if len(singles) > len(rims):

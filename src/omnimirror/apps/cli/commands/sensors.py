@@ -20,10 +20,12 @@ from .._output import json_option, output_console, plain_table, print_written
 @json_option()
 def command(json_file: Path | None) -> None:
     """List the bundled sensors; every SENSOR argument accepts these names."""
-    words = ("name", "mirror", "description")
+    text_columns = ("name", "mirror", "description")
     console = output_console()
     records = []
-    table = plain_table("name", "mirror", "field\ndeg", "rim\nmm", "description", words=words)
+    table = plain_table(
+        "name", "mirror", "field\ndeg", "rim\nmm", "description", text_columns=text_columns
+    )
     for name in bundled_sensors():
         sensor = load_sensor(name)
         low, high = sensor.field_deg

@@ -128,7 +128,7 @@ def image(
         still_image_options = {
             "mirror_pose": mirror_pose,
             "panorama": panorama,
-            **rendering.picked(*IMAGE_ONLY),
+            **rendering.subset(*IMAGE_ONLY),
             "distant": distant or None,
         }
         if given := [name for name, value in still_image_options.items() if value is not None]:
@@ -155,7 +155,7 @@ def _render_image(
     """
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
-    if is_light and (given := [name for name in rendering.picked(*DETECTOR) if name != "exposure"]):
+    if is_light and (given := [name for name in rendering.subset(*DETECTOR) if name != "exposure"]):
         raise click.UsageError(
             f"{flag(given[0])} requires an integer image format; {output.suffix} files contain linear light"
         )
@@ -390,7 +390,7 @@ def _new_recipe(
         return CalibrationRecipe(sensor=sensor(), views=12 if views is None else views, **common)
     from ....simulation.simulated_video import load_path
 
-    if given := [*["views"] * (views is not None), *rendering.picked("bits", "bayer")]:
+    if given := [*["views"] * (views is not None), *rendering.subset("bits", "bayer")]:
         raise click.UsageError(f"{flag(given[0])} requires a calibration dataset, without --path")
     return VideoRecipe(
         sensor=sensor(),
@@ -548,7 +548,7 @@ def roundtrip(
         "due to blur\n%"
     ]
     heads += [f"shift, {heading}\npx" for heading in ("exact", "single", "Eq. 23")]
-    table = plain_table("sensor", *heads, words=("sensor",))
+    table = plain_table("sensor", *heads, text_columns=("sensor",))
     console = output_console()
     records: list[dict[str, Any]] = []
     for name in sensors or bundled_sensors():

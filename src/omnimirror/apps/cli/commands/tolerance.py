@@ -357,8 +357,8 @@ def _write_typical(
         files = [out / f"sensor-{name}.toml", out / f"image-{name}.png"]
         save_sensor(trial.sensor, files[0])
         write_image(files[1], take_picture(trial.sensor, Room(), blur=True))
-        words = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
-        print_line(words, console=console)
+        summary = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
+        print_line(summary, console=console)
         written += files
     return written
 

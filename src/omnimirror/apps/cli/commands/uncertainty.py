@@ -60,15 +60,15 @@ def command(
     loaded_camera = load_camera(camera)
     result = uncertainty_map(loaded_camera, height_mm=height_mm, field_deg=field_deg)
     console = output_console()
-    what = "directions" if height_mm is None else f"points of {_surface_text(height_mm)}"
+    quantity = "directions" if height_mm is None else f"points of {_surface_text(height_mm)}"
     if not (summary := result.summary()):
-        print_line((Path(camera).stem, "bold"), f": no {what} in the image", console=console)
+        print_line((Path(camera).stem, "bold"), f": no {quantity} in the image", console=console)
     else:
         median, high, largest = summary.values()
-        words = f": standard deviation of {what}: median {median:.3g} {result.unit}, "
+        text = f": standard deviation of {quantity}: median {median:.3g} {result.unit}, "
         print_line(
             (Path(camera).stem, "bold"),
-            words + f"95 % below {high:.3g}, largest {largest:.3g}",
+            text + f"95 % below {high:.3g}, largest {largest:.3g}",
             console=console,
         )
     if field_deg is None and result.is_restricted:
@@ -88,7 +88,9 @@ def command(
         from ....analysis.figures.image_plane import error_map
 
         save_figure(
-            error_map(result.columns, result.rows, result.sigma, result.unit, f"Error of {what}"),
+            error_map(
+                result.columns, result.rows, result.sigma, result.unit, f"Error of {quantity}"
+            ),
             output,
         )
     print_written(json_file, output, console=console)

@@ -72,6 +72,6 @@ def _known(source: str, options: CameraOptions) -> Known:
     if options.ball is not None and not is_video(source):
         height, width = read_image(source).shape[:2]
         size = (width, height)
-    name, words = options.words()
+    name, arguments = options.command_words()
     camera = options.camera(size)
-    return Known("given", name, title_of(camera), words, camera)
+    return Known("given", name, title_of(camera), arguments, camera)
