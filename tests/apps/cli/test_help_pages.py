@@ -47,7 +47,7 @@ def test_commands_have_page_and_example(words):
 @pytest.mark.parametrize("example", [e for c in COMMANDS.values() for e in c.examples])
 def test_examples_parse(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "pictures").mkdir()
+    (tmp_path / "images").mkdir()
     understand(example)
 
 

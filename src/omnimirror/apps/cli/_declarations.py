@@ -142,9 +142,9 @@ def refuse_inapplicable(
         owners = [owner for owner, names in options_of.items() if name in names]
         if owners and chosen not in owners:
             *others, last = owners
-            belongs = f"{', '.join(others)} and {last}" if others else last
+            required = f"{', '.join(others)} or {last}" if others else last
             raise click.UsageError(
-                f"{flag(name)} requires {belongs}; it does not apply to {chosen}"
+                f"{flag(name)} requires {required}; it does not apply to {chosen}"
             )
 
 

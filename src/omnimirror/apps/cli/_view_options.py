@@ -264,7 +264,7 @@ def _zoom(camera: Camera, view: Shape, zoom: float, allow_upsampling: bool) -> S
         limited = (
             ""
             if allow_upsampling
-            else f"; it is limited to {maximum:.3g}; use --allow-upsampling to remove the limit"
+            else f"; limited to {maximum:.3g}; use --allow-upsampling to remove the limit"
         )
         click.echo(
             f"omnimirror: zoom {zoom:g} exceeds the resolution of the sensor "

@@ -14,7 +14,7 @@ def test_round_trip_between_formats(tmp_path):
     out = omnimirror("convert", "a.toml", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
     assert out.returncode == 0
     assert out.stdout.startswith(
-        "omnimirror to kalibr-omni: the same numbers\nNote: the picture is a mirror image"
+        "omnimirror to kalibr-omni: exact\nNote: the picture is a mirror image"
     )
     assert out.stdout.endswith("Wrote b.yaml\n")
     back = omnimirror("convert", "b.yaml", "c.toml", cwd=tmp_path)

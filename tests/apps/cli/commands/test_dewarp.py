@@ -525,7 +525,7 @@ def test_colour_border_of_grey_image_raises():
         ("sphere.png SPHERE --view globe", "'globe'"),
         (
             "sphere.png SPHERE --roll-deg 3",
-            "--roll-deg requires --view perspective or",
+            "--roll-deg requires --view perspective; it does not apply to --view panorama",
         ),
         ("sphere.png SPHERE --hfov-deg 3", "--hfov-deg requires"),
         ("sphere.png SPHERE --tilt-deg 3 --view dome", "it does not apply to --view dome"),

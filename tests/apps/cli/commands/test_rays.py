@@ -48,5 +48,7 @@ def test_standard_output(more, begins):
 
 
 def test_several_files_on_standard_output_raise():
-    sentence = "standard output takes one file and blender consists of several; give a folder"
+    sentence = (
+        "standard output requires a single file; blender consists of several; specify a folder"
+    )
     assert sentence in fails("rays", "paper-spherical", "-o", "-", "--format", "blender")

@@ -51,7 +51,7 @@ def check_one_file(
     if output.stem == "-" and formats and (len(formats) > 1 or len(known[formats[0]].endings) > 1):
         names = ", ".join(formats)
         raise click.UsageError(
-            f"standard output takes one file and {names} consists of several; give a folder"
+            f"standard output requires a single file; {names} consists of several; specify a folder"
         )
 
 
