@@ -480,7 +480,7 @@ def test_a_strip_may_be_filled_along_its_long_side_and_what_falls_off_is_told():
     assert float(said.rsplit("; ", 1)[1].split("%")[0]) == pytest.approx(100 * share, abs=0.06)
     edge = om.evaluate(sensor, h_px=[540.0]).omega_deg[0]
     assert f"the field ends at {edge:.4g} deg" in said
-    whole = float(said.split("over ")[1].split("%")[0])
+    whole = float(said.split("for ")[1].split("%")[0])
     assert whole == pytest.approx(100 * 2 * np.arcsin(540 / 960) / np.pi, abs=0.15)
     assert cut_off(om.design_sensor(strip()).sensor) == ()
 
