@@ -23,7 +23,7 @@ help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a report
-	$(BIN)/omnimirror demo --out $(DEMO_OUT)
+	$(BIN)/omnimirror demo -o $(DEMO_OUT)
 
 studio: $(VENV)/.studio  ## Look at pictures and design sensors in the browser
 	$(BIN)/omnimirror studio

@@ -153,7 +153,7 @@ def main() -> None:
                     print(wheel.name)
                     own = environment(python, work / f"{wheel.stem}-{number}", wheel)
                     run(own, TRIAL, cwd=work)
-                    run(own, "-m", "omnimirror", "demo", "--out", work / "demo", cwd=work)
+                    run(own, "-m", "omnimirror", "demo", "-o", work / "demo", cwd=work)
         print(f"{archive.name}, where no compiler works")
         own = environment(
             pythons[-1], work / "without", archive, CXX="/no/compiler", CC="/no/compiler"

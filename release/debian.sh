@@ -17,6 +17,6 @@ cd /root
 $python -m venv own
 own/bin/python -m pip install --quiet -c constraints.txt ./$(basename "$wheel")
 own/bin/python trial.py
-own/bin/python -m omnimirror demo --out demo >/dev/null
+own/bin/python -m omnimirror demo -o demo >/dev/null
 WITHIN
 rm "$root.log"

@@ -185,7 +185,7 @@ def run_in_order(commands: list[tuple[str, list[str]]], page: Path, folder: Path
     write_files(page, folder)
     for command, shown in commands:
         codes = (
-            (0, 3) if command.startswith("omnimirror judge") else (0,)
+            (0, 3) if command.startswith("omnimirror check") else (0,)
         )  # 3: violated requirements
         assert_printed(shown, run_command(command, folder, codes), command)
 

@@ -365,7 +365,7 @@ def test_an_installed_package_brings_a_quantity(installed, tmp_path):
     lines = ("field.omega_max_deg = 130", 'mirror = {family = "sphere", rim_radius_mm = [43, 44]}')
     limit = "lens.focal_length_mm = 11.6", "[[limit]]", 'quantity = "density_px2"', "at_least = 4.0"
     (tmp_path / "r.toml").write_text("\n".join(lines + limit))
-    run = omnimirror(installed, tmp_path, "judge", "r.toml", "paper-spherical", "--json", "t.json")
+    run = omnimirror(installed, tmp_path, "check", "r.toml", "paper-spherical", "--json", "t.json")
     assert run.returncode == (0 if least >= 4 else 3), run.stderr
     row = json.loads((tmp_path / "t.json").read_text())["requirements"][-1]
     assert (row["name"], row["unit"], row["reached"]) == ("density_px2", "px²", pytest.approx(least, rel=1e-6))

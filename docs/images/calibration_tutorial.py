@@ -30,7 +30,7 @@ ROWS = {
     "tutorial-rim.jpg": (("rim.png",),),
     "tutorial-first.jpg": (("hall.png", "first.png"),),
     "tutorial-report.webp": (("figures/residuals.png", "figures/coverage.png"),),
-    "tutorial-straight.jpg": (("straight.png", "uncalibrated.png"), ("panorama.png",)),
+    "tutorial-straight.jpg": (("view.png", "uncalibrated.png"), ("panorama.png",)),
     "tutorial-truth.webp": (("truth.png",),),
 }
 """Images of the page by rows."""

@@ -23,7 +23,7 @@ PAGE, BOUGHT = IMAGES.parent / "stories.md", IMAGES.parent / "bought.md"
 PICTURES = {
     "robot.jpg": (("robot.jpg", "robot-plan.jpg"), ("robot-drawing.png",)),
     "ceiling.jpg": (("ceiling.jpg", "ceiling-drawing.png"), ("ceiling-panorama.jpg",)),
-    "panorama.jpg": (("panorama.jpg", "panorama-drawing.png"), ("panorama-straight.jpg",)),
+    "panorama.jpg": (("panorama.jpg", "panorama-drawing.png"), ("panorama-dewarped.jpg",)),
 }
 """Images of the page by rows."""
 WIDTH, GAP = 1200, 10

@@ -128,4 +128,4 @@ def test_evaluate_command_describes_misalignment(tmp_path):
     assert '"azimuthal_variation_percent"' in (tmp_path / "table.json").read_text()
     refused = omnimirror("evaluate", tmp_path / "built.toml", "--focus-mm", "auto")
     assert refused.returncode == 2
-    assert "--focus-mm asks for the meridian of an aligned mirror" in " ".join(refused.stderr.split())
+    assert "--focus-mm requires an aligned mirror" in " ".join(refused.stderr.split())

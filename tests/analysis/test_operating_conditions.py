@@ -123,7 +123,7 @@ def test_temperature_range_ends_at_requirement_limit():
     assert (found.below, found.above) == ((), ("total_blur_px",))
     missed = om.temperature_range(replace(wanted, limits=(om.Limit("total_blur_px", at_most=1.0),)), sensor)
     assert np.isnan(missed.low_c)
-    with pytest.raises(InvalidParameter, match=r"from 30 to 40 C are not valid; they must hold the reference .* 20 C"):
+    with pytest.raises(InvalidParameter, match=r"must enclose the reference temperature of the sensor, 20 C; got 30 and 40"):
         om.temperature_range(wanted, sensor, coldest_c=30.0, warmest_c=40.0)
 
 
@@ -132,7 +132,7 @@ def test_command_line_reports_image_motion(tmp_path):
     om.save_sensor(replace(BALL, thermal=ACRYLIC), sensor)
     done = omnimirror("evaluate", sensor, "--temperature-c", 60, "--omega-deg", "0:120:30", "--json", tmp_path / "a.json")
     assert done.returncode == 0, done.stderr
-    assert "at 60 C the picture lies up to 0.768 px from where it is at 20 C" in " ".join(done.stdout.split())
+    assert "image motion between 20 C and 60 C: up to 0.768 px" in " ".join(done.stdout.split())
     assert json.loads((tmp_path / "a.json").read_text())
     refused = omnimirror("evaluate", "prototype-spherical", "--temperature-c", 60)
     assert refused.returncode not in (0, 70)

@@ -40,13 +40,13 @@ def rows():
     return check()
 
 
-def test_every_verdict_is_the_expected_one(rows):
+def test_all_verdicts_are_expected(rows):
     assert [
         f"{r.title}: {r.verdict}, computed {r.computed}" for r in rows if not r.as_expected
     ] == []
 
 
-def test_statements_that_are_right_are_not_errata(rows):
+def test_correct_statements_are_not_errata(rows):
     """Erratum numbers are stable: 4, 6, 10, 14 to 16, 18 and 20 are remarks without a row."""
     errata = {r.claim.erratum for r in rows if r.verdict.startswith("erratum")}
     assert errata == {1, 2, 3, 5, 7, 8, 9, 11, 12, 13, 17, 19}
@@ -98,18 +98,18 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
         (_claims.unprinted("", "", "", "2.5", float), [2.45, 2.55], [2.449, 2.551]),
     ],
 )
-def test_each_kind_of_statement_has_its_tolerance(claim, agreeing, differing):
+def test_tolerance_of_each_kind_of_statement(claim, agreeing, differing):
     assert [claim.verdict(value) for value in agreeing] == [claim.expected] * len(agreeing)
     assert [claim.verdict(value) for value in differing] == [DIFFERS] * len(differing)
 
 
-def test_words_are_explained_by_the_share_that_is_used():
+def test_wordings_state_their_tolerance():
     for word, (share, explanation) in WORDINGS.items():
         assert f"'{word}'" in explanation
         assert f" {100 * share:g} % of" in explanation
 
 
-def test_one_rule_of_tolerance_for_all_rows(rows):
+def test_common_tolerance_rule(rows):
     for r in rows:
         c = r.claim
         if c.relation != "=":
@@ -128,7 +128,7 @@ def test_correct_values_refute_the_printed_ones(rows):
             assert r.claim.verdict(float(r.claim.correct)) == r.claim.expected, r.title
 
 
-def test_every_row_has_place_quantity_and_method(rows):
+def test_rows_have_place_quantity_and_method(rows):
     for r in rows:
         assert re.search(r"Table|Sec|Fig|Eq", r.claim.place)
         assert r.claim.method
@@ -136,7 +136,7 @@ def test_every_row_has_place_quantity_and_method(rows):
 
 
 @pytest.mark.parametrize("claim", all_claims(), ids=lambda c: c.quantity)
-def test_a_wrong_value_loses_its_verdict(claim):
+def test_wrong_value_changes_verdict(claim):
     value = claim.target if claim.target is not None else float(claim.correct)
     wrong = {"<=": value + 10.0, ">=": value - 10.0, "=": value + 3 * claim.tolerance + 0.02}[
         claim.relation
@@ -146,7 +146,7 @@ def test_a_wrong_value_loses_its_verdict(claim):
     assert claim.verdict(wrong) != claim.expected
 
 
-def test_nan_agrees_with_nothing():
+def test_nan_differs():
     assert {replace(c, relation="=").verdict(float("nan")) for c in all_claims()} == {DIFFERS}
 
 
@@ -163,7 +163,7 @@ def test_viewpoint_error_by_exhaustive_search():
     assert expected == pytest.approx(2.346, abs=2e-3)
 
 
-def test_files_hold_every_row(rows, tmp_path):
+def test_files_contain_all_rows(rows, tmp_path):
     result = reproduce_paper(tmp_path, figures=False)
     assert [f.name for f in result.files] == ["numbers.csv", "numbers.md"]
     with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:
@@ -181,7 +181,7 @@ def test_files_hold_every_row(rows, tmp_path):
             assert len(re.findall(r"(?<!\\)\|", line)) == 11
 
 
-def test_the_list_of_errata_quotes_the_computed_values(rows):
+def test_errata_page_quotes_computed_values(rows):
     page = ERRATA.read_text(encoding="utf-8")
     entries = dict(re.findall(r"^\| (\d+) \| (.*)$", page, flags=re.M))
     assert set(entries) == {str(n) for n in range(1, 21)}
@@ -191,28 +191,28 @@ def test_the_list_of_errata_quotes_the_computed_values(rows):
     assert summary(rows) in " ".join(page.split())
 
 
-def test_figures_are_drawn_the_papers_way(tmp_path):
+def test_figures_use_paper_approximations(tmp_path):
     seen = []
-    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], progress=seen.append)
+    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], on_progress=seen.append)
     assert [f.name for f in files] == ["fig5.svg"]
     assert seen == ["fig5"]
     assert ">SPH<" in files[0].read_text(encoding="utf-8")
 
 
 @pytest.mark.full
-def test_figure_17_is_taken_and_straightened(tmp_path):
+def test_figure_17_is_rendered_and_dewarped(tmp_path):
     (file,) = draw_figures(tmp_path, ["fig17"], formats=["png"])
     assert file.stat().st_size > 300_000
 
 
-def test_an_unknown_figure_is_refused_before_anything_is_written(tmp_path):
-    with pytest.raises(InvalidParameter, match=r"fig99.*fig17"):
+def test_unknown_figure_raises_before_writing(tmp_path):
+    with pytest.raises(InvalidParameter, match=r"fig17.*fig99"):
         reproduce_paper(tmp_path / "out", only=["fig99"])
     assert not (tmp_path / "out").exists()
     assert tuple(f"fig{n}" for n in range(1, 19)) == ALL_FIGURES
 
 
-def test_diagrams_are_drawn_to_scale(tmp_path):
+def test_diagrams_are_to_scale(tmp_path):
     """The rays of Fig. 2 by the law of reflection, and the blur of Fig. 18 by Eq. 28."""
     from omnimirror.analysis.figures import sensor_diagrams
     from omnimirror.apps.reproduction import paper_sensors

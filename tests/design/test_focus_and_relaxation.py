@@ -192,7 +192,7 @@ def test_a_limit_is_judged_over_all_of_its_angles_even_where_the_field_does_not_
     assert found.reached == pytest.approx(worst_blur_px(design.sensor, None, omega), rel=1e-6)
     assert found.remarks == ()
     assert row(design, "viewpoint_spread_mm").remarks == (
-        "0 to 40 deg is not judged: it is inside omega_min_deg",
+        "0 to 40 deg is not evaluated: below omega_min_deg",
     )
 
 
@@ -202,10 +202,11 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
     )
     found = row(design_sensor(parse_requirements(text)), "total_blur_px")
     (remark,) = found.remarks
-    assert remark.endswith("is not judged: the camera hides it")
+    assert remark.endswith("is not evaluated: obscured by the camera")
     assert remark.startswith("0 to 4.4")
     with pytest.raises(
-        InvalidParameter, match="nothing from 0 to 3 deg can be judged: the camera hides it"
+        InvalidParameter,
+        match="no field angle from 0 to 3 deg can be evaluated: obscured by the camera",
     ):
         design_sensor(parse_requirements(text.replace("[0, 20]", "[0, 3]")))
 
@@ -213,7 +214,9 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
 def test_what_is_not_asked_for_is_not_said_to_be_left_out():
     whole = SURVEY.replace("omega_deg = [85, 95]", "")
     (remark,) = (
-        r for r in row(best(parse_requirements(whole)), "total_blur_deg").remarks if "judged" in r
+        r
+        for r in row(best(parse_requirements(whole)), "total_blur_deg").remarks
+        if "evaluated" in r
     )
     assert remark.startswith("40 to 4")
     assert "pointed" in remark
@@ -253,7 +256,8 @@ omega_deg = [90, 90]
         .replace("omega_min_deg = 40.0", "[housing.camera]\ndiameter_mm = 30.0")
     )
     with pytest.raises(
-        InvalidParameter, match="nothing from 2 to 2 deg can be judged: the camera hides it"
+        InvalidParameter,
+        match="no field angle from 2 to 2 deg can be evaluated: obscured by the camera",
     ):
         best(parse_requirements(hidden))
 
@@ -406,7 +410,7 @@ def test_numbers_that_would_not_do_alone_help_where_all_give():
 
 
 def test_a_field_that_leaves_a_limit_behind_is_no_advice():
-    with pytest.raises(SpecError, match="no part of the field"):
+    with pytest.raises(SpecError, match=r"must be \[FROM, TO\] up to"):
         relaxed(parse_requirements(SURVEY), [Relaxation("omega_max_deg", "deg", 110.0, 90.0)])
 
 

@@ -115,7 +115,7 @@ def test_limits_are_judged_at_the_ends_of_the_range():
     each = [rows(plain, om.at_temperature(known, c))["total_blur_px"] for c in (20.0, -20.0, 60.0)]
     assert row.reached == pytest.approx(max(each), rel=1e-9)
     assert np.ptp(each) > 0.01
-    assert "worst at" in row.remarks[-1]
+    assert "smallest margin at" in row.remarks[-1]
 
 
 def test_a_design_says_how_temperature_moves_it():
@@ -126,11 +126,11 @@ def test_a_design_says_how_temperature_moves_it():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (WARM.replace("[-20, 60]", "[30, 60]"), "does not hold reference_c = 20"),
+        (WARM.replace("[-20, 60]", "[30, 60]"), "must contain reference_c = 20"),
         (WARM.replace("[-20, 60]", "[-20]"), "range_c"),
         (WARM.replace('"acrylic"', '"cheese"'), "mirror_material"),
         (WARM.replace('"acrylic"', '"acrylic"\nmirror_ppm_per_k = 3.0'), "must not both be given"),
-        (WARM.replace(limited("total_blur_px", 7.0), ""), "is about limits, and there is none"),
+        (WARM.replace(limited("total_blur_px", 7.0), ""), "requires at least one \\[\\[limit\\]\\]"),
     ],
 )
 def test_wrong_entries_are_one_sentence(text, sentence):

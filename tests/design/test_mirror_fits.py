@@ -124,15 +124,15 @@ def test_under_an_orthographic_lens_the_field_is_kept():
     "form", ["polynomial", "polynomial:0", "asphere:13", "spline:4", "polynomial:-1"]
 )
 def test_a_form_that_is_not_known_is_refused(form):
-    with pytest.raises(InvalidParameter, match="is not a form to fit; valid are polynomial:N"):
+    with pytest.raises(InvalidParameter, match="fit must be polynomial:N"):
         fit_mirror(EQUIDISTANT, form)
 
 
 def test_what_cannot_be_fitted_is_said():
-    with pytest.raises(InvalidParameter, match="ends in a point"):
+    with pytest.raises(InvalidParameter, match="must be smooth at the apex"):
         fit_mirror(generated_mirror("equidistant", RimRay(135.0, 12.0, M), 30.0), "polynomial:4")
-    with pytest.raises(InvalidParameter, match="aim = 'best' is not known"):
+    with pytest.raises(InvalidParameter, match=r"aim must be one of .* got 'best'"):
         fit_mirror(EQUIDISTANT, "polynomial:4", "best")
     near = generated_mirror("ground-plane", RimRay(70.0, 12.0, M), plane_distance_mm=600.0)
-    with pytest.raises(InvalidParameter, match="no polynomial of 4 terms comes near"):
+    with pytest.raises(InvalidParameter, match="no polynomial of 4 terms approximates"):
         fit_mirror(near, "polynomial:4", "sag")

@@ -60,7 +60,7 @@ def test_designs_of_a_front_are_what_they_say(front):
         np.testing.assert_allclose(
             merit_values(sensor, front.merits, PROBLEM), front.values[i], rtol=2e-3
         )
-    with pytest.raises(InvalidParameter, match="no design"):
+    with pytest.raises(InvalidParameter, match="the index must be from 0 to"):
         front.sensor(len(front))
 
 
@@ -111,20 +111,20 @@ def test_a_design_of_a_front_is_judged_like_any_other(front):
         front, space=replace(front.space, requirements=replace(REQUIREMENTS, name="mine"))
     )
     assert (named.design(1).sensor.name, design.sensor.name[:6]) == ("mine", "front-")
-    with pytest.raises(InvalidParameter, match="no design"):
+    with pytest.raises(InvalidParameter, match="the index must be from 0 to"):
         front.design(len(front))
 
 
 def test_what_cannot_be_a_front_is_refused(tmp_path, monkeypatch):
-    with pytest.raises(InvalidParameter, match=r"give mirror\.optimise"):
+    with pytest.raises(InvalidParameter, match=r"requires mirror\.optimise"):
         pareto(REQUIREMENTS.changed(optimise=None, shape=None, family="sphere"))
-    with pytest.raises(InvalidParameter, match="leave out focus_mm"):
+    with pytest.raises(InvalidParameter, match="focus_mm must be omitted"):
         pareto(REQUIREMENTS.changed(focus_mm=200.0))
-    with pytest.raises(InvalidParameter, match="two different merits"):
+    with pytest.raises(InvalidParameter, match="at least two different names"):
         pareto(REQUIREMENTS, ("worst_blur_deg", "worst_blur_deg"))
-    with pytest.raises(InvalidParameter, match="valid are worst_floored_area_deg2"):
+    with pytest.raises(InvalidParameter, match="must be one of worst_floored_area_deg2"):
         pareto(REQUIREMENTS, ("worst_blur_deg", "beauty"))
-    with pytest.raises(InvalidParameter, match="population = 0"):
+    with pytest.raises(InvalidParameter, match="population must be greater than 0; got 0"):
         pareto(REQUIREMENTS, population=0)
     (tmp_path / "no.parquet").write_text("no front")
     with pytest.raises(OmnimirrorError, match="not a front"):

@@ -48,8 +48,8 @@ def test_what_can_be_met_is_met_beside_what_cannot():
     assert design.verdict.limits[1].reached <= 2.5 * (1 + 1e-6)
     assert design.verdict.limits[0].reached == pytest.approx(rim[middle <= 2.5].min(), rel=0.02)
     assert design.notes[0] == (
-        "cannot be met though all else gives: total_blur_px, 110 to 130 deg; "
-        "met beside that: total_blur_px, 0 to 30 deg"
+        "infeasible even without the other requirements: total_blur_px, 110 to 130 deg; "
+        "met instead: total_blur_px, 0 to 30 deg"
     )
 
 

@@ -98,7 +98,7 @@ def test_wavelengths_require_sensor(domed, tmp_path):
     om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
     arguments = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
     assert "wavelengths_nm must be omitted unless the camera is a sensor" in fails("dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *arguments)
-    assert "belongs to pictures" in fails("dewarp", "ride.mp4", "--sensor", "paper-spherical", *arguments)
+    assert "--wavelengths-nm requires images" in fails("dewarp", "ride.mp4", "--sensor", "paper-spherical", *arguments)
 
 
 def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
@@ -110,4 +110,4 @@ def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
     with pytest.raises(InvalidParameter, match="unless the camera is a sensor"):
         om.expose(ball, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
     stderr = fails("simulate", "dataset", "paper-spherical", "--wavelengths-nm", "610,540,465", "-o", tmp_path / "set")
-    assert "--wavelengths-nm belongs to pictures" in stderr
+    assert "--wavelengths-nm requires a single image" in stderr

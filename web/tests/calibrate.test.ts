@@ -61,7 +61,7 @@ describe("the command that does the same", () => {
       flat_board: true,
     } as const;
     expect(calibrateCommand(["a.jpg"], other)).toBe(
-      "omnimirror calibrate a.jpg --board 11x7 --square-mm 30 --model unified --optics fisheye --camera-looks forward --flipped --centre-px 324.5,246 --rim-radius-px 223.5 --flat-board -o camera.toml --report calibration.html",
+      "omnimirror calibrate a.jpg --board 11x7 --square-mm 30 --model unified --optics fisheye --camera-looks forward --image-flipped --centre-px 324.5,246 --rim-radius-px 223.5 --flat-board -o camera.toml --report calibration.html",
     );
   });
   test("names a folder in the place of very many files", () =>

@@ -118,7 +118,7 @@ def blur_bound(sensor: Sensor, object_distance_mm: float = np.inf, *, omega_min_
     distances("object_distance_mm", object_distance_mm)
     low, high = sensor.field_deg
     if omega_min_deg is not None and not low <= omega_min_deg < high:
-        raise InvalidParameter(f"omega_min_deg = {omega_min_deg:g} is not in the field of {low:.4g} to {high:.4g} deg")
+        raise InvalidParameter(f"omega_min_deg must be in the field, {low:.4g} to {high:.4g} deg; got {omega_min_deg:g}")
     begin = low if omega_min_deg is None else omega_min_deg
     steepest = _steepest(sensor, np.radians((begin, high)), 1 / object_distance_mm, mode, image_radius_px)
     return steepest.bound()
@@ -129,7 +129,7 @@ def _steepest(sensor: Sensor, field: Array, near: float, mode: BlurMode, image_r
     ends = float(field[0]), float(field[1]), M
     if isinstance(lens, Perspective):
         if any(lens.brown):
-            raise InvalidParameter(f"{sensor.name} has a lens that distorts; the bound of blur is of one that does not")
+            raise InvalidParameter(f"the lens of {sensor.name!r} must be free of distortion for the bound of blur")
         theta = float(sensor.meridian.theta_max)
         camera = PerspectiveCamera(lens.focal_length_mm, lens.f_number, np.tan(theta), pitch, mode, image_radius_px)
         return _UnderPerspective(*ends, theta, near, lambda D: camera.px_per_vergence(D) / camera.px_per_ray(D))
@@ -276,7 +276,7 @@ def _least(too_steep: Callable[[float], float]) -> float:
     if too_steep(0.0) <= 0:  # a narrow field without a positive bound
         return 0.0
     if not too_steep(MIN_BLUR_RAD) > 0 or not too_steep(MAX_BLUR_RAD) <= 0:
-        raise InvalidParameter(f"this field, rim, lens and object distance have no bound of blur between {np.degrees(MIN_BLUR_RAD):.2g} and {np.degrees(MAX_BLUR_RAD):.3g} deg")
+        raise InvalidParameter(f"the bound of blur for this field, rim, lens and object distance must be between {np.degrees(MIN_BLUR_RAD):.2g} and {np.degrees(MAX_BLUR_RAD):.3g} deg")
     return sign_change(too_steep, MIN_BLUR_RAD, MAX_BLUR_RAD, 1e-13)
 
 

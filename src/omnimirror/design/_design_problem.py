@@ -169,17 +169,17 @@ class DesignProblem:
 
     def __post_init__(self) -> None:
         if self.lens not in LENS_KINDS:
-            raise InvalidParameter(f"lens = {self.lens!r} is not known; valid are {', '.join(LENS_KINDS)}")
+            raise InvalidParameter(f"lens must be one of {', '.join(LENS_KINDS)}; got {self.lens!r}")
         if self.optics is not None:
             object.__setattr__(self, "focal_length_mm", self.optics.focal_length_mm)
             object.__setattr__(self, "f_number", self.optics.f_number)
             if self.is_telecentric or self.mode != "exact" or self.image_radius_px is not None:
-                raise InvalidParameter(f'lens = {self.lens!r}, mode = {self.mode!r} or image_radius_px does not apply to a real lens; valid is lens = "perspective" and mode = "exact"')
+                raise InvalidParameter(f"a real lens requires lens = 'perspective', mode = 'exact' and no image_radius_px; got lens = {self.lens!r}, mode = {self.mode!r}, image_radius_px = {self.image_radius_px}")
         if self.is_telecentric:
             for name in OF_LENS:
                 object.__setattr__(self, name, None)
         elif self.theta_max_deg is None and self.focal_length_mm is None:
-            raise InvalidParameter("a perspective lens needs theta_max_deg or focal_length_mm, a number or a range")
+            raise InvalidParameter("a perspective lens requires theta_max_deg or focal_length_mm, a number or a range")
         choice("mode", self.mode, BLUR_MODES)
         if self.image_radius_px is not None:
             image_radius(self.image_radius_px)
@@ -227,8 +227,8 @@ class DesignProblem:
                 continue
             low, high = ends(value)
             if not 0 < low <= high:
-                said = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-                raise InvalidParameter(f"{name} = {said} is no range or number above 0; it needs 0 < low <= high")
+                text = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+                raise InvalidParameter(f"{name} must be a number above 0, or a range with 0 < low <= high; got {text}")
 
     def _check_focus(self) -> None:
         if self.focus_mm is None:
@@ -236,15 +236,15 @@ class DesignProblem:
         low, high = ends(self.focus_mm)
         object.__setattr__(self, "focus_mm", low if low == high else (low, high))
         if not (np.isfinite([low, high]).all() and low <= high and (low > 0 or self.is_telecentric)):
-            raise InvalidParameter(f"focus_mm = {low:g} to {high:g} is no distance or range of distances; it needs 0 < low <= high")
+            raise InvalidParameter(f"focus_mm must be a distance above 0, or a range with 0 < low <= high; got {low:g} to {high:g}")
 
     def _check_field(self) -> None:
-        least, omega = ends(self.omega_max_deg)
-        most = 0.0 if self.theta_max_deg is None else ends(self.theta_max_deg)[1]
-        if not (most < least and omega < 180 - most):
-            raise InvalidParameter(f"omega_max_deg = {omega:g} cannot be reached with theta_max_deg = {most:g}; it is valid between {most:g} and {180 - most:g}, where the rim would be seen edge-on")
-        if not 0 <= self.omega_min_deg < least:
-            raise InvalidParameter(f"omega_min_deg = {self.omega_min_deg:g} is not valid from 0 to below {least:g}")
+        omega_min, omega = ends(self.omega_max_deg)
+        theta_max = 0.0 if self.theta_max_deg is None else ends(self.theta_max_deg)[1]
+        if not (theta_max < omega_min and omega < 180 - theta_max):
+            raise InvalidParameter(f"omega_max_deg must be between {theta_max:g} and {180 - theta_max:g} deg for theta_max_deg = {theta_max:g}; got {omega:g}")
+        if not 0 <= self.omega_min_deg < omega_min:
+            raise InvalidParameter(f"omega_min_deg must be at least 0 and less than {omega_min:g}; got {self.omega_min_deg:g}")
 
 
 # -- Design space of a problem: points for an optimiser, and their sensors -------------------------

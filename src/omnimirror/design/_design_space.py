@@ -136,7 +136,7 @@ def meeting_the_others(
     missed = _missed(space, verdict)
     if len(missed) < 2 or not set(missed) <= set(space.keys):
         return []
-    say("what can be met")
+    say("feasible requirements")
     hopeless = tuple(key for key in missed if _reached(space, point, set(missed) - {key}) is None)
     if not 0 < len(hopeless) < len(missed):
         return []
@@ -152,9 +152,7 @@ def is_more_met(verdict: Verdict, than: Verdict) -> bool:
 def priority_note(verdict: Verdict, before: Verdict) -> str:
     """Return a note on the missed and the met requirements."""
     met = "; ".join(name for name in before.missed if name not in verdict.missed)
-    return (
-        f"cannot be met though all else gives: {'; '.join(verdict.missed)}; met beside that: {met}"
-    )
+    return f"infeasible even without the other requirements: {'; '.join(verdict.missed)}; met instead: {met}"
 
 
 def _missed(space: Space, verdict: Verdict) -> list[Key]:

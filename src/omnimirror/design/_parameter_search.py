@@ -599,27 +599,27 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
         notes.append(f"{name} = {chosen[name]:.6g}, chosen between {low:g} and {high:g}")
     if isinstance(sensor.lens, GaussianLens):
         fills = sensor.rim_radius_px > requirements.largest_image_px - EDGE_PX
-        where = "where the rim fills the imager" if fills else "the end of its range, where the imager is not filled"
+        where = "so that the rim fills the imager" if fills else "the end of its range; the rim does not fill the imager"
         if search.ranges["theta_max_deg"] is None:
             notes.append(f"theta_max_deg = {float(np.degrees(sensor.meridian.theta_max)):.6g}, {where}")
         elif search.ranges["focal_length_mm"] is None:
             notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, {where}")
     if requirements.lens.focus_mm is None or is_free(requirements.lens.focus_mm):
-        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, where {_why_there(requirements, made)}")
+        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_why_there(requirements, made)}")
     deviation = mapping_deviation_px(made.settled, sensor)
     if deviation is not None:
         mirror = requirements.mirror
-        who = "the mirror behind lens and cover" if mirror.mapping and not mirror.fit else "the fitted mirror"
-        notes.append(f"{who} departs from its mapping by up to {deviation:.3g} px")
+        mirror_text = "the mirror behind lens and cover" if mirror.mapping and not mirror.fit else "the fitted mirror"
+        notes.append(f"maximum deviation of {mirror_text} from its mapping: {deviation:.3g} px")
     return tuple(notes)
 
 
 def _why_there(requirements: Requirements, made: Candidate) -> str:
     """Return the criterion of the focus."""
     if made.settled.lens.focus_mm != requirements.lens.focus_mm:
-        return "the smallest margin is largest"
+        return "maximising the smallest margin"
     is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
-    return "the limits of blur are kept best" if is_sharpness else "the worst floored blur area is least"
+    return "maximising the margins of blur limits" if is_sharpness else "minimising the worst floored blur area"
 
 
 def ratios(span: tuple[float, float], count: int) -> list[float]:

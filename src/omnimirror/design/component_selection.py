@@ -101,10 +101,10 @@ def best_apertures(sensor: Sensor, f_number: float | tuple[float, float] = (0.5,
     """
     low, high = f_number if isinstance(f_number, Sequence) else (f_number, f_number)
     if not 0 < low <= high:
-        raise InvalidParameter(f"F-numbers {low:g} to {high:g} are no range; it needs 0 < low <= high")
+        raise InvalidParameter(f"f_number must be a range with 0 < low <= high; got {low:g} to {high:g}")
     first, last = sensor.field_deg
     if not omega_min_deg < last:
-        raise InvalidParameter(f"omega_min_deg = {omega_min_deg:g} leaves no field; it is valid below {last:.6g}")
+        raise InvalidParameter(f"omega_min_deg must be less than {last:.6g} deg, the end of the field; got {omega_min_deg:g}")
     omega = np.radians(np.linspace(max(first, omega_min_deg), last, FIELD_ANGLES))
     unit = replace(sensor, lens=_at_f_number(sensor.lens, 1.0))
     rays = unit.meridian.trace(unit.meridian.x_from_omega(omega))
@@ -118,7 +118,7 @@ def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestApe
     L = {"tangential": L_t, "sagittal": L_s, "together": np.concatenate([L_t, L_s])}[side]
     usable = L[np.isfinite(L) & (_nearest(study.sensor.lens) < L)]
     if not usable.size:
-        raise InvalidParameter("the virtual images lie nowhere the lens could be focused at")
+        raise InvalidParameter("the lens cannot be focused at the virtual images")
 
     def at(focus: float) -> BestAperture:
         blur = study.at(focus)
@@ -220,7 +220,7 @@ def choose_parts(sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.
     """
     sensor.check("the choice of parts", "single mirror")
     if not 0 <= least_fill <= 1:
-        raise InvalidParameter(f"least_fill = {least_fill:g} is not valid; it is a share from 0 to 1")
+        raise InvalidParameter(f"least_fill must be a fraction from 0 to 1; got {least_fill:g}")
     distances("object_distance_mm", object_distance_mm)
     found = [_combine(sensor, lens, imager, least_fill, object_distance_mm) for lens in catalogue.lenses for imager in catalogue.imagers]
     return sorted(found, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
@@ -228,24 +228,24 @@ def choose_parts(sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.
 
 def _combine(sensor: Sensor, lens: LensComponent | TelecentricComponent, imager: ImagerComponent, least_fill: float, distance: float) -> Combination:
     if isinstance(lens, TelecentricComponent) != sensor.lens.TELECENTRIC:
-        wanted = "a telecentric lens" if sensor.lens.TELECENTRIC else "a lens at a distance, not a telecentric one"
-        return Combination(lens.name, imager.name, (f"the mirror is made for {wanted}",), 0.0, 0.0, 0.0, None, np.inf)
+        required = "a telecentric lens" if sensor.lens.TELECENTRIC else "a perspective lens"
+        return Combination(lens.name, imager.name, (f"the mirror requires {required}",), 0.0, 0.0, 0.0, None, np.inf)
     part = Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um)
     best, area = _at_best_aperture(replace(sensor, imager=part), lens, distance)
     rim, half = best.rim_radius_px, min(part.size) / 2
-    reasons = [] if mounts_fit(lens, imager) else [f"its mount is {lens.mount}, the imager's {imager.mount}"]
+    reasons = [] if mounts_fit(lens, imager) else [f"lens mount {lens.mount} differs from imager mount {imager.mount}"]
     if rim > half:
-        reasons.append(f"the rim's image of {rim:.0f} px overfills {half:g} px")
+        reasons.append(f"rim image radius {rim:.0f} px exceeds {half:g} px")
     if rim < least_fill * half:
-        reasons.append(f"the rim's image of {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px")
+        reasons.append(f"rim image radius {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px")
     if lens.image_circle_mm is not None and 2 * rim * part.pitch_mm > lens.image_circle_mm:
-        reasons.append(f"the lens covers {lens.image_circle_mm:g} mm, the image needs {2 * rim * part.pitch_mm:.1f} mm")
+        reasons.append(f"image circle {lens.image_circle_mm:g} mm, required {2 * rim * part.pitch_mm:.1f} mm")
     ring = 0.0
     if isinstance(lens, LensComponent):
         ring, more = rings_for(lens, best.lens.focus_distance_mm)
         reasons += more
     elif lens.front_diameter_mm < (width := 2 * sensor.mirror.rim_radius_mm):
-        reasons.append(f"its front of {lens.front_diameter_mm:g} mm is narrower than the mirror, {width:g} mm")
+        reasons.append(f"front diameter {lens.front_diameter_mm:g} mm is less than that of the mirror, {width:g} mm")
     return Combination(lens.name, imager.name, tuple(reasons), rim / half, rim, ring, best, area)
 
 
@@ -265,10 +265,10 @@ def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
     for ring in sorted(float(sum(chosen)) for n in range(len(rings) + 1) for chosen in combinations(rings, n)):
         if ring <= needed <= ring + travel:
             return ring, []
-    sentence = f"its nearest focus is {part.minimum_focus_mm:g} mm, the images need {focus_mm:.0f} mm"
+    reason = f"minimum focus {part.minimum_focus_mm:g} mm, required {focus_mm:.0f} mm"
     if rings:
-        sentence += f", which takes rings of {needed - travel:.2f} to {needed:.2f} mm together"
-    return 0.0, [sentence]
+        reason += f", which requires extension rings of {needed - travel:.2f} to {needed:.2f} mm in total"
+    return 0.0, [reason]
 
 
 def _at_best_aperture(sensor: Sensor, part: LensComponent | TelecentricComponent, distance: float) -> tuple[Sensor, float]:

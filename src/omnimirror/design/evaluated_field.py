@@ -65,41 +65,41 @@ class Counted:
             Empty range.
         """
         begins = [
-            (self.low_deg, "the mirror shows nothing there"),
-            (self.hidden_deg, f"the {self.hides} hides it"),
+            (self.low_deg, "outside the field of the mirror"),
+            (self.hidden_deg, f"obscured by the {self.hides}"),
         ]
-        begins += [(self.point_deg, "a pointed mirror shrinks it to nothing")]
+        begins += [(self.point_deg, "singular at the apex of a pointed mirror")]
         if asked_deg is None:
-            begins += [(self.required_deg[0], "it is inside omega_min_deg")]
+            begins += [(self.required_deg[0], "below omega_min_deg")]
         first, last = asked_deg or (0.0, self.required_deg[1])
-        begin, why = max(begins, key=lambda b: b[0])
+        begin, reason = max(begins, key=lambda b: b[0])
         low, high = max(first, begin), min(last, self.hidden_from_deg)
         if high < low <= high + NO_PART:  # the end of the field, shifted by rounding
             low = high
         if asked_deg is None and begin > self.required_deg[0]:
             first = self.required_deg[0]  # angles below are not required
         left_out = (
-            [f"{first:.4g} to {low:.4g} deg is not judged: {why}"] if low > first + NO_PART else []
+            [f"{first:.4g} to {low:.4g} deg is not evaluated: {reason}"]
+            if low > first + NO_PART
+            else []
         )
         if high < last - NO_PART:
-            left_out.append(f"{high:.4g} to {last:.4g} deg is not judged: {self._end}")
+            left_out.append(f"{high:.4g} to {last:.4g} deg is not evaluated: {self._end}")
         if low > high or (low == high and first < last):
             part = f"from {first:g} to {last:g} deg" if asked_deg else "of the field"
-            reason = (
-                f"{why}, up to {begin:.4g} deg"
+            explanation = (
+                f"{reason}, up to {begin:.4g} deg"
                 if low > first
                 else f"the field ends at {self.hidden_from_deg:.4g} deg"
             )
-            raise InvalidParameter(f"nothing {part} can be judged: {reason}")
+            raise InvalidParameter(f"no field angle {part} can be evaluated: {explanation}")
         return JudgedRange(low, high, tuple(left_out))
 
     @property
     def _end(self) -> str:
         """Return the reason for the upper end of the evaluated field."""
         hidden = self.hidden_from_deg < self.high_deg
-        return (
-            "what stands around the mirror hides it" if hidden else "the mirror's field ends there"
-        )
+        return "obscured by the housing" if hidden else "end of the field of the mirror"
 
 
 def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
@@ -209,13 +209,13 @@ def cut_off(sensor: Sensor) -> tuple[str, ...]:
     towards = np.stack([np.cos(azimuth), np.sin(azimuth), -np.cos(azimuth), -np.sin(azimuth)])
     with np.errstate(divide="ignore"):
         edge = np.where(towards > 0, edges[:, None] / towards, np.inf).min(axis=0)
-    seen = np.minimum(edge, rim)
-    shown = sensor.x_from_height_px([max(float(seen.min()), _first_radius_px(sensor))])
+    visible = np.minimum(edge, rim)
+    shown = sensor.x_from_height_px([max(float(visible.min()), _first_radius_px(sensor))])
     omega_deg = float(np.degrees(sensor.meridian.trace(shown).omega[0]))
     whole = (edge >= rim - EDGE_PX).mean()
     return (
-        f"the rim is on the imager over {whole:.1%} of the azimuths; the nearest edge shows up to {omega_deg:.4g} deg, "
-        f"and {1 - (seen**2).mean() / rim**2:.1%} of the circle falls off",
+        f"the rim is on the imager for {whole:.1%} of the azimuths; at the nearest edge the field ends at "
+        f"{omega_deg:.4g} deg; {1 - (visible**2).mean() / rim**2:.1%} of the circle is outside the imager",
     )
 
 

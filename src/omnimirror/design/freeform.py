@@ -139,7 +139,7 @@ def solve(requirements: Requirements, problem: DesignProblem, **search: Any) -> 
     else:
         y, optimum = _least_missed(space, found), None
         sensor = space.designs.sensor(y)
-        first = f"no mirror of {problem.terms} numbers was found that keeps everything: this one misses least"
+        first = f"no mirror of {problem.terms} terms meets all requirements; this one has the smallest violation"
     best = _design(space, y, sensor, optimum, (first,))
     for point in meeting_the_others(space, best.point, best.verdict):
         y = space.y(point)
@@ -178,11 +178,11 @@ def freeform_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
     for name, value in reached.items():
         asked = getattr(problem, name)
         if asked is None:
-            notes.append(f"{name} = {value:.6g}, where the rim fills the imager")
+            notes.append(f"{name} = {value:.6g}, so that the rim fills the imager")
         elif name in problem.free:
             notes.append("{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(asked)))
     if problem.is_telecentric:
-        notes.append(f"the telecentric lens has to be as wide as the mirror, {2 * reached['rim_radius_mm']:g} mm")
+        notes.append(f"the diameter of the telecentric lens must be that of the mirror, {2 * reached['rim_radius_mm']:g} mm")
     if not isinstance(problem.focus_mm, float):
         notes.append(f"focused at {lens.focus_distance_mm:.5g} mm")
     return tuple(notes)

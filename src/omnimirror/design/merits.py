@@ -345,5 +345,5 @@ def merit_named(name: str) -> Merit:
         Unknown name.
     """
     if name not in DESIGN_MERITS:
-        raise InvalidParameter(f"merit {name!r} is not known; valid are {', '.join(DESIGN_MERITS)}")
+        raise InvalidParameter(f"merit must be one of {', '.join(DESIGN_MERITS)}; got {name!r}")
     return DESIGN_MERITS[name]

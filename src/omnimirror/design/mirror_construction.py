@@ -39,11 +39,11 @@ class RimRay:
     def __post_init__(self) -> None:
         theta, omega = self.theta_max_deg, self.omega_max_deg
         if not 0 <= theta < 90:
-            raise InvalidParameter(f"theta_max_deg = {theta:g} is outside 0 to 90")
+            raise InvalidParameter(f"theta_max_deg must be at least 0 and less than 90 deg; got {theta:g}")
         if not theta < omega < 180 - theta:
-            raise InvalidParameter(f"omega_max_deg = {omega:g} cannot be reached with theta_max_deg = {theta:g}; it is valid between {theta:g} and {180 - theta:g}, where the rim would be seen edge-on")
+            raise InvalidParameter(f"omega_max_deg must be between {theta:g} and {180 - theta:g} deg for theta_max_deg = {theta:g}; got {omega:g}")
         if not self.rim_radius_mm > 0:
-            raise InvalidParameter(f"rim_radius_mm = {self.rim_radius_mm:g} is not a radius; it is valid above 0")
+            raise InvalidParameter(f"rim_radius_mm must be greater than 0; got {self.rim_radius_mm:g}")
 
     @property
     def slope_angle_deg(self) -> float:
@@ -105,7 +105,7 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
     # gives (R/M)^2 = cot(beta)^2 + 1 + k.
     square = 1 / rim.slope**2 + 1 + conic
     if square <= 0:
-        raise InvalidParameter(f"conic = {conic:g} is never as steep as the rim, {rim.slope_angle_deg:.4g} deg; it is valid above {-1 - 1 / rim.slope**2:.6g}")
+        raise InvalidParameter(f"conic must be greater than {-1 - 1 / rim.slope**2:.6g} for the slope of the rim, {rim.slope_angle_deg:.4g} deg; got {conic:g}")
     return rim.rim_radius_mm * float(np.sqrt(square))
 
 
@@ -138,11 +138,11 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     M = rim.rim_radius_mm
     if conic is None:
         if rim.theta_max_deg == 0:
-            raise InvalidParameter("a hyperboloid has no single viewpoint under an orthographic lens; the paraboloid has, or give a conic below -1")
+            raise InvalidParameter("a hyperboloid has no single viewpoint with an orthographic lens; use a paraboloid, or specify conic below -1")
         mirror = conformal_conic(np.radians(rim.omega_max_deg), np.radians(rim.theta_max_deg), M)
         return rim.place(mirror, (f"conic = {mirror.conic:.6g}, chosen for a single viewpoint",))
     if conic >= -1:
-        raise InvalidParameter(f"conic = {conic:g} is no hyperboloid; it is valid below -1")
+        raise InvalidParameter(f"conic of a hyperboloid must be less than -1; got {conic:g}")
     R, ratio = vertex_radius(rim, conic), np.sqrt(-1 - conic)  # A/B
     return rim.place(Hyperboloid(float(R / ratio), float(R / ratio**2), M))
 
@@ -150,9 +150,9 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
 def ellipsoid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """Return the ellipsoid with a given conic constant k > -1: prolate below 0, oblate above 0."""
     if conic is None:
-        raise InvalidParameter("an ellipsoid leaves its conic constant free; give conic, above -1 (0 is the sphere)")
+        raise InvalidParameter("an ellipsoid requires conic, greater than -1 (0 for a sphere)")
     if conic <= -1:
-        raise InvalidParameter(f"conic = {conic:g} is no ellipsoid; it is valid above -1")
+        raise InvalidParameter(f"conic of an ellipsoid must be greater than -1; got {conic:g}")
     R, ratio = vertex_radius(rim, conic), np.sqrt(1 + conic)  # A/B
     return rim.place(Ellipsoid(float(R / ratio), float(R / ratio**2), rim.rim_radius_mm))
 
@@ -161,14 +161,14 @@ def cone(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """Return the cone of constant slope beta, with a field from Omega_max - Theta to Omega_max."""
     _refuse_conic("cone", conic)
     if rim.theta_max_deg == 0:
-        raise InvalidParameter("a cone under an orthographic lens shows one field angle alone; give theta_max_deg above 0")
+        raise InvalidParameter("a cone with an orthographic lens images a single field angle; specify theta_max_deg above 0")
     low = rim.omega_max_deg - rim.theta_max_deg
-    return rim.place(Cone(rim.slope_angle_deg, rim.rim_radius_mm), (f"a cone shows {low:g} to {rim.omega_max_deg:g} deg and no more",))
+    return rim.place(Cone(rim.slope_angle_deg, rim.rim_radius_mm), (f"field of the cone: {low:g} to {rim.omega_max_deg:g} deg",))
 
 
 def _refuse_conic(family: str, conic: float | None) -> None:
     if conic is not None:
-        raise InvalidParameter(f"conic = {conic:g} does not apply to a {family}, which is solved without it")
+        raise InvalidParameter(f"conic must be omitted for a {family}; got {conic:g}")
 
 
 FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {"sphere": sphere, "hyperboloid": hyperboloid, "paraboloid": paraboloid, "ellipsoid": ellipsoid, "cone": cone}
@@ -225,7 +225,7 @@ def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entri
     as :func:`generated_mirror`.
     """
     if mapping not in MAPPINGS:
-        raise InvalidParameter(f"mapping = {mapping!r} is not known; valid are {', '.join(MAPPINGS)}")
+        raise InvalidParameter(f"mapping must be one of {', '.join(MAPPINGS)}; got {mapping!r}")
     cls = MAPPINGS[mapping]
     given = {name: getattr(rim, name) for name in OF_FIELD if name in cls.PARAMETERS} | entries
     if omega_min_deg > 0 and cls is not TabulatedMapping:
@@ -233,7 +233,7 @@ def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entri
     check_entries(mapping, given)
     mirror: MappingMirror = cls(**given)
     if isinstance(mirror, TabulatedMapping) and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9:
-        raise InvalidParameter(f"the table ends at {mirror.omega_deg[-1]:g} deg and the field at omega_max_deg = {rim.omega_max_deg:g}; they must agree")
+        raise InvalidParameter(f"omega_max_deg must be the last angle of the mapping table, {mirror.omega_deg[-1]:g} deg; got {rim.omega_max_deg:g}")
     return mirror
 
 
@@ -248,9 +248,9 @@ def check_entries(mapping: str, given: Collection[str]) -> None:
     cls = MAPPINGS[mapping]
     taken = (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS  # start of its table
     if wrong := [name for name in given if name not in taken]:
-        raise InvalidParameter(f"{wrong[0]} does not apply to the {mapping} mapping{_instead(wrong[0])}")
+        raise InvalidParameter(f"{wrong[0]} must be omitted for the {mapping} mapping{_instead(wrong[0])}")
     if missing := [name for name in _needed(cls) if name not in (*given, *OF_FIELD)]:
-        raise InvalidParameter(f"the {mapping} mapping needs {' and '.join(missing)}")
+        raise InvalidParameter(f"the {mapping} mapping requires {' and '.join(missing)}")
 
 
 def _needed(cls: type[Mirror]) -> list[str]:
@@ -261,9 +261,9 @@ def _needed(cls: type[Mirror]) -> list[str]:
 def _instead(name: str) -> str:
     """Return advice on an inapplicable entry of a mapping."""
     if name != "omega_min_deg":
-        return f"; it belongs to {' and '.join(kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS)}"
+        return f"; it applies to {' and '.join(kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS)}"
     pointed = [kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS]
-    return f", which begins on the axis; a pointed mirror can be had for {', '.join(pointed)}"
+    return f", whose field starts on the axis; pointed mirrors are possible for {', '.join(pointed)}"
 
 
 # -- Comparison of all mappings: the mirror of each for one field and lens -------------------------
@@ -480,7 +480,7 @@ def _inside_rate(rays: ChiefRays) -> Array:
 def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
     if not np.isfinite(missed):
         kind = "cover" if housing.shell is None else housing.shell.KIND
-        raise InvalidParameter(f"the {kind} does not let out rays of a mirror to omega_max_deg = {rim.omega_max_deg:g}; a smaller field, or a wider or thinner wall is valid")
+        raise InvalidParameter(f"the {kind} must transmit the rays up to omega_max_deg = {rim.omega_max_deg:g}; use a smaller field, or a larger diameter or thinner wall")
 
 
 def departure(lens_and_cover: LensAndCover, made: MountedMirror, exact: MappingMirror, angles: int) -> float:

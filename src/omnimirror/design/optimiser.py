@@ -330,14 +330,14 @@ def optimise(problem: DesignProblem, merit: str = "worst_floored_area_deg2", *, 
     """
     found = optimised(problem, merit, starts, seed, resume, on_progress)
     if not isinstance(found, Optimum):
-        raise OmnimirrorError(f"no mirror found with {problem.terms} terms of {problem.family} that keeps all limits; allow more terms, more starts, or looser limits")
+        raise OmnimirrorError(f"no mirror of {problem.terms} terms of {problem.family} meets all limits; use more terms, more starts, or looser limits")
     return found
 
 
 def optimised(problem: DesignProblem, merit: str, starts: int = 4, seed: int = 0, resume: str | Path | None = None, on_progress: Callable[[Progress], None] | None = None) -> Optimum | list[Array]:
     """Optimise like :func:`optimise`, but return end points if no design is feasible."""
     if starts < 1:
-        raise InvalidParameter(f"starts = {starts} is not valid; at least one is needed")
+        raise InvalidParameter(f"starts must be at least 1; got {starts}")
     space = DesignSpace(problem)
     coarse = Objective(space, merit_named(merit), coarse_nodes(problem))
     header = _header(problem, merit, seed)
@@ -513,10 +513,10 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
         data = parse_json(read_bytes(resume, MAX_TEXT_BYTES))
         runs = [Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"])) for r in data.pop("runs")]
     except (OSError, ValueError, KeyError, TypeError):
-        raise OmnimirrorError(f"{resume} is not a search that omnimirror kept; name another file") from None
+        raise OmnimirrorError(f"{resume} must be the state of a search, as saved by omnimirror; specify another file") from None
     if data != header:
         changed = ", ".join(k for k in header if data.get(k) != header[k])
-        raise OmnimirrorError(f"{resume} belongs to another search ({changed} differ); name another file")
+        raise OmnimirrorError(f"{resume} must be the state of the same search; {changed} differ; specify another file")
     return runs
 
 

@@ -23,7 +23,7 @@ def ends(value: Range) -> tuple[float, float]:
     """
     pair = np.atleast_1d(numbers("a range", value))
     if pair.shape not in ((1,), (2,)):
-        raise InvalidParameter(f"{format_value(value)} is not a number, nor a range (low, high)")
+        raise InvalidParameter(f"must be a number or a range (low, high); got {shown(value)}")
     return float(pair[0]), float(pair[-1])
 
 
@@ -55,9 +55,7 @@ def between(low: float, high: float, endless: bool = False) -> PlainValidator:
         if endless and last == np.inf:
             last = high
         if not low <= first <= last <= high:
-            raise PydanticCustomError(
-                "range", f"it should be a number from {low:g} to {high:g}, or such a [LOW, HIGH]"
-            )
+            raise PydanticCustomError("range", f"it should be a number from {low:g} to {high:g}, or a range [LOW, HIGH] of them")
         return first if first == last else (first, last)
 
     return PlainValidator(check)

@@ -91,7 +91,7 @@ def load_requirements(path: str | Path, changes: dict[str, Any] | None = None, l
     120.0
     """
     path = file_name("path", path)
-    text = read_text(path, "requirement file", SpecError, f"there is no requirement file {str(path)!r}")
+    text = read_text(path, "requirement file", SpecError, f"requirement file {str(path)!r} not found")
     return parse_requirements(text, str(path), path.parent, changes, limits)
 
 
@@ -185,7 +185,7 @@ def _check_tables(data: dict[str, Any], where: SourceLocator) -> None:
     check_entries(data, known, FORMAT, where)
     for key in ("field", "mirror"):
         if key not in data:
-            raise where.error((), f"there is no [{key}] table; a requirement file needs [field] and [mirror]")
+            raise where.error((), f"the table [{key}] is missing; a requirement file requires [field] and [mirror]")
 
 
 class TemperatureTable(Table):
@@ -207,9 +207,9 @@ def _parts(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> 
     """Return the parts requirements, with catalogue paths relative to the file."""
     found = PartsRequirements.read(table, where)
     if folder is None and any(name != TYPICAL for name in found.catalogue):
-        raise where.error(("parts", "catalogue"), "parts.catalogue names a file, which is valid in a file alone")
-    beside = folder or Path()
-    return replace(found, catalogue=tuple(n if n == TYPICAL else str(beside / n) for n in found.catalogue))
+        raise where.error(("parts", "catalogue"), "parts.catalogue must be omitted unless the requirements are in a file")
+    base = folder or Path()
+    return replace(found, catalogue=tuple(n if n == TYPICAL else str(base / n) for n in found.catalogue))
 
 
 def _with_optics(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> dict[str, Any]:
@@ -217,11 +217,11 @@ def _with_optics(table: dict[str, Any], where: SourceLocator, folder: Path | Non
     optics = table.get("optics")
     if not isinstance(optics, dict):
         return table
-    if beside := [name for name in ("focal_length_mm", "f_number") if name in table]:
-        raise where.error(("lens", beside[0]), f"lens.{beside[0]} does not apply beside lens.optics, which have their own")
+    if excess := [name for name in ("focal_length_mm", "f_number") if name in table]:
+        raise where.error(("lens", excess[0]), f"lens.{excess[0]} and lens.optics must not be given together")
     lens = lens_of(optics, where, folder, "lens.optics")
     if lens.IS_THIN:
-        raise where.error(("lens.optics", "kind"), f"lens.optics.kind = {lens.KIND!r} is an ideal lens; valid are surfaces and table")
+        raise where.error(("lens.optics", "kind"), f"lens.optics.kind must be surfaces or table; got {lens.KIND!r}")
     return {**table, "optics": lens}
 
 
@@ -236,8 +236,8 @@ def _by_field_angles(table: dict[str, Any], mount: Mount, where: SourceLocator) 
     """Return the field table with elevations, if present, converted to field angles."""
     if "elevation_deg" not in table:
         return table
-    if beside := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
-        raise where.error(("field", beside[0]), f"field has both elevation_deg and {beside[0]}; give one of them")
+    if excess := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
+        raise where.error(("field", excess[0]), f"field.elevation_deg and field.{excess[0]} must not be given together")
     entries = validated(ElevationTable, "field", {"elevation_deg": table["elevation_deg"]}, where).elevation_deg
     low, high = _field_angles(("field", "elevation_deg"), entries, mount, where)
     rest = {name: value for name, value in table.items() if name != "elevation_deg"}
@@ -247,7 +247,7 @@ def _by_field_angles(table: dict[str, Any], mount: Mount, where: SourceLocator) 
 def _field_angles(place: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: SourceLocator) -> tuple[float, float]:
     low, high = elevation_deg
     if low > high:
-        raise where.error(place, f"{'.'.join(place)} = {elevation_deg} is no part of the field; it needs LOW up to HIGH")
+        raise where.error(place, f"{'.'.join(place)} must be [LOW, HIGH] in the field; got {elevation_deg}")
     return where.wrap(place, lambda: mount.field_angles_deg((low, high)))
 
 
@@ -259,7 +259,7 @@ def limit_of(index: int, table: dict[str, Any], mount: Mount, where: SourceLocat
     part = _pair(entries.omega_deg)
     if entries.elevation_deg is not None:
         if part is not None:
-            raise where.error((section, "omega_deg"), "limit has both elevation_deg and omega_deg; give one of them")
+            raise where.error((section, "omega_deg"), "limit.elevation_deg and limit.omega_deg must not be given together")
         part = _field_angles((section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where)
     elif part is not None and part[0] > part[1]:
         place = (section, "omega_deg")

@@ -43,59 +43,59 @@ def sensor_template(name: str = "sensor") -> str:
     Sphere(radius_mm=50.0, rim_radius_mm=44.0)
     """
     instance("name", name, str, "a name")
-    return f'''# A sensor: a curved mirror seen by a camera on its axis. Lengths in mm unless the name says otherwise.
+    return f'''# Sensor: a curved mirror and a camera on its axis. Lengths in mm unless the name specifies another unit.
 format = 1
 name = {toml_string(name)}
 notes = """
-What this sensor is, and where its numbers come from."""
+Description of the sensor and source of its parameters."""
 
 [mirror]
 kind = "sphere"
 radius_mm = 50.0
 rim_radius_mm = 44.0
-# Every kind of mirror and its entries (z grows away from the lens; the vertex is at z = 0):
+# Kinds of mirrors and their entries (z increases away from the lens; the vertex is at z = 0):
 {_catalogue(MIRRORS)}
 
 [lens]
 kind = "perspective"
 focal_length_mm = 11.6
 f_number = 4.0
-focus_distance_mm = 218.0  # from the principal point to the virtual images; `omnimirror evaluate` finds the best
-# Every kind of lens and its entries:
+focus_distance_mm = 218.0  # from the principal point to the virtual images; optimum: `omnimirror evaluate`
+# Kinds of lenses and their entries:
 {_catalogue(LENSES)}
 
 [imager]
 width_px = 1024
 height_px = 1024
 pixel_pitch_um = 5.2
-# centre_px = [511.5, 511.5]  # where the axis meets the array, (u, v); the middle when left out
+# centre_px = [511.5, 511.5]  # image of the axis, (u, v); default: the centre of the array
 
 [mount]
-mirror_distance_mm = 185.93  # m: from the lens's principal point to the mirror vertex
-camera_looks = "up"  # "up": the mirror hangs above the camera; "down"; or "forward" (horizontal)
+mirror_distance_mm = 185.93  # m: from the principal point of the lens to the mirror vertex
+camera_looks = "up"  # "up": the mirror is above the camera; "down"; or "forward" (horizontal)
 forward_azimuth_deg = -90.0  # image direction that is forward: 0 = image right, -90 = image top
-image_flipped = false  # true when the driver delivers the picture reversed left to right
-# pitch_deg = 0.0  # how far the sensor leans: its forward direction above the horizon ..
-# roll_deg = 0.0  # .. and clockwise about that, seen from behind
+image_flipped = false  # true if the driver delivers images mirrored left to right
+# pitch_deg = 0.0  # tilt of the sensor: elevation of its forward direction
+# roll_deg = 0.0  # clockwise rotation about the forward direction, viewed from behind
 
-# [secondary]  # a second mirror, in which the lens sees the first; any kind of mirror, as the camera sees it, or flat
+# [secondary]  # secondary mirror between lens and primary; any kind of mirror, in the frame of the camera, or flat
 # kind = "flat"
 # rim_radius_mm = 21.0
 {_entries(Secondary.PARAMETERS, SECONDARY)}
 
-# [mirror_pose]  # where the mirror really sits, if it is out of place; camera frame, tilts about the vertex
+# [mirror_pose]  # misalignment of the mirror; camera frame, tilts about the vertex
 {_entries(MirrorPose.PARAMETERS)}
 
-# [mirror_form]  # a form error of the mirror: Zernike terms over the rim's disk, by Noll, and their um rms
+# [mirror_form]  # form error of the mirror: Zernike terms over the disk of the rim (Noll indices), um rms
 # zernike = [5, 8]
 # um = [0.3, -0.1]
 
-# [imager_pose]  # how the imager is turned in its plane, and then leans
+# [imager_pose]  # rotation of the imager in its plane, then its tilt
 {_entries(ImagerPose.PARAMETERS)}
 
 {_thermal()}
 
-# What stands around the mirror; sizes that are left out are fitted to the sensor.
+# Housing of the mirror; omitted sizes are adapted to the sensor.
 {_housing()}
 '''
 
@@ -107,30 +107,19 @@ SECONDARY = {"distance_mm": 88.0, "bore_radius_mm": 5.0}
 def _entries(parameters: Mapping[str, Parameter], values: Mapping[str, float] | None = None) -> str:
     """Format the optional entries of a table as comments; default value 0."""
     values = values or {}
-    return "\n".join(
-        f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items()
-    )
+    return "\n".join(f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items())
 
 
-HOUSING = {
-    "camera": {"diameter_mm": 30.0},
-    "rod": {"gap_mm": 45.0},
-    "tube": {"diameter_mm": 102.0},
-    "rim": {"width_mm": 1.5},
-}
+HOUSING = {"camera": {"diameter_mm": 30.0}, "rod": {"gap_mm": 45.0}, "tube": {"diameter_mm": 102.0}, "rim": {"width_mm": 1.5}}
 """Valid housing for the sensor of the template; missing values default to those of the parts."""
 
 
 def _thermal() -> str:
     """Format the commented table of thermal properties."""
-    thermal = Thermal(
-        mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium"
-    )
+    thermal = Thermal(mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium")
     given = {name: v for name in thermal.PARAMETERS if (v := getattr(thermal, name)) is not None}
-    lines = [
-        f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()
-    ]
-    return "\n".join(["# [thermal]  # what it is made of, for other temperatures", *lines])
+    lines = [f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()]
+    return "\n".join(["# [thermal]  # materials, for other temperatures", *lines])
 
 
 def _housing() -> str:
@@ -139,9 +128,7 @@ def _housing() -> str:
     for name, values in HOUSING.items():
         part = HOUSING_PARTS[name](**values)
         given = {n: v for n in part.PARAMETERS if (v := getattr(part, n)) is not None}
-        entries = "\n".join(
-            f"# {n} = {v}  # {part.PARAMETERS[n].description}" for n, v in given.items()
-        )
+        entries = "\n".join(f"# {n} = {v}  # {part.PARAMETERS[n].description}" for n, v in given.items())
         tables.append(f"# [housing.{name}]\n{entries}")
     return "\n".join(tables)
 
@@ -152,20 +139,13 @@ def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:
     for kind, cls in parts.items():
         lines.append(f'#   kind = "{kind}"')
         parameters = cls.PARAMETERS
-        lines += [
-            f"#     {name}: {p.description}{f', {p.unit}' if p.unit else ''}"
-            for name, p in parameters.items()
-        ]
+        lines += [f"#     {name}: {p.description}{f', {p.unit}' if p.unit else ''}" for name, p in parameters.items()]
         if kind == "sampled":
-            lines.append(
-                "#     or profile_csv: a file of two columns x_mm, z_mm beside this one; cloud_csv: x, y, z"
-            )
+            lines.append("#     or profile_csv: a file in the same folder with the columns x_mm, z_mm; cloud_csv: x, y, z")
             lines.append("#     anywhere on the mirror; grid_sag: an OpticStudio grid")
         if kind in ("table", "surfaces"):
             file = "a CSV of these columns" if kind == "table" else "a .zmx file"
-            lines.append(f"#     or file: {file} beside this one")
+            lines.append(f"#     or file: {file} in the same folder")
         if kind == "tabulated-mapping":
-            lines.append(
-                "#     or mapping_csv: a file of two columns omega_deg, height beside this one"
-            )
+            lines.append("#     or mapping_csv: a file in the same folder with the columns omega_deg, height")
     return "\n".join(lines)

@@ -26,7 +26,7 @@ TABLES = {
     "mtf": ["paper-spherical", "--omega-deg", "30", "--cycles-per-px", "0.1,0.2"],
     "illumination": ["paper-spherical", "--omega-deg", "30"],
     "apertures": ["paper-spherical"],
-    "parts": ["paper-spherical", "--best"],
+    "parts": ["paper-spherical", "--feasible"],
     "bracket plan": ["paper-spherical"],
     "simulate roundtrip": ["paper-spherical", "--samples", "1"],
 }
@@ -41,7 +41,7 @@ def run(*words):
 
 
 @pytest.mark.parametrize("name", few(TABLES, *(TABLES.keys() - {"parts", "simulate roundtrip"})))
-def test_json_holds_every_line_of_the_table(name, tmp_path):
+def test_json_has_one_record_per_table_row(name, tmp_path):
     """One record per line, with the first cell of each line."""
     file = tmp_path / "table.json"
     shown = run(*name.split(), *TABLES[name], "--json", file)
@@ -63,7 +63,7 @@ def test_json_holds_every_line_of_the_table(name, tmp_path):
             assert first == told
 
 
-def test_json_of_files_says_what_was_written(tmp_path):
+def test_export_json_lists_written_files(tmp_path):
     run(
         "export",
         "paper-spherical",
@@ -79,7 +79,7 @@ def test_json_of_files_says_what_was_written(tmp_path):
     assert record["deviation_um"] < 0.01
 
 
-def test_every_command_that_prints_a_table_writes_json():
+def test_table_commands_have_json_option():
     """Inspection of the source of each command; reproduce writes its numbers as CSV and Markdown."""
     without = {
         name
@@ -101,7 +101,7 @@ def whole(*words, **environment):
     )
 
 
-def test_quiet_says_nothing_and_writes_all_the_same(tmp_path, capsys):
+def test_quiet_writes_files_without_messages(tmp_path, capsys):
     main(
         [
             "evaluate",
@@ -128,14 +128,14 @@ def picture(folder):
     return [str(folder / "ball.png"), "--ball", "31.5,31.5,30,300", "--size", "32x16"]
 
 
-def test_quiet_leaves_standard_output_to_files(capsys):
+def test_quiet_json_on_standard_output(capsys):
     main(["sensors", "--quiet", "--json", "-"])
     out, err = capsys.readouterr()
     assert len(json.loads(out)) == len(om.bundled_sensors())
     assert not err
 
 
-def test_verbose_ends_with_what_it_took(capsys):
+def test_verbose_prints_run_time(capsys):
     main(["sensors", "--verbose"])
     said = capsys.readouterr().err.strip()
     assert re.fullmatch(
@@ -143,13 +143,13 @@ def test_verbose_ends_with_what_it_took(capsys):
     )
 
 
-def test_what_stands_after_two_dashes_is_nobodys_option(capsys):
+def test_words_after_double_dash_are_arguments(capsys):
     with pytest.raises(SystemExit, match=r"^1$"):
         main(["evaluate", "--", "--quiet"])
     assert "--quiet" in capsys.readouterr().err
 
 
-def test_a_shell_completes_sensors_and_commands():
+def test_shell_completion():
     found = whole(
         _OMNIMIRROR_COMPLETE="bash_complete",
         COMP_WORDS="omnimirror evaluate paper-s",

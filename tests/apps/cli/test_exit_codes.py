@@ -55,7 +55,7 @@ def place(tmp_path):
     ],
     ids=" ".join,
 )
-def test_a_command_that_is_not_used_as_it_can_be(place, words):
+def test_usage_errors_exit_with_2(place, words):
     run = omnimirror(*words, cwd=place)
     assert run.returncode == 2, run.stderr
     assert run.stderr.startswith("omnimirror: ")
@@ -71,28 +71,22 @@ def test_a_command_that_is_not_used_as_it_can_be(place, words):
         ("evaluate", "missing.toml"),
         ("evaluate", "broken.toml"),
         ("design", "broken.toml"),
-        ("judge", "missing.toml", "paper-spherical"),
+        ("check", "missing.toml", "paper-spherical"),
         ("simulate", "paper-spherical", "--scene", "missing.hdr", "-o", "p.png"),
-        ("simulate", "dataset", "--again", "broken.toml", "-o", "set"),
+        ("simulate", "dataset", "--reproduce", "broken.toml", "-o", "set"),
         ("parts", "paper-spherical", "missing.csv"),
         ("evaluate", "paper-spherical", "--omega-deg", "170"),  # outside the field of this sensor
     ],
     ids=" ".join,
 )
-def test_what_is_not_there_or_not_seen(place, words):
+def test_missing_or_invalid_files_exit_with_1(place, words):
     run = omnimirror(*words, cwd=place)
     assert run.returncode == 1, run.stderr
     assert run.stderr.startswith("omnimirror: ")
     assert run.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "from omnimirror.apps.cli import main; main('dewarp a.png --ball 31.5,31.5,30,300 -o b.png'.split())",
-        "import omnimirror as om; om.read_image('a.png')",
-    ],
-)
+@pytest.mark.parametrize("statement", ["from omnimirror.apps.cli import main; main('dewarp a.png --ball 31.5,31.5,30,300 -o b.png'.split())", "import omnimirror as om; om.read_image('a.png')"])
 def test_missing_opencv_raises_with_remedy(statement, place):
     """The folder cv2 is missing, as after removal of one of two OpenCV packages."""
     code = f"import sys; sys.modules['cv2'] = None; {statement}"
@@ -101,4 +95,4 @@ def test_missing_opencv_raises_with_remedy(statement, place):
     last = run.stderr.strip().splitlines()[-1]
     assert "cannot import OpenCV" in last
     assert last.endswith("pip install --force-reinstall --no-deps opencv-python-headless")
-    assert "should not have happened" not in run.stderr
+    assert "internal error" not in run.stderr

@@ -31,12 +31,12 @@ COMMANDS = dict(commands())
 
 
 @pytest.mark.parametrize("words", COMMANDS)
-def test_every_command_has_a_page_and_an_example_of_its_own(words):
+def test_commands_have_page_and_example(words):
     command = COMMANDS[words]
     assert isinstance(command, DocumentedCommand)
     assert (DOCS / f"{command.page}.md").exists()
     page = (DOCS / f"{command.page}.md").read_text(encoding="utf-8")
-    assert f"omnimirror {words}" in page or f"omnimirror {words.replace(' picture', '')}" in page
+    assert f"omnimirror {words}" in page or f"omnimirror {words.replace(' image', '')}" in page
     shown = command.get_help(click.Context(command, info_name=words))
     assert f"More: docs/{command.page}.md" in shown
     assert command.examples
@@ -45,9 +45,9 @@ def test_every_command_has_a_page_and_an_example_of_its_own(words):
 
 
 @pytest.mark.parametrize("example", [e for c in COMMANDS.values() for e in c.examples])
-def test_examples_are_understood(example, tmp_path, monkeypatch):
+def test_examples_parse(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "pictures").mkdir()
+    (tmp_path / "images").mkdir()
     understand(example)
 
 
@@ -57,7 +57,7 @@ def understand(line: str) -> None:
     assert first == "omnimirror"
     if name in ("simulate", "bracket", "tolerance") and f"{name} {words[0]}" in COMMANDS:
         name = f"{name} {words.pop(0)}"
-    command = COMMANDS["simulate picture" if name == "simulate" else name]
+    command = COMMANDS["simulate image" if name == "simulate" else name]
     command.make_context("command", words)
 
 
@@ -71,12 +71,12 @@ hour."""
 
 
 @pytest.mark.parametrize("line", SHOWN.values(), ids=SHOWN)
-def test_commands_that_pages_only_show_are_understood(line, tmp_path, monkeypatch):
+def test_displayed_commands_parse(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     understand(re.split(r" [|>] ", line)[0])
 
 
-def test_options_stand_in_their_groups_and_each_once():
+def test_options_are_grouped_once():
     shown = COMMANDS["dewarp"].get_help(click.Context(COMMANDS["dewarp"], info_name="dewarp"))
     headings = [
         line for line in shown.splitlines() if line.endswith(":") and not line.startswith(" ")

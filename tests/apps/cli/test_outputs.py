@@ -25,7 +25,7 @@ def run(*args):
     )
 
 
-def test_a_table_on_standard_output_is_all_there_is(tmp_path):
+def test_table_on_standard_output(tmp_path):
     written = run("evaluate", "paper-spherical", *FEW, "--csv", tmp_path / "a.csv")
     piped = run("evaluate", "paper-spherical", *FEW, "--csv", "-")
     assert piped.stdout == (tmp_path / "a.csv").read_text()
@@ -40,7 +40,7 @@ def test_a_table_on_standard_output_is_all_there_is(tmp_path):
     ]
 
 
-def test_a_picture_on_standard_output_is_that_of_a_file(tmp_path):
+def test_image_on_standard_output_equals_file(tmp_path):
     source = tmp_path / "round.png"
     cv2.imwrite(str(source), np.random.default_rng(1).integers(0, 256, (64, 64, 3), np.uint8))
     words = ["dewarp", source, "--ball", "31.5,31.5,30,300", "--size", "32x16"]
@@ -57,7 +57,7 @@ def test_a_picture_on_standard_output_is_that_of_a_file(tmp_path):
             )
 
 
-def test_a_figure_on_standard_output():
+def test_figure_on_standard_output():
     assert run("spots", "paper-spherical", *FEW, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
     assert (
         b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "-", "--format", "svg").stdout_bytes
@@ -69,16 +69,16 @@ def test_a_figure_on_standard_output():
     [
         (
             ["evaluate", "paper-spherical", "--csv", "-", "--json", "-"],
-            "--csv and --json cannot both be written",
+            "--csv and --json must not both be written",
         ),
         (
             ["spots", "paper-spherical", "--format", "svg", "-o", "a.svg"],
-            "--format says what '-' writes",
+            "--format requires '-' as the output",
         ),
-        (["evaluate", "paper-spherical", "--csv", ""], "this one is empty"),
+        (["evaluate", "paper-spherical", "--csv", ""], "must not be empty"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, capsys):
+def test_invalid_standard_output_raises(args, sentence, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=r"^2$"):
         main(args)
@@ -86,7 +86,7 @@ def test_what_cannot_be_meant_is_refused(args, sentence, tmp_path, monkeypatch, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_reader_may_leave():
+def test_closed_pipe_is_no_error():
     command = [
         sys.executable,
         "-m",
@@ -104,7 +104,7 @@ def test_the_reader_may_leave():
             assert process.wait() == 0
 
 
-def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
+def test_output_options_support_standard_output():
     """Options that accept a file name accept ``-`` too, except for folders, sources and video
     paths."""
     from omnimirror.apps.cli._output import Output
@@ -133,28 +133,28 @@ def test_every_command_that_writes_tables_or_pictures_knows_standard_output():
     [
         (
             "rim a.png --figure ./a.png",
-            "--figure would be written over a.png, which is read; name another file",
+            "--figure must not overwrite the input a.png; specify another file",
         ),
         (
             "evaluate s.toml --omega-deg 0 --csv link.toml",
-            "--csv would be written over link.toml, which is read",
+            "--csv must not overwrite the input link.toml",
         ),
-        ("convert s.toml s.toml", "target would be written over s.toml, which is read"),
+        ("convert s.toml s.toml", "target must not overwrite the input s.toml"),
         (
             "evaluate s.toml --omega-deg 0 --csv x --json ./x",
-            "--csv and --json would both be written to x",
+            "--csv and --json must not both be written to x",
         ),
         (
             "evaluate s.toml --omega-deg 0 --csv x --json ./s.toml",
-            "--json would be written over s.toml, which is read",
+            "--json must not overwrite the input s.toml",
         ),
         (
             "evaluate s.toml --omega-deg 0 --csv /dev/null --json ./s.toml",
-            "--json would be written over s.toml",
+            "--json must not overwrite the input s.toml",
         ),
     ],
 )
-def test_nothing_is_written_over_what_is_read_or_over_another_output(
+def test_outputs_must_not_overwrite_inputs_or_outputs(
     words, sentence, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
@@ -168,22 +168,22 @@ def test_nothing_is_written_over_what_is_read_or_over_another_output(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_two_outputs_may_go_to_one_device():
+def test_two_outputs_to_one_device():
     run("evaluate", "paper-spherical", *FEW, "--csv", "/dev/null", "--json", "/dev/null")
 
 
-def test_words_stand_on_standard_error_and_tables_on_standard_output(capsys):
+def test_messages_on_standard_error_and_text_on_standard_output(capsys):
     """Control sequences in names are escaped, brackets are not interpreted as styles, and numbers
     have no colours."""
-    _output.notice("a [bold]b[/bold] \x1b[31m")
-    _output.remark("c \x1b]0;d")
-    _output.say("1 of 2 ", ("e.csv", "bold"))
+    _output.print_notice("a [bold]b[/bold] \x1b[31m")
+    _output.print_remark("c \x1b]0;d")
+    _output.print_line("1 of 2 ", ("e.csv", "bold"))
     told = capsys.readouterr()
     assert told.err == "omnimirror: a [bold]b[/bold] \\x1b[31m\nc \\x1b]0;d\n"
     assert told.out == "1 of 2 e.csv\n"
 
 
-def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
+def test_terminal_output_has_only_own_styles(monkeypatch):
     class Screen(io.StringIO):
         def isatty(self):
             return True
@@ -193,14 +193,14 @@ def test_a_terminal_gets_styles_of_ours_alone(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     for name in ("NO_COLOR", "FORCE_COLOR", "COLUMNS"):
         monkeypatch.delenv(name, raising=False)
-    _output.say("12.5 mm 'a' True ", ("e.csv", "bold"))
+    _output.print_line("12.5 mm 'a' True ", ("e.csv", "bold"))
     _output.output_console().print("12.5 mm 'a' True [red]b[/red] :cat:", soft_wrap=True)
     assert screen.getvalue() == (
         "12.5 mm 'a' True \x1b[1me.csv\x1b[0m\n12.5 mm 'a' True [red]b[/red] :cat:\n"
     )
 
 
-def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monkeypatch):
+def test_device_among_several_outputs(tmp_path, monkeypatch):
     @click.command()
     @_output.output_option("--a", multiple=True)
     @_output.output_option("--b")
@@ -209,14 +209,14 @@ def test_a_device_among_several_outputs_hides_none_of_the_others(tmp_path, monke
 
     monkeypatch.chdir(tmp_path)
     words = ["--a", "/dev/null", "--a", "f"]
-    _output.refuse_losses(command.make_context("x", [*words, "--b", "g"]))
-    with pytest.raises(click.UsageError, match="--a and --b would both be written to f"):
-        _output.refuse_losses(command.make_context("x", [*words, "--b", "./f"]))
+    _output.check_output_files(command.make_context("x", [*words, "--b", "g"]))
+    with pytest.raises(click.UsageError, match="--a and --b must not both be written to f"):
+        _output.check_output_files(command.make_context("x", [*words, "--b", "./f"]))
 
 
-def test_numbers_of_a_table_are_never_broken_and_words_are():
+def test_table_wraps_text_but_not_numbers():
     """The text column uses the rest of 28 characters after the first column and the numbers."""
-    table = _output.plain_table("name", "mm", "remark", words=("name", "remark"))
+    table = _output.plain_table("name", "mm", "remark", text_columns=("name", "remark"))
     table.add_row("first part", "1234.5678", "as long as it may be")
     console = Console(file=io.StringIO(), width=28)
     console.print(table)

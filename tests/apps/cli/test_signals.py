@@ -47,7 +47,7 @@ PATH = "time_s,x_mm,y_mm,z_mm\n0,0,0,0\n100,1000,0,0\n"
 VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 
 ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
-    "reproduce": (("reproduce", "--out", "out"), "out/*"),
+    "reproduce": (("reproduce", "-o", "out"), "out/*"),
     "tolerance": (
         ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"),
         "out/trials/*",
@@ -68,7 +68,7 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "simulate": (("simulate", "paper-spherical", "--spp", "4000", "-o", "a.png"), ""),
     "dataset": (("simulate", "dataset", "paper-spherical", "--views", "500", "-o", "set"), "set/*"),
-    "demo": (("demo", "--out", "out"), "out/*"),
+    "demo": (("demo", "-o", "out"), "out/*"),
     "dewarp a video": (
         ("dewarp", "long.mp4", *BALL, "--size", "1600x800", "-o", "view.mp4"),
         ".view*",
@@ -110,13 +110,13 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
         "2 processes",
     ),
     "design with parts": (
-        ("design", "parts.toml", "--processes", "2", "--most", "999"),
+        ("design", "parts.toml", "--processes", "2", "--max-designs", "999"),
         "3 processes",
     ),
-    "learning": (
+    "training": (
         (
             "simulate",
-            "learning",
+            "training",
             "paper-spherical",
             "--path",
             "path.csv",
@@ -133,7 +133,7 @@ or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "sensors": (("sensors",), "apps.cli.commands.sensors:load_sensor"),
     "init": (("init", "new.toml", "--force"), "apps.cli.commands.init:write_text"),
-    "judge": (("judge", "lens.toml", "paper-spherical"), "apps.cli.commands.judge:judge"),
+    "check": (("check", "lens.toml", "paper-spherical"), "apps.cli.commands.check:judge"),
     "mappings": (("mappings", "--figure", "a.png"), "analysis.figures:save_figure"),
     "rays": (
         ("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"),
@@ -166,8 +166,18 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         ("simulate", "roundtrip", "paper-spherical", "--spp", "1"),
         "apps.cli.commands.simulate:load_sensor",
     ),
-    "bracket take": (
-        ("bracket", "take", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"),
+    "bracket render": (
+        (
+            "bracket",
+            "render",
+            "paper-spherical",
+            "--focus-mm",
+            "212,228",
+            "--spp",
+            "1",
+            "-o",
+            "out",
+        ),
         "apps.cli.commands.bracket:expose",
     ),
     "bracket merge": (
@@ -221,7 +231,7 @@ def repeated(*args, **more):
 setattr(owner, name, repeated)
 run()
 """
-KEEP = ("dewarp", "simulate", "dataset", "learning", "design")
+KEEP = ("dewarp", "simulate", "dataset", "training", "design")
 """Commands that first report completed work."""
 EVERYDAY = [
     ("reproduce", signal.SIGTERM),
@@ -243,7 +253,7 @@ EVERYDAY = [
     ("colmap", signal.SIGINT),
     ("rays", signal.SIGHUP),
     ("maps", signal.SIGTERM),
-    ("judge", signal.SIGHUP),
+    ("check", signal.SIGHUP),
 ]
 
 pytestmark = pytest.mark.skipif(
@@ -350,7 +360,7 @@ def ride(folder: Path, picture: np.ndarray) -> None:
     ("name", "number"),
     few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY),
 )
-def test_a_signal_ends_a_command_without_leftovers(name, number, place, request):
+def test_signal_ends_command_without_temporary_files(name, number, place, request):
     program = ["-m", "omnimirror"]
     words, file = (ENDLESS | REPEATED)[name]
     if ":" in file:
@@ -429,7 +439,7 @@ def in_an_import():
 @pytest.mark.parametrize(
     "wrapped", [lambda: type("Owner", (), {"attribute": Deaf()}), in_an_import]
 )
-def test_a_signal_that_another_error_wraps_ends_a_command(wrapped, monkeypatch, capsys):
+def test_wrapped_signal_ends_command(wrapped, monkeypatch, capsys):
     monkeypatch.setattr(sensors, "bundled_sensors", wrapped)
     with pytest.raises(SystemExit) as ended:
         main(["sensors"])
@@ -437,15 +447,15 @@ def test_a_signal_that_another_error_wraps_ends_a_command(wrapped, monkeypatch, 
     assert "omnimirror: stopped" in capsys.readouterr().err
 
 
-def test_signals_are_sent_to_every_command():
+def test_all_commands_are_interrupted():
     called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
-    called.append(("simulate", "picture"))  # to which "simulate SENSOR" expands
+    called.append(("simulate", "image"))  # to which "simulate SENSOR" expands
     assert [
         words for words in leaves(app) if not any(words == those[: len(words)] for those in called)
     ] == []
 
 
-def test_hang_ups_that_are_ignored_stay_so(tmp_path):
+def test_ignored_sighup_stays_ignored(tmp_path):
     """The command continues under nohup, and another signal ends it."""
     with subprocess.Popen(
         [sys.executable, "-m", "omnimirror", "studio", "--no-open"],
@@ -497,7 +507,7 @@ CALLS = {
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_main_leaves_the_process_as_it_was(name, tmp_path, monkeypatch):
+def test_main_restores_process_state(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     om.write_image(tmp_path / "a.png", np.full((64, 64, 3), 90, np.uint8))
@@ -513,7 +523,7 @@ def test_main_leaves_the_process_as_it_was(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatch, capsys):
+def test_main_restores_process_state_after_signal(number, monkeypatch, capsys):
     inherited = signal.signal(
         signal.SIGINT, signal.default_int_handler
     )  # ignored by background jobs
@@ -530,7 +540,7 @@ def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatc
         signal.signal(signal.SIGINT, inherited)
 
 
-def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
+def test_main_keeps_streams_of_caller(tmp_path):
     """Separate process with standard error at descriptor 2: C code of the caller can write to it
     again."""
     code = (
@@ -552,7 +562,7 @@ def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
 
 
 @pytest.mark.parametrize("where", ["cli.app.invoke", "cli.main"])
-def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
+def test_ctrl_c_during_exec_sets_exit_code(where, tmp_path):
     """Case of dataclass definitions: the interpreter would end with SIGINT even if the exception is
     handled."""
     (tmp_path / "interrupted.py").write_text(
@@ -574,7 +584,7 @@ def test_ctrl_c_while_text_is_executed_has_its_exit_code(where, tmp_path):
     assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGINT, "omnimirror: stopped")
 
 
-def test_a_signal_that_python_cannot_raise_is_sent_again(capsys):
+def test_unraisable_signal_is_resent(capsys):
     """An exception in a destructor is lost; the command ends regardless."""
     code = (
         "import signal, sys, time, omnimirror.apps.cli as cli\n"
@@ -591,7 +601,7 @@ def test_a_signal_that_python_cannot_raise_is_sent_again(capsys):
     assert run.stderr.strip() == "omnimirror: stopped"
 
 
-def test_a_signal_during_an_import_is_sent_again(tmp_path):
+def test_signal_during_import_is_resent(tmp_path):
     """Extension modules such as OpenEXR discard exceptions during their initialisation."""
     (tmp_path / "discarding.py").write_text(
         "import signal\ntry: signal.raise_signal(signal.SIGTERM)\nexcept KeyboardInterrupt: pass\n"

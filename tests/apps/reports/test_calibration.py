@@ -29,7 +29,7 @@ def found() -> om.Calibration:
     )
 
 
-def test_the_page_holds_everything_and_fetches_nothing(found):
+def test_page_is_complete_and_self_contained(found):
     page = calibration_html(found, "omnimirror calibrate a&b.png")
     assert not re.findall(r'(?:src|href)="(?!data:)', page)
     assert "$" not in re.sub(r"base64,[^\"]*", "", page)
@@ -45,7 +45,7 @@ def test_the_page_holds_everything_and_fetches_nothing(found):
 
 
 @pytest.mark.full
-def test_figures_are_drawn_and_written(found, tmp_path):
+def test_figures_are_written(found, tmp_path):
     paths = om.write_calibration_figures(found, tmp_path)
     assert [p.stem for p in paths] == list(calibration_figures(found))
     for path in paths:
@@ -53,7 +53,7 @@ def test_figures_are_drawn_and_written(found, tmp_path):
 
 
 @pytest.mark.full
-def test_the_error_of_directions_is_that_of_repeated_pictures(found):
+def test_direction_uncertainty_equals_scatter_of_repetitions(found):
     """Ten cameras from other noise samples scatter about the truth as predicted by the first,
     within a factor of two."""
     directions = np.array([[1.0, 0.2, -0.3], [-0.5, 0.9, 0.1], [0.1, -1.0, -0.8]])

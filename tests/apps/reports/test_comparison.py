@@ -13,7 +13,7 @@ from PIL import Image
 
 import omnimirror as om
 from omnimirror.analysis.figures import side_by_side
-from omnimirror.apps.reports.comparison import Pictures, comparison_sheet, take_pictures, write_comparison
+from omnimirror.apps.reports.comparison import RenderedImages, comparison_sheet, render_images, write_comparison
 from omnimirror.base.errors import InvalidParameter
 from tests.commands import omnimirror
 
@@ -31,7 +31,7 @@ def comparison():
     return om.compare([small(n) for n in ("paper-spherical", "folded-spherical", "paraboloid-telecentric")])
 
 
-def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
+def test_page_contains_table_curves_and_images(comparison, tmp_path):
     page = write_comparison(comparison, tmp_path / "c.html", ROOM).read_text(encoding="utf-8")
     assert page.count("data:image/jpeg") == 6
     assert page.count("data:image/svg+xml") == 1
@@ -49,19 +49,19 @@ def test_the_page_holds_table_curves_and_pictures(comparison, tmp_path):
 
 
 @pytest.mark.full
-def test_the_picture_is_one_sheet(comparison, tmp_path):
+def test_png_is_one_sheet(comparison, tmp_path):
     path = write_comparison(comparison, tmp_path / "c.png", ROOM)
     sheet = om.read_image(path)
     assert sheet.shape[1] == 1440
     assert sheet.shape[0] > 2 * 1440
 
 
-def test_a_sheet_keeps_the_colours_of_its_pictures(comparison):
+def test_sheet_keeps_image_colours(comparison):
     """Uniform images, on white, in their order; the room is not rendered."""
     colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255)], [(255, 255, 0), (0, 255, 255), (255, 0, 255)]
     circles = [np.full((64, 64, 3), colour, np.uint8) for colour in colours[0]]
     panoramas = [np.full((32, 144, 3), colour, np.uint8) for colour in colours[1]]
-    sheet = comparison_sheet(comparison, Pictures(circles, panoramas))
+    sheet = comparison_sheet(comparison, RenderedImages(circles, panoramas))
     assert sheet.dtype == np.uint8
     assert sheet.shape[1:] == (1440, 3)
     assert (sheet[0] == 255).all()
@@ -73,17 +73,17 @@ def test_a_sheet_keeps_the_colours_of_its_pictures(comparison):
     assert max(m[0] for m in middles[:3]) < min(m[0] for m in middles[3:])
 
 
-def test_other_files_than_pages_and_pictures_are_refused_at_once(comparison, tmp_path):
+def test_other_suffixes_raise_before_rendering(comparison, tmp_path):
     for name in ("c.gif", "c", "c.htm"):
-        with pytest.raises(InvalidParameter, match=rf"written as \.html or \.png, and {name} is neither"):
+        with pytest.raises(InvalidParameter, match=rf"suffix \.html or \.png; got {name}"):
             write_comparison(comparison, tmp_path / name, None)
     assert not list(tmp_path.iterdir())
 
 
-def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):
+def test_panoramas_have_common_elevations(comparison):
     """Panoramas agree in the common field, including that of the folded sensor; black outside the
     field of a sensor."""
-    one, folded, telecentric = (p.astype(int) for p in take_pictures(comparison, ROOM).panoramas)
+    one, folded, telecentric = (p.astype(int) for p in render_images(comparison, ROOM).panoramas)
     assert one.shape == folded.shape == telecentric.shape
     rows = slice(one.shape[0] // 4, one.shape[0] // 2)
     assert np.abs(one - folded)[rows].mean() < 3
@@ -91,7 +91,7 @@ def test_panoramas_show_the_same_elevations_the_right_way_round(comparison):
     assert not telecentric[: one.shape[0] // 8].any()
 
 
-def test_the_curves_are_those_of_the_evaluation(comparison):
+def test_curves_equal_evaluation(comparison):
     figure = side_by_side(comparison.sensors)
     lines = {line.get_gid(): line for ax in figure.axes for line in ax.get_lines() if line.get_gid()}
     for sensor in comparison.sensors:
@@ -102,7 +102,7 @@ def test_the_curves_are_those_of_the_evaluation(comparison):
     assert legend == comparison.names
 
 
-def test_from_the_command_line(tmp_path):
+def test_command_line(tmp_path):
     run = omnimirror("compare", "paper-spherical", "folded-spherical", "--csv", "c.csv", cwd=tmp_path)
     assert run.returncode == 0
     assert "Length from the lens" in run.stdout

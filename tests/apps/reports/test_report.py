@@ -34,13 +34,13 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo")
-    run = omnimirror("demo", "--out", folder / "new")
+    run = omnimirror("demo", "-o", folder / "new")
     assert run.returncode == 0, run.stderr
     assert str(folder / "new" / "report.html") in run.stdout
     return folder / "new"
 
 
-def test_the_page_fetches_nothing_and_holds_every_picture(demo):
+def test_page_is_self_contained(demo):
     page = Page()
     page.feed((demo / "report.html").read_text())
     assert page.fetched == []
@@ -50,7 +50,7 @@ def test_the_page_fetches_nothing_and_holds_every_picture(demo):
     assert len([p for p in page.pictures if p.startswith("data:image/svg+xml")]) >= 6
 
 
-def test_the_numbers_are_those_of_the_evaluation(demo):
+def test_numbers_equal_evaluation(demo):
     text = (demo / "report.html").read_text()
     r = om.evaluate(om.load_sensor("paper-spherical"))
     assert f"{r.floored_area_deg2.max():.3f} deg²" in text
@@ -61,7 +61,7 @@ def test_the_numbers_are_those_of_the_evaluation(demo):
     np.testing.assert_array_equal(csv["viewpoint_z_mm"], r.viewpoint_z_mm)
 
 
-def test_the_commands_of_the_page_make_its_pictures_again(demo, tmp_path):
+def test_printed_commands_reproduce_images(demo, tmp_path):
     block = re.search(r"<pre>(.*?)</pre>", (demo / "report.html").read_text(), re.S)[1]
     commands = [line for line in block.splitlines() if line.startswith("omnimirror dewarp")]
     assert len(commands) == 2
@@ -75,48 +75,30 @@ def test_the_commands_of_the_page_make_its_pictures_again(demo, tmp_path):
 
 @pytest.mark.full
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("paraboloid-telecentric", "paraboloid, rim 50 mm across"),
-        ("folded-spherical", "sphere, rim 87.81 mm across"),
-    ],
-)
-def test_other_sensors_in_few_pixels(name, told, tmp_path):
+@pytest.mark.parametrize(("name", "told"), [("paraboloid-telecentric", "paraboloid, rim diameter 50 mm"), ("folded-spherical", "sphere, rim diameter 87.81 mm")])
+def test_other_sensors(name, told, tmp_path):
     sensor = om.load_sensor(name)
-    pixels = replace(
-        sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um
-    )
+    pixels = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um)
     assert told in write_demo(replace(sensor, imager=pixels), tmp_path).read_text()
 
 
-def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path):
+def test_unwritable_folder_prints_one_line(tmp_path):
     (tmp_path / "taken").write_text("a file")
-    assert "cannot write" in fails("demo", "--out", tmp_path / "taken")
+    assert "cannot write" in fails("demo", "-o", tmp_path / "taken")
 
 
 @pytest.mark.full
-def test_what_is_hidden_is_said_and_how_far_a_report_is(tmp_path, monkeypatch):
+def test_obscuration_and_progress_are_reported(tmp_path, monkeypatch):
     from omnimirror.optics.housing import CameraBody, Housing
 
     monkeypatch.setattr(report, "FIGURES_SHOWN", report.FIGURES_SHOWN[3:])
     sensor = om.load_sensor("paper-spherical")
-    small = replace(
-        sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)
-    )
+    small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
     told = []
-    page = write_demo(
-        replace(small, housing=Housing(CameraBody(60.0))),
-        tmp_path,
-        blur=False,
-        progress=lambda *now: told.append(now),
-    )
+    page = write_demo(replace(small, housing=Housing(CameraBody(60.0))), tmp_path, blur=False, on_progress=lambda *now: told.append(now))
     shares = [share for _, share in told]
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert 0.8 < shares[-1] < 1
-    assert {what for what, _ in told} == {"Taking the picture", "Drawing the figures"}
-    assert (
-        "<dt>Hidden</dt><dd>camera 0 to 8.435 deg; total 0.71 % of the image</dd>"
-        in page.read_text()
-    )
+    assert {what for what, _ in told} == {"Rendering the image", "Drawing figures"}
+    assert "<dt>Obscured</dt><dd>camera 0 to 8.435 deg; total 0.71 % of the image</dd>" in page.read_text()

@@ -29,7 +29,7 @@ PLAN = om.TolerancePlan(
 )
 
 
-def test_a_surface_is_indicated_as_iso_10110_does():
+def test_iso_10110_indications():
     rows = {name: code for name, code, _ in indications(PLAN.tolerances)}
     assert rows["surface form"] == "3/- RMSt < 289 nm"  # of 0.3 and 0.4 um, uniform distribution
     assert rows["centring"] == "4/3' (0.025 mm)"
@@ -37,7 +37,7 @@ def test_a_surface_is_indicated_as_iso_10110_does():
 
 
 @pytest.mark.parametrize("wanted", [None, pytest.param(0.9, marks=pytest.mark.full)])
-def test_the_page_says_what_the_report_found(tmp_path, wanted):
+def test_page_contains_report(tmp_path, wanted):
     found = om.tolerance(SENSOR, PLAN, trials=500, target_yield=wanted)
     page = write_tolerances(found, tmp_path / "order.html").read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml") == 2
@@ -58,7 +58,7 @@ def test_the_page_says_what_the_report_found(tmp_path, wanted):
     )
 
 
-def test_the_command_writes_it_and_other_endings_are_refused(tmp_path, monkeypatch):
+def test_command_writes_page_and_other_suffixes_raise(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "t.toml").write_text('[[error]]\nname = "lens.k1"\ntolerance = 0.1\n')
     done = omnimirror(
@@ -67,6 +67,6 @@ def test_the_command_writes_it_and_other_endings_are_refused(tmp_path, monkeypat
     assert done.returncode == 0, done.stderr
     assert "Tolerances of paper-spherical" in (tmp_path / "order.html").read_text(encoding="utf-8")
     found = om.tolerance(SENSOR, PLAN, trials=10)
-    with pytest.raises(InvalidParameter, match=r"written as \.html, and order\.pdf ends otherwise"):
+    with pytest.raises(InvalidParameter, match=r"suffix \.html; got order\.pdf"):
         write_tolerances(found, "order.pdf")
     assert np.isfinite(found.statistics.mean("motion_px"))

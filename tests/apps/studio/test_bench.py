@@ -434,8 +434,8 @@ def test_a_sensor_is_designed_from_requirements(client):
 def test_how_far_a_report_is_can_be_asked_while_it_is_made(client, monkeypatch):
     reached, go_on = threading.Event(), threading.Event()
 
-    def slowly(sensor, folder, progress):
-        progress("Taking the picture", 0.25)
+    def slowly(sensor, folder, on_progress):
+        on_progress("Rendering the image", 0.25)
         reached.set()
         assert go_on.wait(60)
         (path := Path(folder) / "report.html").write_text("made")
@@ -451,6 +451,6 @@ def test_how_far_a_report_is_can_be_asked_while_it_is_made(client, monkeypatch):
         other = client.post("/api/bench/making", json={**asked, "kind": "drawing"}).json()
         go_on.set()
         assert made.result().text == "made"
-    assert told == {"sentence": "Taking the picture", "share": 0.25}
+    assert told == {"sentence": "Rendering the image", "share": 0.25}
     assert other is None
     assert client.post("/api/bench/making", json=asked).json() is None

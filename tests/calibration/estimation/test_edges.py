@@ -157,7 +157,7 @@ def test_edges_and_surveyed_points_on_the_command_line(tmp_path):
         ("wall.jpg", i, True) for i in range(1, 13)
     ]
     alone = fails("calibrate", "--lines", "edges.csv", "--image-size", "640x480", cwd=tmp_path)
-    assert "--lines alone refine a camera that is known: omnimirror lines" in alone
+    assert "to refine a known camera with --lines only, use omnimirror lines" in alone
 
 
 @pytest.mark.parametrize(

@@ -257,18 +257,18 @@ def test_the_command_finds_a_camera_from_files_alone(tmp_path):
         ],
     )
     assert run.exit_code == 0, run.output
-    assert "50 of 50 points in 1 of 1 picture" in run.output
+    assert "50 of 50 points in 1 of 1 image" in run.output
     assert om.load_camera(out).xi == pytest.approx(TRUTH.xi, abs=0.1)
-    assert "From points in 1 of 1 picture" in (tmp_path / "report.html").read_text()
+    assert "From points in 1 of 1 image" in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "there are no PICTURES of a board, and no --points or --directions"),
-        (["a.png"], "PICTURES show a board"),
-        (["--board", "11x7", "--square-mm", "30"], "--board belongs to PICTURES"),
-        (["a.png", "--board", "11x7"], "a board takes --board and --square-mm"),
+        ([], "IMAGES of a board, --points or --directions must be given"),
+        (["a.png"], "IMAGES require --board and --square-mm"),
+        (["--board", "11x7", "--square-mm", "30"], "--board requires IMAGES"),
+        (["a.png", "--board", "11x7"], "--board and --square-mm must be given together"),
     ],
 )
 def test_the_command_says_what_is_missing(arguments, says):

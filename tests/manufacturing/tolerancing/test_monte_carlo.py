@@ -360,7 +360,7 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
         # raised before the trials
         (
             ["paper-spherical", "t.toml", "--trials", "2000000000", "--report", "a.pdf"],
-            "a.pdf ends otherwise",
+            "suffix .html; got a.pdf",
         ),
         (
             [

@@ -85,4 +85,4 @@ def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
         built = om.load_sensor(tmp_path / "o" / f"sensor-{name}.toml")
         assert built.mirror_pose.tilt_x_deg != 0
         assert built.imager_pose.tilt_x_deg != 0
-        assert om.read_image(tmp_path / "o" / f"picture-{name}.png").shape == (128, 128, 3)
+        assert om.read_image(tmp_path / "o" / f"image-{name}.png").shape == (128, 128, 3)

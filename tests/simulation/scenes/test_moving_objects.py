@@ -86,7 +86,7 @@ def test_video_shows_moving_bodies(tmp_path):
     (tmp_path / "path.csv").write_text("time_s,x_mm\n0,0\n2,100\n")
     (tmp_path / "bodies.toml").write_text(BODIES.partition("[lamp]")[0].replace("pan_deg = 90", ""))
     asked = ("--path", tmp_path / "path.csv", "--bodies", tmp_path / "bodies.toml", "--spp", "1", "--no-blur", "--fps", "1")
-    for arguments in (("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"), ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"), ("simulate", "dataset", "--again", tmp_path / "set" / "dataset.json", "-o", tmp_path / "again")):
+    for arguments in (("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"), ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"), ("simulate", "dataset", "--reproduce", tmp_path / "set" / "dataset.json", "-o", tmp_path / "again")):
         run = omnimirror(*arguments)
         assert run.returncode == 0, run.stderr
     assert (tmp_path / "again" / "video.mp4").read_bytes() == (tmp_path / "set" / "video.mp4").read_bytes()

@@ -113,7 +113,7 @@ export function calibrateCommand(
     ...(ask.model === "auto" ? [] : ["--model", ask.model]),
     ...(ask.optics === "mirror" ? [] : ["--optics", ask.optics]),
     ...(ask.camera_looks === "up" ? [] : ["--camera-looks", ask.camera_looks]),
-    ...(ask.image_flipped ? ["--flipped"] : []),
+    ...(ask.image_flipped ? ["--image-flipped"] : []),
     ...(ask.centre_px ? ["--centre-px", ask.centre_px.join(",")] : []),
     ...(ask.rim_radius_px ? ["--rim-radius-px", String(ask.rim_radius_px)] : []),
     ...(ask.flat_board ? ["--flat-board"] : []),

@@ -15,13 +15,13 @@ import click
 
 from ... import __version__
 from ...base.errors import InvalidParameter, OmnimirrorError, explain_import_error, one_line
-from ._process_state import Terminated, be_quiet, forget_output, process_state, stopped_code
+from ._process_state import Terminated, discard_output, interrupted_exit_code, process_state, set_quiet
 
 COMMANDS = {
     "sensors": "List the bundled sensors.",
     "init": "Write a commented sensor file as a template.",
     "design": "Design a sensor from requirements; report margins and relaxations.",
-    "judge": "Check a sensor against requirements and report the margins.",
+    "check": "Check a sensor against requirements and report the margins.",
     "mappings": "List the mappings that a mirror can be designed for.",
     "evaluate": "Evaluate a sensor: mapping, viewpoints, virtual images, blur.",
     "export": "Export CAD files, lens files, tables and drawings of a sensor.",
@@ -70,20 +70,18 @@ class LazyGroup(click.Group):
         command: click.Command = import_module(f".commands.{cmd_name}", __name__).command
         return command
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             close = difflib.get_close_matches(args[0], COMMANDS, 1, 0.5)
-            hint = f"did you mean {close[0]}?" if close else f"valid are {', '.join(COMMANDS)}"
-            raise click.UsageError(f"there is no command {args[0]!r}; {hint}", ctx)
+            hint = f"did you mean {close[0]}?" if close else f"available: {', '.join(COMMANDS)}"
+            raise click.UsageError(f"unknown command {args[0]!r}; {hint}", ctx)
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
         except BrokenPipeError:  # without errno, for which click would exit with code 1
-            raise BrokenPipeError("the reader has gone") from None
+            raise BrokenPipeError("the reader closed the pipe") from None
         except Terminated as e:  # no ^C on the terminal line
             raise click.exceptions.Abort from e
 
@@ -94,17 +92,8 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="omnimirror")
-@click.option(
-    "--quiet",
-    is_flag=True,
-    expose_value=False,
-    callback=be_quiet,
-    is_eager=True,
-    help="Print warnings and errors only; valid for all commands, as the options below.",
-)
-@click.option(
-    "--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend."
-)
+@click.option("--quiet", is_flag=True, expose_value=False, callback=set_quiet, is_eager=True, help="Print warnings and errors only. This and the next two options apply to all commands.")
+@click.option("--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Print the traceback of errors.")
 def app() -> None:
     """Design, evaluate, simulate and calibrate omnidirectional sensors, and dewarp images."""
@@ -125,24 +114,24 @@ def main(args: list[str] | None = None) -> None:
     SystemExit
         The command failed, or a signal stopped it.
     """
-    began = time.perf_counter()
-    is_debugged, is_verbose, words = _everywhere(list(sys.argv[1:] if args is None else args))
+    start = time.perf_counter()
+    is_debugged, is_verbose, words = _split_global_options(list(sys.argv[1:] if args is None else args))
     is_server = bool(SERVERS & set(words))
     with process_state(is_quiet=not is_debugged and not is_server):
-        _run(words, is_debugged, is_verbose, began)
+        _run(words, is_debugged, is_verbose, start)
 
 
-def _run(words: list[str], is_debugged: bool, is_verbose: bool, began: float) -> None:
+def _run(words: list[str], is_debugged: bool, is_verbose: bool, start: float) -> None:
     try:
         app.main(args=words, prog_name="omnimirror", standalone_mode=False)
         sys.stdout.flush()
         if is_verbose:
-            click.echo(_spent(time.perf_counter() - began), err=True)
+            click.echo(_format_run_time(time.perf_counter() - start), err=True)
     except KeyboardInterrupt:  # before the command started, or after its end
-        _say("stopped")
-        sys.exit(stopped_code())
+        _print_error("stopped")
+        sys.exit(interrupted_exit_code())
     except BrokenPipeError:  # the reader (head, less) closed the pipe
-        forget_output()
+        discard_output()
         sys.exit(0)
     except Exception as e:
         if is_debugged:
@@ -150,28 +139,28 @@ def _run(words: list[str], is_debugged: bool, is_verbose: bool, began: float) ->
         if type(e).__name__ == "NoArgsIsHelpError":
             click.echo(str(e), err=True)
             sys.exit(2)
-        sentence, code = explained(e)
-        _say(one_line(sentence))
+        sentence, code = error_message(e)
+        _print_error(one_line(sentence))
         sys.exit(code)
 
 
-def _say(sentence: str) -> None:
+def _print_error(sentence: str) -> None:
     with suppress(OSError):  # SIGHUP: the terminal is closed
         click.echo(f"omnimirror: {sentence}", err=True)
 
 
-def _everywhere(words: list[str]) -> tuple[bool, bool, list[str]]:
+def _split_global_options(words: list[str]) -> tuple[bool, bool, list[str]]:
     """Split off global options: return ``--debug``, ``--verbose`` and the other words, ``--quiet``
     first.
     """
     end = words.index("--") if "--" in words else len(words)
-    ours, rest = words[:end], words[end:]
-    asked = [name in ours for name in ("--debug", "--verbose", "--quiet")]
-    kept = [word for word in ours if word not in ("--debug", "--verbose", "--quiet")]
-    return asked[0], asked[1], ["--quiet"] * asked[2] + kept + rest
+    options, rest = words[:end], words[end:]
+    is_given = [name in options for name in ("--debug", "--verbose", "--quiet")]
+    remaining = [word for word in options if word not in ("--debug", "--verbose", "--quiet")]
+    return is_given[0], is_given[1], ["--quiet"] * is_given[2] + remaining + rest
 
 
-def _spent(seconds: float) -> str:
+def _format_run_time(seconds: float) -> str:
     """Format the run time, the versions and the backend for a bug report."""
     import platform
 
@@ -197,12 +186,12 @@ def _is_interruption(error: BaseException) -> bool:
     return False
 
 
-def explained(error: Exception) -> tuple[str, int]:
+def error_message(error: Exception) -> tuple[str, int]:
     """Return the message and the exit code of an error: 2 for wrong usage, 1 for other known
     errors.
     """
     if isinstance(error, click.exceptions.Abort) or _is_interruption(error):
-        return "stopped", stopped_code()
+        return "stopped", interrupted_exit_code()
     match error:
         case click.UsageError():
             where = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
@@ -216,11 +205,11 @@ def explained(error: Exception) -> tuple[str, int]:
         case OSError():
             return f"{error.filename or 'the operating system'}: {error.strerror or error}", 1
         case MemoryError():
-            return "there is not enough memory for this", 1
+            return "not enough memory", 1
         case ImportError() if isinstance(explain_import_error(error), OmnimirrorError):
             return str(explain_import_error(error)), 1
         case UnicodeEncodeError() if re.search("[\udc80-\udcff]", error.object):
-            return f"the name {error.object!r} is not UTF-8, which is needed here", 1
+            return f"the name {error.object!r} must be UTF-8", 1
         case _:
             what = f"{type(error).__name__}: {error}".rstrip(": ")
-            return f"this should not have happened: {what}; --debug shows where", 70
+            return f"internal error: {what}; use --debug for the traceback", 70

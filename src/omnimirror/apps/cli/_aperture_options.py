@@ -70,6 +70,6 @@ def angles_of(sensor: Sensor, omega_deg: Array | None) -> Array:
         return omega_deg
     if not sensor.is_axial:
         raise click.UsageError(
-            f"mirror or cover of {sensor.name!r} is decentred or tilted; say which --omega-deg to look at"
+            f"mirror or cover of {sensor.name!r} is decentred or tilted; specify --omega-deg"
         )
     return field_angles(sensor, 15.0)

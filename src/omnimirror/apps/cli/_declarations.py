@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 
 import click
 
-from ._output import refuse_losses
+from ._output import check_output_files
 
-# -- Commands with grouped options, examples and a documentation page; outputs must not overwrite inputs
+# -- Commands --------------------------------------------------------------------------------------
 
 
 class GroupedOption(click.Option):
@@ -39,7 +39,7 @@ class DocumentedCommand(click.Command):
         self.page, self.examples = page, examples
 
     def invoke(self, ctx: click.Context) -> Any:
-        refuse_losses(ctx)
+        check_output_files(ctx)
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -64,7 +64,7 @@ class DocumentedCommand(click.Command):
         formatter.write(f"\nMore: docs/{self.page}.md\n")
 
 
-# -- Options declared once, as fields of a frozen dataclass that is passed on as one object --------
+# -- Groups of options -----------------------------------------------------------------------------
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -85,7 +85,7 @@ class Options:
         given = {name: v for name, v in self.given.items() if not (isinstance(v, tuple) and not v)}
         return [name for name, v in given.items() if defaults[name] is None or v != defaults[name]]
 
-    def picked(self, *names: str) -> dict[str, Any]:
+    def subset(self, *names: str) -> dict[str, Any]:
         """Return those of the named options that are given."""
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
@@ -97,7 +97,7 @@ def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
     return field(default=default, metadata={"flags": flags, "attributes": attributes})
 
 
-def takes(kind: type[Options], name: str) -> Callable[[Command], Command]:
+def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
     """Add the options of a dataclass to a click command, which receives them as one argument."""
 
     def decorate(function: Command) -> Command:
@@ -132,7 +132,9 @@ def heading(kind: type[Options]) -> str:
     return re.split("[,;.]", kind.__doc__ or kind.__name__, maxsplit=1)[0]
 
 
-def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str) -> None:
+def refuse_inapplicable(
+    given: Iterable[str], options_of: dict[str, tuple[str, ...]], chosen: str
+) -> None:
     """Raise UsageError for options of owners other than the chosen one, each owner named by its
     flag.
     """
@@ -140,12 +142,16 @@ def refuse_other(given: Iterable[str], options_of: dict[str, tuple[str, ...]], c
         owners = [owner for owner, names in options_of.items() if name in names]
         if owners and chosen not in owners:
             *others, last = owners
-            belongs = f"{', '.join(others)} and {last}" if others else last
+            required = f"{', '.join(others)} or {last}" if others else last
             raise click.UsageError(
-                f"{flag(name)} does not apply to {chosen}; it belongs to {belongs}"
+                f"{flag(name)} requires {required}; it does not apply to {chosen}"
             )
 
 
 def flag(name: str) -> str:
-    """Return the option name of a parameter."""
+    """Return the option of a parameter as it is written on the command line."""
+    context = click.get_current_context(silent=True)
+    for parameter in context.command.params if context else ():
+        if parameter.name == name and isinstance(parameter, click.Option):
+            return max(parameter.opts, key=len)
     return "--" + name.replace("_", "-")

@@ -11,7 +11,7 @@ from typing import Any, cast
 import click
 import numpy as np
 
-from ...base.arguments import parse_float
+from ...base.arguments import float_of, shown
 from ...design.catalogue import TYPICAL
 from ...design.designer import SearchOptions
 from ...design.freeform import SHAPE
@@ -27,7 +27,7 @@ from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
 from ...optics.toml_validation import SourceLocator
 from ._declarations import Options, option
-from ._option_types import NUMBER, WHOLE, angle_range, number_or_range
+from ._option_types import INTEGER, NUMBER, angle_range, number_or_range
 from ._output import FIGURES, Output
 
 SECTIONS: dict[str, tuple[str, ...]] = {
@@ -40,7 +40,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 }
 """Options for entries of the requirement file, by table."""
 
-OF_WAYS = {"mapping": ("apex", "plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height", "mapping_csv", "fit"), "family": ("conic", "fit"), "optimise": ("shape",)}
+MIRROR_OPTIONS = {"mapping": ("apex", "plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height", "mapping_csv", "fit"), "family": ("conic", "fit"), "optimise": ("shape",)}
 """Alternative specifications of the mirror with their options; an option for one removes the others
 of a file.
 """
@@ -51,15 +51,15 @@ PAPER: dict[str, dict[str, Any]] = {"field": {"omega_max_deg": 135.0}, "mirror":
 """Sensors of the paper: default requirements of an optimisation."""
 
 
-def whole_numbers(text: str) -> list[int]:
+def integers(text: str) -> list[int]:
     """Parse comma-separated integers above 0.
 
-    >>> whole_numbers("4,8,16")
+    >>> integers("4,8,16")
     [4, 8, 16]
     """
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isascii() and part.isdigit() and int(part) > 0 for part in parts):
-        raise click.BadParameter(f"{text!r} is not a list of whole numbers above 0, such as 4,8,16")
+        raise click.BadParameter(f"must be a list of integers above 0, such as 4,8,16; got {shown(text)}")
     return [int(part) for part in parts]
 
 
@@ -79,15 +79,15 @@ def distances(text: str) -> float | tuple[float, float]:
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not all(n > 0 for n in numbers):
-        raise click.BadParameter(f"{text!r} is not a distance in mm above 0, or NEAR:FAR, such as 500:inf")
+        raise click.BadParameter(f"must be a distance in mm above 0, or NEAR:FAR, such as 500:inf; got {shown(text)}")
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
-AskedLimit = tuple[str, float, dict[str, Any]]
+LimitEntry = tuple[str, float, dict[str, Any]]
 """Quantity, value, and other entries of the limit: part of the field, spatial frequency."""
 
 
-def limit(text: str) -> AskedLimit:
+def limit(text: str) -> LimitEntry:
     """Parse a limit: quantity, value, and optionally a part of the field,
     ``QUANTITY=NUMBER[@FROM:TO]``.
 
@@ -109,7 +109,7 @@ def limit(text: str) -> AskedLimit:
             entries["elevation_deg" if match[4] else "omega_deg"] = ends
         return match[1], parse_float(match[3]), entries
     except ValueError:
-        raise click.BadParameter(f"{text!r} is not a limit QUANTITY=NUMBER, QUANTITY=NUMBER@ANGLE or QUANTITY=NUMBER@FROM:TO, such as total_blur_px=4@20:120") from None
+        raise click.BadParameter(f"must be QUANTITY=NUMBER, QUANTITY=NUMBER@ANGLE or QUANTITY=NUMBER@FROM:TO, such as total_blur_px=4@20:120; got {shown(text)}") from None
 
 
 def focus_range(text: str) -> Range:
@@ -120,7 +120,8 @@ def focus_range(text: str) -> Range:
     """
     low, colon, high = text.partition(":")
     if colon and high.strip() == "inf":
-        return cast(float, number_or_range(low)), np.inf
+        return number_or_range(low), np.inf  # type: np.inf
+    return number_or_range(text)
     return number_or_range(text)
 
 
@@ -155,34 +156,34 @@ class RequirementOptions(Options):
     magnification: Range | None = option(type=number_or_range, metavar="MU|LOW:HIGH", help="Magnification of a telecentric lens.  [default: the rim fills the imager]")
     fills: str | None = option(type=click.Choice(["short-side", "long-side"]), help="Side of the imager that the rim may fill.")
     image_circle_mm: float | None = option(type=NUMBER, help="Diameter of the image circle of the lens.")
-    width_px: int | None = option(type=WHOLE, help="Width of the imager.  [default: 1024]")
-    height_px: int | None = option(type=WHOLE, help="Height of the imager.  [default: 1024]")
+    width_px: int | None = option(type=INTEGER, help="Width of the imager.  [default: 1024]")
+    height_px: int | None = option(type=INTEGER, help="Height of the imager.  [default: 1024]")
     pixel_pitch_um: float | None = option(type=NUMBER, help="Pixel pitch of the imager.  [default: 5.2]")
-    at_most: tuple[AskedLimit, ...] = option(type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False, help="Upper limit of a quantity, over a part of the field in degrees or the whole field (repeatable).")
-    at_least: tuple[AskedLimit, ...] = option(type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False, help="Lower limit of a quantity, as for --at-most (repeatable).")
+    at_most: tuple[LimitEntry, ...] = option(type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False, help="Upper limit of a quantity, over a part of the field in degrees or the whole field (repeatable).")
+    at_least: tuple[LimitEntry, ...] = option(type=limit, multiple=True, metavar="QUANTITY=NUMBER[@[FROM:]TO]", default=(), show_default=False, help="Lower limit of a quantity, as for --at-most (repeatable).")
     catalogue: tuple[Path, ...] = option("--parts", type=click.Path(path_type=Path), multiple=True, metavar="CATALOGUE", default=(), show_default=False, help="Catalogue of lenses and imagers to design with, or 'typical' (repeatable).")
-    most_price: float | None = option(type=NUMBER, help="Maximum price of the parts.")
-    most_mass_g: float | None = option(type=NUMBER, help="Maximum mass of the sensor.")
-    most_diameter_mm: float | None = option(type=NUMBER, help="Maximum diameter of the sensor.")
-    most_height_mm: float | None = option(type=NUMBER, help="Maximum height of the sensor.")
+    most_price: float | None = option("--max-price", type=NUMBER, help="Maximum price of the parts.")
+    most_mass_g: float | None = option("--max-mass-g", type=NUMBER, help="Maximum mass of the sensor.")
+    most_diameter_mm: float | None = option("--max-diameter-mm", type=NUMBER, help="Maximum diameter of the sensor.")
+    most_height_mm: float | None = option("--max-height-mm", type=NUMBER, help="Maximum height of the sensor.")
     name: str | None = option(help="Name of the sensor.")
 
     def requirements(self, file: Path | None) -> Requirements:
         """Return the requirements of a file, overridden by options, or of the options alone."""
         if file is not None and self.like is not None:
-            raise click.UsageError("give a requirement file or --like, not both")
+            raise click.UsageError("a requirement file and --like must not be given together")
         given = {k: list(v) if isinstance(v, tuple) else v for k, v in self.given.items()}
         given["catalogue"] = [str(path) if str(path) == TYPICAL else str(path.absolute()) for path in self.catalogue]
-        changes: dict[str, Any] = {section: found for section, names in SECTIONS.items() if (found := {k: v for k, v in given.items() if k in names and v != []})}
+        changes: dict[str, Any] = {section: entries for section, names in SECTIONS.items() if (entries := {k: v for k, v in given.items() if k in names and v != []})}
         title = {"name": self.name} if self.name else {}
         sides = (("at_most", self.at_most), ("at_least", self.at_least))
-        limits = [_limit_table(*asked, side=side) for side, all_asked in sides for asked in all_asked]
+        limits = [_limit_table(*entry, side=side) for side, entries in sides for entry in entries]
         if file is not None:
             if self.elevation_deg is not None:
                 changes["field"] |= {"omega_min_deg": None, "omega_max_deg": None}
-            return load_requirements(file, _with_ways_aside(changes) | title, limits)
+            return load_requirements(file, _without_other_mirrors(changes) | title, limits)
         if not changes and self.like is None:
-            raise click.UsageError("give a requirement file, or a field and a mirror by options")
+            raise click.UsageError("specify a requirement file, or a field and a mirror by options")
         data = self._tables(changes)
         return requirements_of(title | data | ({"limit": limits} if limits else {}), SourceLocator("", "the options"), Path())
 
@@ -202,19 +203,19 @@ class RequirementOptions(Options):
 
 
 @dataclass(frozen=True)
-class SearchedOptions(Options):
+class OptimisationOptions(Options):
     """Optimisation, of a freeform mirror or a Pareto front."""
 
-    terms: list[int] | None = option(type=whole_numbers, metavar="N[,N..]", help="Number of terms N of --shape; several values give a convergence table.")
-    starts: int = option(type=WHOLE, default=4, help="Number of starting mirrors.")
-    seed: int = option(type=WHOLE, default=0, help="Random seed.")
+    terms: list[int] | None = option(type=integers, metavar="N[,N...]", help="Number of terms N of --shape; several values give a convergence table.")
+    starts: int = option(type=INTEGER, default=4, help="Number of starting mirrors.")
+    seed: int = option(type=INTEGER, default=0, help="Random seed.")
     resume: Path | None = option(type=click.Path(path_type=Path), help="Save the state of the search to this file and resume from it: JSON; Parquet for a Pareto front.")
     paper_mode: bool = option(is_flag=True, default=False, show_default=False, help="Compute blur merits with Eq. 29 of the paper instead of the exact form.")
     image_radius_px: float | None = option(type=NUMBER, help="Image radius for the merits, 500 in the paper.")
-    population: int = option(type=WHOLE, default=120, help="Population of the Pareto front.")
-    generations: int = option(type=WHOLE, default=200, help="Generations of the Pareto front.")
+    population: int = option(type=INTEGER, default=120, help="Population of the Pareto front.")
+    generations: int = option(type=INTEGER, default=200, help="Generations of the Pareto front.")
     figure: Path | None = option(type=Output(FIGURES), help="Figure of the Pareto front with known mirrors.")
-    pick: int | None = option(type=WHOLE, help="Index of the design to select from the Pareto front.")
+    pick: int | None = option(type=INTEGER, help="Index of the design to select from the Pareto front.")
 
     @property
     def mode(self) -> BlurMode:
@@ -230,12 +231,12 @@ def _limit_table(quantity: str, number: float, entries: dict[str, Any], side: st
     return {"quantity": quantity, side: number, **entries}
 
 
-def _with_ways_aside(changes: dict[str, Any]) -> dict[str, Any]:
+def _without_other_mirrors(changes: dict[str, Any]) -> dict[str, Any]:
     """Return the changes with None for alternative mirror specifications of a file."""
     mirror = changes.get("mirror", {})
     chosen = [way for way in WAYS if way in mirror]
     if not chosen:
         return changes
-    kept = {n for way in chosen for n in OF_WAYS[way]}
-    aside = {n for way in WAYS if way not in chosen for n in (way, *OF_WAYS[way])} - kept
+    applicable = {n for method in chosen for n in MIRROR_OPTIONS[method]}
+    aside = {n for way in WAYS if way not in chosen for n in (way, *MIRROR_OPTIONS[way])} - applicable
     return changes | {"mirror": dict.fromkeys(sorted(aside)) | mirror}

@@ -12,24 +12,22 @@ from numpy.typing import NDArray
 
 from ...base.arguments import format_value, parse_float
 
-MOST_VALUES = 1_000_000
+MAX_VALUES = 1_000_000
 
 
-def _as_written(value: Any) -> Any:
+def _plain_number(value: Any) -> Any:
     """Parse a number in plain notation; Python underscores and digits of other scripts are
     rejected.
     """
     if isinstance(value, str) and (not value.isascii() or "_" in value):
-        raise click.BadParameter(f"{format_value(value)} is not a number")
+        raise click.BadParameter(f"must be a number; got {format_value(value)}")
     return value
 
 
 class SensorName(click.types.StringParamType):
     """Sensor file or name of a bundled sensor, with shell completion."""
 
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from ...optics.sensor_files import bundled_sensors
 
         named = [CompletionItem(name) for name in bundled_sensors() if name.startswith(incomplete)]
@@ -43,24 +41,24 @@ class Number(click.types.FloatParamType):
     """Number."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return super().convert(_as_written(value), param, ctx)
+        return super().convert(_plain_number(value), param, ctx)
 
 
-class Whole(click.types.IntParamType):
+class Integer(click.types.IntParamType):
     """Integer."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return super().convert(_as_written(value), param, ctx)
+        return super().convert(_plain_number(value), param, ctx)
 
 
-class WholeRange(click.IntRange):
+class IntegerRange(click.IntRange):
     """Integer between two bounds."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return super().convert(_as_written(value), param, ctx)
+        return super().convert(_plain_number(value), param, ctx)
 
 
-NUMBER, WHOLE = Number(), Whole()
+NUMBER, INTEGER = Number(), Integer()
 
 
 def values(text: str) -> NDArray[np.float64]:
@@ -72,27 +70,19 @@ def values(text: str) -> NDArray[np.float64]:
     try:
         parts = [parse_float(p) for p in text.split(":" if ":" in text else ",")]
     except ValueError:
-        raise click.BadParameter(
-            f"{format_value(text)} is not a range START:STOP:STEP or a list of numbers"
-        ) from None
+        raise click.BadParameter(f"must be a range START:STOP:STEP or a list of numbers; got {shown(text)}") from None
     if not np.isfinite(parts).all():
-        raise click.BadParameter(f"{format_value(text)} holds a number that is not finite")
+        raise click.BadParameter(f"must be finite numbers; got {format_value(text)}")
     if ":" not in text:
         return np.array(parts)
     if len(parts) != 3:
-        raise click.BadParameter(
-            f"{format_value(text)} has {len(parts)} parts; a range is START:STOP:STEP, such as 0:135:5"
-        )
+        raise click.BadParameter(f"must be START:STOP:STEP, such as 0:135:5; got {shown(text)}")
     start, stop, step = parts
     if step <= 0 or stop < start:
-        raise click.BadParameter(
-            f"{format_value(text)} is an empty range; START must not be above STOP, nor STEP 0 or less"
-        )
+        raise click.BadParameter(f"START must be at most STOP, and STEP above 0; got {shown(text)}")
     count = int(np.floor((stop - start) / step + 1e-9)) + 1
-    if count > MOST_VALUES:
-        raise click.BadParameter(
-            f"{format_value(text)} stands for {count} numbers; at most {MOST_VALUES} are valid"
-        )
+    if count > MAX_VALUES:
+        raise click.BadParameter(f"must be at most {MAX_VALUES} numbers; {shown(text)} contains {count}")
     return start + step * np.arange(count, dtype=np.float64)
 
 
@@ -127,34 +117,32 @@ def angle_range(text: str) -> tuple[float, float]:
 
 def ball(text: str) -> tuple[float, float, float, float]:
     """Parse the circle of a mirror ball (px) and its full field (deg), ``CX,CY,R,FOV``."""
-    u, v, radius, field = _numbers(text, 4, ",", "CX,CY,R,FOV, the ball's centre, radius and field")
+    u, v, radius, field = _numbers(text, 4, ",", "CX,CY,R,FOV: centre, radius and field of the ball")
     return u, v, radius, field
 
 
-def picture_size(text: str) -> tuple[int | None, int | None]:
+def image_size(text: str) -> tuple[int | None, int | None]:
     """Parse ``WxH`` in integer pixels; a missing side is chosen later.
 
-    >>> picture_size("1440x360"), picture_size("x360")
+    >>> image_size("1440x360"), image_size("x360")
     ((1440, 360), (None, 360))
     """
     match = re.fullmatch(r"([0-9]{0,6})x([0-9]{0,6})", text.strip().lower())
     if not match:
-        raise click.BadParameter(
-            f"{format_value(text)} is not a size in pixels, such as 1440x360, 1440x or x360"
-        )
+        raise click.BadParameter(f"must be a size in pixels, such as 1440x360, 1440x or x360; got {shown(text)}")
     width, height = (int(side) if side else None for side in match.groups())
     return width, height
 
 
-def whole_size(text: str) -> tuple[int, int]:
+def full_image_size(text: str) -> tuple[int, int]:
     """Parse width and height of an image, both required.
 
-    >>> whole_size("1024x768")
+    >>> full_image_size("1024x768")
     (1024, 768)
     """
-    width, height = picture_size(text)
+    width, height = image_size(text)
     if width is None or height is None:
-        raise click.BadParameter(f"{text!r} leaves a side out; give both, such as 1024x768")
+        raise click.BadParameter(f"must contain width and height, such as 1024x768; got {shown(text)}")
     return width, height
 
 
@@ -174,7 +162,7 @@ def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"{format_value(text)} is not {what}")
+        raise click.BadParameter(f"must be {what}; got {shown(text)}")
     return numbers
 
 
@@ -189,7 +177,7 @@ def number_or_range(text: str) -> float | tuple[float, float]:
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"{format_value(text)} is not a number or a range LOW:HIGH")
+        raise click.BadParameter(f"must be a number or a range LOW:HIGH; got {shown(text)}")
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
@@ -204,9 +192,7 @@ def distance(text: str) -> float:
     except ValueError:
         number = float("nan")
     if not number > 0:
-        raise click.BadParameter(
-            f"{format_value(text)} is not a distance in mm; it is valid above 0, and 'inf'"
-        )
+        raise click.BadParameter(f"must be a distance in mm above 0, or 'inf'; got {shown(text)}")
     return number
 
 
@@ -229,10 +215,10 @@ def height_range(text: str) -> tuple[float, float]:
     return low, high
 
 
-def lean(text: str) -> tuple[float, float]:
+def pitch_roll(text: str) -> tuple[float, float]:
     """Parse pitch and roll in degrees, ``PITCH,ROLL``.
 
-    >>> lean("24,-1.5")
+    >>> pitch_roll("24,-1.5")
     (24.0, -1.5)
     """
     pitch, roll = _numbers(text, 2, ",", "PITCH,ROLL in degrees")
@@ -257,7 +243,7 @@ def factor(text: str) -> float:
     """
     (number,) = _numbers(text, 1, ",", "a factor above 0")
     if number <= 0:
-        raise click.BadParameter(f"{format_value(text)} is not a factor above 0")
+        raise click.BadParameter(f"must be a factor above 0; got {shown(text)}")
     return number
 
 
@@ -269,7 +255,7 @@ def viewpoint(text: str) -> float | str:
     """
     if text in ("exact", "single"):
         return text
-    return _numbers(text, 1, ",", "'exact', 'single' or a height over the mirror vertex in mm")[0]
+    return _numbers(text, 1, ",", "'exact', 'single' or a height above the mirror vertex in mm")[0]
 
 
 def focus(text: str) -> float | str:
@@ -279,6 +265,4 @@ def focus(text: str) -> float | str:
     try:
         return parse_float(text)
     except ValueError:
-        raise click.BadParameter(
-            f"{format_value(text)} is not a distance in mm, nor 'auto'"
-        ) from None
+        raise click.BadParameter(f"must be a distance in mm, or 'auto'; got {shown(text)}") from None

@@ -32,9 +32,9 @@ from ...io.progress import FrameProgress
 from ._process_state import is_quiet
 
 FIGURES = ("png", "svg", "pdf")
-PICTURES = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
+IMAGE_FORMATS = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
 F = TypeVar("F", bound=Callable[..., Any])
-_TAKEN, _FORMAT = "omnimirror.standard-output", "omnimirror.format"
+_RESERVED, _FORMAT = "omnimirror.standard-output", "omnimirror.format"
 
 
 class Output(click.Path):
@@ -53,7 +53,7 @@ class Output(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = super().convert(value, param, ctx)
         if not str(value):
-            self.fail("a file name is needed, and this one is empty", param, ctx)
+            self.fail("the file name must not be empty", param, ctx)
         if ctx is None or not (str(path) == "-" or str(path) == "/dev/stdout"):
             return path
         option = max(param.opts, key=len) if param else "an output"
@@ -72,18 +72,18 @@ def take_standard_output(
         Standard output is already reserved, or it is a terminal and the output an image.
     """
     meta = (ctx or click.get_current_context()).meta
-    if meta.setdefault(_TAKEN, option) != option:
+    if meta.setdefault(_RESERVED, option) != option:
         raise click.UsageError(
-            f"{meta[_TAKEN]} and {option} cannot both be written to standard output"
+            f"{meta[_RESERVED]} and {option} must not both be written to standard output"
         )
     if kind and kind != "csv" and sys.stdout.isatty():
         raise click.UsageError(
-            "a picture is not shown on a terminal; send it to a file or another program"
+            "an image cannot be written to a terminal; redirect it to a file or another program"
         )
     return path.with_suffix(f".{kind}") if kind else path
 
 
-def refuse_losses(ctx: click.Context) -> None:
+def check_output_files(ctx: click.Context) -> None:
     """Raise an error for two outputs in one file, or for an output that overwrites an input.
 
     Raises
@@ -108,14 +108,14 @@ def refuse_losses(ctx: click.Context) -> None:
                 continue
             if written.setdefault(path.absolute(), name) != name:
                 raise click.UsageError(
-                    f"{written[path.absolute()]} and {name} would both be written to {path}"
+                    f"{written[path.absolute()]} and {name} must not both be written to {path}"
                 )
     for path, name in written.items():
         if os.path.isfile(path) and any(
             os.path.isfile(other) and is_same_file(path, other) for other in read
         ):
             raise click.UsageError(
-                f"{name} would be written over {path.name}, which is read; name another file"
+                f"{name} must not overwrite the input {path.name}; specify another file"
             )
 
 
@@ -154,9 +154,9 @@ def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
         @wraps(function)
         def checked(*args: Any, **kwargs: Any) -> Any:
             meta = click.get_current_context().meta
-            if _FORMAT in meta and _TAKEN not in meta:
+            if _FORMAT in meta and _RESERVED not in meta:
                 raise click.UsageError(
-                    "--format says what '-' writes; files are written as their suffix says"
+                    "--format requires '-' as the output; the suffix of a file specifies its format"
                 )
             return function(*args, **kwargs)
 
@@ -172,10 +172,10 @@ def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
     return decorate
 
 
-def takes_standard_output() -> bool:
+def is_standard_output_used() -> bool:
     """Return whether a file is written to standard output and text must go elsewhere."""
     context = click.get_current_context(silent=True)
-    return context is not None and _TAKEN in context.meta
+    return context is not None and _RESERVED in context.meta
 
 
 class Terminal(Console):
@@ -195,15 +195,15 @@ def output_console() -> Console:
     Text is printed without markup, including names with brackets or colons; styles are
     :class:`rich.text.Text`.
     """
-    stream = sys.stderr if takes_standard_output() else sys.stdout
+    stream = sys.stderr if is_standard_output_used() else sys.stdout
     width = None if stream.isatty() else 200
     return Terminal(
         file=stream, width=width, markup=False, emoji=False, highlight=False, quiet=is_quiet()
     )
 
 
-def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
-    """Print a line without wrapping, parts of it styled: ``say("Wrote ", ("a.csv", "bold"))``."""
+def print_line(*parts: str | tuple[str, str], console: Console | None = None) -> None:
+    """Print a line without wrapping, parts of it styled: ``print_line("Wrote ", ("a.csv", "bold"))``."""
     plain = [
         terminal_text(part) if isinstance(part, str) else (terminal_text(part[0]), part[1])
         for part in parts
@@ -211,38 +211,38 @@ def say(*parts: str | tuple[str, str], console: Console | None = None) -> None:
     (console or output_console()).print(Text.assemble(*plain), soft_wrap=True)
 
 
-def remark(text: str) -> None:
+def print_remark(text: str) -> None:
     """Print a remark on standard error, unless ``--quiet`` is given."""
     if not is_quiet():
         click.echo(terminal_text(text), err=True)
 
 
-def say_written(*paths: Path | None, console: Console | None = None) -> None:
+def print_written(*paths: Path | None, console: Console | None = None) -> None:
     """Print the names of written files, except streams and outputs that were not requested."""
     for path in paths:
         if path and not is_standard_output(path):
-            say("Wrote ", (str(path), "bold"), console=console)
+            print_line("Wrote ", (str(path), "bold"), console=console)
 
 
-def head(name: str, unit: str | None = None) -> str:
+def column_head(name: str, unit: str | None = None) -> str:
     """Return the head of a column: title above unit.
 
-    >>> head("omega_deg"), head("filled", "%")
+    >>> column_head("omega_deg"), column_head("filled", "%")
     ('Ω\\ndeg', 'aperture filled\\n%')
     """
     q = QUANTITIES[name]
     return f"{q.heading}\n{q.unit if unit is None else unit}"
 
 
-def plain_table(*heads: str, words: Collection[str] = (), tight: bool = False) -> Table:
+def plain_table(*heads: str, text_columns: Collection[str] = (), tight: bool = False) -> Table:
     """Return a table without lines: right-aligned numbers, left-aligned text, no wrapped numbers or
     first column.
     """
     table = Table(box=None, pad_edge=False, header_style="bold", collapse_padding=tight)
     for i, heading in enumerate(heads):
-        is_words = heading in words
+        is_text = heading in text_columns
         table.add_column(
-            heading, justify="left" if is_words else "right", no_wrap=i == 0 or not is_words
+            heading, justify="left" if is_text else "right", no_wrap=i == 0 or not is_text
         )
     return table
 
@@ -256,11 +256,11 @@ def print_rows(
     The output is that of a plain :class:`rich.table.Table` with right-aligned columns, for any
     number of rows.
     """
-    told, cells = [list(heading) for heading in headings], list(columns)
+    lines, cells = [list(heading) for heading in headings], list(columns)
     widths = [
-        max(map(len, (*heading, *column))) for heading, column in zip(told, cells, strict=True)
+        max(map(len, (*heading, *column))) for heading, column in zip(lines, cells, strict=True)
     ]
-    for line in zip(*told, strict=True):
+    for line in zip(*lines, strict=True):
         row = " ".join(word.rjust(width) for word, width in zip(line, widths, strict=True))
         console.print(Text(row, style="bold"), soft_wrap=True)
     if console.quiet:
@@ -273,17 +273,17 @@ def print_rows(
     stream.flush()
 
 
-def notice(sentence: object) -> None:
+def print_notice(sentence: object) -> None:
     """Print a status message on standard error, even with ``--quiet``."""
     click.echo(f"omnimirror: {terminal_text(str(sentence))}", err=True)
 
 
 @contextmanager
-def frame_bar() -> Iterator[Callable[[FrameProgress], None]]:
+def frame_rate_bar() -> Iterator[Callable[[FrameProgress], None]]:
     """Show a progress bar of frames and frame rate on terminals, and yield its update function."""
     console = Console(stderr=True, quiet=is_quiet())
     bar = Progress(
-        TextColumn("Straightening"),
+        TextColumn("Dewarping"),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]:.0f} frames/s"),

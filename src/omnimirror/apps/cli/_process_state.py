@@ -21,15 +21,15 @@ import click
 
 from ...base.errors import OmnimirrorWarning
 
-# -- Standard streams of a command, robust against closed streams, ASCII encodings and output of libraries
+# -- Standard streams ------------------------------------------------------------------------------
 
 _QUIET = "omnimirror.quiet"
-SPELLED = {
+ASCII_REPLACEMENTS = {
     "–": "-",
     "—": "-",
     "−": "-",
     "×": "x",
-    "…": "..",
+    "…": "...",
     "·": ".",
     "°": " deg",
     "²": "2",
@@ -45,7 +45,7 @@ class Closed(io.TextIOBase):
     encoding = "utf-8"
 
     def write(self, text: str) -> int:
-        raise OSError(errno.EBADF, "it is closed", "standard output")
+        raise OSError(errno.EBADF, "closed", "standard output")
 
 
 @contextmanager
@@ -69,7 +69,7 @@ def prepared(is_quiet: bool) -> Iterator[None]:
         sys.stdout = Closed()
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
-    codecs.register_error("omnimirror", _spelled)
+    codecs.register_error("omnimirror", _ascii_replacement)
     if is_quiet and not sys.warnoptions:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", OmnimirrorWarning)
@@ -81,7 +81,7 @@ def prepared(is_quiet: bool) -> Iterator[None]:
                 restored.callback(stream.reconfigure, errors=stream.errors)
                 stream.reconfigure(errors="omnimirror")
         if is_quiet:
-            sys.stderr = restored.enter_context(_ours_alone(sys.stderr))
+            sys.stderr = restored.enter_context(_without_library_output(sys.stderr))
         try:
             yield
         finally:
@@ -94,7 +94,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 @contextmanager
-def _ours_alone(stream: TextIO) -> Iterator[TextIO]:
+def _without_library_output(stream: TextIO) -> Iterator[TextIO]:
     """Move standard error to a descriptor of its own and discard library output on descriptor 2."""
     try:
         is_standard = stream.fileno() == 2
@@ -114,39 +114,39 @@ def _ours_alone(stream: TextIO) -> Iterator[TextIO]:
 @contextmanager
 def _discarded(number: int) -> Iterator[None]:
     """Discard output to a descriptor within the block."""
-    kept, nothing = os.dup(number), os.open(os.devnull, os.O_WRONLY)
+    saved, null = os.dup(number), os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nothing, number)
+        os.dup2(null, number)
         yield
     finally:
-        os.dup2(kept, number)
-        os.close(kept)
-        os.close(nothing)
+        os.dup2(saved, number)
+        os.close(saved)
+        os.close(null)
 
 
-def _spelled(error: UnicodeError) -> tuple[str, int]:
+def _ascii_replacement(error: UnicodeError) -> tuple[str, int]:
     """Return an ASCII replacement for characters that a stream cannot encode."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(map(_plain, error.object[error.start : error.end])), error.end
+    return "".join(map(_ascii_character, error.object[error.start : error.end])), error.end
 
 
-def _plain(character: str) -> str:
-    if character in SPELLED:
-        return SPELLED[character]
+def _ascii_character(character: str) -> str:
+    if character in ASCII_REPLACEMENTS:
+        return ASCII_REPLACEMENTS[character]
     if "\udc80" <= character <= "\udcff":  # byte of a file name that is not UTF-8
         return f"\\x{ord(character) - 0xDC00:02x}"
     ascii = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
     return ascii or character.encode("ascii", "backslashreplace").decode()
 
 
-def forget_output() -> None:
+def discard_output() -> None:
     """Discard the buffered standard output after its reader has closed the pipe."""
     with suppress(OSError, ValueError, AttributeError), _discarded(sys.stdout.fileno()):
         sys.stdout.flush()
 
 
-def be_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+def set_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
     """Apply ``--quiet``: omit tables, text and progress bars; keep files, warnings and errors."""
     ctx.meta[_QUIET] = value
 
@@ -157,13 +157,15 @@ def is_quiet() -> bool:
     return context is not None and bool(context.meta.get(_QUIET))
 
 
-# -- Process state during a command: signal handlers, environment and streams, all restored at its end
+# -- Signals and environment -----------------------------------------------------------------------
 
-BY_SIGNAL = 128
+SIGNAL_EXIT_BASE = 128
 """Offset of exit codes after a signal (shell convention)."""
-ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+TERMINATION_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 """Signals handled like Ctrl-C, for which Python raises KeyboardInterrupt."""
-AGAIN_S = 0.05
+RESEND_DELAY_S = 0.05
 
 _number: int = signal.SIGINT
 
@@ -176,11 +178,11 @@ class Terminated(Interrupted):
     """Termination by a service manager or a closed terminal, handled like Ctrl-C."""
 
 
-def stopped_code() -> int:
+def interrupted_exit_code() -> int:
     """Return the exit code of an interrupted command: 130 after Ctrl-C, 143 after SIGTERM, 129
     after SIGHUP.
     """
-    return BY_SIGNAL + _number
+    return SIGNAL_EXIT_BASE + _number
 
 
 @contextmanager
@@ -212,12 +214,12 @@ def _signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *TERMINATION_SIGNALS)}
     hook = sys.unraisablehook
     again: list[threading.Timer] = []
 
     def send_again(number: int) -> None:
-        again.append(threading.Timer(AGAIN_S, os.kill, (os.getpid(), number)))
+        again.append(threading.Timer(RESEND_DELAY_S, os.kill, (os.getpid(), number)))
         again[-1].start()
 
     def unraisable(lost: Any) -> None:
@@ -231,7 +233,7 @@ def _signals() -> Iterator[None]:
     stop = _Stop(send_again)
     for number, handler in before.items():
         if handler is signal.default_int_handler or (
-            number in ENDING and handler is not signal.SIG_IGN
+            number in TERMINATION_SIGNALS and handler is not signal.SIG_IGN
         ):
             signal.signal(number, stop)
     sys.unraisablehook = unraisable

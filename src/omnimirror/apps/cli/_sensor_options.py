@@ -16,9 +16,9 @@ from ...optics.sensor_files import AnyCamera
 from ._declarations import Options, flag, option
 from ._option_types import NUMBER, distance, height
 
-# -- Housing options shared by several commands; they override entries of the sensor file ----------
+# -- Housing ---------------------------------------------------------------------------------------
 
-Stood = TypeVar("Stood", bound=AnyCamera)
+CameraType = TypeVar("CameraType", bound=AnyCamera)
 
 SUPPORTS = ("rod", "tube", "dome")
 SIZES = {
@@ -91,14 +91,13 @@ class HousingOptions(Options):
         help="Width of a dark edge around the rim of the mirror.  [default: as in the sensor file]",
     )
 
-    def on(self, camera: Stood) -> Stood:
+    def on(self, camera: CameraType) -> CameraType:
         """Return the sensor with the housing options; a calibrated camera has no housing."""
         if not self.given:
             return camera
         if not isinstance(camera, Sensor):
             raise click.UsageError(
-                f"{flag(next(iter(self.given)))} belongs to a sensor's housing; of a calibrated camera nothing is "
-                "known but where its pixels look"
+                f"{flag(next(iter(self.given)))} requires a sensor; a calibrated camera has no housing"
             )
         return replace(camera, housing=self.of(camera.housing))
 
@@ -117,9 +116,7 @@ class HousingOptions(Options):
             camera = replace(camera or CameraBody(1.0), diameter_mm=self.camera_diameter_mm)
         if self.camera_height_mm is not None:
             if camera is None:
-                raise click.UsageError(
-                    "--camera-height-mm is of a camera; give --camera-diameter-mm"
-                )
+                raise click.UsageError("--camera-height-mm requires --camera-diameter-mm")
             camera = replace(camera, height_mm=self.camera_height_mm)
         if self.rim_width_mm is not None:
             rim = replace(rim or Rim(), width_mm=self.rim_width_mm)
@@ -127,24 +124,24 @@ class HousingOptions(Options):
 
     def _sized(self, housing: Housing) -> Housing:
         """Return the rod, tube or dome of the housing with the given sizes."""
-        given = self.picked(*SIZES)
+        given = self.subset(*SIZES)
         if not given:
             return housing
-        there = {
+        parts = {
             "rod": housing.rod,
             **({housing.shell.KIND: housing.shell} if housing.shell else {}),
         }
-        kinds = [kind for kind, part in there.items() if part is not None]
+        kinds = [kind for kind, part in parts.items() if part is not None]
         for name in given:
             if not kinds:
-                raise click.UsageError(f"{flag(name)} is a size of a --support, and there is none")
+                raise click.UsageError(f"{flag(name)} requires a --support; the sensor has none")
             fitting = [kind for kind in kinds if kind in SIZES[name][1]]
             if not fitting:
-                held = [kind for kind in SIZES[name][1] if kind in SUPPORTS]
-                raise click.UsageError(f"{flag(name)} belongs to --support {' and '.join(held)}")
+                supports = [kind for kind in SIZES[name][1] if kind in SUPPORTS]
+                raise click.UsageError(f"{flag(name)} requires --support {' or '.join(supports)}")
             if len(fitting) > 1:
                 raise click.UsageError(
-                    f"the sensor has a {' and a '.join(fitting)}; say which of them by --support"
+                    f"the sensor has a {' and a '.join(fitting)}; select one with --support"
                 )
             field = "rod" if fitting[0] == "rod" else "shell"
             housing = replace(
@@ -167,7 +164,7 @@ def _supported(housing: Housing, kind: str) -> Housing:
     return replace(housing, rod=rod, shell=shell)
 
 
-# -- Options for a real lens in place of that of the sensor ----------------------------------------
+# -- Lens ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -18,27 +18,27 @@ from ...dewarp.request import BorderColour, without_tilt
 from ...dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
 from ...dewarp.views import PartialSize
-from ._declarations import Options, flag, option, refuse_other
-from ._option_types import WholeRange, angle, angle_range, distance, factor, height, height_range, offset, picture_size, viewpoint
+from ._declarations import Options, flag, option, refuse_inapplicable
+from ._option_types import IntegerRange, angle, angle_range, distance, factor, height, height_range, image_size, offset, viewpoint
 
 if TYPE_CHECKING:
     from ...optics.sensor_files import AnyCamera
 
 
-# -- Options that specify a view -------------------------------------------------------------------
+# -- View ------------------------------------------------------------------------------------------
 
-PLACE = ("distance_mm", "offset_mm")
-OPTIONS_OF_VIEW: dict[str, tuple[str, ...]] = {
-    "panorama": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "rows", "wall_mm", "zoom", *PLACE),
-    "perspective": ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "zoom", *PLACE),
-    "dome": ("pan_deg", "omega_deg", "pole", "zoom", *PLACE),
-    "sphere": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "zoom", *PLACE),
+PLACE_OPTIONS = ("distance_mm", "offset_mm")
+VIEW_OPTIONS: dict[str, tuple[str, ...]] = {
+    "panorama": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "rows", "wall_mm", "zoom", *PLACE_OPTIONS),
+    "perspective": ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "zoom", *PLACE_OPTIONS),
+    "dome": ("pan_deg", "omega_deg", "pole", "zoom", *PLACE_OPTIONS),
+    "sphere": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "zoom", *PLACE_OPTIONS),
     "ground": ("pan_deg", "height_mm", "mm_per_px", "zoom", "offset_mm"),
-    "planet": ("pan_deg", "hfov_deg", "pole", "zoom", *PLACE),
-    "cube": ("pan_deg", "layout", *PLACE),
-    "mosaic": ("pan_deg", "tilt_deg", "hfov_deg", "elevation_deg", *PLACE),
+    "planet": ("pan_deg", "hfov_deg", "pole", "zoom", *PLACE_OPTIONS),
+    "cube": ("pan_deg", "layout", *PLACE_OPTIONS),
+    "mosaic": ("pan_deg", "tilt_deg", "hfov_deg", "elevation_deg", *PLACE_OPTIONS),
 }
-OPTIONS_OF_PRESET = ("pan_deg", "tilt_deg", "zoom", *PLACE)
+PRESET_OPTIONS = ("pan_deg", "tilt_deg", "zoom", *PLACE_OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class ViewOptions(Options):
     pole: Pole | None = option(type=click.Choice(["nadir", "zenith"]), help="Centre of a dome or planet view.  [default: the nearer pole]")
     layout: Layout | None = option(type=click.Choice(list(LAYOUTS)), help="Layout of the faces of a cube.  [default: cross]")
     zoom: float | None = option(type=factor, metavar="FACTOR", help="Magnification about the view centre.  [default: 1]")
-    past_resolution: bool | None = option(is_flag=True, help="Allow --zoom beyond the resolution of the camera.")
-    size: PartialSize | None = option(type=picture_size, metavar="WxH", help="Output size; 1440x, x360, or by default chosen from the resolution of the image.")
+    allow_upsampling: bool | None = option(is_flag=True, help="Allow --zoom beyond the resolution of the camera.")
+    size: PartialSize | None = option(type=image_size, metavar="WxH", help="Output size; 1440x, x360, or by default chosen from the resolution of the image.")
 
     @property
     def is_near(self) -> bool:
@@ -77,61 +77,61 @@ class ViewOptions(Options):
         other.
         """
         if self.view and self.preset:
-            raise click.UsageError("--preset is a view of its own; leave out --view")
+            raise click.UsageError("--preset and --view must not be given together")
         name = self.view or "panorama"
         chosen = f"--view {name}"
-        owners = {f"--view {known}": names for known, names in OPTIONS_OF_VIEW.items()} | {chosen: options_of(name)}
+        owners = {f"--view {known}": names for known, names in VIEW_OPTIONS.items()} | {chosen: options_of(name)}
         if self.preset:
             chosen = "--preset"
-            owners[chosen] = OPTIONS_OF_PRESET
-        refuse_other(self.given, owners, chosen)
+            owners[chosen] = PRESET_OPTIONS
+        refuse_inapplicable(self.given, owners, chosen)
         if self.elevation_deg and self.omega_deg:
-            raise click.UsageError("--elevation-deg and --omega-deg say the same thing twice; give one of them")
+            raise click.UsageError("--elevation-deg and --omega-deg must not be given together")
         if self.wall_mm:
             self._check_wall()
         if chosen == "--view ground" and self.height_mm is None:
-            raise click.UsageError("--view ground needs --height-mm, the height of the mirror over the ground")
-        if self.past_resolution and self.zoom is None:
-            raise click.UsageError("--past-resolution says how far --zoom may go; give a --zoom")
+            raise click.UsageError("--view ground requires --height-mm, the height of the mirror above the ground")
+        if self.allow_upsampling and self.zoom is None:
+            raise click.UsageError("--allow-upsampling requires --zoom")
         if self.viewpoint is not None and chosen != "--view ground" and not self.is_near:
-            raise click.UsageError("--viewpoint makes no difference to a distant screen; give it a --distance-mm")
+            raise click.UsageError("--viewpoint requires --distance-mm; it has no effect on a distant screen")
 
     def _check_wall(self) -> None:
-        if other := self.picked("elevation_deg", "omega_deg", "rows"):
-            raise click.UsageError(f"--wall-mm says what {flag(next(iter(other)))} says too; give one of them")
+        if other := self.subset("elevation_deg", "omega_deg", "rows"):
+            raise click.UsageError(f"--wall-mm and {flag(next(iter(other)))} must not be given together")
         if not self.is_near:
-            raise click.UsageError("--wall-mm needs --distance-mm, the distance of the wall")
+            raise click.UsageError("--wall-mm requires --distance-mm, the distance of the wall")
 
     def of(self, camera: Camera) -> Shape:
         """Return the view of a camera; a limited zoom is reported on stderr."""
         view: Shape
         if self.preset:
-            view = views.preset(self.preset, **self.picked("size", "pan_deg", "tilt_deg", *PLACE))
+            view = views.preset(self.preset, **self.subset("size", "pan_deg", "tilt_deg", *PLACE_OPTIONS))
         else:
             name = self.view or "panorama"
-            options = self.picked("size", *(option for option in options_of(name) if option != "zoom"))
-            view = _made(name, camera, options)
-        return view if self.zoom is None else _zoomed(camera, view, self.zoom, bool(self.past_resolution))
+            options = self.subset("size", *(option for option in options_of(name) if option != "zoom"))
+            view = _create_view(name, camera, options)
+        return view if self.zoom is None else _zoom(camera, view, self.zoom, bool(self.allow_upsampling))
 
 
 def options_of(view: str) -> tuple[str, ...]:
     """Return the options of a view; for a view of another package, those among its keyword
     arguments.
     """
-    if view in OPTIONS_OF_VIEW:
-        return OPTIONS_OF_VIEW[view]
+    if view in VIEW_OPTIONS:
+        return VIEW_OPTIONS[view]
     known = {f.name for f in fields(ViewOptions)} - {"view", "preset", "zoom"}
     return (*(name for name in signature(views.VIEWS[view]).parameters if name in known), "zoom")
 
 
-def _made(name: str, camera: Camera, options: dict[str, Any]) -> Any:
+def _create_view(name: str, camera: Camera, options: dict[str, Any]) -> Any:
     """Return the named view, with command-line options converted to its arguments."""
     if name in ("panorama", "sphere"):
         _elevations_of_omega(camera, options)
     if "wall_mm" in options:
         low, high = options.pop("wall_mm")
         if not low < high:
-            raise click.UsageError(f"heights from {low:g} to {high:g} mm make no wall; the smaller one comes first")
+            raise click.UsageError(f"--wall-mm must be LOW:HIGH with LOW below HIGH; got {low:g}:{high:g}")
         elevations = np.degrees(np.arctan2([low, high], options["distance_mm"]))
         options |= {"rows": "height", "elevation_deg": tuple(map(float, elevations))}
     return views.VIEWS[name](camera, **options)
@@ -145,22 +145,22 @@ def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
         return
     up = without_tilt(cast("AnyCamera", camera)).axis[2]
     if abs(up) < 0.5:
-        raise click.UsageError("--omega-deg makes no panorama for a camera that looks forward; use --elevation-deg")
+        raise click.UsageError("--omega-deg requires a camera that looks up or down for a panorama; use --elevation-deg")
     low, high = sorted(up * (90 - omega) for omega in options.pop("omega_deg"))
     options["elevation_deg"] = (low, high)
 
 
-def _zoomed(camera: Camera, view: Shape, zoom: float, past_resolution: bool) -> Shape:
-    most = views.max_zoom(camera, view)
-    if zoom > most:
+def _zoom(camera: Camera, view: Shape, zoom: float, allow_upsampling: bool) -> Shape:
+    maximum = views.max_zoom(camera, view)
+    if zoom > maximum:
         magnification = zoom / views.resolution(camera, view)
-        limited = "" if past_resolution else f"; it is limited to {most:.3g}, and --past-resolution lifts the limit"
-        click.echo(f"omnimirror: zoom {zoom:g} goes past what the sensor resolves ({magnification:.1f} output pixels per source pixel){limited}", err=True)
-        zoom = zoom if past_resolution else most
+        limited = "" if allow_upsampling else f"; limited to {maximum:.3g}; use --allow-upsampling to remove the limit"
+        click.echo(f"omnimirror: zoom {zoom:g} exceeds the resolution of the sensor ({magnification:.1f} output pixels per source pixel){limited}", err=True)
+        zoom = zoom if allow_upsampling else maximum
     return view.zoomed(zoom)
 
 
-# -- Resampling options: interpolation, colour outside the field, and threads ----------------------
+# -- Resampling ------------------------------------------------------------------------------------
 
 
 def border(text: str) -> BorderColour:
@@ -181,4 +181,4 @@ class SamplingOptions(Options):
 
     interpolation: Interpolation = option(type=click.Choice(list(INTERPOLATIONS)), default="auto", help="Interpolation; auto: cubic, with averaging for minification; area: averaging everywhere.")
     border: BorderColour | None = option(type=border, metavar="GREY|R,G,B|#rrggbb", help="Colour outside the field, in values of the image or as #rrggbb.  [default: see --transparent]")
-    threads: int | None = option(type=WholeRange(1, MAX_THREADS), metavar="N", help="Number of dewarping threads.  [default: one per processor core]")
+    threads: int | None = option(type=IntegerRange(1, MAX_THREADS), metavar="N", help="Number of dewarping threads.  [default: one per processor core]")

@@ -23,7 +23,7 @@ from ...optics.tracing.obscuration import obscuration_summary
 from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
 
-# -- Common templates of the report pages ----------------------------------------------------------
+# -- Page templates --------------------------------------------------------------------------------
 
 TEMPLATES = Path(__file__).parent
 
@@ -44,18 +44,18 @@ def _template(name: str) -> Template:
     return Template((TEMPLATES / f"{name}.html").read_text(encoding="utf-8"))
 
 
-# -- Report of a sensor as one self-contained page with images, figures and numbers ----------------
+# -- Sensor report ---------------------------------------------------------------------------------
 
 VIEW = screens.Plane((960, 600))
-Told = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 """Progress callback with the current step and the completed fraction of the total work."""
-BY_PICTURE = 0.6  # fraction of the work spent on rendering
+RENDERING_FRACTION = 0.6  # fraction of the work spent on rendering
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
 
 
 @validate_arguments
-def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: bool = True, progress: Told | None = None) -> Path:
+def write_demo(sensor: Sensor, folder: str | Path = "omnimirror-demo", *, blur: bool = True, on_progress: ProgressCallback | None = None) -> Path:
     """Evaluate a sensor, render its image of the bundled room, dewarp it to two views, and write a
     report.
 
@@ -65,12 +65,12 @@ def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: boo
     ----------
     sensor
         Sensor, for example from :func:`omnimirror.load_sensor`.
-    out
+    folder
         Folder of all files.
     blur
         Whether to render through the whole lens aperture; applies to single-mirror sensors, images
         of two-mirror sensors are always sharp.
-    progress
+    on_progress
         Called with the current step and the completed fraction (0 to 1) of the total work.
 
     Returns
@@ -95,51 +95,51 @@ def write_demo(sensor: Sensor, out: str | Path = "omnimirror-demo", *, blur: boo
     ...     sorted(path.name for path in report.parent.iterdir())
     ['circle.png', 'evaluation.csv', 'panorama.png', 'report.html', 'view.png']
     """
-    folder = Path(out)
+    folder = Path(folder)
     result = evaluate(sensor)
     result.to_csv(folder / "evaluation.csv")  # first, to fail early if the folder is not writable
-    tell = progress or (lambda what, share: None)
-    tell("Taking the picture", 0.0)
-    circle = render_image(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur and sensor.secondary is None, on_progress=lambda done, rows: tell("Taking the picture", BY_PICTURE * done / rows))
-    pictures = {"circle": circle, "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle), "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle)}
-    for name, picture in pictures.items():
-        write_image(folder / f"{name}.png", picture)
-    write_text(folder / "report.html", report_html(result, folder, tell))
+    report = on_progress or (lambda step, fraction: None)
+    report("Rendering the image", 0.0)
+    circle = render_image(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur and sensor.secondary is None, on_progress=lambda done, rows: report("Rendering the image", RENDERING_FRACTION * done / rows))
+    images = {"circle": circle, "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle), "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle)}
+    for name, image in images.items():
+        write_image(folder / f"{name}.png", image)
+    write_text(folder / "report.html", report_html(result, folder, report))
     return folder / "report.html"
 
 
-def report_html(result: Evaluation, folder: Path, tell: Told) -> str:
+def report_html(result: Evaluation, folder: Path, report: ProgressCallback) -> str:
     """Return the self-contained page with the images of ``folder``."""
     sensor = result.sensor
     lead = (sensor.notes.strip().splitlines() or [""])[0]
-    return page_html(sensor.name, "sensor", heading=html_text(sensor.name), lead=html_text(lead), numbers=_numbers(result), pictures=_pictures(folder), figures=_figures(sensor, tell), table=_table(result), commands=html_text(_commands(sensor.name)))
+    return page_html(sensor.name, "sensor", heading=html_text(sensor.name), lead=html_text(lead), numbers=_numbers(result), images=_images(folder), figures=_figures(sensor, report), table=_table(result), commands=html_text(_commands(sensor.name)))
 
 
 def _numbers(result: Evaluation) -> str:
     sensor, best = result.sensor, best_focus(result.sensor)
     near, far = result.depth_of_field_mm
     low, high = sensor.field_deg
-    seen = (np.cos(np.radians(low)) - np.cos(np.radians(high))) / 2
+    solid_angle = (np.cos(np.radians(low)) - np.cos(np.radians(high))) / 2
     resolution, rate = QUANTITIES["dh_domega_px_per_deg"], result.dh_domega_px_per_deg
     area = QUANTITIES["worst_floored_area_deg2"]
     entries = {
-        "Mirror": f"{sensor.mirror.KIND}, rim {2 * sensor.mirror.rim_radius_mm:g} mm across",
-        "Field": f"{low:.3g} to {high:.4g}°, {100 * seen:.0f} % of the sphere",
-        "Image circle": f"{2 * sensor.rim_radius_px:.0f} px across",
+        "Mirror": f"{sensor.mirror.KIND}, rim diameter {2 * sensor.mirror.rim_radius_mm:g} mm",
+        "Field": f"{low:.3g} to {high:.4g}°, {100 * solid_angle:.0f} % of the sphere",
+        "Image circle": f"diameter {2 * sensor.rim_radius_px:.0f} px",
         resolution.title: f"{rate.min():.2f} to {rate.max():.2f} {resolution.unit}",
-        "Focus": f"{result.focus_mm:.1f} mm (best for the floored blur area: {best.focus_mm:.1f})",
+        "Focus": f"{result.focus_mm:.1f} mm (minimum floored blur area: {best.focus_mm:.1f} mm)",
         "Depth of field": f"{near:.1f} to {far:.1f} mm",
         area.title: f"{area.text(result.floored_area_deg2.max())} {area.unit}",
-        "Viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm apart",
-        "Hidden": obscuration_summary(sensor.obscurations, sensor.obscured_percent),
+        "Range of viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm",
+        "Obscured": obscuration_summary(sensor.obscurations, sensor.obscured_percent),
     }
     return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
 
 
-def _pictures(folder: Path) -> str:
-    panorama = _picture(folder / "panorama.png", "The field as a panorama: 360° around, and all the mirror sees up and down.")
-    circle = _picture(folder / "circle.png", "The picture on the imager, of a room with signs on its walls: text runs backwards.")
-    view = _picture(folder / "view.png", "A perspective view straight ahead, 90° wide.")
+def _images(folder: Path) -> str:
+    panorama = _picture(folder / "panorama.png", "Panorama of the whole field: 360° by the elevation range of the mirror.")
+    circle = _picture(folder / "circle.png", "Image on the imager, of a room with signs on its walls; text is mirrored.")
+    view = _picture(folder / "view.png", "Perspective view of the forward direction, 90° wide.")
     return f'{panorama}<div class="pair">{circle}{view}</div>'
 
 
@@ -147,12 +147,12 @@ def _picture(path: Path, caption: str) -> str:
     return figure_html(path.read_bytes(), "png", caption)
 
 
-def _figures(sensor: Sensor, tell: Told) -> str:
+def _figures(sensor: Sensor, report: ProgressCallback) -> str:
     """Return the figures: wide ones in a column, then the narrow ones in a row."""
     wide: list[str] = []
     upright: list[str] = []
     for i, name in enumerate(FIGURES_SHOWN):
-        tell("Drawing the figures", BY_PICTURE + (1 - BY_PICTURE) * i / len(FIGURES_SHOWN))
+        report("Drawing figures", RENDERING_FRACTION + (1 - RENDERING_FRACTION) * i / len(FIGURES_SHOWN))
         figure = draw(name, [sensor])
         place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
         place.append(figure_html(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))
@@ -170,4 +170,4 @@ def _commands(name: str) -> str:
     sensor = shell_word(name)
     dewarp = f"omnimirror dewarp circle.png --sensor {sensor} --interpolation cubic --black"
     width, height = VIEW.size
-    return "\n".join([f"omnimirror demo {sensor} --out .", f"omnimirror evaluate {sensor} --csv evaluation.csv", f"{dewarp} --view panorama -o panorama.png", f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png"])
+    return "\n".join([f"omnimirror demo {sensor} -o .", f"omnimirror evaluate {sensor} --csv evaluation.csv", f"{dewarp} --view panorama -o panorama.png", f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png"])

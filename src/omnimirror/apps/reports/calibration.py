@@ -21,11 +21,11 @@ from . import figure_html, page_html
 
 GRID = (48, 36)  # grid of the direction uncertainty
 CAPTIONS = {
-    "coverage": "Boards and their corners, with the rings in which corners are counted. The darker, the less well is it known in which direction a pixel looks.",
-    "residuals": "From each corner to where the camera sees it. Arrows that agree with their neighbours are what the model cannot follow.",
-    "residuals-by-radius": "The same along and across the radius; means with their standard errors.",
-    "residuals-by-picture": "RMS of each picture in the fit, and in a fit that was made without it.",
-    "residual-histograms": "Residuals in both directions of the picture, and normal noise of the same size.",
+    "coverage": "Boards and their corners, with the rings in which corners are counted. Darker areas have a higher uncertainty of direction.",
+    "residuals": "Residual of each corner, from the detected to the projected position. Correlated neighbouring arrows indicate a systematic error of the model.",
+    "residuals-by-radius": "Residuals along and across the image radius; means with their standard errors.",
+    "residuals-by-image": "RMS of each image in the fit, and in a fit without this image.",
+    "residual-histograms": "Residuals in both image directions, and a normal distribution with the same standard deviation.",
 }
 
 
@@ -104,8 +104,8 @@ def write_calibration_figures(calibration: Calibration, folder: str | Path, kind
 def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
     """Return the figures of a calibration by name."""
     fit = calibration.adjustment
-    seen = fit.seen
-    pixels, residuals = fit.question.stack.pixels[seen], fit.residuals[seen]
+    visible = fit.seen
+    pixels, residuals = fit.question.stack.pixels[visible], fit.residuals[visible]
     offset = pixels - calibration.coverage.centre_px
     radius = np.hypot(*offset.T)
     outward = offset / np.maximum(radius, 1e-9)[:, None]
@@ -118,7 +118,7 @@ def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
             "coverage": coverage_map([s.pixels for s in fit.sightings], size, calibration.coverage.centre_px, calibration.coverage.radii_px, direction_sigmas(calibration)),
             "residuals": residual_vectors(pixels, residuals, size),
             "residuals-by-radius": residuals_by_radius(radius, radial, across),
-            "residuals-by-picture": residuals_by_image(names, *_by_picture(calibration)),
+            "residuals-by-image": residuals_by_image(names, *_by_image(calibration)),
             "residual-histograms": residual_histograms(residuals, fit.noise_px),
         }
 
@@ -135,12 +135,12 @@ def direction_sigmas(calibration: Calibration) -> Array:
     return sigmas.reshape(GRID[1], GRID[0])
 
 
-def _by_picture(calibration: Calibration) -> tuple[Array, Array]:
+def _by_image(calibration: Calibration) -> tuple[Array, Array]:
     """Return the RMS residual (px) of each image, fitted and held out."""
     fit = calibration.adjustment
-    held = calibration.held_out.residuals if calibration.held_out else np.full_like(fit.residuals, np.nan)
+    held_out = calibration.held_out.residuals if calibration.held_out else np.full_like(fit.residuals, np.nan)
     return tuple(  # type: ignore[return-value]
-        np.array([np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.question.stack.slices]) for e in (fit.residuals, held)
+        np.array([np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.question.stack.slices]) for e in (fit.residuals, held_out)
     )
 
 
@@ -161,7 +161,7 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
         candidates=_candidates(calibration),
         parameters=_parameters(calibration),
         free="".join(f"<p>Not determined: {html_text(str(c))}</p>" for c in calibration.free),
-        pictures=_pictures(calibration),
+        images=_images(calibration),
         outliers=_outliers(calibration),
         command=html_text(command or "omnimirror calibrate"),
     )
@@ -170,25 +170,25 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
 def _lead(calibration: Calibration) -> str:
     board = f" of a board with {calibration.board}" if calibration.board is not None else ""
     used = sum(p.used for p in calibration.pictures)
-    return f"From {calibration.seen} in {used} of {len(calibration.pictures)} pictures{board}."
+    return f"From {calibration.seen} in {used} of {len(calibration.pictures)} images{board}."
 
 
 def _numbers(calibration: Calibration) -> str:
     fit = calibration.adjustment
     entries = {
         "RMS": f"{calibration.rms_px:.3f} px",
-        "RMS of pictures left out": f"{calibration.held_out_rms_px:.3f} px" if calibration.held_out else "-",
-        "Noise of a coordinate": f"{fit.noise_px:.3f} px",
-        calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} left out",
-        "Pictures": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
-        "Took": f"{calibration.seconds:.1f} s",
+        "RMS of held-out images": f"{calibration.held_out_rms_px:.3f} px" if calibration.held_out else "-",
+        "Corner noise per coordinate": f"{fit.noise_px:.3f} px",
+        calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} rejected",
+        "Images": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
+        "Computation time": f"{calibration.seconds:.1f} s",
     }
     return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
 
 
 def _candidates(calibration: Calibration) -> str:
     rows = [(c.kind, str(c.parameters), f"{c.rms_px:.3f}", _number(c.held_out_rms_px), c.why) for c in sorted(calibration.candidates, key=lambda c: c.rms_px)]
-    return _table(("model", "parameters", "RMS px", "left out px", ""), rows)
+    return _table(("model", "parameters", "RMS px", "held out px", ""), rows)
 
 
 def _parameters(calibration: Calibration) -> str:
@@ -196,16 +196,16 @@ def _parameters(calibration: Calibration) -> str:
     return _table(("", "value", "sigma", "unit"), rows)
 
 
-def _pictures(calibration: Calibration) -> str:
+def _images(calibration: Calibration) -> str:
     rows = [(p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}", "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm), "used" if p.used else p.reason or "") for p in calibration.pictures]
-    return _table(("picture", "corners", "RMS px", "camera at mm", ""), rows)
+    return _table(("image", "corners", "RMS px", "camera position, mm", ""), rows)
 
 
 def _outliers(calibration: Calibration) -> str:
     if not calibration.outliers:
         return "<p>None.</p>"
     rows = [(o.picture, str(o.corner), f"{o.residual_px:.2f}") for o in calibration.outliers]
-    return f'<div class="scroll">{_table(("picture", "corner", "residual px"), rows)}</div>'
+    return f'<div class="scroll">{_table(("image", "corner", "residual px"), rows)}</div>'
 
 
 def _number(value: float) -> str:

@@ -31,7 +31,7 @@ from . import figure_html, page_html
 PANORAMA_PX = 1440  # width of each panorama
 
 
-class Pictures(NamedTuple):
+class RenderedImages(NamedTuple):
     """Rendered images of one scene by each sensor, (rows, columns, 3) uint8 in RGB order."""
 
     circles: list[NDArray[Any]]
@@ -77,16 +77,16 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in (".html", ".png"):
-        raise InvalidParameter(f"a comparison is written as .html or .png, and {path.name} is neither")
-    pictures = take_pictures(comparison, Room() if scene is None else scene)
+        raise InvalidParameter(f"path must have the suffix .html or .png; got {path.name}")
+    images = render_images(comparison, Room() if scene is None else scene)
     if kind == ".html":
-        write_text(path, comparison_html(comparison, pictures))
+        write_text(path, comparison_html(comparison, images))
     else:
-        write_image(path, comparison_sheet(comparison, pictures))
+        write_image(path, comparison_sheet(comparison, images))
     return path
 
 
-def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
+def render_images(comparison: Comparison, scene: Scene) -> RenderedImages:
     """Render the scene with each sensor, with panoramas over the union of their elevation ranges."""
     fields = [field_of(s) for s in comparison.sensors]
     elevations = min(f.tilt_min_deg for f in fields), max(f.tilt_max_deg for f in fields)
@@ -96,10 +96,10 @@ def take_pictures(comparison: Comparison, scene: Scene) -> Pictures:
         view = views.panorama(sensor, (PANORAMA_PX, None), elevation_deg=elevations)
         circles.append(circle)
         panoramas.append(Dewarper(sensor, view, interpolation="cubic")(circle))
-    return Pictures(circles, panoramas)
+    return RenderedImages(circles, panoramas)
 
 
-def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
+def comparison_html(comparison: Comparison, images: RenderedImages) -> str:
     """Return the self-contained page."""
     title = " · ".join(comparison.names)
     return page_html(
@@ -108,22 +108,22 @@ def comparison_html(comparison: Comparison, pictures: Pictures) -> str:
         heading=html_text(title),
         count=len(comparison.sensors),
         table=_table(comparison),
-        curves=figure_html(render(side_by_side(_in_place(comparison)), "svg"), "svg+xml", "For distant objects, each sensor focused as its file says. Dots are lenses; the thin lines lead from the mirror's rim to them.", css="plot"),
-        circles="".join(_picture(p, n) for p, n in zip(pictures.circles, comparison.names, strict=True)),
-        panoramas="".join(_picture(p, n) for p, n in zip(pictures.panoramas, comparison.names, strict=True)),
+        curves=figure_html(render(side_by_side(_aligned_sensors(comparison)), "svg"), "svg+xml", "Distant objects, each sensor at the focus of its file. Dots are lenses; thin lines connect them to the rim of the mirror.", css="plot"),
+        circles="".join(_image_figure(p, n) for p, n in zip(images.circles, comparison.names, strict=True)),
+        panoramas="".join(_image_figure(p, n) for p, n in zip(images.panoramas, comparison.names, strict=True)),
         command=html_text(shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])),
     )
 
 
-def comparison_sheet(comparison: Comparison, pictures: Pictures) -> NDArray[np.uint8]:
+def comparison_sheet(comparison: Comparison, images: RenderedImages) -> NDArray[np.uint8]:
     """Return the comparison as one tall image (rows, columns, 3) in RGB order."""
     lines = [[r.quantity.title, r.quantity.unit, *r.texts] for r in comparison.rows]
-    figures = (table_sheet(comparison.names, lines, [r.best for r in comparison.rows]), side_by_side(_in_place(comparison)), image_sheet(comparison.names, pictures.circles, pictures.panoramas))
+    figures = (table_sheet(comparison.names, lines, [r.best for r in comparison.rows]), side_by_side(_aligned_sensors(comparison)), image_sheet(comparison.names, images.circles, images.panoramas))
     sheets = [image.imread(BytesIO(render(f, "png")), format="png")[..., :3] for f in figures]
     return np.round(255 * np.concatenate(sheets)).astype(np.uint8)
 
 
-def _in_place(comparison: Comparison) -> list[Sensor]:
+def _aligned_sensors(comparison: Comparison) -> list[Sensor]:
     """Return the sensors without misalignment; their curves over the field angle apply to all
     azimuths."""
     return [sensor.aligned() for sensor in comparison.sensors]
@@ -140,5 +140,5 @@ def _table(comparison: Comparison) -> str:
     return f"<table><thead><tr><th></th>{names}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
-def _picture(picture: NDArray[Any], name: str) -> str:
-    return figure_html(encoded(picture, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, 90]), "jpeg", name)
+def _image_figure(image: NDArray[Any], name: str) -> str:
+    return figure_html(encoded(image, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, 90]), "jpeg", name)

@@ -14,13 +14,7 @@ from ...base.files import write_text
 from ...manufacturing.drawings.tables import centring_code, form_code
 from ...manufacturing.tolerancing.charts import curves, plot_tornado
 from ...manufacturing.tolerancing.evaluator import TrialEvaluator
-from ...manufacturing.tolerancing.monte_carlo import (
-    YieldEstimate,
-    YieldStatistics,
-    format_limit,
-    format_motion,
-    simulate_trials,
-)
+from ...manufacturing.tolerancing.monte_carlo import YieldEstimate, YieldStatistics, format_limit, format_motion, simulate_trials
 from ...manufacturing.tolerancing.perturbation import MEASURED, error_sources, group_of
 from ...manufacturing.tolerancing.requirement_merits import select_requirement_merits
 from ...manufacturing.tolerancing.sensitivity import ErrorSensitivity, sensitivities
@@ -29,13 +23,7 @@ from ...manufacturing.tolerancing.tolerances import Tolerances
 from ...manufacturing.workshop import PartSpecification
 from . import figure_html, page_html
 
-DISTRIBUTED = {
-    "uniform": "uniform",
-    "normal": "normal, two sigma",
-    "truncated-normal": "normal, two sigma, truncated",
-    "arcsine": "arcsine",
-    "constant": "constant",
-}
+DISTRIBUTED = {"uniform": "uniform", "normal": "normal, two sigma", "truncated-normal": "normal, two sigma, truncated", "arcsine": "arcsine", "constant": "constant"}
 
 
 @dataclass(frozen=True)
@@ -51,39 +39,20 @@ class _Order:
     @classmethod
     def of(cls, report: ToleranceReport) -> _Order:
         """Use the allocated tolerances with new trials, or the given ones."""
-        plan, found = report.plan, report.allocation
-        if found is None:
-            return cls(
-                report,
-                plan.tolerances,
-                report.statistics,
-                report.sensitivities,
-                report.statistics.yields,
-            )
-        errors = {
-            name: replace(bound, value=found.tolerances.get(name, bound.value))
-            for name, bound in plan.tolerances.errors.items()
-        }
+        plan, allocation = report.plan, report.allocation
+        if allocation is None:
+            return cls(report, plan.tolerances, report.statistics, report.sensitivities, report.statistics.yields)
+        errors = {name: replace(bound, value=allocation.tolerances.get(name, bound.value)) for name, bound in plan.tolerances.errors.items()}
         chosen = replace(plan.tolerances, errors=errors)
-        evaluator = TrialEvaluator.of(
-            report.sensor, plan.refocus, select_requirement_merits(plan.limits), **plan.objects
-        )
-        statistics = simulate_trials(
-            evaluator, chosen, plan.limits, trials=found.trials, seed=report.seed + 2
-        )
-        return cls(
-            report,
-            chosen,
-            statistics,
-            sensitivities(evaluator, chosen, plan.limits),
-            found.confirmed_yield,
-        )
+        evaluator = TrialEvaluator.of(report.sensor, plan.refocus, select_requirement_merits(plan.limits), **plan.objects)
+        statistics = simulate_trials(evaluator, chosen, plan.limits, trials=allocation.trials, seed=report.seed + 2)
+        return cls(report, chosen, statistics, sensitivities(evaluator, chosen, plan.limits), allocation.confirmed_yield)
 
     def cost(self, name: str) -> float:
         """Return the cost of a tolerance."""
-        asked = self.report.plan.tolerances.errors[name].value
-        held = self.tolerances.errors[name].value
-        return self.report.plan.costs.get(name, 1.0) * (asked / held if held else 0.0)
+        initial = self.report.plan.tolerances.errors[name].value
+        allocated = self.tolerances.errors[name].value
+        return self.report.plan.costs.get(name, 1.0) * (initial / allocated if allocated else 0.0)
 
 
 @validate_arguments
@@ -128,7 +97,7 @@ def page_name(path: str | Path) -> Path:
     """Return the path of a report; raise InvalidParameter for another suffix."""
     path = file_name("path", path)
     if path.suffix.lower() != ".html":
-        raise InvalidParameter(f"tolerances are written as .html, and {path.name} ends otherwise")
+        raise InvalidParameter(f"path must have the suffix .html; got {path.name}")
     return path
 
 
@@ -136,45 +105,31 @@ def tolerances_html(report: ToleranceReport) -> str:
     """Format the report as a self-contained page."""
     order, name = _Order.of(report), report.sensor.name
     with styled():
-        bars, shares = (
-            render(figure, "svg")
-            for figure in (plot_tornado(order.effects), curves(order.statistics))
-        )
-    wanted = "" if report.allocation is None else f" --yield {order.confirmed_yield.value:.2f}"
+        bars, shares = (render(figure, "svg") for figure in (plot_tornado(order.effects), curves(order.statistics)))
+    target_yield = "" if report.allocation is None else f" --yield {order.confirmed_yield.value:.2f}"
     return page_html(
         f"Tolerances of {name}",
         "tolerances",
         heading=f"Tolerances of {html_text(name)}",
         lead=_lead(order),
         numbers=_numbers(order),
-        errors=_table(
-            ("error", "tolerance", "distribution", "cost", "motion, px", "after pose, px"),
-            _errors(order),
-        ),
+        errors=_table(("error", "tolerance", "distribution", "cost", "motion, px", "after pose, px"), _errors(order)),
         indications=_table(("", "ISO 10110", "description"), indications(order.tolerances)),
         limits=_table(("limit", "good, %", "median", "95 %"), _limits(order)),
-        judged=_judged(order),
-        tornado=figure_html(
-            bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"
-        ),
+        conditions=_conditions(order),
+        tornado=figure_html(bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"),
         curves=figure_html(shares, "svg+xml", f"{order.statistics.trials} trials.", "plot"),
-        command=html_text(
-            f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} "
-            f"--seed {report.seed}{wanted} --report order.html"
-        ),
+        command=html_text(f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} --seed {report.seed}{target_yield} --report order.html"),
     )
 
 
 def _lead(order: _Order) -> str:
     of = order.confirmed_yield
-    return (
-        f"Predicted yield within these tolerances: {100 * of.value:.1f} % (95 % confidence: {100 * of.low:.1f} to "
-        f"{100 * of.high:.1f} %), from {order.statistics.trials} simulated sensors."
-    )
+    return f"Predicted yield within these tolerances: {100 * of.value:.1f} % (95 % confidence: {100 * of.low:.1f} to {100 * of.high:.1f} %), from {order.statistics.trials} simulated sensors."
 
 
 def _numbers(order: _Order) -> str:
-    found, of = order.report.allocation, order.confirmed_yield
+    allocation, of = order.report.allocation, order.confirmed_yield
     numbers = {
         "Yield": f"{100 * of.value:.2f} %",
         "95 % confidence": f"{100 * of.low:.2f} to {100 * of.high:.2f} %",
@@ -182,11 +137,9 @@ def _numbers(order: _Order) -> str:
         "Sensors with lost rays": f"{order.statistics.lost} of {order.statistics.trials}",
         "Cost": f"{sum(order.cost(name) for name in order.tolerances.names):.4g}",
     }
-    if found is not None:
-        numbers["Cost with uniform scaling"] = f"{found.uniform_cost:.4g}"
-    return "".join(
-        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items()
-    )
+    if allocation is not None:
+        numbers["Cost with uniform scaling"] = f"{allocation.uniform_cost:.4g}"
+    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items())
 
 
 def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
@@ -199,19 +152,8 @@ def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
     for group, names in groups.items():
         yield (f"**{group}",)
         for name in names:
-            bound, kind, merits = (
-                order.tolerances.errors[name],
-                known.get(name, MEASURED),
-                effects[name].merits,
-            )
-            yield (
-                f"{kind.meaning}|{name}",
-                f"± {bound.value:.3g} {kind.unit}".rstrip(),
-                DISTRIBUTED[bound.distribution],
-                f"{order.cost(name):.3g}",
-                format_motion(merits["motion_px"]),
-                format_motion(merits["motion_px after pose"]),
-            )
+            bound, kind, merits = (order.tolerances.errors[name], known.get(name, MEASURED), effects[name].merits)
+            yield (f"{kind.meaning}|{name}", f"± {bound.value:.3g} {kind.unit}".rstrip(), DISTRIBUTED[bound.distribution], f"{order.cost(name):.3g}", format_motion(merits["motion_px"]), format_motion(merits["motion_px after pose"]))
 
 
 def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
@@ -225,23 +167,10 @@ def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
     '3/- RMSt < 4619 nm'
     """
     values = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
-    rows = [
-        (
-            "surface form",
-            form_code(PartSpecification(), values),
-            "rms of all form errors along the axis, uniformly distributed",
-        ),
-        (
-            "centring",
-            centring_code(PartSpecification(), values),
-            "half of tilt and decentre; the other half is for the mount",
-        ),
-    ]
+    rows = [("surface form", form_code(PartSpecification(), values), "rms of all form errors along the axis, uniformly distributed"), ("centring", centring_code(PartSpecification(), values), "half of tilt and decentre; the other half is for the mount")]
     named = {"mirror.vertex_radius_mm": "vertex radius, mm", "mirror.conic": "conic constant"}
     named |= {"mirror.displacement_mm": "distance from the lens, mm"}
-    return rows + [
-        (words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values
-    ]
+    return rows + [(words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values]
 
 
 def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
@@ -252,14 +181,11 @@ def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
         yield format_limit(name, limit), f"{good:.1f}", low, high
 
 
-def _judged(order: _Order) -> str:
+def _conditions(order: _Order) -> str:
     plan = order.report.plan
     focus = {"none": "has the nominal focus", "rms": "is refocused for minimum rms blur"}
     focused = focus.get(plan.refocus, "is refocused for minimum worst-case blur")
-    return (
-        "Image motions of objects over the field relative to the nominal sensor. Each sensor "
-        f"{focused}. &ldquo;After&rdquo; denotes residuals after the calibration."
-    )
+    return f"Image motions of objects over the field relative to the nominal sensor. Each sensor {focused}. &ldquo;After&rdquo; denotes residuals after the calibration."
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -267,9 +193,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     body = []
     for row in rows:
         if len(row) == 1:
-            body.append(
-                f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>'
-            )
+            body.append(f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>')
             continue
         words, _, small = row[0].partition("|")
         first = html_text(words) + (f" <small>{html_text(small)}</small>" if small else "")

@@ -13,17 +13,7 @@ from . import _claims, _paper_claims
 from ._claims import CheckedClaim, Claim, check_claims
 from ._paper_sensors import Paper, paper_sensors
 
-__all__ = [
-    "ALL_FIGURES",
-    "CheckedClaim",
-    "Claim",
-    "Reproduction",
-    "all_claims",
-    "check",
-    "draw_figures",
-    "paper_sensors",
-    "reproduce_paper",
-]
+__all__ = ["ALL_FIGURES", "CheckedClaim", "Claim", "Reproduction", "all_claims", "check", "draw_figures", "paper_sensors", "reproduce_paper"]
 
 ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
 """Names of the figures: the curves of :data:`omnimirror.analysis.figures.FIGURES`, diagrams and images."""
@@ -57,12 +47,7 @@ def check(claims: Sequence[Claim] | None = None) -> list[CheckedClaim]:
     return check_claims(list(all_claims() if claims is None else claims), Paper())
 
 
-def draw_figures(
-    out_dir: str | Path,
-    which: Iterable[str] | None = None,
-    formats: Sequence[str] = ("svg", "png"),
-    progress: Callable[[str], None] | None = None,
-) -> list[Path]:
+def draw_figures(folder: str | Path, which: Iterable[str] | None = None, formats: Sequence[str] = ("svg", "png"), on_progress: Callable[[str], None] | None = None) -> list[Path]:
     """Draw the figures of the paper, computed with its approximations.
 
     Raises
@@ -74,45 +59,37 @@ def draw_figures(
     """
     names = _figure_names(which)
     curves = [n for n in names if n in FIGURES]
-    files = save_all(paper_sensors(), out_dir, formats, curves, PAPER, progress)
+    files = save_all(paper_sensors(), folder, formats, curves, PAPER, on_progress)
     for name in (n for n in names if n not in FIGURES):
-        from ._paper_figures import PICTURES
+        from ._paper_figures import DIAGRAMS
 
-        if progress is not None:
-            progress(name)
-        figure = PICTURES[name]()
-        files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
+        if on_progress is not None:
+            on_progress(name)
+        figure = DIAGRAMS[name]()
+        files += [save_figure(figure, Path(folder) / f"{name}.{kind}") for kind in formats]
     return files
 
 
 def _figure_names(which: Iterable[str] | None) -> list[str]:
     names = list(ALL_FIGURES if which is None else dict.fromkeys(which))
     if unknown := [n for n in names if n not in ALL_FIGURES]:
-        raise InvalidParameter(
-            f"figure {unknown[0]!r} is not known; valid are {', '.join(ALL_FIGURES)}"
-        )
+        raise InvalidParameter(f"figures must be from {', '.join(ALL_FIGURES)}; got {unknown[0]!r}")
     return names
 
 
 @validate_arguments
-def reproduce_paper(
-    out: str | Path = "reproduced",
-    *,
-    figures: bool = True,
-    only: Iterable[str] | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> Reproduction:
+def reproduce_paper(folder: str | Path = "reproduced", *, figures: bool = True, only: Iterable[str] | None = None, on_progress: Callable[[str], None] | None = None) -> Reproduction:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
     Parameters
     ----------
-    out
+    folder
         Folder for ``numbers.csv``, ``numbers.md`` and the figures.
     figures
         Whether to draw the figures.
     only
         Names of the figures to draw; all by default.
-    progress
+    on_progress
         Called with the name of each step before it starts.
 
     Returns
@@ -136,12 +113,12 @@ def reproduce_paper(
     (['numbers.csv', 'numbers.md'], [])
     """
     which = _figure_names(only)
-    if progress is not None:
-        progress("numbers")
-    rows, folder = check(), Path(out)
+    if on_progress is not None:
+        on_progress("numbers")
+    rows, folder = check(), Path(folder)
     files = [folder / "numbers.csv", folder / "numbers.md"]
     _claims.write_csv(rows, files[0])
     _claims.write_markdown(rows, files[1])
     if figures:
-        files += draw_figures(folder, which, progress=progress)
+        files += draw_figures(folder, which, on_progress=on_progress)
     return Reproduction(rows, files)

@@ -16,7 +16,7 @@ from rich.text import Text
 from ...base.files import write_text
 from ._paper_sensors import Paper
 
-# -- Statements of the paper, the computed values, and the verdicts --------------------------------
+# -- Claims and verdicts ---------------------------------------------------------------------------
 #
 # The verdict follows from the printed statement, the computed value and one tolerance rule
 # (:func:`printed_number`, :data:`WORDINGS`). A claim also records its known correct verdict, for the
@@ -149,7 +149,7 @@ def _is_close(a: float, b: float, tolerance: float) -> bool:
     return bool(np.isfinite(a) and abs(a - b) <= tolerance + slack)
 
 
-# -- kinds of statements ---------------------------------------------------------------------------
+# -- Kinds of claims -------------------------------------------------------------------------------
 
 
 def printed(
@@ -251,7 +251,7 @@ def unprinted(
     return Claim(place, quantity, method, compute, unit=unit, correct=correct, **more)
 
 
-# -- results ---------------------------------------------------------------------------------------
+# -- Results ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ def check_claims(claims: list[Claim], paper: Paper) -> list[CheckedClaim]:
     return rows
 
 
-# -- Table of the checked statements as CSV, as Markdown and for the terminal ----------------------
+# -- Output as CSV, Markdown and terminal table ----------------------------------------------------
 
 HEADINGS = (
     "no",

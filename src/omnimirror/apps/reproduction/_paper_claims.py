@@ -23,7 +23,7 @@ from ._paper_sensors import (
     worst_ratio,
 )
 
-# -- Claims about mirrors and their image-forming characteristics: Table 1, Secs. 3.1, 3.2 and 3.4 to 3.6
+# -- Mirrors and image formation: Table 1, Secs. 2.3, 3.2 and 3.4 to 3.6 ---------------------------
 
 TAN = float(np.tan(THETA_MAX))
 BETA = float(OMEGA_MAX - THETA_MAX) / 2  # slope angle at the rim
@@ -462,7 +462,7 @@ def mirror_claims() -> list[Claim]:
     return [*_table_1(), *_mapping(), *_sphere(), *_equidistant(), *_single_viewpoint()]
 
 
-# -- Claims about depth of field, blur, pixels and viewpoints: Secs. 1, 3.3, 3.4, 4.2, 5.1 and the Appendix
+# -- Depth of field, blur, pixels and viewpoints: Secs. 1, 3.3, 3.4, 4.2, 5.1, Appendix ------------
 
 PRINTED_HYPERFOCAL = 6412.0  # mm
 PRINTED_FOCUS = {"SPH": 212.0, "E-DI": 205.0, "SVP": 190.0}  # mm

@@ -98,12 +98,14 @@ class Paper:
     def worst_blur_px(
         self,
         name: str,
-        way: str,
+        section: str,
         conditions: Conditions = PAPER,
         object_distance_mm: float = np.inf,
     ) -> float:
         """Return the largest tangential (``"t"``) or sagittal (``"s"``) blur of the field."""
-        blur: Array = getattr(self.field(name, conditions, object_distance_mm), f"blur_{way}_px")
+        blur: Array = getattr(
+            self.field(name, conditions, object_distance_mm), f"blur_{section}_px"
+        )
         return float(np.abs(blur).max())
 
     def depth_of_field(self, name: str, conditions: Conditions = PAPER) -> float:
@@ -138,10 +140,10 @@ class Paper:
 
         # |eps| grows with the distance from z_v, so the maximum over the field is quasi-convex in z
         z = viewpoint_z(rays)
-        found = minimize_scalar(
+        optimum = minimize_scalar(
             largest, bounds=(z.min(), z.max()), method="bounded", options={"xatol": 1e-8}
         )
-        return float(np.degrees(found.fun))
+        return float(np.degrees(optimum.fun))
 
     @cached_property
     def aperture_diameter_mm(self) -> float:

@@ -139,7 +139,7 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
     if max(width, height) > MOST_ACROSS:
         raise InvalidParameter(f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, and omnimirror demo makes larger ones")
     with tempfile.TemporaryDirectory() as folder:
-        data = write_demo(sensor, folder, progress=tell).read_bytes()
+        data = write_demo(sensor, folder, on_progress=tell).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 

@@ -101,7 +101,7 @@ AROUND = 10.0  # distance from the mirror to a plane or cylinder, in rim radii
 FOCUS_DIGITS = 3  # decimals of the focus distance in mm, finer than lenses can be set
 TABLE_ROWS = 9
 THETA_DEG = 12.0  # default viewing angle of the lens, deg
-NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
+NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has|must) ")
 """First entry that an error message names."""
 
 

@@ -25,7 +25,7 @@ SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
 BOARD_REMEDY = "see whether the board is the one that was named, and flat"
 SURVEY_REMEDY = (
     "see whether their axes are right-handed and their units those of the file, whether all of a picture were seen "
-    "from one place, and whether the pictures are mirror images, as --optics and --flipped say"
+    "from one place, and whether the pictures are mirror images, as --optics and --image-flipped say"
 )
 WORST_MEDIAN = 0.01  # maximum initial median residual, fraction of the larger image side
 
@@ -89,7 +89,7 @@ def check_detections(
         )
         whole = len(wrong) == sum(d.is_reversed is not None for d in used)
         remedy = (
-            "say --flipped if the camera's driver reverses them, or choose the other --optics"
+            "say --image-flipped if the camera's driver reverses them, or choose the other --optics"
             if whole
             else "leave them out, or flip them as the others are"
         )

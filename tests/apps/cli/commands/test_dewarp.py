@@ -45,7 +45,7 @@ def dewarp(*args):
     return 0
 
 
-def test_camera_of_a_ball_looks_up_by_default(folder):
+def test_ball_camera_looks_up_by_default(folder):
     """This default is documented in the help and in docs/dewarp.md."""
     v, u = np.mgrid[:200, :200]
     om.write_image("ball.png", np.where(v < 100, 30 + u, 250 - u).astype(np.uint8))
@@ -67,7 +67,7 @@ VIEWS = [[], ["--view", "perspective", "--tilt-deg", "-40"], ["--view", "dome"],
         pytest.param(*camera, view, marks=() if i in (0, 5) or k in (0, 6) else pytest.mark.full) for i, camera in enumerate(CAMERAS) for k, view in enumerate(VIEWS)
     ],
 )
-def test_every_camera_gives_every_view(folder, capsys, picture, source, view):
+def test_all_views_of_all_cameras(folder, capsys, picture, source, view):
     if "fisheye" in source and "--tilt-deg" in view:
         view = [*view[:-1], "40"]
     assert dewarp(picture, *source, *view, "-o", "out.png") == 0
@@ -84,7 +84,7 @@ def test_every_camera_gives_every_view(folder, capsys, picture, source, view):
     np.testing.assert_array_equal(straight[..., 3] == 255, straight[..., 0] == value)
 
 
-def test_the_line_says_what_was_written(folder, capsys):
+def test_printed_line_describes_view(folder, capsys):
     assert dewarp("sphere.png", *SPHERE, "--size", "720x", "--elevation-deg", "-45:90", "-o", "out.jpg") == 0
     assert capsys.readouterr().out == "out.jpg: panorama (elevation -45 to 90 deg), 720 x 270 px, 66.7 % of the pixels inside the field\n"
 
@@ -112,13 +112,13 @@ def test_the_line_says_what_was_written(folder, capsys):
         (["--view", "perspective", "--size", "64x", "--interpolation", "cubic", "--image-flipped"], "64 x 36 px"),
     ],
 )
-def test_options_arrive(folder, capsys, options, message):
+def test_view_options(folder, capsys, options, message):
     assert dewarp("sphere.png", *SPHERE, *options, "-o", "out.png") == 0
     assert message in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("viewpoint", ["exact", "single", "11.5"])
-def test_the_viewpoint_arrives(folder, viewpoint):
+def test_viewpoint_option(folder, viewpoint):
     rng = np.random.default_rng(0)
     om.write_image("a.png", rng.integers(1, 255, (1024, 1024, 3), np.uint8))
     args = ["a.png", *SPHERE, "--view", "perspective", "--size", "64x48", "--distance-mm", "200", "--black"]
@@ -129,23 +129,23 @@ def test_the_viewpoint_arrives(folder, viewpoint):
     np.testing.assert_array_equal(om.read_image("out.png"), expected)
 
 
-def test_zoom_says_when_it_goes_past_what_is_resolved(folder, capsys):
+def test_zoom_beyond_resolution_is_reported(folder, capsys):
     args = ["sphere.png", *SPHERE, "--view", "perspective", "--size", "640x480", "-o", "out.png"]
     assert dewarp(*args, "--zoom", "50") == 0
     limited = capsys.readouterr()
-    assert limited.err.startswith("omnimirror: zoom 50 goes past what the sensor resolves (")
-    assert limited.err.endswith(" output pixels per source pixel); it is limited to 3.39, and --past-resolution lifts the limit\n")
+    assert limited.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (")
+    assert limited.err.endswith(" output pixels per source pixel); limited to 3.39; use --allow-upsampling to remove the limit\n")
     assert "hfov 32.8" in limited.out
-    assert dewarp(*args, "--zoom", "50", "--past-resolution") == 0
+    assert dewarp(*args, "--zoom", "50", "--allow-upsampling") == 0
     past = capsys.readouterr()
-    assert past.err.startswith("omnimirror: zoom 50 goes past what the sensor resolves (59.0")
+    assert past.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (59.0")
     assert past.err.endswith(" output pixels per source pixel)\n")
     assert "hfov 2.29" in past.out
     assert dewarp(*args, "--zoom", "3") == 0
     assert capsys.readouterr().err == ""
 
 
-def test_mount_options_turn_the_view_as_the_mount_would(folder):
+def test_mount_options_rotate_view(folder):
     rng = np.random.default_rng(0)
     picture = rng.integers(1, 255, (1024, 1024, 3), np.uint8)
     om.write_image("a.png", picture)
@@ -161,7 +161,7 @@ def test_mount_options_turn_the_view_as_the_mount_would(folder):
 
 
 @pytest.mark.parametrize(("name", "channels"), [("o.png", 4), ("o.tif", 4), ("o.webp", 4), ("o.jpg", 3), ("o.bmp", 3)])
-def test_transparency_is_where_the_file_can_hold_it(folder, name, channels):
+def test_transparency_by_file_format(folder, name, channels):
     assert dewarp("sphere.png", *SPHERE, "--size", "60x40", "--elevation-deg", "-90:90", "-o", name) == 0
     straight = om.read_image(name)
     assert straight.shape == (40, 60, channels)
@@ -169,7 +169,7 @@ def test_transparency_is_where_the_file_can_hold_it(folder, name, channels):
     assert (straight[12:] > 190).all()
 
 
-def test_black_keeps_the_channels(folder):
+def test_black_keeps_channels(folder):
     assert dewarp("deep.png", *BALL, "--size", "60x40", "--elevation-deg", "-90:90", "--black", "-o", "o.tif") == 0
     straight = om.read_image("o.tif")
     assert (straight.dtype, straight.shape) == (np.uint16, (40, 60))
@@ -177,7 +177,7 @@ def test_black_keeps_the_channels(folder):
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
-def test_every_interpolation_straightens(folder, interpolation):
+def test_all_interpolations(folder, interpolation):
     args = ["sphere.png", *SPHERE, "--size", "60x40", "--interpolation", interpolation, "--threads", "2"]
     assert dewarp(*args, "-o", "o.png") == 0
     assert (om.read_image("o.png")[20] == [200, 200, 200, 255]).all()
@@ -198,7 +198,7 @@ def test_every_interpolation_straightens(folder, interpolation):
         ("light.tif", BALL, "0,0.5,-2", [0.0, 0.5, -2.0]),
     ],
 )
-def test_the_border_is_a_colour(folder, picture, source, border, expected):
+def test_border_colour(folder, picture, source, border, expected):
     om.write_image("clear.png", np.full((200, 200, 4), 200, np.uint8))
     om.write_image("light.tif", np.full((200, 200, 3), 0.3, np.float32))
     out = "o.tif" if picture.endswith("tif") else "o.png"
@@ -224,30 +224,30 @@ def test_the_border_is_a_colour(folder, picture, source, border, expected):
         (BorderColour.of("1,2,3"), "uint8", 3, (1, 2, 3)),
     ],
 )
-def test_the_border_colour_fits_depth_and_channels(border, dtype, channels, expected):
+def test_border_colour_is_converted_to_image_format(border, dtype, channels, expected):
     for shape in {(2, 2), (2, 2, 1)} if channels == 1 else {(2, 2, channels)}:
         assert BorderColour.of(border).for_image(np.zeros(shape, dtype)) == pytest.approx(tuple(expected), rel=1e-6)
 
 
 @pytest.mark.parametrize("border", ["#12345", "#1234567", "#1234g6", "1,2", "1,2,3,4", "", "nan", "1,inf,3", (), (1, 2), "#", None])
-def test_no_border_colour(border):
+def test_invalid_border_colour_raises(border):
     with pytest.raises(InvalidParameter, match="border must be a grey level, R,G,B or #rrggbb"):
         BorderColour.of(border)
 
 
 @pytest.mark.parametrize("border", [-1, 0.5, 256, (0, 0, 256)])
-def test_a_border_colour_that_a_picture_of_bytes_cannot_hold(border):
+def test_border_colour_out_of_range_raises(border):
     with pytest.raises(InvalidParameter, match="border must contain integers from 0 to 255 for uint8 images"):
         BorderColour.of(border).for_image(np.zeros((2, 2, 3), np.uint8))
 
 
 @pytest.mark.parametrize(("border", "coded"), [("#ff0000", (81, 90, 240)), ("0,255,0", (145, 54, 34)), ((0, 0, 255), (41, 240, 110)), (255, (235, 128, 128))])
-def test_the_border_of_a_video_is_coded_as_its_frames(border, coded):
+def test_video_border_is_encoded_as_frames(border, coded):
     """Corners of the colour cube in ITU-R BT.601."""
     assert BorderColour.of(border).for_frame(empty_frame((64, 48))[0]) == coded
 
 
-def test_a_grey_picture_has_no_border_in_colour():
+def test_colour_border_of_grey_image_raises():
     with pytest.raises(InvalidParameter, match="border must be one value for a grey image; got 1,2,2"):
         BorderColour.of("1,2,2").for_image(np.zeros((2, 2), np.uint8))
 
@@ -255,9 +255,9 @@ def test_a_grey_picture_has_no_border_in_colour():
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("sphere.png", "exactly one of --sensor, --ocam and --ball; none is given"),
-        ("sphere.png SPHERE BALL", "--sensor and --ball are given"),
-        ("sphere.png SPHERE NO-OUTPUT", "say what to write with -o"),
+        ("sphere.png", "exactly one of --sensor, --ocam and --ball must be given; got none"),
+        ("sphere.png SPHERE BALL", "got --sensor and --ball"),
+        ("sphere.png SPHERE NO-OUTPUT", "--output or --viewer must be given"),
         ("-o out.png SPHERE", "Missing argument 'SOURCE...'"),
         ("none.png SPHERE", "cannot read the image none.png: the file does not exist"),
         ("note.txt SPHERE", "cannot read the image note.txt: it must be an undamaged image file"),
@@ -273,60 +273,60 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("ocam.png --ocam calib.txt --optics prism", "'prism'"),
         ("ocam.png --ocam calib.txt --rim-radius-px -3", "rim_radius_px must be greater than 0 px and at most 1e+06 px; got -3.0"),
         ("ocam.png --ocam calib.txt --rim-radius-px big", "'big'"),
-        ("sphere.png SPHERE --optics mirror", "--optics does not apply to --sensor; it belongs to --ocam"),
-        ("ball.png --ball 99,99,90", "'99,99,90' is not CX,CY,R,FOV"),
-        ("ball.png --ball 99,99,90,x", "is not CX,CY,R,FOV"),
-        ("ball.png --ball 99,99,90,nan", "is not CX,CY,R,FOV"),
+        ("sphere.png SPHERE --optics mirror", "--optics requires --ocam; it does not apply to --sensor"),
+        ("ball.png --ball 99,99,90", "must be CX,CY,R,FOV"),
+        ("ball.png --ball 99,99,90,x", "must be CX,CY,R,FOV"),
+        ("ball.png --ball 99,99,90,nan", "must be CX,CY,R,FOV"),
         ("ball.png --ball 99,99,0,260", "rim_radius_px must be greater than 0 px and at most 1e+06 px; got 0.0"),
         ("ball.png --ball 99,99,90,400", "field_deg must be greater than 0 and at most 360 deg; got 400"),
         ("ball.png --ball 9999,99,90,260", "at least one pixel of the camera must observe the scene"),
         ("sphere.png SPHERE --view globe", "'globe'"),
-        ("sphere.png SPHERE --roll-deg 3", "--roll-deg does not apply to --view panorama; it belongs to --view perspective"),
-        ("sphere.png SPHERE --hfov-deg 3", "--hfov-deg does not apply"),
-        ("sphere.png SPHERE --tilt-deg 3 --view dome", "--tilt-deg does not apply to --view dome"),
-        ("sphere.png SPHERE --elevation-deg 0:9 --view dome", "--elevation-deg does not apply"),
-        ("sphere.png SPHERE --omega-deg 0:9 --view perspective", "belongs to --view panorama, --view dome and --view sphere"),
-        ("sphere.png SPHERE --span-deg 9 --view perspective", "--span-deg does not apply"),
-        ("sphere.png SPHERE --omega-deg 0:9 --elevation-deg 0:9", "say the same thing twice"),
+        ("sphere.png SPHERE --roll-deg 3", "--roll-deg requires --view perspective; it does not apply to --view panorama"),
+        ("sphere.png SPHERE --hfov-deg 3", "--hfov-deg requires"),
+        ("sphere.png SPHERE --tilt-deg 3 --view dome", "it does not apply to --view dome"),
+        ("sphere.png SPHERE --elevation-deg 0:9 --view dome", "--elevation-deg requires"),
+        ("sphere.png SPHERE --omega-deg 0:9 --view perspective", "requires --view panorama, --view dome or --view sphere"),
+        ("sphere.png SPHERE --span-deg 9 --view perspective", "--span-deg requires"),
+        ("sphere.png SPHERE --omega-deg 0:9 --elevation-deg 0:9", "must not be given together"),
         ("sphere.png SPHERE --omega-deg 50:100 --camera-looks forward", "use --elevation-deg"),
         ("sphere.png SPHERE --elevation-deg 9:0", "got 9 and 0 deg"),
-        ("sphere.png SPHERE --elevation-deg 9", "'9' is not a range MIN:MAX"),
+        ("sphere.png SPHERE --elevation-deg 9", "must be a range MIN:MAX in degrees; got '9'"),
         ("sphere.png SPHERE --elevation-deg 50:80", "must overlap the field of the camera"),
         ("sphere.png SPHERE --span-deg 400", "span_deg must be above 1e-06 and up to 360 deg; got 400"),
-        ("sphere.png SPHERE --pan-deg north", "'north' is not an angle"),
-        ("sphere.png SPHERE --pan-deg inf", "'inf' is not an angle"),
+        ("sphere.png SPHERE --pan-deg north", "must be an angle in degrees; got 'north'"),
+        ("sphere.png SPHERE --pan-deg inf", "must be an angle in degrees; got 'inf'"),
         ("sphere.png SPHERE --view perspective --hfov-deg 180", "below 180 deg; got 180"),
-        ("sphere.png SPHERE --view ground", "--view ground needs --height-mm, the height of the mirror"),
-        ("sphere.png SPHERE --view ground --height-mm high", "'high' is not a height in mm"),
-        ("sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0", "'0' is not a distance"),
+        ("sphere.png SPHERE --view ground", "--view ground requires --height-mm, the height of the mirror"),
+        ("sphere.png SPHERE --view ground --height-mm high", "must be a height in mm; got 'high'"),
+        ("sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0", "must be a distance in mm above 0, or 'inf'; got '0'"),
         ("sphere.png SPHERE --view ground --height-mm 9 --mm-per-px inf", "mm_per_px must be finite and above 0; got inf"),
         ("sphere.png SPHERE --view ground --height-mm 0", "mm_per_px must be finite and above 0; got 0"),
-        ("sphere.png SPHERE --view ground --height-mm 9 --distance-mm 9", "--distance-mm does not apply to --view ground"),
-        ("sphere.png SPHERE --height-mm 9", "--height-mm does not apply to --view panorama; it belongs to --view ground"),
-        ("sphere.png SPHERE --layout strip", "--layout does not apply to --view panorama; it belongs to --view cube"),
+        ("sphere.png SPHERE --view ground --height-mm 9 --distance-mm 9", "it does not apply to --view ground"),
+        ("sphere.png SPHERE --height-mm 9", "--height-mm requires --view ground; it does not apply to --view panorama"),
+        ("sphere.png SPHERE --layout strip", "--layout requires --view cube; it does not apply to --view panorama"),
         ("sphere.png SPHERE --view cube --layout ring", "'ring'"),
         ("sphere.png SPHERE --view cube --size 100x100", "4 n x 3 n px for square faces in the layout cross"),
-        ("sphere.png SPHERE --view cube --zoom 2", "--zoom does not apply to --view cube"),
+        ("sphere.png SPHERE --view cube --zoom 2", "it does not apply to --view cube"),
         ("sphere.png SPHERE --view mosaic --size x100", "the height of a mosaic must be None"),
         ("sphere.png SPHERE --view planet --hfov-deg 360", "below 360 deg; got 360"),
-        ("sphere.png SPHERE --pole nadir", "--pole does not apply to --view panorama"),
-        ("sphere.png SPHERE --preset wide --view perspective", "--preset is a view of its own; leave out --view"),
-        ("sphere.png SPHERE --preset wide --hfov-deg 9", "--hfov-deg does not apply to --preset; it belongs to --view"),
+        ("sphere.png SPHERE --pole nadir", "it does not apply to --view panorama"),
+        ("sphere.png SPHERE --preset wide --view perspective", "--preset and --view must not be given together"),
+        ("sphere.png SPHERE --preset wide --hfov-deg 9", "--hfov-deg requires --view perspective"),
         ("sphere.png SPHERE --preset tele", "'tele'"),
         ("sphere.png SPHERE --preset super-wide --tilt-deg 90", "below 90 deg; got 90"),
-        ("sphere.png SPHERE --distance-mm 0", "'0' is not a distance"),
+        ("sphere.png SPHERE --distance-mm 0", "must be a distance in mm above 0, or 'inf'; got '0'"),
         ("sphere.png SPHERE --offset-mm 1,2,3", "for a screen at infinity; got (1.0, 2.0, 3.0)"),
-        ("sphere.png SPHERE --offset-mm 1,2 --distance-mm 9", "'1,2' is not X,Y,Z in mm"),
-        ("sphere.png SPHERE --viewpoint single", "makes no difference to a distant screen; give it a --distance-mm"),
-        ("sphere.png SPHERE --viewpoint best --distance-mm 9", "'best' is not 'exact', 'single' or a height"),
-        ("sphere.png SPHERE --wall-mm 0:9", "--wall-mm needs --distance-mm"),
-        ("sphere.png SPHERE --wall-mm 9:0 --distance-mm 9", "heights from 9 to 0 mm make no wall"),
-        ("sphere.png SPHERE --wall-mm 0:9 --distance-mm 9 --rows tilt", "--wall-mm says what --rows says too"),
+        ("sphere.png SPHERE --offset-mm 1,2 --distance-mm 9", "must be X,Y,Z in mm; got '1,2'"),
+        ("sphere.png SPHERE --viewpoint single", "--viewpoint requires --distance-mm"),
+        ("sphere.png SPHERE --viewpoint best --distance-mm 9", "must be 'exact', 'single' or a height"),
+        ("sphere.png SPHERE --wall-mm 0:9", "--wall-mm requires --distance-mm"),
+        ("sphere.png SPHERE --wall-mm 9:0 --distance-mm 9", "--wall-mm must be LOW:HIGH"),
+        ("sphere.png SPHERE --wall-mm 0:9 --distance-mm 9 --rows tilt", "--wall-mm and --rows must not be given together"),
         ("sphere.png SPHERE --rows height", "above -90 and below 90 deg with rows = 'height'"),
-        ("sphere.png SPHERE --zoom 0", "'0' is not a factor above 0"),
-        ("sphere.png SPHERE --past-resolution", "--past-resolution says how far --zoom may go"),
+        ("sphere.png SPHERE --zoom 0", "must be a factor above 0; got '0'"),
+        ("sphere.png SPHERE --allow-upsampling", "--allow-upsampling requires --zoom"),
         ("sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10", "must overlap the field of the camera"),
-        ("sphere.png SPHERE --size big", "'big' is not a size in pixels"),
+        ("sphere.png SPHERE --size big", "must be a size in pixels"),
         ("sphere.png SPHERE --size 0x5", "size must be greater than 0 px and finite; got 0"),
         ("sphere.png SPHERE --size 999999x5", "size must be (width, height) from 1 to 100000 px; got (999999, 5)"),
         ("sphere.png SPHERE --camera-looks left", "'left'"),
@@ -336,7 +336,7 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("sphere.png SPHERE --border 1,2", "got '1,2'"),
         ("sphere.png SPHERE --border 256", "for uint8 images; got 256"),
         ("ball.png BALL --border #ff0000", "one value for a grey image; got #ff0000"),
-        ("sphere.png SPHERE --border 5 --black", "--border is the colour outside the field"),
+        ("sphere.png SPHERE --border 5 --black", "--border must not be given together"),
         ("sphere.png SPHERE --threads 0", "0 is not in the range 1<=x<=1024"),
         ("sphere.png SPHERE -o out.gif", "got '.gif'"),
         ("sphere.png SPHERE -o out", "got ''"),
@@ -346,7 +346,7 @@ def test_a_grey_picture_has_no_border_in_colour():
         ("sphere.png SPHERE -o ./sphere.png", "the output must differ from the source image"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_sentence(folder, capfd, line, message):
+def test_invalid_arguments_print_one_line(folder, capfd, line, message):
     """Each line is completed by ``-o out.png`` unless it contains an output or must not have one."""
     output = "" if "-o" in line.split() or "NO-OUTPUT" in line else " -o out.png"
     words = {"SPHERE": SPHERE, "BALL": BALL, "NO-OUTPUT": []}
@@ -362,7 +362,7 @@ def test_what_is_wrong_is_said_in_one_sentence(folder, capfd, line, message):
     assert {p: p.read_bytes() for p in folder.iterdir()} == before
 
 
-def test_help_explains_itself(capsys):
+def test_help(capsys):
     assert dewarp("--help") == 0
     said = capsys.readouterr().out
     for word in ("--ball", "CX,CY,R,FOV", "--elevation-deg", "MIN:MAX", "--transparent", "never reversed"):
@@ -384,7 +384,7 @@ def likeness(picture, text):
 
 
 @pytest.mark.skipif(not MIRRORBALL.exists(), reason=f"no photographs at {MIRRORBALL}")
-def test_a_sign_in_the_store_can_be_read(folder):
+def test_sign_in_store_is_legible(folder):
     """The brand name of a loudspeaker at the right rear of the camera; it is reversed in the raw
     image."""
     args = [MIRRORBALL / "store.jpg", "--ball", "1226,1217.5,1122.75,260", "--view", "perspective", "--black"]

@@ -50,7 +50,7 @@ def frames(path) -> list[np.ndarray]:
         return [f.to_ndarray(format="rgb24") for f in container.decode(video=0)]
 
 
-def test_every_frame_of_a_video_is_straightened(video, tmp_path):
+def test_all_video_frames_are_dewarped(video, tmp_path):
     args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
@@ -63,7 +63,7 @@ def test_every_frame_of_a_video_is_straightened(video, tmp_path):
         assert np.abs(out[i] - expected)[4:-4, 4:-4].mean() < 3
 
 
-def test_the_border_of_a_video_is_a_colour(video, tmp_path):
+def test_video_border_colour(video, tmp_path):
     args = [*BALL, "--elevation-deg", "-90:90", "--size", "128x64", "--crf", "1", "--interpolation", "area"]
     run = omnimirror("dewarp", video, *args, "--border", "#c86432", "--threads", "1", "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
@@ -74,7 +74,7 @@ def test_the_border_of_a_video_is_a_colour(video, tmp_path):
         assert not (tmp_path / "no.mp4").exists()
 
 
-def test_a_part_of_a_video(video, tmp_path):
+def test_video_range(video, tmp_path):
     args = [*BALL, "--size", "128x", "--start-s", "0.2", "--duration-s", "0.4"]
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
@@ -82,7 +82,7 @@ def test_a_part_of_a_video(video, tmp_path):
     assert b"GPano" in (tmp_path / "out.mp4").read_bytes() or b"sv3d" in (tmp_path / "out.mp4").read_bytes()
 
 
-def test_the_view_moves_with_keyframes(video, tmp_path):
+def test_keyframes(video, tmp_path):
     (tmp_path / "keys.csv").write_text("time_s,pan_deg,hfov_deg\n0,0,60\n0.76,40,90\n")
     args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
     run = omnimirror("dewarp", video, *args, "--keyframes", tmp_path / "keys.csv", "-o", tmp_path / "out.mp4")
@@ -91,14 +91,14 @@ def test_the_view_moves_with_keyframes(video, tmp_path):
     assert np.abs(frames(tmp_path / "out.mp4")[-1] - last.astype(float))[4:-4, 4:-4].mean() < 3
 
 
-def test_a_pipe_carries_y4m(video, tmp_path):
+def test_y4m_pipe(video, tmp_path):
     run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", "-", text=False)
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith(b"YUV4MPEG2 W128 H64 F25:1")
     assert run.stdout.count(b"FRAME") == 20
 
 
-def test_a_pipe_carries_raw_video(video):
+def test_raw_video_pipe(video):
     args = ["--size", "128x64", "-o", "-", "--format", "rawvideo"]
     run = omnimirror("dewarp", video, *BALL, *args, text=False)
     assert run.returncode == 0, run.stderr
@@ -109,7 +109,7 @@ def test_a_pipe_carries_raw_video(video):
     assert len(grey.stdout) == 20 * 64 * 128
 
 
-def test_several_outputs_at_once(video, tmp_path):
+def test_several_outputs(video, tmp_path):
     args = [*BALL, "--size", "128x64", "-o", tmp_path / "a.mp4", "-o", tmp_path / "b.mkv", "-o", "-"]
     run = omnimirror("dewarp", video, *args, text=False)
     assert run.returncode == 0, run.stderr
@@ -118,7 +118,7 @@ def test_several_outputs_at_once(video, tmp_path):
     assert run.stdout.count(b"FRAME") == len(frames(tmp_path / "a.mp4")) == len(frames(tmp_path / "b.mkv")) == 20
 
 
-def test_sigterm_keeps_what_was_done(video, tmp_path):
+def test_sigterm_keeps_completed_frames(video, tmp_path):
     program = Path(sys.executable).with_name("omnimirror")
     words = ["dewarp", video, *BALL, "--size", "512x256", "-o", tmp_path / "a.mkv", "-o", "-"]
     with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
@@ -130,7 +130,7 @@ def test_sigterm_keeps_what_was_done(video, tmp_path):
     assert 1 <= len(frames(tmp_path / "a.mkv")) < 20
 
 
-def test_a_file_is_streamed_in_real_time(video, tmp_path):
+def test_file_is_streamed_in_real_time(video, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         url = f"udp://127.0.0.1:{probe.getsockname()[1]}"
@@ -144,7 +144,7 @@ def test_a_file_is_streamed_in_real_time(video, tmp_path):
     assert (frame.width, frame.height) == (128, 64)
 
 
-def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
+def test_folder_with_damaged_image(tmp_path):
     for i in range(3):
         om.write_image(tmp_path / f"{i}.png", picture(60 + i))
     (tmp_path / "bad.png").write_bytes(b"not a picture")
@@ -152,13 +152,13 @@ def test_a_folder_of_pictures_and_one_that_is_damaged(tmp_path):
     assert run.returncode == 1
     assert run.stderr.count("\n") == 1
     assert "cannot read the image bad.png" in run.stderr
-    assert "3 of 4 pictures straightened" in run.stdout
+    assert "3 of 4 images dewarped" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
     expected = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, None)))(picture(61))
     np.testing.assert_array_equal(om.read_image(tmp_path / "out" / "1.png"), expected)
 
 
-def test_a_folder_that_was_stopped_goes_on(tmp_path):
+def test_skip_existing_continues_folder(tmp_path):
     for i in range(3):
         om.write_image(tmp_path / f"{i}.png", picture(60 + i))
     (tmp_path / "out").mkdir()
@@ -166,15 +166,15 @@ def test_a_folder_that_was_stopped_goes_on(tmp_path):
     (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(b"half of it")  # left by a killed run
     run = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
     assert run.returncode == 0, run.stderr
-    assert "2 of 2 pictures straightened, 1 were there" in run.stdout
+    assert "2 of 2 images dewarped, 1 existed" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
     assert (tmp_path / "out" / "1.png").read_bytes() == b"done before"
     again = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
     assert again.returncode == 0
-    assert "0 of 0 pictures straightened, 3 were there" in again.stdout
+    assert "0 of 0 images dewarped, 3 existed" in again.stdout
 
 
-def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
+def test_panorama_metadata(tmp_path):
     om.write_image(tmp_path / "a.png", picture(90))
     assert omnimirror("dewarp", tmp_path / "a.png", *BALL, "--size", "128x", "-o", tmp_path / "p.jpg").returncode == 0
     assert b"GPano:CroppedAreaTopPixels" in (tmp_path / "p.jpg").read_bytes()
@@ -190,11 +190,11 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["in.mp4", "-o", "in.mp4"], "must differ from the source video; got in.mp4"),
         (["in.mp4", "-o", "o.gifv"], "got '.gifv'"),
         (["in.mp4", "-o", "o.mp4", "--start-s", "9"], "start_s must be less than the duration of in.mp4"),
-        (["in.mp4", "-o", "o.mp4", "--transparent"], "belong to pictures"),
+        (["in.mp4", "-o", "o.mp4", "--transparent"], "--transparent and --black require images"),
         (["in.mp4", "-o", "-", "--crf", "3"], "crf must be omitted unless an output is a video file or stream"),
         (["in.mp4", "-o", "o.mp4", "--keyframes", "no.csv"], "no.csv"),
         (["in.mp4", "-o", "o.mp4", "--codec", "h266"], "h266"),
-        (["a.png", "-o", "o.png", "--start-s", "1"], "--start-s belongs to videos, and a.png is none"),
+        (["a.png", "-o", "o.png", "--start-s", "1"], "--start-s requires a video; got a.png"),
         (["a.png", "a.png", "-o", "o.png"], "must be a folder for several images"),
         (["*.tif", "-o", "out"], "source must be an existing file or match one; got *.tif"),
         (["/dev/video99", "-o", "o.mp4"], "got /dev/video99"),
@@ -205,12 +205,12 @@ def test_a_panorama_tells_viewers_what_it_shows(tmp_path):
         (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "pipe_format must be omitted unless an output is '-'"),
         (["in.mp4", "-o", "-", "--pixel-format", "gray"], "pixel_format must be omitted unless an output is a video file"),
         (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
-        (["in.mp4"], "say what to write with -o or --viewer, or of a video ask for a --preview"),
-        (["a.png", "-o", "o.png", "-o", "p.png"], "p.png is one output too many"),
-        (["a.png", "--preview"], "--preview belongs to videos, and a.png is none"),
+        (["in.mp4"], "--output or --viewer must be given, or --preview for a video"),
+        (["a.png", "-o", "o.png", "-o", "p.png"], "several outputs require a video"),
+        (["a.png", "--preview"], "--preview requires a video; got a.png"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
+def test_invalid_arguments_print_one_line(args, message, video, tmp_path):
     om.write_image(tmp_path / "a.png", picture(90))
     before = sorted(p.name for p in tmp_path.iterdir())
     assert message in fails("dewarp", *args, *BALL, cwd=tmp_path)
@@ -218,7 +218,7 @@ def test_what_cannot_be_done_is_one_sentence(args, message, video, tmp_path):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no DISPLAY")
-def test_no_display_leaves_the_file_alone(video, tmp_path, monkeypatch):
+def test_preview_without_display_writes_no_file(video, tmp_path, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     said = fails("dewarp", video, *BALL, "-o", "o.mp4", "--preview", cwd=tmp_path)

@@ -37,7 +37,7 @@ def fails(capsys, *args) -> str:
     return said
 
 
-def test_sixteen_bits_become_eight_and_light_becomes_srgb(folder, capsys):
+def test_conversion_to_8_bits_and_srgb(folder, capsys):
     """Transfer curve of IEC 61966-2-1 (omnimirror.base.colour); three times white is clipped to
     white."""
     main(["dewarp", "deep.png", *BALL, "-o", "a.jpg"])
@@ -55,7 +55,7 @@ def test_sixteen_bits_become_eight_and_light_becomes_srgb(folder, capsys):
 
 
 @pytest.mark.parametrize(("suffix", "most"), [("jpg", "65500"), ("webp", "16383")])
-def test_pictures_too_large_for_their_file_are_refused_before_the_work(folder, capsys, suffix, most):
+def test_image_too_large_for_format_raises_before_dewarping(folder, capsys, suffix, most):
     args = ("grey.png", "--ball", "31.5,31.5,30,280", "--size", "70000x2", "--black", "-o", f"o.{suffix}")
     assert f"images must have at most {most} px per side; got 70000 x 2 px" in fails(capsys, *args)
     with pytest.raises(om.base.errors.MediaError, match="70000 x 2 px"):
@@ -63,27 +63,27 @@ def test_pictures_too_large_for_their_file_are_refused_before_the_work(folder, c
     assert not Path(f"o.{suffix}").exists()
 
 
-def test_exr_without_its_package_is_refused_before_the_work(folder, capsys, monkeypatch):
+def test_exr_without_package_raises_before_dewarping(folder, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     monkeypatch.setattr(request, "Dewarper", None)
     assert "OpenEXR must be installed for o.exr" in fails(capsys, "deep.png", *BALL, "-o", "o.exr")
 
 
 @pytest.mark.parametrize("option", ["--span-deg=1e-308", "--elevation-deg=0:1e-308", "--span-deg=1e-9"])
-def test_views_of_nothing_are_one_sentence(folder, capsys, option):
+def test_empty_views_print_one_line(folder, capsys, option):
     for size in ("64x", "64x8"):
         said = fails(capsys, "grey.png", "--ball", "31.5,31.5,30,280", option, "--size", size, "-o", "o.png")
         assert "must be" in said or "must increase" in said or "valid" in said
 
 
-def test_links_that_lead_in_a_circle_are_one_sentence(folder, capsys):
+def test_circular_links_print_one_line(folder, capsys):
     Path("a.png").symlink_to("b.png")
     Path("b.png").symlink_to("a.png")
     assert "a.png" in fails(capsys, "a.png", *BALL, "-o", "o.png")
     assert "a.png" in fails(capsys, "grey.png", *BALL, "-o", "a.png")
 
 
-def test_a_picture_with_alpha_is_not_flattened_in_silence(folder, capsys):
+def test_alpha_in_format_without_alpha_raises(folder, capsys):
     om.write_image("clear.png", np.full((64, 64, 4), 128, np.uint8))
     assert "jpg holds uint8 pictures of 1 or 3 channels" in fails(capsys, "clear.png", *BALL, "-o", "out.jpg")
     assert not (folder / "out.jpg").exists()

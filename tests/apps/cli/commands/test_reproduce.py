@@ -12,7 +12,7 @@ from tests.commands import fails, omnimirror
 
 
 def test_writes_table_and_figures(tmp_path):
-    run = omnimirror("reproduce", "--out", "here", "--only", "fig6", "--only", "fig8", cwd=tmp_path)
+    run = omnimirror("reproduce", "-o", "here", "--only", "fig6", "--only", "fig8", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert {p.name for p in (tmp_path / "here").iterdir()} == {
         "numbers.csv",
@@ -32,17 +32,17 @@ def test_no_figures(tmp_path):
     assert {p.name for p in (tmp_path / "reproduced").iterdir()} == {"numbers.csv", "numbers.md"}
 
 
-def test_an_unknown_figure_is_one_sentence(tmp_path):
+def test_unknown_figure_prints_one_line(tmp_path):
     assert "fig99" in fails("reproduce", "--only", "fig99", cwd=tmp_path)
 
 
-def test_a_wrong_number_ends_with_exit_code_1_and_names_the_row(tmp_path, monkeypatch, capsys):
+def test_unexpected_verdict_exits_with_1(tmp_path, monkeypatch, capsys):
     claims = package.all_claims()
     i = next(i for i, c in enumerate(claims) if c.quantity == "whole sphere")
     claims[i] = replace(claims[i], compute=lambda paper: 41000.0)
     monkeypatch.setattr(package, "all_claims", lambda: claims)
     with pytest.raises(SystemExit, match=r"^1$"):
-        main(["reproduce", "--no-figures", "--out", str(tmp_path)])
+        main(["reproduce", "--no-figures", "-o", str(tmp_path)])
     sentence = capsys.readouterr().err.strip()
     assert len(sentence.splitlines()) == 1
     assert f"{i + 1} (Sec. 3.3: whole sphere)" in sentence

@@ -48,7 +48,7 @@ def done(*args):
     return run.stdout
 
 
-def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
+def test_exr_contains_light_and_ground_truth(sensor_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     out = tmp_path / "truth.exr"
     done(sensor_file, "--no-blur", "--samples", 1, "--pose", "300,100,0,30", "-o", out)
@@ -64,7 +64,7 @@ def test_an_exr_holds_light_and_ground_truth(sensor_file, tmp_path):
     assert om.read_image(out).shape == (128, 128, 4)
 
 
-def test_an_exr_labels_what_the_housing_hides_and_what_a_tube_bends(sensor_file, sky_file, tmp_path):
+def test_exr_labels_obscuration_and_refraction(sensor_file, sky_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     found = {}
     supports = {"rod": ("--support", "rod", "--support-diameter-mm", 12), "tube": ("--support", "tube")}
@@ -81,7 +81,7 @@ def test_an_exr_labels_what_the_housing_hides_and_what_a_tube_bends(sensor_file,
     np.testing.assert_allclose(np.hypot(found["tube"]["OX"], found["tube"]["OY"])[seen], 50.0, atol=1e-4)
 
 
-def test_an_environment_blurred_noisy_in_12_bits(sensor_file, sky_file, tmp_path):
+def test_blurred_noisy_environment_in_12_bits(sensor_file, sky_file, tmp_path):
     out = tmp_path / "noisy.png"
     options = ("--full-well-e", 4000, "--read-noise-e", 5, "--bits", 12, "--curve", "linear", "--seed", 5)
     said = done(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", out)
@@ -94,7 +94,7 @@ def test_an_environment_blurred_noisy_in_12_bits(sensor_file, sky_file, tmp_path
     np.testing.assert_array_equal(picture, om.read_image(again))
 
 
-def test_a_video_along_a_path(sensor_file, sky_file, tmp_path):
+def test_video_along_path(sensor_file, sky_file, tmp_path):
     pytest.importorskip("av")
     from omnimirror.io.video_reader import VideoReader
 
@@ -105,7 +105,7 @@ def test_a_video_along_a_path(sensor_file, sky_file, tmp_path):
     assert VideoReader(out).expected_frames == 5
 
 
-def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
+def test_panorama_option(sensor_file, sky_file, tmp_path):
     done(sensor_file, "--scene", sky_file, "--spp", 1, "-o", tmp_path / "a.jpg", "--panorama", tmp_path / "p.png")
     panorama = om.read_image(tmp_path / "p.png")
     height, width = panorama.shape[:2]
@@ -118,17 +118,17 @@ def test_the_panorama_beside_the_picture(sensor_file, sky_file, tmp_path):
     [
         (("--scene", "moon", "-o", "a.png"), "the scene must be one of room, street, hall or a file"),
         (("--scene", "none.hdr", "-o", "a.png"), "cannot read the image none.hdr: the file does not exist"),
-        (("--pose", "1,2", "-o", "a.png"), "not a pose X,Y,Z"),
+        (("--pose", "1,2", "-o", "a.png"), "must be a pose X,Y,Z"),
         (("--pose", "9e6,0,0", "-o", "a.png"), "ray origins must be inside the room"),
-        (("--bits", "12", "-o", "a.jpg"), "write .png or .tif"),
-        (("--bayer", "RGGB", "-o", "a.exr"), "--bayer belongs to"),
-        (("--fps", "10", "-o", "a.png"), "--fps belongs to videos"),
-        (("-o", "a.mp4"), "needs a --path"),
-        (("--heading-deg", "10", "-o", "a.png"), "--heading-deg turns an environment"),
+        (("--bits", "12", "-o", "a.jpg"), "use .png or .tif"),
+        (("--bayer", "RGGB", "-o", "a.exr"), "--bayer requires"),
+        (("--fps", "10", "-o", "a.png"), "--fps requires --path"),
+        (("-o", "a.mp4"), "requires --path"),
+        (("--heading-deg", "10", "-o", "a.png"), "--heading-deg requires an environment image"),
         (("-o", "a.xyz"), "not known"),
     ],
 )
-def test_errors_are_sentences_and_leave_no_file(sensor_file, tmp_path, args, words):
+def test_invalid_arguments_write_no_file(sensor_file, tmp_path, args, words):
     assert words in fails("simulate", sensor_file, *args, cwd=tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -157,7 +157,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="
 
 
 @needs_proc
-def test_sigterm_before_the_first_picture_leaves_nothing(sensor_file, tmp_path):
+def test_sigterm_before_first_image_leaves_no_file(sensor_file, tmp_path):
     output = tmp_path / "out.png"
     said = _terminated_when(lambda: True, "simulate", sensor_file, "--samples", "1024", "-o", output)
     assert said.strip() == "omnimirror: stopped"
@@ -166,31 +166,31 @@ def test_sigterm_before_the_first_picture_leaves_nothing(sensor_file, tmp_path):
 
 @pytest.mark.full
 @needs_proc
-def test_sigterm_keeps_the_pictures_of_a_data_set_that_were_done(sensor_file, sky_file, tmp_path):
+def test_sigterm_keeps_completed_dataset_images(sensor_file, sky_file, tmp_path):
     folder = tmp_path / "set"
     words = ("simulate", "dataset", sensor_file, "--views", "400", "--seed", "3", "-o", folder)
     said = _terminated_when(lambda: len(list(folder.glob("*.png"))) > 1, *words)
-    assert "pictures that were done" in said
+    assert "images" in said
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
     for path in folder.glob("*.png"):
         om.read_image(path)
 
 
 @needs_proc
-def test_sigterm_keeps_the_shards_of_a_set_to_learn_from_that_were_done(sensor_file, sky_file, tmp_path):
+def test_sigterm_keeps_completed_training_shards(sensor_file, sky_file, tmp_path):
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
-    words = ("simulate", "learning", sensor_file, "--scene", sky_file, "--spp", "1", "--per-shard", "1")
+    words = ("simulate", "training", sensor_file, "--scene", sky_file, "--spp", "1", "--per-shard", "1")
     said = _terminated_when(lambda: len([*folder.glob("set-*.tar")]) > 1, *words, "--path", tmp_path / "path.csv", "-o", folder)
     shards = sorted(folder.iterdir())
-    assert f"holds the {len(shards)} shards that were done" in said
+    assert f"contains {len(shards)} shards" in said
     for number, shard in enumerate(shards):
         with tarfile.open(shard) as tar:
             assert tar.getnames() == [f"{number:06d}.{ending}" for ending in ("png", "npz", "json")]
 
 
 @needs_proc
-def test_sigterm_leaves_a_video_along_a_path_that_plays(sensor_file, sky_file, tmp_path):
+def test_sigterm_leaves_playable_video(sensor_file, sky_file, tmp_path):
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "out"
@@ -204,7 +204,7 @@ def test_sigterm_leaves_a_video_along_a_path_that_plays(sensor_file, sky_file, t
 
 @pytest.mark.long
 @needs_proc
-def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky_file, tmp_path):
+def test_sigterm_keeps_completed_video_dataset_frames(sensor_file, sky_file, tmp_path):
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
@@ -223,7 +223,7 @@ def test_sigterm_keeps_the_frames_of_a_video_set_that_were_done(sensor_file, sky
         assert sum(1 for _ in container.decode(video=0)) == count
 
 
-def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housing(tmp_path):
+def test_calibrated_camera_renders_sharp_images(tmp_path):
     """Each pixel shows the radiance of the scene along the camera ray."""
     camera = om.Unified(0.9, (33.0, 32.0), (41.0, 39.0), (80, 80), k1=-0.02, rim_radius_px=36.0)
     om.save_camera(camera, tmp_path / "mine.toml")
@@ -235,5 +235,5 @@ def test_a_calibrated_camera_takes_sharp_pictures_and_has_neither_blur_nor_housi
     light[rays.valid] = world.radiance(rays.origins[rays.valid], rays.directions[rays.valid])
     shown = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
     np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
-    for option, words in (("--blur=on", "blur must be False unless the camera is a sensor"), ("--support=rod", "belongs to a sensor's housing")):
+    for option, words in (("--blur=on", "blur must be False unless the camera is a sensor"), ("--support=rod", "requires a sensor; a calibrated camera has no housing")):
         assert words in fails("simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png")

@@ -1,4 +1,4 @@
-"""Printed output of ``omnimirror design`` and ``judge``: requirements, conflicts, merits and convergence."""
+"""Printed output of ``omnimirror design`` and ``check``: requirements, conflicts, merits and convergence."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ....design.reference_mirrors import known_sensors, merit_values
 from ....design.relaxation import Conflict, Relaxation
 from ....design.requirement_check import ROUNDING, Judgement, Verdict
 from ....optics.tracing.obscuration import obscuration_summary
-from .._output import head, plain_table, say
+from .._output import column_head, plain_table, print_line
 
 OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
 MAX_ALTERNATIVES = 3
 """Number of alternatives printed for each entry under each heading; the JSON file contains all."""
-MISSED = 3
+EXIT_MISSED = 3
 """Exit code for a sensor that misses a requirement."""
 
 
@@ -30,7 +30,7 @@ def print_design(console: Console, design: Design) -> None:
     """Print the notes of the design and the table of its requirements."""
     sensor = design.sensor
     place = "" if sensor.lens.TELECENTRIC else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
-    say((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
+    print_line((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
     for note in design.notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
     console.print()
@@ -40,27 +40,27 @@ def print_design(console: Console, design: Design) -> None:
 def print_verdict(console: Console, verdict: Verdict) -> None:
     """Print each requirement with its limit, the value reached, and the margin."""
     by_elevation = verdict.requirements.field.angles == "elevation"
-    numbers = ("asked", "reached", "margin", "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}")
-    table = plain_table("requirement", *numbers, "", words=("requirement", ""), tight=True)
+    numbers = ("required", "reached", "margin", "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}")
+    table = plain_table("requirement", *numbers, "", text_columns=("requirement", ""), tight=True)
     for row in verdict.rows:
-        at, label = _place_told(verdict, row) if by_elevation else (row.omega_deg, row.label)
+        at, label = _elevation_and_label(verdict, row) if by_elevation else (row.omega_deg, row.label)
         met = Text("met") if row.is_met else Text("missed", style="bold red")
         margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
-        asked = _asked(row.at_least, row.at_most, row.unit)
+        required = _format_limit(row.at_least, row.at_most, row.unit)
         where = "" if at is None else f"{at:.4g} deg"
-        table.add_row(label, asked, _number(row.reached), _number(margin), where, met)
+        table.add_row(label, required, _number(row.reached), _number(margin), where, met)
     console.print(table)
     remarks = list(dict.fromkeys(remark for row in verdict.rows for remark in row.remarks))
     for remark in remarks:
         names = ", ".join(row.label for row in verdict.rows if remark in row.remarks)
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     sensor = verdict.sensor
-    if sensor.obscured and not any("hides it" in remark for remark in remarks):  # not yet reported
-        told = obscuration_summary(sensor.obscured, sensor.obscured_percent)
-        console.print(f"  hidden: {told}", highlight=False, soft_wrap=True)
+    if sensor.obscured and not any("obscured by" in remark for remark in remarks):  # not yet reported
+        obscurations = obscuration_summary(sensor.obscured, sensor.obscured_percent)
+        console.print(f"  obscured: {obscurations}", highlight=False, soft_wrap=True)
 
 
-def _place_told(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
+def _elevation_and_label(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
     """Return the elevation of the worst value of a row, or of a limit on the field itself; and its
     label.
     """
@@ -73,7 +73,7 @@ def _place_told(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
     return at, row.name + (f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg")
 
 
-def _asked(low: float | None, high: float | None, unit: str) -> str:
+def _format_limit(low: float | None, high: float | None, unit: str) -> str:
     if low is not None and high is not None:
         text = _number(low) if low == high else f"{_number(low)} to {_number(high)}"
     else:
@@ -89,21 +89,21 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
     """Print the missed requirements and the relaxations that make the others feasible."""
     labels = {}
     if verdict.requirements.field.angles == "elevation":
-        labels = {row.label: _place_told(verdict, row)[1] for row in verdict.rows} | OF_ELEVATIONS
+        labels = {row.label: _elevation_and_label(verdict, row)[1] for row in verdict.rows} | OF_ELEVATIONS
     missed = "; ".join(labels.get(label, label) for label in conflict.missed)
-    console.print(f"\nNot everything can be met: {missed}.", highlight=False, soft_wrap=True)
+    console.print(f"\nInfeasible requirements: {missed}.", highlight=False, soft_wrap=True)
     helpful = [r for r in conflict.alone if r.needed is not None and r.needed != r.asked]
     if helpful:
-        console.print("All is met if one of these alone gives:", highlight=False)
+        console.print("All requirements are met if one of these is relaxed:", highlight=False)
         for r in helpful:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
     elif conflict.is_complete:
-        console.print("No single requirement that gives, within reason, would do.", highlight=False)
+        console.print("No relaxation of a single requirement within the permitted range is sufficient.", highlight=False)
     if conflict.joint_share is not None:
-        console.print(f"Or if these give at once by up to {conflict.joint_share:.2%}:", highlight=False)
+        console.print(f"Or if these are relaxed together by up to {conflict.joint_share:.2%}:", highlight=False)
         for r in conflict.joint:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
-    for others, heading in (([a for a in conflict.alternatives if a.is_met], "All is met with one of these alternatives:"), ([a for a in conflict.alternatives if not a.is_met], "Alternatives that miss less (largest violation):")):
+    for others, heading in (([a for a in conflict.alternatives if a.is_met], "All requirements are met with one of these alternatives:"), ([a for a in conflict.alternatives if not a.is_met], "Alternatives with a smaller violation (largest violation):")):
         if others:
             console.print(heading, highlight=False)
         counts = Counter[str]()
@@ -122,41 +122,41 @@ def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
     """Format the relaxed value of a requirement, with labels as in the table of requirements."""
     unit, name = f" {r.unit}" if r.unit else "", labels.get(r.name, r.name)
     share = f" ({r.share:.2%})" if r.share is not None else ""
-    needed, asked = r.needed, r.asked
-    if name in OF_ELEVATIONS.values() and needed is not None:
-        (asked, needed), share = ((verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0 for v in (asked, needed)), "")
-    return f"{name}: {_number(needed)}{unit} instead of {_number(asked)}{unit}{share}"
+    relaxed, required = r.needed, r.asked
+    if name in OF_ELEVATIONS.values() and relaxed is not None:
+        (required, relaxed), share = ((verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0 for v in (required, relaxed)), "")
+    return f"{name}: {_number(relaxed)}{unit} instead of {_number(required)}{unit}{share}"
 
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
     """Print the result for each number of terms."""
     merit = QUANTITIES[next(iter(designs.values())).requirements.mirror.optimise or ""]
-    table = plain_table("terms", "best start", "steps", f"{merit.name}\n{merit.unit}", head("focus_mm"))
+    table = plain_table("terms", "best start", "steps", f"{merit.name}\n{merit.unit}", column_head("focus_mm"))
     for count, design in designs.items():
-        if (found := design.optimum) is None:
-            table.add_row(str(count), "", "", "limits not kept", "")
+        if (optimum := design.optimum) is None:
+            table.add_row(str(count), "", "", "limits violated", "")
             continue
-        run = min((r for r in found.runs if r.kept), key=lambda r: r.value)
+        run = min((r for r in optimum.runs if r.kept), key=lambda r: r.value)
         focus = f"{design.sensor.lens.focus_distance_mm:.2f}"
-        table.add_row(str(count), run.start, str(len(run.history) - 1), f"{found.value:.5f}", focus)
+        table.add_row(str(count), run.start, str(len(run.history) - 1), f"{optimum.value:.5f}", focus)
     console.print(table)
     console.print()
 
 
-def print_merits(console: Console, best: Optimum) -> None:
+def print_merits(console: Console, optimum: Optimum) -> None:
     """Print all merits of the optimised mirror next to those of the sphere for the same field."""
-    sphere = next(iter(known_sensors(best.problem).values()))
-    table = plain_table("merit", "sphere", "optimised", "unit", "meaning", words=("merit", "unit", "meaning"))
-    focus_by = best.merit if best.merit in FOCUS_MERITS else "worst_floored_area_deg2"
-    before_all = merit_values(sphere, list(DESIGN_MERITS), best.problem, focus_by)
-    after_all = merit_values(best.sensor, list(DESIGN_MERITS), best.problem, None)
+    sphere = next(iter(known_sensors(optimum.problem).values()))
+    table = plain_table("merit", "sphere", "optimised", "unit", "meaning", text_columns=("merit", "unit", "meaning"))
+    focus_by = optimum.merit if optimum.merit in FOCUS_MERITS else "worst_floored_area_deg2"
+    before_all = merit_values(sphere, list(DESIGN_MERITS), optimum.problem, focus_by)
+    after_all = merit_values(optimum.sensor, list(DESIGN_MERITS), optimum.problem, None)
     for name, before, after in zip(DESIGN_MERITS, before_all, after_all, strict=True):
         table.add_row(name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning)
     console.print()
     console.print(table)
-    say((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
-    if best.problem.optics is not None:  # the bound holds for ideal lenses
+    print_line((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
+    if optimum.problem.optics is not None:  # the bound holds for ideal lenses
         return
-    least, blur = best.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
-    if least:
-        console.print(f"No mirror of this field, rim and lens has a worst single blur below {least:.4f} deg; this one's lies {blur / least - 1:.2%} above.")
+    bound, blur = optimum.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
+    if bound:
+        console.print(f"Lower bound of the worst single blur for this field, rim and lens: {bound:.4f} deg; this mirror exceeds it by {blur / bound - 1:.2%}.")

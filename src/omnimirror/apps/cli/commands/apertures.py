@@ -14,9 +14,9 @@ from ....design.component_selection import BestAperture, best_apertures
 from ....design.ranges import Range
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, option, takes
+from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER, SENSOR, distance, number_or_range
-from .._output import head, json_option, output_console, plain_table, say_written
+from .._output import column_head, json_option, output_console, plain_table, print_written
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ApertureOptions(Options):
     examples=("omnimirror apertures paper-spherical",),
 )
 @click.argument("sensors", type=SENSOR, nargs=-1, required=True)
-@takes(ApertureOptions, "apertures")
+@add_options(ApertureOptions, "apertures")
 @json_option()
 def command(sensors: tuple[str, ...], apertures: ApertureOptions, json_file: Path | None) -> None:
     """Find the optimum F-number and focus of each of SENSORS: tangential, sagittal and for both
@@ -70,8 +70,14 @@ def command(sensors: tuple[str, ...], apertures: ApertureOptions, json_file: Pat
     A large aperture increases blur, a small one diffraction. The merit is the root sum of squares
     of both, in pixels, at the worst field angle.
     """
-    numbers = (head("f_number"), head("focus_mm"), "worst\npx", "blur\npx", head("airy_px"))
-    table = plain_table("sensor", "least", *numbers, words=("sensor", "least"))
+    numbers = (
+        column_head("f_number"),
+        column_head("focus_mm"),
+        "worst\npx",
+        "blur\npx",
+        column_head("airy_px"),
+    )
+    table = plain_table("sensor", "minimised", *numbers, text_columns=("sensor", "minimised"))
     console = output_console()
     records: list[dict[str, Any]] = []
     for name in sensors:
@@ -90,4 +96,4 @@ def command(sensors: tuple[str, ...], apertures: ApertureOptions, json_file: Pat
     console.print(table)
     if json_file:
         write_json(json_file, records)
-        say_written(json_file, console=console)
+        print_written(json_file, console=console)

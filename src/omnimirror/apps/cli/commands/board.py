@@ -12,11 +12,11 @@ from ....base.arguments import format_value
 from ....base.files import is_standard_output
 from ....calibration.targets.boards import KINDS, Board
 from ....calibration.targets.printing import PAPERS_MM, SUFFIXES, write_board
-from .._declarations import DocumentedCommand, Options, option, takes
+from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER
-from .._output import format_option, output_option, say, say_written
+from .._output import format_option, output_option, print_line, print_written
 
-# -- Options that specify a calibration target -----------------------------------------------------
+# -- Options of a calibration target ---------------------------------------------------------------
 
 SIZE = "Columns and rows: inner corners of a chessboard, squares of a ChArUco board, tags of an April grid."
 SQUARE = "Side of a square, or of a tag."
@@ -30,105 +30,73 @@ def board_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"{format_value(text)} is not the size of a board, such as 11x7")
+        raise click.BadParameter(f"must be the size of a board, such as 11x7; got {shown(text)}")
     return int(match[1]), int(match[2])
 
 
 @dataclass(frozen=True)
-class SoughtBoardOptions(Options):
+class OptionalBoardOptions(Options):
     """Calibration board, with the parameters of :class:`omnimirror.Board`; optional."""
 
-    board: tuple[int, int] | None = option(
-        type=board_size, metavar="CxR", show_default=False, help=SIZE
-    )
+    board: tuple[int, int] | None = option(type=board_size, metavar="CxR", show_default=False, help=SIZE)
     square_mm: float | None = option(type=NUMBER, show_default=False, metavar="MM", help=SQUARE)
     target: str = option(type=click.Choice(KINDS), default="chessboard", help="Type of board.")
-    marker_mm: float | None = option(
-        type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]"
-    )
-    spacing: float | None = option(
-        type=NUMBER,
-        metavar="RATIO",
-        help="April grid: gap between tags as a fraction of their side.  [default: 0.3]",
-    )
-    family: str | None = option(
-        metavar="NAME",
-        help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]",
-    )
-    legacy: bool = option(
-        "--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6."
-    )
+    marker_mm: float | None = option(type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]")
+    spacing: float | None = option(type=NUMBER, metavar="RATIO", help="April grid: gap between tags as a fraction of their side.  [default: 0.3]")
+    family: str | None = option(metavar="NAME", help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]")
+    legacy: bool = option("--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6.")
 
-    def made(self) -> Board | None:
+    def target_board(self) -> Board | None:
         """Return the board; None without options for one."""
         if self.board is None or self.square_mm is None:
             if self.changed:
-                raise click.UsageError("a board takes --board and --square-mm")
+                raise click.UsageError("--board and --square-mm must be given together")
             return None
         columns, rows = self.board
-        more = self.picked("marker_mm", "spacing", "family")
+        more = self.subset("marker_mm", "spacing", "family")
         return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
-class BoardOptions(SoughtBoardOptions):
+class BoardOptions(OptionalBoardOptions):
     """Calibration board, with the parameters of :class:`omnimirror.Board`."""
 
-    board: tuple[int, int] = option(
-        type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE
-    )
-    square_mm: float = option(
-        type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE
-    )
+    board: tuple[int, int] = option(type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE)
+    square_mm: float = option(type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE)
 
-    def made(self) -> Board:
+    def target_board(self) -> Board:
         """Return the board."""
-        made = super().made()
-        assert made is not None
-        return made
+        target = super().target_board()
+        assert target is not None
+        return target
 
 
-# -- ``omnimirror board``: calibration targets for printing ----------------------------------------
+# -- Command ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class SheetOptions(Options):
     """Sheet, with the parameters of :func:`omnimirror.write_board`."""
 
-    margin_mm: float | None = option(
-        type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]"
-    )
-    paper: str | None = option(
-        type=click.Choice(list(PAPERS_MM)),
-        help="Paper size.  [default: as large as the board requires]",
-    )
+    margin_mm: float | None = option(type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]")
+    paper: str | None = option(type=click.Choice(list(PAPERS_MM)), help="Paper size.  [default: as large as the board requires]")
     dpi: float = option(type=NUMBER, default=300.0, help="Resolution of PNG files, dots per inch.")
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="calibrate",
-    examples=("omnimirror board --board 11x7 --square-mm 30 -o board.pdf",),
-)
-@output_option(
-    "-o",
-    "--output",
-    required=True,
-    formats=tuple(suffix[1:] for suffix in SUFFIXES),
-    help="Output file: .pdf, .svg or .png.",
-)
+@click.command(cls=DocumentedCommand, page="calibrate", examples=("omnimirror board --board 11x7 --square-mm 30 -o board.pdf",))
+@output_option("-o", "--output", required=True, formats=tuple(suffix[1:] for suffix in SUFFIXES), help="Output file: .pdf, .svg or .png.")
 @format_option(tuple(suffix[1:] for suffix in SUFFIXES))
-@takes(BoardOptions, "board")
-@takes(SheetOptions, "sheet")
+@add_options(BoardOptions, "board")
+@add_options(SheetOptions, "sheet")
 def command(output: Path, board: BoardOptions, sheet: SheetOptions) -> None:
     """Write a calibration target for printing at true scale.
 
     Print it at 100 %, without fitting it to the page, and measure the 100 mm line at its foot.
     Mount it on a flat and stiff support.
     """
-    made = board.made()
-    written = write_board(made, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi)
-    say_written(written)
+    target = board.target_board()
+    written = write_board(target, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi)
+    print_written(written)
     if not is_standard_output(output):
-        size = f"--board {made.columns}x{made.rows} --square-mm {made.square_mm:g}"
-        say(f"Calibrate with {size} --target {made.kind}, and the square as you measured it")
+        size = f"--board {target.columns}x{target.rows} --square-mm {target.square_mm:g}"
+        print_line(f"Calibrate with {size} --target {target.kind}, with the measured size of a square")

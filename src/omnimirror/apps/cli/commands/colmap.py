@@ -17,10 +17,10 @@ from ....io.batch import expand_inputs
 from ....optics.sensor_files import load_camera
 from ....simulation.scenes.scene import Pose
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, takes
-from .._option_types import SENSOR, WHOLE, angle, distance
-from .._output import json_option, output_console, plain_table, say, say_written
-from .._scene_options import rows_bar
+from .._declarations import DocumentedCommand, add_options
+from .._option_types import INTEGER, SENSOR, angle, distance
+from .._output import json_option, output_console, plain_table, print_line, print_written
+from .._scene_options import percentage_bar
 
 
 @click.command(
@@ -44,7 +44,7 @@ from .._scene_options import rows_bar
 @click.option(
     "--views",
     "views_around",
-    type=WHOLE,
+    type=INTEGER,
     default=6,
     show_default=True,
     help="Number of perspective views.",
@@ -65,7 +65,7 @@ from .._scene_options import rows_bar
     metavar="DEG",
     help="Elevation of the views.",
 )
-@click.option("--size", type=WHOLE, metavar="PX", help="Side of a view or width of the panorama.")
+@click.option("--size", type=INTEGER, metavar="PX", help="Side of a view or width of the panorama.")
 @click.option(
     "--distance-mm",
     type=distance,
@@ -75,9 +75,9 @@ from .._scene_options import rows_bar
     help="Object distance at which views are exact.",
 )
 @click.option("--panorama", is_flag=True, help="Write one EQUIRECTANGULAR camera instead of views.")
-@takes(OrientationOptions, "orientation")
+@add_options(OrientationOptions, "orientation")
 @click.option(
-    "--every", type=WHOLE, default=1, show_default=True, help="Use every n-th image or frame."
+    "--every", type=INTEGER, default=1, show_default=True, help="Use every n-th image or frame."
 )
 @click.option(
     "--poses",
@@ -120,7 +120,7 @@ def command(
         orientation.report_video(images[0])
     else:
         orientation.report(expand_inputs(images))
-    with rows_bar("Dewarping") as progress:
+    with percentage_bar("Dewarping") as progress:
         project = write_colmap(
             load_camera(camera),
             images,
@@ -140,7 +140,7 @@ def command(
         "view",
         "size",
         *(f"error at {mm / 1000:g} m\npx" for mm in project.rig[0].errors_px),
-        words=("view", "size"),
+        text_columns=("view", "size"),
     )
     for view in project.rig:
         width, height = view.screen.size
@@ -151,8 +151,8 @@ def command(
     console.print(table)
     if json_file:
         write_json(json_file, [_record(view) for view in project.rig])
-        say_written(json_file, console=console)
-    say(f"{output}: {project.images} images, {len(project.rig)} views each", console=console)
+        print_written(json_file, console=console)
+    print_line(f"{output}: {project.images} images, {len(project.rig)} views each", console=console)
 
 
 def _check_view_options(panorama: bool) -> None:

@@ -13,7 +13,14 @@ from ....analysis.comparison import Comparison, compare
 from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand
 from .._option_types import SENSOR, distance
-from .._output import format_option, json_option, output_console, output_option, say, say_written
+from .._output import (
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    print_line,
+    print_written,
+)
 
 FORMATS = ("png", "html")
 
@@ -57,7 +64,7 @@ def command(
     comparison = compare([load_sensor(s) for s in sensors], object_distance_mm)
     print_comparison(console, comparison)
     for note in comparison.notes:
-        say(("Note: ", "yellow"), note, console=console)
+        print_line(("Note: ", "yellow"), note, console=console)
     if csv_file:
         comparison.to_csv(csv_file)
     if json_file:
@@ -65,9 +72,9 @@ def command(
     if output:
         from ...reports.comparison import write_comparison
 
-        with console.status("Drawing, simulating, straightening"):
+        with console.status("Drawing, simulating, dewarp_request"):
             write_comparison(comparison, output)
-    say_written(csv_file, json_file, output, console=console)
+    print_written(csv_file, json_file, output, console=console)
 
 
 def print_comparison(console: Console, comparison: Comparison) -> None:

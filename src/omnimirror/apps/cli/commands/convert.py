@@ -15,9 +15,9 @@ from ....calibration.conversion import DISTANCES_MM, Conversion, convert
 from ....calibration.formats import FORMATS
 from ....cameras.frames import CameraLooks, Mount
 from ....cameras.models.camera_model import Optics
-from .._declarations import DocumentedCommand, Options, option, takes
-from .._option_types import NUMBER, angle, distance, whole_size
-from .._output import Output, json_option, output_console, plain_table, say, say_written
+from .._declarations import DocumentedCommand, Options, add_options, option
+from .._option_types import NUMBER, angle, distance, full_image_size
+from .._output import Output, json_option, output_console, plain_table, print_line, print_written
 
 
 def distance_list(text: str) -> tuple[float, ...]:
@@ -30,7 +30,7 @@ def distance_list(text: str) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class UnsaidOptions(Options):
+class SourceDataOptions(Options):
     """Missing data of the source, with the parameters of :func:`omnimirror.convert`."""
 
     camera: str | None = option(
@@ -44,7 +44,7 @@ class UnsaidOptions(Options):
         type=NUMBER, metavar="PX", help="Radius of the field in the image.  [default: unlimited]"
     )
     image_size: tuple[int, int] | None = option(
-        type=whole_size, metavar="WxH", help="Image size, for a source file without it."
+        type=full_image_size, metavar="WxH", help="Image size, for a source file without it."
     )
 
 
@@ -67,7 +67,7 @@ class MountOptions(Options):
 
 
 @dataclass(frozen=True)
-class CostOptions(Options):
+class ApproximationOptions(Options):
     """Approximation error."""
 
     tolerance_px: float | None = option(
@@ -77,7 +77,7 @@ class CostOptions(Options):
     )
     distance_mm: tuple[float, ...] | None = option(
         type=distance_list,
-        metavar="MM,..",
+        metavar="MM,...",
         help="Object distances for a camera without a single viewpoint; 'inf' is allowed.  [default: "
         f"{','.join(f'{d:g}' for d in DISTANCES_MM)}]",
     )
@@ -112,65 +112,73 @@ class CostOptions(Options):
     "--to", metavar="FORMAT", help="Format of TARGET, or one of its models, such as kalibr-ds."
 )
 @click.option("--flip", is_flag=True, help="Write the camera of the image mirrored left to right.")
-@takes(UnsaidOptions, "unsaid")
-@takes(MountOptions, "stands")
-@takes(CostOptions, "cost")
-@json_option("Write what it costs, in pixels and for each distance.")
+@add_options(SourceDataOptions, "source_data")
+@add_options(MountOptions, "mount")
+@add_options(ApproximationOptions, "approximation")
+@json_option("Write the approximation error, in pixels and for each distance.")
 def command(
     source: Path,
     target: Path,
     from_: str | None,
     to: str | None,
     flip: bool,
-    unsaid: UnsaidOptions,
-    stands: MountOptions,
-    cost: CostOptions,
+    source_data: SourceDataOptions,
+    mount: MountOptions,
+    approximation: ApproximationOptions,
     json_file: Path | None,
 ) -> None:
     """Convert the camera model in SOURCE to another format, write TARGET, and report the error."""
-    options: dict[str, Any] = {**unsaid.given, **cost.given}
-    if stands.given:
-        options["mount"] = Mount(**stands.given)
-    made = convert(source, target, to=to, from_=from_, flip=flip, **options)
+    options: dict[str, Any] = {**source_data.given, **approximation.given}
+    if mount.given:
+        options["mount"] = Mount(**mount.given)
+    conversion = convert(source, target, to=to, from_=from_, flip=flip, **options)
     console = output_console()
-    say(f"{made.source} to {made.target}: {words_of(made)}", console=console)
-    if len(made.costs) > 1:
-        console.print(_table(made))
-    for note in made.notes:
-        say(("Note: ", "yellow"), note, console=console)
+    print_line(
+        f"{conversion.source} to {conversion.target}: {error_text(conversion)}", console=console
+    )
+    if len(conversion.costs) > 1:
+        console.print(_table(conversion))
+    for note in conversion.notes:
+        print_line(("Note: ", "yellow"), note, console=console)
     if json_file:
-        told = {"exact": made.exact, "rms_px": made.rms_px, "largest_px": made.largest_px}
-        costs = [one._asdict() for one in made.costs]
+        errors = {
+            "exact": conversion.exact,
+            "rms_px": conversion.rms_px,
+            "largest_px": conversion.largest_px,
+        }
+        costs = [one._asdict() for one in conversion.costs]
         write_json(
             json_file,
-            {"from": made.source, "to": made.target} | told | {"costs": costs, "notes": made.notes},
+            {"from": conversion.source, "to": conversion.target}
+            | errors
+            | {"costs": costs, "notes": conversion.notes},
         )
-    say_written(target, json_file, console=console)
+    print_written(target, json_file, console=console)
 
 
-def words_of(made: Conversion) -> str:
+def error_text(conversion: Conversion) -> str:
     """Format the approximation error of a conversion in one line."""
-    if made.exact:
-        return "the same numbers"
-    what = "a panorama" if made.target.endswith("equirectangular") else "a fitted model"
-    worst = max(made.costs, key=lambda c: c.largest_px)
-    (u, v), far = (
+    if conversion.exact:
+        return "exact"
+    approximation = "panorama" if conversion.target.endswith("equirectangular") else "fitted model"
+    worst = max(conversion.costs, key=lambda c: c.largest_px)
+    (u, v), distance = (
         worst.at_px,
-        "" if len(made.costs) == 1 else f", of things at {_distance(worst.distance_mm)}",
+        "" if len(conversion.costs) == 1 else f", object distance {_distance(worst.distance_mm)}",
     )
     return (
-        f"{what}, {made.rms_px:.3g} px off (rms), at most {made.largest_px:.3g} px at ({u:.0f}, {v:.0f}), "
-        f"{worst.at_deg:.3g} deg from the axis{far}"
+        f"{approximation}, error {conversion.rms_px:.3g} px rms, at most {conversion.largest_px:.3g} px at "
+        f"({u:.0f}, {v:.0f}), {worst.at_deg:.3g} deg from the axis{distance}"
     )
 
 
 def _distance(distance_mm: float) -> str:
-    return "any great distance" if np.isinf(distance_mm) else f"{distance_mm:g} mm"
+    return "infinity" if np.isinf(distance_mm) else f"{distance_mm:g} mm"
 
 
-def _table(made: Conversion) -> Table:
-    table = plain_table("distance\nmm", "off, rms\npx", "at most\npx", "field angle there\ndeg")
-    for c in made.costs:
+def _table(conversion: Conversion) -> Table:
+    table = plain_table("distance\nmm", "error, rms\npx", "maximum\npx", "at field angle\ndeg")
+    for c in conversion.costs:
         table.add_row(
             f"{c.distance_mm:g}", f"{c.rms_px:.3g}", f"{c.largest_px:.3g}", f"{c.at_deg:.3g}"
         )

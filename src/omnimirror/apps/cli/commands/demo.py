@@ -9,17 +9,19 @@ import click
 from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand
 from .._option_types import SENSOR
-from .._output import output_console, say
+from .._output import output_console, print_line
 
 
 @click.command(
     cls=DocumentedCommand,
     page="evaluation",
-    examples=("omnimirror demo paper-spherical --out demo",),
+    examples=("omnimirror demo paper-spherical -o demo",),
 )
 @click.argument("sensor", type=SENSOR, default="paper-spherical")
 @click.option(
-    "--out",
+    "-o",
+    "--output",
+    "folder",
     type=click.Path(path_type=Path),
     default="omnimirror-demo",
     show_default=True,
@@ -31,7 +33,7 @@ from .._output import output_console, say
     show_default=True,
     help="Render through the whole aperture, or without blur.",
 )
-def command(sensor: str, out: Path, blur: bool) -> None:
+def command(sensor: str, folder: Path, blur: bool) -> None:
     """Evaluate SENSOR (paper-spherical by default), render and dewarp an image of a room, and write
     a report.
     """
@@ -41,8 +43,8 @@ def command(sensor: str, out: Path, blur: bool) -> None:
     with console.status("Evaluating") as status:
         report = write_demo(
             load_sensor(sensor),
-            out,
+            folder,
             blur=blur,
-            progress=lambda what, share: status.update(f"{what}: {share:.0%}"),
+            on_progress=lambda step, fraction: status.update(f"{step}: {fraction:.0%}"),
         )
-    say(f"Wrote {report.resolve()}", console=console)
+    print_line(f"Wrote {report.resolve()}", console=console)

@@ -20,9 +20,16 @@ from ....manufacturing.tolerancing.mirror_form import FormEffect, as_built, form
 from ....optics.mirrors import Mirror
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor, save_sensor
-from .._declarations import DocumentedCommand, Options, option, takes
-from .._option_types import NUMBER, SENSOR, WHOLE
-from .._output import FIGURES, json_option, output_console, output_option, plain_table, say_written
+from .._declarations import DocumentedCommand, Options, add_options, option
+from .._option_types import INTEGER, NUMBER, SENSOR
+from .._output import (
+    FIGURES,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_written,
+)
 
 MAX_TERMS = 12
 
@@ -45,7 +52,7 @@ class PointOptions(Options):
         type=NUMBER, default=0.0, help="Probe radius, if the points are centres of the probe ball."
     )
     order: int | None = option(
-        type=WHOLE, help="Maximum order of the asymmetric Zernike terms.  [default: automatic]"
+        type=INTEGER, help="Maximum order of the asymmetric Zernike terms.  [default: automatic]"
     )
 
     def of(self, mirror: Mirror, path: Path) -> FormError:
@@ -67,7 +74,7 @@ class PointOptions(Options):
 )
 @click.argument("sensor", type=SENSOR)
 @click.argument("points", type=click.Path(path_type=Path))
-@takes(PointOptions, "fit")
+@add_options(PointOptions, "fit")
 @output_option(
     "-o", "--output", formats=("toml",), help="Write the sensor with the as-built mirror."
 )
@@ -98,14 +105,14 @@ def command(
     console = output_console()
     with console.status("Fitting"):
         form = fit.of(nominal.mirror, points)
-        effect, why_not = _effect(nominal, form)
+        effect, reason = _effect(nominal, form)
     _print_form(console, form)
-    asphere, why_none = _asphere(form)
-    _print_asphere(console, asphere, why_none)
+    asphere, asphere_reason = _asphere(form)
+    _print_asphere(console, asphere, asphere_reason)
     if effect is not None:
         _print_effect(console, effect)
     else:
-        console.print(f"\nthe effect on the image cannot be computed: {why_not}")
+        console.print(f"\nthe effect on the image cannot be computed: {reason}")
     written = []
     if output is not None:
         save_sensor(as_built(nominal, form, asymmetric=asymmetric), output)
@@ -120,7 +127,7 @@ def command(
     if json_file is not None:
         write_json(json_file, _numbers(form, effect, asphere))
         written.append(json_file)
-    say_written(*written, console=console)
+    print_written(*written, console=console)
 
 
 def _effect(sensor: Sensor, form: FormError) -> tuple[FormEffect | None, str]:
@@ -139,9 +146,9 @@ def _asphere(form: FormError) -> tuple[ForbesAsphere | None, str]:
         return None, str(e)
 
 
-def _print_asphere(console: Console, asphere: ForbesAsphere | None, why_none: str) -> None:
+def _print_asphere(console: Console, asphere: ForbesAsphere | None, asphere_reason: str) -> None:
     if asphere is None:
-        console.print(f"\nno Forbes asphere: {why_none}", soft_wrap=True)
+        console.print(f"\nno Forbes asphere: {asphere_reason}", soft_wrap=True)
         return
     terms, names = ", ".join(f"{um:.4f}" for um in asphere.um), "a0"
     names += f" ... a{len(asphere.um) - 1}" if len(asphere.um) > 1 else ""
@@ -153,33 +160,33 @@ def _print_asphere(console: Console, asphere: ForbesAsphere | None, why_none: st
 
 
 def _print_form(console: Console, form: FormError) -> None:
-    place, (least, most) = form.place, form.radial_range_mm
+    alignment, (low, high) = form.place, form.radial_range_mm
     outliers = f", {form.outliers} outliers rejected" if form.outliers else ""
     console.print(
-        f"{len(form.x_mm)} points{outliers}, {least:.3g} to {most:.4g} mm from the axis; rim radius "
+        f"{len(form.x_mm)} points{outliers}, {low:.3g} to {high:.4g} mm from the axis; rim radius "
         f"{form.mirror.rim_radius_mm:.4g} mm"
     )
     (x, y, z), (about_x, about_y) = (
-        np.round(place.vertex_mm, 4) + 0.0,
-        np.round(place.tilt_deg, 4) + 0.0,
+        np.round(alignment.vertex_mm, 4) + 0.0,
+        np.round(alignment.tilt_deg, 4) + 0.0,
     )
-    over = "; axes rotated by 180 deg about x" if place.is_inverted else ""
+    over = "; axes rotated by 180 deg about x" if alignment.is_inverted else ""
     console.print(
         f"alignment: vertex at {x:.4f}, {y:.4f}, {z:.4f} mm, tilt {about_x:.4f}, {about_y:.4f} deg{over}"
     )
-    if place.is_profile:
+    if alignment.is_profile:
         console.print("profile through the axis: only rotationally symmetric terms are determined")
-    if place.radius_mm is not None and place.radius_sigma_mm is not None:
+    if alignment.radius_mm is not None and alignment.radius_sigma_mm is not None:
         nominal = float(form.mirror.radius_t(0.0))
         console.print(
-            f"radius of the best-fit sphere: {place.radius_mm:.5f} +- {place.radius_sigma_mm:.2g} mm, "
-            f"{100 * (place.radius_mm / nominal - 1):+.3g} % of the nominal {nominal:.6g} mm"
+            f"radius of the best-fit sphere: {alignment.radius_mm:.5f} +- {alignment.radius_sigma_mm:.2g} mm, "
+            f"{100 * (alignment.radius_mm / nominal - 1):+.3g} % of the nominal {nominal:.6g} mm"
         )
-    if place.is_centred_by_outline:
+    if alignment.is_centred_by_outline:
         console.print(
             "the points do not determine the rotation about the centre: aligned by their outline"
         )
-    elif len(place.free):
+    elif len(alignment.free):
         console.print(
             "the points do not determine the rotation about the centre: axis of the machine used"
         )
@@ -188,7 +195,7 @@ def _print_form(console: Console, form: FormError) -> None:
         f"{form.rotational_rms_um:.3g} um rms\nnoise {form.noise_um:.2g} um, unexplained "
         f"{form.unexplained_um:.2g} um\n"
     )
-    table = plain_table("term", "name", "um rms", "+-", words=("name",))
+    table = plain_table("term", "name", "um rms", "+-", text_columns=("name",))
     ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))
     for term in ranked[:MAX_TERMS]:
         table.add_row(str(term.noll), term.name, f"{term.um:.4f}", f"{term.sigma_um:.4f}")
@@ -201,10 +208,10 @@ def _print_effect(console: Console, effect: FormEffect) -> None:
     if effect.lost_rays:
         console.print(f"\n{effect.lost_rays} objects in the field are not imaged")
         return
-    table = plain_table("image", "px", words=("image",))
+    table = plain_table("image", "px", text_columns=("image",))
     for depth in CALIBRATIONS:
-        words = "motion" if depth == "none" else f"motion after calibration: {depth}"
-        table.add_row(words, f"{effect.as_built[after('motion_px', depth)]:.4f}")
+        label = "motion" if depth == "none" else f"motion after calibration: {depth}"
+        table.add_row(label, f"{effect.as_built[after('motion_px', depth)]:.4f}")
     table.add_row("blur, nominal", f"{effect.nominal['blur_px']:.3f}")
     table.add_row("blur, as-built", f"{effect.as_built['blur_px']:.3f}")
     console.print(table)

@@ -9,25 +9,16 @@ import click
 import numpy as np
 
 from ....analysis.relative_illumination import Illumination, illumination
-from ....base.arguments import parse_float
+from ....base.arguments import float_of, shown
 from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....optics.materials import METALS, Reflectivity
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import angles_of
-from .._declarations import DocumentedCommand, Options, option, takes
+from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER, SENSOR, angle, values
-from .._output import (
-    FIGURES,
-    format_option,
-    head,
-    json_option,
-    output_console,
-    output_option,
-    plain_table,
-    say_written,
-)
+from .._output import FIGURES, column_head, format_option, json_option, output_console, output_option, plain_table, print_written
 
 CURVE, RIM_DEG = 121, 1.5  # points of the curve; refined zone inside the rim
 
@@ -48,89 +39,52 @@ def reflectivity(text: str) -> Reflectivity:
         return numbers[0]
     if len(numbers) == 2:
         return complex(*numbers)
-    raise click.BadParameter(
-        f"{text!r} is not a share from 0 to 1, an index n,k, or one of {', '.join(METALS)}"
-    )
+    raise click.BadParameter(f"must be a fraction from 0 to 1, an index n,k, or one of {', '.join(METALS)}; got {shown(text)}")
 
 
 @dataclass(frozen=True)
 class LightOptions(Options):
     """Illumination, with transmission of mirror and lens."""
 
-    omega_deg: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
-    )
-    azimuth_deg: float = option(
-        type=angle,
-        default=0.0,
-        metavar="DEG",
-        help="Azimuth in the image, from right towards bottom.",
-    )
-    reflectivity: Reflectivity = option(
-        type=reflectivity,
-        default=1.0,
-        metavar="R|N,K|METAL",
-        help=f"Reflectivity of the mirror: a fraction, a refractive index, or {', '.join(METALS)}.",
-    )
+    omega_deg: Array | None = option(type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]")
+    azimuth_deg: float = option(type=angle, default=0.0, metavar="DEG", help="Azimuth in the image, from right towards bottom.")
+    reflectivity: Reflectivity = option(type=reflectivity, default=1.0, metavar="R|N,K|METAL", help=f"Reflectivity of the mirror: a fraction, a refractive index, or {', '.join(METALS)}.")
     transmission: float = option(type=NUMBER, default=1.0, help="Transmission of the lens.")
 
     def of(self, sensor: Sensor, omega_deg: Array) -> Illumination:
         """Return the illumination at field angles (n,)."""
-        return illumination(
-            sensor, omega_deg, **self.picked("azimuth_deg", "reflectivity", "transmission")
-        )
+        return illumination(sensor, omega_deg, **self.subset("azimuth_deg", "reflectivity", "transmission"))
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="aperture",
-    examples=(
-        "omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",
-    ),
-)
+@click.command(cls=DocumentedCommand, page="aperture", examples=("omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",))
 @click.argument("sensor", type=SENSOR)
-@takes(LightOptions, "light")
+@add_options(LightOptions, "light")
 @output_option("-o", "--output", formats=FIGURES, help="Output figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the table as CSV.")
-@json_option("Write what --csv does, as a list of objects.")
-def command(
-    sensor: str,
-    light: LightOptions,
-    output: Path | None,
-    csv_file: Path | None,
-    json_file: Path | None,
-) -> None:
+@json_option("Write the columns of --csv as a list of objects.")
+def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
     """Compute the relative illumination of SENSOR over its field."""
-    seen = load_sensor(sensor)
-    found = light.of(seen, angles_of(seen, light.omega_deg))
+    camera = load_sensor(sensor)
+    result = light.of(camera, angles_of(camera, light.omega_deg))
     console = output_console()
     names = ("irradiance_sr", "relative", "reflectance")
-    table = plain_table(head("omega_deg"), *map(head, names), head("filled", "%"))
-    for row in zip(
-        found.omega_deg,
-        found.irradiance_sr,
-        found.relative,
-        found.reflectance,
-        found.filled,
-        strict=True,
-    ):
+    table = plain_table(column_head("omega_deg"), *map(column_head, names), column_head("filled", "%"))
+    for row in zip(result.omega_deg, result.irradiance_sr, result.relative, result.reflectance, result.filled, strict=True):
         omega, *numbers, filled = row
-        told = (QUANTITIES[name].text(v) for name, v in zip(names, numbers, strict=True))
-        table.add_row(f"{omega:g}", *told, f"{100 * filled:.4g}")
+        texts = (QUANTITIES[name].text(v) for name, v in zip(names, numbers, strict=True))
+        table.add_row(f"{omega:g}", *texts, f"{100 * filled:.4g}")
     console.print(table)
     if csv_file:
-        found.to_csv(csv_file)
+        result.to_csv(csv_file)
     if json_file:
-        found.to_json(json_file)
-    say_written(csv_file, json_file, console=console)
+        result.to_json(json_file)
+    print_written(csv_file, json_file, console=console)
     if output:
         from ....analysis.figures import save_figure
         from ....analysis.figures.aperture import illumination_curves
 
-        dense = np.linspace(found.omega_deg[0], found.omega_deg[-1], CURVE)
-        dense = np.union1d(
-            dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2)
-        )
-        figure = illumination_curves([(seen.name, light.of(seen, dense))])
-        say_written(save_figure(figure, output), console=console)
+        dense = np.linspace(result.omega_deg[0], result.omega_deg[-1], CURVE)
+        dense = np.union1d(dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2))
+        figure = illumination_curves([(camera.name, light.of(camera, dense))])
+        print_written(save_figure(figure, output), console=console)

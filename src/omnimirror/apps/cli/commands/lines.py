@@ -25,9 +25,9 @@ from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera, save_camera
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, option, takes
-from .._option_types import NUMBER, distance, whole_size
-from .._output import json_option, output_console, output_option, say, say_written
+from .._declarations import DocumentedCommand, Options, add_options, option
+from .._option_types import NUMBER, distance, full_image_size
+from .._output import json_option, output_console, output_option, print_line, print_written
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class LineOptions(Options):
         help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
     )
     image_size: tuple[int, int] | None = option(
-        type=whole_size, metavar="WxH", help="Image size, if only --lines are given."
+        type=full_image_size, metavar="WxH", help="Image size, if only --lines are given."
     )
 
     def model(self) -> Sensor | CameraModel | None:
@@ -82,13 +82,13 @@ class LineOptions(Options):
 
     def refined(
         self,
-        pictures: Sequence[NDArray[Any]],
+        images: Sequence[NDArray[Any]],
         lines: Sequence[Sequence[Array]],
         model: Sensor | CameraModel | None,
     ) -> LineCalibration:
         """Return the refinement of the camera from the edges of images."""
         return calibrate_lines(
-            pictures,
+            images,
             lines=lines,
             image_size=self.image_size,
             model=model,
@@ -110,14 +110,14 @@ class LineOptions(Options):
     ),
 )
 @click.argument("images", nargs=-1)
-@takes(LineOptions, "asked")
-@takes(OrientationOptions, "orientation")
+@add_options(LineOptions, "options")
+@add_options(OrientationOptions, "orientation")
 @output_option("-o", "--output", help="Output camera file, levelled and with its uncertainty.")
-@json_option("Write parameters, residuals and lean.")
+@json_option("Write parameters, residuals and tilt.")
 @output_option("--figure", help="Draw the edges of the first image: green if straight, red if not.")
 def command(
     images: tuple[str, ...],
-    asked: LineOptions,
+    options: LineOptions,
     orientation: OrientationOptions,
     output: Path | None,
     json_file: Path | None,
@@ -129,69 +129,71 @@ def command(
     IMAGES are files, folders or file patterns of rooms and streets, without a target. Mark edges
     that are not detected automatically by hand: --lines.
     """
-    if not (images or asked.lines):
-        raise click.UsageError("there are no IMAGES, and no --lines that were marked in them")
+    if not (images or options.lines):
+        raise click.UsageError("IMAGES or --lines must be given")
     if figure and not images:
-        raise click.UsageError("--figure is drawn on the first of IMAGES, and there is none")
-    files, marked = expand_inputs(images, READABLE_IMAGE_SUFFIXES), read_lines(asked.lines)
-    pictures = orientation.read(files)
-    check_alike(pictures, [file.name for file in files])
+        raise click.UsageError("--figure requires IMAGES")
+    files, marked = expand_inputs(images, READABLE_IMAGE_SUFFIXES), read_lines(options.lines)
+    pixels = orientation.read(files)
+    check_alike(pixels, [file.name for file in files])
     if len(files) == 1 and list(marked) == [ONLY]:
         marked = {files[0].name: marked[ONLY]}
     names = list(dict.fromkeys([*(file.name for file in files), *marked]))
     lines = [marked.get(name, ()) for name in names]
     console = output_console()
-    model = asked.model()
-    optics = asked.optics if model is None else getattr(model, "optics", "mirror")
-    if pictures and asked.rim is None and optics == "mirror":
-        (u, v, radius), inner = _found_rim(pictures)
-        say(
-            f"the rim lies about {u:.1f}, {v:.1f} px, with a radius of {radius:.1f} px",
+    model = options.model()
+    optics = options.optics if model is None else getattr(model, "optics", "mirror")
+    if pixels and options.rim is None and optics == "mirror":
+        (u, v, radius), inner = _detect_rim(pixels)
+        print_line(
+            f"detected rim: centre {u:.1f}, {v:.1f} px, radius {radius:.1f} px",
             console=console,
         )
-        if asked.inner_radius_px is not None:
-            inner = asked.inner_radius_px
-        asked = replace(asked, rim=(u, v, radius), inner_radius_px=inner)
-    with console.status("Following edges"):
-        found = asked.refined(pictures, lines, model)
-    told = found.to_dict()
-    used, edges = (sum(p[key] for p in told["pictures"]) for key in ("used", "edges"))
-    say(f"{used} of {edges} edges are straight within {found.rms_px:.2f} px rms", console=console)
-    for p in told["parameters"]:
-        say(
+        if options.inner_radius_px is not None:
+            inner = options.inner_radius_px
+        options = replace(options, rim=(u, v, radius), inner_radius_px=inner)
+    with console.status("Tracing edges"):
+        result = options.refined(pixels, lines, model)
+    record = result.to_dict()
+    used, edges = (sum(p[key] for p in record["pictures"]) for key in ("used", "edges"))
+    print_line(
+        f"{used} of {edges} edges used, residual {result.rms_px:.2f} px rms", console=console
+    )
+    for p in record["parameters"]:
+        print_line(
             (f"  {p['name']}", "bold"),
             f" {p['value']:.6g} +- {p['sigma']:.2g} {p['unit']}",
             console=console,
         )
-    for words in found.free:
-        say(("not determined: ", "bold"), words, console=console)
-    for name, level in zip(names, found.levels, strict=True):
-        say((name, "bold"), f": {_lean(level)}", console=console)
+    for parameter in result.free:
+        print_line(("not determined: ", "bold"), parameter, console=console)
+    for name, level in zip(names, result.levels, strict=True):
+        print_line((name, "bold"), f": {_format_level(level)}", console=console)
     if output:
-        save_camera(found.camera, output)  # type: ignore[arg-type]  # of the kinds that files hold
+        save_camera(result.camera, output)  # type: ignore[arg-type]  # of the kinds that files hold
     if json_file:
-        write_json(json_file, told)
+        write_json(json_file, record)
     if figure:
-        write_image(figure, drawn_edges(np.asarray(pictures[0]), found.chains[0], found.used[0]))
-    say_written(output, json_file, figure, console=console)
+        write_image(figure, drawn_edges(np.asarray(pixels[0]), result.chains[0], result.used[0]))
+    print_written(output, json_file, figure, console=console)
 
 
-def _found_rim(pictures: Sequence[NDArray[Any]]) -> tuple[tuple[float, float, float], float]:
+def _detect_rim(images: Sequence[NDArray[Any]]) -> tuple[tuple[float, float, float], float]:
     """Return the circle (centre, radius) and the inner radius of the field, px, of an accepted
     outline.
     """
-    found = find_rim(pictures)
-    if not found.is_sure:
+    rim = find_rim(images)
+    if not rim.is_sure:
         raise InvalidParameter(
-            f"no rim was found for sure: the confidence {found.confidence:.2f} is below {SURE:g}; give more pictures "
-            "of the same sensor or one with all of its rim, or say where it is with --rim U V R"
+            f"no rim detected: the confidence must be at least {SURE:g}; got {rim.confidence:.2f}; use more images "
+            "of the same sensor, or one with the whole rim, or specify the rim with --rim U V R"
         )
-    inner, radius = found.annulus_px
-    return (*found.centre_px, radius), inner
+    inner, radius = rim.annulus_px
+    return (*rim.centre_px, radius), inner
 
 
-def _lean(level: Level | None) -> str:
+def _format_level(level: Level | None) -> str:
     if level is None:
-        return "nothing stands upright in it"
-    lean = f"pitch {level.pitch_deg:.2f}, roll {level.roll_deg:.2f} deg, +- {level.sigma_deg:.2g}"
-    return f"{lean}, by {level.upright} upright edges"
+        return "no vertical edges"
+    tilt = f"pitch {level.pitch_deg:.2f}, roll {level.roll_deg:.2f} deg, +- {level.sigma_deg:.2g}"
+    return f"{tilt}, from {level.upright} vertical edges"

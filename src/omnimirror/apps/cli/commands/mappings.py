@@ -12,7 +12,7 @@ from ....base.errors import OmnimirrorError
 from ....base.files import write_json
 from ....design.mirror_construction import MountedMirror, mappings
 from ....optics.tracing.meridian import Meridian
-from .._declarations import DocumentedCommand, Options, option, takes
+from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER
 from .._output import (
     FIGURES,
@@ -21,10 +21,10 @@ from .._output import (
     output_console,
     output_option,
     plain_table,
-    say_written,
+    print_written,
 )
 
-MOST_DRAWN = 6
+MAX_DRAWN = 6
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class RimOptions(Options):
     page="design",
     examples=("omnimirror mappings --omega-max-deg 135 --figure mappings.png",),
 )
-@takes(RimOptions, "rim")
+@add_options(RimOptions, "rim")
 @output_option(
     "--figure",
     formats=FIGURES,
@@ -59,42 +59,42 @@ def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> Non
     """
     console = output_console()
     table = plain_table(
-        "mapping", "m/M", "sag/M", "vertex radius/M", "", words=("mapping", ""), tight=True
+        "mapping", "m/M", "sag/M", "vertex radius/M", "", text_columns=("mapping", ""), tight=True
     )
     mounted: dict[str, MountedMirror] = {}
     records: list[dict[str, float | str]] = []
-    for name, found in mappings(**rim.given).items():
-        if isinstance(found, OmnimirrorError):
-            table.add_row(name, "", "", "", Text(str(found), style="dim"))
-            records.append({"mapping": name, "why_not": str(found)})
+    for name, result in mappings(**rim.given).items():
+        if isinstance(result, OmnimirrorError):
+            table.add_row(name, "", "", "", Text(str(result), style="dim"))
+            records.append({"mapping": name, "error": str(result)})
             continue
-        mounted[name] = found
-        mirror = found.mirror
-        numbers = (found.distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
-        told = {
+        mounted[name] = result
+        mirror = result.mirror
+        numbers = (result.distance_mm, mirror.sag(1.0), 1 / mirror.curvature(0.0))
+        shape = {
             "distance": numbers[0],
             "sag": float(numbers[1]),
             "vertex_radius": float(numbers[2]),
         }
-        records.append({"mapping": name, "mirror": mirror.KIND} | told)
+        records.append({"mapping": name, "mirror": mirror.KIND} | shape)
         table.add_row(
             name,
             *(f"{v:.8g}" for v in numbers),
-            "" if name == mirror.KIND else f"the {mirror.KIND}",
+            "" if name == mirror.KIND else mirror.KIND,
         )
     console.print(table)
     if json_file:
         write_json(json_file, records)
-        say_written(json_file, console=console)
+        print_written(json_file, console=console)
     if figure:
         _draw(
             {
                 name: Meridian(p.mirror, p.distance_mm)
-                for name, p in list(mounted.items())[:MOST_DRAWN]
+                for name, p in list(mounted.items())[:MAX_DRAWN]
             },
             figure,
         )
-        say_written(figure, console=console)
+        print_written(figure, console=console)
 
 
 def _draw(mirrors: dict[str, Meridian], path: Path) -> None:

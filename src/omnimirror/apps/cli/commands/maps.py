@@ -8,7 +8,7 @@ import click
 
 from ....interop.view_maps import MAP_FORMATS, write_maps
 from ....optics.sensor_files import load_camera
-from .._declarations import DocumentedCommand, takes
+from .._declarations import DocumentedCommand, add_options
 from .._option_types import SENSOR
 from .._output import output_console, output_option
 from .._view_options import ViewOptions
@@ -32,7 +32,7 @@ from .rays import check_one_file, formats_option, print_exported_files
     help="Output file, whose suffix selects the format, or folder.",
 )
 @formats_option(MAP_FORMATS)
-@takes(ViewOptions, "view")
+@add_options(ViewOptions, "view")
 def command(camera: str, output: Path, formats: list[str] | None, view: ViewOptions) -> None:
     """Write the map of a view, the source pixel of each of its pixels, for other programs.
 

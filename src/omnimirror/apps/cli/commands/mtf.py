@@ -14,20 +14,20 @@ from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
-from .._declarations import DocumentedCommand, option, takes
+from .._declarations import DocumentedCommand, add_options, option
 from .._option_types import SENSOR, values
 from .._output import (
     FIGURES,
+    column_head,
     format_option,
-    head,
     json_option,
     output_console,
     output_option,
     plain_table,
-    say_written,
+    print_written,
 )
 
-SHOWN = (0.125, 0.25, 0.5)  # cycles per pixel, printed on the terminal
+PRINTED_CYCLES_PER_PX = (0.125, 0.25, 0.5)  # cycles per pixel, printed on the terminal
 
 
 @dataclass(frozen=True)
@@ -56,54 +56,60 @@ class MtfOptions(ImageOptions):
     examples=("omnimirror mtf paper-spherical --omega-deg 0:120:30 -o mtf.png --csv mtf.csv",),
 )
 @click.argument("sensor", type=SENSOR)
-@takes(MtfOptions, "waves")
+@add_options(MtfOptions, "conditions")
 @output_option("-o", "--output", formats=FIGURES, help="Output figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the MTF in cycles/px, lp/mm and cycles/deg.")
-@json_option("Write what --csv does, as a list of objects.")
+@json_option("Write the columns of --csv as a list of objects.")
 def command(
     sensor: str,
-    waves: MtfOptions,
+    conditions: MtfOptions,
     output: Path | None,
     csv_file: Path | None,
     json_file: Path | None,
 ) -> None:
     """Compute the MTF of SENSOR through its whole aperture."""
-    seen = load_sensor(sensor)
-    nu, shown = waves.frequencies, np.array(SHOWN)
-    found = mtf(
-        seen,
-        waves.angles(seen),
-        cycles_per_px=np.concatenate([nu, shown]),
-        focus_mm=waves.focused_at(seen),
-        azimuth_deg=waves.azimuth_deg,
-        object_distance_mm=waves.object_distance_mm,
-        kind=waves.kind,
-        wavelength_nm=waves.wavelength_nm,
-        pixel=waves.pixel,
+    camera = load_sensor(sensor)
+    nu, printed = conditions.frequencies, np.array(PRINTED_CYCLES_PER_PX)
+    result = mtf(
+        camera,
+        conditions.angles(camera),
+        cycles_per_px=np.concatenate([nu, printed]),
+        focus_mm=conditions.focused_at(camera),
+        azimuth_deg=conditions.azimuth_deg,
+        object_distance_mm=conditions.object_distance_mm,
+        kind=conditions.kind,
+        wavelength_nm=conditions.wavelength_nm,
+        pixel=conditions.pixel,
     )
     console, per_px = output_console(), QUANTITIES["cycles_per_px"].unit
-    heads = [head("omega_deg")]
+    heads = [column_head("omega_deg")]
     for contrast, scale in (("mtf_t", "dh_domega_px_per_deg"), ("mtf_s", "width_px_per_deg")):
         heads += [
-            head(scale),
-            *(f"{QUANTITIES[contrast].heading} at {f:g}\n{per_px}" for f in shown),
+            column_head(scale),
+            *(f"{QUANTITIES[contrast].heading} at {f:g}\n{per_px}" for f in printed),
         ]
     table = plain_table(*heads)
-    last = slice(-len(shown), None)
-    for i, omega in enumerate(found.omega_deg):
-        numbers = [f"{found.px_per_deg_t[i]:.3f}", *(f"{v:.3f}" for v in found.tangential[i, last])]
-        numbers += [f"{found.px_per_deg_s[i]:.3f}", *(f"{v:.3f}" for v in found.sagittal[i, last])]
+    last = slice(-len(printed), None)
+    for i, omega in enumerate(result.omega_deg):
+        numbers = [
+            f"{result.px_per_deg_t[i]:.3f}",
+            *(f"{v:.3f}" for v in result.tangential[i, last]),
+        ]
+        numbers += [
+            f"{result.px_per_deg_s[i]:.3f}",
+            *(f"{v:.3f}" for v in result.sagittal[i, last]),
+        ]
         table.add_row(f"{omega:g}", *numbers)
     console.print(table)
-    asked = found.first(len(nu))
+    requested = result.first(len(nu))
     if csv_file:
-        asked.to_csv(csv_file)
+        requested.to_csv(csv_file)
     if json_file:
-        asked.to_json(json_file)
-    say_written(csv_file, json_file, console=console)
+        requested.to_json(json_file)
+    print_written(csv_file, json_file, console=console)
     if output:
         from ....analysis.figures import save_figure
         from ....analysis.figures.aperture import mtf_curves
 
-        say_written(save_figure(mtf_curves(asked), output), console=console)
+        print_written(save_figure(mtf_curves(requested), output), console=console)

@@ -18,9 +18,16 @@ from ....design.component_selection import Combination, choose_parts
 from ....optics.lenses import Perspective
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor, save_sensor
-from .._declarations import DocumentedCommand, Options, option, takes
+from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER, SENSOR, distance
-from .._output import head, json_option, output_console, output_option, plain_table, say_written
+from .._output import (
+    column_head,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_written,
+)
 
 
 @dataclass(frozen=True)
@@ -28,6 +35,7 @@ class SelectionOptions(Options):
     """Selection criteria."""
 
     least_fill: float = option(
+        "--min-fill",
         type=NUMBER,
         default=0.6,
         help="Minimum radius of the rim image as a fraction of half the shorter side of the imager.",
@@ -42,20 +50,20 @@ class SelectionOptions(Options):
     page="optimisation",
     examples=(
         "omnimirror parts paper-spherical",
-        "omnimirror parts mine.toml catalogue.csv --best best.toml",
+        "omnimirror parts mine.toml catalogue.csv --feasible -o best.toml",
     ),
 )
 @click.argument("sensor", type=SENSOR)
 @click.argument("catalogue", nargs=-1, type=click.Path(path_type=Path))
-@takes(SelectionOptions, "selection")
-@click.option("--best", is_flag=True, help="List feasible combinations only.")
-@output_option("-o", "--out", help="Write the best combination as a sensor file.")
+@add_options(SelectionOptions, "selection")
+@click.option("--feasible", is_flag=True, help="List feasible combinations only.")
+@output_option("-o", "--output", "out", help="Write the best combination as a sensor file.")
 @json_option()
 def command(
     sensor: str,
     catalogue: tuple[Path, ...],
     selection: SelectionOptions,
-    best: bool,
+    feasible: bool,
     out: Path | None,
     json_file: Path | None,
 ) -> None:
@@ -65,21 +73,21 @@ def command(
     The mirror keeps its position. A catalogue is a TOML or CSV file; without one, common types of
     parts are ranked. omnimirror design --parts designs the mirror for each combination instead.
     """
-    found = choose_parts(load_sensor(sensor), read_catalogue(*catalogue), **selection.given)
-    fitting = [c for c in found if c.fits]
+    combinations = choose_parts(load_sensor(sensor), read_catalogue(*catalogue), **selection.given)
+    fitting = [c for c in combinations if c.fits]
     console = output_console()
-    shown = fitting if best else found
-    console.print(_table(shown))
+    listed = fitting if feasible else combinations
+    console.print(_table(listed))
     if json_file:
-        write_json(json_file, list(map(_record, shown)))
-        say_written(json_file, console=console)
+        write_json(json_file, list(map(_record, listed)))
+        print_written(json_file, console=console)
     if out:
         if not fitting or fitting[0].sensor is None:
             raise OmnimirrorError(
-                "no lens and imager of the catalogue fit, so there is no sensor to write"
+                "no combination of lens and imager of the catalogue is feasible; no sensor file was written"
             )
         save_sensor(fitting[0].sensor, out)
-        say_written(out, console=console)
+        print_written(out, console=console)
 
 
 def _table(combinations: list[Combination]) -> Table:
@@ -87,13 +95,13 @@ def _table(combinations: list[Combination]) -> Table:
     numbers = (
         "fills\n%",
         "rim\npx",
-        head("f_number"),
-        head("focus_mm"),
+        column_head("f_number"),
+        column_head("focus_mm"),
         "ring\nmm",
         f"{area.title}\n{area.unit}",
     )
     table = plain_table(
-        "", "lens", "imager", *numbers, "why not", words=("lens", "imager", "why not")
+        "", "lens", "imager", *numbers, "reasons", text_columns=("lens", "imager", "reasons")
     )
     for i, c in enumerate(combinations, start=1):
         cells = ["", "", "", "", "", ""]
@@ -114,11 +122,11 @@ def _record(c: Combination) -> dict[str, Any]:
     """Return a table row of a lens with an imager; None for values that its type of lens does not
     have.
     """
-    told = {"lens": c.lens, "imager": c.imager, "fits": c.fits, "reasons": c.reasons}
+    record = {"lens": c.lens, "imager": c.imager, "fits": c.fits, "reasons": c.reasons}
     if c.sensor is None:
-        return told
+        return record
     lens = c.sensor.lens
-    return told | {
+    return record | {
         "fill": c.fill,
         "rim_radius_px": c.rim_radius_px,
         "f_number": _f_number(c.sensor),

@@ -13,20 +13,11 @@ from ....analysis.psf_mtf import Psf, psf
 from ....base.files import write_json
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
-from .._declarations import DocumentedCommand, option, takes
+from .._declarations import DocumentedCommand, add_options, option
 from .._option_types import NUMBER, SENSOR
-from .._output import (
-    FIGURES,
-    format_option,
-    head,
-    json_option,
-    output_console,
-    output_option,
-    plain_table,
-    say_written,
-)
+from .._output import FIGURES, column_head, format_option, json_option, output_console, output_option, plain_table, print_written
 
-MOST = 15
+MAX_ANGLES = 15
 SHARES = (0.5, 0.8)  # fractions of the energy with printed radii
 
 
@@ -37,88 +28,51 @@ class PsfOptions(ImageOptions):
     wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength.")
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="aperture",
-    examples=(
-        "omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png",
-    ),
-)
+@click.command(cls=DocumentedCommand, page="aperture", examples=("omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png",))
 @click.argument("sensor", type=SENSOR)
-@takes(PsfOptions, "objects")
+@add_options(PsfOptions, "conditions")
 @output_option("-o", "--output", formats=FIGURES, help="Figure of the PSFs (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
 @json_option()
-def command(
-    sensor: str,
-    objects: PsfOptions,
-    output: Path | None,
-    encircled: Path | None,
-    json_file: Path | None,
-) -> None:
+def command(sensor: str, conditions: PsfOptions, output: Path | None, encircled: Path | None, json_file: Path | None) -> None:
     """Compute the point-spread functions of SENSOR through its whole aperture."""
-    seen = load_sensor(sensor)
-    angles = np.asarray(objects.angles(seen))
-    if len(angles) > MOST:
-        raise click.UsageError(
-            f"{len(angles)} field angles do not fit into a figure; up to {MOST} are valid"
-        )
-    L0 = objects.focused_at(seen)
+    camera = load_sensor(sensor)
+    angles = np.asarray(conditions.angles(camera))
+    if len(angles) > MAX_ANGLES:
+        raise click.UsageError(f"--omega-deg must be at most {MAX_ANGLES} field angles; got {len(angles)}")
+    L0 = conditions.focused_at(camera)
     console = output_console()
 
     def compute(omega: float, width_px: float | None = None) -> Psf:
-        return psf(
-            seen,
-            omega,
-            focus_mm=L0,
-            azimuth_deg=objects.azimuth_deg,
-            object_distance_mm=objects.object_distance_mm,
-            kind=objects.kind,
-            wavelength_nm=objects.wavelength_nm,
-            width_px=width_px,
-        )
+        return psf(camera, omega, focus_mm=L0, azimuth_deg=conditions.azimuth_deg, object_distance_mm=conditions.object_distance_mm, kind=conditions.kind, wavelength_nm=conditions.wavelength_nm, width_px=width_px)
 
     with console.status("Computing"):
-        found = [compute(float(omega)) for omega in angles]
-    radii = head("encircled_radius_px").replace("\n", " {:.0%}\n")
-    table = plain_table(
-        head("omega_deg"), head("strehl"), *map(radii.format, SHARES), head("ensquared_energy", "%")
-    )
-    records = list(map(_record, found))
+        psfs = [compute(float(omega)) for omega in angles]
+    radii = column_head("encircled_radius_px").replace("\n", " {:.0%}\n")
+    table = plain_table(column_head("omega_deg"), column_head("strehl"), *map(radii.format, SHARES), column_head("ensquared_energy", "%"))
+    records = list(map(_record, psfs))
     for record in records:
         omega, strehl, *within, best = record.values()
-        told = "-" if strehl is None else f"{strehl:.3g}"
-        table.add_row(
-            f"{omega:g}", told, *(f"{radius:.2f}" for radius in within), f"{100 * best:.1f}"
-        )
+        ratio = "-" if strehl is None else f"{strehl:.3g}"
+        table.add_row(f"{omega:g}", ratio, *(f"{radius:.2f}" for radius in within), f"{100 * best:.1f}")
     console.print(table)
     if json_file:
         write_json(json_file, records)
-        say_written(json_file, console=console)
+        print_written(json_file, console=console)
     if output or encircled:
         from ....analysis.figures import save_figure
         from ....analysis.figures.aperture import encircled_energy, psf_images
 
-        widest = max(2 * float(p.offset_px[-1]) for p in found)  # squares of equal size
-        found = [
-            p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in found
-        ]
+        widest = max(2 * float(p.offset_px[-1]) for p in psfs)  # squares of equal size
+        psfs = [p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in psfs]
         for path, draw in ((output, psf_images), (encircled, encircled_energy)):
             if path:
-                say_written(save_figure(draw(found), path), console=console)
+                print_written(save_figure(draw(psfs), path), console=console)
 
 
 def _record(p: Psf) -> dict[str, Any]:
     """Return a table row of a PSF; without diffraction there is no Strehl ratio."""
     radius = np.linspace(0, float(p.offset_px[-1]), 2000)
     radii = np.interp(SHARES, p.encircled_energy(radius), radius)
-    return {
-        "omega_deg": float(p.omega_deg),
-        "strehl": float(p.strehl) if p.kind == "diffraction" else None,
-        **{
-            f"encircled_radius_px_{share:.0%}".rstrip("%"): float(r)
-            for share, r in zip(SHARES, radii, strict=True)
-        },
-        "ensquared_energy": float(p.on_pixels().max()),
-    }
+    return {"omega_deg": float(p.omega_deg), "strehl": float(p.strehl) if p.kind == "diffraction" else None, **{f"encircled_radius_px_{share:.0%}".rstrip("%"): float(r) for share, r in zip(SHARES, radii, strict=True)}, "ensquared_energy": float(p.on_pixels().max())}

@@ -13,10 +13,10 @@ from ....interop.export_formats import ExportedFiles, ExportFormat
 from ....interop.ray_tables import RAY_FORMATS, write_rays
 from ....optics.sensor_files import load_camera
 from .._declarations import DocumentedCommand
-from .._option_types import SENSOR, WHOLE
+from .._option_types import INTEGER, SENSOR
 from .._output import output_console, output_option, plain_table, write_standard_output_as
 
-# -- Options and output shared by the export commands ----------------------------------------------
+# -- Shared with ``omnimirror maps`` ---------------------------------------------------------------
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,20 +51,20 @@ def check_one_file(
     if output.stem == "-" and formats and (len(formats) > 1 or len(known[formats[0]].endings) > 1):
         names = ", ".join(formats)
         raise click.UsageError(
-            f"standard output takes one file and {names} consists of several; give a folder"
+            f"standard output requires a single file; {names} consists of several; specify a folder"
         )
 
 
 def print_exported_files(exported: Iterable[ExportedFiles], console: Console) -> None:
     """Print a table of files, contents and deviations."""
     columns = ("file", "contents", "deviation")
-    table = plain_table(*columns, words=columns)
+    table = plain_table(*columns, text_columns=columns)
     for files in exported:
         table.add_row("\n".join(map(str, files.paths)), files.description, str(files.deviation))
     console.print(table)
 
 
-# -- ``omnimirror rays``: ray tables for renderers -------------------------------------------------
+# -- Command ---------------------------------------------------------------------------------------
 
 
 @click.command(
@@ -82,7 +82,7 @@ def print_exported_files(exported: Iterable[ExportedFiles], console: Console) ->
 )
 @formats_option(RAY_FORMATS)
 @click.option(
-    "--step", type=WHOLE, default=1, show_default=True, help="Spacing of the sampled pixels, px."
+    "--step", type=INTEGER, default=1, show_default=True, help="Spacing of the sampled pixels, px."
 )
 def command(camera: str, output: Path, formats: list[str] | None, step: int) -> None:
     """Write origin, direction and weight of the ray of each pixel for other programs.

@@ -7,34 +7,14 @@ from pathlib import Path
 import click
 
 from .._declarations import DocumentedCommand
-from .._output import output_console, say
+from .._output import output_console, print_line
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="errata",
-    examples=("omnimirror reproduce --out paper --figures",),
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default="reproduced",
-    show_default=True,
-    help="Folder for numbers.csv, numbers.md and the figures.",
-)
-@click.option(
-    "--figures/--no-figures",
-    default=True,
-    show_default=True,
-    help="Draw figures, or write the table only.",
-)
-@click.option(
-    "--only",
-    multiple=True,
-    metavar="FIG",
-    help="Draw this figure only, for example fig4 (repeatable).",
-)
-def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
+@click.command(cls=DocumentedCommand, page="errata", examples=("omnimirror reproduce -o paper --figures",))
+@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), default="reproduced", show_default=True, help="Folder for numbers.csv, numbers.md and the figures.")
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures, or write the table only.")
+@click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, for example fig4 (repeatable).")
+def command(folder: Path, figures: bool, only: tuple[str, ...]) -> None:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
     The exit code is 1 if a verdict differs from the known one.
@@ -44,15 +24,10 @@ def command(out: Path, figures: bool, only: tuple[str, ...]) -> None:
 
     console = output_console()
     with console.status("Computing") as status:
-        result = reproduce_paper(
-            out,
-            figures=figures,
-            only=only or None,
-            progress=lambda what: status.update(f"Working on {what}"),
-        )
+        result = reproduce_paper(folder, figures=figures, only=only or None, on_progress=lambda step: status.update(f"Computing {step}"))
     console.print(_claims.terminal_table(result.rows))
     console.print(_claims.summary(result.rows), highlight=False, soft_wrap=True)
-    say(f"Wrote {len(result.files)} files to ", (str(out), "bold"), console=console)
+    print_line(f"Wrote {len(result.files)} files to ", (str(folder), "bold"), console=console)
     if result.unexpected:
         rows = "; ".join(r.title for r in result.unexpected)
-        raise ReproductionError(f"verdicts differ from the known ones in row {rows}")
+        raise ReproductionError(f"verdicts differ from the known ones in rows {rows}")

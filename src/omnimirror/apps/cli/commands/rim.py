@@ -14,39 +14,17 @@ from ....calibration.edge_detection import levels_of
 from ....calibration.rim import SURE, FoundRim, check_alike, find_rim
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, takes
-from .._output import (
-    FIGURES,
-    json_option,
-    output_console,
-    output_option,
-    plain_table,
-    say,
-    say_written,
-)
+from .._declarations import DocumentedCommand, add_options
+from .._output import FIGURES, json_option, output_console, output_option, plain_table, print_line, print_written
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="calibrate",
-    examples=("omnimirror rim picture1.jpg picture2.jpg --figure rim.png --json rim.json",),
-)
+@click.command(cls=DocumentedCommand, page="calibrate", examples=("omnimirror rim image1.jpg image2.jpg --figure rim.png --json rim.json",))
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
-@takes(OrientationOptions, "orientation")
-@click.option(
-    "--each", is_flag=True, help="Process each image separately, as from different sensors."
-)
-@output_option(
-    "--figure", formats=FIGURES, help="Draw the detected outlines on the images (PNG, SVG, PDF)."
-)
+@add_options(OrientationOptions, "orientation")
+@click.option("--separately", is_flag=True, help="Process each image separately, as from different sensors.")
+@output_option("--figure", formats=FIGURES, help="Draw the detected outlines on the images (PNG, SVG, PDF).")
 @json_option("Write the outline, whether it is accepted, and the rejected candidates.")
-def command(
-    images: tuple[str, ...],
-    orientation: OrientationOptions,
-    each: bool,
-    figure: Path | None,
-    json_file: Path | None,
-) -> None:
+def command(images: tuple[str, ...], orientation: OrientationOptions, separately: bool, figure: Path | None, json_file: Path | None) -> None:
     """Detect the outline of the mirror in IMAGES: image files, folders or file patterns.
 
     Several images are assumed to be from one sensor and are evaluated together. An outline is an
@@ -55,76 +33,46 @@ def command(
     candidate, with the next best circles of the image.
     """
     files = expand_inputs(images, READABLE_IMAGE_SUFFIXES)
-    pictures = orientation.read(files)
-    if not each:
-        check_alike(pictures, [file.name for file in files])
-    found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
-    singles = found if each else list(found[0].pictures) or found
+    pixels = orientation.read(files)
+    if not separately:
+        check_alike(pixels, [file.name for file in files])
+    rims = [find_rim(image) for image in pixels] if separately else [find_rim(pixels)]
+    singles = rims if separately else list(rims[0].pictures) or rims
     console = output_console()
-    numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera's image\npx", "confidence\n")
-    table = plain_table("picture", *numbers, words=("picture",))
+    numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera image\npx", "confidence\n")
+    table = plain_table("image", *numbers, text_columns=("image",))
     for file, rim in zip(files, singles, strict=True):
         table.add_row(*_row(file.name, rim))
-    if len(singles) > len(found):
-        table.add_row(*_row("together", found[0]))
-    for name, rim in zip(
-        [file.name for file in files] if len(singles) == len(found) else ["together"],
-        found,
-        strict=True,
-    ):
+    if len(singles) > len(rims):
+        table.add_row(*_row("together", rims[0]))
+    for name, rim in zip([file.name for file in files] if len(singles) == len(rims) else ["together"], rims, strict=True):
         for number, candidate in enumerate(() if rim.is_sure else rim.candidates[1:], 2):
             table.add_row(*_row(f"{name}, candidate {number}", candidate))
     console.print(table)
-    for name, rim in zip(
-        [file.name for file in files] if each else ["together"], found, strict=True
-    ):
+    for name, rim in zip([file.name for file in files] if separately else ["together"], rims, strict=True):
         if not rim.is_sure:
-            who = f"{name}: " if len(files) > 1 else ""
-            say(
-                f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {SURE:g}",
-                console=console,
-            )
+            prefix = f"{name}: " if len(files) > 1 else ""
+            print_line(f"{prefix}no rim detected: the confidence must be at least {SURE:g}; got {rim.confidence:.2f}", console=console)
     if json_file:
-        record = [rim.to_json() for rim in found]
-        named = [
-            {"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)
-        ]
-        whole = record[0] | {"pictures": named} if len(found) == 1 else {"pictures": named}
-        write_json(json_file, whole)
-        say_written(json_file, console=console)
+        record = [rim.to_json() for rim in rims]
+        named = [{"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)]
+        document = record[0] | {"pictures": named} if len(rims) == 1 else {"pictures": named}
+        write_json(json_file, document)
+        print_written(json_file, console=console)
     if figure:
-        say_written(_drawn(figure, files, pictures, singles), console=console)
+        print_written(_draw_outlines(figure, files, pixels, singles), console=console)
 
 
-def _drawn(
-    figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]
-) -> Path:
+def _draw_outlines(figure: Path, files: list[Path], images: list[NDArray[Any]], rims: list[FoundRim]) -> Path:
     """Write a figure of the images with the detected outlines."""
     from ....analysis.figures import save_figure
     from ....analysis.figures.calibration_results import RimDrawing, detected_rims
 
-    drawn = [
-        RimDrawing(
-            levels_of(picture).astype(np.uint8),
-            rim.points(),
-            rim.centre_px,
-            None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px),
-            rim.is_sure,
-            f"{file.name}: {rim.confidence:.2f}",
-        )
-        for file, picture, rim in zip(files, pictures, found, strict=True)
-    ]
+    drawn = [RimDrawing(levels_of(image).astype(np.uint8), rim.points(), rim.centre_px, None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px), rim.is_sure, f"{file.name}: {rim.confidence:.2f}") for file, image, rim in zip(files, images, rims, strict=True)]
     return save_figure(detected_rims(drawn), figure)
 
 
 def _row(name: str, rim: FoundRim) -> tuple[str, ...]:
     (u, v), (a, b) = rim.centre_px, rim.semi_axes_px
     camera = "-" if rim.inner is None else f"{rim.inner.radius_px:.1f}"
-    return (
-        name,
-        f"{u:.2f}, {v:.2f}",
-        f"{a:.2f}, {b:.2f}",
-        f"{rim.angle_deg:.1f}",
-        camera,
-        f"{rim.confidence:.3f}",
-    )
+    return (name, f"{u:.2f}, {v:.2f}", f"{a:.2f}, {b:.2f}", f"{rim.angle_deg:.1f}", camera, f"{rim.confidence:.3f}")

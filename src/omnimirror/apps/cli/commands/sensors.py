@@ -9,7 +9,7 @@ import click
 from ....base.files import write_json
 from ....optics.sensor_files import bundled_sensors, load_sensor
 from .._declarations import DocumentedCommand
-from .._output import json_option, output_console, plain_table, say_written
+from .._output import json_option, output_console, plain_table, print_written
 
 
 @click.command(
@@ -20,10 +20,12 @@ from .._output import json_option, output_console, plain_table, say_written
 @json_option()
 def command(json_file: Path | None) -> None:
     """List the bundled sensors; every SENSOR argument accepts these names."""
-    words = ("name", "mirror", "what it is")
+    text_columns = ("name", "mirror", "description")
     console = output_console()
     records = []
-    table = plain_table("name", "mirror", "field\ndeg", "rim\nmm", "what it is", words=words)
+    table = plain_table(
+        "name", "mirror", "field\ndeg", "rim\nmm", "description", text_columns=text_columns
+    )
     for name in bundled_sensors():
         sensor = load_sensor(name)
         low, high = sensor.field_deg
@@ -41,10 +43,10 @@ def command(json_file: Path | None) -> None:
                 "mirror": sensor.mirror.KIND,
                 "field_deg": [low, high],
                 "rim_radius_mm": sensor.mirror.rim_radius_mm,
-                "what": title,
+                "description": title,
             }
         )
     console.print(table)
     if json_file:
         write_json(json_file, records)
-        say_written(json_file, console=console)
+        print_written(json_file, console=console)

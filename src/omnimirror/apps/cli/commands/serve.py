@@ -12,9 +12,9 @@ from ....base.native import MAX_THREADS
 from ....dewarp.interfaces import INTERPOLATIONS, Interpolation
 from ....interop.named_views import load_views
 from .._camera_options import CameraOptions, OrientationOptions
-from .._declarations import DocumentedCommand, option, takes
-from .._option_types import WholeRange
-from .._output import notice
+from .._declarations import DocumentedCommand, add_options, option
+from .._option_types import IntegerRange
+from .._output import print_notice
 from .studio import ListenOptions
 
 
@@ -29,11 +29,11 @@ class GatewayOptions(ListenOptions):
 @click.command(cls=DocumentedCommand, page="gateway", examples=("omnimirror serve rtsp://camera/1 --views views.toml --sensor mine.toml",))
 @click.argument("source")
 @click.option("--views", "views_file", required=True, type=click.Path(path_type=Path), help="TOML file of named views.")
-@takes(CameraOptions, "camera")
-@takes(OrientationOptions, "orientation")
+@add_options(CameraOptions, "camera")
+@add_options(OrientationOptions, "orientation")
 @takes(GatewayOptions, "gateway")
 @click.option("--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="auto", show_default=True, help="Resampling; auto: cubic, with averaging for minification.")
-@click.option("--threads", type=WholeRange(1, MAX_THREADS), metavar="N", help="Number of dewarping threads.  [default: one per processor core]")
+@click.option("--threads", type=IntegerRange(1, MAX_THREADS), metavar="N", help="Number of dewarping threads.  [default: one per processor core]")
 def command(source: str, views_file: Path, camera: CameraOptions, orientation: OrientationOptions, gateway: GatewayOptions, interpolation: Interpolation, threads: int | None) -> None:
     """Serve views of SOURCE as network cameras: MJPEG, MPEG-TS, HLS and JPEG images over HTTP.
 
@@ -54,4 +54,4 @@ def command(source: str, views_file: Path, camera: CameraOptions, orientation: O
     is_stored = orientation.stored_orientation
     is_live = not Path(source).is_file()
     size = (0, 0) if camera.ball is None else source_size(source, is_live, stored_orientation=is_stored)
-    serve_views(source, views, camera=camera.drawing(camera.camera(size)), interpolation=interpolation, host=gateway.host, port=gateway.port, token=gateway.token, publish_to=gateway.publish, threads=threads, stored_orientation=is_stored, on_start=click.echo, on_status=notice)
+    serve_views(source, views, camera=camera.drawing(camera.camera(size)), interpolation=interpolation, host=gateway.host, port=gateway.port, token=gateway.token, publish_to=gateway.publish, threads=threads, stored_orientation=is_stored, on_start=click.echo, on_status=print_notice)

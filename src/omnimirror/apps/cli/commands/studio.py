@@ -12,9 +12,9 @@ import click
 from ....base.errors import OmnimirrorError
 from ....base.files import write_text
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, option, takes
-from .._option_types import WholeRange
-from .._output import progress_bar, remark, say
+from .._declarations import DocumentedCommand, Options, add_options, option
+from .._option_types import IntegerRange
+from .._output import print_line, progress_bar
 from .._process_state import is_quiet
 
 if TYPE_CHECKING:
@@ -25,42 +25,23 @@ if TYPE_CHECKING:
 class ListenOptions(Options):
     """Server."""
 
-    host: str = option(
-        default="127.0.0.1",
-        help="Host address; addresses reachable from other machines require a token.",
-    )
-    port: int = option(
-        type=WholeRange(0, 65535),
-        default=0,
-        show_default=False,
-        help="Port.  [default: any free port]",
-    )
+    host: str = option(default="127.0.0.1", help="Host address; addresses reachable from other machines require a token.")
+    port: int = option(type=IntegerRange(0, 65535), default=0, show_default=False, help="Port.  [default: any free port]")
 
 
 @dataclass(frozen=True)
 class ServerOptions(ListenOptions):
     """Server and browser."""
 
-    open_browser: bool = option(
-        "--open/--no-open", default=True, show_default=False, help="Open the page in the browser."
-    )
-    folders: tuple[Path, ...] = option(
-        "--folder",
-        multiple=True,
-        type=click.Path(exists=True, file_okay=False, path_type=Path),
-        help="Serve the images and videos of a folder as well.",
-    )
+    open_browser: bool = option("--open/--no-open", default=True, show_default=False, help="Open the page in the browser.")
+    folders: tuple[Path, ...] = option("--folder", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path), help="Serve the images and videos of a folder as well.")
 
 
 @dataclass(frozen=True)
 class PageOptions(Options):
     """Standalone page."""
 
-    page: Path | None = option(
-        "--page",
-        type=click.Path(dir_okay=False, path_type=Path),
-        help="Write a standalone page that views any image through the bundled sensors, without a server.",
-    )
+    page: Path | None = option("--page", type=click.Path(dir_okay=False, path_type=Path), help="Write a standalone page that views any image through the bundled sensors, without a server.")
 
 
 def orientation_remark(sentence: str) -> None:
@@ -75,37 +56,27 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn"):
             raise
-        raise OmnimirrorError(
-            "the studio needs FastAPI and uvicorn: pip install 'omnimirror[studio]'"
-        ) from None
+        raise OmnimirrorError("the studio requires FastAPI and uvicorn: pip install 'omnimirror[studio]'") from None
     serve(make(), server.host, server.port, server.open_browser, click.echo)
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="studio",
-    examples=("omnimirror studio --folder pictures", "omnimirror studio --page look.html"),
-)
-@takes(PageOptions, "written")
-@takes(OrientationOptions, "orientation")
+@click.command(cls=DocumentedCommand, page="studio", examples=("omnimirror studio --folder images", "omnimirror studio --page viewer.html"))
+@add_options(PageOptions, "standalone")
+@add_options(OrientationOptions, "orientation")
 @takes(ServerOptions, "server")
-def command(server: ServerOptions, orientation: OrientationOptions, written: PageOptions) -> None:
+def command(server: ServerOptions, standalone: PageOptions) -> None:
     """Open the studio in the browser: view images, videos and cameras through a sensor, or design
     one.
 
     The server listens on this machine only, unless --host is given.
     """
-    if written.page is not None:
-        return _write_page(written.page)
+    if standalone.page is not None:
+        return _write_page(standalone.page)
 
     def make() -> Studio:
         from ...studio._server_state import Sources, Studio
 
-        return Studio(
-            Sources(folders=server.folders),
-            stored_orientation=orientation.stored_orientation,
-            on_note=orientation_remark,
-        )
+        return Studio(Sources(folders=server.folders), stored_orientation=orientation.stored_orientation, on_note=orientation_remark)
 
     run_studio(make, server)
 
@@ -117,11 +88,9 @@ def _write_page(path: Path) -> None:
     from ...studio import page_alone
 
     if path.suffix.lower() not in (".html", ".htm"):
-        raise click.UsageError(
-            f"--page writes an HTML file, such as {path.stem or 'look'}.html, and no {path}"
-        )
+        raise click.UsageError(f"--page must be an HTML file, such as {path.stem or 'viewer'}.html; got {path}")
     with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
-        task = bar.add_task("simulating rooms", total=None)
+        task = bar.add_task("Simulating rooms", total=None)
         text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
     write_text(path, text)
-    say(f"{path}: open it in a browser, or put it on a web server, and drop pictures on it")
+    print_line(f"Wrote {path}; open it in a browser, or host it on a web server, and drop images on it")

@@ -17,30 +17,12 @@ from ....manufacturing.tolerancing.monte_carlo import format_motion
 from ....manufacturing.tolerancing.perturbation import GRADES
 from ....manufacturing.tolerancing.requirement_merits import is_lower_limit, is_requirement_merit
 from ....manufacturing.tolerancing.sweep import FULL_SWEEP, SHARD_TRIALS, Sweep
-from ....manufacturing.tolerancing.tolerance_analysis import (
-    ToleranceReport,
-    TypicalSensor,
-    tolerance,
-    typical_sensors,
-    with_requirements,
-)
-from ....manufacturing.tolerancing.tolerance_file import (
-    TolerancePlan,
-    load_tolerances,
-    tolerance_template,
-)
+from ....manufacturing.tolerancing.tolerance_analysis import ToleranceReport, TypicalSensor, tolerance, typical_sensors, with_requirements
+from ....manufacturing.tolerancing.tolerance_file import TolerancePlan, load_tolerances, tolerance_template
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, flag, option, takes
-from .._option_types import NUMBER, SENSOR, WholeRange
-from .._output import (
-    json_option,
-    output_console,
-    output_option,
-    plain_table,
-    progress_bar,
-    say,
-    say_written,
-)
+from .._declarations import DocumentedCommand, Options, add_options, flag, option
+from .._option_types import NUMBER, SENSOR, IntegerRange
+from .._output import json_option, output_console, output_option, plain_table, print_line, print_written, progress_bar
 
 INIT = "init"
 SHARDS = "trials"
@@ -52,30 +34,13 @@ MAX_ROWS = 12
 class TrialOptions(Options):
     """Number of trials, limits and analyses."""
 
-    trials: int = option(default=10_000, type=WholeRange(1), help="Number of Monte Carlo trials.")
-    seed: int = option(default=0, type=WholeRange(0), help="Random seed.")
-    target_yield: float | None = option(
-        "--yield",
-        type=NUMBER,
-        metavar="YIELD",
-        help="Target yield, for example 0.95; allocates tolerances at minimum cost.",
-    )
-    merits: tuple[str, ...] = option(
-        "--merit",
-        default=(),
-        multiple=True,
-        metavar="NAME=LIMIT",
-        help="Limit instead of those of the file, 'motion_px after pose=0.5' or 'min aspect, 20 to 90 deg=0.8' "
-        "(repeatable).",
-    )
-    requirements: str | None = option(
-        metavar="FILE",
-        help="Requirement file with limits and object distance, instead of those of TOLERANCES.",
-    )
+    trials: int = option(default=10_000, type=IntegerRange(1), help="Number of Monte Carlo trials.")
+    seed: int = option(default=0, type=IntegerRange(0), help="Random seed.")
+    target_yield: float | None = option("--yield", type=NUMBER, metavar="YIELD", help="Target yield, for example 0.95; allocates tolerances at minimum cost.")
+    merits: tuple[str, ...] = option("--merit", default=(), multiple=True, metavar="NAME=LIMIT", help="Limit instead of those of the file, 'motion_px after pose=0.5' or 'min aspect, 20 to 90 deg=0.8' (repeatable).")
+    requirements: str | None = option(metavar="FILE", help="Requirement file with limits and object distance, instead of those of TOLERANCES.")
 
-    variance: bool = option(
-        default=False, is_flag=True, help="Compute Sobol indices of the limited merits by error."
-    )
+    variance: bool = option(default=False, is_flag=True, help="Compute Sobol indices of the limited merits by error.")
 
     def plan(self, plan: TolerancePlan) -> TolerancePlan:
         """Return the plan with the limits of the options."""
@@ -91,17 +56,9 @@ class TrialOptions(Options):
 class SweepOptions(Options):
     """Storage of trials in shards, and their execution."""
 
-    part: str | None = option(
-        metavar="I/N",
-        help="Compute the I-th of N parts; run without this option to combine all parts.",
-    )
-    scheduler: str | None = option(
-        metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials."
-    )
-    shard_trials: int | None = option(
-        type=WholeRange(1),
-        help=f"Trials per shard; larger runs are stored in DIR/{SHARDS}.  [default: {SHARD_TRIALS}]",
-    )
+    part: str | None = option(metavar="I/N", help="Compute the I-th of N parts; run without this option to combine all parts.")
+    scheduler: str | None = option(metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials.")
+    shard_trials: int | None = option(type=IntegerRange(1), help=f"Trials per shard; larger runs are stored in DIR/{SHARDS}.  [default: {SHARD_TRIALS}]")
 
     def of(self, trials: int, out: Path | None) -> Sweep | None:
         """Return the storage of the trials; None for a single shard without options."""
@@ -112,62 +69,21 @@ class SweepOptions(Options):
             return None
         if trials <= size and not self.changed:
             return None
-        return Sweep(
-            out / SHARDS,
-            FULL_SWEEP if self.part is None else _part(self.part),
-            self.scheduler,
-            size,
-        )
+        return Sweep(out / SHARDS, FULL_SWEEP if self.part is None else _part(self.part), self.scheduler, size)
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="tolerance",
-    examples=(
-        "omnimirror tolerance init paper-spherical",
-        "omnimirror tolerance paper-spherical tolerances.toml --trials 20000",
-    ),
-)
+@click.command(cls=DocumentedCommand, page="tolerance", examples=("omnimirror tolerance init paper-spherical", "omnimirror tolerance paper-spherical tolerances.toml --trials 20000"))
 @click.argument("sensor", type=SENSOR)
 @click.argument("tolerances", required=False)
-@takes(TrialOptions, "options")
-@takes(SweepOptions, "storage")
-@click.option(
-    "--grade",
-    type=click.Choice(GRADES),
-    default="medium",
-    show_default=True,
-    help="Manufacturing grade; with init.",
-)
+@add_options(TrialOptions, "options")
+@add_options(SweepOptions, "storage")
+@click.option("--grade", type=click.Choice(GRADES), default="medium", show_default=True, help="Manufacturing grade; with init.")
 @click.option("--force", is_flag=True, help="Overwrite an existing file; with init.")
-@click.option(
-    "-o",
-    "--output",
-    "out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for charts, numbers and trials of long runs; repeating the command continues a run.",
-)
-@click.option(
-    "--save-trials",
-    is_flag=True,
-    help="Write sensors at the 5, 50 and 95 % quantiles of the first limit, or of motion_px, with images to --output.",
-)
-@output_option(
-    "--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer."
-)
+@click.option("-o", "--output", "out", type=click.Path(path_type=Path, file_okay=False), help="Folder for charts, numbers and trials of long runs; repeating the command continues a run.")
+@click.option("--save-trials", is_flag=True, help="Write sensors at the 5, 50 and 95 % quantiles of the first limit, or of motion_px, with images to --output.")
+@output_option("--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer.")
 @json_option("Write all numbers.")
-def command(
-    sensor: str,
-    tolerances: str | None,
-    options: TrialOptions,
-    storage: SweepOptions,
-    grade: str,
-    force: bool,
-    out: Path | None,
-    save_trials: bool,
-    report_file: Path | None,
-    json_file: Path | None,
-) -> None:
+def command(sensor: str, tolerances: str | None, options: TrialOptions, storage: SweepOptions, grade: str, force: bool, out: Path | None, save_trials: bool, report_file: Path | None, json_file: Path | None) -> None:
     """Run a tolerance analysis of SENSOR with the TOML file TOLERANCES and predict the
     manufacturing yield.
 
@@ -192,40 +108,23 @@ def command(
     console, sweep = output_console(), storage.of(options.trials, out)
     with progress_bar(console) as bar:
         task = bar.add_task("Simulating", total=options.trials)
-        found = tolerance(
-            nominal,
-            plan,
-            trials=options.trials,
-            seed=options.seed,
-            target_yield=options.target_yield,
-            variance=options.variance,
-            sweep=sweep,
-            on_progress=lambda done, all_: bar.update(task, completed=done, total=all_),
-            on_warning=lambda sentence: say(sentence, console=console),
-        )
-    merit = next(iter(found.plan.limits), "motion_px")
-    typical = (
-        typical_sensors(nominal, found.plan, merit, trials=options.trials, seed=options.seed)
-        if save_trials
-        else []
-    )
-    _print(console, found)
+        report = tolerance(nominal, plan, trials=options.trials, seed=options.seed, target_yield=options.target_yield, variance=options.variance, sweep=sweep, on_progress=lambda done, all_: bar.update(task, completed=done, total=all_), on_warning=lambda message: print_line(message, console=console))
+    merit = next(iter(report.plan.limits), "motion_px")
+    typical = typical_sensors(nominal, report.plan, merit, trials=options.trials, seed=options.seed) if save_trials else []
+    _print(console, report)
     if sweep is not None:
-        say(f"\nTrials stored in {sweep.folder}", console=console)
+        print_line(f"\nTrials stored in {sweep.folder}", console=console)
         if not sweep.is_whole:  # charts require all trials
-            say(
-                f"Part {storage.part} completed; when all parts are done, run without --part to combine them",
-                console=console,
-            )
+            print_line(f"Part {storage.part} completed; when all parts are done, run without --part to combine them", console=console)
             out = None
-    written = _write(found, out, json_file)
+    written = _write(report, out, json_file)
     if report_file is not None:
         from ...reports.tolerances import write_tolerances
 
-        written.append(write_tolerances(found, report_file))
+        written.append(write_tolerances(report, report_file))
     if typical and out is not None:
         written += _write_typical(typical, merit, out, console)
-    say_written(*written, console=console)
+    print_written(*written, console=console)
 
 
 def _init(name: str | None, grade: str, force: bool) -> None:
@@ -235,7 +134,7 @@ def _init(name: str | None, grade: str, force: bool) -> None:
     if path.exists() and not (force or is_stream(path)):
         raise OmnimirrorError(f"{path} already exists; rename it or use --force to overwrite it")
     write_text(path, tolerance_template(load_sensor(name), grade))
-    say(f"Wrote {path}; edit it, then run: omnimirror tolerance {shell_command([name, path])}")
+    print_line(f"Wrote {path}; edit it, then run: omnimirror tolerance {shell_command([name, path])}")
 
 
 def _limit(words: str) -> tuple[str, float]:
@@ -244,9 +143,7 @@ def _limit(words: str) -> tuple[str, float]:
     try:
         return name.strip(), float(value)
     except ValueError:
-        raise InvalidParameter(
-            f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {words!r}"
-        ) from None
+        raise InvalidParameter(f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {words!r}") from None
 
 
 def _part(words: str) -> tuple[int, int]:
@@ -258,92 +155,61 @@ def _part(words: str) -> tuple[int, int]:
     return i, n
 
 
-def _print(console: Console, found: ToleranceReport) -> None:
-    statistics, of = found.statistics, found.statistics.yields
+def _print(console: Console, report: ToleranceReport) -> None:
+    statistics, of = report.statistics, report.statistics.yields
     lost = f", {statistics.lost} lose rays" if statistics.lost else ""
-    console.print(f"{statistics.trials} trials{lost}; seed {found.seed}\n")
+    console.print(f"{statistics.trials} trials{lost}; seed {report.seed}\n")
     table = plain_table("merit", "limit", "median", "95 %", "99 %", "good %")
-    usual = (
-        *(after("motion_px", depth) for depth in CALIBRATIONS),
-        "direction_error_deg",
-        "blur_px",
-    )
+    usual = (*(after("motion_px", depth) for depth in CALIBRATIONS), "direction_error_deg", "blur_px")
     for name in (*usual, *(name for name in statistics.limits if name not in usual)):
         limit = statistics.limits.get(name)
-        good = (
-            "" if limit is None else f"{100 * statistics.passed_each[name] / statistics.trials:.1f}"
-        )
+        good = "" if limit is None else f"{100 * statistics.passed_each[name] / statistics.trials:.1f}"
         digits = 6 if is_requirement_merit(name) else 3  # more digits: these merits may vary little
         values = [f"{statistics.quantile(name, share):.{digits}g}" for share in (0.5, 0.95, 0.99)]
         side = "" if limit is None else f"{'≥' if is_lower_limit(name) else '≤'} {limit:g}"
         table.add_row(name, side, *values, good)
     console.print(table)
-    console.print(
-        f"\nyield {100 * of.value:.2f} % (95 % confidence: {100 * of.low:.2f} to {100 * of.high:.2f} %)\n"
-    )
-    table = plain_table(
-        "single error", "tolerance", "motion px", "after affine", "after pose", "max. tolerance"
-    )
-    ranked = sorted(found.sensitivities, key=lambda row: -row.merits["motion_px"])
+    console.print(f"\nyield {100 * of.value:.2f} % (95 % confidence: {100 * of.low:.2f} to {100 * of.high:.2f} %)\n")
+    table = plain_table("single error", "tolerance", "motion px", "after affine", "after pose", "max. tolerance")
+    ranked = sorted(report.sensitivities, key=lambda row: -row.merits["motion_px"])
     for row in ranked[:MAX_ROWS]:
-        motions = [
-            format_motion(row.merits[after("motion_px", depth)])
-            for depth in ("none", "affine", "pose")
-        ]
+        motions = [format_motion(row.merits[after("motion_px", depth)]) for depth in ("none", "affine", "pose")]
         alone = min(row.max_tolerance.values(), default=float("nan"))
-        table.add_row(
-            row.name,
-            f"{row.tolerance:.3g}",
-            *motions,
-            "any" if alone == float("inf") else f"{alone:.3g}",
-        )
+        table.add_row(row.name, f"{row.tolerance:.3g}", *motions, "any" if alone == float("inf") else f"{alone:.3g}")
     console.print(table)
     if len(ranked) > MAX_ROWS:
-        console.print(
-            f"... and {len(ranked) - MAX_ROWS} smaller ones; use --json or --output for all"
-        )
-    _print_variance(console, found)
-    _print_allocation(console, found)
+        console.print(f"... and {len(ranked) - MAX_ROWS} smaller ones; use --json or --output for all")
+    _print_variance(console, report)
+    _print_allocation(console, report)
 
 
-def _print_variance(console: Console, found: ToleranceReport) -> None:
-    if (variance := found.variance) is None:
+def _print_variance(console: Console, report: ToleranceReport) -> None:
+    if (variance := report.variance) is None:
         return
     for merit, shares in variance.indices.items():
         console.print(f"\nSobol indices of {merit}\n")
         table = plain_table("error or group", "first order %", "total %", "+-")
         for name, share in sorted(shares.items(), key=lambda item: -item[1].total)[:MAX_ROWS]:
             label = f"{name} ({len(variance.groups[name])})" if name in variance.groups else name
-            table.add_row(
-                label,
-                *(f"{100 * v:.1f}" for v in (share.first, share.total, 2 * share.total_error)),
-            )
+            table.add_row(label, *(f"{100 * v:.1f}" for v in (share.first, share.total, 2 * share.total_error)))
         console.print(table)
 
 
-def _print_allocation(console: Console, found: ToleranceReport) -> None:
-    if (cheapest := found.allocation) is None:
+def _print_allocation(console: Console, report: ToleranceReport) -> None:
+    if (allocation := report.allocation) is None:
         return
-    of = cheapest.confirmed_yield
-    console.print(
-        f"\nallocated tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to {100 * of.high:.2f} %) of "
-        f"{cheapest.trials} independent trials\ncost {cheapest.cost:.4g}; {cheapest.uniform_cost:.4g} with uniform "
-        "scaling\n"
-    )
+    of = allocation.confirmed_yield
+    console.print(f"\nallocated tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to {100 * of.high:.2f} %) of {allocation.trials} independent trials\ncost {allocation.cost:.4g}; {allocation.uniform_cost:.4g} with uniform scaling\n")
     table = plain_table("error", "initial", "allocated", "factor")
-    for name, value in cheapest.tolerances.items():
-        initial = found.plan.tolerances.errors[name].value
+    for name, value in allocation.tolerances.items():
+        initial = report.plan.tolerances.errors[name].value
         table.add_row(name, f"{initial:.3g}", f"{value:.3g}", f"{value / initial:.2g}")
     console.print(table)
-    if cheapest.at_maximum:
-        console.print(
-            f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(cheapest.at_maximum)}"
-        )
+    if allocation.at_maximum:
+        console.print(f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(allocation.at_maximum)}")
 
 
-def _write_typical(
-    typical: list[TypicalSensor], merit: str, out: Path, console: Console
-) -> list[Path]:
+def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console: Console) -> list[Path]:
     from ....io.images import write_image
     from ....optics.sensor_files import save_sensor
     from ....simulation.rendering import render_image
@@ -352,35 +218,31 @@ def _write_typical(
     written = []
     for trial in typical:
         name = f"{100 * trial.quantile:02.0f}"
-        files = [out / f"sensor-{name}.toml", out / f"picture-{name}.png"]
+        files = [out / f"sensor-{name}.toml", out / f"image-{name}.png"]
         save_sensor(trial.sensor, files[0])
         write_image(files[1], render_image(trial.sensor, Room(), blur=True))
-        words = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
-        say(words, console=console)
+        summary = f"sensor {name} %: trial {trial.trial}, {merit} {trial.merit:.3g}"
+        print_line(summary, console=console)
         written += files
     return written
 
 
-def _write(found: ToleranceReport, out: Path | None, json_file: Path | None) -> list[Path]:
+def _write(report: ToleranceReport, out: Path | None, json_file: Path | None) -> list[Path]:
     written = []
     if out is not None:
         from ....analysis.figures.style import save_figure, styled
         from ....manufacturing.tolerancing.charts import curves, plot_tornado, plot_variance
 
         out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "tolerance.json", found.to_dict())
+        write_json(out / "tolerance.json", report.to_dict())
         with styled():
-            save_figure(plot_tornado(found.sensitivities), out / "tornado.svg")
-            save_figure(curves(found.statistics), out / "yield.svg")
-            if found.variance is not None:
-                save_figure(plot_variance(found.variance), out / "variance.svg")
-        charts = (
-            "tornado.svg",
-            "yield.svg",
-            *(() if found.variance is None else ("variance.svg",)),
-        )
+            save_figure(plot_tornado(report.sensitivities), out / "tornado.svg")
+            save_figure(curves(report.statistics), out / "yield.svg")
+            if report.variance is not None:
+                save_figure(plot_variance(report.variance), out / "variance.svg")
+        charts = ("tornado.svg", "yield.svg", *(() if report.variance is None else ("variance.svg",)))
         written += [out / name for name in ("tolerance.json", *charts)]
     if json_file is not None:
-        write_json(json_file, found.to_dict())
+        write_json(json_file, report.to_dict())
         written.append(json_file)
     return written

@@ -17,8 +17,8 @@ from .._output import (
     json_option,
     output_console,
     output_option,
-    say,
-    say_written,
+    print_line,
+    print_written,
 )
 
 
@@ -57,44 +57,46 @@ def command(
     the camera file. It is restricted to the calibrated field: beyond the outermost corner the model
     is an extrapolation.
     """
-    seen_by = load_camera(camera)
-    found = uncertainty_map(seen_by, height_mm=height_mm, field_deg=field_deg)
+    loaded_camera = load_camera(camera)
+    result = uncertainty_map(loaded_camera, height_mm=height_mm, field_deg=field_deg)
     console = output_console()
-    what = "directions" if height_mm is None else f"points of {_level(height_mm)}"
-    if not (summary := found.summary()):
-        say((Path(camera).stem, "bold"), f": the picture shows no {what}", console=console)
+    quantity = "directions" if height_mm is None else f"points of {_surface_text(height_mm)}"
+    if not (summary := result.summary()):
+        print_line((Path(camera).stem, "bold"), f": no {quantity} in the image", console=console)
     else:
         median, high, largest = summary.values()
-        words = f": standard deviation of {what}: median {median:.3g} {found.unit}, "
-        say(
+        text = f": standard deviation of {quantity}: median {median:.3g} {result.unit}, "
+        print_line(
             (Path(camera).stem, "bold"),
-            words + f"95 % below {high:.3g}, largest {largest:.3g}",
+            text + f"95 % below {high:.3g}, largest {largest:.3g}",
             console=console,
         )
-    if field_deg is None and found.is_restricted:
-        say(
+    if field_deg is None and result.is_restricted:
+        print_line(
             ("Note: ", "yellow"),
-            f"restricted to the calibrated field of 0 to {found.field_deg:.4g} deg; use "
+            f"restricted to the calibrated field of 0 to {result.field_deg:.4g} deg; use "
             "--field-deg to include angles beyond it, where the model is an extrapolation",
             console=console,
         )
     if json_file:
         write_json(
             json_file,
-            summary | {"field_deg": found.field_deg, "is_restricted": found.is_restricted},
+            summary | {"field_deg": result.field_deg, "is_restricted": result.is_restricted},
         )
     if output:
         from ....analysis.figures import save_figure
         from ....analysis.figures.image_plane import error_map
 
         save_figure(
-            error_map(found.columns, found.rows, found.sigma, found.unit, f"Error of {what}"),
+            error_map(
+                result.columns, result.rows, result.sigma, result.unit, f"Error of {quantity}"
+            ),
             output,
         )
-    say_written(json_file, output, console=console)
+    print_written(json_file, output, console=console)
 
 
-def _level(height_mm: float) -> str:
+def _surface_text(height_mm: float) -> str:
     return (
         f"a floor {height_mm:g} mm below" if height_mm > 0 else f"a ceiling {-height_mm:g} mm above"
     )

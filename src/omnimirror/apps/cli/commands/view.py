@@ -11,7 +11,7 @@ from ....base.errors import MediaError
 from ....dewarp.request import is_video
 from ....io import read_image
 from .._camera_options import CameraOptions, OrientationOptions
-from .._declarations import DocumentedCommand, takes
+from .._declarations import DocumentedCommand, add_options
 from .studio import ServerOptions, orientation_remark, run_studio
 
 if TYPE_CHECKING:
@@ -19,25 +19,12 @@ if TYPE_CHECKING:
     from ...studio._server_state import Studio
 
 
-@click.command(
-    cls=DocumentedCommand,
-    page="studio",
-    examples=(
-        "omnimirror view /dev/video0 --sensor mine.toml",
-        "omnimirror view room.mp4 --sensor mine.toml",
-        "omnimirror view rtsp://door/1 rtsp://yard/1 --sensor mine.toml",
-    ),
-)
+@click.command(cls=DocumentedCommand, page="studio", examples=("omnimirror view /dev/video0 --sensor mine.toml", "omnimirror view room.mp4 --sensor mine.toml", "omnimirror view rtsp://door/1 rtsp://yard/1 --sensor mine.toml"))
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
-@takes(CameraOptions, "camera")
-@takes(OrientationOptions, "orientation")
+@add_options(CameraOptions, "camera")
+@add_options(OrientationOptions, "orientation")
 @takes(ServerOptions, "server")
-def command(
-    sources: tuple[str, ...],
-    camera: CameraOptions,
-    orientation: OrientationOptions,
-    server: ServerOptions,
-) -> None:
+def command(sources: tuple[str, ...], camera: CameraOptions, orientation: OrientationOptions, server: ServerOptions) -> None:
     """View each SOURCE in the browser.
 
     SOURCE is an image, a video file, or a camera or stream (/dev/video0, rtsp://...); the page
@@ -52,12 +39,7 @@ def command(
 
         live = [source for source in sources if _is_live(source)]
         known = _known(sources[0], camera, orientation) if camera.given else None
-        return Studio(
-            Sources(sources, server.folders, live),
-            known,
-            stored_orientation=orientation.stored_orientation,
-            on_note=orientation_remark,
-        )
+        return Studio(Sources(sources, server.folders, live), known, stored_orientation=orientation.stored_orientation, on_note=orientation_remark)
 
     run_studio(make, server)
 
@@ -68,7 +50,7 @@ def _is_live(source: str) -> bool:
     """
     live = is_video(source) and not Path(source).is_file()
     if live and Path(source).suffix and "://" not in source and not source.startswith("/dev/"):
-        raise MediaError(f"there is no video {source}")
+        raise MediaError(f"{source}: video not found")
     if not live and not is_video(source):
         read_image(source)
     return live
@@ -81,10 +63,8 @@ def _known(source: str, options: CameraOptions, orientation: OrientationOptions)
 
     size = (1024, 1024)
     if options.ball is not None and not is_video(source):
-        height, width = read_image(source, stored_orientation=orientation.stored_orientation).shape[
-            :2
-        ]
+        height, width = read_image(source, stored_orientation=orientation.stored_orientation).shape[:2]
         size = (width, height)
-    name, words = options.words()
+    name, arguments = options.command_words()
     camera = options.camera(size)
-    return Known("given", name, title_of(camera), words, camera)
+    return Known("given", name, title_of(camera), arguments, camera)
