@@ -577,5 +577,7 @@ def test_a_camera_format_has_a_name_of_its_own():
         om.register_camera_format(
             "kalibr", om.calibration.formats.CameraFormat("mine", print, print, {})
         )
-    with pytest.raises(TypeError, match=r"no omnimirror\.calibration\.formats\.CameraFormat"):
+    with pytest.raises(
+        TypeError, match=r"must be an omnimirror\.calibration\.formats\.CameraFormat"
+    ):
         om.register_camera_format("mine", print)

@@ -165,7 +165,9 @@ def test_pictures_that_show_too_little_are_refused():
         om.calibrate_lines([grey, grey[:100]])
     truth, picture = scene()
     other = Unified(1.0, (100.0, 100.0), (99.5, 99.5), (200, 200), optics="mirror")
-    with pytest.raises(InvalidParameter, match=r"640, 640\) px large and the model's \(200, 200\)"):
+    with pytest.raises(
+        InvalidParameter, match="size of the images, 640 x 640 px; got 200 x 200 px"
+    ):
         om.calibrate_lines([picture], model=other, **field(truth))
 
 
@@ -342,11 +344,11 @@ def test_few_edges_that_are_not_quite_straight_are_no_surer_than_they_are_right(
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("line,u_px,v_px\na,1,2\na,2,3\n", "line a of picture has 2 points, and 3 are the fewest"),
+        ("line,u_px,v_px\na,1,2\na,2,3\n", "line a of picture must have at least 3 points; got 2"),
         ("line,u_px\na,1\n", "valid is line,u_px,v_px, and picture if several"),
-        ("line,u_px,v_px\na,1,x\n", "edges.csv line 2: v_px = 'x' is no number"),
-        ("line,u_px,v_px\na,1\n", "edges.csv line 2 has 2 values, and the first line names 3"),
-        ("", "holds no points; its first line should be line,u_px,v_px"),
+        ("line,u_px,v_px\na,1,x\n", "edges.csv line 2: v_px must be a finite number; got 'x'"),
+        ("line,u_px,v_px\na,1\n", "edges.csv line 2 must have 3 values, as the first line; got 2"),
+        ("", "contains no points; its first line must be line,u_px,v_px"),
     ],
 )
 def test_tables_of_edges_that_will_not_do_are_told(text, says, tmp_path):

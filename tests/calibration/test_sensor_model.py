@@ -214,7 +214,7 @@ def test_priors_are_tolerances_of_the_design():
             "'mirror.a_mm' is no parameter of 'sphere'; valid are mirror.radius_mm",
         ),
         ((), None, "nothing of 'sphere' is free"),
-        (("focal",), (("mirror.radius_mm", 50.0, 1.0),), "needs it free"),
+        (("focal",), (("mirror.radius_mm", 50.0, 1.0),), "must refer to free parameters"),
         (("focal",), (("lens.focal_length_mm", 11.0, 0.0),), "above 0"),
     ],
 )

@@ -117,7 +117,7 @@ def test_a_wrong_table_is_refused_at_its_line(table, words):
 def test_a_sensor_without_covariance_says_what_is_missing():
     with pytest.raises(InvalidParameter, match=r"\[uncertainty\]"):
         om.direction_uncertainty(sensor_of("sphere"), [[500.0, 500.0]])
-    with pytest.raises(InvalidParameter, match="the camera's parameters are lens"):
+    with pytest.raises(InvalidParameter, match="for the parameters lens"):
         om.direction_uncertainty(
             om.SensorModel(sensor_of("sphere")), [[500.0, 500.0]], covariance=np.eye(2)
         )

@@ -129,7 +129,7 @@ def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_pat
     )
     assert told == list(range(1, 9))
     assert [one.name for one in found] == [
-        *(f"picture {i}" for i in range(1, 7)),
+        *(f"image {i}" for i in range(1, 7)),
         "a.png",
         "missing.png",
     ]

@@ -687,7 +687,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
             lambda _: om.find_boards(
                 [np.zeros((9, 9), np.uint8)], om.Board("chessboard", 5, 4), names=["a", "b"]
             ),
-            "there are 2 names for 1 pictures; each needs one",
+            "names must have one entry per image; got 2 names for 1 images",
         ),
         (
             lambda _: om.plan_bracket(SENSOR, limit_px=0.01),

@@ -66,7 +66,7 @@ def radial_projection(central: CameraModel, omega_max_deg: float) -> RadialProje
     whole = np.asarray(seen.reshape(RINGS, SPOKES).all(axis=1))
     if not whole[:2].all():
         raise InvalidParameter(
-            "the model shows nothing round its axis; a mirror cannot begin from it"
+            "central must project all directions next to its axis; use another initial model"
         )
     u, v = rings[:2].mean(axis=(0, 1))
     shares = seen.reshape(RINGS, SPOKES).mean(axis=1)
@@ -227,7 +227,7 @@ def _fitted_slopes(
     state, damping = turned(values), 1e-3
     if state is None:
         raise InvalidParameter(
-            f"a {sensor.mirror.KIND} cannot be {x[-1]:.4g} mm wide; start with another mirror"
+            f"the initial mirror must allow a radius of {x[-1]:.4g} mm; got {sensor.mirror.KIND}; use another mirror"
         )
     for _ in range(MAX_STEPS):
         here, error = state

@@ -98,8 +98,8 @@ class Sample:
         room = distance_mm**2 - np.sum(self.origins**2, axis=1) + along**2
         if room.min() < 0:
             raise InvalidParameter(
-                f"distance_mm = {distance_mm:g} lies inside the camera, whose rays begin up to "
-                f"{np.linalg.norm(self.origins, axis=1).max():.4g} mm from its origin"
+                f"distance_mm must be larger than the distances of the ray origins, up to "
+                f"{np.linalg.norm(self.origins, axis=1).max():.4g} mm; got {distance_mm:g}"
             )
         points: Array = self.origins + (np.sqrt(room) - along)[:, None] * self.directions
         return points
@@ -123,8 +123,8 @@ class Sample:
         inside = (self.omega >= np.radians(low)) & (self.omega <= np.radians(high))
         if inside.sum() < MIN_PIXELS:
             raise InvalidParameter(
-                f"{' with '.join(limits)} leaves nothing of the field, which is {np.degrees(self.omega.min()):.4g} to "
-                f"{np.degrees(self.omega.max()):.4g} deg from the axis"
+                f"inner_deg and field_deg must include part of the field, {np.degrees(self.omega.min()):.4g} to "
+                f"{np.degrees(self.omega.max()):.4g} deg from the axis; got {' and '.join(limits)}"
             )
         return replace(
             self,
@@ -159,9 +159,7 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     origins, directions, valid = camera.backproject(pixels)
     if not valid.any():
-        raise InvalidParameter(
-            "the camera sees nothing in its picture, so there is nothing to convert"
-        )
+        raise InvalidParameter("camera must have at least one pixel with a ray; got none")
     to_camera = mount.rotation()
     return Sample(
         pixels[valid],
@@ -232,7 +230,7 @@ def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> Rotati
     matrix, centre = solution[:2].T, solution[2]
     if not np.linalg.det(matrix) > 1e-3:
         raise InvalidParameter(
-            "the picture does not grow with the field angle around a centre, so no model fits it"
+            "the image radius must increase with the field angle around a centre; no model fits this camera"
         )
     plane = (sample.pixels - centre) @ np.linalg.inv(matrix).T
     u, v = (float(x) for x in centre)
@@ -324,8 +322,8 @@ def _pinhole(
     """
     if not picture.omega.max() < MAX_PINHOLE_ANGLE:
         raise InvalidParameter(
-            f"reaches less far than the field, {np.degrees(picture.omega.max()):.4g} deg from the axis: a pinhole's "
-            "picture is infinitely large at 90 deg"
+            f"does not cover the field of {np.degrees(picture.omega.max()):.4g} deg from the axis: a pinhole "
+            "projection is limited to less than 90 deg"
         )
     tan = np.tan(picture.omega)
     scale = tan.max()
@@ -421,7 +419,7 @@ def _best(
                 }
     if arguments is None:
         raise InvalidParameter(
-            f"reaches less far than the field, {np.degrees(picture.omega.max()):.4g} deg from the axis"
+            f"does not cover the field of {np.degrees(picture.omega.max()):.4g} deg from the axis"
         )
     return arguments
 

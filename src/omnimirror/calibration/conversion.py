@@ -85,9 +85,7 @@ def flipped(camera: Model) -> Model:
     """
     found: Any = camera
     if not hasattr(found, "centre_px"):
-        raise InvalidParameter(
-            f"{camera.KIND} cannot be flipped, since it has no centre of the picture"
-        )
+        raise InvalidParameter(f"camera must have an image centre to be flipped; got {camera.KIND}")
     (u, v), width = found.centre_px, camera.image_size[0]
     changes: dict[str, Any] = {
         "centre_px": (width - 1 - u, v),
@@ -113,8 +111,8 @@ SUFFICIENT_ERROR_PX = 0.02  # a simpler model within this error is preferred to 
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
 REACH_REMEDY = (
-    "give a smaller field_deg (--field-deg) to convert the middle of the field alone, or rim_radius_px "
-    "(--rim-radius-px) where the field of the camera ends"
+    "reduce field_deg (--field-deg) to convert only the central field, or specify the radius of the "
+    "camera's field, rim_radius_px (--rim-radius-px)"
 )
 _Field: TypeAlias = tuple[float | None, float | None]  # maximum and minimum field angle, deg
 
@@ -323,8 +321,7 @@ def _far(distance_mm: Any) -> tuple[float, ...]:
     far = np.unique(distances("distance_mm", _row("distance_mm", distance_mm)))
     if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
         raise InvalidParameter(
-            f"distance_mm = {shown(distance_mm)} is not valid; it is valid from {NEAREST_MM:g} to {FARTHEST_MM:g} mm, "
-            "and inf"
+            f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {shown(distance_mm)}"
         )
     return tuple(far.tolist())
 
@@ -339,10 +336,10 @@ def _size(image_size: Any) -> tuple[int, int] | None:
 def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
     found = [value] if isinstance(value, int | float) else value
     if isinstance(found, str) or not isinstance(found, Iterable):
-        raise WrongKind(f"{name} = {shown(value)} is no row of numbers")
+        raise WrongKind(f"{name} must be a list of numbers; got {shown(value)}")
     found = list(found)
     if count is not None and len(found) != count:
-        raise InvalidParameter(f"{name} = {shown(value)} is valid as {count} numbers")
+        raise InvalidParameter(f"{name} must be {count} numbers; got {shown(value)}")
     return found
 
 
@@ -358,12 +355,12 @@ def _of_file(
         return read, cameras[names.index(camera)]
     if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
         raise InvalidParameter(
-            f"camera = {shown(camera)} is not in {source}; it has {', '.join(filter(None, names))}"
+            f"camera must be one of {', '.join(filter(None, names))} in {source}; got {shown(camera)}"
         )
     which = whole("camera", float(camera) if isinstance(camera, str) else camera)
     if which >= len(cameras):
         raise InvalidParameter(
-            f"camera = {which} is not in {source}, which has {len(cameras)}, from 0"
+            f"camera must be an index from 0 to {len(cameras) - 1} in {source}; got {which}"
         )
     return read, cameras[which]
 
@@ -420,7 +417,7 @@ def _fitted(
             reasons.append(f"{target.name} ({target.layout.words}) {problem}")
     usable = [made for made in tried if np.isfinite(made.largest_px)]
     reasons += [
-        f"{made.target.name} ({made.target.layout.words}) reaches less far than the field, "
+        f"{made.target.name} ({made.target.layout.words}) does not cover the field of "
         f"{np.degrees(seen.omega.max()):.4g} deg from the axis"
         for made in tried
         if made not in usable
@@ -439,13 +436,13 @@ def _fitted(
         best = fullest if fullest.largest_px <= allowed else best
     if allowed is None or best.largest_px > allowed:
         verdict = (
-            f"give tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to allow that"
+            f"set tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to accept this error"
             if allowed is None
-            else f"more than tolerance_px = {allowed:g}"
+            else f"the error must be at most tolerance_px = {allowed:g}"
         )
         raise InvalidParameter(
-            f"{best.target.name} {best.target.layout.lacks(camera)}; the model that fits best is "
-            f"{_description(best, seen.is_central)}, {verdict}{_remedies(camera, best)}"
+            f"{best.target.name} {best.target.layout.lacks(camera)}; the best fit has an "
+            f"error of {_description(best, seen.is_central)}; {verdict}{_remedies(camera, best)}"
         )
     return best._replace(is_restricted=len(seen.pixels) < len(all_of_it.pixels))
 
@@ -474,9 +471,7 @@ def _remedies(camera: Camera, best: _StoredCamera) -> str:
         names := best.target.layout.unplaced(camera)
     ):
         options = " ".join(f"--fix {name}" for name in names)
-        remedies.append(
-            f"or calibrate with {options} (fixed) for a camera that the format holds exactly"
-        )
+        remedies.append(f"or calibrate with {options} (fixed) for an exact conversion")
     return "".join(f", {remedy}" for remedy in remedies)
 
 
@@ -504,8 +499,11 @@ def _best_fit(
 def _description(made: _StoredCamera, is_central: bool) -> str:
     worst = max(made.costs, key=lambda c: c.largest_px)
     rms = np.sqrt(np.mean([c.rms_px**2 for c in made.costs]))
-    where = "" if is_central else f", of things at {worst.distance_mm:g} mm"
-    return f"{rms:.3g} px off (rms), at most {worst.largest_px:.3g} px ({worst.at_deg:.3g} deg from the axis{where})"
+    where = "" if is_central else f", object distance {worst.distance_mm:g} mm"
+    return (
+        f"{rms:.3g} px rms, at most {worst.largest_px:.3g} px "
+        f"({worst.at_deg:.3g} deg from the axis{where})"
+    )
 
 
 def _field_notes(source: Camera, made: _StoredCamera, field_deg: float | None) -> Iterable[str]:
@@ -532,30 +530,33 @@ def _notes(source: Camera, written: Any, made: _StoredCamera) -> Iterable[str]:
     target = made.target
     if np.any(made.found.viewpoint_mm):
         x, y, z = (round(float(v), 3) + 0.0 for v in made.found.viewpoint_mm)
-        yield f"the file's frame begins at ({x:g}, {y:g}, {z:g}) mm of the camera frame, where one viewpoint does best"
+        yield (
+            f"the origin of the file's frame is the best single viewpoint, ({x:g}, {y:g}, {z:g}) mm in the "
+            "camera frame"
+        )
     if target.layout.is_panorama:
         width, height = sphere(source).size
         yield (
-            f"it is of a panorama, which has to be made of every picture first: omnimirror dewarp --view sphere "
-            f"--size {width}x{height}; its frame looks forward, with the world's right and down"
+            f"the file describes a panorama; dewarp each image first with omnimirror dewarp --view sphere "
+            f"--size {width}x{height}; the axes of its frame are the world's right, down and forward"
         )
         return
     if not isinstance(written, CameraModel) or target.layout.kind is RadialModel:
         return
     if written.is_picture_reversed:
         yield (
-            "the picture is a mirror image, and so the file's frame (right, down, towards what the centre sees) is "
-            "left-handed; flip writes the camera of the flipped picture, whose frame is right-handed"
+            "the image is mirrored: the file's frame (right, down, viewing direction of the image centre) is "
+            "left-handed; flip writes the camera of the flipped image, whose frame is right-handed"
         )
     elif written.mount.image_flipped:
-        yield "the file is of the picture flipped left to right"
+        yield "the file applies to the image flipped left to right"
     reach = np.degrees(getattr(written, "omega_max", 0.0))
     if reach > target.layout.reach_deg:
         yield (
-            f"programs that read it project less than {target.layout.reach_deg:g} deg from the axis, and the field "
-            f"reaches {reach:.4g} deg"
+            f"programs that read this format project less than {target.layout.reach_deg:g} deg from the axis; "
+            f"the field of the camera is {reach:.4g} deg"
         )
     if isinstance(source, Sensor) or getattr(source, "rim_radius_px", None) is not None:
-        yield "where the field ends is not in the file: rim_radius_px"
+        yield "the boundary of the field (rim_radius_px) is not in the file"
     if getattr(source, "mount", Mount()) != Mount():
-        yield "how the camera stands is not in the file"
+        yield "the orientation of the camera is not in the file"

@@ -221,7 +221,8 @@ def calibrate_lines(
         begun = SensorModel(model) if isinstance(model, Sensor) else model
         if begun.image_size != size:
             raise InvalidParameter(
-                f"pictures are {size} px large and the model's {begun.image_size}; it takes the same"
+                f"model must have the size of the images, {size[0]} x {size[1]} px; "
+                f"got {begun.image_size[0]} x {begun.image_size[1]} px"
             )
         knobs = _knobs(begun)
     fit, kept = _without_bent(begun, edges, knobs, distance_mm)
@@ -259,15 +260,13 @@ def _size(
         {tuple(said)} if said else set()
     )
     if not pictures and not lines:
-        raise InvalidParameter("there is no picture; it takes one at least")
+        raise InvalidParameter("images or lines must contain at least one image; got none")
     if not sizes:
         raise InvalidParameter(
-            "of lines alone the pictures' size has to be said (image_size, --image-size)"
+            "image_size (--image-size) must be specified for lines without images"
         )
     if len(sizes) > 1:
-        raise InvalidParameter(
-            f"pictures are of {len(sizes)} different sizes; one camera takes all alike"
-        )
+        raise InvalidParameter(f"images must have one size; got {len(sizes)} different sizes")
     ((width, height),) = sizes
     return int(width), int(height)
 
@@ -289,7 +288,7 @@ def _chains(
     count = sum(map(len, chains))
     if count < MIN_CHAINS:
         raise InvalidParameter(
-            f"{count} edges are too few to refine a camera; it takes {MIN_CHAINS}, long and in all directions"
+            f"images must contain at least {MIN_CHAINS} long edges in different directions; got {count}"
         )
     return chains
 
@@ -298,7 +297,7 @@ def _marked(edge: Array) -> Array:
     points = finite("lines", edge, last=2)
     if points.ndim != 2 or len(points) < MIN_MARKED_POINTS:
         raise InvalidParameter(
-            f"an edge of shape {points.shape} is not valid; it is valid as (n, 2), n from 3 on"
+            f"lines must be arrays (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {points.shape}"
         )
     return points
 
@@ -407,8 +406,8 @@ def _without_bent(
         straight = [part for part, r in zip(kept.slices, rms, strict=True) if r <= limit]
         if len(straight) < MIN_CHAINS:
             raise InvalidParameter(
-                f"of {len(edges.slices)} edges only {len(straight)} can be straight for one camera; it takes "
-                f"{MIN_CHAINS}, and a picture of this camera"
+                f"at least {MIN_CHAINS} edges must be straight for one camera; got {len(straight)} of "
+                f"{len(edges.slices)}; check that the images are from this camera"
             )
         if len(straight) == len(rms):
             break

@@ -155,7 +155,7 @@ class SensorModel(CameraModel):
         wanted = np.asarray(values, dtype=float)
         if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
             raise InvalidParameter(
-                f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite"
+                f"values must be {len(self.free)} finite numbers; got shape {wanted.shape}"
             )
         other = object.__new__(type(self))  # free parameters and priors are already checked
         other.__dict__["sensor"] = with_values(self.sensor, self._places, wanted)
@@ -448,7 +448,8 @@ def mirror_ball_model(
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > MIN_ANGULAR_RADIUS:
         raise InvalidParameter(
-            f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point"
+            f"rim_radius_px must be above {MIN_ANGULAR_RADIUS * focal_px:g} px for focal_px = {focal_px:g}; "
+            f"got {rim_radius_px:g}"
         )
     towards = np.append(np.sin(delta) * across / (off or 1.0), np.cos(delta))
     vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards

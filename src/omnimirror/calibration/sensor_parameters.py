@@ -58,7 +58,7 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     known = list(parameter_names(sensor))
     if matched is None or name not in known:
         raise InvalidParameter(
-            f"{shown(name)} is no parameter of {sensor.name!r}; valid are {', '.join(known)}"
+            f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {shown(name)}"
         )
     section, key, index = matched.groups()
     return ParameterLocation(section, key, None if index is None else int(index))
@@ -204,12 +204,13 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
             names[parameter_location(sensor, word).name] = None
         else:
             raise InvalidParameter(
-                f"{shown(word)} is no parameter; valid are the groups {', '.join(GROUPS)} and the names "
-                f"{', '.join(parameter_names(sensor))}"
+                f"free must contain groups ({', '.join(GROUPS)}) or parameter names "
+                f"({', '.join(parameter_names(sensor))}); got {shown(word)}"
             )
     if not names:
         raise InvalidParameter(
-            f"nothing of {sensor.name!r} is free; give one of {', '.join(GROUPS)} at least"
+            f"free must contain at least one parameter of {sensor.name!r}, for example of the groups "
+            f"{', '.join(GROUPS)}; got none"
         )
     return tuple(names)
 
@@ -275,13 +276,13 @@ def checked_priors(
     for prior in given:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
             raise WrongKind(
-                f"{shown(prior)} among the priors is not a name, a value and its standard deviation"
+                f"priors must be tuples (name, value, standard deviation); got {shown(prior)}"
             )
     checked = tuple(ParameterPrior(*prior) for prior in given)
     for prior in checked:
         if prior.name not in names:
             raise InvalidParameter(
-                f"a prior on {shown(prior.name)} needs it free; free are {', '.join(names)}"
+                f"priors must refer to free parameters ({', '.join(names)}); got {shown(prior.name)}"
             )
         number(f"sigma of {prior.name}", prior.sigma, above=0.0)
     return checked

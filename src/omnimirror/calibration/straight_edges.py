@@ -26,7 +26,7 @@ def csv_cells(line: str, place: str) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as e:
-        raise InvalidParameter(f"{place} is no line of a CSV file: {e}") from None
+        raise InvalidParameter(f"{place} is not valid CSV: {e}") from None
 
 
 def csv_number(entries: dict[str, str], name: str, place: str) -> float:
@@ -36,7 +36,9 @@ def csv_number(entries: dict[str, str], name: str, place: str) -> float:
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
-        raise InvalidParameter(f"{place}: {name} = {shown(entries[name])} is no number")
+        raise InvalidParameter(
+            f"{place}: {name} must be a finite number; got {shown(entries[name])}"
+        )
     return value
 
 
@@ -86,8 +88,8 @@ def read_lines(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
             for edge, marked in edges.items():
                 if len(marked) < MIN_MARKED_POINTS:
                     raise InvalidParameter(
-                        f"{path.name}: line {edge} of {picture} has {len(marked)} points, and {MIN_MARKED_POINTS} are "
-                        "the fewest"
+                        f"{path.name}: line {edge} of {picture} must have at least {MIN_MARKED_POINTS} points; "
+                        f"got {len(marked)}"
                     )
     return {
         picture: tuple(np.array(marked) for marked in edges.values())
@@ -103,13 +105,14 @@ def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     ]
     if len(lines) < 2:
         raise InvalidParameter(
-            f"{path} holds no points; its first line should be {','.join(COLUMNS)}"
+            f"{path} contains no points; its first line must be {','.join(COLUMNS)}"
         )
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
     if set(columns) - {PICTURE} != set(COLUMNS) or len(set(columns)) < len(columns):
         raise InvalidParameter(
-            f"line {number} of {path} names {shown(head)}; valid is {','.join(COLUMNS)}, and {PICTURE} if several"
+            f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and {PICTURE} for several "
+            f"images; got {shown(head)}"
         )
     return [_point(f"{path.name} line {n}", columns, line) for n, line in rest]
 
@@ -118,7 +121,7 @@ def _point(place: str, columns: list[str], line: str) -> tuple[str, str, tuple[f
     cells = csv_cells(line, place)
     if len(cells) != len(columns):
         raise InvalidParameter(
-            f"{place} has {len(cells)} values, and the first line names {len(columns)}"
+            f"{place} must have {len(columns)} values, as the first line; got {len(cells)}"
         )
     entries = dict(zip(columns, cells, strict=True))
     return (
@@ -442,7 +445,8 @@ class StraightEdges:
                 edge = Edge(picture, place, finite("lines", points, last=2))
                 if edge.pixels.ndim != 2 or len(edge.pixels) < MIN_MARKED_POINTS:
                     raise InvalidParameter(
-                        f"{edge.name} has the shape {edge.pixels.shape}; valid is (n, 2), n from {MIN_MARKED_POINTS} on"
+                        f"{edge.name} must be an array (n, 2) with n >= {MIN_MARKED_POINTS}; "
+                        f"got shape {edge.pixels.shape}"
                     )
                 outside = np.any(
                     (edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1
@@ -450,12 +454,12 @@ class StraightEdges:
                 if outside.any():
                     (u, v), (width, height) = edge.pixels[outside][0], size
                     raise InvalidParameter(
-                        f"{edge.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px"
+                        f"{edge.name}: pixels must be inside the image of {width} x {height} px; got {u:g}, {v:g}"
                     )
                 found.append(edge)
         if len(found) < MIN_EDGES:
             raise InvalidParameter(
-                f"{len(found)} straight edges say too little; {MIN_EDGES} are the fewest"
+                f"lines must contain at least {MIN_EDGES} edges; got {len(found)}"
             )
         return cls(tuple(found), distance_mm)
 
@@ -524,8 +528,8 @@ class StraightEdges:
         )
         if (count := int((rms <= limit).sum())) < MIN_EDGES:
             raise InvalidParameter(
-                f"of {len(self.edges)} edges {count} can be straight for this camera, and {MIN_EDGES} are the fewest; "
-                "see whether they are of its pictures"
+                f"at least {MIN_EDGES} of {len(self.edges)} edges must be straight for this camera; got {count}; "
+                "check that the lines belong to its images"
             )
         return replace(self, edges=kept)
 

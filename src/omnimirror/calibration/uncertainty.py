@@ -131,7 +131,7 @@ def floor_uncertainty(
     height = number("height_mm", height_mm, low=-MAX_HEIGHT_MM, high=MAX_HEIGHT_MM, unit="mm")
     if height == 0:
         raise InvalidParameter(
-            "height_mm = 0 is no height over a floor; it is valid above 0, and below for a ceiling"
+            "height_mm must be above 0 mm for a floor or below 0 mm for a ceiling; got 0"
         )
     known = _uncertain_model(camera, covariance, field_deg)
     model, rays = known.model, known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
@@ -287,8 +287,8 @@ def _uncertain_model(
     given = camera.uncertainty if covariance is None else covariance
     if given is None:
         raise InvalidParameter(
-            "nothing is known of the camera's uncertainty; it is valid with a covariance of its parameters, which "
-            "calibration writes into the table [uncertainty] of its file"
+            "covariance must be specified for a camera without uncertainty; a calibration writes it into "
+            "the table [uncertainty] of the camera file"
         )
     if isinstance(given, Uncertainty):
         field = given.field_deg if field is None else field
@@ -301,7 +301,7 @@ def _uncertain_model(
     matrix = finite("covariance", given)
     if matrix.shape != (len(names), len(names)):
         raise InvalidParameter(
-            f"covariance has shape {matrix.shape}; the camera's parameters are {', '.join(names)}, so that it is valid "
-            f"as {len(names), len(names)}"
+            f"covariance must have the shape {len(names), len(names)} for the parameters "
+            f"{', '.join(names)}; got {matrix.shape}"
         )
     return _UncertainModel(model, matrix, field)

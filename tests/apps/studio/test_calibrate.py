@@ -151,7 +151,7 @@ def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
         (
             BLANK,
             {"marker_mm": 3},
-            "marker_mm belongs to boards of kind charuco, and this is one of kind chessboard",
+            "marker_mm requires kind = 'charuco'; got 'chessboard'",
         ),
     ],
 )
@@ -161,9 +161,9 @@ def test_what_cannot_be_looked_at_is_refused_in_a_sentence(data, more, sentence,
 
 
 def test_of_a_picture_without_the_board_it_is_said_why(client):
-    assert look(client, BLANK).json()["reason"] == "the picture is blank"
+    assert look(client, BLANK).json()["reason"] == "the image is blank"
     other = look(client, png(0), columns=6).json()["reason"]
-    assert other == "a board of 7 x 5 corners was found, and one of 6 x 5 corners was looked for"
+    assert other == "a board of 7 x 5 corners was detected instead of 6 x 5 corners"
 
 
 @pytest.mark.full
@@ -189,7 +189,7 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
     with ThreadPoolExecutor(
         1
     ) as apart:  # a separate thread: page tests leave a running event loop in theirs
-        assert apart.submit(asyncio.run, both()).result().reason == "the picture is blank"
+        assert apart.submit(asyncio.run, both()).result().reason == "the image is blank"
 
 
 def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):
@@ -205,8 +205,8 @@ def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):
     assert answer.reasons[:-1] == (None,) * len(seen)
     assert answer.reasons[-1] == "its size of 480 x 400 px is not the 480 x 480 px of the others"
     assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in seen)
-    assert answer.not_new == "it shows the board much as 2.png does"
-    assert answer.advice[0].startswith("Take more pictures: 6 are used")
+    assert answer.not_new == "its view of the board is similar to 2.png"
+    assert answer.advice[0].startswith("Take more images: 6 are used")
     few = together(ask.model_copy(update={"pictures": tuple(seen[:2])}))
     assert few.not_new is None
     empty = np.sum(np.array(few.coverage.counts) < few.coverage.enough)
@@ -331,8 +331,10 @@ def test_one_that_is_stopped_keeps_what_it_found(seen):
     *_, done, reported = performed(ASK, seen, 2)
     assert (done.state, reported.state) == ("done", "reported")
     assert not done.found.is_complete
-    assert "stopped before the end" in done.found.notes[0]
-    assert performed(ASK, seen, -1)[-1].sentence == "stopped before a camera was found"
+    assert "stopped early" in done.found.notes[0]
+    assert (
+        performed(ASK, seen, -1)[-1].sentence == "the calibration was stopped before the first fit"
+    )
 
 
 def test_why_there_is_no_camera_is_said_with_the_pictures_names(seen):
@@ -340,7 +342,7 @@ def test_why_there_is_no_camera_is_said_with_the_pictures_names(seen):
     *_, failed = performed(ASK, [*seen[:2], blank])
     assert failed.state == "failed"
     assert "in 2 of 3 pictures" in failed.sentence
-    assert "dark.png: the picture is blank" in failed.sentence
+    assert "dark.png: the image is blank" in failed.sentence
 
 
 @pytest.mark.full
@@ -353,7 +355,7 @@ def test_frames_of_a_video_that_show_the_same_are_not_used_twice(seen):
     *_, done, _ = performed(ASK | {"pictures": len(frames)}, frames)
     used = [p for p in done.found.pictures if p.used]
     assert len(used) == len(seen)
-    assert all("much as" in p.reason for p in done.found.pictures if not p.used)
+    assert all("is similar to" in p.reason for p in done.found.pictures if not p.used)
 
 
 def test_what_is_no_calibration_closes_the_socket(client):

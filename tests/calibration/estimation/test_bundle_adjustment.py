@@ -249,7 +249,7 @@ def test_the_shape_of_a_board_is_found():
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda s: adjust(START, []), "nothing to adjust"),
+        (lambda s: adjust(START, []), "observations must contain"),
         (lambda s: adjust(START, [s], fixed=["k9"]), "no parameter 'k9'.*xi, fx"),
         (
             lambda s: adjust(START, [Sighting("room", s.pixels, s.points)]),
@@ -264,7 +264,7 @@ def test_the_shape_of_a_board_is_found():
         (lambda s: known(s.pixels, s.points, normals=0 * s.points), "room: normals .* directions"),
         (
             lambda s: known(s.pixels, s.points, normals=s.points, along=s.points),
-            "normals belong to planes",
+            "normals must not be combined",
         ),
     ],
 )

@@ -109,14 +109,14 @@ def test_a_fisheye_is_chosen_among_models_without_a_mirror():
 
 def test_wrong_corners_are_named_and_no_others():
     seen = detections(count=8)
-    wrong = {("picture 3", 20): 4.0, ("picture 7", 5): 1.2, ("picture 7", 40): -2.0}
+    wrong = {("image 3", 20): 4.0, ("image 7", 5): 1.2, ("image 7", 40): -2.0}
     for (name, corner), shift in wrong.items():
         detection = next(d for d in seen if d.name == name)
         detection.corners_px[list(detection.ids).index(corner)] += [shift, 0.0]
     found = calibrated(seen)
     assert {(o.picture, o.corner) for o in found.outliers} == set(wrong)
     worst = found.outliers[0]
-    assert (worst.picture, worst.corner) == ("picture 3", 20)
+    assert (worst.picture, worst.corner) == ("image 3", 20)
     assert worst.residual_px == pytest.approx(4.0, abs=0.5)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
@@ -146,10 +146,10 @@ def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
     assert rejected <= wrong
     assert len(remaining - wrong) <= 1
     assert len(wrong - rejected - remaining) <= 0.1 * len(wrong)
-    notes = [note for note in found.notes if "farther off than noise explains" in note]
+    notes = [note for note in found.notes if "residuals above the noise" in note]
     assert len(notes) == (1 if remaining else 0)
     if remaining:
-        assert notes[0].startswith(f"{len(remaining)} of the corners used")
+        assert notes[0].startswith(f"{len(remaining)} of the used corners")
         assert found.remaining_outliers[0].picture in notes[0]
     else:
         assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
@@ -223,13 +223,13 @@ def test_a_picture_that_no_board_explains_is_named_and_left_out():
     )
     seen.append(
         om.Detection(
-            "blurred.png", SIZE, reason="blurred.png: no board was found; the picture is blurred"
+            "blurred.png", SIZE, reason="blurred.png: no board was found; the image is blurred"
         )
     )
     found = calibrated(seen)
     left_out = {p.name: p.reason for p in found.pictures if not p.used}
-    assert left_out.keys() == {"picture 5", "blurred.png"}
-    assert "from where a board can have them" in left_out["picture 5"]
+    assert left_out.keys() == {"image 5", "blurred.png"}
+    assert "the median residual of its corners" in left_out["image 5"]
     assert "is blurred" in left_out["blurred.png"]
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
@@ -237,7 +237,7 @@ def test_a_picture_that_no_board_explains_is_named_and_left_out():
 @pytest.mark.parametrize(
     ("optics", "words"),
     [
-        ("mirror", "the mirror's centre in it lies .* from that in the others: the mirror moved"),
+        ("mirror", "the mirror centre is .* from that in the other images: the mirror moved"),
         ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved"),
     ],
 )
@@ -246,7 +246,7 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(opt
     seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
     found = calibrated(seen, optics=optics)
     (left_out,) = [p for p in found.pictures if not p.used]
-    assert left_out.name == "picture 5"
+    assert left_out.name == "image 5"
     assert re.search(words, left_out.reason)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert found.outliers == ()
@@ -267,9 +267,9 @@ def test_flipped_pictures_are_named_and_left_out(count, numbers):
     centres reveals the flip, and camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
     left_out = {p.name: p.reason for p in found.pictures if not p.used}
-    assert left_out.keys() == {f"picture {number + 1}" for number in numbers}
+    assert left_out.keys() == {f"image {number + 1}" for number in numbers}
     assert set(left_out.values()) == {
-        "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
+        "it fits the other images only after flipping left to right: it was flipped"
     }
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
@@ -313,7 +313,7 @@ def test_few_pictures_lead_to_the_camera_too(count, seed):
 def test_a_note_tells_where_pictures_left_out_are_predicted_worse():
     found = calibrated(detections(count=4, seed=1), model="viewpoint-spline", board_shape=False)
     assert found.held_out_rms_px > 1.25 * found.rms_px
-    assert any("well above that of the fit" in note for note in found.notes)
+    assert any("well above the fit error" in note for note in found.notes)
 
 
 def test_the_file_of_results_has_what_it_promises(tmp_path):
@@ -360,7 +360,7 @@ def test_who_stops_keeps_what_was_found():
     )
     assert not found.is_complete
     assert found.rms_px < 1.0
-    assert any("stopped before the end" in note for note in found.notes)
+    assert any("stopped early" in note for note in found.notes)
     assert json.loads(found.to_json())["held_out_rms_px"] is None
 
 
@@ -388,7 +388,7 @@ def one_pose(count: int) -> list[om.Detection]:
     return [
         replace(
             seen,
-            name=f"picture {i}",
+            name=f"image {i}",
             corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape),
         )
         for i in range(count)
@@ -400,11 +400,11 @@ def one_pose(count: int) -> list[om.Detection]:
     [
         (
             lambda: detections(count=2),
-            r"in 2 of 2 pictures \(picture 1 and picture 2\), and 3 are the fewest",
+            r"in 2 of 2 images \(image 1 and image 2\); at least 3 are required",
         ),
         (
             lambda: [
-                om.Detection(f"{i}.png", SIZE, reason="no board was found; the picture is blurred")
+                om.Detection(f"{i}.png", SIZE, reason="no board was found; the image is blurred")
                 for i in "ab"
             ],
             r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred",
@@ -414,25 +414,25 @@ def one_pose(count: int) -> list[om.Detection]:
                 *detections(count=5),
                 replace(detections()[0], name="small.png", image_size=(320, 240)),
             ],
-            r"small\.png: 320 x 240 px, where the other pictures have 640 x 480 px",
+            r"small\.png: 320 x 240 px, the other images: 640 x 480 px",
         ),
         (
             lambda: one_pose(6),
-            "the same place in all pictures.*picture 0, picture 1.*hold it at different places",
+            "the same in all images.*image 0, image 1.*hold it at different positions",
         ),
         pytest.param(
             lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]),
-            "centre in picture 3, picture 6, picture 9 and picture 10 lies .*the mirror moved",
+            "centre in image 3, image 6, image 9 and image 10 is .*the mirror moved",
             marks=pytest.mark.full,
         ),
         pytest.param(
             lambda: flipped(detections(count=8), {1, 2, 5, 6}),
-            "half of the pictures, picture 2, picture 3, picture 6 and picture 7, fit the others when they are flipped",
+            "half of the images, image 2, image 3, image 6 and image 7, fit the others only after flipping",
             marks=pytest.mark.full,
         ),
         (
             lambda: [replace(d, is_reversed=False) for d in detections(count=4)],
-            "picture 1, picture 2, picture 3 and picture 4: the board's markers show not mirror images.*--flipped",
+            "the board's markers, image 1, image 2, image 3 and image 4 are not mirror images.*--flipped",
         ),
         (
             lambda: [
@@ -455,7 +455,7 @@ def test_what_is_asked_for_is_checked():
         InvalidParameter, match=r"model = 'unfied' is not known; valid are auto, unified"
     ):
         calibrated(detections(count=3), model="unfied")
-    with pytest.raises(InvalidParameter, match="model = 'sensor' is a mirror before a lens"):
+    with pytest.raises(InvalidParameter, match="model = 'sensor' requires optics = 'mirror'"):
         calibrated(detections(count=3), model="sensor", optics="fisheye")
     with pytest.raises(
         InvalidParameter, match=r"optics = 'lens' is not known; valid are mirror, fisheye"
@@ -470,6 +470,6 @@ def test_boards_whose_place_is_not_known_are_advised_on_by_their_corners_alone()
     seen = coverage([Sighting("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
     assert seen.counts.sum() == 77
     said = recommendations(seen, 1)
-    assert said[0].startswith("Take more pictures: 1 is used")
+    assert said[0].startswith("Take more images: 1 is used")
     assert any("lower left, left, upper left" in sentence for sentence in said[1:])
     assert not any("Tilt" in sentence for sentence in said)

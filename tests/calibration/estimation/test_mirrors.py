@@ -129,9 +129,9 @@ def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
     )
     (free,) = found.free
     assert set(free.names) == {"lens.focal_length_mm", "mount.mirror_distance_mm"}
-    (note,) = [n for n in found.notes if n.startswith("The pictures do not tell")]
+    (note,) = [n for n in found.notes if n.startswith("The images do not determine")]
     assert "mount.mirror_distance_mm larger by" in note
-    assert " mm (one standard deviation) shows nearly the same." in note
+    assert " mm (one standard deviation) fits nearly as well." in note
 
 
 @pytest.mark.full  # test_surveys covers an unknown mirror with fewer points

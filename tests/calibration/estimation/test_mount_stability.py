@@ -35,21 +35,21 @@ def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, nu
     """Camera and poses absorb nearly all of it, with a fit close to the noise. One image may be
     misclassified."""
     with pytest.raises(
-        InvalidParameter, match="the mirror moved against the camera between them"
+        InvalidParameter, match="the mirror moved relative to the camera between them"
     ) as refused:
         om.calibrate_camera(
             moved(detections(count=count, seed=1), numbers, [9.0, 4.0]), BOARD, model="unified"
         )
     groups = [
-        {f"picture {i + 1}" for i in range(count) if (i in numbers) == is_second}
+        {f"image {i + 1}" for i in range(count) if (i in numbers) == is_second}
         for is_second in (True, False)
     ]
     sentence = (
-        str(refused.value).split(": the mirror moved")[0].removeprefix("the mirror's centre in ")
+        str(refused.value).split(": the mirror moved")[0].removeprefix("the mirror centre in ")
     )
     told = [
         {name.strip() for name in part.replace(" and ", ", ").split(", ")}
-        for part in (sentence.split(" lies ")[0], sentence.split(" px from that in ")[1])
+        for part in (sentence.split(" is ")[0], sentence.split(" px from that in ")[1])
     ]
     assert told[0] | told[1] == groups[0] | groups[1]
     assert min(len(told[0] ^ group) for group in groups) <= 1

@@ -35,7 +35,7 @@ def test_what_one_viewpoint_costs_far_away_is_told():
     seen = om.simulate_detections(MIRROR, BOARD, 10, noise_px=0.1, seed=1)
     found = om.calibrate_camera(seen, BOARD, model="kannala-brandt", board_shape=False)
     (note,) = [n for n in found.notes if "one viewpoint" in n]
-    assert "choose the model sensor or viewpoint-spline" in note
+    assert "use the model sensor or viewpoint-spline" in note
     told = float(note.split("px (")[1].split(" deg")[0])
     assert told == pytest.approx(error_far_away_deg(found), rel=0.35)
     assert told > 0.5

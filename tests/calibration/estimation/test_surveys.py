@@ -108,7 +108,7 @@ def test_boards_and_stars_are_one_calibration_and_a_wrong_star_is_named():
     sky = seen(TRUTH, 0, 30, seed=2)
     sky.pixels[7] += [12.0, -9.0]
     found = om.calibrate_camera(detections(count=4), BOARD, surveys=[sky], model="unified")
-    assert [p.name for p in found.pictures] == [*(f"picture {i}" for i in range(1, 5)), "room"]
+    assert [p.name for p in found.pictures] == [*(f"image {i}" for i in range(1, 5)), "room"]
     assert all(p.used for p in found.pictures)
     (wrong,) = found.outliers
     assert (wrong.picture, wrong.corner) == ("room", 7)
@@ -144,14 +144,14 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
 @pytest.mark.parametrize(
     ("ask", "says"),
     [
-        (lambda s: {"surveys": [s]}, "the pictures' size has to be said"),
+        (lambda s: {"surveys": [s]}, "must be specified for surveyed points"),
         (
             lambda s: {"surveys": [s], "image_size": (320, 240)},
-            r"room: pixel .* lies outside of 320 x 240 px",
+            r"room: pixels must be inside the image of 320 x 240 px",
         ),
         (
             lambda s: {"surveys": [s.only(np.arange(8))], "image_size": SIZE},
-            "8 points are known, and 12 are the",
+            "surveys must contain at least 12 points",
         ),
         (lambda s: {"surveys": [s, s], "image_size": SIZE}, "one name twice among room and room"),
         (
@@ -215,17 +215,23 @@ def test_azimuths_are_counted_clockwise_from_above(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "holds no points; its first line should be u_px,v_px,x,y,z"),
+        ("", "contains no points; its first line must be u_px,v_px,x,y,z"),
         (
             "u,v,x,y,z\n1,2,3,4,5\n",
             "line 1 of .*names 'u,v,x,y,z'; valid is u_px,v_px,x,y,z or u_px,v_px,azimuth_deg",
         ),
-        ("u_px,v_px,x,y,z\n1,2,3,4\n", "sky.csv line 2 has 4 values, and the first line names 5"),
-        ("u_px,v_px,x,y,z\n1,2,3,4,north\n", "sky.csv line 2: z = 'north' is no number"),
-        ("u_px,v_px,x,y,z\n1,2,0,0,0\n", "sky.csv line 2: 0, 0, 0 is no direction"),
+        (
+            "u_px,v_px,x,y,z\n1,2,3,4\n",
+            "sky.csv line 2 must have 5 values, as the first line; got 4",
+        ),
+        (
+            "u_px,v_px,x,y,z\n1,2,3,4,north\n",
+            "sky.csv line 2: z must be a finite number; got 'north'",
+        ),
+        ("u_px,v_px,x,y,z\n1,2,0,0,0\n", "sky.csv line 2: the direction must not be zero"),
         (
             "u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,91\n",
-            "elevation_deg = 91 is not within -90 to 90",
+            "elevation_deg must be -90 to 90 deg; got 91",
         ),
     ],
 )

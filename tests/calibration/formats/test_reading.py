@@ -173,7 +173,7 @@ def test_four_coefficients_without_a_model_are_ambiguous(tmp_path):
         ),
         ("<opencv_storage>\n<xi>1</opencv_storage>", r"line 2 is not valid XML: mismatched tag"),
         ("<a>" * 100 + "</a>" * 100, "must not be nested more than 32 levels"),
-        ("<a><xi>1</xi><xi>2</xi></a>", "xi stands in the file a second time"),
+        ("<a><xi>1</xi><xi>2</xi></a>", "xi must not occur twice in the file"),
     ],
 )
 def test_wrong_xml_is_refused(tmp_path, text, message):
@@ -438,7 +438,7 @@ def test_what_a_message_adds_is_noted(tmp_path):
     text = (yaml.safe_dump(message) + "---\n") * 3
     *_, notes = read(tmp_path / "info.yaml", text)
     assert [n.split(";")[0] for n in notes] == [
-        "the file holds 3 YAML documents",
+        "the file contains 3 YAML documents",
         "the camera bins 2 x 0 pixels",
         "the camera sends the part 200x100 at (8, 4) alone",
     ]

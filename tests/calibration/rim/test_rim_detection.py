@@ -249,13 +249,11 @@ def test_every_depth_and_grey_alike(kind):
 
 
 def test_what_cannot_be_looked_at():
-    with pytest.raises(InvalidParameter, match="no picture"):
+    with pytest.raises(InvalidParameter, match="at least one image"):
         om.find_rim([])
     with pytest.raises(InvalidParameter, match="at least 48 px"):
         om.find_rim(np.zeros((20, 200), np.uint8))
-    with pytest.raises(
-        InvalidParameter, match="picture 0 is 60 x 50 px, and picture 1 is 60 x 60 px"
-    ):
+    with pytest.raises(InvalidParameter, match="image 0 has 60 x 50 px, image 1 has 60 x 60 px"):
         om.find_rim([np.zeros((50, 60), np.uint8), np.zeros((60, 60), np.uint8)])
 
 

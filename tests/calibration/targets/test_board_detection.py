@@ -236,7 +236,7 @@ def test_a_framed_board_of_another_size_is_not_the_one_requested(size, shared_da
     assert not found.used
     assert (
         found.reason
-        == f"a board of 9 x 6 corners was found, and one of {size[0]} x {size[1]} corners was looked for"
+        == f"a board of 9 x 6 corners was detected instead of {size[0]} x {size[1]} corners"
     )
 
 
@@ -308,7 +308,7 @@ def picture_of(
         (picture_of(9, 6), None),
         pytest.param(
             picture_of(8, 5),
-            "what counts are the inner corners, not the squares",
+            "specify the number of inner corners, not of squares",
             marks=pytest.mark.full,
         ),
         pytest.param(
@@ -316,9 +316,9 @@ def picture_of(
         ),
         (
             picture_of(11, 8),
-            "a board of 11 x 8 corners was found, and one of 9 x 6 corners was looked for",
+            "a board of 11 x 8 corners was detected instead of 9 x 6 corners",
         ),
-        (np.full((320, 400), 128, np.uint8), "the picture is blank"),
+        (np.full((320, 400), 128, np.uint8), "the image is blank"),
         (cv2.GaussianBlur(picture_of(9, 6), (0, 0), 14), "blurred"),
         pytest.param(
             np.tile(picture_of(9, 6)[:, :200], (1, 2)), "only|a board of", marks=pytest.mark.full
@@ -409,7 +409,7 @@ def test_ctrl_c_keeps_what_was_found():
 
     found = om.find_boards([picture_of(9, 6)] * 3, BOARD, progress=stop)
     assert [d.used for d in found] == [True, False, False]
-    assert found[1].reason == "the search was stopped before this picture"
+    assert found[1].reason == "the search was stopped before this image"
 
 
 @pytest.mark.full
@@ -453,16 +453,13 @@ def test_a_flipped_picture_of_a_symmetric_chessboard_is_told():
     board, picture = om.Board("chessboard", 9, 5), picture_of(9, 5)
     found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
     assert [d.used for d in found[:3]] == [True, True, False]
-    assert (
-        found[2].reason
-        == "it shows the mirror image of the board that the others show: it was flipped"
-    )
+    assert found[2].reason == "its board is the mirror image of that in the others: it was flipped"
 
 
 def test_pictures_of_too_many_pixels_are_a_reason_and_take_no_memory():
     huge = np.broadcast_to(np.uint8(128), (20_000, 20_000))
     (found,) = om.find_boards([huge], BOARD)
     assert found.reason == (
-        "a picture in which a board is searched for must not have more than 128 megapixels; got 20000 x 20000 px; "
+        "images for board detection must have at most 128 megapixels; got 20000 x 20000 px; "
         "reduce it"
     )

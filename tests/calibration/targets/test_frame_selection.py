@@ -88,8 +88,8 @@ def test_a_picture_that_a_camera_takes_by_itself_is_sharp_and_new():
     )
     assert why_not_new(quick, taken, BOARD) is None
     nearly = om.find_board(frame(2, 1, 16), BOARD)
-    assert why_not_new(nearly, taken, BOARD) == f"it shows the board much as {PLACES[0]} does"
+    assert why_not_new(nearly, taken, BOARD) == f"its view of the board is similar to {PLACES[0]}"
     blurred = om.find_board(frame(*PLACES[4], blur=3.5), BOARD)
     assert "blurred" in why_not_new(blurred, taken, BOARD)
     nothing = om.find_board(np.full((240, 320), 90, np.uint8), BOARD, quick=True)
-    assert why_not_new(nothing, taken, BOARD) == "the picture is blank"
+    assert why_not_new(nothing, taken, BOARD) == "the image is blank"

@@ -112,7 +112,7 @@ def test_flipped_pictures_among_others_are_told():
     picture = om.draw_board(board, px_per_mm=2.5)
     found = om.find_boards([picture, picture[:, ::-1], picture], board, names=["a", "b", "c"])
     assert [d.used for d in found] == [True, False, True]
-    assert found[1].reason == "it is a mirror image, and the others are not: it was flipped"
+    assert found[1].reason == "it is a mirror image, unlike the others: it was flipped"
 
 
 def opencv_grid(border_bits):
@@ -130,8 +130,8 @@ def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
     asked = om.Board("aprilgrid", 6, 5, 30.0)
     found = om.find_board(np.ascontiguousarray(turn(opencv_grid(2))), asked)
     assert found.reason == (
-        "its tags do not lie as on an April grid of 6 x 5 tags: right of the upright tag N stands N+1 and below it "
-        "N+6, where Kalibr's has N-1 and N+6"
+        "the order of its tags is not that of an April grid of 6 x 5 tags: right of tag N is N+1 and below it "
+        "N+6; Kalibr's order is N-1 and N+6"
     )
     thin = om.find_board(np.ascontiguousarray(turn(opencv_grid(1))), asked)
     assert thin.reason == (
@@ -158,11 +158,13 @@ def test_april_grids_of_another_size_or_spacing_are_told():
     picture = om.draw_board(om.Board("aprilgrid", 6, 5, 30.0), px_per_mm=2.0)
     assert om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0)).used
     other = om.find_board(picture, om.Board("aprilgrid", 7, 5, 30.0))
-    assert other.reason.startswith("its tags do not lie as on an April grid of 7 x 5 tags")
-    assert other.reason.endswith("stands N-1 and below it N+6, where Kalibr's has N-1 and N+7")
+    assert other.reason.startswith(
+        "the order of its tags is not that of an April grid of 7 x 5 tags"
+    )
+    assert other.reason.endswith("N-1 and below it N+6; Kalibr's order is N-1 and N+7")
     wide = om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0, spacing=0.8))
     assert re.fullmatch(
-        r"the gaps between its tags are 0\.3\d of a tag's side, and spacing = 0\.8 was said",
+        r"the gaps between its tags are 0\.3\d times the tag side; got spacing = 0\.8",
         wide.reason,
     )
 

@@ -100,7 +100,7 @@ def _calibrated(
 
 def _plain(sentence: str) -> str:
     """Convert a message of the command line to the labels of the page."""
-    return sentence.replace("say --flipped", "say that the driver reverses them").replace(
+    return sentence.replace("use --flipped", "select that the driver reverses the images").replace(
         "--optics", "kind of camera"
     )
 

@@ -745,10 +745,14 @@ def _problem(
     names = (*shared_names(model, shape), *_mark_names(stack))
     for name in (*fixed, *(p.name for p in priors)):
         if name not in names:
-            raise InvalidParameter(f"there is no parameter {name!r} to fix; {', '.join(names)} are")
+            raise InvalidParameter(
+                f"fixed and priors must name parameters of the model ({', '.join(names)}); got {name!r}"
+            )
     missing = [s.name for s in sightings if s.motion is None]
     if missing:
-        raise InvalidParameter(f"it is not said where the target stands in {', '.join(missing)}")
+        raise InvalidParameter(
+            f"observations must have an initial pose; missing for {', '.join(missing)}"
+        )
     free = np.array([n not in fixed for n in names], dtype=bool)
     information, expected = np.zeros(len(names)), np.zeros(len(names))
     if shape is not None:

@@ -159,10 +159,11 @@ FEW_PICTURES = 6
 OVERFIT = 1.25  # ratio of held-out error to fit error that indicates overfitting
 COSTLY = 2.0  # ratio to the corner noise; smaller single-viewpoint errors are not reported
 TOGETHER = (
-    "Such numbers are not to be used one by one: they are those of one of many cameras that show the same. What is "
-    "well known is which way each pixel looks. A ruler or a drawing tells them apart: --prior NAME=VALUE+-SIGMA."
+    "Do not use such parameters individually: many cameras fit these images equally well. The directions of "
+    "the pixels are well determined. A measured or specified value separates the parameters: "
+    "--prior NAME=VALUE+-SIGMA."
 )
-OWN_RIM = "A physical mirror ends at its own rim; the rim at {rim:g} px is not in the camera."
+OWN_RIM = "The sensor model has its own rim radius; rim_radius_px = {rim:g} is not stored."
 
 
 @checked
@@ -303,7 +304,7 @@ def calibrate_camera(
     except CalibrationStopped:
         is_complete = False
         if course.fit is None:
-            raise InvalidParameter("stopped before a camera was found") from None
+            raise InvalidParameter("the calibration was stopped before the first fit") from None
     if rim is not None and course.fit is not None and isinstance(course.fit.model, RadialModel):
         with_rim: CameraModel = replace(course.fit.model, rim_radius_px=rim)  # type: ignore[type-var]
         course.fit = replace(course.fit, model=with_rim)
@@ -325,7 +326,7 @@ def _found(
     if board is None:
         if given:
             raise InvalidParameter(
-                f"{len(given)} pictures are given and not the board that they show"
+                f"board must be specified for images; got {len(given)} images without a board"
             )
         return []
     if given and all(isinstance(p, Detection) for p in given):
@@ -337,11 +338,11 @@ def _surveyed(surveys: Sequence[Sighting]) -> tuple[Sighting, ...]:
     """Return the surveys marked as surveyed, with poses still to be estimated."""
     given = tuple(surveys)
     for number, survey in enumerate(given):
-        instance(f"surveys[{number}]", survey, Sighting, "a Sighting")
+        instance(f"surveys[{number}]", survey, Sighting, "an Observation")
     names = [s.name for s in given]
     if len(set(names)) < len(names):
         raise InvalidParameter(
-            f"surveys have one name twice among {joined_names(names)}; what one picture shows is one of them"
+            f"surveys must have different names; got {joined_names(names)}; combine the points of one image"
         )
     return tuple(replace(s, is_surveyed=True) for s in given)
 
@@ -362,22 +363,23 @@ def _size(
         if said is not None and tuple(said) != tuple(size):
             (w, h), (width, height) = said, size
             raise InvalidParameter(
-                f"image_size is said to be {w} x {h} px, and the pictures have {width} x {height} px"
+                f"image_size must be the size of the images, {width} x {height} px; got {w} x {h} px"
             )
     if size is None:
         raise InvalidParameter(
-            "of surveyed points alone the pictures' size has to be said (image_size, --image-size)"
+            "image_size (--image-size) must be specified for surveyed points without images"
         )
     if not detections and (count := sum(map(len, surveys))) < MIN_CORNERS_PER_IMAGE:
         raise InvalidParameter(
-            f"{count} points are known, and {MIN_CORNERS_PER_IMAGE} are the fewest; 40 all around are usual"
+            f"surveys must contain at least {MIN_CORNERS_PER_IMAGE} points (recommended: 40 in all "
+            f"directions); got {count}"
         )
     for survey in surveys:
         outside = np.any((survey.pixels < -0.5) | (survey.pixels > np.array(size) - 0.5), axis=1)
         if outside.any():
             (u, v), (width, height) = survey.pixels[outside][0], size
             raise InvalidParameter(
-                f"{survey.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px"
+                f"{survey.name}: pixels must be inside the image of {width} x {height} px; got {u:g}, {v:g}"
             )
     return size
 
@@ -397,7 +399,7 @@ def _with_names(detections: Sequence[Detection]) -> list[Detection]:
 def _prior(given: Any) -> Prior:
     if not (isinstance(given, tuple) and len(given) == len(Prior._fields)):
         raise WrongKind(
-            f"{shown(given)} among the priors is not a name, a value and its standard deviation"
+            f"priors must be tuples (name, value, standard deviation); got {shown(given)}"
         )
     return Prior(*given)
 
@@ -422,18 +424,16 @@ def _wanted(
     if isinstance(model, str):
         choice("model", model, ("auto", *KINDS))
         if model == SensorModel.KIND and optics != "mirror":
-            raise InvalidParameter(
-                "model = 'sensor' is a mirror before a lens, and optics = 'fisheye' has none"
-            )
+            raise InvalidParameter("model = 'sensor' requires optics = 'mirror'; got 'fisheye'")
         return (model,)
     if not isinstance(model, CameraModel):
         raise InvalidParameter(
-            f"model = {shown(model)} is no model and no name of one: auto, {', '.join(KINDS)}"
+            f"model must be a camera model or one of auto, {', '.join(KINDS)}; got {shown(model)}"
         )
     if tuple(model.image_size) != tuple(size):
         (w, h), (width, height) = model.image_size, size
         raise InvalidParameter(
-            f"the pictures have {width} x {height} px, and the camera to begin with {w} x {h}"
+            f"model must have the size of the images, {width} x {height} px; got {w} x {h} px"
         )
     return (model,)
 
@@ -455,13 +455,16 @@ def _with_edges(told: Calibration, edges: StraightEdges) -> Calibration:
     )
     used = np.array([edge.rms_px for edge in found if edge.used])
     bent = [f"edge {e.edge} of {e.picture} ({_off(e.rms_px)})" for e in found if not e.used]
-    note = f"{len(used)} of {len(found)} marked edges are straight within {np.sqrt(np.mean(used**2)):.2f} px rms"
+    note = (
+        f"{len(used)} of {len(found)} marked edges are straight with a residual of "
+        f"{np.sqrt(np.mean(used**2)):.2f} px rms"
+    )
     note += f"; not used: {joined_names(bent)}." if bent else "."
     return replace(told, edges=found, notes=(*told.notes, note))
 
 
 def _off(rms_px: float) -> str:
-    return f"{rms_px:.2g} px off a straight line" if np.isfinite(rms_px) else "not seen"
+    return f"{rms_px:.2g} px from a straight line" if np.isfinite(rms_px) else "not visible"
 
 
 # -- result -----------------------------------------------------------------------------------
@@ -555,16 +558,16 @@ def _notes(
     """Return notes for users of the camera."""
     notes = []
     if not is_complete:
-        notes.append("It was stopped before the end: this is the best camera found until then.")
+        notes.append("The calibration was stopped early: this is the best fit so far.")
     if len(fit.sightings) < FEW_PICTURES and not any(s.is_surveyed for s in fit.sightings):
         notes.append(
-            f"{len(fit.sightings)} pictures fit easily and say little of others: see the error in pictures left out, "
-            "and take more."
+            f"The fit error of {len(fit.sightings)} images is not representative of other images: check the "
+            "error in held-out images, and take more images."
         )
     notes += [
-        f"The pictures do not tell "
-        f"{joined_names(free.names)}{' apart' if len(free.names) > 1 else ''}: a camera that has "
-        f"{free} (one standard deviation) shows nearly the same."
+        f"The images do not determine "
+        f"{joined_names(free.names)}{' separately' if len(free.names) > 1 else ''}: a camera with "
+        f"{free} (one standard deviation) fits nearly as well."
         for free in certain.free
     ]
     if certain.free:
@@ -574,13 +577,13 @@ def _notes(
     moving = "lens" if getattr(fit.model, "optics", "mirror") == "fisheye" else "mirror"
     if held > OVERFIT * fit.rms_px:
         notes.append(
-            f"The error in pictures left out, {held:.3f} px, is well above that of the fit, {fit.rms_px:.3f} px: the "
-            f"model has more freedom than these pictures determine, or takes up that the {moving} moved between them."
+            f"The error in held-out images, {held:.3f} px, is well above the fit error, {fit.rms_px:.3f} px: the "
+            f"model is too flexible for these images, or compensates for motion of the {moving} between them."
         )
     notes += _viewpoint_notes(fit, course.wandering)
     notes += [f"{kind} could not be fitted: {why}" for kind, why in course.failures.items()]
     if fit.shape is not None and fit.shape.is_flat_within(certain.sigmas[-len(SHAPE_NAMES) :]):
-        notes.append("The board is flat, as far as the pictures show.")
+        notes.append("The board is flat within the uncertainty of the calibration.")
     return tuple(notes)
 
 
@@ -592,9 +595,9 @@ def _remaining_notes(remaining: tuple[Outlier, ...], fit: Adjustment) -> list[st
     names = joined_names([f"{name} ({count})" for name, count in counts.most_common()])
     share = 100 * len(remaining) / len(fit.residuals)
     return [
-        f"{len(remaining)} of the corners used ({share:.2g} %) are farther off than noise explains, up to "
-        f"{remaining[0].residual_px:.2f} px, and were not rejected: wrong corners, a bending board, or errors of the "
-        f"model. They are in {names}."
+        f"{len(remaining)} of the used corners ({share:.2g} %) have residuals above the noise, up to "
+        f"{remaining[0].residual_px:.2f} px, and were not rejected. Possible causes: wrong corners, a bent "
+        f"board, or model errors. Images: {names}."
     ]
 
 
@@ -606,14 +609,14 @@ def _viewpoint_notes(fit: Adjustment, wandering: Adjustment | None) -> list[str]
     if not max(near.rms_px, far.rms_px) > COSTLY * wandering.question.noise_px:
         return []
     remedy = (
-        "choose the model sensor or viewpoint-spline"
+        "use the model sensor or viewpoint-spline"
         if fit.model.looks_back
-        else "choose viewpoint-spline"
+        else "use the model viewpoint-spline"
     )
     return [
-        f"{fit.model.KIND} has one viewpoint, and what the pictures show has several: it is right where the boards "
-        f"stood, at {nearest / 1000:.2g} to {farthest / 1000:.2g} m. By {wandering.model.KIND} it is off by "
-        f"{far.rms_px:.1f} px ({far.rms_deg:.2g} deg) rms far away and by {near.rms_px:.1f} px "
-        f"({near.rms_deg:.2g} deg) at {near.distance_mm / 1000:.2g} m. To look nearer or farther, {remedy}, and hold "
-        "boards there."
+        f"{fit.model.KIND} has a single viewpoint, but the sensor has several: the camera is valid at the "
+        f"distance of the boards, {nearest / 1000:.2g} to {farthest / 1000:.2g} m. Relative to "
+        f"{wandering.model.KIND}, its parallax error is {far.rms_px:.1f} px ({far.rms_deg:.2g} deg) rms for "
+        f"distant objects and {near.rms_px:.1f} px ({near.rms_deg:.2g} deg) rms at "
+        f"{near.distance_mm / 1000:.2g} m. For other distances, {remedy} and images of boards there."
     ]

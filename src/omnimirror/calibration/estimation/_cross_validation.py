@@ -167,7 +167,7 @@ def select_model(
     alike = [i for i, e in enumerate(errors) if e <= (1 + MIN_GAIN) * least]
     best = min(alike, key=lambda i: (not is_mirror[i], counts[i], errors[i]))
     merit = (
-        "and the mirror itself, right at all distances"
+        "and the physical mirror, valid at all distances"
         if is_mirror[best]
         else "with fewer parameters"
     )
@@ -175,18 +175,20 @@ def select_model(
     for i, (fit, held) in enumerate(fits):
         worse = 100 * (errors[i] / errors[best] - 1)
         if i == best:
-            why = "least error in pictures left out"
+            why = "smallest error in held-out images"
             if errors[i] > least:
-                why = f"within {100 * MIN_GAIN:.0f} % of the least error in pictures left out, {merit}"
+                why = f"within {100 * MIN_GAIN:.0f} % of the smallest error in held-out images, {merit}"
         elif held is None:
-            why = "the fit alone is worse than that of another model in pictures left out"
+            why = "fit error above the error of another model in held-out images"
         elif worse < 100 * MIN_GAIN:
             less = "with one viewpoint" if counts[i] < counts[best] else "with more parameters"
-            why = f"no better by more than {100 * MIN_GAIN:.0f} % in pictures left out, {less}"
+            why = f"no improvement above {100 * MIN_GAIN:.0f} % in held-out images, {less}"
         elif fit.rms_px < fits[best][0].rms_px:
-            why = f"fits better and predicts {worse:.0f} % worse: it follows the noise"
+            why = (
+                f"smaller fit error, but {worse:.0f} % larger error in held-out images: overfitting"
+            )
         else:
-            why = f"{worse:.0f} % more error in pictures left out"
+            why = f"{worse:.0f} % larger error in held-out images"
         left_out = float("nan") if held is None else held.rms_px
         candidates.append(ModelCandidate(fit.model.KIND, counts[i], fit.rms_px, left_out, why))
     return best, tuple(candidates)

@@ -37,26 +37,24 @@ explain.
 """
 ROUNDS, ROUND_STEPS, AGREED_PX = 6, 20, 0.05
 ROUNDING = 1e-9  # relative to the largest eigenvalue
-CENTRE = {"mirror": "the mirror's centre", "fisheye": "the optical centre"}
+CENTRE = {"mirror": "the mirror centre", "fisheye": "the optical centre"}
 MOVED = {
-    "mirror": "the mirror moved against the camera",
-    "fisheye": "the lens moved against the image sensor, as by zoom, focus or stabilisation",
+    "mirror": "the mirror moved relative to the camera",
+    "fisheye": "the lens moved relative to the image sensor (zoom, focus or stabilisation)",
 }
 SEVERAL = (
-    "{centre} in each lies elsewhere than in the other pictures: {moved}, or pictures are flipped or cut; "
-    "calibrate them apart"
+    "{centre} in each differs from that in the other images: {moved}, or images are flipped or cropped; "
+    "calibrate them separately"
 )
-ALONE = "{centre} in it lies {:.1f} px from that in the others: {moved}, or it is flipped or cut"
+ALONE = "{centre} is {:.1f} px from that in the other images: {moved}, or the image is flipped or cropped"
 GROUPS = (
-    "{centre} in {} lies {:.1f} px from that in {}: {moved} between them, or pictures are flipped or cut; "
-    "calibrate them apart"
+    "{centre} in {} is {:.1f} px from that in {}: {moved} between them, or images are flipped or cropped; "
+    "calibrate them separately"
 )
-FLIPPED = (
-    "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
-)
+FLIPPED = "it fits the other images only after flipping left to right: it was flipped"
 HALF_FLIPPED = (
-    "half of the pictures, {}, fit the others when they are flipped left to right, and not as they are: flip those "
-    "that are not as the camera delivers them"
+    "half of the images, {}, fit the others only after flipping left to right; flip those that differ from "
+    "the camera's output"
 )
 
 

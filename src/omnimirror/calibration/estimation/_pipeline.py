@@ -99,7 +99,7 @@ class ParameterPriors:
         for name in (*self.fixed, *(p.name for p in self.priors)):
             if name not in names:
                 raise InvalidParameter(
-                    f"there is no parameter {name!r} to fix or expect; {', '.join(names)} are"
+                    f"fixed and priors must name parameters of the models ({', '.join(names)}); got {name!r}"
                 )
 
 
@@ -145,7 +145,7 @@ def run(plan: CalibrationPlan, watch: ProgressReporter, course: FitState) -> Non
     with WorkerPool() as spread:
         if SensorModel.KIND in map(_kind, plan.wanted):
             spread.begin()
-        watch.at("placing boards", 0.0)
+        watch.at("estimating board poses", 0.0)
         base = _first_fit(plan, course)
         _fit_and_select(base, plan, watch, course, spread)
     watch.at("done", 1.0)
@@ -185,10 +185,10 @@ def _fit_and_select(
     fits = _all_fits(base, plan, watch, course, spread)
     plan.known.check(fits.values())
     judge = _reference_fit(fits)
-    watch.at("looking for outliers", 0.4)
+    watch.at("rejecting outliers", 0.4)
     judge = _agreeing(_without_strangers(judge, course), fits, plan, course)
     if plan.edges is not None:
-        watch.at("straightening edges", 0.45)
+        watch.at("fitting straight edges", 0.45)
         course.edges = plan.edges.straight_for(judge.again(judge.sightings, edges=plan.edges).model)
     names = {_kind(w) for w in plan.wanted}
     wandering = [fit for fit in fits.values() if not is_central(fit.model)]
@@ -216,7 +216,7 @@ def _compare(
     """Cross-validate the models in order of fit error; skip those with a hopeless fit error."""
     compared: list[tuple[Adjustment, HeldOut | None]] = []
     for number, fit in enumerate(sorted(fits.values(), key=lambda fit: fit.rms_px)):
-        watch.at(f"comparing {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
+        watch.at(f"cross-validating {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
         is_beaten = course.held is not None and fit.rms_px > HOPELESS * course.held.rms_px
         compared.append((fit, None if is_beaten else held_out(fit, seed=plan.seed, spread=spread)))
         best, course.candidates = select_model(compared)

@@ -243,9 +243,9 @@ class Calibration:
     def summary(self) -> str:
         """Summary in one line."""
         used = sum(p.used for p in self.pictures)
-        held = f", {self.held_out_rms_px:.3f} px in pictures left out" if self.held_out else ""
+        held = f", {self.held_out_rms_px:.3f} px in held-out images" if self.held_out else ""
         return (
-            f"Calibrated from {used} {'picture' if used == 1 else 'pictures'} and {self.corners - len(self.outliers)} "
+            f"Calibrated from {used} {'image' if used == 1 else 'images'} and {self.corners - len(self.outliers)} "
             f"{self.seen}: {self.rms_px:.3f} px RMS"
             f"{held}."
         )

@@ -201,7 +201,7 @@ def convert_model(
     kept[kept] = inside_image(image.pixels[kept], model.image_size)
     if kept.sum() < len(into.parameters):
         raise InvalidParameter(
-            f"the model sees nothing of the {omega_max_deg:g} deg about its axis"
+            f"the model must project directions within {omega_max_deg:g} deg of its axis; got too few"
         )
     sighting = Sighting(
         "model", image.pixels[kept], directions[kept], Motion.none(), is_known=True, is_distant=True
@@ -289,8 +289,8 @@ ROUGH_START = {True: 2.0, False: 10.0}
 It is larger for surveys: boards are placed at the best pose for any camera, even a wrong one.
 """
 UNPLACED = (
-    "what it shows cannot be placed before the camera: it takes 6 points that do not lie on a line, or 3 directions, "
-    "and not mirror images of them"
+    "its pose cannot be estimated: at least 6 points that are not collinear, or 3 directions, are required, "
+    "and their frame must be right-handed"
 )
 FIELD_MARGIN = (
     1.03  # maximum field angle of the model comparison relative to that of the farthest corner
@@ -333,7 +333,7 @@ def fit_first_model(
     check_start(start.median_px / ROUGH_START[boards], image_size, boards=boards)
     model = Unified(1.0, (start.focal_px,) * 2, centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
     strangers = {
-        s.name: UNPLACED if s.is_surveyed else "its corners lie on a line, or in one point"
+        s.name: UNPLACED if s.is_surveyed else "its corners are collinear or coincide"
         for s, motion in zip(sightings, start.motions, strict=True)
         if motion is None
     }

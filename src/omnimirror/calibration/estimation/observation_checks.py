@@ -22,10 +22,10 @@ MIN_CORNERS_PER_IMAGE = 12  # per image
 MAX_NAMED = 6
 SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
 """Maximum tilt and relative position difference of boards that count as one pose."""
-BOARD_REMEDY = "see whether the board is the one that was named, and flat"
+BOARD_REMEDY = "check that the board is the specified one, and flat"
 SURVEY_REMEDY = (
-    "see whether their axes are right-handed and their units those of the file, whether all of a picture were seen "
-    "from one place, and whether the pictures are mirror images, as --optics and --flipped say"
+    "check that their axes are right-handed, that their units are those of the columns, that all points of "
+    "an image were observed from one position, and that --optics and --flipped are correct"
 )
 WORST_MEDIAN = 0.01  # maximum initial median residual, fraction of the larger image side
 
@@ -64,36 +64,39 @@ def check_detections(
         odd = [d.name for d in detections if is_used(d) and tuple(d.image_size) != usual]
         names = ", ".join(f"{w} x {h}" for (w, h), _ in others)
         raise InvalidParameter(
-            f"{joined_names(odd)}: {names} px, where the other pictures have "
-            f"{usual[0]} x {usual[1]} px; pictures of one "
-            "calibration are all as the camera delivers them"
+            f"images of one calibration must have one size; {joined_names(odd)}: {names} px, the other "
+            f"images: {usual[0]} x {usual[1]} px"
         )
     if not detections:
-        raise InvalidParameter("there are no pictures; 10 or more of a board are usual")
+        raise InvalidParameter(
+            "at least one image is required (recommended: 10 or more of a board); got none"
+        )
     used = [d for d in detections if is_used(d)]
     if len(used) < fewest:
         missing = [d for d in detections if not is_used(d)]
         reasons = "; ".join(reason_of(d) for d in missing[:MAX_NAMED])
         raise InvalidParameter(
-            f"the board ({board}) was found well enough in {len(used)} of {len(detections)} pictures"
-            f"{f' ({joined_names([d.name for d in used])})' if used else ''}, and "
-            f"{fewest} {'is' if fewest == 1 else 'are'} the fewest, 10 or more are usual"
+            f"the board ({board}) was detected in {len(used)} of {len(detections)} images"
+            f"{f' ({joined_names([d.name for d in used])})' if used else ''}; at least "
+            f"{fewest} {'is' if fewest == 1 else 'are'} required, 10 or more are recommended"
             f"{': ' if reasons else ''}{reasons}"
         )
     wrong = [d.name for d in used if d.is_reversed is not None and d.is_reversed != is_reversed]
     if wrong:
         what = (
-            "not mirror images, and a mirror's are"
+            "are not mirror images, unlike those of a mirror"
             if is_reversed
-            else "mirror images, and those of a fisheye are not"
+            else "are mirror images, unlike those of a fisheye"
         )
         whole = len(wrong) == sum(d.is_reversed is not None for d in used)
         remedy = (
-            "say --flipped if the camera's driver reverses them, or choose the other --optics"
+            "use --flipped if the camera's driver flips the images, or the other --optics"
             if whole
-            else "leave them out, or flip them as the others are"
+            else "remove them, or flip them"
         )
-        raise InvalidParameter(f"{joined_names(wrong)}: the board's markers show {what}; {remedy}")
+        raise InvalidParameter(
+            f"according to the board's markers, {joined_names(wrong)} {what}; {remedy}"
+        )
     return next(iter(sizes))
 
 
@@ -105,7 +108,10 @@ def is_used(detection: Any) -> bool:
 def reason_of(detection: Any) -> str:
     """Return the reason for which an image is not used, with its name."""
     if detection.reason is None:
-        return f"{detection.name}: {len(detection.ids)} corners were found, and {MIN_CORNERS_PER_IMAGE} are the fewest"
+        return (
+            f"{detection.name}: at least {MIN_CORNERS_PER_IMAGE} corners are required; "
+            f"got {len(detection.ids)}"
+        )
     return (
         detection.reason
         if detection.name in detection.reason
@@ -120,8 +126,7 @@ def check_start(median_px: float, image_size: tuple[int, int], *, boards: bool =
             ("corners", BOARD_REMEDY) if boards else ("points and directions", SURVEY_REMEDY)
         )
         raise InvalidParameter(
-            f"no camera explains the {what}: with the best half of them lie more than {median_px:.1f} px from where "
-            f"they should; {remedy}"
+            f"no camera explains the {what}: the median residual of the best fit is {median_px:.1f} px; {remedy}"
         )
 
 
@@ -137,8 +142,9 @@ def check_poses(sightings: Sequence[Sighting]) -> None:
     spread = float(np.linalg.norm(middles[:, None] - middles[None], axis=2).max())
     if tilt < SAME_TILT_DEG and spread < SAME_PLACE * distance:
         raise InvalidParameter(
-            f"the board is at the same place in all pictures ({joined_names([s.name for s in sightings])}); hold it at "
-            "different places and angles, all around"
+            f"the board must have different poses; it has the same in all images "
+            f"({joined_names([s.name for s in sightings])}); hold it at different positions and angles in "
+            "all directions"
         )
 
 
@@ -157,10 +163,9 @@ def inconsistent_images(adjustment: Adjustment) -> dict[str, str]:
     limit = max(10 * usual, 1.0)
     return {
         s.name: (
-            f"its corners lie {median:.1f} px from where a board can have them (the median), those of the other "
-            f"pictures {usual:.2f} px"
+            f"the median residual of its corners is {median:.1f} px, that of the other images {usual:.2f} px"
             if hidden < 0.5
-            else "the camera that fits the other pictures cannot see a board there"
+            else "a board at this position is not visible to the camera that fits the other images"
         )
         for s, median, hidden in zip(adjustment.sightings, medians, unseen, strict=True)
         if median > limit or hidden >= 0.5
@@ -364,28 +369,29 @@ def recommendations(found: Coverage, pictures: int) -> tuple[str, ...]:
     sentences = []
     if pictures < SUFFICIENT_IMAGES:
         sentences.append(
-            f"Take more pictures: {pictures} {'is' if pictures == 1 else 'are'} used, and "
-            f"{SUFFICIENT_IMAGES} to 20 with the board at different places are usual."
+            f"Take more images: {pictures} {'is' if pictures == 1 else 'are'} used; "
+            f"{SUFFICIENT_IMAGES} to 20 with the board at different positions are recommended."
         )
     outer = np.flatnonzero(found.counts[-1] < MIN_CORNERS_PER_CELL)
     if len(outer):
         low, high = found.radii_px[-2:]
         sentences.append(
-            f"Hold the board so that it reaches the edge of the picture at the {_listed(outer)}: few corners lie "
-            f"{low:.0f} to {high:.0f} px from the centre there."
+            f"Hold the board across the edge of the field at the {_listed(outer)}: few corners there are "
+            f"{low:.0f} to {high:.0f} px from the centre."
         )
     inner = np.flatnonzero(found.counts[:-1].sum(axis=0) < MIN_CORNERS_PER_CELL)
     if len(inner):
         sentences.append(
-            f"Hold the board towards the {_listed(inner)} of the picture: hardly any corner lies there."
+            f"Hold the board towards the {_listed(inner)} of the image: few corners were detected there."
         )
     if found.counts[0].sum() < MIN_CORNERS_PER_CELL:
         sentences.append(
-            f"Hold the board nearer to the axis: few corners lie within {found.radii_px[1]:.0f} px of the centre."
+            f"Hold the board nearer to the axis: few corners are within "
+            f"{found.radii_px[1]:.0f} px of the centre."
         )
     if pictures > 1 and found.facing_deg < MIN_TILT_DEG:
         sentences.append(
-            f"Tilt the board more: its directions in the pictures differ by {found.facing_deg:.0f} deg only."
+            f"Tilt the board more: its orientations differ by only {found.facing_deg:.0f} deg."
         )
     return tuple(sentences)
 
@@ -393,5 +399,5 @@ def recommendations(found: Coverage, pictures: int) -> tuple[str, ...]:
 def _listed(sectors: NDArray[np.int64]) -> str:
     names = [SIDES[i] for i in sectors]
     if len(names) == SECTORS:
-        return "whole rim"
+        return "entire rim"
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

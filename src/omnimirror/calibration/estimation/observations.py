@@ -154,24 +154,26 @@ class Sighting:
         )
         if pixels.ndim != 2 or len(pixels) != len(points):
             raise InvalidParameter(
-                f"{self.name}: pixels {pixels.shape} and points {points.shape} are not as many; valid: (n, 2), (n, 3)"
+                f"{self.name}: pixels (n, 2) and points (n, 3) must have the same length; "
+                f"got {pixels.shape} and {points.shape}"
             )
         if self.is_known and self.motion is None:
-            raise InvalidParameter(f"{self.name}: its motion is said to be known and not given")
+            raise InvalidParameter(f"{self.name}: a known pose must be specified; got None")
         object.__setattr__(self, "pixels", pixels)
         object.__setattr__(self, "points", points)
         ids = np.arange(len(pixels)) if self.ids is None else np.asarray(self.ids, dtype=np.int64)
         object.__setattr__(self, "ids", ids)
         if np.ndim(self.is_distant) and np.shape(self.is_distant) != (len(pixels),):
             raise InvalidParameter(
-                f"{self.name}: is_distant is one truth value, or one for each of {len(pixels)} points"
+                f"{self.name}: is_distant must be one truth value, or one for each of {len(pixels)} points; "
+                f"got shape {np.shape(self.is_distant)}"
             )
         for name in ("along", "normals"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._directions(name, len(pixels)))
         if self.normals is not None and (self.along is not None or self.distant.any()):
             raise InvalidParameter(
-                f"{self.name}: normals belong to planes, not to lines or to what is far away"
+                f"{self.name}: normals must not be combined with lines or distant points"
             )
 
     def _directions(self, name: str, count: int) -> Array:
@@ -180,7 +182,8 @@ class Sighting:
         lengths = np.linalg.norm(given, axis=-1, keepdims=True)
         if given.shape != (count, 3) or not (lengths > 0).all():
             raise InvalidParameter(
-                f"{self.name}: {name} {given.shape} are not ({count}, 3) directions, one a point"
+                f"{self.name}: {name} must be {count} nonzero directions ({count}, 3), one per point; "
+                f"got shape {given.shape}"
             )
         return np.asarray(given / lengths)
 
@@ -295,7 +298,7 @@ class Stack(NamedTuple):
 def stacked(sightings: Sequence[Sighting]) -> Stack:
     """Return the concatenation of sightings."""
     if not sightings:
-        raise InvalidParameter("there is nothing to adjust: no picture saw anything")
+        raise InvalidParameter("observations must contain at least one image; got none")
     counts = [len(s) for s in sightings]
     ends = np.cumsum(counts)
     along = None
@@ -335,8 +338,8 @@ def _marks(sightings: Sequence[Sighting]) -> Marks:
     )
     if (alone := known[count < 2]).size:
         raise InvalidParameter(
-            f"mark {alone[0]} on a plane is seen once, which says nothing: somewhere on it every pixel looks; it is "
-            "valid with the same number (ids) in several pictures"
+            f"mark {alone[0]} on a plane must be observed in at least two images with the same number (ids); "
+            "got one"
         )
     one, other = at[first][number], at
     off = np.abs(np.sum(normals[one] * (points[other] - points[one]), axis=1))
@@ -344,9 +347,7 @@ def _marks(sightings: Sequence[Sighting]) -> Marks:
     if (
         apart := (off > size) | (np.abs(np.sum(normals[one] * normals[other], axis=1)) < 1 - 1e-9)
     ).any():
-        raise InvalidParameter(
-            f"mark {ids[at][apart][0]} is said to lie on two planes; it is valid on one"
-        )
+        raise InvalidParameter(f"mark {ids[at][apart][0]} must be on one plane; got two")
     axes = np.zeros((len(ids), 3, 2))
     axes[at] = np.linalg.svd(normals[one][:, None])[2][:, 1:].transpose(0, 2, 1)
     numbers = np.full(len(ids), -1)
@@ -526,7 +527,7 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
     ]
     if len(lines) < 2:
         raise InvalidParameter(
-            f"{path} holds no points; its first line should be {','.join((*PIXEL_COLUMNS, *valid[0]))}"
+            f"{path} contains no points; its first line must be {','.join((*PIXEL_COLUMNS, *valid[0]))}"
         )
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
@@ -537,7 +538,8 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
     if target is None or len(set(columns)) < len(columns):
         ways = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
         raise InvalidParameter(
-            f"line {number} of {path} names {shown(head)}; valid is {ways}, and {IMAGE_COLUMN} if several"
+            f"line {number} of {path}: the columns must be {ways}, and {IMAGE_COLUMN} for several images; "
+            f"got {shown(head)}"
         )
     return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
 
@@ -548,7 +550,7 @@ def _row(
     cells = csv_cells(line, place)
     if len(cells) != len(columns):
         raise InvalidParameter(
-            f"{place} has {len(cells)} values, and the first line names {len(columns)}"
+            f"{place} must have {len(columns)} values, as the first line; got {len(cells)}"
         )
     entries = dict(zip(columns, cells, strict=True))
     u, v = (csv_number(entries, name, place) for name in PIXEL_COLUMNS)
@@ -557,12 +559,12 @@ def _row(
         azimuth, elevation = np.radians(numbers)
         if abs(elevation) > np.pi / 2:
             raise InvalidParameter(
-                f"{place}: elevation_deg = {numbers[1]:g} is not within -90 to 90"
+                f"{place}: elevation_deg must be -90 to 90 deg; got {numbers[1]:g}"
             )
         level = np.cos(elevation)
         numbers = [level * np.cos(azimuth), -level * np.sin(azimuth), np.sin(elevation)]
     if is_distant and not np.linalg.norm(numbers) > 0:
-        raise InvalidParameter(f"{place}: 0, 0, 0 is no direction")
+        raise InvalidParameter(f"{place}: the direction must not be zero; got 0, 0, 0")
     x, y, z = numbers
     return _Row(
         place, entries.get(IMAGE_COLUMN) or ONLY, (u, v), (float(x), float(y), float(z)), is_distant
@@ -634,11 +636,12 @@ def simulate_detections(
                 break
         else:
             raise InvalidParameter(
-                f"the camera sees no board of {board} with squares of {board.square_mm:g} mm"
+                f"camera must observe a board of {board} with squares of {board.square_mm:g} mm; "
+                f"got no visible pose in {MAX_TRIES} attempts"
             )
         ids = np.flatnonzero(seen.valid)
         corners = seen.pixels[ids] + random.normal(0.0, noise_px, (len(ids), 2))
-        detections.append(Detection(f"picture {i + 1}", camera.image_size, ids, corners))
+        detections.append(Detection(f"image {i + 1}", camera.image_size, ids, corners))
     return detections
 
 

@@ -29,9 +29,11 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
     cameras = table["intrinsics"].entries()
     sizes = table["resolution"].entries() if "resolution" in table else []
     if sizes and len(sizes) != len(cameras):
-        table["resolution"].refuse(f"has {len(sizes)} sizes, and intrinsics {len(cameras)} cameras")
+        table["resolution"].refuse(
+            f"must have one size per camera, {len(cameras)}; got {len(sizes)}"
+        )
     if not cameras:
-        table["intrinsics"].refuse("is empty; it must hold at least one camera")
+        table["intrinsics"].refuse("must contain at least one camera; got none")
     stored = []
     for i, camera in enumerate(cameras):
         size = Node({"resolution": sizes[i]} if sizes else {}, table.source)

@@ -58,12 +58,12 @@ class Node:
     def names(self) -> list[str]:
         """Return the names in a mapping."""
         if not isinstance(self.value, dict):
-            self.refuse(f"is valid as a table of names and values, and is {self._kind()}")
+            self.refuse(f"must be a table of names and values; got {self._kind()}")
         return list(self.value)
 
     def __getitem__(self, name: str) -> Node:
         if name not in self.names():
-            self.refuse(f"has no {name}, which is needed{did_you_mean(name, self.value)}")
+            self.refuse(f"must contain {name}{did_you_mean(name, self.value)}")
         entry: Node = self.value[name]
         return entry
 
@@ -86,33 +86,33 @@ class Node:
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
-            self.refuse(f"= {self._kind()} is not valid; it is valid as one finite number")
+            self.refuse(f"must be a finite number; got {self._kind()}")
         return number
 
     def whole(self) -> int:
         """Return an integer, such as a number of pixels."""
         number = self.number()
         if number != np.floor(number) or abs(number) > 2**31:
-            self.refuse(f"= {shown(self.value)} is not valid; it is valid as a whole number")
+            self.refuse(f"must be an integer; got {shown(self.value)}")
         return int(number)
 
     def word(self) -> str:
         """Return a word."""
         if not isinstance(self.value, str):
-            self.refuse(f"= {self._kind()} is not valid; it is valid as a word")
+            self.refuse(f"must be a word; got {self._kind()}")
         return self.value
 
     def choice(self, *valid: str) -> str:
         """Return one of several words."""
         word = self.word()
         if word not in valid:
-            self.refuse(f"= {shown(word)} is not known; valid are {', '.join(valid)}")
+            self.refuse(f"must be one of {', '.join(valid)}; got {shown(word)}")
         return word
 
     def entries(self) -> list[Node]:
         """Return the entries of a list."""
         if not isinstance(self.value, list):
-            self.refuse(f"is valid as a list, and is {self._kind()}")
+            self.refuse(f"must be a list; got {self._kind()}")
         return self.value
 
     def numbers(self, *counts: int) -> tuple[float, ...]:
@@ -120,7 +120,7 @@ class Node:
         entries = self.entries()
         if counts and len(entries) not in counts:
             valid = " or ".join(map(str, counts))
-            self.refuse(f"has {len(entries)} numbers; it is valid with {valid}")
+            self.refuse(f"must have {valid} numbers; got {len(entries)}")
         return tuple(entry.number() for entry in entries)
 
     def matrix(self, rows: int, columns: int) -> Array:
@@ -129,13 +129,11 @@ class Node:
             flat = self["data"].numbers(rows * columns)
             for name, valid in (("rows", rows), ("cols", columns)):
                 if name in self and self[name].whole() != valid:
-                    self[name].refuse(
-                        f"= {self[name].whole()} is not valid; it is valid as {valid}"
-                    )
+                    self[name].refuse(f"must be {valid}; got {self[name].whole()}")
             return np.array(flat).reshape(rows, columns)
         if len(self.entries()) != rows:
             self.refuse(
-                f"has {len(self.entries())} rows; it is valid with {rows} of {columns} numbers"
+                f"must have {rows} rows of {columns} numbers; got {len(self.entries())} rows"
             )
         return np.array([row.numbers(columns) for row in self.entries()])
 
@@ -203,7 +201,7 @@ def _entry(tree: Any, source: str, name: str) -> Node:
         for key, key_node, value in pairs:
             if key in table:
                 raise SpecError(
-                    f"{source} line {key_node.start_mark.line + 1}: {key} stands here a second time"
+                    f"{source} line {key_node.start_mark.line + 1}: {key} must not occur twice"
                 )
             table[key] = _entry(value, source, f"{name}.{key}" if name else key)
         return Node(table, source, name, line)
@@ -237,7 +235,7 @@ def read_json(text: str, source: str) -> Node:
         reason = (
             f": {problem}"
             if str(problem) == TOO_DEEP
-            else " holds a whole number of thousands of digits"
+            else " contains an integer with thousands of digits"
         )
         raise SpecError(f"{source}{reason}") from None
 
@@ -282,7 +280,7 @@ def _element(element: Any, source: str, name: str) -> Node:
         for child in children:
             if child.tag in table:
                 raise SpecError(
-                    f"{source}: {child.tag} stands in {name or 'the file'} a second time"
+                    f"{source}: {child.tag} must not occur twice in {name or 'the file'}"
                 )
             table[child.tag] = _element(child, source, f"{name}.{child.tag}" if name else child.tag)
         return Node(table, source, name)
@@ -359,7 +357,7 @@ class Reading:
             return self.size()
         entries = table[name].entries()
         if len(entries) != 2:
-            table[name].refuse("is valid as two numbers, width and height")
+            table[name].refuse("must be two numbers, width and height")
         return entries[0].whole(), entries[1].whole()
 
     def size(self) -> tuple[int, int]:
@@ -372,8 +370,8 @@ class Reading:
         """
         if self.image_size is None:
             raise SpecError(
-                f"{self.source} does not say how large the picture is; "
-                "give its size (image_size, on the command line --image-size), such as 1024x768"
+                f"{self.source} does not contain the image size; specify image_size (--image-size), for "
+                "example 1024x768"
             )
         return self.image_size
 
@@ -530,7 +528,11 @@ class CameraFile:
             "<",
         )
         count = len(self._documents) if several else 1
-        return (f"the file holds {count} YAML documents; the first is read",) if count > 1 else ()
+        return (
+            (f"the file contains {count} YAML documents; only the first is read",)
+            if count > 1
+            else ()
+        )
 
 
 @dataclass(frozen=True)
@@ -579,10 +581,10 @@ class Layout:
             return ""
         if not isinstance(camera, self.kind):
             name = getattr(camera, "KIND", f"a {type(camera).__name__.lower()}")
-            return f"holds {self.words}, and this camera is {name}"
+            return f"stores {self.words}; this camera is {name}"
         if names := self.unplaced(camera):
             value = next(p.value for p in camera.parameters if p.name == names[0])
-            return f"has no place for {names[0]} = {value:.6g}"
+            return f"cannot store {names[0]} = {value:.6g}"
         return self.refuses(camera)
 
     def unplaced(self, camera: Any) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
     found = [Stored(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
     if not found:
         raise SpecError(
-            f"{reading.source} has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT and parameters"
+            f"{reading.source} must contain a camera, CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got none"
         )
     return found
 
@@ -99,7 +99,7 @@ def _lines(text: str, reading: Reading) -> list[Line]:
         where = f"{reading.source} line {number}"
         if len(words) < 4:
             raise SpecError(
-                f"{where}: a camera is CAMERA_ID MODEL WIDTH HEIGHT and parameters, and here {words[0][:40]!r}"
+                f"{where}: a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got {words[0][:40]!r}"
             )
         _, name, *numbers = words
         try:
@@ -107,11 +107,11 @@ def _lines(text: str, reading: Reading) -> list[Line]:
             width, height, *parameters = (float_of(word) for word in numbers)
         except ValueError:
             raise SpecError(
-                f"{where}: a camera's id and what follows its model are numbers"
+                f"{where}: the id, the size and the parameters of a camera must be numbers"
             ) from None
         if name not in KINDS:
             raise SpecError(
-                f"{where}: there is no model {name[:40]!r}; valid are {', '.join(KINDS)}"
+                f"{where}: the model must be one of {', '.join(KINDS)}; got {name[:40]!r}"
             )
         rows.append((identity, name, _size(width, height, where), tuple(parameters), where))
     return rows
@@ -122,7 +122,7 @@ def _size(width: float, height: float, where: str) -> tuple[int, int]:
         0 < width < 2**31 and 0 < height < 2**31 and width == int(width) and height == int(height)
     ):
         raise SpecError(
-            f"{where}: {width:g} x {height:g} is no size of a picture; it is valid in whole pixels above 0"
+            f"{where}: the image size must be positive integers; got {width:g} x {height:g}"
         )
     return int(width), int(height)
 
@@ -136,7 +136,7 @@ def _binary(data: bytes, source: str) -> list[Line]:
             identity, model, width, height = struct.unpack_from("<IiQQ", data, at)
             where = f"{source} camera {i + 1}"
             if model not in NAMES:
-                raise SpecError(f"{where}: there is no model {model}; valid are 0 to {max(NAMES)}")
+                raise SpecError(f"{where}: the model must be 0 to {max(NAMES)}; got {model}")
             n = len(KINDS[NAMES[model]].parameters.split())
             numbers = struct.unpack_from(f"<{n}d", data, at + 24)
             at += 24 + 8 * n
@@ -153,15 +153,13 @@ def _camera(
     names = kind.parameters.split()
     if len(numbers) != len(names):
         raise SpecError(
-            f"{where}: {name} has {len(numbers)} parameters; it is valid with {len(names)}: {kind.parameters}"
+            f"{where}: {name} must have {len(names)} parameters, {kind.parameters}; got {len(numbers)}"
         )
     if name == "EQUIRECTANGULAR":
-        raise SpecError(
-            f"{where}: EQUIRECTANGULAR is a panorama that was made of pictures, and no camera's own picture"
-        )
+        raise SpecError(f"{where}: EQUIRECTANGULAR describes a panorama, not the image of a camera")
     if kind.model is None:
         known = ", ".join(n for n, k in KINDS.items() if k.model)
-        raise SpecError(f"{where}: no model of ours has the formula of {name}; valid are {known}")
+        raise SpecError(f"{where}: {name} is not supported; the model must be one of {known}")
     values = named_numbers(names, numbers)
     f = values.pop("f", None)
     focal = (values.pop("fx"), values.pop("fy")) if f is None else (f, f)

@@ -35,7 +35,7 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
         return [Stored("", _camera(chain, reading))]
     names = [name for name in chain.names() if re.fullmatch(r"cam\d+", name)]
     if not names:
-        chain.refuse("it has no camera cam0")
+        chain.refuse("must contain a camera cam0")
     return [
         Stored(name, _camera(chain[name], reading))
         for name in sorted(names, key=lambda n: int(n[3:]))

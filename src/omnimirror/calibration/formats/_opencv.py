@@ -47,7 +47,7 @@ def camera_matrix(entry: Node) -> tuple[tuple[float, float], tuple[float, float]
     """Return focal lengths, centre and skew of a matrix ``[fx s cx; 0 fy cy; 0 0 1]``."""
     (fx, skew, cx), (zero, fy, cy), last = entry.matrix(3, 3).tolist()
     if zero != 0 or last != [0, 0, 1]:
-        entry.refuse("is not valid; it is valid as [fx, s, cx, 0, fy, cy, 0, 0, 1]")
+        entry.refuse("must be [fx, s, cx, 0, fy, cy, 0, 0, 1]")
     return (fx, fy), (cx, cy), skew
 
 
@@ -106,16 +106,14 @@ def read_fisheye(file: CameraFile, reading: Reading) -> list[Stored]:
     """Read the camera of the file."""
     table = file.entries
     if "xi" in table:
-        table["xi"].refuse("belongs to a camera of omnidir, and this is read as one of fisheye")
+        table["xi"].refuse("belongs to the omnidir model; this file is read as fisheye")
     if fisheye_model(table) is False:
-        table["fisheye_model"].refuse(
-            "= 0 is that of a pinhole camera, and this is read as a fisheye"
-        )
+        table["fisheye_model"].refuse("= 0 declares a pinhole camera; this file is read as fisheye")
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     distortion = table["distortion_coefficients"]
     if len(distortion.flat().entries()) > 4:
         distortion.refuse(
-            "has more than 4 numbers, as of a pinhole camera; of a fisheye it is valid with 4, k1 to k4"
+            "must have 4 numbers, k1 to k4, for a fisheye; got more, as for a pinhole camera"
         )
     ks = named_numbers(("k1", "k2", "k3", "k4"), distortion.row(4))
     try:
@@ -199,17 +197,17 @@ def read_pinhole(file: CameraFile, reading: Reading) -> list[Stored]:
     for name in ("xi", "distortion_model"):
         if name in table:
             table[name].refuse(
-                "does not belong to a pinhole camera of OpenCV, as which this is read"
+                "does not belong to a pinhole camera of OpenCV; this file is read as one"
             )
     if fisheye_model(table):
         table["fisheye_model"].refuse(
-            "= 1 is that of a fisheye, and this is read as a pinhole camera"
+            "= 1 declares a fisheye; this file is read as a pinhole camera"
         )
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     k = table["distortion_coefficients"].row(*DISTORTION_COUNTS)
     if any(k[8:]):
         table["distortion_coefficients"].refuse(
-            "holds thin-prism or tilt terms, which no camera model of ours has; all after the eighth must be 0"
+            "contains thin-prism or tilt terms, which are not supported; all after the eighth must be 0"
         )
     model: Any = RationalPinhole if any(k[5:]) else Unified
     law = {} if model is RationalPinhole else {"xi": 0.0}

@@ -73,12 +73,14 @@ BUILT_IN_FORMATS = {
 
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, CameraFormat):
-        raise WrongKind(f"{shown(kind)} is no omnimirror.calibration.formats.CameraFormat")
+        raise WrongKind(
+            f"a format must be an omnimirror.calibration.formats.CameraFormat; got {shown(kind)}"
+        )
     taken = [
         layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts
     ]
     if taken:
-        raise InvalidParameter(f"{taken[0]} is written by another format; choose another name")
+        raise InvalidParameter(f"layouts must have new names; {taken[0]} belongs to another format")
 
 
 FORMATS: Registry[CameraFormat] = Registry(
@@ -178,17 +180,17 @@ def _recognised(file: CameraFile) -> str:
         titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in found)
         raise SpecError(
             f"{file.source} is ambiguous: it can be read as {titles}; "
-            "give its format (from_, on the command line --from)"
+            "specify its format (from_, --from)"
         )
     if file.has(CALIBRATION_MARK.strip('":')):
         raise SpecError(
-            f"{file.source} holds the numbers of a calibration, and not its camera, which is in the file of its -o"
+            f"{file.source} contains the results of a calibration; use the camera file written with -o"
         )
     if file.problem:
         raise file.problem
     known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
     raise SpecError(
-        f"{file.source} is not recognised as a camera file; say which it is, of {known}"
+        f"{file.source} is not recognised as a camera file; specify its format, one of {known}"
     )
 
 
@@ -236,17 +238,17 @@ def targets_of(path: str | Path, to: str | None) -> list[Target]:
     known = ", ".join(dict.fromkeys([*FORMATS, *named]))
     if to is not None:
         if not isinstance(to, str):
-            raise WrongKind(f"to = {shown(to)} is no name of a format; valid are {known}")
+            raise WrongKind(f"to must be the name of a format, one of {known}; got {shown(to)}")
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in FORMATS:
             return _of_path(FORMATS[to], path)
-        raise InvalidParameter(f"to = {shown(to)} is not known; valid are {known}")
+        raise InvalidParameter(f"to must be one of {known}; got {shown(to)}")
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
             return _of_path(kind, path)
     raise InvalidParameter(
-        f"{Path(path).name} does not say which format is wanted; give to, one of {known}"
+        f"the format of {Path(path).name} cannot be inferred from its name; specify to, one of {known}"
     )
 
 

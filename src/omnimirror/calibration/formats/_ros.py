@@ -49,13 +49,17 @@ def _cropped(table: Node) -> Iterator[str]:
     """Yield notes on binning and a region of interest, which the camera matrix does not include."""
     binning = [table[n].whole() for n in ("binning_x", "binning_y") if n in table]
     if any(n > 1 for n in binning):
-        yield f"the camera bins {' x '.join(map(str, binning))} pixels; the file, and what is read, is of all pixels"
+        yield (
+            f"the camera bins {' x '.join(map(str, binning))} pixels; the camera matrix applies to the "
+            "image without binning"
+        )
     roi = table["roi"] if "roi" in table else Node({}, "")
     place = [roi[n].whole() if n in roi else 0 for n in ("x_offset", "y_offset", "width", "height")]
     if any(place):
-        yield "the camera sends the part {2}x{3} at ({0}, {1}) alone; what is read is of the whole image".format(
-            *place
-        )
+        yield (
+            "the camera transmits only the region {2}x{3} at ({0}, {1}); the camera matrix applies to the "
+            "whole image"
+        ).format(*place)
 
 
 def _camera(

@@ -159,11 +159,11 @@ def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Read
     (first, q), (r, last) = taylor.stretch
     if not 1e-3 < abs(first) < 1e3:
         raise SpecError(
-            f"{reading.source}: the stretch matrix begins with {first:g}; it is valid near 1"
+            f"{reading.source}: the first element of the stretch matrix must be near 1; got {first:g}"
         )
     if not np.abs(taylor.coefficients).max(initial=0.0) < MATLAB_MAX:
         raise SpecError(
-            f"{reading.source}: a coefficient of the polynomial is {MATLAB_MAX:g} or more, which is no camera's"
+            f"{reading.source}: the coefficients of the polynomial must be below {MATLAB_MAX:g}"
         )
     powers = first ** (1.0 - np.arange(len(taylor.coefficients)))
     polynomial = tuple((-np.asarray(taylor.coefficients) * powers).tolist())
@@ -184,7 +184,7 @@ def read_matlab(file: CameraFile, reading: Reading) -> list[Stored]:
     a0, *rest = table[MATLAB_NAMES[0]].numbers(4)
     size = table[MATLAB_NAMES[1]].entries()
     if len(size) != 2:
-        table[MATLAB_NAMES[1]].refuse("is valid as two numbers, rows and columns")
+        table[MATLAB_NAMES[1]].refuse("must be two numbers, rows and columns")
     height, width = (entry.whole() for entry in size)
     u, v = table[MATLAB_NAMES[2]].numbers(2)
     stretch = table[MATLAB_NAMES[3]].matrix(2, 2) if MATLAB_NAMES[3] in table else np.eye(2)
@@ -197,7 +197,7 @@ def _arguments(text: str, source: str) -> Node:
     code = "\n".join(line.split("%")[0] for line in text.splitlines()).replace("...", "   ")
     call = re.search(r"fisheyeIntrinsics\s*\(([^()]*)\)", code)
     if not call:
-        raise SpecError(f"{source} does not call fisheyeIntrinsics with its numbers in brackets")
+        raise SpecError(f"{source} must call fisheyeIntrinsics with numbers in brackets")
     line = code[: call.start()].count("\n") + 1
     variables = dict(
         re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()])
@@ -206,14 +206,14 @@ def _arguments(text: str, source: str) -> Node:
     outside = re.sub(r"\[[^\][]*\]", "", re.sub(r"\d[eE][-+]?\d", "", arguments))
     if unknown := re.search(r"[A-Za-z]\w*", outside):
         raise SpecError(
-            f"{source} line {line}: {unknown[0]} is a variable that the script does not set to numbers in brackets; "
-            "write the numbers into the call of fisheyeIntrinsics"
+            f"{source} line {line}: the variable {unknown[0]} must be set to numbers in brackets; write the "
+            "numbers into the call of fisheyeIntrinsics"
         )
     parts = re.findall(r"\[([^\][]*)\]", arguments)
     if len(parts) not in (3, 4):
         raise SpecError(
-            f"{source} line {line}: fisheyeIntrinsics has {len(parts)} arguments in brackets; it is valid with "
-            f"3 or 4, {', '.join(MATLAB_NAMES)}"
+            f"{source} line {line}: fisheyeIntrinsics must have 3 or 4 arguments in brackets, "
+            f"{', '.join(MATLAB_NAMES)}; got {len(parts)}"
         )
     table = {}
     for name, part in zip(MATLAB_NAMES, parts, strict=False):
@@ -231,7 +231,7 @@ def _word(word: str, source: str, name: str, line: int) -> Node:
     try:
         float_of(word)
     except ValueError:
-        entry.refuse(f"holds {word[:40]!r}, which is not a number")
+        entry.refuse(f"must contain numbers; got {word[:40]!r}")
     return entry
 
 
@@ -251,7 +251,7 @@ def write_matlab_script(camera: OCam, name: str = "") -> str:
     matrix = "; ".join(number_row(r, " ") for r in stretch)
     return (
         "% Camera for MATLAB's Computer Vision Toolbox; run this file and use the variable intrinsics.\n"
-        "% The centre of the picture's first pixel is (1, 1).\n"
+        "% The centre of the first pixel is (1, 1).\n"
         f"intrinsics = fisheyeIntrinsics([{number_row(a, ' ')}], ...\n"
         f"    [{height} {width}], ...  % rows and columns\n"
         f"    [{number_row(centre, ' ')}], ...\n"
@@ -281,7 +281,7 @@ def _numbers(camera: OCam) -> tuple[Array, tuple[int, int], tuple[float, float],
 
 def _refuses(camera: OCam) -> str:
     a1 = (*camera.polynomial, 0.0)[1]
-    return f"has no place for a1 = {a1:.6g}" if a1 else ""
+    return f"cannot store a1 = {a1:.6g}" if a1 else ""
 
 
 MATLAB_WORDS = "Scaramuzza's a0, a2, a3, a4"
@@ -415,7 +415,7 @@ PY_OMNICALIB = CameraFormat(
         "py-omnicalib": Layout(
             OCam,
             write_py_omnicalib,
-            "Scaramuzza's polynomial of a round picture",
+            "Scaramuzza's polynomial of a rotationally symmetric image",
             PY_OMNICALIB_PARAMETERS,
         )
     },

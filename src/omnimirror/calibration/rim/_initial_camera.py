@@ -44,21 +44,21 @@ PRESETS = {
         "radius proportional to the field angle, to 135 deg", "exact-equidistant"
     ),
     "ball": CommonMirror(
-        "a whole mirror ball, seen from some diameters away",
+        "complete mirror ball at a distance of several diameters",
         field_deg=340.0,
         camera_looks="forward",
     ),
-    "dome": CommonMirror("the larger part of a ball, as under a shop's ceiling", field_deg=260.0),
+    "dome": CommonMirror("larger part of a ball, such as a ceiling dome mirror", field_deg=260.0),
     "convex": CommonMirror(
-        "the cap of a ball, as at street corners", field_deg=160.0, camera_looks="forward"
+        "cap of a ball, such as a traffic mirror", field_deg=160.0, camera_looks="forward"
     ),
     "paraboloid": CommonMirror(
-        "a paraboloid under a telecentric lens, to 105 deg", "paraboloid-telecentric"
+        "paraboloid with a telecentric lens, to 105 deg", "paraboloid-telecentric"
     ),
     "hyperboloid": CommonMirror(
-        "a hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"
+        "hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"
     ),
-    "sphere": CommonMirror("a spherical mirror near its lens, to 135 deg", "paper-spherical"),
+    "sphere": CommonMirror("spherical mirror near its lens, to 135 deg", "paper-spherical"),
 }
 """Common types of mirrors by name."""
 DEFAULT = "one-shot"
@@ -143,7 +143,7 @@ def mirror_of(name: str | Path) -> CommonMirror | Sensor:
     try:
         return load_sensor(name)
     except OmnimirrorError as e:
-        raise InvalidParameter(f"{e}; presets of common mirrors are {', '.join(PRESETS)}") from None
+        raise InvalidParameter(f"{e}; presets: {', '.join(PRESETS)}") from None
 
 
 def check_sure(rim: FoundRim) -> None:
@@ -161,8 +161,9 @@ def check_sure(rim: FoundRim) -> None:
     """
     if not rim.is_sure:
         raise InvalidParameter(
-            f"no rim was found for sure: the confidence {rim.confidence:.2f} is below {SURE:g}; give more pictures of "
-            "the same sensor or one with all of its rim, or say where it is with --ball CX,CY,R,FOV or a --sensor file"
+            f"the confidence of the mirror outline must be at least {SURE:g}; got {rim.confidence:.2f}; use more "
+            "images of the same sensor or one with the complete rim, or specify the mirror with "
+            "--ball CX,CY,R,FOV or a --sensor file"
         )
 
 
@@ -245,7 +246,7 @@ def sensors_from_rim(rim: FoundRim, sensor: Sensor) -> tuple[Sensor, ...]:
     [-11, 11]
     """
     check_sure(rim)
-    instance("sensor", sensor, Sensor, "a sensor, such as om.load_sensor gives")
+    instance("sensor", sensor, Sensor, "a sensor, for example from om.load_sensor")
     width, height = rim.image_size
     imager = sensor.imager
     aspect = (width / height) / (imager.width_px / imager.height_px)

@@ -395,14 +395,14 @@ def _candidate(one: _AnalysedImage, ring: Ellipse, best: float, size: tuple[int,
 
 def _check(pictures: list[Picture]) -> None:
     if not pictures:
-        raise InvalidParameter("there is no picture to look for a rim in; give at least one")
+        raise InvalidParameter("images must contain at least one image; got none")
     for picture in pictures:
         if picture.ndim not in (2, 3) or min(picture.shape[:2]) < MIN_SIDE_PX:
             raise InvalidParameter(
-                f"a picture of the shape {picture.shape} holds no rim; valid are (rows, columns) or (rows, columns, "
-                f"channels) of at least {MIN_SIDE_PX} px each side"
+                f"images must be arrays (rows, columns) or (rows, columns, channels) with at least "
+                f"{MIN_SIDE_PX} px per side; got shape {picture.shape}"
             )
-    check_alike(pictures, [f"picture {number}" for number in range(len(pictures))])
+    check_alike(pictures, [f"image {number}" for number in range(len(pictures))])
 
 
 def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
@@ -413,7 +413,7 @@ def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     usual = max(sizes, key=sizes.count, default=(0, 0))
     odd = [
-        f"{name} is {width} x {height}"
+        f"{name} has {width} x {height} px"
         for name, (width, height) in zip(names, sizes, strict=True)
         if (width, height) != usual
     ]
@@ -422,8 +422,8 @@ def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
             f" and {len(odd) - MAX_NAMED} more" if len(odd) > MAX_NAMED else ""
         )
         raise InvalidParameter(
-            f"pictures of one sensor have one size: {names[sizes.index(usual)]} is {usual[0]} x {usual[1]} px, and "
-            f"{told} px; look at those apart"
+            f"images of one sensor must have one size; {names[sizes.index(usual)]} has "
+            f"{usual[0]} x {usual[1]} px, {told}; process them separately"
         )
 
 

@@ -527,8 +527,8 @@ def refine_corners(
     height, width = values.shape
     if (width, height) != tuple(detection.image_size):
         raise InvalidParameter(
-            f"a picture of {width} x {height} px is not that of {detection.name}, "
-            f"which has {detection.image_size[0]} x {detection.image_size[1]} px"
+            f"the image must have the size of {detection.name}, {detection.image_size[0]} x "
+            f"{detection.image_size[1]} px; got {width} x {height} px"
         )
     if not detection.found:
         return detection
@@ -551,7 +551,7 @@ def refine_corners(
                 detection,
                 ids=ids[:0],
                 corners_px=pixels[:0],
-                reason="its corners are too faint to measure",
+                reason="the contrast of its corners is too low",
             )
     sigma, blur = np.hypot(fit.sigma_px[good], MODEL_PX), float(np.median(fit.blur_px[good]))
     sigma = sigma * lattice_scale(places[ids], pixels, sigma)

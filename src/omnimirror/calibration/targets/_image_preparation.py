@@ -36,14 +36,14 @@ def grey(picture: NDArray[Any]) -> Grey:
     picture = np.asarray(picture)
     if picture.ndim not in (2, 3) or picture.dtype.kind not in "uf" or min(picture.shape[:2]) < 16:
         raise InvalidParameter(
-            f"a picture of shape {picture.shape} and kind {picture.dtype} is not valid; it is valid as (height, width) "
-            "or (height, width, 3), of whole numbers from 0 or floats, with at least 16 px a side"
+            f"images must be arrays (height, width) or (height, width, 3) of unsigned integers or floats with at "
+            f"least 16 px per side; got shape {picture.shape} of {picture.dtype}"
         )
     height, width = picture.shape[:2]
     if height * width > MOST_PIXELS:
         raise InvalidParameter(
-            f"a picture in which a board is searched for must not have more than {MOST_PIXELS / 1e6:.0f} megapixels; "
-            f"got {width} x {height} px; reduce it"
+            f"images for board detection must have at most {MOST_PIXELS / 1e6:.0f} megapixels; "
+            f"got {width} x {height} px; reduce the image size"
         )
     full = 1.0 if picture.dtype.kind == "f" else float(np.iinfo(picture.dtype).max)
     values = picture.astype(np.float32)

@@ -33,7 +33,7 @@ BESIDE, FARTHEST, FEWEST_BESIDE = 0.3, 2.2, 3
 They are the maximum lateral offset relative to the distance, the maximum distance in tag sides,
 and the minimum number of pairs that determine the layout.
 """
-FRAME = "{} tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
+FRAME = "{} of its tags have a frame of 1 bit, as in AprilTag and OpenCV; tags of Kalibr's April grid have 2 bits"
 SPACING_OFF = 0.25
 """Deviation of the gaps between tags, in tag sides, above which the spacing is reported as wrong.
 """
@@ -150,12 +150,15 @@ def laid_otherwise(
     told = KALIBR_RIGHT, board.columns
     if (right[0], below[0]) != told:
         return (
-            f"its tags do not lie as on an April grid of {board}: right of the upright tag N stands N{right[0]:+d} and "
-            f"below it N{below[0]:+d}, where Kalibr's has N{told[0]:+d} and N{told[1]:+d}"
+            f"the order of its tags is not that of an April grid of {board}: right of tag N is "
+            f"N{right[0]:+d} and below it N{below[0]:+d}; Kalibr's order is N{told[0]:+d} and N{told[1]:+d}"
         )
     spacing = (right[1] + below[1]) / 2 - 1
     if abs(spacing - board.spacing) > SPACING_OFF:
-        return f"the gaps between its tags are {spacing:.2f} of a tag's side, and spacing = {board.spacing:g} was said"
+        return (
+            f"the gaps between its tags are {spacing:.2f} times the tag side; "
+            f"got spacing = {board.spacing:g}"
+        )
     return None
 
 

@@ -35,9 +35,9 @@ LEAST_OF_MARKED = 4
 WHOLE_SHARE = 0.8
 """Minimum fraction of a chessboard's corners after refinement."""
 NO_BOARD = "no board was found"
-TILES = "squares were found that go on past {board}, as tiles, a checked cloth or a larger board have them"
+TILES = "the squares continue beyond {board}, as in tiles, a chequered cloth or a larger board"
 LONG_S = 2.0  # minimum remaining time for which worker processes are started
-STOPPED = "the search was stopped before this picture"
+STOPPED = "the search was stopped before this image"
 
 
 @checked
@@ -88,15 +88,15 @@ def find_board(
     >>> find_board(picture, Board("chessboard", 5, 4)).corners_px[:2].round(1).tolist()
     [[24.5, 24.5], [49.5, 24.5]]
     >>> find_board(picture, Board("chessboard", 8, 6)).reason
-    'a board of 5 x 4 corners was found, and one of 8 x 6 corners was looked for'
+    'a board of 5 x 4 corners was detected instead of 8 x 6 corners'
     """
     instance("board", board, Board, "a board")
     values = grey(picture)
     size = (values.shape[1], values.shape[0])
     if camera is not None and tuple(camera.image_size) != size:
         raise InvalidParameter(
-            f"a picture of {size[0]} x {size[1]} px is not one of the camera's, which have "
-            f"{camera.image_size[0]} x {camera.image_size[1]} px"
+            f"the image must have the size of the camera, {camera.image_size[0]} x {camera.image_size[1]} px; "
+            f"got {size[0]} x {size[1]} px"
         )
     look = _look_for_markers if board.has_markers else _look_for_squares
     found = look(values, board, name, is_quick=quick)
@@ -148,7 +148,7 @@ def find_boards(
     board
         Calibration board.
     names
-        Names of the images; by default the file names, or ``picture 1``, ...
+        Names of the images; by default the file names, or ``image 1``, ...
     camera
         As for :func:`find_board`.
     several
@@ -177,15 +177,15 @@ def find_boards(
     >>> picture = np.where((u // 25 + v // 25) % 2, 200, 40).astype(np.uint8)
     >>> found = find_boards([picture, np.full((120, 150), 99, np.uint8), picture[:100]], Board("chessboard", 5, 4))
     >>> [(d.name, d.used) for d in found]
-    [('picture 1', True), ('picture 2', False), ('picture 3', False)]
+    [('image 1', True), ('image 2', False), ('image 3', False)]
     """
     given = list(pictures)
     if not given:
-        raise InvalidParameter("there are no pictures; at least one is needed")
+        raise InvalidParameter("images must contain at least one image; got none")
     names = _names(given) if names is None else list(names)
     if len(names) != len(given):
         raise InvalidParameter(
-            f"there are {len(names)} names for {len(given)} pictures; each needs one"
+            f"names must have one entry per image; got {len(names)} names for {len(given)} images"
         )
     jobs = [
         (picture, board, name, camera, several, stored_orientation)
@@ -261,7 +261,7 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
     is_right_board = any(d.used and not d.is_part for d in judged)
     for i, detection in enumerate(judged):
         if detection.found and detection.image_size != usual:
-            reason = "its size of {} x {} px is not the {} x {} px of the others".format(
+            reason = "its size of {} x {} px differs from that of the others, {} x {} px".format(
                 *detection.image_size, *usual
             )
             judged[i] = replace(detection, reason=reason)
@@ -271,9 +271,9 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
             and detection.is_reversed not in (None, usual_hand)
         ):
             what = (
-                "is a mirror image, and the others are not"
+                "is a mirror image, unlike the others"
                 if detection.is_reversed
-                else "is no mirror image as the others are"
+                else "is not a mirror image, unlike the others"
             )
             judged[i] = replace(detection, reason=f"it {what}: it was flipped")
         elif (
@@ -281,7 +281,7 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
             and usual_colour is not None
             and detection.begins_white not in (None, usual_colour)
         ):
-            reason = "it shows the mirror image of the board that the others show: it was flipped"
+            reason = "its board is the mirror image of that in the others: it was flipped"
             judged[i] = replace(detection, reason=reason)
         elif detection.found and detection.is_part and is_right_board:
             judged[i] = replace(detection, reason=None)  # other images confirm the board
@@ -290,7 +290,7 @@ def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
 
 def _names(pictures: Sequence[Any]) -> list[str]:
     names = [
-        Path(p).name if isinstance(p, str | Path) else f"picture {i}"
+        Path(p).name if isinstance(p, str | Path) else f"image {i}"
         for i, p in enumerate(pictures, 1)
     ]
     if len(set(names)) < len(names):  # files with the same name in several folders
@@ -349,44 +349,38 @@ def _look_for_markers(
         return Detection(name, size, ids, pixels, is_reversed=markers.is_reversed)
     if len(markers.ids):
         few = "1 marker" if len(markers.ids) == 1 else f"{len(markers.ids)} markers"
-        reason = f"only {few} of the board's {board.marker_count} and {len(ids)} of its corners can be made out"
+        reason = (
+            f"only {few} of {board.marker_count} and {len(ids)} corners of the board were detected"
+        )
     else:
         reason = _why_nothing(values)
         if reason == NO_BOARD:
-            reason = f"no marker of the family {board.marker_family} can be read, in the picture or its mirror image"
+            reason = f"no marker of the family {board.marker_family} was detected in the image or its mirror image"
     return Detection(name, size, reason=reason, blur_px=edge_blur_px(values))
 
 
 def _why_nothing(values: Grey) -> str:
     if np.ptp(np.percentile(values[::4, ::4], [1, 99])) < 8:
-        return "the picture is blank"
+        return "the image is blank"
     blur = edge_blur_px(values)
     if blur > BLURRED_PX:
-        return (
-            f"no board was found; the picture is blurred: its edges are spread over {blur:.1f} px"
-        )
+        return f"no board was found; the image is blurred (edge blur {blur:.1f} px)"
     return NO_BOARD
 
 
 def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
     blur = edge_blur_px(values)
-    blurred = (
-        f"; the picture is blurred: its edges are spread over {blur:.1f} px"
-        if blur > BLURRED_PX
-        else ""
-    )
+    blurred = f"; the image is blurred (edge blur {blur:.1f} px)" if blur > BLURRED_PX else ""
     columns, rows = sorted(part.size, reverse=True)
     wanted = sorted(board.lattice_size, reverse=True)
     if [columns, rows] == wanted:
-        return (
-            f"only {len(part.places)} of the board's {board.corner_count} corners can be made out"
-        )
+        return f"only {len(part.places)} of {board.corner_count} corners of the board were detected"
     if [columns + 1, rows + 1] == wanted:
         return (
-            f"a board of {columns} x {rows} corners was found, and one of {board} was looked for; "
-            f"what counts are the inner corners, not the squares{blurred}"
+            f"a board of {columns} x {rows} corners was detected instead of {board}; specify the number of "
+            f"inner corners, not of squares{blurred}"
         )
-    return f"a board of {columns} x {rows} corners was found, and one of {board} was looked for{blurred}"
+    return f"a board of {columns} x {rows} corners was detected instead of {board}{blurred}"
 
 
 def _measured(values: Grey, found: Detection, board: Board) -> Detection:
@@ -401,19 +395,18 @@ def _measured(values: Grey, found: Detection, board: Board) -> Detection:
     )
     if refined.used and len(refined.ids) < least:
         reason = (
-            f"only {len(refined.ids)} of the board's {board.corner_count} corners can be measured"
+            f"only {len(refined.ids)} of {board.corner_count} corners of the board could be refined"
         )
         if refined.blur_px > BLURRED_PX:
-            reason += (
-                f"; the picture is blurred: its edges are spread over {refined.blur_px:.1f} px"
-            )
+            reason += f"; the image is blurred (edge blur {refined.blur_px:.1f} px)"
         refined = replace(refined, reason=reason)
     if refined.used:
         places = board.points_mm[refined.ids, :2] / board.square_mm
         side = float(np.median(maps_about(places, refined.corners_px, places).spacing()))
         if side < TINY_PX:
             refined = replace(
-                refined, reason=f"the board is too small in it: its squares are {side:.1f} px wide"
+                refined,
+                reason=f"the board is too small in the image: its squares are {side:.1f} px wide",
             )
     return refined
 

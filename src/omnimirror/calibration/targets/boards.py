@@ -99,27 +99,24 @@ class Board:
         if self.marker_mm is not None:
             number("marker_mm", self.marker_mm, above=0, unit="mm")
             if self.kind != "charuco":
-                raise InvalidParameter(
-                    f"marker_mm belongs to boards of kind charuco, and this is one of kind {self.kind}"
-                )
+                raise InvalidParameter(f"marker_mm requires kind = 'charuco'; got {self.kind!r}")
             if self.marker_mm >= self.square_mm:
                 raise InvalidParameter(
-                    f"marker_mm = {self.marker_mm:g} is not valid; it is valid below square_mm = {self.square_mm:g}"
+                    f"marker_mm must be below square_mm = {self.square_mm:g}; got {self.marker_mm:g}"
                 )
         if self.kind == "chessboard":
             if self.family is not None:
                 raise InvalidParameter(
-                    "family belongs to boards with markers, and a chessboard has none"
+                    f"family requires a board with markers; got {self.family!r} for a chessboard"
                 )
             if max(self.columns, self.rows) < 3:
-                raise InvalidParameter(
-                    "a chessboard of 2 x 2 corners has no order; it is valid from 3 x 2 on"
-                )
+                raise InvalidParameter("a chessboard must have at least 3 x 2 corners; got 2 x 2")
         elif self.family is not None:
             choice("family", self.family.upper(), families())
             if self.marker_count > (most := capacity(self.family)):
                 raise InvalidParameter(
-                    f"family {self.family} has {most} markers, and a board of {self} needs {self.marker_count}"
+                    f"family must have at least {self.marker_count} markers for a board of {self}; "
+                    f"{self.family} has {most}"
                 )
 
     def __str__(self) -> str:

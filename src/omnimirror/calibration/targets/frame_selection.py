@@ -148,7 +148,7 @@ def selected_frames(
     >>> places = 10.0 * board.lattice + 20
     >>> again = [Detection(name, (200, 100), np.arange(9), places, blur_px=1.0) for name in "ab"]
     >>> [d.reason for d in chosen(again, board)]
-    [None, 'it shows the board much as a does']
+    [None, 'its view of the board is similar to a']
     """
     judged = list(detections)
     usable = [i for i, d in enumerate(judged) if d.used]
@@ -159,7 +159,7 @@ def selected_frames(
         blur = judged[i].blur_px
         judged[i] = replace(
             judged[i],
-            reason=f"it is blurred: its edges are spread over {blur:.1f} px, and usually over {usual:.1f} px",
+            reason=f"it is blurred: edge blur {blur:.1f} px, median of all frames {usual:.1f} px",
         )
     usable = [i for i in usable if judged[i].used]
     views = np.array([_view(judged[i], board) for i in usable])
@@ -180,7 +180,7 @@ def selected_frames(
         if k not in taken:
             like = usable[taken[int(np.argmin(np.linalg.norm(views[taken] - views[k], axis=1)))]]
             judged[i] = replace(
-                judged[i], reason=f"it shows the board much as {judged[like].name} does"
+                judged[i], reason=f"its view of the board is similar to {judged[like].name}"
             )
     return judged
 
@@ -203,20 +203,20 @@ def why_not_new(candidate: Detection, taken: Sequence[Detection], board: Board) 
     >>> here = Detection("here", (200, 100), np.arange(9), 10.0 * board.lattice + 20, blur_px=1.0)
     >>> there = Detection("there", (200, 100), np.arange(9), 10.0 * board.lattice + [120, 30], blur_px=1.0)
     >>> why_not_new(here, [here, there], board), why_not_new(here, [there], board)
-    ('it shows the board much as here does', None)
+    ('its view of the board is similar to here', None)
     """
     if not candidate.used:
         return candidate.reason
     before = [d for d in taken if d.used and d.image_size == candidate.image_size]
     if candidate.blur_px > BLURRED_PX:
-        return f"it is blurred: its edges are spread over {candidate.blur_px:.1f} px"
+        return f"it is blurred: edge blur {candidate.blur_px:.1f} px"
     if not before:
         return None
     apart = np.linalg.norm([_view(d, board) for d in before] - _view(candidate, board), axis=1)
     covered: set[tuple[int, int]] = set().union(*map(_cells, before))
     if min(float(apart.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered) >= ENOUGH_NEW:
         return None
-    return f"it shows the board much as {before[int(np.argmin(apart))].name} does"
+    return f"its view of the board is similar to {before[int(np.argmin(apart))].name}"
 
 
 def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]]]:

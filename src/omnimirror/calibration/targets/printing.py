@@ -76,8 +76,8 @@ def sheet_of(
         size = PAPERS_MM[paper] if width >= height else PAPERS_MM[paper][::-1]
         if width > size[0] or height > size[1]:
             raise InvalidParameter(
-                f"a board of {width:g} x {height:g} mm does not fit on {paper} ({size[0]:g} x {size[1]:g} mm); "
-                "smaller squares or a larger paper are valid"
+                f"paper must be larger than the board of {width:g} x {height:g} mm; got {paper} "
+                f"({size[0]:g} x {size[1]:g} mm); use smaller squares or a larger paper"
             )
     left, top = (size[0] - width) / 2, (size[1] - height) / 2
     return BoardSheet(
@@ -92,7 +92,7 @@ def words_of(board: Board) -> str:
     """Return the description of a board, with the values for the command line and Python.
 
     >>> words_of(Board("chessboard", 11, 7, 30.0))
-    'omnimirror chessboard 11x7, squares of 30 mm; the line is 100 mm long'
+    'omnimirror chessboard 11x7, squares of 30 mm; reference line 100 mm'
     """
     what = "tags" if board.kind == "aprilgrid" else "squares"
     markers = (
@@ -104,7 +104,7 @@ def words_of(board: Board) -> str:
         f", spacing {board.spacing:g}, {board.marker_family}" if board.kind == "aprilgrid" else ""
     )
     size = f"{board.columns}x{board.rows}, {what} of {board.square_mm:g} mm"
-    return f"omnimirror {board.kind} {size}{markers}{gaps}; the line is {RULER_MM:g} mm long"
+    return f"omnimirror {board.kind} {size}{markers}{gaps}; reference line {RULER_MM:g} mm"
 
 
 @checked
@@ -278,7 +278,7 @@ def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
     width, height = (round(min(length * px_per_mm, 1e9)) for length in sheet.size_mm)
     if not 1 <= min(width, height) <= max(width, height) <= MOST_PX:
         raise InvalidParameter(
-            f"a picture of {width} x {height} px is not valid; it is valid from 1 to {MOST_PX} px a side"
+            f"the image must have 1 to {MOST_PX} px per side; got {width} x {height} px"
         )
     picture = np.full((height, width), 255, np.uint8)
     corners = np.concatenate(

@@ -41,9 +41,9 @@ def test_a_file_can_be_printed_and_the_words_stand_elsewhere(tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ([], "give tolerance_px"),
+        ([], "set tolerance_px"),
         pytest.param(
-            ["--tolerance-px", "0.001"], "more than tolerance_px = 0.001", marks=pytest.mark.full
+            ["--tolerance-px", "0.001"], "at most tolerance_px = 0.001", marks=pytest.mark.full
         ),
         (["--distance-mm", "500,near"], "'near' is not a distance in mm"),
         (["--from", "kalibre"], "kalibr"),

@@ -187,7 +187,7 @@ def test_what_auto_refuses(folder, tmp_path):
     assert "--mirror belongs to --auto" in fails(
         "dewarp", folder / "room0.png", "--mirror", "ball", "-o", view
     )
-    assert "presets of common mirrors are one-shot" in fails(
+    assert "presets: one-shot" in fails(
         "dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view
     )  # raised before the detection
 
