@@ -30,7 +30,7 @@ from ..cameras.models import (
     Unified,
 )
 
-# -- Rays of a camera on a grid of pixels, in the frame of camera files ----------------------------
+# -- Sampled rays in the frame of camera files -----------------------------------------------------
 
 N_OUTERMOST_PIXELS = 60  # number of pixels at the maximum field angle
 SAME_DIRECTION_RAD = 1e-9  # radians
@@ -183,7 +183,7 @@ def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
     return bool(directions[nearest, 2].mean() < directions[outermost, 2].mean())
 
 
-# -- Initial values of a fit: models of each kind from linear least squares over the field ---------
+# -- Initial models by linear least squares --------------------------------------------------------
 
 MAX_PINHOLE_ANGLE = np.radians(89.9)
 ODD_POWERS = (1, 3, 5, 7)  # powers of the field angle in a smooth rotationally symmetric projection
@@ -452,7 +452,7 @@ INITIAL_MODELS: dict[
 }
 
 
-# -- Least-squares fit of another camera model to the projection of a camera over its field --------
+# -- Nonlinear least-squares fit -------------------------------------------------------------------
 
 MAX_STEPS = 80
 RELATIVE_TOLERANCE = 1e-10  # relative decrease of the sum of squares that ends the iteration

@@ -48,7 +48,7 @@ from .sensor_model import SensorModel
 __all__ = ["DISTANCES_MM", "Conversion", "Cost", "convert", "flipped"]
 
 
-# -- Camera models of images flipped left to right -------------------------------------------------
+# -- Flipped cameras -------------------------------------------------------------------------------
 
 Model = TypeVar("Model", bound=CameraModel)
 
@@ -103,7 +103,7 @@ def flipped(camera: Model) -> Model:
     return replace(found, **changes)  # type: ignore[no-any-return]
 
 
-# -- Conversion of a camera to another file format, with the error of the conversion ---------------
+# -- Conversion between file formats ---------------------------------------------------------------
 
 N_EVALUATION_PIXELS = 20_000  # pixels of the grid for the evaluation of errors
 FIT_THINNING = 8  # thinning factor of the grid for the fit

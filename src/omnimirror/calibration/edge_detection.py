@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..base.arguments import number
 from ..base.typing import Array, Mask
 
-# -- Edge detection with subpixel accuracy and direction, for rim detection ------------------------
+# -- Edge points -----------------------------------------------------------------------------------
 
 Image = NDArray[np.float32]
 
@@ -167,7 +167,7 @@ def turns(count: int) -> Array:
     return angles
 
 
-# -- Edge chains with subpixel accuracy, long and smooth enough to be images of straight edges -----
+# -- Edge chains -----------------------------------------------------------------------------------
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 BLUR_PX = 1.2

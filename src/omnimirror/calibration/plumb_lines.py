@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 
-# -- Calibration without a target, from straight edges in images of rooms and streets --------------
+# -- Plumb-line calibration ------------------------------------------------------------------------
 
 XIS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 1.8)
 FOCALS = np.geomspace(0.2, 2.5, 14)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-# -- Derivatives of a mirror's meridian with respect to its parameters -----------------------------
+# -- Mirror profile --------------------------------------------------------------------------------
 #
 # The formulas of conics and polynomials are analytic: complex-step differentiation is exact
 # (Squire and Trapp, 1998). A spline of slopes is linear in its parameters. Other mirrors, generated
@@ -121,7 +121,7 @@ def _unchecked(mirror: Mirror, place: ParameterLocation, value: complex) -> Mirr
     return moved
 
 
-# -- Projection from mirror points to pixels, with derivatives by points, lens and imager ----------
+# -- Lens and imager -------------------------------------------------------------------------------
 
 
 def lens_image(
@@ -194,7 +194,7 @@ def _parallel(sensor: Sensor, seen_at: Array) -> tuple[Array, Mask, Array, dict[
     )
 
 
-# -- Projection of points by a mirror sensor, with derivatives by points and all its parameters ----
+# -- Reflection ------------------------------------------------------------------------------------
 #
 # Light follows a path of stationary length from a point via the mirror to the lens (Fermat). The
 # mirror point satisfies two equations ``g(x, y) = 0``, where g is the gradient of the path length.
@@ -404,7 +404,7 @@ def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
     return turn, shift
 
 
-# -- Projection of points through a tube or dome, with derivatives by points and parameters --------
+# -- Tube or dome ----------------------------------------------------------------------------------
 #
 # The pixel of a point outside the cover is that of any two points on the inner ray, which the
 # mirror without a cover projects with known derivatives. These give the motion of the inner ray at
@@ -421,7 +421,7 @@ COVER_STEP = 1e-5  # rim radii; central differences with an error quadratic in t
 def image_through_cover(
     sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]
 ) -> Image:
-    """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
+    """Compute the image of points through a tube or dome, as :func:`image_of_points`."""
     covered, rim = sensor.optical_train.seen_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
     bare = replace(sensor, housing=Housing())

@@ -47,7 +47,7 @@ from .sensor_parameters import (
 __all__ = ["ParameterPrior", "SensorModel", "mirror_ball_model"]
 
 
-# -- Camera model of a mirror sensor with free parameters of mirror, lens and mounting -------------
+# -- Sensor model ----------------------------------------------------------------------------------
 
 N_PROBES = 96
 """Number of points for the estimate of a parameter's effect."""
@@ -374,7 +374,7 @@ class SensorModel(CameraModel):
         return self.sensor.project_directions(directions)
 
 
-# -- Mirror ball at a finite distance and off the image centre -------------------------------------
+# -- Mirror ball at a finite distance --------------------------------------------------------------
 
 GRAZING = 1 - 1e-6  # fraction of the outline's distance from the axis: grazing incidence
 MAX_PX = 1e9

@@ -15,7 +15,7 @@ from ..base.errors import InvalidParameter
 from ..optics.lenses import Perspective
 from ..optics.sensor import Sensor
 
-# -- Names of sensor parameters as in sensor files: ``mirror.radius_mm``, ``imager.centre_px[0]``
+# -- Parameter names and locations -----------------------------------------------------------------
 
 NAME_PATTERN = re.compile(r"(mirror|lens|imager|mirror_pose|mount)\.(\w+)(?:\[(\d+)\])?")
 DISTANCE = "mount.mirror_distance_mm"
@@ -141,7 +141,7 @@ def with_values(
     return replace(sensor, **made, **whole, uncertainty=None)
 
 
-# -- Free parameters of a sensor for estimation, and tolerances of the as-built sensor -------------
+# -- Parameter groups and priors -------------------------------------------------------------------
 
 GROUPS = ("shape", "focal", "centre", "distortion", "distance", "decentre", "tilt")
 """Names of parameter groups, in the order of the model."""

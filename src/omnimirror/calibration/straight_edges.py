@@ -18,7 +18,7 @@ from ..base.typing import Array, Mask
 from ..cameras.frames import turned
 from ..cameras.models.camera_model import CameraModel
 
-# -- Lines of user-written tables, with errors that name file and line -----------------------------
+# -- CSV cells -------------------------------------------------------------------------------------
 
 
 def csv_cells(line: str, place: str) -> list[str]:
@@ -42,7 +42,7 @@ def csv_number(entries: dict[str, str], name: str, place: str) -> float:
     return value
 
 
-# -- Tables of points on straight edges, marked manually or by another program ---------------------
+# -- Tables of edge points -------------------------------------------------------------------------
 
 COLUMNS = ("line", "u_px", "v_px")
 PICTURE, ONLY = "picture", "picture"  # column, and the default name of a single image
@@ -131,7 +131,7 @@ def _point(place: str, columns: list[str], line: str) -> tuple[str, str, tuple[f
     )
 
 
-# -- Plumb-line fit: refinement of a camera model for which images of straight edges are straight
+# -- Plumb-line fit --------------------------------------------------------------------------------
 #
 # Each edge is in a plane through the viewpoint with unit normal n; the direction d of each of its
 # pixels satisfies ``n . d = 0``. The residual is the distance of the pixel from the image of that
@@ -381,12 +381,12 @@ def _rms(residuals: Array) -> float:
     )
 
 
-# -- Straight edges as additional observations of a bundle adjustment ------------------------------
+# -- Edges as observations of a bundle adjustment --------------------------------------------------
 #
-# An edge has no target pose: it is in a plane through the viewpoint, which is fitted for each
-# trial (:mod:`omnimirror.calibration.straight_edges`). Near a camera, the contribution of edges is
-# therefore a quadratic form in its parameters. It is added to the normal equations like a prior and
-# relinearised at each solution until convergence to the minimum of the total sum.
+# An edge has no target pose: it is in a plane through the viewpoint, which the plumb-line fit
+# eliminates. Near a camera, the contribution of edges is therefore a quadratic form in its
+# parameters. It is added to the normal equations like a prior and relinearised at each solution
+# until convergence to the minimum of the total sum.
 
 MIN_EDGES = 3  # minimum number of edges
 INDEPENDENT_VALUES = 4  # independent values per edge, whatever its number of points

@@ -100,9 +100,10 @@ def _calibrated(
 
 def _plain(sentence: str) -> str:
     """Convert a message of the command line to the labels of the page."""
-    return sentence.replace("use --flipped", "select that the driver reverses the images").replace(
-        "--optics", "kind of camera"
-    )
+    return sentence.replace(
+        "use --flipped if the camera's driver flips the images",
+        "select that the driver reverses its images",
+    ).replace("--optics", "kind of camera")
 
 
 def _report(found: Calibration, command: str) -> str:

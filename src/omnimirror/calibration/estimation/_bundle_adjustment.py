@@ -29,7 +29,7 @@ from ._residuals import (
 )
 from .observations import Sighting, Stack, moved, rms_px, stacked
 
-# -- Normal equations of a bundle adjustment in sparse block form ----------------------------------
+# -- Normal equations ------------------------------------------------------------------------------
 #
 # Shared parameters form one small dense block, and the six parameters of each pose a block of their
 # own. Poses are eliminated image by image with the Schur complement, at a cost linear in the number
@@ -458,7 +458,7 @@ def _stepped(
     return Estimate(model, motions, shape, slides, values[last:])
 
 
-# -- Bundle adjustment of a camera model, target poses and board shape to all observations ---------
+# -- Bundle adjustment -----------------------------------------------------------------------------
 #
 # Levenberg-Marquardt steps on normal equations with eliminated poses. Gross errors are downweighted
 # by iterative reweighting with Cauchy weights at the scale of the noise (Hartley and Zisserman,

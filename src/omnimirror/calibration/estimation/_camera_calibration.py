@@ -54,7 +54,7 @@ from .observation_checks import (
 )
 from .observations import Motion, Sighting, rms_px
 
-# -- Parallax error of single-viewpoint models at object distances other than the boards' ----------
+# -- Parallax error --------------------------------------------------------------------------------
 
 MAX_PARALLAX_PIXELS = 1000
 MIN_SIGNIFICANT_GAIN = 5.0  # minimum gain in squared noise per additional parameter; chance gains 1
@@ -151,7 +151,7 @@ def _parallax_at(
     return ViewpointCost(distance_mm, rms_px, float(np.degrees(rms)))
 
 
-# -- Camera calibration from images of boards and surveyed points, without an initial value --------
+# -- Camera calibration ----------------------------------------------------------------------------
 
 Picture = NDArray[Any]
 

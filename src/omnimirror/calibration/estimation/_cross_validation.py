@@ -16,7 +16,7 @@ from ._bundle_adjustment import Adjustment, adjust
 from ._residuals import SHAPE_NAMES, UNSEEN_PX, as_placed
 from .observations import rms_px
 
-# -- Cross-validation: residuals in held-out images ------------------------------------------------
+# -- Held-out residuals ----------------------------------------------------------------------------
 
 MAX_LEAVE_ONE_OUT = (
     20  # maximum number of images for leave-one-out; larger sets are split into groups
@@ -135,7 +135,7 @@ def _leave_points_out(adjustment: Adjustment, seed: int, residuals: Array) -> No
         residuals[np.concatenate(rows)] = wrong
 
 
-# -- Model selection by cross-validation among camera models of increasing complexity --------------
+# -- Model selection -------------------------------------------------------------------------------
 
 MIN_GAIN = 0.02  # minimum relative improvement by a richer model
 

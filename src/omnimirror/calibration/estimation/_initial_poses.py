@@ -10,7 +10,7 @@ import numpy as np
 from ...base.typing import Array
 from .observations import Motion, Sighting
 
-# -- Linear pose estimation from bearings, without an initial value --------------------------------
+# -- Linear pose estimation ------------------------------------------------------------------------
 
 MIN_POINTS, MIN_DIRECTIONS = 6, 3  # minimum numbers of points and of directions of a target
 PLANAR_DEPTH = 1e-3  # relative to its extent; a target with smaller depth is treated as planar
@@ -140,7 +140,7 @@ def board_pose(bearings: Array, points_mm: Array) -> Motion | None:
     return Motion(rotation, place - rotation[:, :2] @ middle)
 
 
-# -- Initial values of a calibration: image centre, xi = 1, and a searched focal length ------------
+# -- Stereographic initial camera ------------------------------------------------------------------
 #
 # With xi = 1 the unified model is the stereographic projection ``r = f tan(Omega / 2)``, which
 # approximates every mirror and fisheye sufficiently. For each of a series of focal lengths, corners

@@ -64,7 +64,7 @@ class ProgressReporter:
     stop: Callable[[], bool] | None
 
     def at(self, what: str, share: float) -> None:
-        """Report the current step and the completed fraction; raise `Stopped` if cancelled."""
+        """Report the current step and the completed fraction; raise `CalibrationStopped` if cancelled."""
         if self.stop is not None and self.stop():
             raise CalibrationStopped
         if self.progress is not None:

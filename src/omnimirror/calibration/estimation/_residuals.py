@@ -13,7 +13,7 @@ from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
 from .observations import Motion, Sighting, Stack, stacked
 
-# -- Shape of a board that is not exactly flat and square, estimated in the bundle adjustment ------
+# -- Board shape -----------------------------------------------------------------------------------
 #
 # A printed board is stretched slightly and bends and twists by 1 to 2 mm. With corners accurate to
 # 0.1 px, this limits the calibration rather than the camera. Five parameters describe the shape.
@@ -93,7 +93,7 @@ class BoardShape:
         return moved
 
 
-# -- Residuals of an estimate and their derivatives with respect to camera, poses and shape --------
+# -- Residuals and derivatives ---------------------------------------------------------------------
 
 UNSEEN_PX = 1e3
 """Residual of a point outside the model's field."""

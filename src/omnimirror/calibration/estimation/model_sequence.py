@@ -30,7 +30,7 @@ from ._residuals import UNSEEN_PX, BoardShape, as_placed
 from .observation_checks import check_start, inconsistent_images
 from .observations import Motion, Sighting
 
-# -- Camera models for estimation, in order of complexity, with their initial values ---------------
+# -- Model kinds and initial models ----------------------------------------------------------------
 
 ModelConstructor = Callable[[Unified, float], CameraModel]
 """Constructor of a model that approximates a unified one up to a field angle in deg."""
@@ -156,7 +156,7 @@ def _degrees(radians: float) -> float:
     return radians * 57.29577951308232
 
 
-# -- Conversion between models: the initial value of a richer model reproduces a simpler one -------
+# -- Conversion between model kinds ----------------------------------------------------------------
 #
 # A richer model does not converge from a distant initial value. Therefore its projection is first
 # fitted to that of the simpler model, over the whole image and without corners. A model with
@@ -272,7 +272,7 @@ def _along(sighting: Sighting, shift_mm: float) -> Sighting:
     return sighting.moved(Motion(rotation, place + np.array([0.0, 0.0, shift_mm])))
 
 
-# -- Stages of the model sequence: each model starts at the robust fit of a simpler one ------------
+# -- Stages ----------------------------------------------------------------------------------------
 
 FIRST_FREE = (("xi", "fx", "fy", "cx", "cy"), ("fx", "fy", "cx", "cy", "k1", "k2"))
 """Alternative sets of parameters for the first adjustment; the better result is used.

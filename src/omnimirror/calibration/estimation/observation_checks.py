@@ -15,7 +15,7 @@ from ._bundle_adjustment import MEDIAN_OF_NOISE, Adjustment
 from ._residuals import UNSEEN_PX
 from .observations import Sighting
 
-# -- Checks of calibration images, with error messages that name the affected images ---------------
+# -- Image checks ----------------------------------------------------------------------------------
 
 MIN_IMAGES = 3
 MIN_CORNERS_PER_IMAGE = 12  # per image
@@ -172,7 +172,7 @@ def inconsistent_images(adjustment: Adjustment) -> dict[str, str]:
     }
 
 
-# -- Outlier rejection with a limit on the number of rejected corners ------------------------------
+# -- Outlier rejection -----------------------------------------------------------------------------
 #
 # Rejection of all corners that a model does not fit makes any model appear good. Therefore at most
 # 1 % are rejected, one at a time with an adjustment in between, by the best available model; the

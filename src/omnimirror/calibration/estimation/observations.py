@@ -18,7 +18,7 @@ from ...cameras.camera import Camera
 from ..straight_edges import csv_cells, csv_number
 from ..targets import Board, Detection
 
-# -- Observations: pixels with their known points, directions, lines or planes ---------------------
+# -- Observations ----------------------------------------------------------------------------------
 #
 # One form serves all kinds. A :class:`Sighting` holds the observations of one rigid target in one
 # image: corners of a board with unknown pose, surveyed points, stars, edges. Points are given in
@@ -365,7 +365,7 @@ def rms_px(residuals: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.sum(e * e, axis=1)))) if len(e) else float("nan")
 
 
-# -- Boards that equal their mirror image: numbering in mirrored and flipped images ----------------
+# -- Corner numbering of mirror-symmetric boards ---------------------------------------------------
 
 
 def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
@@ -430,7 +430,7 @@ def _is_from_behind(sighting: Sighting) -> bool:
     return float(sighting.motion.rotation[:, 2] @ sighting.motion(sighting.points).mean(axis=0)) < 0
 
 
-# -- Survey files: pixels with the surveyed points or star directions that they show ---------------
+# -- Survey files ----------------------------------------------------------------------------------
 
 PIXEL_COLUMNS = ("u_px", "v_px")
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
@@ -571,7 +571,7 @@ def _row(
     )
 
 
-# -- Simulated board corners without rendering, to test a calibration against a known camera -------
+# -- Simulated detections --------------------------------------------------------------------------
 
 MAX_IMAGES = 10_000
 MAX_TRIES = 200  # attempts per pose before an error is raised

@@ -21,7 +21,7 @@ from ...cameras.frames import Mount
 from ...cameras.models.camera_model import Optics
 from ...optics.toml_validation import did_you_mean
 
-# -- Values of a YAML, JSON or XML file with their locations, for errors that name the line --------
+# -- Parsed values ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -298,7 +298,7 @@ def _is_number(word: str) -> bool:
     return True
 
 
-# -- Interface of camera file formats: recognition, reading, writing, and supported camera models
+# -- Formats and layouts ---------------------------------------------------------------------------
 #
 # The parameters of a file apply to the calibrated image, as do those of the camera models here.
 # Information that files lack is given for reading (:class:`Reading`): the type of optics and

@@ -17,10 +17,10 @@ from ._camera_format import (
     number_row,
 )
 
-# -- OpenCV omnidir YAML: Mei's unified sphere, as in the sample ``omni_calibration`` --------------
+# -- omnidir (unified sphere) ----------------------------------------------------------------------
 #
-# The sample does not write the image size; this module adds ``image_width`` and ``image_height``,
-# named as in OpenCV's other samples. omnidir has no k3.
+# OpenCV's sample ``omni_calibration`` does not write the image size; this module adds
+# ``image_width`` and ``image_height``, named as in OpenCV's other samples. omnidir has no k3.
 
 OMNIDIR_PARAMETERS = frozenset({"xi", "fx", "fy", "skew", "cx", "cy", "k1", "k2", "p1", "p2"})
 
@@ -93,7 +93,7 @@ OMNIDIR = CameraFormat(
 )
 
 
-# -- OpenCV fisheye YAML: Kannala-Brandt polynomial, as in OpenCV's calibration sample -------------
+# -- fisheye (Kannala-Brandt) ----------------------------------------------------------------------
 #
 # OpenCV's functions divide by Z first, which limits projection and undistortion to less than
 # 90 deg from the axis, although the formula is valid beyond.
@@ -181,7 +181,7 @@ FISHEYE = CameraFormat(
 )
 
 
-# -- OpenCV pinhole YAML with distortion, as in OpenCV's calibration sample ------------------------
+# -- Pinhole with distortion -----------------------------------------------------------------------
 #
 # Coefficients are k1, k2, p1, p2, k3, and k4, k5, k6 of the rational model. OpenCV ignores skew and
 # projects less than 90 deg from the axis.

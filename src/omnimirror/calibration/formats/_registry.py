@@ -18,9 +18,9 @@ from ...optics.sensor_files import CALIBRATION_MARK, format_camera, format_senso
 from . import _basalt, _camodocal, _colmap, _kalibr, _opencv, _ros, _scaramuzza
 from ._camera_format import CameraFile, CameraFormat, Layout, Reading, Stored
 
-# -- omnimirror's own files: camera files (TOML with a table ``[camera]``) and sensor files --------
+# -- omnimirror's own files ------------------------------------------------------------------------
 #
-# Both describe a camera completely.
+# Camera files (TOML with a table ``[camera]``) and sensor files describe a camera completely.
 
 
 def _read_omnimirror(file: CameraFile, reading: Reading) -> list[Stored]:
@@ -51,7 +51,7 @@ OMNIMIRROR = CameraFormat(
 )
 
 
-# -- Registry of camera file formats: reading of any format, and selection of the output format ----
+# -- Registry --------------------------------------------------------------------------------------
 
 BUILT_IN_FORMATS = {
     "ocamcalib": _scaramuzza.OCAMCALIB,

@@ -18,7 +18,7 @@ from ...cameras.models.ocam import parse_polynomials
 from ...cameras.models.plausibility import inverse_polynomial_warnings
 from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored, number_row
 
-# -- OCamCalib ``calib_results.txt``: polynomial in the radius, its inverse, and an affine matrix
+# -- OCamCalib ``calib_results.txt`` ---------------------------------------------------------------
 #
 # The model is described in :mod:`omnimirror.cameras.models.ocam`. The direct polynomial may have
 # any degree; the inverse, which OCamCalib's ``world2cam`` uses for projection, is fitted when a
@@ -106,7 +106,7 @@ OCAMCALIB = CameraFormat(
 )
 
 
-# -- MATLAB ``fisheyeIntrinsics``: Scaramuzza's polynomial with four coefficients ------------------
+# -- MATLAB ``fisheyeIntrinsics`` ------------------------------------------------------------------
 #
 # In MATLAB the ray of a pixel is ``(u, v, a0 + a2 rho^2 + a3 rho^3 + a4 rho^4)``, with u right,
 # v down, Z towards the scene and a0 above 0. The pixel is ``[c d; e 1] (u, v) + centre``, and the
@@ -155,7 +155,7 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
 
 
 def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Reading) -> OCam:
-    """Convert to an OCamCalib camera, the inverse of `taylor_of`."""
+    """Convert to an OCamCalib camera, the inverse of `matlab_polynomial`."""
     (first, q), (r, last) = taylor.stretch
     if not 1e-3 < abs(first) < 1e3:
         raise SpecError(
@@ -311,14 +311,12 @@ MATLAB = CameraFormat(
 )
 
 
-# -- py-OCamCalib JSON: Scaramuzza's polynomial, its inverse, centre and stretch matrix ------------
+# -- py-OCamCalib JSON -----------------------------------------------------------------------------
 #
-# Z points towards the scene.
-#
-# The conventions are those of its ``cam2world``. If the matrix's third element e is not 0, its
-# ``world2cam`` inserts the already stretched column into the row equation, and differs from
-# ``cam2world`` by ``e (c - 1)`` times the distance. The file does not contain the image size; this
-# module adds ``image_size``, which py-OCamCalib ignores.
+# Z points towards the scene; the conventions are those of its ``cam2world``. If the matrix's third
+# element e is not 0, its ``world2cam`` inserts the already stretched column into the row equation,
+# and differs from ``cam2world`` by ``e (c - 1)`` times the distance. The file does not contain the
+# image size; this module adds ``image_size``, which py-OCamCalib ignores.
 
 
 def read_py_ocamcalib(file: CameraFile, reading: Reading) -> list[Stored]:
@@ -370,10 +368,11 @@ PY_OCAMCALIB = CameraFormat(
 )
 
 
-# -- py-omnicalib YAML: Scaramuzza's polynomial with Z towards the scene, its inverse, and the centre
+# -- py-omnicalib YAML -----------------------------------------------------------------------------
 #
-# Pixels are square and the image is rotationally symmetric: there is no affine matrix. The file
-# does not contain the image size; this module adds ``image_size``, which py-omnicalib ignores.
+# Z points towards the scene. Pixels are square and the image is rotationally symmetric: there is no
+# affine matrix. The file does not contain the image size; this module adds ``image_size``, which
+# py-omnicalib ignores.
 
 INVERSE_TERMS = "poly_incident_angle_to_radius"
 PY_OMNICALIB_PARAMETERS = frozenset({"cx", "cy", *(f"a{power}" for power in range(MAX_TERMS))})
@@ -422,7 +421,7 @@ PY_OMNICALIB = CameraFormat(
 )
 
 
-# -- MultiCol-SLAM camera YAML: OCamCalib's polynomials as ``Camera.a0 ...`` and ``Camera.pol0 ...``
+# -- MultiCol-SLAM YAML ----------------------------------------------------------------------------
 #
 # The affine matrix applies to (x, y): ``u = c X + d Y + u0``, ``v = e X + Y + v0``. The format is
 # read-only.

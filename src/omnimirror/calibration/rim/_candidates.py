@@ -13,7 +13,7 @@ from ..edge_detection import FINER_PX, EdgePoints, WorkingImage, at_working_size
 from ._ellipses import FLATTEST, NORMAL_SLACK, Ellipse, Shift, laid_through, shifted
 from ._features import FAMILY_OFFSET, SAME_RING, SECTORS, Finer, Ring, ring_of
 
-# -- Hough transform for circles: each edge votes for centres on both sides, for each radius -------
+# -- Hough transform for circles -------------------------------------------------------------------
 
 LEAST_RADIUS, LARGEST_RADIUS = 0.18, 0.75  # relative to the short image side
 RADIUS_STEP = 1.016
@@ -99,7 +99,7 @@ def visible_fraction(size: tuple[int, int], radius: float) -> NDArray[np.float32
     return seen
 
 
-# -- Candidate rings of an image: voted circles, ellipses fitted to edges, concentric rings --------
+# -- Candidate rings -------------------------------------------------------------------------------
 
 REACHES_PX = (6.0, 3.0, 1.5, 0.8)
 AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)

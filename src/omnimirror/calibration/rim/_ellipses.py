@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...base.typing import Array
 from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, turns
 
-# -- Nearly circular ellipses, and their fit to edges ----------------------------------------------
+# -- Ellipses and their fit to edges ---------------------------------------------------------------
 
 FLATTEST = 0.16  # limit of the stretch parameters; ratio of axes 0.73
 USUAL_STRETCH = 0.03  # typical stretch by tilt; prior for partially visible rims
@@ -284,7 +284,7 @@ def _step(
     return step
 
 
-# -- Subpixel refinement of a ring in the full-size image, from edges of profiles across it --------
+# -- Subpixel refinement ---------------------------------------------------------------------------
 
 PROFILES = 720
 REACH_PX = 5.0  # working pixels to both sides

@@ -17,7 +17,7 @@ from ...base.typing import Array, Mask
 from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, WorkingImage, strongest, turns
 from ._ellipses import NORMAL_SLACK, Ellipse
 
-# -- Features of a ring that indicate a mirror's rim: complete edges, and texture that ends at it
+# -- Edge and texture features ---------------------------------------------------------------------
 
 SECTORS = 72
 CLOSE_PX, NEAR_PX = 0.7, 1.6  # maximum distance from the ring for its own edges
@@ -484,7 +484,7 @@ def _calm(along: Image, seen: Mask) -> list[float]:
     return shares
 
 
-# -- Features of a ring relative to its concentric rings: number, clarity and bands between them
+# -- Features relative to concentric rings ---------------------------------------------------------
 
 MAX_STRETCH = 0.04  # maximum difference of the shapes of rings in a family
 NEIGHBOUR_INTERVALS = (

@@ -27,7 +27,7 @@ from ._classifier import UNLISTED, confidence, odds
 from ._ellipses import Ellipse, clearness, laid_through, refine_ring
 from ._features import Ring, ring_of
 
-# -- Detection of the camera's own image at the centre of the mirror: a disc with little texture
+# -- Image of the camera ---------------------------------------------------------------------------
 
 LEAST, LARGEST = 0.04, 0.6  # fractions of the rim's radius
 MIN_RADIUS_PX = 5.0
@@ -72,7 +72,7 @@ def _clear(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
     return edge * min(1.0, outside / SCENE_TEXTURE)
 
 
-# -- Detection of the mirror's rim in one or several images of a sensor ----------------------------
+# -- Mirror outline --------------------------------------------------------------------------------
 
 Picture = NDArray[Any]
 

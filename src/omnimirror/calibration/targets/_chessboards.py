@@ -24,7 +24,7 @@ from ._lattice_growth import (
 )
 from .boards import Board
 
-# -- Seeds of the board search: corners of four squares, and sets of nine that form a grid ---------
+# -- Seeds -----------------------------------------------------------------------------------------
 
 Grey = NDArray[np.float32]
 
@@ -156,7 +156,7 @@ def _nine(
     return float((off.max() + bent) / size), indices
 
 
-# -- Chessboard detection in distorted images by lattice growth ------------------------------------
+# -- Chessboard detection --------------------------------------------------------------------------
 
 WHOLE = 0.9
 """Minimum fraction of the corners of a lattice."""

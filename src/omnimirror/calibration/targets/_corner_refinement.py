@@ -20,7 +20,7 @@ from ...base.typing import Array
 from ._image_preparation import grey
 from .boards import Board, CornerWindow, Detection
 
-# -- Local quadratic maps from a board to the image, fitted to the corners around a point ----------
+# -- Local maps ------------------------------------------------------------------------------------
 #
 # No camera model is required. Over two or three squares, the image of a plane in any mirror is
 # quadratic within a few 0.01 px, which suffices to predict the next corner and the curvature of its
@@ -132,7 +132,7 @@ def inverted(maps: LocalMaps, u: Array, v: Array) -> tuple[Array, Array]:
     return np.stack([x, y]), np.array([[d1, -b1], [-c1, a1]]) / determinant
 
 
-# -- Saddle model of a corner, fitted to the pixels of the distorted image -------------------------
+# -- Saddle model ----------------------------------------------------------------------------------
 #
 # The model is a linear background plus a contrast times erf(p / (sqrt 2 s)) erf(q / (sqrt 2 s)).
 # Here p and q are the distances to the two edges, and s is the blur, including the pixel width.
@@ -350,7 +350,7 @@ class _Fit:
         return background + contrast * both, derivatives
 
 
-# -- Scatter of a board's corners around a smooth mapping: scale of their standard deviations ------
+# -- Scale of the standard deviations --------------------------------------------------------------
 #
 # The pixel residuals of a corner fit are a poor measure of the corner error. Compression,
 # saturation, sharpening and filtered noise are correlated between pixels and contribute little to
@@ -450,7 +450,7 @@ def _polynomials(points: Array, degree: int) -> Array:
     )
 
 
-# -- Corner refinement: a saddle model fitted in the distorted image, accurate to a few 0.01 px ----
+# -- Corner refinement -----------------------------------------------------------------------------
 
 REFINEMENT_PASSES = 2
 MAX_REFINEMENT_PASSES = 100

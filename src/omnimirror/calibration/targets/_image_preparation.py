@@ -12,7 +12,7 @@ from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.camera import Camera
 
-# -- Image preparation for board detection: greyscale conversion, image sizes and blur measurement
+# -- Greyscale conversion, image sizes and blur ----------------------------------------------------
 
 Grey = NDArray[np.float32]
 
@@ -134,7 +134,7 @@ def edge_blur_px(picture: Grey) -> float:
     return float(np.sqrt(np.clip(spread, 0.01, 1e3)))
 
 
-# -- Perspective views of an image, dewarped with an approximate camera ----------------------------
+# -- Local perspective views -----------------------------------------------------------------------
 
 FIELD_DEG = 80.0
 APART_DEG = 45.0

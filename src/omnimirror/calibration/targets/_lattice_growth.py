@@ -12,7 +12,7 @@ from ...base.typing import Array
 from ._corner_refinement import LocalMaps, fit_saddles, maps_about
 from .boards import Board, CornerWindow
 
-# -- Lattice growth: neighbours predicted ring by ring and verified in the image -------------------
+# -- Lattice growth --------------------------------------------------------------------------------
 #
 # The local map of the known lattice predicts the position of the next corners and the curvature of
 # their squares. A corner is accepted if the image, rectified by that map, correlates with four
@@ -425,7 +425,7 @@ def coloured(picture: Grey, places: Places, pixels: Array) -> LatticePart:
     )
 
 
-# -- Completion of a partially identified board: predicted corners, verified in the image ----------
+# -- Completion of partially identified boards -----------------------------------------------------
 
 Ids = NDArray[np.int_]
 

@@ -12,7 +12,7 @@ from ...base.arguments import check_fields, choice, number, whole
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 
-# -- Calibration boards: kinds, corner positions, neighbourhoods and markers -----------------------
+# -- Boards ----------------------------------------------------------------------------------------
 
 Kind = Literal["chessboard", "charuco", "aprilgrid"]
 
@@ -241,7 +241,7 @@ def dictionary(family: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{family.upper()}"))
 
 
-# -- Result of board detection in an image ---------------------------------------------------------
+# -- Detections ------------------------------------------------------------------------------------
 
 Ids = NDArray[np.int_]
 
