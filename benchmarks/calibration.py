@@ -181,12 +181,12 @@ def lines(data: Path | None) -> str:
             ("as drawn, focal length 3 % off, it and the place free", freed),
             ("unknown", None),
         ):
-            found = om.calibrate_lines([picture], model=model, **where)
+            found = om.calibrate_plumb_lines([picture], model=model, **where)
             rows.append(f"| {words} | {kind} | {_directions(truth, found.camera, pixels)} |")
     if data and (folder := data / "ocamcalib_cpp_sample").exists():
         known = om.load_ocam(folder / "calib_results_catadioptric.txt")
         picture = om.read_image(folder / "test_catadioptric.jpg")
-        found = om.calibrate_lines(
+        found = om.calibrate_plumb_lines(
             [picture], centre_px=known.centre_px, radius_px=370.0, inner_radius_px=80.0
         )
         phi = np.linspace(0, 2 * np.pi, 64, endpoint=False)
@@ -264,7 +264,7 @@ def photographs(data: Path) -> str:
         began = time.perf_counter()
         found = om.calibrate_camera(detections, board, model=model)
         taken = time.perf_counter() - began
-        used = sum(picture.used for picture in found.pictures)
+        used = sum(picture.used for picture in found.images)
         name = f"`{model}`" + (f", which takes `{found.model.KIND}`" if model == "auto" else "")
         rows.append(
             f"| {name} | {used} | {found.rms_px:.3f} | {found.held_out_rms_px:.3f} | {taken:.1f} |"

@@ -75,7 +75,7 @@ def compose(seed: int, folder: Path | None, *, mirror: bool = True) -> Photograp
     return Photograph(_recorded(rng, _lit(rng, picture, rim)), rim, inner, words)
 
 
-def error_of(rim: om.FoundRim, true: Rim) -> float:
+def error_of(rim: om.MirrorOutline, true: Rim) -> float:
     """Return the largest error of both semi-axes and of the centre, relative to the radius."""
     (a, b), (c, d) = rim.semi_axes_px, true.semi_axes_px
     away = np.hypot(*np.subtract(rim.centre_px, true.centre_px)) / np.sqrt(c * d)

@@ -78,7 +78,7 @@ def example(way: str, seed: int, photograph: Photograph) -> Example | None:
 
 
 def _error(ring: Ellipse, rim: Rim) -> float:
-    return error_of(om.FoundRim(ring.centre, ring.semi_axes, ring.angle_deg, 1.0, (0, 0)), rim)
+    return error_of(om.MirrorOutline(ring.centre, ring.semi_axes, ring.angle_deg, 1.0, (0, 0)), rim)
 
 
 def _of_seed(seed: int, ways: dict[str, Any], folder: Path | None) -> list[Example]:

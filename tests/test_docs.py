@@ -249,12 +249,14 @@ TABLES: dict[str, Callable[[Path], Any]] = {
     ),
     "lens.csv": lambda path: parse_lens(path).field_deg == (0, 5, 10, 15),
     "room.csv": lambda path: (
-        om.read_surveys(points=[path]).sightings[0].points.tolist() == [[2150, -730, 1420]]
+        om.read_observations(points=[path]).observations[0].points.tolist() == [[2150, -730, 1420]]
     ),
     "sky.csv": lambda path: (
-        om.read_surveys(directions=[path]).sightings[0].is_distant.tolist() == [True]
+        om.read_observations(directions=[path]).observations[0].is_distant.tolist() == [True]
     ),
-    "edges.csv": lambda path: [len(edge) for edge in om.read_lines([path])["hall.jpg"]] == [3],
+    "edges.csv": lambda path: (
+        [len(edge) for edge in om.read_line_points([path])["hall.jpg"]] == [3]
+    ),
 }
 """Readers of the displayed tables, and their documented properties."""
 

@@ -34,7 +34,7 @@ from typing import ClassVar
 import numpy as np
 from omnimirror.design import Limitable
 import omnimirror as om
-from omnimirror.calibration.formats import CameraFormat, Layout, Stored
+from omnimirror.calibration.formats import CameraFormat, Layout, CameraEntry
 from omnimirror.manufacturing import Content, Format
 from omnimirror.optics.mirrors import RIM_RADIUS, Mirror
 from omnimirror.base.parameters import Parameter
@@ -70,7 +70,7 @@ dots = Format(write, (".dots",))
 
 def centre_of(file, reading):
     u, v, width, height = map(float, file.text.split())
-    return [Stored("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.told))]
+    return [CameraEntry("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.told))]
 
 def centre_to(camera, name):
     return "{} {} {} {}".format(*camera.centre_px, *camera.image_size)

@@ -11,7 +11,7 @@ sensor = replace(
     om.load_sensor("paper-spherical"), imager=Imager(480, 400, 10.4, centre_px=(250.0, 190.0))
 )
 picture = om.take_picture(sensor, om.load_scene("street"), samples=4)
-rim = om.find_rim(picture)
+rim = om.detect_mirror_outline(picture)
 figure, ax = plt.subplots(figsize=(5, 4))
 ax.imshow(picture)
 ax.plot(*rim.points(100).T, "C3--")

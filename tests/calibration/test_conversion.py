@@ -64,11 +64,11 @@ def test_ocamcalibs_own_files_come_back_from_every_format_that_holds_them(tmp_pa
         made = om.convert(source, tmp_path / file, to=to, optics=optics)
         assert made.exact
         back = om.convert(tmp_path / file, tmp_path / "back.txt", to="ocamcalib", optics=optics)
-        again = om.load_ocam(tmp_path / "back.txt", optics)
-        error, share = off(camera, again)
+        refit = om.load_ocam(tmp_path / "back.txt", optics)
+        error, share = off(camera, refit)
         assert (back.exact, share) == (True, 1.0)
         assert error.max() < 1e-9
-        np.testing.assert_allclose(again.polynomial, camera.polynomial, rtol=1e-9)
+        np.testing.assert_allclose(refit.polynomial, camera.polynomial, rtol=1e-9)
 
 
 @pytest.mark.parametrize("to", FITTED)

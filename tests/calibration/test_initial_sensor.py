@@ -29,7 +29,7 @@ def off_px(model, central, omega_max_deg):
 
 def test_an_unknown_mirror_is_found_that_shows_distant_things_as_the_central_model_does():
     central = Unified(1.1, (260.0, 260.0), (318.0, 242.0), (640, 480), optics="mirror")
-    model = om.SensorModel.start_from(central, omega_max_deg=125.0)
+    model = om.SensorModel.from_central_model(central, omega_max_deg=125.0)
     assert off_px(model, central, 125.0) < 0.1
     assert 0 < model.viewpoint_mm[2] < 40
 
@@ -48,7 +48,7 @@ def test_a_known_kind_of_mirror_gets_its_shape_back(kind):
     change |= {"coefficients": (0.5, 0.0, 0.0)} if kind == "even-polynomial" else {}
     drawn = replace(truth, mirror=replace(truth.mirror, **change))
     field = truth.field_deg[1]
-    model = om.SensorModel.start_from(
+    model = om.SensorModel.from_central_model(
         om.SensorModel(truth), drawn, free=("shape", "tilt"), omega_max_deg=field - 0.1
     )
     x = np.linspace(0, 0.99 * truth.mirror.rim_radius_mm, 50)
@@ -58,7 +58,7 @@ def test_a_known_kind_of_mirror_gets_its_shape_back(kind):
 
 def test_a_misaligned_mirror_of_known_shape_is_found():
     truth = replace(sensor_of("sphere"), mirror_pose=MirrorPose(0.7, -0.4, 0.0, 0.0, 0.0))
-    model = om.SensorModel.start_from(
+    model = om.SensorModel.from_central_model(
         om.SensorModel(truth), truth.aligned(), free=("decentre",), omega_max_deg=120.0
     )
     found = model.sensor.mirror_pose

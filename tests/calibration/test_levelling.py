@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibration.levelling import level_in
+from omnimirror.calibration.levelling import level_from_image
 from omnimirror.cameras.frames import Mount
 
 
@@ -27,14 +27,16 @@ def test_upright_edges_of_a_room_tell_how_its_camera_leaned(lean):
         samples=1,
     )
     for picture in (taken, taken[..., 0]):
-        level = level_in(picture, sensor, sensor.mount, sensor.imager.centre, sensor.rim_radius_px)
+        level = level_from_image(
+            picture, sensor, sensor.mount, sensor.imager.centre, sensor.rim_radius_px
+        )
         assert (level.pitch_deg, level.roll_deg) == (
             pytest.approx(lean[0], abs=0.3),
             pytest.approx(lean[1], abs=0.3),
         )
         assert level.upright > 20
     assert (
-        level_in(
+        level_from_image(
             np.full((512, 512), 90, np.uint8), sensor, sensor.mount, sensor.imager.centre, 250.0
         )
         is None
@@ -49,8 +51,8 @@ def test_the_lean_of_a_ball_in_a_room(looked):
     ball = om.MirrorBall((349.5, 349.5), 330.0, 340.0, (700, 700), looked)
     taken = om.take_picture(ball, om.Room(texel_mm=15.0), samples=2)
     ball = replace(ball, mount=Mount(looked.camera_looks))
-    level = level_in(taken, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
-    assert level.is_sure
+    level = level_from_image(taken, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
+    assert level.is_reliable
     assert (level.pitch_deg, level.roll_deg) == pytest.approx(
         (looked.pitch_deg, looked.roll_deg), abs=0.4
     )
@@ -75,7 +77,9 @@ def test_large_pictures_are_looked_at_smaller():
         seen = cv2.resize(seen, (size, size), interpolation=cv2.INTER_LINEAR)
         wall = np.floor(np.degrees(np.arctan2(seen[..., 1], seen[..., 0])) / 15) % 2
         picture = np.where(np.abs(seen[..., 2]) < 0.6, 60 + 120 * wall, 110).astype(np.uint8)
-        levels.append(level_in(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px))
+        levels.append(
+            level_from_image(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
+        )
     for level in levels:
         assert (level.pitch_deg, level.roll_deg) == pytest.approx((5.0, -3.0), abs=0.1)
-        assert level.is_sure
+        assert level.is_reliable

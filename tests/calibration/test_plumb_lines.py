@@ -12,8 +12,8 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration import edge_detection
 from omnimirror.calibration.edge_detection import edge_chains
-from omnimirror.calibration.levelling import level_from
-from omnimirror.calibration.plumb_lines import drawn_edges
+from omnimirror.calibration.levelling import level_from_edges
+from omnimirror.calibration.plumb_lines import draw_edges
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import Unified
 from omnimirror.optics.mirrors.as_built import MirrorPose
@@ -80,7 +80,7 @@ def test_a_mirror_of_known_kind_is_refined_and_levelled():
     truth, picture = scene()
     drawn = replace(truth, lens=replace(truth.lens, focal_length_mm=11.2), mount=Mount("up"))
     model = om.SensorModel(drawn, ("focal", "decentre"))
-    found = om.calibrate_lines([picture], model=model, **field(truth))
+    found = om.calibrate_plumb_lines([picture], model=model, **field(truth))
     error, sigma = errors_deg(truth, found.camera)
     assert np.sqrt((error**2).mean()) < 0.2
     assert (error < 3 * sigma).mean() > 0.95
@@ -92,7 +92,7 @@ def test_a_mirror_of_known_kind_is_refined_and_levelled():
 
 def test_an_unknown_camera_of_one_viewpoint_is_found_within_what_is_said():
     truth, picture = scene()
-    found = om.calibrate_lines([picture], **field(truth))
+    found = om.calibrate_plumb_lines([picture], **field(truth))
     error, sigma = errors_deg(truth, found.camera)
     assert np.sqrt((error**2).mean()) < 2.0
     assert (error < 3 * sigma).mean() > 0.95
@@ -103,7 +103,7 @@ def test_what_lines_cannot_tell_is_named():
     """Focal length, size and distance of a mirror compensate each other."""
     truth, picture = scene()
     model = om.SensorModel(replace(truth, mount=Mount("up")), ("focal", "shape", "distance"))
-    found = om.calibrate_lines([picture], model=model, **field(truth))
+    found = om.calibrate_plumb_lines([picture], model=model, **field(truth))
     assert any("mirror.b_mm" in words and "lens.focal_length_mm" in words for words in found.free)
     error, _ = errors_deg(truth, found.camera)
     assert np.sqrt((error**2).mean()) < 0.5
@@ -117,13 +117,13 @@ def test_lean_of_a_camera_from_upright_edges():
     clutter = rng.normal(size=(20, 3))
     normals = np.concatenate([upright, clutter])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    level = level_from(normals, np.full(32, 30.0), Mount("down", 40.0))
+    level = level_from_edges(normals, np.full(32, 30.0), Mount("down", 40.0))
     assert (level.pitch_deg, level.roll_deg) == (
         pytest.approx(-7.0, abs=0.15),
         pytest.approx(4.0, abs=0.15),
     )
     assert level.upright >= 12
-    assert level_from(normals[:2], np.ones(2), lean) is None
+    assert level_from_edges(normals[:2], np.ones(2), lean) is None
 
 
 def test_edges_that_lie_anyhow_stand_upright_nowhere():
@@ -132,7 +132,7 @@ def test_edges_that_lie_anyhow_stand_upright_nowhere():
         for _ in range(40):
             normals = rng.normal(size=(count, 3))
             normals /= np.linalg.norm(normals, axis=1)[:, None]
-            assert level_from(normals, rng.uniform(5.0, 50.0, count), Mount("up")) is None
+            assert level_from_edges(normals, rng.uniform(5.0, 50.0, count), Mount("up")) is None
 
 
 def test_opacity_and_depth_change_no_edges():
@@ -150,25 +150,25 @@ def test_edges_found_in_bands_are_those_of_the_whole_picture(band, monkeypatch):
     random = np.random.default_rng(3)
     picture = cv2.GaussianBlur(random.integers(0, 256, (301, 260, 3)).astype(np.uint8), (0, 0), 6.0)
     picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX)
-    whole = edge_chains(picture, least_length_px=12.0)
+    whole = edge_chains(picture, min_length_px=12.0)
     monkeypatch.setattr(edge_detection, "BAND", band)
     assert len(whole) > 30
-    for one, other in zip(whole, edge_chains(picture, least_length_px=12.0), strict=True):
+    for one, other in zip(whole, edge_chains(picture, min_length_px=12.0), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_pictures_that_show_too_little_are_refused():
     grey = np.full((200, 200, 3), 128, np.uint8)
     with pytest.raises(InvalidParameter, match="0 edges are too few"):
-        om.calibrate_lines([grey])
+        om.calibrate_plumb_lines([grey])
     with pytest.raises(InvalidParameter, match="2 different sizes"):
-        om.calibrate_lines([grey, grey[:100]])
+        om.calibrate_plumb_lines([grey, grey[:100]])
     truth, picture = scene()
     other = Unified(1.0, (100.0, 100.0), (99.5, 99.5), (200, 200), optics="mirror")
     with pytest.raises(
         InvalidParameter, match="size of the images, 640 x 640 px; got 200 x 200 px"
     ):
-        om.calibrate_lines([picture], model=other, **field(truth))
+        om.calibrate_plumb_lines([picture], model=other, **field(truth))
 
 
 @pytest.mark.full
@@ -226,7 +226,7 @@ def test_the_rim_is_found_where_it_is_not_given(tmp_path):
 
 def test_edges_are_drawn_over_the_picture():
     picture = np.full((50, 60), 100, np.uint8)
-    drawn = drawn_edges(picture, [np.array([[10.0, 10.0], [40.0, 10.0]])], [True])
+    drawn = draw_edges(picture, [np.array([[10.0, 10.0], [40.0, 10.0]])], [True])
     assert drawn.shape == (50, 60, 3)
     assert drawn[10, 25, 1] > 200
     assert (drawn[30] == 50).all()
@@ -238,7 +238,7 @@ def test_a_photograph_of_a_room_tells_what_mirror_took_it(shared_data):
     folder = shared_data / "ocamcalib_cpp_sample"
     truth = om.load_ocam(folder / "calib_results_catadioptric.txt")
     picture = om.read_image(folder / "test_catadioptric.jpg")
-    found = om.calibrate_lines(
+    found = om.calibrate_plumb_lines(
         [picture], centre_px=truth.centre_px, radius_px=370.0, inner_radius_px=80.0
     )
     phi = np.linspace(0, 2 * np.pi, 16, endpoint=False)
@@ -272,7 +272,7 @@ def test_a_camera_is_refined_by_points_that_were_marked_on_straight_edges(tmp_pa
     lens = truth.lens
     drawn = replace(truth, lens=replace(lens, focal_length_mm=1.02 * lens.focal_length_mm))
     edges = marked_edges(truth)
-    found = om.calibrate_lines(
+    found = om.calibrate_plumb_lines(
         lines=[edges], image_size=truth.image_size, model=drawn, distance_mm=3000.0
     )
     off, said = errors_deg(truth, found.camera)
@@ -332,7 +332,7 @@ def test_few_edges_that_are_not_quite_straight_are_no_surer_than_they_are_right(
     ratios = []
     for seed in range(seeds):
         edges = bent_edges(truth, np.random.default_rng(seed), 10, 0.3)
-        found = om.calibrate_lines(
+        found = om.calibrate_plumb_lines(
             lines=[edges], image_size=SIZE, model=om.SensorModel(drawn, ("focal", "decentre"))
         )
         off, said = errors_deg(truth, found.camera)
@@ -354,4 +354,4 @@ def test_few_edges_that_are_not_quite_straight_are_no_surer_than_they_are_right(
 def test_tables_of_edges_that_will_not_do_are_told(text, says, tmp_path):
     (tmp_path / "edges.csv").write_text(text)
     with pytest.raises(InvalidParameter, match=re.escape(says)):
-        om.read_lines([tmp_path / "edges.csv"])
+        om.read_line_points([tmp_path / "edges.csv"])

@@ -53,8 +53,8 @@ def test_jobs_come_back_in_their_order_from_several_processes():
         processes = {process for _, process in found}
         assert len(processes) > 1
         assert os.getpid() in processes
-        again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
-        assert {process for _, process in again} <= processes
+        refit = spread.map(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
+        assert {process for _, process in refit} <= processes
     for process in processes - {os.getpid()}:
         with pytest.raises(ProcessLookupError, match="No such process"):
             os.kill(process, 0)
@@ -125,7 +125,7 @@ def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_pat
     found = om.find_boards(
         [*pictures, tmp_path / "a.png", tmp_path / "missing.png"],
         board,
-        progress=lambda done, _: told.append(done),
+        on_progress=lambda done, _: told.append(done),
     )
     assert told == list(range(1, 9))
     assert [one.name for one in found] == [
@@ -150,7 +150,7 @@ def test_a_search_that_is_stopped_keeps_what_was_found(long_s, monkeypatch):
         if done == 2:
             raise KeyboardInterrupt
 
-    found = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), progress=stop)
+    found = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), on_progress=stop)
     assert len(found) == 8
     assert sum("was stopped" in (one.reason or "") for one in found) == 6
     assert found[0].found

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.base.errors import SpecError
-from omnimirror.calibration.formats import FORMATS, CameraFile, Reading
+from omnimirror.calibration.formats import FORMATS, CameraFile, ReadOptions
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
@@ -55,7 +55,7 @@ HELD = [
     pytest.param(layout, camera, id=f"{layout}-{camera}")
     for layout in LAYOUTS
     for camera in CAMERAS
-    if not LAYOUTS[layout].lacks(CAMERAS[camera])
+    if not LAYOUTS[layout].unsupported(CAMERAS[camera])
 ]
 
 
@@ -74,7 +74,7 @@ def file_name(layout):
 
 
 def read(layout, data, camera):
-    reading = Reading(file_name(layout), getattr(camera, "optics", "mirror"), camera.mount)
+    reading = ReadOptions(file_name(layout), getattr(camera, "optics", "mirror"), camera.mount)
     return HOME[layout].read(CameraFile(reading.source, data), reading)
 
 
@@ -164,4 +164,4 @@ def test_a_file_with_one_wrong_number_is_read_or_refused_in_one_sentence(case, w
 def test_any_bytes_are_refused(name, data):
     FORMATS[name].recognises(CameraFile("camera", data))
     with pytest.raises(SpecError, match=r"^(cannot read )?camera"):
-        FORMATS[name].read(CameraFile("camera", data), Reading("camera"))
+        FORMATS[name].read(CameraFile("camera", data), ReadOptions("camera"))

@@ -35,7 +35,7 @@ SENSOR = om.Sensor(
     Imager(32, 32, 166.4),
     mirror_distance_mm=185.93,
 )
-RIM = om.FoundRim((16.0, 16.0), (14.0, 14.0), 0.0, 0.9, (32, 32))
+RIM = om.MirrorOutline((16.0, 16.0), (14.0, 14.0), 0.0, 0.9, (32, 32))
 ROOM = om.Room(40.0)
 PICTURE = np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8)
 LARGER = np.zeros((64, 64, 3), np.uint8)
@@ -96,8 +96,11 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "form_at": (FORM.at, {"x_mm": [1.0, 2.0], "y_mm": [0.0, 3.0]}),
     "form_effect": (om.form_effect, {"sensor": SENSOR, "form": FORM}),
     "as_built": (om.as_built, {"sensor": SENSOR, "form": FORM}),
-    "read_surveys": (om.read_surveys, {"points": ["survey.csv"], "directions": ["stars.csv"]}),
-    "read_lines": (om.read_lines, {"paths": ["edges.csv"]}),
+    "read_observations": (
+        om.read_observations,
+        {"points": ["survey.csv"], "directions": ["stars.csv"]},
+    ),
+    "read_line_points": (om.read_line_points, {"paths": ["edges.csv"]}),
     "load_views": (om.load_views, {"path": "views.toml"}),
     "NamedView": (
         om.NamedView,
@@ -243,8 +246,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "SensorModel": (om.SensorModel, {"sensor": SENSOR, "free": ("focal", "tilt"), "priors": None}),
-    "choose_frames": (
-        om.choose_frames,
+    "select_frames": (
+        om.select_frames,
         {
             "video": "v.mp4",
             "board": BOARD,
@@ -269,7 +272,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         {"picture": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1},
     ),
     "camera_from_rim": (om.camera_from_rim, {"rim": RIM, "mirror": "one-shot", "mount": None}),
-    "find_rim": (om.find_rim, {"pictures": LARGER}),
+    "detect_mirror_outline": (om.detect_mirror_outline, {"pictures": LARGER}),
     "sensor_from_rim": (om.sensor_from_rim, {"rim": RIM, "sensor": SENSOR}),
     "sensors_from_rim": (om.sensors_from_rim, {"rim": RIM, "sensor": SENSOR}),
     "best_apertures": (

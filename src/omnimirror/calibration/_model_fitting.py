@@ -95,13 +95,13 @@ class Sample:
         if np.isinf(distance_mm):
             return self.directions
         along = np.sum(self.origins * self.directions, axis=1)
-        room = distance_mm**2 - np.sum(self.origins**2, axis=1) + along**2
-        if room.min() < 0:
+        discriminant = distance_mm**2 - np.sum(self.origins**2, axis=1) + along**2
+        if discriminant.min() < 0:
             raise InvalidParameter(
                 f"distance_mm must be larger than the distances of the ray origins, up to "
                 f"{np.linalg.norm(self.origins, axis=1).max():.4g} mm; got {distance_mm:g}"
             )
-        points: Array = self.origins + (np.sqrt(room) - along)[:, None] * self.directions
+        points: Array = self.origins + (np.sqrt(discriminant) - along)[:, None] * self.directions
         return points
 
     def within(self, field_deg: float | None, inner_deg: float | None) -> Sample:
@@ -112,8 +112,8 @@ class Sample:
         InvalidParameter
             If no pixel of the camera is there.
         """
-        given = {"inner_deg": inner_deg, "field_deg": field_deg}
-        limits = [f"{name} = {value:g}" for name, value in given.items() if value is not None]
+        bounds = {"inner_deg": inner_deg, "field_deg": field_deg}
+        limits = [f"{name} = {value:g}" for name, value in bounds.items() if value is not None]
         if not limits:
             return self
         low, high = (
@@ -136,12 +136,12 @@ class Sample:
     def with_rim_of(self, other: Sample) -> Sample:
         """Return this sample with the outermost pixels of a denser one, to cover the whole field."""
         outermost = np.sort(other.omega)[-N_OUTERMOST_PIXELS:][0] - SAME_DIRECTION_RAD
-        kept = other.omega >= outermost
+        is_outermost = other.omega >= outermost
         return replace(
             self,
-            pixels=np.concatenate([self.pixels, other.pixels[kept]]),
-            origins=np.concatenate([self.origins, other.origins[kept]]),
-            directions=np.concatenate([self.directions, other.directions[kept]]),
+            pixels=np.concatenate([self.pixels, other.pixels[is_outermost]]),
+            origins=np.concatenate([self.origins, other.origins[is_outermost]]),
+            directions=np.concatenate([self.directions, other.directions[is_outermost]]),
         )
 
 
@@ -172,9 +172,9 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
 
 def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
     """Return whether the image centre looks towards -Z, from the camera or from its central pixels."""
-    said = getattr(camera, "looks_back", None)
-    if isinstance(said, bool):
-        return said
+    specified = getattr(camera, "looks_back", None)
+    if isinstance(specified, bool):
+        return specified
     centre = np.array(
         camera.symmetry.centre_px if camera.symmetry else np.array(camera.image_size) / 2
     )
@@ -203,10 +203,10 @@ class RotationalProjection:
     common: dict[str, Any]
     """Common arguments of all models: size, optics, mount."""
 
-    def least_squares(self, law: Array) -> tuple[float, float]:
+    def least_squares(self, radii: Array) -> tuple[float, float]:
         """Return the focal length of ``r = f law(Omega)`` and the rms residual in px."""
-        f = float(law @ self.radius / (law @ law))
-        return f, float(np.sqrt(np.mean((f * law - self.radius) ** 2)))
+        f = float(radii @ self.radius / (radii @ radii))
+        return f, float(np.sqrt(np.mean((f * radii - self.radius) ** 2)))
 
 
 def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> RotationalProjection:
@@ -223,8 +223,10 @@ def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> Rotati
     columns = np.zeros((n, 2, 2 + len(ODD_POWERS)))
     columns[:, 0, 0] = columns[:, 1, 1] = 1.0
     columns[:, :, 2:] = side[:, :, None] * powers[:, None, :]
-    found = np.linalg.lstsq(columns.reshape(2 * n, -1), sample.pixels.reshape(-1), rcond=None)[0]
-    radius = powers @ found[2:]
+    coefficients = np.linalg.lstsq(
+        columns.reshape(2 * n, -1), sample.pixels.reshape(-1), rcond=None
+    )[0]
+    radius = powers @ coefficients[2:]
     flat = np.column_stack([radius[:, None] * side, np.ones(n)])
     solution = np.linalg.lstsq(flat, sample.pixels, rcond=None)[0]
     matrix, centre = solution[:2].T, solution[2]
@@ -244,7 +246,7 @@ def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> Rotati
 
 
 def initial_models(
-    kind: type[CameraModel], places: frozenset[str] | None, picture: RotationalProjection
+    kind: type[CameraModel], parameters: frozenset[str] | None, projection: RotationalProjection
 ) -> Iterator[CameraModel]:
     """Yield initial models of a kind, simplest first.
 
@@ -252,9 +254,9 @@ def initial_models(
     ----------
     kind
         Class of the camera model.
-    places
+    parameters
         Names of parameters that may differ from 0; None for all.
-    picture
+    projection
         Projection to approximate.
 
     Raises
@@ -262,92 +264,101 @@ def initial_models(
     InvalidParameter
         If the kind cannot cover the field; the message states the reason.
     """
-    yield from INITIAL_MODELS[kind](places, picture)
+    yield from INITIAL_MODELS[kind](parameters, projection)
 
 
 def _focal(
-    f: float, places: frozenset[str] | None, picture: RotationalProjection
+    f: float, parameters: frozenset[str] | None, projection: RotationalProjection
 ) -> dict[str, Any]:
-    (a, skew), (_, d) = picture.matrix
-    made = {"focal_px": (float(a * f), float(d * f)), **picture.common}
-    if places is None or "skew" in places:
-        made["skew_px"] = float(skew * f)
-    return made
+    (a, skew), (_, d) = projection.matrix
+    arguments = {"focal_px": (float(a * f), float(d * f)), **projection.common}
+    if parameters is None or "skew" in parameters:
+        arguments["skew_px"] = float(skew * f)
+    return arguments
 
 
 def _kannala_brandt(
-    places: frozenset[str] | None, picture: RotationalProjection
+    parameters: frozenset[str] | None, projection: RotationalProjection
 ) -> Iterator[CameraModel]:
     """Yield the fit of ``r = f (Omega + k1 Omega^3 + ...)``, which is linear in f and f k."""
-    scale = picture.omega.max()
+    scale = projection.omega.max()
     powers = 2 * np.arange(5) + 1
-    found = np.linalg.lstsq((picture.omega / scale)[:, None] ** powers, picture.radius, rcond=None)[
-        0
-    ]
-    f, *rest = found / scale**powers
+    coefficients = np.linalg.lstsq(
+        (projection.omega / scale)[:, None] ** powers, projection.radius, rcond=None
+    )[0]
+    f, *rest = coefficients / scale**powers
     ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
-    kind = ThinPrismFisheye if places is not None and "k6" in places else KannalaBrandt
-    yield kind(**_focal(f, places, picture), **ks)
+    kind = ThinPrismFisheye if parameters is not None and "k6" in parameters else KannalaBrandt
+    yield kind(**_focal(f, parameters, projection), **ks)
 
 
-def _unified(places: frozenset[str] | None, picture: RotationalProjection) -> Iterator[CameraModel]:
+def _unified(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield models with the best xi below and above 1, or a pinhole if xi is fixed."""
-    if places is not None and "xi" not in places:
-        yield from _pinhole(Unified, {"xi": 0.0}, places, picture)
+    if parameters is not None and "xi" not in parameters:
+        yield from _pinhole(Unified, {"xi": 0.0}, parameters, projection)
         return
-    found: list[CameraModel] = []
-    refusal = InvalidParameter("")
+    models: list[CameraModel] = []
+    error = InvalidParameter("")
     for xi in (np.linspace(0.0, 1.0, 41), np.linspace(1.0, 3.0, 41)):
         try:
-            found.append(
+            models.append(
                 Unified(
                     **_best(
-                        picture, places, _unified_radius, lambda o, xi: np.cos(o) + xi, {"xi": xi}
+                        projection,
+                        parameters,
+                        _unified_radius,
+                        lambda o, xi: np.cos(o) + xi,
+                        {"xi": xi},
                     )
                 )
             )
-        except InvalidParameter as problem:
-            refusal = problem
-    if not found:
-        raise refusal
-    yield from found
+        except InvalidParameter as e:
+            error = e
+    if not models:
+        raise error
+    yield from models
 
 
 def _pinhole(
-    kind: Any, fixed: dict[str, float], places: frozenset[str] | None, picture: RotationalProjection
+    kind: Any,
+    fixed: dict[str, float],
+    parameters: frozenset[str] | None,
+    projection: RotationalProjection,
 ) -> Iterator[CameraModel]:
     """Yield the fit of ``r = f (t + k1 t^3 + k2 t^5 + k3 t^7)`` with ``t = tan(Omega)``.
 
     The number of terms is the maximum for which the projection does not fold within the field.
     """
-    if not picture.omega.max() < MAX_PINHOLE_ANGLE:
+    if not projection.omega.max() < MAX_PINHOLE_ANGLE:
         raise InvalidParameter(
-            f"does not cover the field of {np.degrees(picture.omega.max()):.4g} deg from the axis: a pinhole "
+            f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg from the axis: a pinhole "
             "projection is limited to less than 90 deg"
         )
-    tan = np.tan(picture.omega)
+    tan = np.tan(projection.omega)
     scale = tan.max()
     for terms in (4, 3, 2, 1):
         powers = 2 * np.arange(terms) + 1
         f, *rest = (
-            np.linalg.lstsq((tan / scale)[:, None] ** powers, picture.radius, rcond=None)[0]
+            np.linalg.lstsq((tan / scale)[:, None] ** powers, projection.radius, rcond=None)[0]
             / scale**powers
         )
         if f > 0:
             ks: dict[str, Any] = {
                 f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)
             }
-            model: CameraModel = kind(**fixed, **_focal(float(f), places, picture), **ks)
-            if model.image(_boundary_directions(picture), distant=True).valid.all():
+            model: CameraModel = kind(**fixed, **_focal(float(f), parameters, projection), **ks)
+            if model.image(_boundary_directions(projection), distant=True).valid.all():
                 yield model
                 return
 
 
-def _boundary_directions(picture: RotationalProjection) -> Array:
+def _boundary_directions(projection: RotationalProjection) -> Array:
     """Return directions (n, 3) around the boundary of the field, in the camera frame."""
     phi = np.linspace(0, 2 * np.pi, 16)
-    ahead = -1.0 if picture.common["optics"] == "mirror" else 1.0
-    omega = picture.omega.max()
+    ahead = -1.0 if projection.common["optics"] == "mirror" else 1.0
+    omega = projection.omega.max()
     return np.stack(
         [
             np.sin(omega) * np.cos(phi),
@@ -363,14 +374,14 @@ def _unified_radius(omega: Array, xi: float) -> Array:
 
 
 def _rational(
-    places: frozenset[str] | None, picture: RotationalProjection
+    parameters: frozenset[str] | None, projection: RotationalProjection
 ) -> Iterator[CameraModel]:
     """Yield a pinhole model without denominator."""
-    yield from _pinhole(RationalPinhole, {}, places, picture)
+    yield from _pinhole(RationalPinhole, {}, parameters, projection)
 
 
 def _enhanced(
-    places: frozenset[str] | None, picture: RotationalProjection
+    parameters: frozenset[str] | None, projection: RotationalProjection
 ) -> Iterator[CameraModel]:
     def depth(o: Array, alpha: float, beta: float) -> Array:
         return np.asarray(
@@ -379,64 +390,70 @@ def _enhanced(
 
     grid = {"alpha": np.linspace(0.02, 0.98, 25), "beta": np.geomspace(0.3, 4.0, 25)}
     yield EnhancedUnified(
-        **_best(picture, places, lambda o, a, b: np.sin(o) / depth(o, a, b), depth, grid)
+        **_best(projection, parameters, lambda o, a, b: np.sin(o) / depth(o, a, b), depth, grid)
     )
 
 
-def _double(places: frozenset[str] | None, picture: RotationalProjection) -> Iterator[CameraModel]:
+def _double(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     def depth(o: Array, xi: float, alpha: float) -> Array:
         z = xi + np.cos(o)
         return np.asarray(alpha * np.hypot(np.sin(o), z) + (1 - alpha) * z)
 
     grid = {"xi": np.linspace(-0.9, 0.95, 25), "alpha": np.linspace(0.02, 0.98, 25)}
     yield DoubleSphere(
-        **_best(picture, places, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid)
+        **_best(projection, parameters, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid)
     )
 
 
 def _best(
-    picture: RotationalProjection,
-    places: frozenset[str] | None,
-    law: Callable[..., Array],
+    projection: RotationalProjection,
+    parameters: frozenset[str] | None,
+    radius_of: Callable[..., Array],
     depth: Callable[..., Array],
     grid: dict[str, Array],
 ) -> dict[str, Any]:
     """Return the arguments of the best fit among models with increasing radius over the field."""
-    omega = np.linspace(0.0, picture.omega.max(), 200)
+    omega = np.linspace(0.0, projection.omega.max(), 200)
     best, arguments = np.inf, None
     for values in product(*grid.values()):
         with np.errstate(all="ignore"):
-            grows = (depth(omega, *values) > 1e-3).all() and (
-                np.diff(law(omega, *values)) > 0
+            is_increasing = (depth(omega, *values) > 1e-3).all() and (
+                np.diff(radius_of(omega, *values)) > 0
             ).all()
-        if grows:
-            f, left = picture.least_squares(law(picture.omega, *values))
-            if left < best:
-                best = left
+        if is_increasing:
+            f, residual = projection.least_squares(radius_of(projection.omega, *values))
+            if residual < best:
+                best = residual
                 arguments = {
                     **dict(zip(grid, map(float, values), strict=True)),
-                    **_focal(f, places, picture),
+                    **_focal(f, parameters, projection),
                 }
     if arguments is None:
         raise InvalidParameter(
-            f"does not cover the field of {np.degrees(picture.omega.max()):.4g} deg from the axis"
+            f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg from the axis"
         )
     return arguments
 
 
-def _ocam(places: frozenset[str] | None, picture: RotationalProjection) -> Iterator[CameraModel]:
+def _ocam(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield fits of ``f(rho) sin(Omega) = -rho cos(Omega)``, linear in the coefficients."""
-    (a, e), (d, c) = picture.matrix
-    rho = a * picture.radius
+    (a, e), (d, c) = projection.matrix
+    rho = a * projection.radius
     scale = rho.max()
-    for degree in (4,) if places is not None else (4, 6, 8):
+    for degree in (4,) if parameters is not None else (4, 6, 8):
         powers = np.array([0, *range(2, degree + 1)])
-        terms = (rho / scale)[:, None] ** powers * np.sin(picture.omega)[:, None]
-        found = np.linalg.lstsq(terms, -rho * np.cos(picture.omega), rcond=None)[0] / scale**powers
-        polynomial = (float(found[0]), 0.0, *map(float, found[1:]))
-        is_round = places is not None and "c" not in places
+        terms = (rho / scale)[:, None] ** powers * np.sin(projection.omega)[:, None]
+        coefficients = (
+            np.linalg.lstsq(terms, -rho * np.cos(projection.omega), rcond=None)[0] / scale**powers
+        )
+        polynomial = (float(coefficients[0]), 0.0, *map(float, coefficients[1:]))
+        is_round = parameters is not None and "c" not in parameters
         affine = (1.0, 0.0, 0.0) if is_round else (float(c / a), float(d / a), float(e / a))
-        yield OCam(polynomial, affine=affine, **picture.common)
+        yield OCam(polynomial, affine=affine, **projection.common)
 
 
 INITIAL_MODELS: dict[
@@ -500,25 +517,25 @@ def fit_model(
     distances_mm
         Distances with equal weights; irrelevant for a central camera.
     """
-    step = _Problem(start, sample, np.flatnonzero(free), distances_mm)
-    x = np.zeros(step.count)
-    square, gradient, hessian = step.evaluate(x)
+    problem = _Problem(start, sample, np.flatnonzero(free), distances_mm)
+    x = np.zeros(problem.count)
+    square, gradient, hessian = problem.evaluate(x)
     damping = 1e-3
     for _ in range(MAX_STEPS):
         scale = np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max())
         while damping < MAX_DAMPING:
-            move = np.linalg.lstsq(hessian + damping * np.diag(scale), -gradient, rcond=None)[0]
-            tried = step.evaluate(x + move)
-            if tried[0] <= square:
+            step = np.linalg.lstsq(hessian + damping * np.diag(scale), -gradient, rcond=None)[0]
+            trial = problem.evaluate(x + step)
+            if trial[0] <= square:
                 break
             damping *= 5
         else:
             break
-        gain = square - tried[0]
-        x, (square, gradient, hessian), damping = x + move, tried, max(damping / 10, 1e-15)
+        gain = square - trial[0]
+        x, (square, gradient, hessian), damping = x + step, trial, max(damping / 10, 1e-15)
         if gain <= RELATIVE_TOLERANCE * square or square <= EXACT_PX**2 * len(sample.pixels):
             break
-    return step.at(x)
+    return problem.at(x)
 
 
 class _Problem:
@@ -530,13 +547,17 @@ class _Problem:
     """
 
     def __init__(
-        self, start: CameraModel, sample: Sample, free: NDArray[np.intp], far: tuple[float, ...]
+        self,
+        start: CameraModel,
+        sample: Sample,
+        free: NDArray[np.intp],
+        distances_mm: tuple[float, ...],
     ) -> None:
         self.start, self.sample, self.free = start, sample, free
         self.values = np.array([p.value for p in start.parameters])
         self.scale = np.array([p.scale for p in start.parameters])
-        self.distances = (np.inf,) if sample.is_central else far
-        self.moves = not sample.is_central and bool(np.isfinite(far).any())
+        self.distances = (np.inf,) if sample.is_central else distances_mm
+        self.moves = not sample.is_central and bool(np.isfinite(distances_mm).any())
         self.turns = isinstance(start, OCam) and "d" in {start.parameters[i].name for i in free}
         self.first = sample.origins.mean(axis=0) if self.moves else np.zeros(3)
         self.count = len(free) + 3 * self.moves + self.turns
@@ -554,18 +575,18 @@ class _Problem:
 
     def evaluate(self, x: Array) -> tuple[float, Array, Array]:
         """Return sum of squares, gradient and Hessian; an infinite sum for invalid cameras."""
-        bad = np.inf, np.zeros(self.count), np.eye(self.count)
+        invalid = np.inf, np.zeros(self.count), np.eye(self.count)
         try:
-            model, viewpoint = (found := self.at(x)).model, found.viewpoint_mm
+            model, viewpoint = (fitted := self.at(x)).model, fitted.viewpoint_mm
         except OmnimirrorError:
-            return bad
+            return invalid
         total, gradient, hessian = 0.0, np.zeros(self.count), np.zeros((self.count, self.count))
         for distance in self.distances:
             distant = bool(np.isinf(distance))
             points = self.sample.points(distance) - (0.0 if distant else viewpoint)
             image = model.image(points, distant=distant)
             if not image.valid.all():
-                return bad
+                return invalid
             residual = (image.pixels - self.sample.pixels).reshape(-1)
             slopes = self._slopes(image, points, distant)
             total += float(residual @ residual)
@@ -600,11 +621,11 @@ def _rotated_stretch(
     return float(last / a), float(lower / a), float(upper / a)
 
 
-def reprojection_cost(found: FittedModel, sample: Sample, distance_mm: float) -> Cost:
+def reprojection_errors(fitted: FittedModel, sample: Sample, distance_mm: float) -> Cost:
     """Return the reprojection error of a model at a distance; infinite for invisible points."""
     distant = bool(np.isinf(distance_mm))
     points = sample.points(distance_mm)
-    image = found.model.image(points if distant else points - found.viewpoint_mm, distant=distant)
+    image = fitted.model.image(points if distant else points - fitted.viewpoint_mm, distant=distant)
     error = np.where(image.valid, np.hypot(*(image.pixels - sample.pixels).T), np.inf)
     return _cost_summary(error, sample, distance_mm)
 
@@ -634,12 +655,12 @@ def parallax(
 
 def _cost_summary(error: Array, sample: Sample, distance_mm: float) -> Cost:
     """Return the summary of errors (n,) px."""
-    worst = int(np.argmax(error))
-    u, v = sample.pixels[worst]
+    index = int(np.argmax(error))
+    u, v = sample.pixels[index]
     return Cost(
         distance_mm,
         float(np.sqrt(np.mean(error**2))),
-        float(error[worst]),
+        float(error[index]),
         (float(u), float(v)),
-        float(np.degrees(sample.omega[worst])),
+        float(np.degrees(sample.omega[index])),
     )

@@ -35,11 +35,11 @@ from .sensor_parameters import (
     ParameterLocation,
     ParameterPrior,
     checked_priors,
+    default_priors,
     free_names,
     group_names,
-    guessed_priors,
     parameter_location,
-    usual_priors,
+    unknown_mirror_priors,
     value_of,
     with_values,
 )
@@ -108,14 +108,20 @@ class SensorModel(CameraModel):
             object.__setattr__(
                 self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing)
             )
-        known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
-        free = asked if asked is not None else DEFAULT_GROUPS if known is None else known.names
+        uncertainty, requested = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
+        free = (
+            requested
+            if requested is not None
+            else DEFAULT_GROUPS
+            if uncertainty is None
+            else uncertainty.names
+        )
         object.__setattr__(self, "free", free_names(self.sensor, free))
-        given: tuple[ParameterPrior, ...] | None = self.priors
+        specified: tuple[ParameterPrior, ...] | None = self.priors
         priors = (
-            usual_priors(self.sensor, self.free)
-            if given is None
-            else checked_priors(self.free, given)
+            default_priors(self.sensor, self.free)
+            if specified is None
+            else checked_priors(self.free, specified)
         )
         object.__setattr__(self, "priors", priors)
 
@@ -130,8 +136,8 @@ class SensorModel(CameraModel):
     def parameters(self) -> tuple[ModelParameter, ...]:
         """Free parameters: name, value, unit, and the change that moves the image by 1 px."""
         return tuple(
-            ModelParameter(place.name, value_of(self.sensor, place), unit, scale)
-            for place, unit, scale in zip(self._places, self._units, self._scales, strict=True)
+            ModelParameter(location.name, value_of(self.sensor, location), unit, scale)
+            for location, unit, scale in zip(self._places, self._units, self._scales, strict=True)
         )
 
     def with_parameters(self, values: ArrayLike) -> Self:
@@ -152,15 +158,15 @@ class SensorModel(CameraModel):
         InvalidParameter
             If the number of values is wrong, or a value is out of range.
         """
-        wanted = np.asarray(values, dtype=float)
-        if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
+        numbers = np.asarray(values, dtype=float)
+        if numbers.shape != (len(self.free),) or not np.isfinite(numbers).all():
             raise InvalidParameter(
-                f"values must be {len(self.free)} finite numbers; got shape {wanted.shape}"
+                f"values must be {len(self.free)} finite numbers; got shape {numbers.shape}"
             )
         other = object.__new__(type(self))  # free parameters and priors are already checked
-        other.__dict__["sensor"] = with_values(self.sensor, self._places, wanted)
-        for kept in ("free", "priors", "_places", "_scales"):  # constant during an estimation
-            other.__dict__[kept] = getattr(self, kept)
+        other.__dict__["sensor"] = with_values(self.sensor, self._places, numbers)
+        for name in ("free", "priors", "_places", "_scales"):  # constant during an estimation
+            other.__dict__[name] = getattr(self, name)
         return other
 
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> Image:
@@ -193,7 +199,7 @@ class SensorModel(CameraModel):
         )
 
     @classmethod
-    def start_from(
+    def from_central_model(
         cls,
         central: CameraModel,
         sensor: Sensor | None = None,
@@ -235,27 +241,33 @@ class SensorModel(CameraModel):
         --------
         >>> import omnimirror as om
         >>> ball = om.MirrorBall((319.5, 239.5), 230.0, 250.0, (640, 480))
-        >>> model = om.SensorModel.start_from(ball)
+        >>> model = om.SensorModel.from_central_model(ball)
         >>> both = [m.image([[3.0, 2.0, 0.5]], distant=True).pixels for m in (model, ball)]
         >>> bool(abs(both[1] - both[0]).max() < 0.1)
         True
         """
-        law = radial_projection(central, omega_max_deg)
+        projection = radial_projection(central, omega_max_deg)
         distance = RIM_TO_DISTANCE * rim_radius_mm if distance_mm is None else distance_mm
-        known = unknown_sensor(central, law, rim_radius_mm, distance) if sensor is None else sensor
-        words = (
+        nominal = (
+            unknown_sensor(central, projection, rim_radius_mm, distance)
+            if sensor is None
+            else sensor
+        )
+        selection = (
             tuple(free)
             if free is not None
             else DEFAULT_GROUPS
             if sensor is not None
             else ("shape", *DEFAULT_GROUPS, "centre")
         )
-        names = free_names(known, words)
-        typical = guessed_priors if sensor is None else usual_priors
-        tolerances = typical(known, names) if priors is None else tuple(priors)
-        if set(group_names(known, "shape")) <= set(names):
-            known = with_prescribed_projection(law, known, rim_is_known=sensor is not None)
-        model = cls(known, names, tolerances)
+        names = free_names(nominal, selection)
+        prior_function = unknown_mirror_priors if sensor is None else default_priors
+        tolerances = prior_function(nominal, names) if priors is None else tuple(priors)
+        if set(group_names(nominal, "shape")) <= set(names):
+            nominal = with_prescribed_projection(
+                projection, nominal, rim_is_known=sensor is not None
+            )
+        model = cls(nominal, names, tolerances)
         return fit_to_central_model(model, central, model.priors, omega_max_deg)
 
     @property
@@ -295,15 +307,17 @@ class SensorModel(CameraModel):
 
     @cached_property
     def _scales(self) -> tuple[float, ...]:
-        turn = np.pi * (1 + np.sqrt(5)) * np.arange(N_PROBES)
+        azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(N_PROBES)
         height = 2 * (np.arange(N_PROBES) + 0.5) / N_PROBES - 1
         across = np.sqrt(1 - height**2)
-        sphere = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=-1)
+        sphere = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=-1)
         image = self.image(PROBE_DISTANCE * self.sensor.mirror.rim_radius_mm * sphere)
-        moved = image.d_parameters[image.valid]
-        if not len(moved):
+        derivatives = image.d_parameters[image.valid]
+        if not len(derivatives):
             return (1.0,) * len(self.free)
-        size = np.median(np.linalg.norm(moved, axis=1), axis=0)  # unbounded near the tip of a cone
+        size = np.median(
+            np.linalg.norm(derivatives, axis=1), axis=0
+        )  # unbounded near the tip of a cone
         return tuple(float(s) for s in 1 / np.where(size > 0, size, 1.0))
 
     # -- camera interface ------------------------------------------------------------------------
@@ -435,15 +449,15 @@ def mirror_ball_model(
     number("rim_radius_px", rim_radius_px, low=1.0, high=MAX_PX)
     number("focal_px", focal_px, low=1.0, high=MAX_PX)
     number("ball_radius_mm", ball_radius_mm, low=1e-3, high=1e6)
-    stand = Mount("forward") if mount is None else mount
+    orientation = Mount("forward") if mount is None else mount
     (width, height), (u, v) = finite("image_size", image_size, 1.0), finite("centre_px", centre_px)
     across = np.array([u - (width - 1) / 2, v - (height - 1) / 2])
-    if stand.image_flipped:
+    if orientation.image_flipped:
         across[0] = -across[0]
-    off = float(np.hypot(*across))
+    offset = float(np.hypot(*across))
     far, near = (
-        np.arctan((off + rim_radius_px) / focal_px),
-        np.arctan((off - rim_radius_px) / focal_px),
+        np.arctan((offset + rim_radius_px) / focal_px),
+        np.arctan((offset - rim_radius_px) / focal_px),
     )
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > MIN_ANGULAR_RADIUS:
@@ -451,7 +465,7 @@ def mirror_ball_model(
             f"rim_radius_px must be above {MIN_ANGULAR_RADIUS * focal_px:g} px for focal_px = {focal_px:g}; "
             f"got {rim_radius_px:g}"
         )
-    towards = np.append(np.sin(delta) * across / (off or 1.0), np.cos(delta))
+    towards = np.append(np.sin(delta) * across / (offset or 1.0), np.cos(delta))
     vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards
     distance, b0 = float(vertex[2]), focal_px * PITCH_UM * 1e-3
     pose = MirrorPose(
@@ -464,7 +478,7 @@ def mirror_ball_model(
         Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)),
         Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance),
         Imager(int(width), int(height), PITCH_UM),
-        stand,
+        orientation,
         distance,
         name="mirror ball",
         mirror_pose=pose,

@@ -54,13 +54,13 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     >>> place_of(om.load_sensor("paper-spherical"), "imager.centre_px[1]")
     NamedNumber(section='imager', key='centre_px', item=1)
     """
-    matched = NAME_PATTERN.fullmatch(name)
+    match = NAME_PATTERN.fullmatch(name)
     known = list(parameter_names(sensor))
-    if matched is None or name not in known:
+    if match is None or name not in known:
         raise InvalidParameter(
             f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {shown(name)}"
         )
-    section, key, index = matched.groups()
+    section, key, index = match.groups()
     return ParameterLocation(section, key, None if index is None else int(index))
 
 
@@ -109,13 +109,13 @@ def lens_names(sensor: Sensor) -> Iterable[str]:
     yield from (f"lens.{key}" for key in ("k1", "k2", "k3", "p1", "p2"))
 
 
-def value_of(sensor: Sensor, place: ParameterLocation) -> float:
+def value_of(sensor: Sensor, location: ParameterLocation) -> float:
     """Return the value of a parameter."""
-    return place.of(sensor if place.section == "mount" else getattr(sensor, place.section))
+    return location.of(sensor if location.section == "mount" else getattr(sensor, location.section))
 
 
 def with_values(
-    sensor: Sensor, places: Iterable[ParameterLocation], values: Iterable[float]
+    sensor: Sensor, locations: Iterable[ParameterLocation], values: Iterable[float]
 ) -> Sensor:
     """Return the sensor with other parameter values and without uncertainty.
 
@@ -125,20 +125,20 @@ def with_values(
     51.0
     """
     parts: dict[str, dict[str, Any]] = {}
-    for place, value in zip(places, values, strict=True):
-        entries = parts.setdefault(place.section, {})
-        if place.item is not None and place.key in entries:
-            values_so_far = list(entries[place.key])
-            values_so_far[place.item] = float(value)
-            entries[place.key] = tuple(values_so_far)
+    for location, value in zip(locations, values, strict=True):
+        entries = parts.setdefault(location.section, {})
+        if location.item is not None and location.key in entries:
+            values_so_far = list(entries[location.key])
+            values_so_far[location.item] = float(value)
+            entries[location.key] = tuple(values_so_far)
             continue
-        part = sensor if place.section == "mount" else getattr(sensor, place.section)
-        entries |= place.change(part, float(value))
-    whole = parts.pop("mount", {})
-    made = {
+        part = sensor if location.section == "mount" else getattr(sensor, location.section)
+        entries |= location.change(part, float(value))
+    sensor_entries = parts.pop("mount", {})
+    replacements = {
         section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()
     }
-    return replace(sensor, **made, **whole, uncertainty=None)
+    return replace(sensor, **replacements, **sensor_entries, uncertainty=None)
 
 
 # -- Parameter groups and priors -------------------------------------------------------------------
@@ -197,15 +197,15 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
     if isinstance(free, str):
         free = (free,)
     names: dict[str, None] = {}
-    for word in free:
-        if word in GROUPS:
-            names |= dict.fromkeys(group_names(sensor, word))
-        elif NAME_PATTERN.fullmatch(str(word)):
-            names[parameter_location(sensor, word).name] = None
+    for entry in free:
+        if entry in GROUPS:
+            names |= dict.fromkeys(group_names(sensor, entry))
+        elif NAME_PATTERN.fullmatch(str(entry)):
+            names[parameter_location(sensor, entry).name] = None
         else:
             raise InvalidParameter(
                 f"free must contain groups ({', '.join(GROUPS)}) or parameter names "
-                f"({', '.join(parameter_names(sensor))}); got {shown(word)}"
+                f"({', '.join(parameter_names(sensor))}); got {shown(entry)}"
             )
     if not names:
         raise InvalidParameter(
@@ -215,7 +215,7 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
+def default_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
     """Return typical workshop tolerances of parameters that images alone determine poorly.
 
     They are 5 % for focal length and distance, 1 % of the image width for the optical axis, and 3 %
@@ -238,7 +238,7 @@ def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, 
     )
 
 
-def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
+def unknown_mirror_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
     """Return priors of an unknown mirror: usual pose tolerances, unknown distance and lens.
 
     Focal length and distance are arbitrary initial values. Images that do not determine them must
@@ -258,13 +258,13 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior
         for name in names
         if name.startswith("mirror.coefficients")
     }
-    mounted = (prior for prior in usual_priors(sensor, names) if prior.name not in sigma)
-    made_up = (
+    pose_priors = (prior for prior in default_priors(sensor, names) if prior.name not in sigma)
+    shape_priors = (
         ParameterPrior(n, value_of(sensor, parameter_location(sensor, n)), sigma[n])
         for n in names
         if n in sigma
     )
-    return (*made_up, *mounted)
+    return (*shape_priors, *pose_priors)
 
 
 @checked
@@ -272,17 +272,17 @@ def checked_priors(
     names: tuple[str, ...], priors: Iterable[ParameterPrior]
 ) -> tuple[ParameterPrior, ...]:
     """Return priors of free parameters after checks, each with a positive tolerance."""
-    given = tuple(priors)
-    for prior in given:
+    entries = tuple(priors)
+    for prior in entries:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
             raise WrongKind(
                 f"priors must be tuples (name, value, standard deviation); got {shown(prior)}"
             )
-    checked = tuple(ParameterPrior(*prior) for prior in given)
-    for prior in checked:
+    result = tuple(ParameterPrior(*prior) for prior in entries)
+    for prior in result:
         if prior.name not in names:
             raise InvalidParameter(
                 f"priors must refer to free parameters ({', '.join(names)}); got {shown(prior.name)}"
             )
         number(f"sigma of {prior.name}", prior.sigma, above=0.0)
-    return checked
+    return result

@@ -77,10 +77,12 @@ def direction_uncertainty(
     >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]], field_deg=90.0).round(3)
     array([0.078,   nan])
     """
-    known = _uncertain_model(camera, covariance, field_deg)
-    rays = known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
-    directions = turned(rays.directions, known.model.mount.rotation())
-    return direction_sigma_deg(known.model, known.covariance, directions, known.field_deg)
+    uncertain = _uncertain_model(camera, covariance, field_deg)
+    rays = uncertain.model.backproject(vectors("pixels", pixels, 2, is_list=True))
+    directions = turned(rays.directions, uncertain.model.mount.rotation())
+    return direction_sigma_deg(
+        uncertain.model, uncertain.covariance, directions, uncertain.field_deg
+    )
 
 
 @checked
@@ -133,19 +135,22 @@ def floor_uncertainty(
         raise InvalidParameter(
             "height_mm must be above 0 mm for a floor or below 0 mm for a ceiling; got 0"
         )
-    known = _uncertain_model(camera, covariance, field_deg)
-    model, rays = known.model, known.model.backproject(vectors("pixels", pixels, 2, is_list=True))
-    along = _to_floor(rays, height)
-    points = rays.origins + along[:, None] * rays.directions
+    uncertain = _uncertain_model(camera, covariance, field_deg)
+    model, rays = (
+        uncertain.model,
+        uncertain.model.backproject(vectors("pixels", pixels, 2, is_list=True)),
+    )
+    lengths = _to_floor(rays, height)
+    points = rays.origins + lengths[:, None] * rays.directions
     world = model.mount.rotation()
-    level = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
+    horizontal = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
     sigma = major_sigma(
         direction_covariance_at(
-            model, known.covariance, turned(points, world), level, distant=False
+            model, uncertain.covariance, turned(points, world), horizontal, distant=False
         )
     )
     return np.where(
-        within_field(model, turned(rays.directions, world), known.field_deg), sigma, np.nan
+        within_field(model, turned(rays.directions, world), uncertain.field_deg), sigma, np.nan
     )
 
 
@@ -176,13 +181,13 @@ class UncertaintyMap:
 
     def summary(self) -> dict[str, float]:
         """Return the median, the 95th percentile and the maximum of all finite values."""
-        seen = self.sigma[np.isfinite(self.sigma)]
-        if not seen.size:
+        values = self.sigma[np.isfinite(self.sigma)]
+        if not values.size:
             return {}
         return {
-            f"median_{self.unit}": float(np.median(seen)),
-            f"percentile_95_{self.unit}": float(np.percentile(seen, 95)),
-            f"largest_{self.unit}": float(seen.max()),
+            f"median_{self.unit}": float(np.median(values)),
+            f"percentile_95_{self.unit}": float(np.percentile(values, 95)),
+            f"largest_{self.unit}": float(values.max()),
         }
 
 
@@ -243,14 +248,21 @@ def uncertainty_map(
             camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg
         )
         unit = "mm"
-    known = _uncertain_model(camera, covariance, field_deg)
-    rays = known.model.backproject(pixels)
-    inside = within_field(
-        known.model, turned(rays.directions, known.model.mount.rotation()), known.field_deg
+    uncertain = _uncertain_model(camera, covariance, field_deg)
+    rays = uncertain.model.backproject(pixels)
+    is_inside = within_field(
+        uncertain.model,
+        turned(rays.directions, uncertain.model.mount.rotation()),
+        uncertain.field_deg,
     )
-    is_restricted = bool((rays.valid & ~inside).any())
+    is_restricted = bool((rays.valid & ~is_inside).any())
     return UncertaintyMap(
-        columns, rows, sigma.reshape(len(rows), len(columns)), unit, known.field_deg, is_restricted
+        columns,
+        rows,
+        sigma.reshape(len(rows), len(columns)),
+        unit,
+        uncertain.field_deg,
+        is_restricted,
     )
 
 
@@ -264,8 +276,10 @@ def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
 def _to_floor(rays: Rays, height_mm: float) -> Array:
     """Return the lengths (n,) in mm of rays to the floor; NaN beyond 100 heights."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        along = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
-        return np.where((along > 0) & (along < MAX_FLOOR_DISTANCE * abs(height_mm)), along, np.nan)
+        lengths = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
+        return np.where(
+            (lengths > 0) & (lengths < MAX_FLOOR_DISTANCE * abs(height_mm)), lengths, np.nan
+        )
 
 
 class _UncertainModel(NamedTuple):
@@ -284,21 +298,23 @@ def _uncertain_model(
     """Return the model, its covariance, and the given or calibrated field."""
     instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")
     field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
-    given = camera.uncertainty if covariance is None else covariance
-    if given is None:
+    specified = camera.uncertainty if covariance is None else covariance
+    if specified is None:
         raise InvalidParameter(
             "covariance must be specified for a camera without uncertainty; a calibration writes it into "
             "the table [uncertainty] of the camera file"
         )
-    if isinstance(given, Uncertainty):
-        field = given.field_deg if field is None else field
+    if isinstance(specified, Uncertainty):
+        field = specified.field_deg if field is None else field
         if isinstance(camera, Sensor | SensorModel):
             sensor = camera if isinstance(camera, Sensor) else camera.sensor
-            return _UncertainModel(SensorModel(sensor, given.names), given.of(given.names), field)
-        return _UncertainModel(camera, given.of([p.name for p in camera.parameters]), field)
+            return _UncertainModel(
+                SensorModel(sensor, specified.names), specified.of(specified.names), field
+            )
+        return _UncertainModel(camera, specified.of([p.name for p in camera.parameters]), field)
     model = SensorModel(camera) if isinstance(camera, Sensor) else camera
     names = [p.name for p in model.parameters]
-    matrix = finite("covariance", given)
+    matrix = finite("covariance", specified)
     if matrix.shape != (len(names), len(names)):
         raise InvalidParameter(
             f"covariance must have the shape {len(names), len(names)} for the parameters "

@@ -188,7 +188,10 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"),
         "apps.cli.commands.board:write_board",
     ),
-    "rim": (("rim", "view/0.png", "--figure", "a.png"), "apps.cli.commands.rim:find_rim"),
+    "rim": (
+        ("rim", "view/0.png", "--figure", "a.png"),
+        "apps.cli.commands.rim:detect_mirror_outline",
+    ),
     "lines": (
         ("lines", "large/0.png", "--camera", "paper-spherical", "--rim", "512", "512", "500"),
         "apps.cli.commands.lines:load_camera",

@@ -13,7 +13,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.estimation.observation_checks import coverage, recommendations
-from omnimirror.calibration.estimation.observations import Sighting
+from omnimirror.calibration.estimation.observations import Observation
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models.camera_model import direction_covariance
 
@@ -28,8 +28,8 @@ def test_the_camera_is_found_without_a_guess():
     found = calibrated(detections(count=8))
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert found.rms_px < found.held_out_rms_px < 1.15 * found.rms_px
-    assert all(p.used and p.reason is None for p in found.pictures)
-    assert found.corners == sum(p.found for p in found.pictures)
+    assert all(p.used and p.reason is None for p in found.images)
+    assert found.corners == sum(p.found for p in found.images)
     assert found.outliers == ()
     assert {name for free in found.free for name in free.names} <= {
         "xi",
@@ -114,9 +114,9 @@ def test_wrong_corners_are_named_and_no_others():
         detection = next(d for d in seen if d.name == name)
         detection.corners_px[list(detection.ids).index(corner)] += [shift, 0.0]
     found = calibrated(seen)
-    assert {(o.picture, o.corner) for o in found.outliers} == set(wrong)
+    assert {(o.image, o.corner) for o in found.outliers} == set(wrong)
     worst = found.outliers[0]
-    assert (worst.picture, worst.corner) == ("image 3", 20)
+    assert (worst.image, worst.corner) == ("image 3", 20)
     assert worst.residual_px == pytest.approx(4.0, abs=0.5)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
@@ -141,8 +141,8 @@ def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
         wrong |= {(detection.name, int(i)) for i in detection.ids[is_wrong]}
         seen.append(replace(detection, corners_px=detection.corners_px + shift))
     found = calibrated(seen)
-    rejected = {(o.picture, o.corner) for o in found.outliers}
-    remaining = {(o.picture, o.corner) for o in found.remaining_outliers}
+    rejected = {(o.image, o.corner) for o in found.outliers}
+    remaining = {(o.image, o.corner) for o in found.remaining_outliers}
     assert rejected <= wrong
     assert len(remaining - wrong) <= 1
     assert len(wrong - rejected - remaining) <= 0.1 * len(wrong)
@@ -150,7 +150,7 @@ def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
     assert len(notes) == (1 if remaining else 0)
     if remaining:
         assert notes[0].startswith(f"{len(remaining)} of the used corners")
-        assert found.remaining_outliers[0].picture in notes[0]
+        assert found.remaining_outliers[0].image in notes[0]
     else:
         assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert len(found.to_dict()["remaining_outliers"]) == len(remaining)
@@ -227,7 +227,7 @@ def test_a_picture_that_no_board_explains_is_named_and_left_out():
         )
     )
     found = calibrated(seen)
-    left_out = {p.name: p.reason for p in found.pictures if not p.used}
+    left_out = {p.name: p.reason for p in found.images if not p.used}
     assert left_out.keys() == {"image 5", "blurred.png"}
     assert "the median residual of its corners" in left_out["image 5"]
     assert "is blurred" in left_out["blurred.png"]
@@ -245,7 +245,7 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(opt
     """A pose absorbs most of a shift; the residual reveals it."""
     seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
     found = calibrated(seen, optics=optics)
-    (left_out,) = [p for p in found.pictures if not p.used]
+    (left_out,) = [p for p in found.images if not p.used]
     assert left_out.name == "image 5"
     assert re.search(words, left_out.reason)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
@@ -266,7 +266,7 @@ def test_flipped_pictures_are_named_and_left_out(count, numbers):
     """A chessboard is valid in its mirror image too: only the offset between mirror and image
     centres reveals the flip, and camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
-    left_out = {p.name: p.reason for p in found.pictures if not p.used}
+    left_out = {p.name: p.reason for p in found.images if not p.used}
     assert left_out.keys() == {f"image {number + 1}" for number in numbers}
     assert set(left_out.values()) == {
         "it fits the other images only after flipping left to right: it was flipped"
@@ -282,8 +282,8 @@ def test_none_is_called_flipped_where_none_was(seed):
         om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed
     )
     for model in ("unified", "auto"):
-        assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).pictures)
-    assert all(p.used for p in calibrated(detections(count=4 + seed, seed=seed)).pictures)
+        assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).images)
+    assert all(p.used for p in calibrated(detections(count=4 + seed, seed=seed)).images)
 
 
 @pytest.mark.parametrize(
@@ -467,7 +467,7 @@ def test_boards_whose_place_is_not_known_are_advised_on_by_their_corners_alone()
     corners = np.stack(
         np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1
     ).reshape(-1, 2)
-    seen = coverage([Sighting("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
+    seen = coverage([Observation("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
     assert seen.counts.sum() == 77
     said = recommendations(seen, 1)
     assert said[0].startswith("Take more images: 1 is used")

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.estimation import Motion, StraightEdges
-from omnimirror.calibration.estimation._residuals import without_motions
+from omnimirror.calibration.estimation import RigidTransform, StraightEdges
+from omnimirror.calibration.estimation._residuals import eliminate_line_positions
 from tests.commands import fails, omnimirror
 
 MIDDLE, RADIUS = np.array([322.0, 238.0]), 205.0
@@ -96,13 +96,17 @@ def test_where_it_ends_the_sum_of_points_and_edges_is_least():
     points = np.random.default_rng(3).normal(0, 2000, (60, 3)) * [1, 1, 0.3]
     image = TRUTH.image(points)
     noise = np.random.default_rng(4).normal(0, 0.3, (int(image.valid.sum()), 2))
-    room = om.Sighting(
-        "room", image.pixels[image.valid] + noise, points[image.valid], Motion.none(), is_known=True
+    room = om.Observation(
+        "room",
+        image.pixels[image.valid] + noise,
+        points[image.valid],
+        RigidTransform.identity(),
+        is_known=True,
     )
     marked = StraightEdges.of({"room.jpg": edges(20)}, np.inf, TRUTH.image_size)
-    found = om.adjust(TRUTH, [room], edges=marked)
-    linear, known = without_motions(found.linearised), marked.known(found.model)
-    pull = np.einsum("nip,ni->p", linear.d_shared, linear.residuals) / found.question.noise_px**2
+    found = om.bundle_adjust(TRUTH, [room], edges=marked)
+    linear, known = eliminate_line_positions(found.linearised), marked.known(found.model)
+    pull = np.einsum("nip,ni->p", linear.d_shared, linear.residuals) / found.problem.noise_px**2
     against = known.information @ (
         np.array([p.value for p in found.model.parameters]) - known.expected
     )
@@ -145,7 +149,7 @@ def test_edges_and_surveyed_points_on_the_command_line(tmp_path):
     ]
     (tmp_path / "room.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n" + "\n".join(rows))
     marks = [f"wall.jpg,{i},{u:.3f},{v:.3f}" for i, edge in enumerate(edges(12)) for u, v in edge]
-    (tmp_path / "edges.csv").write_text("picture,line,u_px,v_px\n" + "\n".join(marks))
+    (tmp_path / "edges.csv").write_text("image,line,u_px,v_px\n" + "\n".join(marks))
     asked = ("--points", "room.csv", "--image-size", "640x480", "--model", "unified")
     run = omnimirror(
         "calibrate", *asked, "--lines", "edges.csv", "--json", "found.json", cwd=tmp_path

@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.estimation._mount_stability import OwnCentres, check_mount_stability
+from omnimirror.calibration.estimation._mount_stability import ImageCentres, check_mount_stability
 
 from .cases import BOARD, NOISE_PX, detections
 
@@ -77,7 +77,7 @@ def test_the_group_that_explains_most_is_found():
         random = np.random.default_rng(seed)
         half = together @ (random.normal(size=(12, 12)) * random.uniform(0.3, 3, 12))
         offsets = 2.0 * np.repeat(random.permutation(6) < 3, 2) + random.normal(0, 0.3, 12)
-        own = OwnCentres(
+        own = ImageCentres(
             (half @ half.T).reshape(6, 2, 6, 2), -(half @ half.T @ offsets).reshape(6, 2)
         )
         groups = np.array(

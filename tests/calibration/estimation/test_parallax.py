@@ -16,10 +16,10 @@ def error_far_away_deg(found: om.Calibration) -> float:
     """Return the RMS direction error at the pixels of corners; board poses, with known truth, align
     the frames."""
     fit = found.adjustment
-    pixels = np.concatenate([s.pixels for s in fit.sightings])
+    pixels = np.concatenate([s.pixels for s in fit.observations])
     rays, looks = MIRROR.backproject(pixels), fit.model.backproject(pixels)
     both = rays.valid & looks.valid
-    corners = np.concatenate([s.motion(s.points) for s in fit.sightings])[both]
+    corners = np.concatenate([s.pose(s.points) for s in fit.observations])[both]
     world = MIRROR.mount.rotation()
     starts, ways, looks = (
         a[both] @ world for a in (rays.origins, rays.directions, looks.directions)

@@ -63,7 +63,7 @@ def test_without_the_shape_of_the_board_the_targets_hold_as_well():
     found = om.calibrate_camera(
         om.find_boards(PICTURES, BOARD), BOARD, model="viewpoint-spline", board_shape=False
     )
-    assert all(p.used for p in found.pictures)
+    assert all(p.used for p in found.images)
     assert found.rms_px < 0.16
     assert found.held_out_rms_px < 0.18
 
@@ -96,7 +96,7 @@ def test_a_mirror_that_moved_a_little_or_before_the_last_picture_is_found_out():
     with pytest.raises(InvalidParameter, match=r"in each lies elsewhere|between them"):
         om.calibrate_camera(shifted(9, [3.0, 2.0]), BOARD, model="unified")
     last = om.calibrate_camera(shifted(16, [9.0, 4.0]), BOARD, model="unified")
-    assert [p.name for p in last.pictures if not p.used] == [PICTURES[16].name]
+    assert [p.name for p in last.images if not p.used] == [PICTURES[16].name]
 
 
 @pytest.mark.long

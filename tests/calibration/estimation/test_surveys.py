@@ -12,10 +12,10 @@ from tests.everyday import few
 
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections
 
-HEAD = {"points": "picture,u_px,v_px,x_mm,y_mm,z_mm", "directions": "picture,u_px,v_px,x,y,z"}
+HEAD = {"points": "image,u_px,v_px,x_mm,y_mm,z_mm", "directions": "image,u_px,v_px,x,y,z"}
 
 
-def seen(camera, near: int, far: int, seed: int = 0) -> om.Sighting:
+def seen(camera, near: int, far: int, seed: int = 0) -> om.Observation:
     """Return an observation of a room with a corridor of 40 m and of stars, in arbitrary axes."""
     random = np.random.default_rng(seed)
     points = random.normal(size=(8 * (near + far), 3))
@@ -27,7 +27,7 @@ def seen(camera, near: int, far: int, seed: int = 0) -> om.Sighting:
     )
     turn, shift = rotation_of(random.normal(size=3)), random.normal(0, 2000, 3)
     pixels = np.concatenate([close.pixels[chosen], away.pixels[distant]])
-    return om.Sighting(
+    return om.Observation(
         "room",
         pixels + random.normal(0, NOISE_PX, pixels.shape),
         np.concatenate([points[chosen] @ turn.T + shift, points[distant] @ turn.T]),
@@ -73,17 +73,17 @@ def test_where_the_camera_stood_among_the_points_is_told():
     room = seen(TRUTH, 40, 0)
     turn, place = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
     here, stars = (
-        om.Sighting(s.name, s.pixels, s.points @ turn.T, s.motion, s.is_known, s.is_distant)
+        om.Observation(s.name, s.pixels, s.points @ turn.T, s.pose, s.is_known, s.is_distant)
         for s in (room, seen(TRUTH, 0, 40))
     )
-    moved = om.Sighting("moved", here.pixels, here.points + place, is_distant=here.is_distant)
+    moved = om.Observation("moved", here.pixels, here.points + place, is_distant=here.is_distant)
     at = [
-        om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").pictures[0]
+        om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").images[0]
         for s in (here, moved, stars)
     ]
     np.testing.assert_allclose(at[1].camera_at_mm - at[0].camera_at_mm, place, atol=0.1)
     np.testing.assert_allclose(at[1].rotation, at[0].rotation, atol=1e-5)
-    pixels = TRUTH.image(here.points @ at[0].rotation.T + at[0].shift_mm).pixels
+    pixels = TRUTH.image(here.points @ at[0].rotation.T + at[0].translation_mm).pixels
     assert np.median(np.linalg.norm(pixels - here.pixels, axis=1)) < 1.0
     assert at[2].rotation is not None
     assert at[2].camera_at_mm is None
@@ -108,10 +108,10 @@ def test_boards_and_stars_are_one_calibration_and_a_wrong_star_is_named():
     sky = seen(TRUTH, 0, 30, seed=2)
     sky.pixels[7] += [12.0, -9.0]
     found = om.calibrate_camera(detections(count=4), BOARD, surveys=[sky], model="unified")
-    assert [p.name for p in found.pictures] == [*(f"image {i}" for i in range(1, 5)), "room"]
-    assert all(p.used for p in found.pictures)
+    assert [p.name for p in found.images] == [*(f"image {i}" for i in range(1, 5)), "room"]
+    assert all(p.used for p in found.images)
     (wrong,) = found.outliers
-    assert (wrong.picture, wrong.corner) == ("room", 7)
+    assert (wrong.image, wrong.corner) == ("room", 7)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     alone = om.calibrate_camera(detections(count=4), BOARD, model="unified")
     assert off_deg(found, TRUTH) < off_deg(alone, TRUTH)
@@ -135,7 +135,7 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
     points = random.normal(0, 1500, (30, 3)) * [1, 1, 0.5]
     found = camera.project(points)
     pixels = found.pixels[found.valid] + random.normal(0, NOISE_PX, (found.valid.sum(), 2))
-    room = om.Sighting("room", pixels, points[found.valid])
+    room = om.Observation("room", pixels, points[found.valid])
     fit = om.calibrate_camera(surveys=[room], image_size=camera.image_size, model="sensor")
     assert fit.rms_px < np.sqrt(2) * NOISE_PX
     assert fit.held_out_rms_px < 2 * np.sqrt(2) * NOISE_PX
@@ -150,13 +150,13 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
             r"room: pixels must be inside the image of 320 x 240 px",
         ),
         (
-            lambda s: {"surveys": [s.only(np.arange(8))], "image_size": SIZE},
+            lambda s: {"surveys": [s.subset(np.arange(8))], "image_size": SIZE},
             "surveys must contain at least 12 points",
         ),
         (lambda s: {"surveys": [s, s], "image_size": SIZE}, "one name twice among room and room"),
         (
             lambda s: {
-                "surveys": [om.Sighting("room", s.pixels, s.points * [1, -1, 1])],
+                "surveys": [om.Observation("room", s.pixels, s.points * [1, -1, 1])],
                 "image_size": SIZE,
             },
             "no camera explains the points and directions.*mirror images",
@@ -176,7 +176,7 @@ def test_what_will_not_do_is_told(ask, says):
 # -----------------------------------------------------------------------------------------------
 
 
-def written(folder, survey: om.Sighting, *kinds: str) -> list[str]:
+def written(folder, survey: om.Observation, *kinds: str) -> list[str]:
     """Return command options for files of observations."""
     options = []
     for kind in kinds:
@@ -193,7 +193,7 @@ def written(folder, survey: om.Sighting, *kinds: str) -> list[str]:
 def test_files_say_what_was_seen_and_where_in_them_a_point_stands(tmp_path):
     survey = seen(TRUTH, 12, 6)
     written(tmp_path, survey, "points", "directions")
-    (read,), places = om.read_surveys([tmp_path / "points.csv"], [tmp_path / "directions.csv"])
+    (read,), places = om.read_observations([tmp_path / "points.csv"], [tmp_path / "directions.csv"])
     assert read.name == "room"
     assert read.points == pytest.approx(survey.points, abs=1e-5)
     assert read.distant.tolist() == survey.distant.tolist()
@@ -206,7 +206,7 @@ def test_azimuths_are_counted_clockwise_from_above(tmp_path):
     (tmp_path / "sky.csv").write_text(
         "u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,0\n3,4,90,0\n5,6,45,90\n"
     )
-    ((sky,), _) = om.read_surveys(directions=[tmp_path / "sky.csv"])
+    ((sky,), _) = om.read_observations(directions=[tmp_path / "sky.csv"])
     assert sky.points == pytest.approx(
         np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12
     )
@@ -238,7 +238,7 @@ def test_azimuths_are_counted_clockwise_from_above(tmp_path):
 def test_a_file_that_will_not_do_is_told_by_its_line(tmp_path, text, says):
     (tmp_path / "sky.csv").write_text(text)
     with pytest.raises(InvalidParameter, match=says):
-        om.read_surveys(directions=[tmp_path / "sky.csv"])
+        om.read_observations(directions=[tmp_path / "sky.csv"])
 
 
 def test_the_command_finds_a_camera_from_files_alone(tmp_path):

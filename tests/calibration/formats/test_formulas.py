@@ -13,7 +13,7 @@ import yaml
 
 import omnimirror as om
 from omnimirror.base.errors import SpecError
-from omnimirror.calibration.formats import Reading, _colmap, read_cameras
+from omnimirror.calibration.formats import ReadOptions, _colmap, read_cameras
 from omnimirror.calibration.formats._camera_format import CameraFile
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import (
@@ -95,7 +95,7 @@ def test_py_omnicalibs_own_file(shared_data):
     by py-omnicalib."""
     source = shared_data / "kaidan_omni" / "example_calibration.yml"
     name, (stored,) = read_cameras(
-        source, Reading(source.name, rim_radius_px=223.0, image_size=(640, 480))
+        source, ReadOptions(source.name, rim_radius_px=223.0, image_size=(640, 480))
     )
     assert name == "py-omnicalib"
     file = yaml.safe_load(source.read_text())
@@ -263,7 +263,7 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
     second = struct.pack("<IiQQ8d", 9, 5, 1024, 768, 300.0, 301.0, 512.5, 384.5, 0.1, 0.2, 0.3, 0.4)
 
     def read(name, data):
-        return _colmap.read(CameraFile(name, data), Reading(name))
+        return _colmap.read(CameraFile(name, data), ReadOptions(name))
 
     found = read("cameras.bin", struct.pack("<Q", 2) + first + second)
     assert [stored.name for stored in found] == ["7", "9"]
@@ -357,7 +357,7 @@ def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters,
     binary = struct.pack(f"<QIiQQ{len(numbers)}d", 1, 3, number, *size, *numbers)
     text = f"3 {name} {size[0]} {size[1]} {' '.join(map(str, numbers))} # behind\n".encode()
     read = [
-        _colmap.read(CameraFile(file, data), Reading(file))
+        _colmap.read(CameraFile(file, data), ReadOptions(file))
         for file, data in (("cameras.bin", binary), ("cameras.txt", text))
     ]
     assert read[0] == read[1]

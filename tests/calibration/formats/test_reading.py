@@ -13,7 +13,7 @@ import yaml
 
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorWarning, SpecError
-from omnimirror.calibration.formats import Reading, read_cameras
+from omnimirror.calibration.formats import ReadOptions, read_cameras
 from omnimirror.cameras.models import OCam
 from omnimirror.cameras.models.plausibility import (
     inverse_polynomial_warnings,
@@ -32,7 +32,7 @@ def read(path, text=None, optics="fisheye", from_=None, size=None):
     """Return the format, the only camera and the notes of a file."""
     if text is not None:
         path.write_text(text)
-    name, (stored,) = read_cameras(path, Reading(str(path), optics, image_size=size), from_)
+    name, (stored,) = read_cameras(path, ReadOptions(str(path), optics, image_size=size), from_)
     return name, stored.camera, stored.notes
 
 
@@ -352,7 +352,7 @@ def test_basalts_rig(tmp_path):
     path.write_text(
         json.dumps({"value0": {"T_imu_cam": [], "intrinsics": BASALT, "resolution": [SIZE] * 4}})
     )
-    found, cameras = read_cameras(path, Reading(str(path), "fisheye"))
+    found, cameras = read_cameras(path, ReadOptions(str(path), "fisheye"))
     assert (found, [c.name for c in cameras]) == ("basalt", ["0", "1", "2", "3"])
     for stored, entry in zip(cameras, BASALT, strict=True):
         assert stored.camera.omega_max > np.radians(95.0)

@@ -37,7 +37,7 @@ def large(name: str, pose: MirrorPose | None = None) -> om.Sensor:
 )
 def test_a_misaligned_mirror_is_measured_from_one_picture(name, pose):
     taken = om.take_picture(large(name, pose), sky(), samples=2)
-    found = om.sensor_from_rim(om.find_rim(taken), large(name)).mirror_pose
+    found = om.sensor_from_rim(om.detect_mirror_outline(taken), large(name)).mirror_pose
     assert found.shift[:2] == pytest.approx(pose.shift[:2], abs=0.3)
     assert (found.tilt_x_deg, found.tilt_y_deg) == (
         pytest.approx(pose.tilt_x_deg, abs=0.4),
@@ -45,7 +45,7 @@ def test_a_misaligned_mirror_is_measured_from_one_picture(name, pose):
     )
 
 
-def rim_of(sensor: om.Sensor) -> om.FoundRim:
+def rim_of(sensor: om.Sensor) -> om.MirrorOutline:
     """Return the rim projected by a pinhole, and its ellipse by linear least squares, without image
     processing."""
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
@@ -64,7 +64,7 @@ def rim_of(sensor: om.Sensor) -> om.FoundRim:
     sizes, axes = np.linalg.eigh(shape / (1 + middle @ shape @ middle))
     angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])) % 180)
     centre = tuple(middle + pixels.mean(axis=0))
-    return om.FoundRim(centre, tuple(sizes**-0.5), angle, 1.0, sensor.image_size)
+    return om.MirrorOutline(centre, tuple(sizes**-0.5), angle, 1.0, sensor.image_size)
 
 
 def seen_camera(sensor: om.Sensor) -> CameraImage:
@@ -106,7 +106,7 @@ def test_two_tilts_show_the_same_rim_and_the_camera_in_the_middle_tells_which():
     assert len(om.sensors_from_rim(replace(rim, inner=elsewhere), sensor)) == 2
 
 
-RIM = om.FoundRim((420.0, 290.0), (250.0, 249.9), 0.0, 0.99, (800, 600))
+RIM = om.MirrorOutline((420.0, 290.0), (250.0, 249.9), 0.0, 0.99, (800, 600))
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -26,7 +26,7 @@ def photograph(request):
 
 
 def test_corners_are_measured_to_hundredths_of_a_pixel(photograph):
-    found = om.find_board(photograph.picture, BOARD)
+    found = om.find_board(photograph.image, BOARD)
     error = found.corners_px - photograph.corners_px[in_order_of(found, photograph)]
     from_middle = found.corners_px - 511.5
     outwards = from_middle / np.linalg.norm(from_middle, axis=1)[:, None]
@@ -46,7 +46,7 @@ def in_order_of(found, photograph) -> np.ndarray:
 
 
 def test_reported_deviations_are_those_from_the_truth(photograph):
-    found = om.find_board(photograph.picture, BOARD)
+    found = om.find_board(photograph.image, BOARD)
     error = found.corners_px - photograph.corners_px[in_order_of(found, photograph)]
     assert 0.6 < np.sqrt(np.mean(error**2 / found.sigma_px[:, None] ** 2)) < 2.0
 
@@ -145,9 +145,9 @@ def test_reported_deviations_hold_on_degraded_pictures(kind, sharp_boards):
 
 def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
     """Edges of its outline shift a corner by 0.5 px and more."""
-    whole = om.find_board(photograph.picture, BOARD)
+    whole = om.find_board(photograph.image, BOARD)
     hidden = np.flatnonzero(np.isin(whole.ids, [0, 4, 27, 49]))
-    picture = photograph.picture.copy()
+    picture = photograph.image.copy()
     for k in hidden:
         at = whole.corners_px[k]
         beside = np.sort(np.linalg.norm(whole.corners_px - at, axis=1))[1]
@@ -164,12 +164,12 @@ def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
 
 def test_corners_run_clockwise_from_a_black_square(photograph):
     """Rows of nine, the first next to the second; the square before the first corner is black."""
-    found = om.find_board(photograph.picture, BOARD)
+    found = om.find_board(photograph.image, BOARD)
     grid = found.corners_px.reshape(6, 9, 2)
     right, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
     before = grid[0, 0] - (right + down) / 2
     after = grid[0, 0] + (right - down) / 2
-    brightness = [photograph.picture[round(v), round(u)] for u, v in (before, after)]
+    brightness = [photograph.image[round(v), round(u)] for u, v in (before, after)]
     assert right[0] * down[1] - right[1] * down[0] > 0
     assert brightness[0] < 70 < brightness[1]
 
@@ -269,7 +269,7 @@ def test_frames_without_margin(kind):
     seen = photographed(
         sensor, BOARD, pose(BOARD, *PLACES["prototype-hyperboloidal"]), sheet=in_frame(kind)
     )
-    found = om.find_board(seen.picture, BOARD)
+    found = om.find_board(seen.image, BOARD)
     assert found.used
     error = found.corners_px - seen.corners_px[in_order_of(found, seen)]
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.05
@@ -407,7 +407,7 @@ def test_ctrl_c_keeps_what_was_found():
         if done == 1:
             raise KeyboardInterrupt
 
-    found = om.find_boards([picture_of(9, 6)] * 3, BOARD, progress=stop)
+    found = om.find_boards([picture_of(9, 6)] * 3, BOARD, on_progress=stop)
     assert [d.used for d in found] == [True, False, False]
     assert found[1].reason == "the search was stopped before this image"
 
@@ -420,7 +420,7 @@ def test_views_straightened_by_a_camera_lead_back_to_the_same_corners(monkeypatc
     from omnimirror.calibration.targets import board_detection
 
     sensor = om.load_sensor("paper-spherical")
-    picture = photographed(sensor, BOARD, pose(BOARD, *PLACES["paper-spherical"])).picture
+    picture = photographed(sensor, BOARD, pose(BOARD, *PLACES["paper-spherical"])).image
     plain, look = om.find_board(picture, BOARD), board_detection._look_for_squares
 
     def in_views_alone(values, board, name, *, is_quick=False):

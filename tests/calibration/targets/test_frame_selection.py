@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibration.targets.frame_selection import why_not_new
+from omnimirror.calibration.targets.frame_selection import redundancy_reason
 
 BOARD = om.Board("chessboard", 5, 4, 20.0)
 SIZE = (320, 240)
@@ -51,7 +51,7 @@ def video(tmp_path_factory):
 
 
 def test_each_view_is_chosen_once_and_sharp(video):
-    found = om.choose_frames(video, BOARD)
+    found = om.select_frames(video, BOARD)
     used = [d for d in found if d.used]
     assert len(found) == 2 * len(PLACES)
     assert sorted(int(d.time_s) for d in used) == list(range(len(PLACES)))
@@ -62,7 +62,7 @@ def test_each_view_is_chosen_once_and_sharp(video):
 
 @pytest.mark.full
 def test_the_most_different_ones_come_first(video):
-    used = [d for d in om.choose_frames(video, BOARD, count=3) if d.used]
+    used = [d for d in om.select_frames(video, BOARD, count=3) if d.used]
     middles = np.array([d.corners_px.mean(axis=0) for d in used])
     assert len(used) == 3
     assert min(np.linalg.norm(a - b) for i, a in enumerate(middles) for b in middles[:i]) > 60
@@ -74,7 +74,7 @@ def test_ctrl_c_chooses_among_what_was_found(video):
         if done == 4:
             raise KeyboardInterrupt
 
-    found = om.choose_frames(video, BOARD, progress=stop)
+    found = om.select_frames(video, BOARD, on_progress=stop)
     assert len(found) == 4
     assert sum(d.used for d in found) == 2
 
@@ -86,10 +86,13 @@ def test_a_picture_that_a_camera_takes_by_itself_is_sharp_and_new():
     np.testing.assert_array_equal(
         quick.corners_px, om.find_board(frame(*PLACES[3]), BOARD).corners_px
     )
-    assert why_not_new(quick, taken, BOARD) is None
+    assert redundancy_reason(quick, taken, BOARD) is None
     nearly = om.find_board(frame(2, 1, 16), BOARD)
-    assert why_not_new(nearly, taken, BOARD) == f"its view of the board is similar to {PLACES[0]}"
+    assert (
+        redundancy_reason(nearly, taken, BOARD)
+        == f"its view of the board is similar to {PLACES[0]}"
+    )
     blurred = om.find_board(frame(*PLACES[4], blur=3.5), BOARD)
-    assert "blurred" in why_not_new(blurred, taken, BOARD)
+    assert "blurred" in redundancy_reason(blurred, taken, BOARD)
     nothing = om.find_board(np.full((240, 320), 90, np.uint8), BOARD, quick=True)
-    assert why_not_new(nothing, taken, BOARD) == "the image is blank"
+    assert redundancy_reason(nothing, taken, BOARD) == "the image is blank"

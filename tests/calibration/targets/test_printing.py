@@ -83,7 +83,7 @@ def test_marked_boards_are_found_in_mirrors_reversed_or_not(board, place):
     """A mirror reverses its image, and a flip compensates for it."""
     sensor = om.load_sensor("prototype-hyperboloidal")
     taken = photographed(sensor, board, pose(board, *place), sheet=printed(board))
-    flipped = np.ascontiguousarray(taken.picture[:, ::-1]), [1023, 0] + [-1, 1] * taken.corners_px
+    flipped = np.ascontiguousarray(taken.image[:, ::-1]), [1023, 0] + [-1, 1] * taken.corners_px
     for picture, corners, is_reversed in ((*taken, True), (*flipped, False)):
         found = om.find_board(picture, board)
         error = found.corners_px - corners[found.ids]

@@ -25,7 +25,7 @@ from ._option_types import NUMBER, SENSOR, angle, ball, lean
 from ._output import remark
 
 if TYPE_CHECKING:
-    from ...calibration.rim import FoundRim
+    from ...calibration.rim import MirrorOutline
     from ...optics.sensor import Sensor
     from ...optics.sensor_files import AnyCamera
 
@@ -252,12 +252,18 @@ class AutoOptions(Options):
         """Return the detected camera with the mounting of the options, and a report of the
         detection.
         """
-        from ...calibration.rim import DEFAULT, PRESETS, camera_from_rim, find_rim, mirror_of
+        from ...calibration.rim import (
+            DEFAULT_PRESET,
+            PRESETS,
+            camera_from_rim,
+            detect_mirror_outline,
+            mirror_by_name,
+        )
 
-        name = self.mirror or DEFAULT
-        mirror_of(name)  # checked before the outline detection, which takes seconds
+        name = self.mirror or DEFAULT_PRESET
+        mirror_by_name(name)  # checked before the outline detection, which takes seconds
         pictures = _alike(sources, orientation)
-        rim = find_rim(pictures)
+        rim = detect_mirror_outline(pictures)
         found = camera_from_rim(rim, name)
         found = replace(found, mount=options.standing(found.mount))
         stood = ""
@@ -282,7 +288,7 @@ class AutoOptions(Options):
         return camera_of, told
 
 
-def _other_tilt(rim: FoundRim, mirror: str) -> str:
+def _other_tilt(rim: MirrorOutline, mirror: str) -> str:
     """Return a warning if the outline of a known sensor implies a mirror tilted to either side."""
     from ...calibration.rim import PRESETS, sensors_from_rim
     from ...optics.sensor_files import load_sensor
@@ -297,11 +303,11 @@ def _other_tilt(rim: FoundRim, mirror: str) -> str:
 
 def _levelled(ball: MirrorBall, picture: NDArray[np.uint8]) -> tuple[MirrorBall, str]:
     """Return the ball levelled from vertical edges of its image, if reliable, and a report."""
-    from ...calibration.levelling import level_in
+    from ...calibration.levelling import level_from_image
 
     looks = {"up": "up", "down": "down", "forward": "ahead"}[ball.mount.camera_looks]
-    level = level_in(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
-    if level is None or not level.is_sure:
+    level = level_from_image(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
+    if level is None or not level.is_reliable:
         return (
             ball,
             f"; the camera is taken to look {looks} and stand level (--camera-looks, --level)",

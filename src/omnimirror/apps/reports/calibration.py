@@ -118,18 +118,18 @@ def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
     """Return the figures of a calibration by name."""
     fit = calibration.adjustment
     seen = fit.seen
-    pixels, residuals = fit.question.stack.pixels[seen], fit.residuals[seen]
+    pixels, residuals = fit.problem.stack.pixels[seen], fit.residuals[seen]
     offset = pixels - calibration.coverage.centre_px
     radius = np.hypot(*offset.T)
     outward = offset / np.maximum(radius, 1e-9)[:, None]
     radial = np.sum(residuals * outward, axis=1)
     across = residuals[:, 1] * outward[:, 0] - residuals[:, 0] * outward[:, 1]
     size = fit.model.image_size
-    names = [s.name for s in fit.sightings]
+    names = [s.name for s in fit.observations]
     with styled():
         return {
             "coverage": coverage_map(
-                [s.pixels for s in fit.sightings],
+                [s.pixels for s in fit.observations],
                 size,
                 calibration.coverage.centre_px,
                 calibration.coverage.radii_px,
@@ -164,7 +164,7 @@ def _by_picture(calibration: Calibration) -> tuple[Array, Array]:
     )
     return tuple(  # type: ignore[return-value]
         np.array(
-            [np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.question.stack.slices]
+            [np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.problem.stack.slices]
         )
         for e in (fit.residuals, held)
     )
@@ -198,8 +198,8 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
 
 def _lead(calibration: Calibration) -> str:
     board = f" of a board with {calibration.board}" if calibration.board is not None else ""
-    used = sum(p.used for p in calibration.pictures)
-    return f"From {calibration.seen} in {used} of {len(calibration.pictures)} pictures{board}."
+    used = sum(p.used for p in calibration.images)
+    return f"From {calibration.measurement_kinds} in {used} of {len(calibration.images)} pictures{board}."
 
 
 def _numbers(calibration: Calibration) -> str:
@@ -211,7 +211,7 @@ def _numbers(calibration: Calibration) -> str:
         else "-",
         "Noise of a coordinate": f"{fit.noise_px:.3f} px",
         calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} left out",
-        "Pictures": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
+        "Pictures": f"{sum(p.used for p in calibration.images)} of {len(calibration.images)}",
         "Took": f"{calibration.seconds:.1f} s",
     }
     return "".join(
@@ -244,7 +244,7 @@ def _pictures(calibration: Calibration) -> str:
             "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm),
             "used" if p.used else p.reason or "",
         )
-        for p in calibration.pictures
+        for p in calibration.images
     ]
     return _table(("picture", "corners", "RMS px", "camera at mm", ""), rows)
 

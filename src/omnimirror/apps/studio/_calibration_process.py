@@ -18,7 +18,7 @@ from ...base.errors import OmnimirrorError
 from ...calibration.estimation import Calibration, calibrate_camera
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
-from ...calibration.targets.frame_selection import selected_frames
+from ...calibration.targets.frame_selection import select_distinct_frames
 from ...cameras.frames import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
@@ -67,7 +67,7 @@ def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
     frames = [d for d in judged if d.time_s is not None]
     told = {
         id(before): after
-        for before, after in zip(frames, selected_frames(frames, board), strict=True)
+        for before, after in zip(frames, select_distinct_frames(frames, board), strict=True)
     }
     return [told.get(id(d), d) for d in judged]
 
@@ -93,8 +93,8 @@ def _calibrated(
         centre_px=ask.centre_px,
         rim_radius_px=ask.rim_radius_px,
         board_shape=not ask.flat_board,
-        progress=progress,
-        stop=stop,
+        on_progress=progress,
+        should_stop=stop,
     )
 
 
@@ -118,7 +118,7 @@ def _report(found: Calibration, command: str) -> str:
 def found_message(found: Calibration) -> CalibrationFound:
     """Convert a calibration to a message."""
     fit = found.adjustment
-    used = {p.name for p in found.pictures if p.used}
+    used = {p.name for p in found.images if p.used}
     return CalibrationFound(
         kind=found.model.KIND,
         summary=found.summary,
@@ -137,12 +137,15 @@ def found_message(found: Calibration) -> CalibrationFound:
             ModelTried(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
             for c in sorted(found.candidates, key=lambda c: c.rms_px)
         ),
-        outliers=tuple(OutlierFound(**o._asdict()) for o in found.outliers),
+        outliers=tuple(
+            OutlierFound(picture=o.image, corner=o.corner, residual_px=o.residual_px)
+            for o in found.outliers
+        ),
         notes=found.notes,
         advice=found.advice,
         coverage=coverage_shown(found.coverage),
         places=tuple(
-            place_of(s, found.model, found.board) for s in fit.sightings if s.name in used
+            place_of(s, found.model, found.board) for s in fit.observations if s.name in used
         ),
         camera_file=format_camera(found.camera, found.summary),  # type: ignore[arg-type]
     )
@@ -150,18 +153,18 @@ def found_message(found: Calibration) -> CalibrationFound:
 
 def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
     fit = found.adjustment
-    slices = dict(zip((s.name for s in fit.sightings), fit.question.stack.slices, strict=True))
-    sightings = {s.name: s for s in fit.sightings}
-    pixels, seen = fit.question.stack.pixels, fit.seen
+    slices = dict(zip((s.name for s in fit.observations), fit.problem.stack.slices, strict=True))
+    observations = {s.name: s for s in fit.observations}
+    pixels, seen = fit.problem.stack.pixels, fit.visible
     told = []
-    for picture in found.pictures:
+    for picture in found.images:
         rows: tuple[tuple[float, float, float, float], ...] = ()
         held = off = None
         if picture.used:
             where = slices[picture.name]
             both = np.hstack([pixels[where], fit.residuals[where]])[seen[where]]
             rows = tuple(tuple(row) for row in np.round(both, 4).tolist())
-            off = finite(off_straight_px(sightings[picture.name], found.model, found.board))
+            off = finite(off_straight_px(observations[picture.name], found.model, found.board))
             if found.held_out is not None:
                 held = finite(
                     float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))

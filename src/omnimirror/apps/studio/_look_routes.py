@@ -58,17 +58,17 @@ def shown_picture(path: Path) -> bytes:
 
 def rim_in(data: bytes, name: str) -> RimFound:
     """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
-    from ...calibration.rim import find_rim
+    from ...calibration.rim import detect_mirror_outline
 
     key = sha256(data).digest()
     found = _rims.get(key)
     if found is None:
-        rim = find_rim(eight_bits(picture_in(data, name)))
+        rim = detect_mirror_outline(eight_bits(picture_in(data, name)))
         found = RimFound(
             centre_px=rim.centre_px,
             radius_px=rim.radius_px,
             confidence=rim.confidence,
-            is_sure=rim.is_sure,
+            is_sure=rim.is_accepted,
         )
         if len(_rims) >= RIMS_KEPT:
             _rims.clear()
@@ -78,10 +78,10 @@ def rim_in(data: bytes, name: str) -> RimFound:
 
 def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
     """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
-    from ...calibration.levelling import level_in
+    from ...calibration.levelling import level_from_image
 
     picture = eight_bits(picture_in(data, safe_name(ask.name)))
-    level = level_in(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
+    level = level_from_image(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
     if level is None:
         return None
     return LevelFound(
@@ -89,7 +89,7 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
         roll_deg=level.roll_deg,
         sigma_deg=level.sigma_deg,
         upright=level.upright,
-        is_sure=level.is_sure,
+        is_sure=level.is_reliable,
     )
 
 

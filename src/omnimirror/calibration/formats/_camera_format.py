@@ -45,10 +45,10 @@ class Node:
     name: str = ""
     line: int | None = None
 
-    def refuse(self, message: str) -> NoReturn:
+    def fail(self, message: str) -> NoReturn:
         """Raise an error at this entry."""
-        where = f" line {self.line}" if self.line else ""
-        raise SpecError(f"{self.source}{where}: {self.name}{' ' * bool(self.name)}{message}")
+        location = f" line {self.line}" if self.line else ""
+        raise SpecError(f"{self.source}{location}: {self.name}{' ' * bool(self.name)}{message}")
 
     # -- mappings ----------------------------------------------------------------------------------
 
@@ -58,12 +58,12 @@ class Node:
     def names(self) -> list[str]:
         """Return the names in a mapping."""
         if not isinstance(self.value, dict):
-            self.refuse(f"must be a table of names and values; got {self._kind()}")
+            self.fail(f"must be a table of names and values; got {self._kind()}")
         return list(self.value)
 
     def __getitem__(self, name: str) -> Node:
         if name not in self.names():
-            self.refuse(f"must contain {name}{did_you_mean(name, self.value)}")
+            self.fail(f"must contain {name}{did_you_mean(name, self.value)}")
         entry: Node = self.value[name]
         return entry
 
@@ -86,33 +86,33 @@ class Node:
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
-            self.refuse(f"must be a finite number; got {self._kind()}")
+            self.fail(f"must be a finite number; got {self._kind()}")
         return number
 
-    def whole(self) -> int:
+    def integer(self) -> int:
         """Return an integer, such as a number of pixels."""
         number = self.number()
         if number != np.floor(number) or abs(number) > 2**31:
-            self.refuse(f"must be an integer; got {shown(self.value)}")
+            self.fail(f"must be an integer; got {shown(self.value)}")
         return int(number)
 
     def word(self) -> str:
         """Return a word."""
         if not isinstance(self.value, str):
-            self.refuse(f"must be a word; got {self._kind()}")
+            self.fail(f"must be a word; got {self._kind()}")
         return self.value
 
     def choice(self, *valid: str) -> str:
         """Return one of several words."""
         word = self.word()
         if word not in valid:
-            self.refuse(f"must be one of {', '.join(valid)}; got {shown(word)}")
+            self.fail(f"must be one of {', '.join(valid)}; got {shown(word)}")
         return word
 
     def entries(self) -> list[Node]:
         """Return the entries of a list."""
         if not isinstance(self.value, list):
-            self.refuse(f"must be a list; got {self._kind()}")
+            self.fail(f"must be a list; got {self._kind()}")
         return self.value
 
     def numbers(self, *counts: int) -> tuple[float, ...]:
@@ -120,7 +120,7 @@ class Node:
         entries = self.entries()
         if counts and len(entries) not in counts:
             valid = " or ".join(map(str, counts))
-            self.refuse(f"must have {valid} numbers; got {len(entries)}")
+            self.fail(f"must have {valid} numbers; got {len(entries)}")
         return tuple(entry.number() for entry in entries)
 
     def matrix(self, rows: int, columns: int) -> Array:
@@ -128,13 +128,11 @@ class Node:
         if "data" in self:
             flat = self["data"].numbers(rows * columns)
             for name, valid in (("rows", rows), ("cols", columns)):
-                if name in self and self[name].whole() != valid:
-                    self[name].refuse(f"must be {valid}; got {self[name].whole()}")
+                if name in self and self[name].integer() != valid:
+                    self[name].fail(f"must be {valid}; got {self[name].integer()}")
             return np.array(flat).reshape(rows, columns)
         if len(self.entries()) != rows:
-            self.refuse(
-                f"must have {rows} rows of {columns} numbers; got {len(self.entries())} rows"
-            )
+            self.fail(f"must have {rows} rows of {columns} numbers; got {len(self.entries())} rows")
         return np.array([row.numbers(columns) for row in self.entries()])
 
     def row(self, *counts: int) -> tuple[float, ...]:
@@ -301,7 +299,7 @@ def _is_number(word: str) -> bool:
 # -- Formats and layouts ---------------------------------------------------------------------------
 #
 # The parameters of a file apply to the calibrated image, as do those of the camera models here.
-# Information that files lack is given for reading (:class:`Reading`): the type of optics and
+# Information that files lack is given for reading (:class:`ReadOptions`): the type of optics and
 # whether the image is flipped.
 #
 # Files use one frame: right and down in the image, and a third axis along the viewing direction at
@@ -317,7 +315,7 @@ NEUTRAL_VALUES = {"c": 1.0}  # neutral values other than 0: OCamCalib's stretch
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """Information that files of other programs do not contain.
 
     Attributes
@@ -341,7 +339,7 @@ class Reading:
     image_size: tuple[int, int] | None = None
 
     @property
-    def told(self) -> dict[str, Any]:
+    def model_arguments(self) -> dict[str, Any]:
         """Arguments of all camera models that files do not contain."""
         return {"optics": self.optics, "mount": self.mount, "rim_radius_px": self.rim_radius_px}
 
@@ -357,8 +355,8 @@ class Reading:
             return self.size()
         entries = table[name].entries()
         if len(entries) != 2:
-            table[name].refuse("must be two numbers, width and height")
-        return entries[0].whole(), entries[1].whole()
+            table[name].fail("must be two numbers, width and height")
+        return entries[0].integer(), entries[1].integer()
 
     def size(self) -> tuple[int, int]:
         """Return the given image size, for a file without it.
@@ -376,7 +374,7 @@ class Reading:
         return self.image_size
 
 
-class Stored(NamedTuple):
+class CameraEntry(NamedTuple):
     """Camera in a file."""
 
     name: str
@@ -473,14 +471,14 @@ class CameraFile:
     def _documents(self) -> list[str]:
         """Documents of a YAML text separated by ``---``, as by ``ros2 topic echo``."""
         documents: list[list[str]] = [[]]
-        has_begun = False
+        has_content = False
         for line in self.text.splitlines():
-            if line.rstrip() in ("---", "...") and has_begun:
+            if line.rstrip() in ("---", "...") and has_content:
                 documents.append([])
-                has_begun = False
+                has_content = False
                 continue
             documents[-1].append(line)
-            has_begun = has_begun or bool(
+            has_content = has_content or bool(
                 line.split("#")[0].strip("- ") and not line.startswith("%")
             )
         if len(documents) == 1:
@@ -565,14 +563,14 @@ class Layout:
 
     kind: type[Any]
     write: Callable[[Any, str], Content]
-    words: str
-    places: frozenset[str] | None = None
-    reach_deg: float = 180.0
+    description: str
+    parameters: frozenset[str] | None = None
+    max_field_angle_deg: float = 180.0
     suffixes: tuple[str, ...] = ()
     is_panorama: bool = False
-    refuses: Callable[[Any], str] = lambda camera: ""
+    restriction: Callable[[Any], str] = lambda camera: ""
 
-    def lacks(self, camera: Camera) -> str:
+    def unsupported(self, camera: Camera) -> str:
         """Return the reason for which it cannot store a camera exactly, in words that follow "it".
 
         Empty if it can.
@@ -581,20 +579,20 @@ class Layout:
             return ""
         if not isinstance(camera, self.kind):
             name = getattr(camera, "KIND", f"a {type(camera).__name__.lower()}")
-            return f"stores {self.words}; this camera is {name}"
-        if names := self.unplaced(camera):
+            return f"stores {self.description}; this camera is {name}"
+        if names := self.unsupported_parameters(camera):
             value = next(p.value for p in camera.parameters if p.name == names[0])
             return f"cannot store {names[0]} = {value:.6g}"
-        return self.refuses(camera)
+        return self.restriction(camera)
 
-    def unplaced(self, camera: Any) -> tuple[str, ...]:
+    def unsupported_parameters(self, camera: Any) -> tuple[str, ...]:
         """Return the names of a camera's parameters that have an effect but are not supported."""
-        if self.places is None or not isinstance(camera, self.kind):
+        if self.parameters is None or not isinstance(camera, self.kind):
             return ()
         return tuple(
             p.name
             for p in camera.parameters
-            if p.name not in self.places
+            if p.name not in self.parameters
             and abs(p.value - NEUTRAL_VALUES.get(p.name, 0.0)) > RELATIVE_ROUNDING * p.scale
         )
 
@@ -620,7 +618,7 @@ class CameraFormat:
 
     title: str
     recognises: Callable[[CameraFile], bool]
-    read: Callable[[CameraFile, Reading], list[Stored]]
+    read: Callable[[CameraFile, ReadOptions], list[CameraEntry]]
     layouts: Mapping[str, Layout]
     names: tuple[str, ...] = ()
 

@@ -18,12 +18,12 @@ from ...cameras.models import (
 )
 from ...dewarp.views import sphere
 from ._camera_format import (
+    CameraEntry,
     CameraFile,
     CameraFormat,
     Content,
     Layout,
-    Reading,
-    Stored,
+    ReadOptions,
     named_numbers,
     number_row,
 )
@@ -75,31 +75,31 @@ NAMES = {kind.number: name for name, kind in KINDS.items()}
 # -- reading ----------------------------------------------------------------------------------
 
 
-def read(file: CameraFile, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the cameras of the file with their ids."""
     cameras = _binary(file.data, file.source) if file.is_binary else _lines(file.text, reading)
-    found = [Stored(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
-    if not found:
+    entries = [CameraEntry(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
+    if not entries:
         raise SpecError(
             f"{reading.source} must contain a camera, CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got none"
         )
-    return found
+    return entries
 
 
 Line = tuple[int, str, tuple[int, int], Numbers, str]
 """Line of a camera: id, model, (width, height), parameters, and location in the file."""
 
 
-def _lines(text: str, reading: Reading) -> list[Line]:
+def _lines(text: str, reading: ReadOptions) -> list[Line]:
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#")[0].split()
         if not words:
             continue
-        where = f"{reading.source} line {number}"
+        location = f"{reading.source} line {number}"
         if len(words) < 4:
             raise SpecError(
-                f"{where}: a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got {words[0][:40]!r}"
+                f"{location}: a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got {words[0][:40]!r}"
             )
         _, name, *numbers = words
         try:
@@ -107,22 +107,22 @@ def _lines(text: str, reading: Reading) -> list[Line]:
             width, height, *parameters = (float_of(word) for word in numbers)
         except ValueError:
             raise SpecError(
-                f"{where}: the id, the size and the parameters of a camera must be numbers"
+                f"{location}: the id, the size and the parameters of a camera must be numbers"
             ) from None
         if name not in KINDS:
             raise SpecError(
-                f"{where}: the model must be one of {', '.join(KINDS)}; got {name[:40]!r}"
+                f"{location}: the model must be one of {', '.join(KINDS)}; got {name[:40]!r}"
             )
-        rows.append((identity, name, _size(width, height, where), tuple(parameters), where))
+        rows.append((identity, name, _size(width, height, location), tuple(parameters), location))
     return rows
 
 
-def _size(width: float, height: float, where: str) -> tuple[int, int]:
+def _size(width: float, height: float, location: str) -> tuple[int, int]:
     if not (
         0 < width < 2**31 and 0 < height < 2**31 and width == int(width) and height == int(height)
     ):
         raise SpecError(
-            f"{where}: the image size must be positive integers; got {width:g} x {height:g}"
+            f"{location}: the image size must be positive integers; got {width:g} x {height:g}"
         )
     return int(width), int(height)
 
@@ -131,45 +131,49 @@ def _binary(data: bytes, source: str) -> list[Line]:
     rows: list[Line] = []
     try:
         (count,) = struct.unpack_from("<Q", data)
-        at = 8
+        offset = 8
         for i in range(min(count, len(data))):
-            identity, model, width, height = struct.unpack_from("<IiQQ", data, at)
-            where = f"{source} camera {i + 1}"
+            identity, model, width, height = struct.unpack_from("<IiQQ", data, offset)
+            location = f"{source} camera {i + 1}"
             if model not in NAMES:
-                raise SpecError(f"{where}: the model must be 0 to {max(NAMES)}; got {model}")
+                raise SpecError(f"{location}: the model must be 0 to {max(NAMES)}; got {model}")
             n = len(KINDS[NAMES[model]].parameters.split())
-            numbers = struct.unpack_from(f"<{n}d", data, at + 24)
-            at += 24 + 8 * n
-            rows.append((identity, NAMES[model], _size(width, height, where), numbers, where))
+            numbers = struct.unpack_from(f"<{n}d", data, offset + 24)
+            offset += 24 + 8 * n
+            rows.append((identity, NAMES[model], _size(width, height, location), numbers, location))
     except struct.error:
         raise SpecError(f"{source} ends in the middle of a camera") from None
     return rows
 
 
 def _camera(
-    name: str, size: tuple[int, int], numbers: Numbers, where: str, reading: Reading
+    name: str, size: tuple[int, int], numbers: Numbers, location: str, reading: ReadOptions
 ) -> Any:
     kind = KINDS[name]
     names = kind.parameters.split()
     if len(numbers) != len(names):
         raise SpecError(
-            f"{where}: {name} must have {len(names)} parameters, {kind.parameters}; got {len(numbers)}"
+            f"{location}: {name} must have {len(names)} parameters, {kind.parameters}; got {len(numbers)}"
         )
     if name == "EQUIRECTANGULAR":
-        raise SpecError(f"{where}: EQUIRECTANGULAR describes a panorama, not the image of a camera")
+        raise SpecError(
+            f"{location}: EQUIRECTANGULAR describes a panorama, not the image of a camera"
+        )
     if kind.model is None:
-        known = ", ".join(n for n, k in KINDS.items() if k.model)
-        raise SpecError(f"{where}: {name} is not supported; the model must be one of {known}")
+        supported = ", ".join(n for n, k in KINDS.items() if k.model)
+        raise SpecError(
+            f"{location}: {name} is not supported; the model must be one of {supported}"
+        )
     values = named_numbers(names, numbers)
     f = values.pop("f", None)
     focal = (values.pop("fx"), values.pop("fy")) if f is None else (f, f)
     centre = (values.pop("cx") - HALF, values.pop("cy") - HALF)
     try:
         return kind.model(
-            focal_px=focal, centre_px=centre, image_size=size, **values, **reading.told
+            focal_px=focal, centre_px=centre, image_size=size, **values, **reading.model_arguments
         )
     except OmnimirrorError as problem:
-        raise SpecError(f"{where}: {problem}") from None
+        raise SpecError(f"{location}: {problem}") from None
 
 
 # -- writing ----------------------------------------------------------------------------------
@@ -178,9 +182,9 @@ def _camera(
 def values_of(camera: Any, name: str) -> Numbers:
     """Return the parameters of a camera in the order of one of COLMAP's models."""
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
-    places = {"fx": fx, "fy": fy, "cx": cx + HALF, "cy": cy + HALF}
+    shifted = {"fx": fx, "fy": fy, "cx": cx + HALF, "cy": cy + HALF}
     return tuple(
-        float(places[p] if p in places else getattr(camera, p))
+        float(shifted[p] if p in shifted else getattr(camera, p))
         for p in KINDS[name].parameters.split()
     )
 
@@ -200,13 +204,17 @@ def binary_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> b
     return struct.pack(f"<QIiQQ{len(numbers)}d", 1, 1, KINDS[name].number, *size, *numbers)
 
 
-def _layout(kind: Any, model: str, words: str, extra: frozenset[str], is_binary: bool) -> Layout:
-    made = binary_file if is_binary else text_file
+def _layout(
+    kind: Any, model: str, description: str, extra: frozenset[str], is_binary: bool
+) -> Layout:
+    write_file = binary_file if is_binary else text_file
 
     def write(camera: Any, name: str = "") -> Content:
-        return made(camera.image_size, model, values_of(camera, model))
+        return write_file(camera.image_size, model, values_of(camera, model))
 
-    return Layout(kind, write, words, MATRIX | extra, 90.0, (".bin",) if is_binary else (".txt",))
+    return Layout(
+        kind, write, description, MATRIX | extra, 90.0, (".bin",) if is_binary else (".txt",)
+    )
 
 
 def recognises(file: CameraFile) -> bool:
@@ -234,11 +242,11 @@ LAYOUTS = {
 
 
 def _panorama(is_binary: bool) -> Layout:
-    made = binary_file if is_binary else text_file
+    write_file = binary_file if is_binary else text_file
 
     def write(camera: Any, name: str = "") -> Content:
         size = sphere(camera).size
-        return made(size, "EQUIRECTANGULAR", size)
+        return write_file(size, "EQUIRECTANGULAR", size)
 
     suffixes = (".bin",) if is_binary else (".txt",)
     return Layout(object, write, "EQUIRECTANGULAR", suffixes=suffixes, is_panorama=True)

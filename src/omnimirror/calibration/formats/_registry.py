@@ -16,17 +16,17 @@ from ...cameras.models.plausibility import plausibility_warnings
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import CALIBRATION_MARK, format_camera, format_sensor, parse_camera
 from . import _basalt, _camodocal, _colmap, _kalibr, _opencv, _ros, _scaramuzza
-from ._camera_format import CameraFile, CameraFormat, Layout, Reading, Stored
+from ._camera_format import CameraEntry, CameraFile, CameraFormat, Layout, ReadOptions
 
 # -- omnimirror's own files ------------------------------------------------------------------------
 #
 # Camera files (TOML with a table ``[camera]``) and sensor files describe a camera completely.
 
 
-def _read_omnimirror(file: CameraFile, reading: Reading) -> list[Stored]:
+def _read_omnimirror(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera or the sensor; mount and optics are stored in the file."""
     camera = parse_camera(file.text, reading.source, Path(reading.source).parent)
-    return [Stored(getattr(camera, "name", ""), camera)]
+    return [CameraEntry(getattr(camera, "name", ""), camera)]
 
 
 def write_camera(camera: RadialModel, name: str = "") -> str:
@@ -76,11 +76,13 @@ def _check_format(name: str, kind: Any) -> None:
         raise WrongKind(
             f"a format must be an omnimirror.calibration.formats.CameraFormat; got {shown(kind)}"
         )
-    taken = [
+    existing = [
         layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts
     ]
-    if taken:
-        raise InvalidParameter(f"layouts must have new names; {taken[0]} belongs to another format")
+    if existing:
+        raise InvalidParameter(
+            f"layouts must have new names; {existing[0]} belongs to another format"
+        )
 
 
 FORMATS: Registry[CameraFormat] = Registry(
@@ -124,8 +126,8 @@ def register_camera_format(name: str, kind: CameraFormat) -> None:
 
 
 def read_cameras(
-    path: str | Path, reading: Reading, name: str | None = None
-) -> tuple[str, list[Stored]]:
+    path: str | Path, reading: ReadOptions, name: str | None = None
+) -> tuple[str, list[CameraEntry]]:
     """Read the cameras of a file; return the name of its format and the cameras.
 
     Parameters
@@ -139,7 +141,7 @@ def read_cameras(
 
     Returns
     -------
-    str, list of Stored
+    str, list of CameraEntry
         Name of the format, and cameras.
 
     Raises
@@ -173,11 +175,11 @@ def _recognised(file: CameraFile) -> str:
     SpecError
         If none or several do.
     """
-    found = [name for name, kind in FORMATS.items() if kind.recognises(file)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in found)
+    matching = [name for name, kind in FORMATS.items() if kind.recognises(file)]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in matching)
         raise SpecError(
             f"{file.source} is ambiguous: it can be read as {titles}; "
             "specify its format (from_, --from)"
@@ -194,14 +196,14 @@ def _recognised(file: CameraFile) -> str:
     )
 
 
-def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
+def _doubts(name: str, camera: Any, reading: ReadOptions) -> list[str]:
     """Return contradictions in the parameters of a file of another program, and with given values."""
     if name == "omnimirror" or not isinstance(camera, RadialModel):
         return []
-    (width, height), given = camera.image_size, reading.image_size
+    (width, height), specified = camera.image_size, reading.image_size
     unused = (
         []
-        if given in (None, (width, height))
+        if specified in (None, (width, height))
         else [f"the image size of the file is used, {width}x{height}"]
     )
     return [*unused, *plausibility_warnings(camera)]
@@ -210,7 +212,7 @@ def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
 # -- writing ----------------------------------------------------------------------------------
 
 
-class Target(NamedTuple):
+class OutputLayout(NamedTuple):
     """Writable layout."""
 
     name: str
@@ -219,7 +221,7 @@ class Target(NamedTuple):
     layout: Layout
 
 
-def targets_of(path: str | Path, to: str | None) -> list[Target]:
+def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
     """Return the candidate layouts for a file, preferred first: one layout, or all of a format.
 
     Parameters
@@ -252,19 +254,19 @@ def targets_of(path: str | Path, to: str | None) -> list[Target]:
     )
 
 
-def _all_targets() -> Iterator[Target]:
+def _all_targets() -> Iterator[OutputLayout]:
     for kind in FORMATS.values():
         for name, layout in kind.layouts.items():
-            yield Target(name, kind, layout)
+            yield OutputLayout(name, kind, layout)
 
 
-def _of_path(kind: CameraFormat, path: str | Path) -> list[Target]:
+def _of_path(kind: CameraFormat, path: str | Path) -> list[OutputLayout]:
     """Return all layouts of a format, or only those for the suffix of the file."""
     suffix = Path(path).suffix.lower()
-    all_of_it = [
-        Target(name, kind, layout)
+    candidates = [
+        OutputLayout(name, kind, layout)
         for name, layout in kind.layouts.items()
         if not layout.is_panorama
     ]
-    fitting = [t for t in all_of_it if suffix in t.layout.suffixes]
-    return fitting or [t for t in all_of_it if not t.layout.suffixes] or all_of_it
+    matching = [t for t in candidates if suffix in t.layout.suffixes]
+    return matching or [t for t in candidates if not t.layout.suffixes] or candidates

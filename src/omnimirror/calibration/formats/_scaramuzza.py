@@ -16,7 +16,15 @@ from ...base.typing import Array
 from ...cameras.models import OCam
 from ...cameras.models.ocam import parse_polynomials
 from ...cameras.models.plausibility import inverse_polynomial_warnings
-from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored, number_row
+from ._camera_format import (
+    CameraEntry,
+    CameraFile,
+    CameraFormat,
+    Layout,
+    Node,
+    ReadOptions,
+    number_row,
+)
 
 # -- OCamCalib ``calib_results.txt`` ---------------------------------------------------------------
 #
@@ -29,11 +37,11 @@ MAX_TERMS = 30
 SAMPLES = 2000
 
 
-def read_ocamcalib(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_ocamcalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a ``calib_results.txt``."""
     camera, inverse = parse_polynomials(file.text, reading.source)
-    camera = replace(camera, **reading.told)
-    return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, inverse)))]
+    camera = replace(camera, **reading.model_arguments)
+    return [CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, inverse)))]
 
 
 def write_ocamcalib(camera: OCam, name: str = "") -> str:
@@ -154,7 +162,7 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
     )
 
 
-def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Reading) -> OCam:
+def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: ReadOptions) -> OCam:
     """Convert to an OCamCalib camera, the inverse of `matlab_polynomial`."""
     (first, q), (r, last) = taylor.stretch
     if not 1e-3 < abs(first) < 1e3:
@@ -169,7 +177,7 @@ def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Read
     polynomial = tuple((-np.asarray(taylor.coefficients) * powers).tolist())
     affine = (float(last / first), float(r / first), float(q / first))
     try:
-        return OCam(polynomial, taylor.centre_px, image_size, affine, **reading.told)
+        return OCam(polynomial, taylor.centre_px, image_size, affine, **reading.model_arguments)
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
 
@@ -177,19 +185,19 @@ def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Read
 # -- reading ----------------------------------------------------------------------------------
 
 
-def read_matlab(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_matlab(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a script that calls ``fisheyeIntrinsics``, or of a JSON file."""
     is_script = MATLAB_SCRIPT.search(file.data) is not None
     table = _arguments(file.text, reading.source) if is_script else file.entries
     a0, *rest = table[MATLAB_NAMES[0]].numbers(4)
     size = table[MATLAB_NAMES[1]].entries()
     if len(size) != 2:
-        table[MATLAB_NAMES[1]].refuse("must be two numbers, rows and columns")
-    height, width = (entry.whole() for entry in size)
+        table[MATLAB_NAMES[1]].fail("must be two numbers, rows and columns")
+    height, width = (entry.integer() for entry in size)
     u, v = table[MATLAB_NAMES[2]].numbers(2)
     stretch = table[MATLAB_NAMES[3]].matrix(2, 2) if MATLAB_NAMES[3] in table else np.eye(2)
     taylor = MatlabPolynomial(np.array([a0, 0.0, *rest]), (u - 1, v - 1), stretch)
-    return [Stored("", ocam_of(taylor, (width, height), reading))]
+    return [CameraEntry("", ocam_of(taylor, (width, height), reading))]
 
 
 def _arguments(text: str, source: str) -> Node:
@@ -231,7 +239,7 @@ def _word(word: str, source: str, name: str, line: int) -> Node:
     try:
         float_of(word)
     except ValueError:
-        entry.refuse(f"must contain numbers; got {word[:40]!r}")
+        entry.fail(f"must contain numbers; got {word[:40]!r}")
     return entry
 
 
@@ -296,7 +304,7 @@ MATLAB = CameraFormat(
             MATLAB_WORDS,
             MATLAB_TERMS,
             suffixes=(".m", ".txt"),
-            refuses=_refuses,
+            restriction=_refuses,
         ),
         "matlab-json": Layout(
             OCam,
@@ -304,7 +312,7 @@ MATLAB = CameraFormat(
             MATLAB_WORDS,
             MATLAB_TERMS,
             suffixes=(".json",),
-            refuses=_refuses,
+            restriction=_refuses,
         ),
     },
     ("*.m",),
@@ -319,21 +327,21 @@ MATLAB = CameraFormat(
 # image size; this module adds ``image_size``, which py-OCamCalib ignores.
 
 
-def read_py_ocamcalib(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_py_ocamcalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a calibration file."""
     table = file.entries
     coefficients = np.array(table["taylor_coefficient"].numbers())
     u, v = table["distortion_center"].numbers(2)
     stretch = table["stretch_matrix"].matrix(2, 2)
     if "image_size" in table and len(table["image_size"].entries()) == 2:
-        width, height = (entry.whole() for entry in table["image_size"].entries())
+        width, height = (entry.integer() for entry in table["image_size"].entries())
     else:
         width, height = reading.size()
     name = table["camera_name"].word() if "camera_name" in table else ""
     camera = ocam_of(MatlabPolynomial(coefficients, (u, v), stretch), (width, height), reading)
     inverse = table["inverse_poly"].numbers() if "inverse_poly" in table else ()
     return [
-        Stored(
+        CameraEntry(
             name,
             camera,
             tuple(
@@ -378,7 +386,7 @@ INVERSE_TERMS = "poly_incident_angle_to_radius"
 PY_OMNICALIB_PARAMETERS = frozenset({"cx", "cy", *(f"a{power}" for power in range(MAX_TERMS))})
 
 
-def read_py_omnicalib(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_py_omnicalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a ``calibration.yml``, without poses."""
     table = file.entries
     coefficients = np.array(table["poly_radius_to_z"].numbers())
@@ -389,7 +397,7 @@ def read_py_omnicalib(file: CameraFile, reading: Reading) -> list[Stored]:
         reading,
     )
     inverse = table[INVERSE_TERMS].numbers() if INVERSE_TERMS in table else ()
-    return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, inverse, 0.0)))]
+    return [CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, inverse, 0.0)))]
 
 
 def write_py_omnicalib(camera: OCam, name: str = "") -> str:
@@ -427,19 +435,21 @@ PY_OMNICALIB = CameraFormat(
 # read-only.
 
 
-def read_multicol(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_multicol(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     c, d, e, u, v = (table[f"Camera.{name}"].number() for name in ("c", "d", "e", "u0", "v0"))
     size = (
         reading.size()
         if "Camera.Iw" not in table
-        else (table["Camera.Iw"].whole(), table["Camera.Ih"].whole())
+        else (table["Camera.Iw"].integer(), table["Camera.Ih"].integer())
     )
     direct = -np.array(table.polynomial("Camera.a"))
     camera = ocam_of(MatlabPolynomial(direct, (u, v), np.array([[c, d], [e, 1.0]])), size, reading)
     inverse = table.polynomial("Camera.pol") if "Camera.pol0" in table else ()
-    return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))]
+    return [
+        CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))
+    ]
 
 
 MULTICOL = CameraFormat(

@@ -21,7 +21,7 @@ from ._chessboards import find_chessboard, find_chessboards, is_whole, ordered, 
 from ._corner_refinement import maps_about, refine_corners
 from ._image_preparation import Grey, LocalView, edge_blur_px, grey, local_views
 from ._lattice_growth import LatticePart, coloured, completed, goes_on, grown, trimmed
-from ._markers import find_by_markers, laid_otherwise, read_markers
+from ._markers import find_by_markers, layout_difference, read_markers
 from .boards import Board, Detection
 
 Picture = NDArray[Any]
@@ -42,7 +42,7 @@ STOPPED = "the search was stopped before this image"
 
 @checked
 def find_board(
-    picture: Picture,
+    image: Picture,
     board: Board,
     *,
     name: str = "",
@@ -57,7 +57,7 @@ def find_board(
 
     Parameters
     ----------
-    picture : (height, width) or (height, width, 3)
+    image : (height, width) or (height, width, 3)
         RGB or greyscale image of any depth.
     board
         Calibration board.
@@ -91,35 +91,36 @@ def find_board(
     'a board of 5 x 4 corners was detected instead of 8 x 6 corners'
     """
     instance("board", board, Board, "a board")
-    values = grey(picture)
+    values = grey(image)
     size = (values.shape[1], values.shape[0])
     if camera is not None and tuple(camera.image_size) != size:
         raise InvalidParameter(
             f"the image must have the size of the camera, {camera.image_size[0]} x {camera.image_size[1]} px; "
             f"got {size[0]} x {size[1]} px"
         )
-    look = _look_for_markers if board.has_markers else _look_for_squares
-    found = look(values, board, name, is_quick=quick)
-    if camera is not None and not found.used:
+    detect = _look_for_markers if board.has_markers else _look_for_squares
+    detection = detect(values, board, name, is_quick=quick)
+    if camera is not None and not detection.used:
         for view in local_views(values, camera):
-            seen = look(view.picture, board, "", is_quick=True)
+            view_detection = detect(view.image, board, "", is_quick=True)
             if (
-                seen.used
-                and (again := _back_in_picture(values, seen, view, board, name)) is not None
+                view_detection.used
+                and (image_detection := _back_in_picture(values, view_detection, view, board, name))
+                is not None
             ):
-                found = again
+                detection = image_detection
                 break
-    return _measured(values, found, board)
+    return _measured(values, detection, board)
 
 
 def _back_in_picture(
-    values: Grey, seen: Detection, view: LocalView, board: Board, name: str
+    values: Grey, view_detection: Detection, view: LocalView, board: Board, name: str
 ) -> Detection | None:
     """Return a detection in a dewarped view as a detection in the image, which may be mirrored."""
     size = (values.shape[1], values.shape[0])
-    pixels = view.back(seen.corners_px)
-    known = np.isfinite(pixels).all(axis=1)
-    ids, pixels = seen.ids[known], pixels[known]
+    pixels = view.back(view_detection.corners_px)
+    is_finite = np.isfinite(pixels).all(axis=1)
+    ids, pixels = view_detection.ids[is_finite], pixels[is_finite]
     if board.has_markers:  # including parts of the board outside the view
         ids, pixels = completed(values, board, ids, pixels)
         return Detection(name, size, ids, pixels, is_reversed=_runs_backwards(board, ids, pixels))
@@ -130,20 +131,20 @@ def _back_in_picture(
 
 @checked
 def find_boards(
-    pictures: Iterable[Picture | str | Path],
+    images: Iterable[Picture | str | Path],
     board: Board,
     *,
     names: Sequence[str] | None = None,
     camera: Camera | None = None,
     several: bool = False,
     stored_orientation: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Detection]:
     """Detect the board in each of several images of one sensor, and check their consistency.
 
     Parameters
     ----------
-    pictures
+    images
         Image files, or images (height, width, 3) or (height, width).
     board
         Calibration board.
@@ -156,7 +157,7 @@ def find_boards(
         with the name of the image, the others with a number appended.
     stored_orientation
         Use the pixels of files as stored, without the orientation in their EXIF data.
-    progress
+    on_progress
         Callback with the number of processed images and the total.
 
     Returns
@@ -179,44 +180,46 @@ def find_boards(
     >>> [(d.name, d.used) for d in found]
     [('image 1', True), ('image 2', False), ('image 3', False)]
     """
-    given = list(pictures)
-    if not given:
+    sources = list(images)
+    if not sources:
         raise InvalidParameter("images must contain at least one image; got none")
-    names = _names(given) if names is None else list(names)
-    if len(names) != len(given):
+    names = _names(sources) if names is None else list(names)
+    if len(names) != len(sources):
         raise InvalidParameter(
-            f"names must have one entry per image; got {len(names)} names for {len(given)} images"
+            f"names must have one entry per image; got {len(names)} names for {len(sources)} images"
         )
     jobs = [
-        (picture, board, name, camera, several, stored_orientation)
-        for name, picture in zip(names, given, strict=True)
+        (image, board, name, camera, several, stored_orientation)
+        for name, image in zip(names, sources, strict=True)
     ]
-    found = {number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)}
+    detections = {
+        number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)
+    }
     try:
-        for done, (number, boards) in enumerate(_looked_through(jobs), 1):
-            found[number] = boards
-            if progress is not None:
-                progress(done, len(given))
+        for count_done, (number, boards) in enumerate(_looked_through(jobs), 1):
+            detections[number] = boards
+            if on_progress is not None:
+                on_progress(count_done, len(sources))
     except KeyboardInterrupt:
         pass  # keep the results so far
-    return compared([one for boards in found.values() for one in boards], board)
+    return compared([detection for boards in detections.values() for detection in boards], board)
 
 
 def _looked_through(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[Detection]]]:
     """Yield the boards of each image, with worker processes for long searches."""
     for number, job in enumerate(jobs):
-        began = time.perf_counter()
+        started = time.perf_counter()
         yield number, _boards_in(*job)
-        rest = jobs[number + 1 :]
-        if (time.perf_counter() - began) * len(rest) > LONG_S:
-            with WorkerPool() as helpers:
-                for later, boards in helpers.each(_boards_in, rest):
-                    yield number + 1 + later, boards
+        remaining = jobs[number + 1 :]
+        if (time.perf_counter() - started) * len(remaining) > LONG_S:
+            with WorkerPool() as pool:
+                for offset, boards in pool.each(_boards_in, remaining):
+                    yield number + 1 + offset, boards
             return
 
 
 def _boards_in(
-    picture: Picture | str | Path,
+    source: Picture | str | Path,
     board: Board,
     name: str,
     camera: Camera | None,
@@ -228,9 +231,9 @@ def _boards_in(
 
     try:
         pixels = (
-            read_image(picture, stored_orientation=stored_orientation)
-            if isinstance(picture, str | Path)
-            else picture
+            read_image(source, stored_orientation=stored_orientation)
+            if isinstance(source, str | Path)
+            else source
         )
         boards = _several(pixels, board, name) if several and not board.has_markers else []
         return boards or [find_board(pixels, board, name=name, camera=camera)]
@@ -238,72 +241,71 @@ def _boards_in(
         return [Detection(name, (0, 0), reason=str(e))]
 
 
-def compared(found: Sequence[Detection], board: Board) -> list[Detection]:
+def compared(detections: Sequence[Detection], board: Board) -> list[Detection]:
     """Return detections of one sensor with reasons against inconsistent ones."""
-    judged = list(found)
-    sizes = Counter(d.image_size for d in judged if d.used) or Counter(
-        d.image_size for d in judged if d.found
+    result = list(detections)
+    sizes = Counter(d.image_size for d in result if d.used) or Counter(
+        d.image_size for d in result if d.found
     )
-    usual = sizes.most_common(1)[0][0] if sizes else (0, 0)
-    hands = Counter(
+    usual_size = sizes.most_common(1)[0][0] if sizes else (0, 0)
+    orientations = Counter(
         d.is_reversed
-        for d in judged
-        if d.used and d.image_size == usual and d.is_reversed is not None
+        for d in result
+        if d.used and d.image_size == usual_size and d.is_reversed is not None
     )
-    usual_hand = hands.most_common(1)[0][0] if hands else None
-    shows_hand = board.is_symmetric and board.columns != board.rows
+    usual_orientation = orientations.most_common(1)[0][0] if orientations else None
+    is_orientation_visible = board.is_symmetric and board.columns != board.rows
     colours = Counter(
         d.begins_white
-        for d in judged
-        if d.used and d.image_size == usual and d.begins_white is not None
+        for d in result
+        if d.used and d.image_size == usual_size and d.begins_white is not None
     )
-    usual_colour = colours.most_common(1)[0][0] if colours and shows_hand else None
-    is_right_board = any(d.used and not d.is_part for d in judged)
-    for i, detection in enumerate(judged):
-        if detection.found and detection.image_size != usual:
+    usual_colour = colours.most_common(1)[0][0] if colours and is_orientation_visible else None
+    is_right_board = any(d.used and not d.is_part for d in result)
+    for i, detection in enumerate(result):
+        if detection.found and detection.image_size != usual_size:
             reason = "its size of {} x {} px differs from that of the others, {} x {} px".format(
-                *detection.image_size, *usual
+                *detection.image_size, *usual_size
             )
-            judged[i] = replace(detection, reason=reason)
+            result[i] = replace(detection, reason=reason)
         elif (
             detection.used
-            and usual_hand is not None
-            and detection.is_reversed not in (None, usual_hand)
+            and usual_orientation is not None
+            and detection.is_reversed not in (None, usual_orientation)
         ):
-            what = (
+            difference = (
                 "is a mirror image, unlike the others"
                 if detection.is_reversed
                 else "is not a mirror image, unlike the others"
             )
-            judged[i] = replace(detection, reason=f"it {what}: it was flipped")
+            result[i] = replace(detection, reason=f"it {difference}: it was flipped")
         elif (
             detection.used
             and usual_colour is not None
             and detection.begins_white not in (None, usual_colour)
         ):
             reason = "its board is the mirror image of that in the others: it was flipped"
-            judged[i] = replace(detection, reason=reason)
+            result[i] = replace(detection, reason=reason)
         elif detection.found and detection.is_part and is_right_board:
-            judged[i] = replace(detection, reason=None)  # other images confirm the board
-    return judged
+            result[i] = replace(detection, reason=None)  # other images confirm the board
+    return result
 
 
-def _names(pictures: Sequence[Any]) -> list[str]:
+def _names(images: Sequence[Any]) -> list[str]:
     names = [
-        Path(p).name if isinstance(p, str | Path) else f"image {i}"
-        for i, p in enumerate(pictures, 1)
+        Path(p).name if isinstance(p, str | Path) else f"image {i}" for i, p in enumerate(images, 1)
     ]
     if len(set(names)) < len(names):  # files with the same name in several folders
         names = [
             str(p) if isinstance(p, str | Path) else name
-            for p, name in zip(pictures, names, strict=True)
+            for p, name in zip(images, names, strict=True)
         ]
     return names
 
 
-def _several(picture: Picture, board: Board, name: str) -> list[Detection]:
+def _several(image: Picture, board: Board, name: str) -> list[Detection]:
     """Return all complete boards in an image."""
-    values = grey(picture)
+    values = grey(image)
     size = (values.shape[1], values.shape[0])
     names = (name if k == 1 else f"{name} ({k})" for k in count(1))
     parts = find_chessboards(values, board)
@@ -341,17 +343,15 @@ def _look_for_markers(
     markers = read_markers(values, board, is_quick=is_quick)
     if (
         board.kind == "aprilgrid"
-        and (other := laid_otherwise(values, board, markers, is_quick=is_quick)) is not None
+        and (difference := layout_difference(values, board, markers, is_quick=is_quick)) is not None
     ):
-        return Detection(name, size, reason=other, blur_px=edge_blur_px(values))
+        return Detection(name, size, reason=difference, blur_px=edge_blur_px(values))
     ids, pixels = find_by_markers(values, board, markers)
     if len(ids) >= LEAST_OF_MARKED:
         return Detection(name, size, ids, pixels, is_reversed=markers.is_reversed)
     if len(markers.ids):
-        few = "1 marker" if len(markers.ids) == 1 else f"{len(markers.ids)} markers"
-        reason = (
-            f"only {few} of {board.marker_count} and {len(ids)} corners of the board were detected"
-        )
+        marker_count = "1 marker" if len(markers.ids) == 1 else f"{len(markers.ids)} markers"
+        reason = f"only {marker_count} of {board.marker_count} and {len(ids)} corners of the board were detected"
     else:
         reason = _why_nothing(values)
         if reason == NO_BOARD:
@@ -372,10 +372,10 @@ def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
     blur = edge_blur_px(values)
     blurred = f"; the image is blurred (edge blur {blur:.1f} px)" if blur > BLURRED_PX else ""
     columns, rows = sorted(part.size, reverse=True)
-    wanted = sorted(board.lattice_size, reverse=True)
-    if [columns, rows] == wanted:
+    expected_size = sorted(board.lattice_size, reverse=True)
+    if [columns, rows] == expected_size:
         return f"only {len(part.places)} of {board.corner_count} corners of the board were detected"
-    if [columns + 1, rows + 1] == wanted:
+    if [columns + 1, rows + 1] == expected_size:
         return (
             f"a board of {columns} x {rows} corners was detected instead of {board}; specify the number of "
             f"inner corners, not of squares{blurred}"
@@ -383,17 +383,17 @@ def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
     return f"a board of {columns} x {rows} corners was detected instead of {board}{blurred}"
 
 
-def _measured(values: Grey, found: Detection, board: Board) -> Detection:
+def _measured(values: Grey, detection: Detection, board: Board) -> Detection:
     """Return the detection with refined corners, rejected if these are too few or too small."""
-    if not found.found:
-        return found
-    refined = refine_corners(values / np.float32(255), found, board)
-    least = (
+    if not detection.found:
+        return detection
+    refined = refine_corners(values / np.float32(255), detection, board)
+    min_corners = (
         WHOLE_SHARE * board.corner_count
-        if not (board.has_markers or found.is_part)
+        if not (board.has_markers or detection.is_part)
         else LEAST_OF_MARKED
     )
-    if refined.used and len(refined.ids) < least:
+    if refined.used and len(refined.ids) < min_corners:
         reason = (
             f"only {len(refined.ids)} of {board.corner_count} corners of the board could be refined"
         )
@@ -414,8 +414,10 @@ def _measured(values: Grey, found: Detection, board: Board) -> Detection:
 def _runs_backwards(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.float64]) -> bool:
     """Return whether a board is mirrored in an image."""
     places = board.points_mm[ids, :2] / board.square_mm
-    known = np.isfinite(pixels).all(axis=1)
-    turn = float(
-        np.median(np.linalg.det(maps_about(places[known], pixels[known], places[known]).first))
+    is_finite = np.isfinite(pixels).all(axis=1)
+    determinant = float(
+        np.median(
+            np.linalg.det(maps_about(places[is_finite], pixels[is_finite], places[is_finite]).first)
+        )
     )
-    return (turn < 0) != (board.kind == "aprilgrid")  # Y of an April grid points up
+    return (determinant < 0) != (board.kind == "aprilgrid")  # Y of an April grid points up

@@ -113,15 +113,15 @@ class Board:
                 raise InvalidParameter("a chessboard must have at least 3 x 2 corners; got 2 x 2")
         elif self.family is not None:
             choice("family", self.family.upper(), families())
-            if self.marker_count > (most := capacity(self.family)):
+            if self.marker_count > (family_size := capacity(self.family)):
                 raise InvalidParameter(
                     f"family must have at least {self.marker_count} markers for a board of {self}; "
-                    f"{self.family} has {most}"
+                    f"{self.family} has {family_size}"
                 )
 
     def __str__(self) -> str:
-        what = {"chessboard": "corners", "charuco": "squares", "aprilgrid": "tags"}[self.kind]
-        return f"{self.columns} x {self.rows} {what}"
+        unit = {"chessboard": "corners", "charuco": "squares", "aprilgrid": "tags"}[self.kind]
+        return f"{self.columns} x {self.rows} {unit}"
 
     @property
     def lattice_size(self) -> tuple[int, int]:

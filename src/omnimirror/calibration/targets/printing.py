@@ -94,7 +94,7 @@ def words_of(board: Board) -> str:
     >>> words_of(Board("chessboard", 11, 7, 30.0))
     'omnimirror chessboard 11x7, squares of 30 mm; reference line 100 mm'
     """
-    what = "tags" if board.kind == "aprilgrid" else "squares"
+    unit = "tags" if board.kind == "aprilgrid" else "squares"
     markers = (
         f", markers of {board.marker_side_mm:g} mm {board.marker_family}"
         if board.kind == "charuco"
@@ -103,7 +103,7 @@ def words_of(board: Board) -> str:
     gaps = (
         f", spacing {board.spacing:g}, {board.marker_family}" if board.kind == "aprilgrid" else ""
     )
-    size = f"{board.columns}x{board.rows}, {what} of {board.square_mm:g} mm"
+    size = f"{board.columns}x{board.rows}, {unit} of {board.square_mm:g} mm"
     return f"omnimirror {board.kind} {size}{markers}{gaps}; reference line {RULER_MM:g} mm"
 
 
@@ -215,8 +215,8 @@ def _drawn(board: Board) -> tuple[Array, tuple[float, float], tuple[float, float
         gap = board.spacing * side
         size = (board.columns * (side + gap) + gap, board.rows * (side + gap) + gap)
         return np.array(list(_april(board, gap, size[1]))), size, (gap, size[1] - gap)
-    more = 1 if board.kind == "chessboard" else 0
-    columns, rows = board.columns + more, board.rows + more
+    additional = 1 if board.kind == "chessboard" else 0
+    columns, rows = board.columns + additional, board.rows + additional
     first = 1 if board.legacy and board.kind == "charuco" and rows % 2 == 0 else 0
     squares = [(c, r) for r in range(rows) for c in range(columns)]
     black = [(c * side, r * side, side, side) for c, r in squares if (c + r) % 2 == first]
@@ -253,22 +253,24 @@ def _marker(board: Board, number: int) -> NDArray[np.bool_]:
 
     family = dictionary(board.marker_family)
     cells = int(family.markerSize) + 2 * board.border_bits
-    drawn = cv2.aruco.generateImageMarker(family, number, cells, borderBits=board.border_bits)
-    return np.asarray(drawn) < 128
+    marker_image = cv2.aruco.generateImageMarker(
+        family, number, cells, borderBits=board.border_bits
+    )
+    return np.asarray(marker_image) < 128
 
 
 def _cells(
     black: NDArray[np.bool_], left: float, top: float, side: float
 ) -> list[tuple[float, float, float, float]]:
     """Return black cells as rectangles, merged along rows."""
-    found = []
+    rectangles = []
     for row, cells in enumerate(black):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(int), [0]])))
-        found += [
+        rectangles += [
             (left + a * side, top + row * side, (b - a) * side, side)
             for a, b in edges.reshape(-1, 2)
         ]
-    return found
+    return rectangles
 
 
 # -- files ------------------------------------------------------------------------------------
@@ -280,20 +282,20 @@ def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
         raise InvalidParameter(
             f"the image must have 1 to {MOST_PX} px per side; got {width} x {height} px"
         )
-    picture = np.full((height, width), 255, np.uint8)
+    image = np.full((height, width), 255, np.uint8)
     corners = np.concatenate(
         [sheet.black_mm[:, :2], sheet.black_mm[:, :2] + sheet.black_mm[:, 2:]], axis=1
     )
     for left, top, right, bottom in np.rint(corners * px_per_mm).astype(int):
-        picture[top:bottom, left:right] = 0
-    return picture
+        image[top:bottom, left:right] = 0
+    return image
 
 
-def _png(picture: NDArray[np.uint8], dpi: float) -> bytes:
+def _png(image: NDArray[np.uint8], dpi: float) -> bytes:
     """Return a PNG file with its resolution in pixels per metre, for printing at true scale."""
     from ...io.images import encoded
 
-    data = encoded(picture, ".png")
+    data = encoded(image, ".png")
     head = 8 + 25  # signature and first chunk, both of fixed length
     metre = round(dpi / 0.0254)
     chunk = b"pHYs" + struct.pack(">IIB", metre, metre, 1)

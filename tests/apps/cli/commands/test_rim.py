@@ -56,7 +56,7 @@ def test_pictures_of_one_sensor_are_looked_at_together(folder, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "together" in run.stdout
     rim = json.loads((tmp_path / "rim.json").read_text())
-    assert [one["name"] for one in rim["pictures"]] == ["room0.png", "room90.png"]
+    assert [one["name"] for one in rim["images"]] == ["room0.png", "room90.png"]
     assert rim["semi_axes_px"] == pytest.approx([501.63, 501.63], abs=1.0)
 
 

@@ -18,11 +18,17 @@ from rich.table import Table
 from ....base.arguments import float_of, shown
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
-from ....calibration.estimation import Calibration, Prior, Surveys, calibrate_camera, read_surveys
+from ....calibration.estimation import (
+    Calibration,
+    Prior,
+    SurveyData,
+    calibrate_camera,
+    read_observations,
+)
 from ....calibration.estimation.model_sequence import KINDS
 from ....calibration.sensor_model import SensorModel
-from ....calibration.straight_edges import read_lines
-from ....calibration.targets import Board, Detection, choose_frames
+from ....calibration.straight_edges import read_line_points
+from ....calibration.targets import Board, Detection, select_frames
 from ....calibration.targets.board_detection import find_boards
 from ....cameras.frames import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
@@ -180,7 +186,7 @@ class EstimationOptions(Options):
 
 @dataclass(frozen=True)
 class SurveyOptions(Options):
-    """Survey data, with the parameters of :func:`omnimirror.read_surveys`."""
+    """Survey data, with the parameters of :func:`omnimirror.read_observations`."""
 
     points: tuple[str, ...] = option(
         default=(),
@@ -202,7 +208,7 @@ class SurveyOptions(Options):
         multiple=True,
         metavar="FILE",
         show_default=False,
-        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and image for several images (repeatable).",
     )
     lines_distance_mm: float = option(
         type=distance,
@@ -265,7 +271,7 @@ def command(
     """
     board, asked, console = target.made(), camera.asked(), output_console()
     _check_asked(pictures, board, survey)
-    known = read_surveys(survey.points, survey.directions)
+    known = read_observations(survey.points, survey.directions)
     detections, stopped_by = (
         ([], 0) if board is None else _found(console, pictures, board, several, orientation)
     )
@@ -274,14 +280,14 @@ def command(
             found = calibrate_camera(
                 detections,
                 board,
-                surveys=known.sightings,
-                lines=read_lines(survey.lines),
+                surveys=known.observations,
+                lines=read_line_points(survey.lines),
                 lines_distance_mm=survey.lines_distance_mm,
                 image_size=survey.image_size,
                 **asked,
                 **estimation.asked(),
-                progress=progress,
-                stop=interrupts.is_pending,
+                on_progress=progress,
+                should_stop=interrupts.is_pending,
             )
         except OmnimirrorError:
             if not (code := interrupts.exit_code() or stopped_by):
@@ -340,14 +346,14 @@ def _found(
 
         if len(pictures) == 1 and is_video(pictures[0]):
             orientation.report_video(pictures[0])
-            found = choose_frames(
-                pictures[0], board, stored_orientation=is_stored, progress=progress
+            found = select_frames(
+                pictures[0], board, stored_orientation=is_stored, on_progress=progress
             )
         else:
             files = expand_inputs(pictures, READABLE_IMAGE_SUFFIXES)
             orientation.report(files)
             found = find_boards(
-                files, board, several=several, stored_orientation=is_stored, progress=progress
+                files, board, several=several, stored_orientation=is_stored, on_progress=progress
             )
         return found, interrupts.exit_code()
 
@@ -388,20 +394,20 @@ def _command_line() -> str:
 # -- printed output ---------------------------------------------------------------------------
 
 
-def _print(console: Console, found: Calibration, known: Surveys) -> None:
-    used, count = sum(p.used for p in found.pictures), len(found.pictures)
+def _print(console: Console, found: Calibration, known: SurveyData) -> None:
+    used, count = sum(p.used for p in found.images), len(found.images)
     held = f", {found.held_out_rms_px:.3f} px in pictures left out" if found.held_out else ""
     kept = found.corners - len(found.outliers)
     say(
         (f"{found.model.KIND}", "bold"),
-        f": {found.rms_px:.3f} px RMS over {kept} of {found.corners} {found.seen} in "
+        f": {found.rms_px:.3f} px RMS over {kept} of {found.corners} {found.measurement_kinds} in "
         f"{used} of {count} {'picture' if count == 1 else 'pictures'}{held}",
         console=console,
     )
     if len(found.candidates) > 1:
         console.print(_models(found))
     console.print(_parameters(found))
-    for picture in found.pictures:
+    for picture in found.images:
         if not picture.used:
             why = picture.reason or ""
             say(
@@ -420,7 +426,7 @@ def _print(console: Console, found: Calibration, known: Surveys) -> None:
         say(("Next: ", "cyan"), sentence, console=console)
 
 
-def _outliers(found: Calibration, known: Surveys) -> str:
+def _outliers(found: Calibration, known: SurveyData) -> str:
     def place(picture: str, corner: int) -> str:
         return (
             known.places[picture][corner]
@@ -429,7 +435,7 @@ def _outliers(found: Calibration, known: Surveys) -> str:
         )
 
     shown = [
-        f"{place(o.picture, o.corner)} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]
+        f"{place(o.image, o.corner)} ({o.residual_px:.2f} px)" for o in found.outliers[:FEW_SHOWN]
     ]
     more = len(found.outliers) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")

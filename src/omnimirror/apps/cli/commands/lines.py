@@ -15,9 +15,9 @@ from ....base.errors import InvalidParameter
 from ....base.files import write_json
 from ....base.typing import Array
 from ....calibration.levelling import Level
-from ....calibration.plumb_lines import LineCalibration, calibrate_lines, drawn_edges
-from ....calibration.rim import SURE, check_alike, find_rim
-from ....calibration.straight_edges import ONLY, read_lines
+from ....calibration.plumb_lines import PlumbLineCalibration, calibrate_plumb_lines, draw_edges
+from ....calibration.rim import MIN_CONFIDENCE, check_image_sizes, detect_mirror_outline
+from ....calibration.straight_edges import DEFAULT_IMAGE_NAME, read_line_points
 from ....cameras.frames import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
 from ....io import write_image
@@ -85,9 +85,9 @@ class LineOptions(Options):
         pictures: Sequence[NDArray[Any]],
         lines: Sequence[Sequence[Array]],
         model: Sensor | CameraModel | None,
-    ) -> LineCalibration:
+    ) -> PlumbLineCalibration:
         """Return the refinement of the camera from the edges of images."""
-        return calibrate_lines(
+        return calibrate_plumb_lines(
             pictures,
             lines=lines,
             image_size=self.image_size,
@@ -133,11 +133,11 @@ def command(
         raise click.UsageError("there are no IMAGES, and no --lines that were marked in them")
     if figure and not images:
         raise click.UsageError("--figure is drawn on the first of IMAGES, and there is none")
-    files, marked = expand_inputs(images, READABLE_IMAGE_SUFFIXES), read_lines(asked.lines)
+    files, marked = expand_inputs(images, READABLE_IMAGE_SUFFIXES), read_line_points(asked.lines)
     pictures = orientation.read(files)
-    check_alike(pictures, [file.name for file in files])
-    if len(files) == 1 and list(marked) == [ONLY]:
-        marked = {files[0].name: marked[ONLY]}
+    check_image_sizes(pictures, [file.name for file in files])
+    if len(files) == 1 and list(marked) == [DEFAULT_IMAGE_NAME]:
+        marked = {files[0].name: marked[DEFAULT_IMAGE_NAME]}
     names = list(dict.fromkeys([*(file.name for file in files), *marked]))
     lines = [marked.get(name, ()) for name in names]
     console = output_console()
@@ -155,7 +155,7 @@ def command(
     with console.status("Following edges"):
         found = asked.refined(pictures, lines, model)
     told = found.to_dict()
-    used, edges = (sum(p[key] for p in told["pictures"]) for key in ("used", "edges"))
+    used, edges = (sum(p[key] for p in told["images"]) for key in ("used", "edges"))
     say(f"{used} of {edges} edges are straight within {found.rms_px:.2f} px rms", console=console)
     for p in told["parameters"]:
         say(
@@ -172,7 +172,7 @@ def command(
     if json_file:
         write_json(json_file, told)
     if figure:
-        write_image(figure, drawn_edges(np.asarray(pictures[0]), found.chains[0], found.used[0]))
+        write_image(figure, draw_edges(np.asarray(pictures[0]), found.chains[0], found.used[0]))
     say_written(output, json_file, figure, console=console)
 
 
@@ -180,11 +180,11 @@ def _found_rim(pictures: Sequence[NDArray[Any]]) -> tuple[tuple[float, float, fl
     """Return the circle (centre, radius) and the inner radius of the field, px, of an accepted
     outline.
     """
-    found = find_rim(pictures)
-    if not found.is_sure:
+    found = detect_mirror_outline(pictures)
+    if not found.is_accepted:
         raise InvalidParameter(
-            f"no rim was found for sure: the confidence {found.confidence:.2f} is below {SURE:g}; give more pictures "
-            "of the same sensor or one with all of its rim, or say where it is with --rim U V R"
+            f"no rim was found for sure: the confidence {found.confidence:.2f} is below {MIN_CONFIDENCE:g}; "
+            "give more pictures of the same sensor or one with all of its rim, or say where it is with --rim U V R"
         )
     inner, radius = found.annulus_px
     return (*found.centre_px, radius), inner

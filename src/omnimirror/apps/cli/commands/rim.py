@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from ....base.files import write_json
 from ....calibration.edge_detection import levels_of
-from ....calibration.rim import SURE, FoundRim, check_alike, find_rim
+from ....calibration.rim import (
+    MIN_CONFIDENCE,
+    MirrorOutline,
+    check_image_sizes,
+    detect_mirror_outline,
+)
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from .._camera_options import OrientationOptions
 from .._declarations import DocumentedCommand, takes
@@ -57,9 +62,13 @@ def command(
     files = expand_inputs(images, READABLE_IMAGE_SUFFIXES)
     pictures = orientation.read(files)
     if not each:
-        check_alike(pictures, [file.name for file in files])
-    found = [find_rim(picture) for picture in pictures] if each else [find_rim(pictures)]
-    singles = found if each else list(found[0].pictures) or found
+        check_image_sizes(pictures, [file.name for file in files])
+    found = (
+        [detect_mirror_outline(picture) for picture in pictures]
+        if each
+        else [detect_mirror_outline(pictures)]
+    )
+    singles = found if each else list(found[0].images) or found
     console = output_console()
     numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera's image\npx", "confidence\n")
     table = plain_table("picture", *numbers, words=("picture",))
@@ -72,16 +81,16 @@ def command(
         found,
         strict=True,
     ):
-        for number, candidate in enumerate(() if rim.is_sure else rim.candidates[1:], 2):
+        for number, candidate in enumerate(() if rim.is_accepted else rim.candidates[1:], 2):
             table.add_row(*_row(f"{name}, candidate {number}", candidate))
     console.print(table)
     for name, rim in zip(
         [file.name for file in files] if each else ["together"], found, strict=True
     ):
-        if not rim.is_sure:
+        if not rim.is_accepted:
             who = f"{name}: " if len(files) > 1 else ""
             say(
-                f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {SURE:g}",
+                f"{who}no rim is sure: the confidence {rim.confidence:.2f} is below {MIN_CONFIDENCE:g}",
                 console=console,
             )
     if json_file:
@@ -89,7 +98,7 @@ def command(
         named = [
             {"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)
         ]
-        whole = record[0] | {"pictures": named} if len(found) == 1 else {"pictures": named}
+        whole = record[0] | {"images": named} if len(found) == 1 else {"images": named}
         write_json(json_file, whole)
         say_written(json_file, console=console)
     if figure:
@@ -97,7 +106,7 @@ def command(
 
 
 def _drawn(
-    figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[FoundRim]
+    figure: Path, files: list[Path], pictures: list[NDArray[Any]], found: list[MirrorOutline]
 ) -> Path:
     """Write a figure of the images with the detected outlines."""
     from ....analysis.figures import save_figure
@@ -108,8 +117,10 @@ def _drawn(
             levels_of(picture).astype(np.uint8),
             rim.points(),
             rim.centre_px,
-            None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px),
-            rim.is_sure,
+            None
+            if rim.camera_image is None
+            else (*rim.camera_image.centre_px, rim.camera_image.radius_px),
+            rim.is_accepted,
             f"{file.name}: {rim.confidence:.2f}",
         )
         for file, picture, rim in zip(files, pictures, found, strict=True)
@@ -117,9 +128,9 @@ def _drawn(
     return save_figure(found_rims(drawn), figure)
 
 
-def _row(name: str, rim: FoundRim) -> tuple[str, ...]:
+def _row(name: str, rim: MirrorOutline) -> tuple[str, ...]:
     (u, v), (a, b) = rim.centre_px, rim.semi_axes_px
-    camera = "-" if rim.inner is None else f"{rim.inner.radius_px:.1f}"
+    camera = "-" if rim.camera_image is None else f"{rim.camera_image.radius_px:.1f}"
     return (
         name,
         f"{u:.2f}, {v:.2f}",
