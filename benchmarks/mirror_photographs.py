@@ -40,7 +40,7 @@ class Rim(NamedTuple):
 class Photograph:
     """Composed photograph with its ground truth."""
 
-    picture: Picture
+    image: Picture
     rim: Rim | None
     inner_px: float | None
     words: str

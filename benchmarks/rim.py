@@ -45,7 +45,7 @@ class Found(NamedTuple):
 def looked_at(seed: int, photograph: Photograph) -> Found:
     """Detect the mirror outline in a photograph."""
     begun = time.perf_counter()
-    rim = om.detect_mirror_outline(photograph.picture)
+    rim = om.detect_mirror_outline(photograph.image)
     seconds = time.perf_counter() - begun
     error = np.inf if photograph.rim is None else error_of(rim, photograph.rim)
     return Found(seed, error, rim.confidence, seconds, photograph.words)

@@ -197,7 +197,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "calibrate_camera": (
         om.calibrate_camera,
         {
-            "pictures": SEEN,
+            "images": SEEN,
             "board": BOARD,
             "model": "unified",
             "mount": None,
@@ -265,14 +265,14 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "find_boards": (
         om.find_boards,
-        {"pictures": ["a.png"], "board": BOARD, "names": None, "several": False},
+        {"images": ["a.png"], "board": BOARD, "names": None, "several": False},
     ),
     "refine_corners": (
         om.refine_corners,
         {"picture": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1},
     ),
     "camera_from_rim": (om.camera_from_rim, {"rim": RIM, "mirror": "one-shot", "mount": None}),
-    "detect_mirror_outline": (om.detect_mirror_outline, {"pictures": LARGER}),
+    "detect_mirror_outline": (om.detect_mirror_outline, {"images": LARGER}),
     "sensor_from_rim": (om.sensor_from_rim, {"rim": RIM, "sensor": SENSOR}),
     "sensors_from_rim": (om.sensors_from_rim, {"rim": RIM, "sensor": SENSOR}),
     "best_apertures": (

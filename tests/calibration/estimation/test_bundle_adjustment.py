@@ -155,12 +155,11 @@ def test_a_mark_that_one_picture_sees_or_that_lies_on_two_planes_is_refused():
         for i, w in enumerate(ways)
     )
     with pytest.raises(
-        om.base.errors.InvalidParameter, match="mark 7 on a plane is seen once, which says nothing"
+        om.base.errors.InvalidParameter,
+        match="mark 7 on a plane must be observed in at least two images",
     ):
         bundle_adjust(START, [one, other.subset(np.arange(60) != 7)])
-    with pytest.raises(
-        om.base.errors.InvalidParameter, match="mark 0 is said to lie on two planes"
-    ):
+    with pytest.raises(om.base.errors.InvalidParameter, match="mark 0 must be on one plane"):
         bundle_adjust(START, [one, replace(other, points=marks + np.array([0.0, 0.0, 5.0]))])
 
 
@@ -251,16 +250,19 @@ def test_the_shape_of_a_board_is_found():
     ("call", "says"),
     [
         (lambda s: bundle_adjust(START, []), "observations must contain"),
-        (lambda s: bundle_adjust(START, [s], fixed=["k9"]), "no parameter 'k9'.*xi, fx"),
+        (
+            lambda s: bundle_adjust(START, [s], fixed=["k9"]),
+            "parameters of the model .*xi, fx.*; got 'k9'",
+        ),
         (
             lambda s: bundle_adjust(START, [Observation("room", s.pixels, s.points)]),
-            "where the target stands in room",
+            "initial pose; missing for room",
         ),
         (lambda s: bundle_adjust(START, [s], loss="tukey"), "loss = 'tukey'.*squares"),
-        (lambda s: known(s.pixels, s.points[1:]), r"room: pixels \(300, 2\) and points \(299, 3\)"),
+        (lambda s: known(s.pixels, s.points[1:]), r"room: pixels .* got \(300, 2\) and \(299, 3\)"),
         (
             lambda s: known(s.pixels, s.points, along=s.points[1:]),
-            r"room: along \(299, 3\) are not \(300, 3\)",
+            r"room: along must be 300 nonzero directions .* got shape \(299, 3\)",
         ),
         (lambda s: known(s.pixels, s.points, normals=0 * s.points), "room: normals .* directions"),
         (

@@ -326,11 +326,11 @@ def test_the_file_of_results_has_what_it_promises(tmp_path):
         "held_out_rms_px",
         "corners",
         "outliers",
-        "pictures",
+        "images",
         "parameters",
         "seconds",
     }
-    first = told["pictures"][0]
+    first = told["images"][0]
     assert first.keys() == {
         "name",
         "found",
@@ -338,11 +338,11 @@ def test_the_file_of_results_has_what_it_promises(tmp_path):
         "reason",
         "rms_px",
         "rotation",
-        "shift_mm",
+        "translation_mm",
         "camera_at_mm",
     }
     np.testing.assert_allclose(
-        np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["shift_mm"])
+        np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["translation_mm"])
     )
     assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
 

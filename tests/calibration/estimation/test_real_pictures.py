@@ -49,7 +49,7 @@ def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
     )
     assert run.returncode == 0, run.stderr
     told = json.loads(file.read_text())
-    assert all(p["used"] and p["found"] == 77 for p in told["pictures"])
+    assert all(p["used"] and p["found"] == 77 for p in told["images"])
     assert len(told["outliers"]) <= 0.01 * told["corners"] == 13.09
     assert told["rms_px"] < 0.13
     assert told["held_out_rms_px"] < 0.14

@@ -153,17 +153,20 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
             lambda s: {"surveys": [s.subset(np.arange(8))], "image_size": SIZE},
             "surveys must contain at least 12 points",
         ),
-        (lambda s: {"surveys": [s, s], "image_size": SIZE}, "one name twice among room and room"),
+        (
+            lambda s: {"surveys": [s, s], "image_size": SIZE},
+            "surveys must have different names; got room and room",
+        ),
         (
             lambda s: {
                 "surveys": [om.Observation("room", s.pixels, s.points * [1, -1, 1])],
                 "image_size": SIZE,
             },
-            "no camera explains the points and directions.*mirror images",
+            "no camera explains the points and directions.*right-handed",
         ),
         (
-            lambda s: {"pictures": ["a.png"], "image_size": SIZE},
-            "1 pictures are given and not the board",
+            lambda s: {"images": ["a.png"], "image_size": SIZE},
+            "board must be specified for images; got 1",
         ),
     ],
 )
@@ -218,7 +221,7 @@ def test_azimuths_are_counted_clockwise_from_above(tmp_path):
         ("", "contains no points; its first line must be u_px,v_px,x,y,z"),
         (
             "u,v,x,y,z\n1,2,3,4,5\n",
-            "line 1 of .*names 'u,v,x,y,z'; valid is u_px,v_px,x,y,z or u_px,v_px,azimuth_deg",
+            "line 1 of .*must be u_px,v_px,x,y,z or u_px,v_px,azimuth_deg.*got 'u,v,x,y,z'",
         ),
         (
             "u_px,v_px,x,y,z\n1,2,3,4\n",

@@ -37,7 +37,7 @@ def test_corners_of_an_april_grid_are_kalibrs():
         ),
         ({"columns": 1}, "columns = 1 is not valid"),
         ({"square_mm": 0}, "square_mm = 0 is not valid"),
-        ({"kind": "charuco", "marker_mm": 31.0}, "it is valid below square_mm = 30"),
+        ({"kind": "charuco", "marker_mm": 31.0}, "marker_mm must be below square_mm = 30"),
         ({"marker_mm": 10.0}, "marker_mm requires kind = 'charuco'"),
         (
             {"kind": "charuco", "family": "4X4_50", "rows": 20},

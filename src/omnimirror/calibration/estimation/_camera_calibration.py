@@ -609,7 +609,8 @@ def _notes(
     if held_out_rms_px > OVERFIT * fit.rms_px:
         notes.append(
             f"The error in held-out images, {held_out_rms_px:.3f} px, is well above the fit error, {fit.rms_px:.3f} px: "
-            f"the model is too flexible for these images, or compensates for motion of the {moving_part} between them."
+            f"the model is too flexible for these images, or compensates for motion of the "
+            f"{moving_part} between them."
         )
     notes += _viewpoint_notes(fit, state.multi_viewpoint)
     notes += [f"{kind} could not be fitted: {why}" for kind, why in state.failures.items()]

@@ -218,9 +218,9 @@ def _other_minima(start: _State, number: int) -> list[_State]:
         model = replace(
             fit.model,
             xi=xi,
-            focal_px=tuple(f * ratio for f in fit.model.focal_px),
+            focal_px=tuple(f * ratio for f in fit.model.focal_px),  # type: ignore[arg-type]
             uncertainty=None,
-        )  # type: ignore[arg-type]
+        )
         options: dict[str, Any] = {
             "shape": fit.shape,
             "noise_px": fit.noise_px,

@@ -43,7 +43,7 @@ class ImageResult(NamedTuple):
     """Rotation (3, 3) from the target frame (board, survey) to the camera frame; None if not used.
     """
     translation_mm: Array | None = None
-    """Translation (3,) of this transform: ``X = rotation @ p + shift_mm``."""
+    """Translation (3,) of this transform: ``X = rotation @ p + translation_mm``."""
 
     @property
     def camera_at_mm(self) -> Array | None:
