@@ -263,9 +263,9 @@ def test_a_rig_gives_the_camera_that_is_asked_for(tmp_path):
         for c in (0, 1, "cam0", "cam1")
     ]
     assert kinds == ["kannala-brandt", "unified", "kannala-brandt", "unified"]
-    with pytest.raises(InvalidParameter, match="has 2, from 0"):
+    with pytest.raises(InvalidParameter, match="index from 0 to 1"):
         convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera=2)
-    with pytest.raises(InvalidParameter, match="it has cam0, cam1"):
+    with pytest.raises(InvalidParameter, match="must be one of cam0, cam1"):
         convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera="left")
 
 
@@ -275,7 +275,7 @@ WRONG = [
     (
         CHAIN,
         "cam0:\n  camera_model: fish\n",
-        r"line 2: cam0.camera_model = 'fish' is not known; valid are omni",
+        r"line 2: cam0.camera_model must be one of omni",
     ),
     (
         CHAIN,
@@ -287,12 +287,12 @@ WRONG = [
     (
         OMNI,
         "camera_matrix:\n  rows: 3\n  data: [1, 2]\nxi: 1\n",
-        r"line 3: camera_matrix.data has 2 numbers; it is .* 9",
+        r"line 3: camera_matrix.data must have 9 numbers; got 2",
     ),
     (
         OMNI,
         MATRIX + "xi: x\ndistortion_coefficients: [0,0,0,0]\n",
-        r"line 3: xi = 'x' is not valid",
+        r"line 3: xi must be a finite number; got 'x'",
     ),
     (
         OMNI,
@@ -343,7 +343,7 @@ def test_a_wrong_file_is_refused_with_its_line(tmp_path, name, text, message):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"to": "kalibre"}, "to = 'kalibre' is not known; valid are ocamcalib"),
+        ({"to": "kalibre"}, "to must be one of ocamcalib"),
         ({"to": None}, "cannot be inferred from its name"),
         ({"optics": "lens"}, "optics = 'lens' is not known"),
         ({"tolerance_px": -1.0}, "tolerance_px = -1"),
@@ -357,7 +357,7 @@ def test_a_wrong_file_is_refused_with_its_line(tmp_path, name, text, message):
         ),
         (
             {"inner_deg": 50.0, "field_deg": 40.0},
-            "inner_deg = 50 with field_deg = 40 leaves nothing",
+            "got inner_deg = 50 and field_deg = 40",
         ),
         ({"rim_radius_px": 0.0}, "rim_radius_px = 0"),
         ({"image_size": (3,)}, "image_size"),

@@ -290,7 +290,7 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
         ("1 PINHOLE 640", "a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got '1'"),
         (
             f"1 {'x' * 50} 640 480",
-            f"the model must be one of SIMPLE_PINHOLE, PINHOLE.*; got '{'x' * 40}'",
+            "the model must be one of SIMPLE_PINHOLE, PINHOLE",
         ),
         (
             "1 EQUIRECTANGULAR 640 480 640 480",

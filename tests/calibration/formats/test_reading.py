@@ -440,7 +440,7 @@ def test_what_a_message_adds_is_noted(tmp_path):
     assert [n.split(";")[0] for n in notes] == [
         "the file contains 3 YAML documents",
         "the camera bins 2 x 0 pixels",
-        "the camera sends the part 200x100 at (8, 4) alone",
+        "the camera transmits only the region 200x100 at (8, 4)",
     ]
 
 
@@ -485,7 +485,7 @@ def test_matlab_scripts_with_variables(tmp_path):
     _, camera, _ = read(tmp_path / "a.m", "a = [300 -1e-3 1e-6 -1e-9];\n" + call.format("a"))
     assert camera.polynomial[0] == -300.0
     with pytest.raises(
-        SpecError, match=r"line 1: params is a variable that the script does not set"
+        SpecError, match=r"line 1: the variable params must be set"
     ):
         read(tmp_path / "b.m", call.format("params"))
 

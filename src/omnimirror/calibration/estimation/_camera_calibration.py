@@ -507,7 +507,7 @@ def _told(
     covariance = uncertainty(fit)
     centre = _centre(fit)
     corner_coverage = coverage(fit.observations, centre, getattr(fit.model, "rim_radius_px", None))
-    images = _pictures(fit, state, detections, surveys)
+    images = _image_results(fit, state, detections, surveys)
     parameters = [p.value for p in fit.model.parameters] + list(
         fit.shape.values if fit.shape else ()
     )
@@ -518,7 +518,7 @@ def _told(
         rms_px=fit.rms_px,
         corners=sum(p.found for p in images if p.used),
         outliers=state.outliers,
-        pictures=images,
+        images=images,
         parameters=tuple(
             ParameterResult(n, float(v), float(s), u)
             for n, v, s, u in zip(
@@ -550,7 +550,7 @@ def _centre(fit: BundleAdjustment) -> tuple[float, float]:
     return (width - 1) / 2, (height - 1) / 2
 
 
-def _pictures(
+def _image_results(
     fit: BundleAdjustment,
     state: FitState,
     detections: Sequence[Detection],
@@ -608,8 +608,8 @@ def _notes(
     moving_part = "lens" if getattr(fit.model, "optics", "mirror") == "fisheye" else "mirror"
     if held_out_rms_px > OVERFIT * fit.rms_px:
         notes.append(
-            f"The error in held-out images, {held_out_rms_px:.3f} px, is well above the fit error, {fit.rms_px:.3f} px: "
-            f"the model is too flexible for these images, or compensates for motion of the "
+            f"The error in held-out images, {held_out_rms_px:.3f} px, is well above the fit error, {fit.rms_px:.3f} "
+            f"px: the model is too flexible for these images, or compensates for motion of the "
             f"{moving_part} between them."
         )
     notes += _viewpoint_notes(fit, state.multi_viewpoint)
