@@ -36,27 +36,27 @@ class WorkerPool:
     """
 
     def __init__(self) -> None:
-        self._begun: list[subprocess.Popen[bytes]] = []
+        self._workers: list[subprocess.Popen[bytes]] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        self._terminate()
 
-    def _end(self) -> None:
+    def _terminate(self) -> None:
         """Terminate all workers."""
-        for worker in self._begun:
+        for worker in self._workers:
             worker.kill()
             worker.wait()
             for stream in (worker.stdin, worker.stdout):
                 with suppress(OSError):  # the last message may be undelivered
                     stream.close()  # type: ignore[union-attr]
-        self._begun = []
+        self._workers = []
 
     def begin(self) -> None:
         """Start workers in advance, while this process continues."""
-        self._enough(usable_cores() - 1)
+        self._running_workers(usable_cores() - 1)
 
     def map(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
         """Apply a module-level function to each set of arguments and return the results in order.
@@ -76,7 +76,7 @@ class WorkerPool:
     ) -> Iterator[tuple[int, T]]:
         """Yield each result with its index, in order of completion."""
         pending, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
-        for worker in self._enough(min(len(jobs), usable_cores()) - 1):
+        for worker in self._running_workers(min(len(jobs), usable_cores()) - 1):
             Thread(
                 target=_process_jobs, args=(worker, function, pending, done), daemon=True
             ).start()
@@ -100,16 +100,16 @@ class WorkerPool:
         finally:
             pending.clear()
             if remaining:  # interrupted: discard the jobs of the workers
-                self._end()
+                self._terminate()
 
-    def _enough(self, count: int) -> list[subprocess.Popen[bytes]]:
+    def _running_workers(self, count: int) -> list[subprocess.Popen[bytes]]:
         """Return up to ``count`` running workers."""
         count = min(count, MAX_WORKERS)
-        self._begun = [worker for worker in self._begun if worker.poll() is None]
+        self._workers = [worker for worker in self._workers if worker.poll() is None]
         with suppress(OSError):  # process limit reached or no interpreter: continue without
-            while len(self._begun) < count and sys.executable:
-                self._begun.append(_start_worker())
-        return self._begun[: max(count, 0)]
+            while len(self._workers) < count and sys.executable:
+                self._workers.append(_start_worker())
+        return self._workers[: max(count, 0)]
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _process_jobs(
         except IndexError:
             return
         try:
-            done.put(_Result(number, _asked(worker, function, job)))
+            done.put(_Result(number, _compute(worker, function, job)))
         except _WorkerFailure:
             pending.appendleft((number, job))
             return done.put(_Result())
@@ -163,7 +163,7 @@ def _start_worker() -> subprocess.Popen[bytes]:
     )
 
 
-def _asked(
+def _compute(
     worker: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]
 ) -> Any:
     assert worker.stdin is not None

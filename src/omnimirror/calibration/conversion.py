@@ -260,7 +260,7 @@ def convert(
     """
     target = file_name("target", target)
     instance("flip", flip, bool, "true or false")
-    reading = _reading(source, optics, mount, rim_radius_px, image_size)
+    reading = _read_options(source, optics, mount, rim_radius_px, image_size)
     tolerance = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
     field = (
         optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"),
@@ -272,13 +272,13 @@ def convert(
     format_name, stored = (
         ("", CameraEntry("", source))
         if isinstance(source, Camera)
-        else _of_file(source, reading, from_, camera)
+        else _read_camera(source, reading, from_, camera)
     )
     result = _exact_target(stored.camera, targets)
     exact = result is not None
     if result is None:
         calibrated_deg = _calibrated_deg(stored.camera)
-        result = _fitted(
+        result = _approximate(
             stored.camera,
             targets,
             tolerance,
@@ -317,7 +317,7 @@ def convert(
 # -- arguments --------------------------------------------------------------------------------
 
 
-def _reading(
+def _read_options(
     source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any
 ) -> ReadOptions:
     choice("optics", optics, ("mirror", "fisheye"))
@@ -327,7 +327,7 @@ def _reading(
 
 
 def _object_distances(distance_mm: Any) -> tuple[float, ...]:
-    far = np.unique(distances("distance_mm", _row("distance_mm", distance_mm)))
+    far = np.unique(distances("distance_mm", _number_list("distance_mm", distance_mm)))
     if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
         raise InvalidParameter(
             f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {shown(distance_mm)}"
@@ -338,11 +338,11 @@ def _object_distances(distance_mm: Any) -> tuple[float, ...]:
 def _size(image_size: Any) -> tuple[int, int] | None:
     if image_size is None:
         return None
-    width, height = _row("image_size", image_size, 2)
+    width, height = _number_list("image_size", image_size, 2)
     return whole("image_size", width, 1), whole("image_size", height, 1)
 
 
-def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
+def _number_list(name: str, value: Any, count: int | None = None) -> list[Any]:
     values = [value] if isinstance(value, int | float) else value
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise WrongKind(f"{name} must be a list of numbers; got {shown(value)}")
@@ -352,7 +352,7 @@ def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
     return values
 
 
-def _of_file(
+def _read_camera(
     source: Any, reading: ReadOptions, name: str | None, camera: int | str
 ) -> tuple[str, CameraEntry]:
     path = file_name("source", source)
@@ -401,7 +401,7 @@ def _panorama(camera: Camera, target: OutputLayout, distances: tuple[float, ...]
     )
 
 
-def _fitted(
+def _approximate(
     camera: Camera,
     targets: list[OutputLayout],
     tolerance: float | None,

@@ -117,7 +117,7 @@ class PlumbLineCalibration:
         Returns
         -------
         dict
-            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``pictures``
+            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``images``
             (edges, used, level).
         """
         uncertainty = self.camera.uncertainty
@@ -214,8 +214,8 @@ def calibrate_plumb_lines(
     initial: CameraModel
     if model is None:
         radius = min(size) / 2 if radius_px is None else radius_px
-        initial = _begun(edges, size, optics, mount or Mount(), centre_px, radius)
-        free = _unknown_knobs(initial, radius)
+        initial = _initial_model(edges, size, optics, mount or Mount(), centre_px, radius)
+        free = _parameters_of_unknown_camera(initial, radius)
     else:
         instance("model", model, (Sensor, CameraModel), "a sensor or a camera model")
         initial = SensorModel(model) if isinstance(model, Sensor) else model
@@ -224,15 +224,14 @@ def calibrate_plumb_lines(
                 f"model must have the size of the images, {size[0]} x {size[1]} px; "
                 f"got {initial.image_size[0]} x {initial.image_size[1]} px"
             )
-        free = _knobs(initial)
-    fit, kept = _without_bent(initial, edges, free, distance_mm)
-    covariance, undetermined = _certainty(fit, kept, free)
+        free = _parameters_with_priors(initial)
+    fit, kept = _without_curved_edges(initial, edges, free, distance_mm)
+    covariance, undetermined = _parameter_covariance(fit, kept, free)
     if model is None:
-        covariance = covariance + _stretched(fit.model, free)
+        covariance = covariance + _stretch_covariance(fit.model, free)
     used_starts = {part.start for part in kept.slices}
     used = [
-        tuple(part.start in used_starts for part in own)
-        for own in _by_picture(edges.slices, chains)
+        tuple(part.start in used_starts for part in own) for own in _by_image(edges.slices, chains)
     ]
     image_index = np.repeat(
         np.arange(len(chains)), [sum(map(len, image_chains)) for image_chains in chains]
@@ -245,8 +244,8 @@ def calibrate_plumb_lines(
     field = measured_field_deg(
         fit.model, np.concatenate([edges.pixels[part] for part in kept.slices])
     )
-    camera = _finished(fit.model, covariance, levels[0], field)
-    levels = [level and _as_sure_as(camera, level) for level in levels]
+    camera = _calibrated_camera(fit.model, covariance, levels[0], field)
+    levels = [level and _with_camera_uncertainty(camera, level) for level in levels]
     residuals = np.concatenate([fit.residuals[part] for part in kept.slices])
     rms = float(np.sqrt(np.nanmean(residuals**2)))
     return PlumbLineCalibration(
@@ -292,7 +291,7 @@ def _chains(
     traced = [
         edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in images
     ]
-    marked = [[_marked(edge) for edge in edges] for edges in lines]
+    marked = [[_checked_edge(edge) for edge in edges] for edges in lines]
     empty: list[Array] = []
     chains = [[*a, *b] for a, b in zip_longest(traced, marked, fillvalue=empty)]
     count = sum(map(len, chains))
@@ -303,7 +302,7 @@ def _chains(
     return chains
 
 
-def _marked(edge: Array) -> Array:
+def _checked_edge(edge: Array) -> Array:
     points = finite("lines", edge, last=2)
     if points.ndim != 2 or len(points) < MIN_MARKED_POINTS:
         raise InvalidParameter(
@@ -312,7 +311,7 @@ def _marked(edge: Array) -> Array:
     return points
 
 
-def _begun(
+def _initial_model(
     edges: Edges,
     size: tuple[int, int],
     optics: Optics,
@@ -331,25 +330,27 @@ def _begun(
             model = Unified(
                 xi, (float(focal),) * 2, principal_point, size, optics=optics, mount=mount
             )
-            trials.append(fit_lines(model, sample, _unknown_knobs(model, radius), max_steps=0))
+            trials.append(
+                fit_lines(model, sample, _parameters_of_unknown_camera(model, radius), max_steps=0)
+            )
         initial = min(trials, key=lambda fit: fit.cost).model
         candidate = fit_lines(
-            initial, sample, _unknown_knobs(initial, radius), max_steps=SEARCH_STEPS
+            initial, sample, _parameters_of_unknown_camera(initial, radius), max_steps=SEARCH_STEPS
         )
         best = candidate if best is None or candidate.cost < best.cost else best
     assert best is not None
     return best.model
 
 
-def _unknown_knobs(model: CameraModel, radius: float) -> FreeParameters:
+def _parameters_of_unknown_camera(model: CameraModel, radius: float) -> FreeParameters:
     """Return the free parameters of an unknown camera: xi, a common focal length and the centre."""
     groups = (("xi",), ("fx", "fy"), ("cx",), ("cy",))
     sigma = np.array([XI_SIGMA, np.inf, CENTRE_SIGMA * radius, CENTRE_SIGMA * radius])
     xi = next(p.value for p in model.parameters if p.name == "xi")
-    return _of_groups(model, groups, np.array([1.0 - xi, 0.0, 0.0, 0.0]), sigma)
+    return _free_parameters(model, groups, np.array([1.0 - xi, 0.0, 0.0, 0.0]), sigma)
 
 
-def _stretched(model: CameraModel, free: FreeParameters) -> Array:
+def _stretch_covariance(model: CameraModel, free: FreeParameters) -> Array:
     """Return the covariance (p, p) of a stretch of the scene along the camera's axis.
 
     Planes through the viewpoint remain planes under ``tan Omega -> s tan Omega``; therefore lines
@@ -378,7 +379,7 @@ def _stretched(model: CameraModel, free: FreeParameters) -> Array:
     return covariance
 
 
-def _knobs(model: CameraModel) -> FreeParameters:
+def _parameters_with_priors(model: CameraModel) -> FreeParameters:
     """Return the free parameters of a model to refine, with priors.
 
     Priors are the tolerances, or typical changes.
@@ -393,10 +394,10 @@ def _knobs(model: CameraModel) -> FreeParameters:
             for p in model.parameters
         ]
     )
-    return _of_groups(model, tuple((p.name,) for p in model.parameters), expected, sigma)
+    return _free_parameters(model, tuple((p.name,) for p in model.parameters), expected, sigma)
 
 
-def _of_groups(
+def _free_parameters(
     model: CameraModel, groups: tuple[tuple[str, ...], ...], expected: Array, sigma: Array
 ) -> FreeParameters:
     names = [p.name for p in model.parameters]
@@ -408,7 +409,7 @@ def _of_groups(
     return FreeParameters(groups, jacobian, expected, SCALE_PX**2 / sigma**2, scales)
 
 
-def _without_bent(
+def _without_curved_edges(
     model: CameraModel, edges: Edges, free: FreeParameters, distance_mm: float
 ) -> tuple[LinesFit, Edges]:
     """Return the fit to the edges that it straightens, and these edges."""
@@ -430,9 +431,7 @@ def _without_bent(
     return fit, retained
 
 
-def _by_picture(
-    slices: Sequence[slice], chains: Sequence[Sequence[Array]]
-) -> list[Sequence[slice]]:
+def _by_image(slices: Sequence[slice], chains: Sequence[Sequence[Array]]) -> list[Sequence[slice]]:
     """Return the concatenated chains grouped by image."""
     ends = np.cumsum([len(image_chains) for image_chains in chains])
     return [
@@ -441,7 +440,9 @@ def _by_picture(
     ]
 
 
-def _certainty(fit: LinesFit, edges: Edges, free: FreeParameters) -> tuple[Array, tuple[str, ...]]:
+def _parameter_covariance(
+    fit: LinesFit, edges: Edges, free: FreeParameters
+) -> tuple[Array, tuple[str, ...]]:
     """Return the covariance (p, p) of the parameters, and the undetermined combinations.
 
     Errors of points on one edge are correlated if it is not exactly straight, or near. Therefore
@@ -472,7 +473,7 @@ def _certainty(fit: LinesFit, edges: Edges, free: FreeParameters) -> tuple[Array
     return (covariance + covariance.T) / 2, tuple(undetermined)
 
 
-def _finished(
+def _calibrated_camera(
     model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None
 ) -> Sensor | CameraModel:
     """Return the levelled camera with its uncertainty and the field in which edges were measured."""
@@ -487,7 +488,7 @@ def _finished(
     return calibrated
 
 
-def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
+def _with_camera_uncertainty(camera: Sensor | CameraModel, level: Level) -> Level:
     """Return the tilt including the camera's own uncertainty in the vertical direction.
 
     The vertical direction may be outside the calibrated field.

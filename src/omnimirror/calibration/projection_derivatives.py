@@ -89,7 +89,9 @@ def profile_derivatives(
 def _parameter_derivatives(mirror: Mirror, x: Array, location: ParameterLocation) -> Array:
     """Return derivatives (3, n) with respect to one parameter."""
     if isinstance(mirror, ANALYTIC):
-        perturbed = _unchecked(mirror, location, location.of(mirror) + 1j * COMPLEX_STEP)
+        perturbed = _with_complex_parameter(
+            mirror, location, location.of(mirror) + 1j * COMPLEX_STEP
+        )
         return np.imag(np.stack([np.asarray(a) for a in perturbed.profile(x)])) / COMPLEX_STEP
     value = location.of(mirror)
     step = DIFFERENCE_STEP * max(abs(value), 1.0)
@@ -126,7 +128,7 @@ def _unit_splines(count: int, pointed: bool) -> tuple[BSpline, BSpline, BSpline]
     return slope.antiderivative(), slope, slope.derivative()
 
 
-def _unchecked(mirror: Mirror, location: ParameterLocation, value: complex) -> Mirror:
+def _with_complex_parameter(mirror: Mirror, location: ParameterLocation, value: complex) -> Mirror:
     """Return the mirror with a complex parameter, bypassing the checks of its constructor."""
     perturbed: Mirror = object.__new__(type(mirror))
     perturbed.__dict__.update(mirror.__getstate__() | location.change(mirror, value))
@@ -151,7 +153,7 @@ def lens_image(
     if isinstance(sensor.lens, Perspective):
         image, valid, by_point, by_key = _perspective(sensor, sensor.lens, points)
     else:
-        image, valid, by_point, by_key = _parallel(sensor, points)
+        image, valid, by_point, by_key = _telecentric(sensor, points)
     pitch, flip = (
         sensor.imager.pitch_mm,
         np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0]),
@@ -197,7 +199,7 @@ def _perspective(
     return c * distorted, valid, by_point, by_key
 
 
-def _parallel(sensor: Sensor, points: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
+def _telecentric(sensor: Sensor, points: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Return the same for a telecentric lens."""
     mu = float(sensor.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0])
     by_point = np.zeros((len(points), 2, 3))
@@ -287,7 +289,9 @@ def image_of_points(
         by_gradient = by_point @ path.tangents.transpose(0, 2, 1) @ path.response()
         for k, location in enumerate(locations):
             if location.section in ("mirror_pose", "mount"):
-                disturbance, frame = _displaced(sensor, path, reflection, points, distant, location)
+                disturbance, frame = _pose_effect(
+                    sensor, path, reflection, points, distant, location
+                )
                 by_location[:, :, k] += np.einsum("nij,nj->ni", by_gradient, disturbance)
                 by_location[:, :, k] += np.einsum("nij,nj->ni", by_camera_point, frame)
         _add_shape(sensor, path, by_gradient, by_point, locations, by_location)
@@ -350,7 +354,7 @@ def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Arra
     return unit, -across, across
 
 
-def _displaced(
+def _pose_effect(
     sensor: Sensor,
     path: OpticalPath,
     reflection: ReflectionPoints,
@@ -455,7 +459,9 @@ def image_through_cover(
             image_of_points(bare, inner_point, False, locations) for inner_point in inner_points
         ]
         targets = points / np.linalg.norm(points, axis=1, keepdims=True) if distant else points
-        normals, by_inner_point = _misses(covered, inner_points, targets, distant, COVER_STEP * rim)
+        normals, by_inner_point = _deviation_derivatives(
+            covered, inner_points, targets, distant, COVER_STEP * rim
+        )
         by_pixel = np.zeros((len(points), 2, 2))
         by_parameter = np.zeros((len(points), 2, len(locations)))
         for image, derivative in zip(images, by_inner_point, strict=True):
@@ -478,7 +484,7 @@ def image_through_cover(
     return Image(pixels, valid, d_points, d_parameters)
 
 
-def _misses(
+def _deviation_derivatives(
     covered: CoveredMirror, inner_points: list[Array], targets: Array, distant: bool, step: float
 ) -> tuple[Array, list[Array]]:
     """Return directions (n, 2, 3) perpendicular to the outer rays, and derivatives of their misses.

@@ -58,7 +58,7 @@ def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]
     ----------
     paths
         CSV files with the columns ``line`` (name or number of the edge), ``u_px``, ``v_px``, and
-        ``picture`` for several images.
+        ``image`` for several images.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with open(f"{folder}/edges.csv", "w") as file:
     ...         _ = file.write("line,u_px,v_px\\ndoor,10,20\\ndoor,11,40.5\\ndoor,13,61\\n")
-    ...     om.read_line_points([f"{folder}/edges.csv"])["picture"][0].tolist()
+    ...     om.read_line_points([f"{folder}/edges.csv"])["image"][0].tolist()
     [[10.0, 20.0], [11.0, 40.5], [13.0, 61.0]]
     """
     points: dict[str, dict[str, list[tuple[float, float]]]] = {}
@@ -209,7 +209,7 @@ def fit_lines(
     """Return the model with the straightest edges, starting from an initial model."""
     start = np.array([p.value for p in model.parameters])
     values = np.zeros(len(free.names))
-    fit, damping = _compared(model, edges, free, values, distance_mm), 1e-3
+    fit, damping = _evaluate(model, edges, free, values, distance_mm), 1e-3
     for _ in range(max_steps):
         matrix, gradient = normal_equations(fit, edges, free, values)
         before = fit.cost
@@ -220,7 +220,7 @@ def fit_lines(
             step = -np.linalg.solve(scaled, gradient / size) / size
             try:
                 candidate = model.with_parameters(start + free.turn @ (values + step))
-                trial = _compared(candidate, edges, free, values + step, distance_mm)
+                trial = _evaluate(candidate, edges, free, values + step, distance_mm)
             except OmnimirrorError:
                 damping *= 10
                 continue
@@ -264,7 +264,7 @@ def leave_one_out_gradients(fit: LinesFit, edges: Edges, matrix: Array) -> Array
     return np.array(gradients)
 
 
-def _compared(
+def _evaluate(
     model: CameraModel, edges: Edges, free: FreeParameters, values: Array, distance_mm: float
 ) -> LinesFit:
     """Evaluate all chains at once, with sums over each chain by reduction."""
@@ -274,7 +274,9 @@ def _compared(
         np.repeat(np.arange(len(sizes)), sizes),
         np.concatenate([[0], np.cumsum(sizes)[:-1]]),
     )
-    directions, by_pixel, by_parameter, visible = _seen(model, edges.pixels[order], distance_mm)
+    directions, by_pixel, by_parameter, visible = _pixel_directions(
+        model, edges.pixels[order], distance_mm
+    )
     is_sufficient = np.add.reduceat(visible.astype(int), starts) >= np.minimum(
         MIN_VISIBLE_POINTS, sizes
     )
@@ -286,7 +288,9 @@ def _compared(
     )
     normal, slant = _planes(e, j, visible, owner, starts)
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
-    by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by turns of n
+    by_normal = (
+        np.einsum("ni,nik->nk", e, _tangents(normal)[owner]) / slant[:, None]
+    )  # by turns of n
     by_free = np.einsum("nip,ni->np", change, normal[owner]) @ free.turn / slant[:, None]
     inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(
         2
@@ -335,7 +339,7 @@ def _planes(
     return normal, np.where(visible, slant, 1.0)
 
 
-def _seen(
+def _pixel_directions(
     model: CameraModel, pixels: Array, distance_mm: float
 ) -> tuple[Array, Array, Array, Mask]:
     """Return directions (n, 3) of pixels in the camera frame and their derivatives.
@@ -350,13 +354,13 @@ def _seen(
     towards, length = directions, np.ones(len(pixels))
     if np.isfinite(distance_mm):
         points = origins + distance_mm * directions
-        towards = points - _crossing(origins[rays.valid], directions[rays.valid])
+        towards = points - _nearest_point(origins[rays.valid], directions[rays.valid])
         length = np.linalg.norm(towards, axis=1)
         towards = towards / length[:, None]
         image = model.image(np.nan_to_num(points), distant=False)
     else:
         image = model.image(np.nan_to_num(directions, nan=1.0), distant=True)
-    across = _across(towards)
+    across = _tangents(towards)
     by_angle = image.d_points @ across * length[:, None, None]
     visible = rays.valid & image.valid & np.isfinite(image.d_parameters).all(axis=(1, 2))
     visible[visible] = np.abs(np.linalg.det(by_angle[visible])) > 0
@@ -365,7 +369,7 @@ def _seen(
     return towards, to_angles, -to_angles @ image.d_parameters, visible
 
 
-def _crossing(origins: Array, directions: Array) -> Array:
+def _nearest_point(origins: Array, directions: Array) -> Array:
     """Return the point (3,) nearest to rays with origins (n, 3) and directions (n, 3)."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     point: Array = np.linalg.lstsq(
@@ -374,7 +378,7 @@ def _crossing(origins: Array, directions: Array) -> Array:
     return point
 
 
-def _across(directions: Array) -> Array:
+def _tangents(directions: Array) -> Array:
     """Return two unit vectors (n, 3, 2) perpendicular to unit vectors (n, 3)."""
     reference = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(directions, reference)

@@ -484,9 +484,7 @@ def test_matlab_scripts_with_variables(tmp_path):
     call = "intrinsics = fisheyeIntrinsics({}, [960 1280], [656 476]);"
     _, camera, _ = read(tmp_path / "a.m", "a = [300 -1e-3 1e-6 -1e-9];\n" + call.format("a"))
     assert camera.polynomial[0] == -300.0
-    with pytest.raises(
-        SpecError, match=r"line 1: the variable params must be set"
-    ):
+    with pytest.raises(SpecError, match=r"line 1: the variable params must be set"):
         read(tmp_path / "b.m", call.format("params"))
 
 

@@ -124,7 +124,7 @@ def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array
         If the equations are singular.
     """
     poses = _damped(blocks.poses, damping)
-    inverse_cross, inverse_gradient = _eliminated(poses, blocks)
+    inverse_cross, inverse_gradient = _eliminate_poses(poses, blocks)
     enlarged = blocks.shared + np.diag(damping * np.diag(blocks.shared) + floor)
     reduced = enlarged - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
     right = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
@@ -134,7 +134,7 @@ def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array
 
 def reduced_system(blocks: NormalEquations) -> tuple[Array, Array]:
     """Return the reduced system for free poses: Schur complement (g, g) and gradient (g,)."""
-    inverse_cross, inverse_gradient = _eliminated(_damped(blocks.poses, 1e-12), blocks)
+    inverse_cross, inverse_gradient = _eliminate_poses(_damped(blocks.poses, 1e-12), blocks)
     reduced: Array = blocks.shared - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
     gradient: Array = blocks.shared_gradient - np.einsum(
         "mgk,mk->g", blocks.cross, inverse_gradient
@@ -163,7 +163,7 @@ def _damped(matrices: Array, damping: float) -> Array:
     return damped
 
 
-def _eliminated(poses: Array, blocks: NormalEquations) -> tuple[Array, Array]:
+def _eliminate_poses(poses: Array, blocks: NormalEquations) -> tuple[Array, Array]:
     """Return ``C^-1 B^T`` (m, 6, g) and ``C^-1 h`` (m, 6), with rows scaled for radians and mm."""
     scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", poses), 1e-300))
     scaled = poses * scale[:, :, None] * scale[:, None, :]
@@ -338,16 +338,18 @@ def _trial_step(
     with_acceleration: bool,
 ) -> Estimate | None:
     """Return the estimate after a step; None if the equations or the model do not permit it."""
-    step = _solved(estimate, blocks, problem, damping)
+    step = _marquardt_step(estimate, blocks, problem, damping)
     if step is None:
         return None
-    stepped = _stepped(estimate, linearised, problem, step)
+    stepped = _after_step(estimate, linearised, problem, step)
     if stepped is None:
-        at_boundary = _stopped(estimate, step)
+        at_boundary = _parameters_at_boundary(estimate, step)
         step = (
-            _solved(estimate, blocks, problem, damping, at_boundary) if at_boundary.any() else None
+            _marquardt_step(estimate, blocks, problem, damping, at_boundary)
+            if at_boundary.any()
+            else None
         )
-        return None if step is None else _stepped(estimate, linearised, problem, step)
+        return None if step is None else _after_step(estimate, linearised, problem, step)
     acceleration = (
         _acceleration(estimate, linearised, blocks, problem, damping, step)
         if with_acceleration and linearised.d_slide is None
@@ -355,7 +357,7 @@ def _trial_step(
     )
     if acceleration is None:
         return stepped
-    return _stepped(
+    return _after_step(
         estimate,
         linearised,
         problem,
@@ -372,7 +374,7 @@ def _acceleration(
     step: Step,
 ) -> Step | None:
     """Return the geodesic acceleration of a step; None if it is too large."""
-    probe = _stepped(estimate, linearised, problem, step.times(PROBE))
+    probe = _after_step(estimate, linearised, problem, step.times(PROBE))
     if probe is None:
         return None
     probe_residuals = linearise(probe, problem.stack)
@@ -393,7 +395,7 @@ def _acceleration(
     right = blocks._replace(
         shared_gradient=equations.shared_gradient, pose_gradients=equations.pose_gradients
     )
-    acceleration = _solved(estimate, right, problem, damping)
+    acceleration = _marquardt_step(estimate, right, problem, damping)
     if acceleration is None or _step_length(
         acceleration, blocks, problem
     ) > MAX_ACCELERATION * _step_length(step, blocks, problem):
@@ -407,7 +409,7 @@ def _step_length(step: Step, blocks: NormalEquations, problem: AdjustmentProblem
     return float(np.sqrt(shared + np.sum(step.poses**2 * np.einsum("mii->mi", blocks.poses))))
 
 
-def _stopped(estimate: Estimate, step: Step) -> Mask:
+def _parameters_at_boundary(estimate: Estimate, step: Step) -> Mask:
     """Return the mask (g,) of model parameters at the boundary of their range."""
     values = np.array([p.value for p in estimate.model.parameters])
     at_boundary = np.zeros(len(step.shared), dtype=bool)
@@ -421,7 +423,7 @@ def _stopped(estimate: Estimate, step: Step) -> Mask:
     return at_boundary
 
 
-def _solved(
+def _marquardt_step(
     estimate: Estimate,
     blocks: NormalEquations,
     problem: AdjustmentProblem,
@@ -450,7 +452,7 @@ def _solved(
     return Step(shared, poses)
 
 
-def _stepped(
+def _after_step(
     estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem, step: Step
 ) -> Estimate | None:
     """Return the estimate after a step; None if the values do not describe a camera."""
@@ -681,7 +683,7 @@ def bundle_adjust(
     for _ in range(1 if edges is None else EDGES_FORMED):
         edge_information = None if edges is None else edges.information(estimate.model)
         before = estimate.model
-        estimate, problem = _settled(
+        estimate, problem = _minimise_with_noise(
             estimate,
             replace(problem, edges=edge_information),
             loss,
@@ -692,11 +694,11 @@ def bundle_adjust(
         )
         if _max_change(before, estimate.model) < EDGES_SETTLED:
             break
-    adjustment = _informed(estimate, observations, problem, fixed, priors)
+    adjustment = _result(estimate, observations, problem, fixed, priors)
     return replace(adjustment, edges=edges)
 
 
-def _settled(
+def _minimise_with_noise(
     estimate: Estimate,
     problem: AdjustmentProblem,
     loss: str,
@@ -725,7 +727,7 @@ def _max_change(before: CameraModel, after: CameraModel) -> float:
     return max((abs(b.value - a.value) / a.scale for a, b in pairs), default=0.0)
 
 
-def _informed(
+def _result(
     estimate: Estimate,
     observations: Sequence[Observation],
     problem: AdjustmentProblem,

@@ -283,8 +283,8 @@ def calibrate_camera(
         mount, optics = model.mount, model.optics
     mount = Mount() if mount is None else mount
     rim_radius = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
-    detections = _with_names(_found(images, board, stored_orientation))
-    surveys = _surveyed(surveys)
+    detections = _with_unique_names(_detections(images, board, stored_orientation))
+    surveys = _survey_observations(surveys)
     is_reversed = (optics == "mirror") != mount.image_flipped
     size = _size(detections, board, surveys, image_size, is_reversed=is_reversed)
     prior_knowledge = ParameterPriors(tuple(fixed), tuple(_prior(p) for p in priors))
@@ -296,7 +296,7 @@ def calibrate_camera(
         image_size=size,
         centre_px=centre_px,
         empty=Unified(1.0, (100.0, 100.0), (0.0, 0.0), size, optics=optics, mount=mount),  # type: ignore[arg-type]
-        wanted=_wanted(
+        wanted=_models_to_fit(
             model,
             size,
             optics,
@@ -323,7 +323,7 @@ def calibrate_camera(
     ):
         model_with_rim: CameraModel = replace(state.fit.model, rim_radius_px=rim_radius)  # type: ignore[type-var]
         state.fit = replace(state.fit, model=model_with_rim)
-    calibration = _told(
+    calibration = _calibration_result(
         state,
         detections,
         surveys,
@@ -341,7 +341,7 @@ def calibrate_camera(
     return calibration
 
 
-def _found(
+def _detections(
     images: Sequence[Any], board: Board | None, stored_orientation: bool
 ) -> Sequence[Detection]:
     """Return the given detections, or detect boards in images."""
@@ -357,7 +357,7 @@ def _found(
     return find_boards(inputs, board, stored_orientation=stored_orientation)
 
 
-def _surveyed(surveys: Sequence[Observation]) -> tuple[Observation, ...]:
+def _survey_observations(surveys: Sequence[Observation]) -> tuple[Observation, ...]:
     """Return the surveys marked as surveyed, with poses still to be estimated."""
     observations = tuple(surveys)
     for number, survey in enumerate(observations):
@@ -407,7 +407,7 @@ def _size(
     return size
 
 
-def _with_names(detections: Sequence[Detection]) -> list[Detection]:
+def _with_unique_names(detections: Sequence[Detection]) -> list[Detection]:
     """Return detections with unique names; images in different folders may share a name."""
     names: dict[str, int] = {}
     renamed = []
@@ -432,7 +432,7 @@ def _sighting(detection: Detection, board: Board) -> Observation:
     return Observation(detection.name, detection.corners_px, board.points_mm[ids], ids=ids)
 
 
-def _wanted(
+def _models_to_fit(
     model: str | CameraModel, size: tuple[int, int], optics: str, *, is_near: bool
 ) -> tuple[str | CameraModel, ...]:
     """Return the models to fit.
@@ -477,7 +477,9 @@ def _with_edges(calibration: Calibration, edges: StraightEdges) -> Calibration:
         for e, r in zip(edges.edges, errors, strict=True)
     )
     used = np.array([edge.rms_px for edge in results if edge.used])
-    rejected = [f"edge {e.edge} of {e.image} ({_off(e.rms_px)})" for e in results if not e.used]
+    rejected = [
+        f"edge {e.edge} of {e.image} ({_deviation_text(e.rms_px)})" for e in results if not e.used
+    ]
     note = (
         f"{len(used)} of {len(results)} marked edges are straight with a residual of "
         f"{np.sqrt(np.mean(used**2)):.2f} px rms"
@@ -486,14 +488,14 @@ def _with_edges(calibration: Calibration, edges: StraightEdges) -> Calibration:
     return replace(calibration, edges=results, notes=(*calibration.notes, note))
 
 
-def _off(rms_px: float) -> str:
+def _deviation_text(rms_px: float) -> str:
     return f"{rms_px:.2g} px from a straight line" if np.isfinite(rms_px) else "not visible"
 
 
 # -- result -----------------------------------------------------------------------------------
 
 
-def _told(
+def _calibration_result(
     state: FitState,
     detections: Sequence[Detection],
     surveys: Sequence[Observation],
@@ -557,7 +559,7 @@ def _image_results(
     surveys: Sequence[Observation],
 ) -> tuple[ImageResult, ...]:
     errors = {s.name: rms_px(fit.residuals_of(i)) for i, s in enumerate(fit.observations)}
-    poses = {s.name: _pose_told(s) for s in fit.observations}
+    poses = {s.name: _pose_values(s) for s in fit.observations}
     reasons = {
         d.name: state.inconsistent.get(d.name) if is_used(d) else reason_of(d) for d in detections
     }
@@ -573,7 +575,7 @@ def _image_results(
     return tuple(results)
 
 
-def _pose_told(observation: Observation) -> tuple[Array | None, Array | None]:
+def _pose_values(observation: Observation) -> tuple[Array | None, Array | None]:
     """Return rotation and translation of a target; directions alone have no translation."""
     if observation.pose is None:
         return None, None

@@ -59,10 +59,10 @@ class UndeterminedCombination(NamedTuple):
         >>> str(UndeterminedCombination(("lens.focal_length_mm", "xi"), (3.79, -1164.2), 90.0, ("mm", "")))
         'lens.focal_length_mm larger by 3.8 mm with xi smaller by 1200'
         """
-        return " with ".join(map(_said, self.names, self.parts, self.units))
+        return " with ".join(map(_change_text, self.names, self.parts, self.units))
 
 
-def _said(name: str, part: float, unit: str) -> str:
+def _change_text(name: str, part: float, unit: str) -> str:
     """Return the change of a parameter in words, with two digits."""
     size = f"{float(f'{abs(part):.2g}'):g}"
     return f"{name} {'larger' if part > 0 else 'smaller'} by {size} {unit if unit != '1' else ''}".rstrip()
@@ -186,9 +186,9 @@ def _valleys(adjustment: BundleAdjustment, number: int, sigma: float) -> Array |
             sigma if minimum is start else float(_paraboloid(minimum.fit)[0][number, number]) ** 0.5
         )
         states = [
-            *reversed(_followed(minimum, number, -step)),
+            *reversed(_follow_valley(minimum, number, -step)),
             minimum,
-            *_followed(minimum, number, step),
+            *_follow_valley(minimum, number, step),
         ]
         if len(states) < 2:
             continue
@@ -282,11 +282,11 @@ class _State(NamedTuple):
     chi_square: float
 
 
-def _followed(start: _State, number: int, step: float) -> list[_State]:
+def _follow_valley(start: _State, number: int, step: float) -> list[_State]:
     """Return fits along a valley in one direction, up to a limit of chi-square."""
     states = [start]
     for _ in range(MOST_FITS):
-        state = _held_at(states, number, step, start.fit.noise_px)
+        state = _fit_with_fixed(states, number, step, start.fit.noise_px)
         if state is None or state.chi_square > start.chi_square + 2 * FOLLOWED_TO:
             step *= SHRINKAGE
             continue
@@ -297,7 +297,9 @@ def _followed(start: _State, number: int, step: float) -> list[_State]:
     return states[1:]
 
 
-def _held_at(states: list[_State], number: int, step: float, noise_px: float) -> _State | None:
+def _fit_with_fixed(
+    states: list[_State], number: int, step: float, noise_px: float
+) -> _State | None:
     """Return the fit with a parameter moved by a step, None on failure.
 
     The initial value is extrapolated linearly from the last two fits.

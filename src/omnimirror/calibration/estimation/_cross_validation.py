@@ -78,19 +78,19 @@ def held_out(
     ]
     is_expensive = isinstance(adjustment.model, SensorModel)
     fold_residuals = (
-        pool.map(_left_out, jobs)
+        pool.map(_fold_errors, jobs)
         if pool is not None and is_expensive
-        else list(starmap(_left_out, jobs))
+        else list(starmap(_fold_errors, jobs))
     )
     for (_, indices), image_residuals in zip(jobs, fold_residuals, strict=True):
         for number, errors in zip(indices, image_residuals, strict=True):
             residuals[adjustment.problem.stack.slices[number]] = errors
     if len(boards) < len(observations):
-        _leave_points_out(adjustment, seed, residuals)
+        _hold_out_points(adjustment, seed, residuals)
     return HeldOut(rms_px(residuals), residuals)
 
 
-def _left_out(adjustment: BundleAdjustment, indices: NDArray[np.int64]) -> list[Array]:
+def _fold_errors(adjustment: BundleAdjustment, indices: NDArray[np.int64]) -> list[Array]:
     """Return the residuals (n, 2) of each held-out board, from a fit to all others."""
     observations = adjustment.observations
     others = [s for i, s in enumerate(observations) if i not in indices]
@@ -111,7 +111,7 @@ def _left_out(adjustment: BundleAdjustment, indices: NDArray[np.int64]) -> list[
     return [errors[part] for part in posed.problem.stack.slices]
 
 
-def _leave_points_out(adjustment: BundleAdjustment, seed: int, residuals: Array) -> None:
+def _hold_out_points(adjustment: BundleAdjustment, seed: int, residuals: Array) -> None:
     """Compute residuals (n, 2) of surveyed points in place, from fits to 90 % of them."""
     random = np.random.default_rng(seed)
     groups = [

@@ -31,10 +31,10 @@ def linear_pose(observation: Observation, bearings: Array) -> RigidTransform | N
     if (~is_distant).sum() >= MIN_POINTS:
         candidates.append(_among_points(bearings[~is_distant], observation.points[~is_distant]))
     poses = [pose for pose in candidates if pose is not None]
-    return min(poses, key=lambda pose: _off(observation, pose, bearings), default=None)
+    return min(poses, key=lambda pose: _median_error(observation, pose, bearings), default=None)
 
 
-def _off(observation: Observation, pose: RigidTransform, bearings: Array) -> float:
+def _median_error(observation: Observation, pose: RigidTransform, bearings: Array) -> float:
     """Return the median sine of the angular residuals."""
     directions = observation.in_camera_frame(pose)
     directions = directions / np.linalg.norm(directions, axis=1)[:, None]

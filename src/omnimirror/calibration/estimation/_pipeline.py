@@ -150,7 +150,7 @@ class CalibrationPlan:
 def run(plan: CalibrationPlan, reporter: ProgressReporter, state: FitState) -> None:
     """Run all steps: initial fit, model sequence, outlier rejection, comparison, selection."""
     with WorkerPool() as pool:
-        if SensorModel.KIND in map(_kind, plan.wanted):
+        if SensorModel.KIND in map(_kind_of, plan.wanted):
             pool.begin()
         reporter.at("estimating board poses", 0.0)
         base = _first_fit(plan, state)
@@ -161,7 +161,7 @@ def run(plan: CalibrationPlan, reporter: ProgressReporter, state: FitState) -> N
 def _first_fit(plan: CalibrationPlan, state: FitState) -> BundleAdjustment:
     """Return a unified model fitted to images with different board poses."""
     fixed, priors = (
-        plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
+        plan.known.of(plan.empty, None) if Unified.KIND in map(_kind_of, plan.wanted) else ((), ())
     )
     initial = fit_first_model(
         plan.observations,
@@ -193,21 +193,23 @@ def _fit_and_select(
     plan.known.check(fits.values())
     reference = _reference_fit(fits)
     reporter.at("rejecting outliers", 0.4)
-    reference = _agreeing(_without_inconsistent(reference, state), fits, plan, state)
+    reference = _without_outliers_and_moved(
+        _without_inconsistent_images(reference, state), fits, plan, state
+    )
     if plan.edges is not None:
         reporter.at("fitting straight edges", 0.45)
         state.edges = plan.edges.select_straight(
             reference.refit(reference.observations, edges=plan.edges).model
         )
-    names = {_kind(w) for w in plan.wanted}
+    names = {_kind_of(w) for w in plan.wanted}
     multi_viewpoint = [fit for fit in fits.values() if not is_central(fit.model)]
     if multi_viewpoint:
-        state.multi_viewpoint = _frozen(
+        state.multi_viewpoint = _least_squares_fit(
             min(multi_viewpoint, key=lambda fit: fit.problem.noise_px), reference, state
         )
     state.fit = reference if reference.model.KIND in names else state.fit
     _compare(
-        {k: _frozen(fit, reference, state) for k, fit in fits.items() if k in names},
+        {k: _least_squares_fit(fit, reference, state) for k, fit in fits.items() if k in names},
         plan,
         reporter,
         state,
@@ -232,7 +234,7 @@ def _compare(
         state.fit, state.held = compared[best]
 
 
-def _kind(model: str | CameraModel) -> str:
+def _kind_of(model: str | CameraModel) -> str:
     return model if isinstance(model, str) else model.KIND
 
 
@@ -246,16 +248,18 @@ def _all_fits(
     """Return robust fits of the requested models and of the reference models for outliers."""
     models: list[str | CameraModel] = list(plan.wanted)
     if len(base.observations) >= MIN_IMAGES_FOR_REFERENCE:
-        models += [kind for kind in REFERENCE_MODELS if kind not in map(_kind, models)]
+        models += [kind for kind in REFERENCE_MODELS if kind not in map(_kind_of, models)]
     fits: dict[str, BundleAdjustment] = {}
     unified = base.model
     assert isinstance(unified, Unified)
-    for number, model in enumerate(sorted(models, key=_order)):
-        kind = _kind(model)
+    for number, model in enumerate(sorted(models, key=_complexity)):
+        kind = _kind_of(model)
         reporter.at(f"fitting {kind}", 0.05 + 0.35 * number / len(models))
         try:
             starts = (
-                [model] if isinstance(model, CameraModel) else _starts(model, unified, base, fits)
+                [model]
+                if isinstance(model, CameraModel)
+                else _initial_models(model, unified, base, fits)
             )
             fits[kind] = _best_fit(base, starts, plan, pool)
         except OmnimirrorError as e:
@@ -264,14 +268,14 @@ def _all_fits(
         if state.fit is None or fits[kind].problem.noise_px < state.fit.problem.noise_px:
             state.fit = fits[kind]
     failed = [
-        f"{k}: {reason}" for k, reason in state.failures.items() if k in map(_kind, plan.wanted)
+        f"{k}: {reason}" for k, reason in state.failures.items() if k in map(_kind_of, plan.wanted)
     ]
     if len(failed) == len(plan.wanted):
         raise InvalidParameter("; ".join(failed))
     return fits
 
 
-def _starts(
+def _initial_models(
     kind: str, unified: Unified, base: BundleAdjustment, fits: dict[str, BundleAdjustment]
 ) -> list[CameraModel]:
     """Return initial models of a kind, including mirror sizes estimated from fitted viewpoints.
@@ -350,12 +354,12 @@ def _trial(
 ) -> BundleAdjustment | OmnimirrorError:
     """Return the fit after some steps from an initial value, or the error."""
     try:
-        return _some_steps(thinned, start, options, is_conic_first)
+        return _preliminary_fit(thinned, start, options, is_conic_first)
     except OmnimirrorError as e:
         return e
 
 
-def _some_steps(
+def _preliminary_fit(
     thinned: BundleAdjustment, start: CameraModel, options: dict[str, Any], is_conic_first: bool
 ) -> BundleAdjustment:
     """Return the fit after some steps, with aspheric terms free at once or after the conic.
@@ -387,12 +391,12 @@ def _some_steps(
     )
 
 
-def _order(model: str | CameraModel) -> int:
+def _complexity(model: str | CameraModel) -> int:
     kinds = list(KINDS)
     return kinds.index(model) if isinstance(model, str) and model in kinds else len(kinds)
 
 
-def _without_inconsistent(fit: BundleAdjustment, state: FitState) -> BundleAdjustment:
+def _without_inconsistent_images(fit: BundleAdjustment, state: FitState) -> BundleAdjustment:
     """Return the fit without images that even the best model does not explain."""
     inconsistent = inconsistent_images(fit)
     if not inconsistent:
@@ -401,7 +405,7 @@ def _without_inconsistent(fit: BundleAdjustment, state: FitState) -> BundleAdjus
     return fit.refit([s for s in fit.observations if s.name not in inconsistent], loss="cauchy")
 
 
-def _agreeing(
+def _without_outliers_and_moved(
     robust: BundleAdjustment,
     fits: dict[str, BundleAdjustment],
     plan: CalibrationPlan,
@@ -415,7 +419,7 @@ def _agreeing(
     inconsistent: dict[str, str] = {}
     if plan.is_mirror_symmetric:  # the model with fewer parameters is more sensitive
         inconsistent = flipped_images(fit) or flipped_images(
-            _frozen(fits.get(Unified.KIND, fit), fit, state)
+            _least_squares_fit(fits.get(Unified.KIND, fit), fit, state)
         )
     inconsistent = inconsistent or check_mount_stability(fit)
     if inconsistent:
@@ -442,7 +446,7 @@ def _reference_fit(fits: dict[str, BundleAdjustment]) -> BundleAdjustment:
     )
 
 
-def _frozen(
+def _least_squares_fit(
     fit: BundleAdjustment, reference: BundleAdjustment, state: FitState
 ) -> BundleAdjustment:
     """Return the least-squares fit of a model to the remaining corners."""

@@ -96,7 +96,7 @@ class Calibration:
         Number of corners in the used images, including outliers.
     outliers
         Rejected corners, worst first.
-    pictures
+    images
         Result for each image, in input order.
     parameters
         Parameters with their standard deviations.

@@ -264,14 +264,14 @@ def shifted_to_viewpoint(
     """
     medians = []
     for shift in SHIFTS_MM:
-        linearised = residuals_at_poses(model, [_along(s, shift) for s in observations])
+        linearised = residuals_at_poses(model, [_shifted(s, shift) for s in observations])
         lengths = np.where(linearised.visible, np.hypot(*linearised.residuals.T), np.inf)
         medians.append(float(np.median(lengths)))
     best = float(SHIFTS_MM[int(np.argmin(medians))])
-    return tuple(_along(s, best) for s in observations)
+    return tuple(_shifted(s, best) for s in observations)
 
 
-def _along(observation: Observation, translation_mm: float) -> Observation:
+def _shifted(observation: Observation, translation_mm: float) -> Observation:
     """Return a observation shifted along Z, unless it is known or entirely distant."""
     if observation.is_known or observation.distant.all() or observation.pose is None:
         return observation
@@ -350,7 +350,7 @@ def fit_first_model(
         s.with_pose(m) for s, m in zip(observations, start.poses, strict=True) if m is not None
     ]
     fit = min(
-        (_lowest(model, posed, free, fixed, priors) for free in FIRST_FREE),
+        (_fit_in_two_steps(model, posed, free, fixed, priors) for free in FIRST_FREE),
         key=lambda f: f.problem.noise_px,
     )
     check_start(_median_of(fit), image_size, boards=boards)
@@ -366,7 +366,7 @@ def fit_first_model(
     return InitialFit(fit, inconsistent)
 
 
-def _lowest(
+def _fit_in_two_steps(
     model: Unified,
     observations: Sequence[Observation],
     first: tuple[str, ...],
@@ -385,7 +385,7 @@ def _lowest(
     )
     return bundle_adjust(
         rough.model,
-        replaced_boards(rough),
+        relocate_boards(rough),
         fixed=fixed,
         priors=priors,
         loss="cauchy",
@@ -398,7 +398,7 @@ def _median_of(fit: BundleAdjustment) -> float:
     return float(np.median(np.where(fit.visible, np.hypot(*fit.residuals.T), UNSEEN_PX)))
 
 
-def replaced_boards(fit: BundleAdjustment) -> tuple[Observation, ...]:
+def relocate_boards(fit: BundleAdjustment) -> tuple[Observation, ...]:
     """Return observations with boards placed through the model, if that reduces their residuals."""
     world = fit.model.mount.rotation()
     result = []

@@ -245,13 +245,13 @@ def without_outliers(
     fit = adjustment
     while True:
         lengths = np.where(fit.visible, np.hypot(*fit.residuals.T), UNSEEN_PX)
-        index, limit = _worst(fit, lengths), outlier_limit_px(fit)
+        index, limit = _largest_residual(fit, lengths), outlier_limit_px(fit)
         if index is None or lengths[index] <= limit:
             break
         rejected = np.array([index])
         if lengths[index] > GROSS * limit:
             similar = np.flatnonzero(lengths > max(GROSS * limit, ALIKE * lengths[index]))
-            rejected = _spared(
+            rejected = _removable(
                 fit, similar[np.argsort(-lengths[similar])][: remaining_gross - len(outliers)]
             )
         if len(outliers) + len(rejected) > (
@@ -292,7 +292,7 @@ def _outlier(adjustment: BundleAdjustment, index: int, length_px: float) -> Outl
     )
 
 
-def _spared(adjustment: BundleAdjustment, points: NDArray[np.int64]) -> NDArray[np.int64]:
+def _removable(adjustment: BundleAdjustment, points: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the points, in order, that can be removed while each image retains the minimum."""
     owner = adjustment.problem.stack.owner
     removable_counts = np.bincount(owner) - MIN_RETAINED_CORNERS
@@ -304,7 +304,7 @@ def _spared(adjustment: BundleAdjustment, points: NDArray[np.int64]) -> NDArray[
     return np.array(removable, dtype=np.int64)
 
 
-def _worst(adjustment: BundleAdjustment, lengths: NDArray[np.float64]) -> int | None:
+def _largest_residual(adjustment: BundleAdjustment, lengths: NDArray[np.float64]) -> int | None:
     """Return the point with the largest residual among images that can lose one."""
     counts = np.bincount(adjustment.problem.stack.owner)
     can_lose = counts[adjustment.problem.stack.owner] > MIN_RETAINED_CORNERS
@@ -395,13 +395,13 @@ def recommendations(coverage: Coverage, images: int) -> tuple[str, ...]:
     if len(outer):
         low, high = coverage.radii_px[-2:]
         sentences.append(
-            f"Hold the board across the edge of the field at the {_listed(outer)}: few corners there are "
+            f"Hold the board across the edge of the field at the {_side_names(outer)}: few corners there are "
             f"{low:.0f} to {high:.0f} px from the centre."
         )
     inner = np.flatnonzero(coverage.counts[:-1].sum(axis=0) < MIN_CORNERS_PER_CELL)
     if len(inner):
         sentences.append(
-            f"Hold the board towards the {_listed(inner)} of the image: few corners were detected there."
+            f"Hold the board towards the {_side_names(inner)} of the image: few corners were detected there."
         )
     if coverage.counts[0].sum() < MIN_CORNERS_PER_CELL:
         sentences.append(
@@ -415,7 +415,7 @@ def recommendations(coverage: Coverage, images: int) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _listed(sectors: NDArray[np.int64]) -> str:
+def _side_names(sectors: NDArray[np.int64]) -> str:
     names = [SIDES[i] for i in sectors]
     if len(names) == SECTORS:
         return "entire rim"

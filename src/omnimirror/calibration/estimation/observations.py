@@ -383,7 +383,7 @@ def from_the_front(observations: Sequence[Observation]) -> tuple[Observation, ..
     bulge.
     """
     ends_mm = board_ends(observations)
-    return tuple(_counted_backwards(s, ends_mm) if _is_from_behind(s) else s for s in observations)
+    return tuple(_reversed_columns(s, ends_mm) if _faces_away(s) else s for s in observations)
 
 
 def flipped_observations(observation: Observation, ends_mm: float, width: int) -> Observation:
@@ -400,7 +400,7 @@ def flipped_observations(observation: Observation, ends_mm: float, width: int) -
     width
         Width of the image, px.
     """
-    board = _counted_backwards(observation, ends_mm)
+    board = _reversed_columns(observation, ends_mm)
     assert board.pose is not None
     across = np.array([-1.0, 1.0, 1.0])
     pose = RigidTransform(
@@ -418,7 +418,7 @@ def board_ends(observations: Sequence[Observation]) -> float:
     return float(x.min() + x.max()) if len(x) else 0.0
 
 
-def _counted_backwards(observation: Observation, ends_mm: float) -> Observation:
+def _reversed_columns(observation: Observation, ends_mm: float) -> Observation:
     """Return a board at its pose with reversed column numbers, read from the other side."""
     assert observation.pose is not None
     rotation, shift = observation.pose
@@ -430,7 +430,7 @@ def _counted_backwards(observation: Observation, ends_mm: float) -> Observation:
     )
 
 
-def _is_from_behind(observation: Observation) -> bool:
+def _faces_away(observation: Observation) -> bool:
     """Return whether a board's Z axis, which points away from the viewer, points at the camera."""
     if observation.is_surveyed or observation.pose is None:
         return False
@@ -483,7 +483,7 @@ def read_observations(
     Parameters
     ----------
     points
-        CSV files with the columns ``u_px``, ``v_px``, ``x_mm``, ``y_mm``, ``z_mm``, and ``picture``
+        CSV files with the columns ``u_px``, ``v_px``, ``x_mm``, ``y_mm``, ``z_mm``, and ``image``
         for several images.
     directions
         CSV files with ``u_px``, ``v_px`` and either ``x``, ``y``, ``z`` of any length, or
@@ -647,7 +647,7 @@ def simulate_detections(
     detections = []
     for i in range(count):
         for _ in range(MAX_TRIES):
-            projection = camera.project(_held(camera, points, random))
+            projection = camera.project(_random_board(camera, points, random))
             if projection.valid.mean() >= MIN_VISIBLE:
                 break
         else:
@@ -661,7 +661,7 @@ def simulate_detections(
     return detections
 
 
-def _held(camera: Camera, points: Array, random: np.random.Generator) -> Array:
+def _random_board(camera: Camera, points: Array, random: np.random.Generator) -> Array:
     """Return the corners (n, 3) of a board at a random pose in the world frame."""
     size = np.array(camera.image_size)
     while True:

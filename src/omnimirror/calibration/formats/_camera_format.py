@@ -543,13 +543,13 @@ class Layout:
         Camera model with the same formula.
     write
         Function that returns the content of a file for a camera and its name.
-    places : optional
+    parameters : optional
         Names of supported parameters; None: all. The others must have no effect, which is the value
         0 except for a stretch (:data:`NEUTRAL_VALUES`) except for rounding.
-    reach_deg : deg
+    max_field_angle_deg : deg
         Field angle below which programs that read the file project points, independent of the
         formula.
-    refuses
+    restriction
         Further reason for which it cannot store a camera of this kind, in words that follow "it";
         "" for none.
     is_panorama
@@ -557,7 +557,7 @@ class Layout:
         own name only.
     suffixes
         File suffixes, if the same model has several encodings; empty for any.
-    words
+    description
         Name of the model in its program.
     """
 

@@ -159,15 +159,15 @@ def read_cameras(
     except OSError as e:
         raise SpecError(f"cannot read the camera file {path}: {e.strerror or e}") from None
     file = CameraFile.of(str(path), data)
-    name = _recognised(file) if name is None else name
+    name = _recognise(file) if name is None else name
     stored = FORMATS[name].read(file, reading)
     return name, [
-        one._replace(notes=(*file.notes, *one.notes, *_doubts(name, one.camera, reading)))
+        one._replace(notes=(*file.notes, *one.notes, *_contradictions(name, one.camera, reading)))
         for one in stored
     ]
 
 
-def _recognised(file: CameraFile) -> str:
+def _recognise(file: CameraFile) -> str:
     """Return the one format that recognises a file.
 
     Raises
@@ -196,7 +196,7 @@ def _recognised(file: CameraFile) -> str:
     )
 
 
-def _doubts(name: str, camera: Any, reading: ReadOptions) -> list[str]:
+def _contradictions(name: str, camera: Any, reading: ReadOptions) -> list[str]:
     """Return contradictions in the parameters of a file of another program, and with given values."""
     if name == "omnimirror" or not isinstance(camera, RadialModel):
         return []
@@ -244,11 +244,11 @@ def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in FORMATS:
-            return _of_path(FORMATS[to], path)
+            return _layouts_for_path(FORMATS[to], path)
         raise InvalidParameter(f"to must be one of {known}; got {shown(to)}")
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
-            return _of_path(kind, path)
+            return _layouts_for_path(kind, path)
     raise InvalidParameter(
         f"the format of {Path(path).name} cannot be inferred from its name; specify to, one of {known}"
     )
@@ -260,7 +260,7 @@ def _all_targets() -> Iterator[OutputLayout]:
             yield OutputLayout(name, kind, layout)
 
 
-def _of_path(kind: CameraFormat, path: str | Path) -> list[OutputLayout]:
+def _layouts_for_path(kind: CameraFormat, path: str | Path) -> list[OutputLayout]:
     """Return all layouts of a format, or only those for the suffix of the file."""
     suffix = Path(path).suffix.lower()
     candidates = [

@@ -72,8 +72,8 @@ class RimClassifier:
         """Create from the contents of the weights file."""
         members = [
             LogisticMember(
-                *(np.array(member[name]) for name in ("linear", "bias", "hidden", "shift", "out"))
-            )  # type: ignore[arg-type]
+                *(np.array(member[name]) for name in ("linear", "bias", "hidden", "shift", "out"))  # type: ignore[arg-type]
+            )
             for member in content["members"]
         ]
         trust, first_share = float(content["trust"]), float(content["first_share"])

@@ -373,7 +373,7 @@ def surrounding_statistics(working: WorkingImage, ellipse: Ellipse) -> Array:
     polar, inside = unrolled(working, ellipse)
     half, is_visible = polar[::2], inside[::2]
     min_step = max(MIN_STEP / 2, 2.5 * working.noise)
-    along, across = (_counted(steps, min_step) for steps in _steps(polar, ellipse.radius))
+    along, across = (_significance(steps, min_step) for steps in _steps(polar, ellipse.radius))
     count = is_visible.sum(axis=0)
     turning, crossing = (
         _mean(along[..., None], is_visible, count)[:, 0],
@@ -383,7 +383,7 @@ def surrounding_statistics(working: WorkingImage, ellipse: Ellipse) -> Array:
     spread = np.sqrt(np.maximum(_mean(half * half, is_visible, count) - level**2, 0.0)).max(axis=1)
     turn, cross, spreads, colours = (_banded(x) for x in (turning, crossing, spread, level))
     texture = np.log(turn + FAINT_BAND_TEXTURE)
-    ring_clarity = [_above(crossing[between(*ring)]) for ring in RINGS]
+    ring_clarity = [_peak_above_median(crossing[between(*ring)]) for ring in RINGS]
     differences = [
         float(np.log(np.abs(colours[a] - colours[b]).max() + FAINT_LEVELS)) for a, b in CONTRASTS
     ]
@@ -394,12 +394,12 @@ def surrounding_statistics(working: WorkingImage, ellipse: Ellipse) -> Array:
             np.log(cross + FAINT_BAND_TEXTURE) - texture,
             np.log(spreads + FAINT_LEVELS),
             ring_clarity,
-            [_most(crossing[between(1 - RADIUS_FRACTION_STEP, 1 + 1.5 * RADIUS_FRACTION_STEP)])],
+            [_maximum(crossing[between(1 - RADIUS_FRACTION_STEP, 1 + 1.5 * RADIUS_FRACTION_STEP)])],
             differences,
             [(grey[INNER] - grey[OUTER]) / 64, (grey[WITHIN_RIM] - grey[FAR]) / 64],
             grey[[INNER, OUTER, FAR, CAMERA]] / 128,
-            np.array(_going_on(polar, inside)),
-            np.array(_calm(along, is_visible)),
+            np.array(_edge_statistics(polar, inside)),
+            np.array(_calm_fractions(along, is_visible)),
         ]
     )
 
@@ -421,7 +421,7 @@ def _steps(polar: Image, radius: float) -> tuple[Image, Image]:
     return along, across
 
 
-def _counted(steps: Image, min_step: float) -> Image:
+def _significance(steps: Image, min_step: float) -> Image:
     significance: Image = np.clip(
         (steps - np.float32(min_step)) / np.float32(max(FULL_WEIGHT_STEP - min_step, min_step)),
         0,
@@ -447,18 +447,18 @@ def _banded(values: Array) -> Array:
     return means
 
 
-def _above(values: Array) -> float:
+def _peak_above_median(values: Array) -> float:
     """Return the difference of maximum and median."""
     finite = values[np.isfinite(values)]
     return float(finite.max() - np.median(finite)) if len(finite) else np.nan
 
 
-def _most(values: Array) -> float:
+def _maximum(values: Array) -> float:
     finite = values[np.isfinite(values)]
     return float(finite.max()) if len(finite) else np.nan
 
 
-def _going_on(polar: Image, inside: Mask) -> list[float]:
+def _edge_statistics(polar: Image, inside: Mask) -> list[float]:
     """Return statistics across the ring (9,).
 
     They are correlations of both sides along the ring, in detail and as a whole, the consistency of
@@ -483,7 +483,7 @@ def _correlation(one: Image, other: Image) -> float:
     return float(a @ b) / float(np.sqrt((a @ a + 1.0) * (b @ b + 1.0)))
 
 
-def _calm(along: Image, is_visible: Mask) -> list[float]:
+def _calm_fractions(along: Image, is_visible: Mask) -> list[float]:
     """Return for each band the fraction of the visible ring with almost no change."""
     fractions = []
     for band in CALMS:
@@ -533,7 +533,7 @@ def relations(rings: Sequence[Ring], chosen: Sequence[int]) -> Array:
         )
         radius_ratios = np.where(family, radii / radii[i], np.nan)
         clearest = [
-            max(0.0, float(close[_in(radius_ratios, part)].max(initial=0.0)) - LEAST)
+            max(0.0, float(close[_between_ratios(radius_ratios, part)].max(initial=0.0)) - LEAST)
             for part in NEIGHBOUR_INTERVALS
         ]
         clear = close > CLEAR
@@ -550,25 +550,25 @@ def relations(rings: Sequence[Ring], chosen: Sequence[int]) -> Array:
             np.log1p((close > close[i]).sum()),
         ]
         neighbours = [
-            _next(rings, i, radius_ratios, close, part)
+            _next_ring_features(rings, i, radius_ratios, close, part)
             for part in (INNER_NEIGHBOURS, OUTER_NEIGHBOURS)
         ]
         rows.append([*clearest, outside, inside, *rank, *neighbours[0], *neighbours[1]])
     return np.array(rows)
 
 
-def _in(radius_ratios: Array, part: tuple[float, float]) -> NDArray[np.bool_]:
+def _between_ratios(radius_ratios: Array, part: tuple[float, float]) -> NDArray[np.bool_]:
     return (radius_ratios > part[0]) & (radius_ratios < part[1])
 
 
-def _next(
+def _next_ring_features(
     rings: Sequence[Ring], i: int, radius_ratios: Array, close: Array, part: tuple[float, float]
 ) -> list[float]:
     """Return features of the next clear ring on one side.
 
     They are its clarity, distance, band texture, calmness and relative clarity.
     """
-    others = np.nonzero(_in(radius_ratios, part) & (close > NEXT))[0]
+    others = np.nonzero(_between_ratios(radius_ratios, part) & (close > NEXT))[0]
     if not len(others):
         return [0.0, 0.0, 0.0, np.nan, 0.0]
     j = int(others[np.argmin(np.abs(np.log(radius_ratios[others])))])

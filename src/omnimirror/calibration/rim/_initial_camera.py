@@ -116,7 +116,7 @@ def camera_from_rim(
             mount or Mount(selection.camera_looks),
         )
     sensor = load_sensor(selection.sensor)
-    return _centred(rim, sensor if mount is None else replace(sensor, mount=mount))
+    return _centre_on_rim(rim, sensor if mount is None else replace(sensor, mount=mount))
 
 
 @checked
@@ -257,21 +257,23 @@ def sensors_from_rim(rim: MirrorOutline, sensor: Sensor) -> tuple[Sensor, ...]:
         or axis_offset > MAX_AXIS_OFFSET
         or sensor.secondary is not None
     ):
-        return (_centred(rim, sensor),)
+        return (_centre_on_rim(rim, sensor),)
     pitch_um = sensor.aligned().rim_radius_px * imager.pixel_pitch_um / rim.semi_axes_px[0]
     scaled_imager = replace(
         imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=(u, v)
     )
     scaled = replace(sensor, imager=scaled_imager)
     is_tilted = rim.semi_axes_px[0] - rim.semi_axes_px[1] > MIN_DIFFERENCE_PX
-    candidates = [_posed(scaled, rim, side) for side in ((1, -1) if is_tilted else (0,))]
-    return _told_apart(
+    candidates = [_fit_pose(scaled, rim, side) for side in ((1, -1) if is_tilted else (0,))]
+    return _consistent_with_camera_image(
         sorted(candidates, key=lambda candidate: float(np.hypot(*candidate.mirror_pose.shift[:2]))),
         rim,
     )
 
 
-def _told_apart(candidates: list[Sensor], rim: MirrorOutline) -> tuple[Sensor, ...]:
+def _consistent_with_camera_image(
+    candidates: list[Sensor], rim: MirrorOutline
+) -> tuple[Sensor, ...]:
     """Return the sensors that agree with the detected image of the camera; both if ambiguous."""
     if len(candidates) < 2 or rim.camera_image is None:
         return tuple(candidates)
@@ -280,7 +282,7 @@ def _told_apart(candidates: list[Sensor], rim: MirrorOutline) -> tuple[Sensor, .
         for sensor in candidates
     ]
     distances = [
-        float(np.linalg.norm(position - _own_image(sensor)))
+        float(np.linalg.norm(position - _lens_image(sensor)))
         for sensor, position in zip(candidates, measured, strict=True)
     ]
     consistent = [
@@ -294,7 +296,7 @@ def _told_apart(candidates: list[Sensor], rim: MirrorOutline) -> tuple[Sensor, .
     return tuple(candidates[k] for k in consistent) or tuple(candidates)
 
 
-def _own_image(sensor: Sensor) -> Array:
+def _lens_image(sensor: Sensor) -> Array:
     """Return the image of the lens (2,) in px from the image centre; NaN if it is not visible.
 
     A ray from the lens along the mirror normal is reflected into itself.
@@ -327,7 +329,7 @@ def _own_image(sensor: Sensor) -> Array:
     return np.asarray(sensor.lens.image_of(*line_of_sight(solution.x))[0] / sensor.imager.pitch_mm)
 
 
-def _posed(sensor: Sensor, rim: MirrorOutline, tilt_side: int) -> Sensor:
+def _fit_pose(sensor: Sensor, rim: MirrorOutline, tilt_side: int) -> Sensor:
     """Return the sensor with the given rim, and a tilt to one side of the minor axis or no tilt."""
     from scipy.optimize import least_squares
 
@@ -377,7 +379,7 @@ def _posed(sensor: Sensor, rim: MirrorOutline, tilt_side: int) -> Sensor:
     return replace(sensor, imager=imager, mirror_pose=pose_of(solution))
 
 
-def _centred(rim: MirrorOutline, sensor: Sensor) -> Sensor:
+def _centre_on_rim(rim: MirrorOutline, sensor: Sensor) -> Sensor:
     """Return the aligned sensor with its axis at the centre of the rim."""
     width, height = rim.image_size
     aligned = sensor.aligned()

@@ -55,13 +55,13 @@ def find_camera_image(working: WorkingImage, edges: EdgePoints, rim: Ellipse) ->
         disc = fit_ellipse(inner, circle, REACHES_PX)
         if (
             rim.offset_share(disc) < OFFSET
-            and (clear := _clear(working, inner, disc)) > best_clarity
+            and (clear := _disc_clarity(working, inner, disc)) > best_clarity
         ):
             best, best_clarity = disc, clear
     return best
 
 
-def _clear(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
+def _disc_clarity(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
     """Return the edge clarity of a round disc with little texture inside and much outside, else 0."""
     ring = ring_of(working, edges, disc)
     if ring is None:
@@ -368,11 +368,11 @@ def detect_mirror_outline(images: Picture | Sequence[Picture]) -> MirrorOutline:
     """
     image_list = [images] if isinstance(images, np.ndarray) else list(images)
     _check(image_list)
-    analysed = [_analysed(image) for image in image_list]
+    analysed = [_analyse(image) for image in image_list]
     size = (image_list[0].shape[1], image_list[0].shape[0])
     if not any(item.rings for item in analysed):
-        return _nothing(size)
-    ellipse, joint_confidence = _agreed(analysed)
+        return _no_outline(size)
+    ellipse, joint_confidence = _joint_ellipse(analysed)
     outlines = []
     for item in analysed:
         k = item.like(ellipse)
@@ -384,7 +384,7 @@ def detect_mirror_outline(images: Picture | Sequence[Picture]) -> MirrorOutline:
             if k is None
             else item.confidence(item.rings[k].ellipse)
         )
-        outlines.append((_rim(item, starts, own_confidence, size), k is not None))
+        outlines.append((_refined_outline(item, starts, own_confidence, size), k is not None))
     if len(outlines) == 1:
         rim = outlines[0][0]
         others = [
@@ -392,7 +392,7 @@ def detect_mirror_outline(images: Picture | Sequence[Picture]) -> MirrorOutline:
             for other in analysed[0].distinct(ellipse, MAX_CANDIDATES)
         ]
         return replace(rim, candidates=(*(() if rim.is_accepted else (rim,)), *others))
-    pooled = _pooled(
+    pooled = _median_outline(
         [rim for rim, is_visible in outlines if is_visible],
         [rim for rim, _ in outlines],
         joint_confidence,
@@ -447,7 +447,7 @@ def check_image_sizes(images: Sequence[Picture], names: Sequence[str]) -> None:
         )
 
 
-def _analysed(image: Picture) -> _AnalysedImage:
+def _analyse(image: Picture) -> _AnalysedImage:
     """Detect the rings of an image at the main working resolution and at the others.
 
     Resolutions above that of the image are omitted.
@@ -471,7 +471,7 @@ def _at_resolution(image: Picture, side: int) -> _AnalysedImage:
     return _AnalysedImage(image, working, edges, rings, odds(rings, working))
 
 
-def _agreed(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
+def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     """Return the most probable ring of all images together, and its confidence.
 
     Images of one sensor share their surroundings: the evidence of n images grows with the square
@@ -509,7 +509,7 @@ def _agreed(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     )
 
 
-def _rim(
+def _refined_outline(
     analysed: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]
 ) -> MirrorOutline:
     """Return the clearest of several rings after refinement in the full-size image."""
@@ -528,7 +528,7 @@ def _rim(
     )
 
 
-def _pooled(
+def _median_outline(
     detected: list[MirrorOutline], outlines: list[MirrorOutline], confidence: float
 ) -> MirrorOutline:
     """Return the median of the rims of several images."""
@@ -558,7 +558,7 @@ def _pooled(
     )
 
 
-def _nothing(size: tuple[int, int]) -> MirrorOutline:
+def _no_outline(size: tuple[int, int]) -> MirrorOutline:
     """Return the result for an image without rings: the largest circle in it, with confidence 0."""
     width, height = size
     radius = min(size) / 2

@@ -194,14 +194,14 @@ def fit_saddles(
     """
     count = len(maps.pixels)
     saddles = Saddles(maps.pixels.copy(), *(np.full(count, np.nan) for _ in range(4)))
-    for group, reach in _alike(maps, window.half):
+    for group, reach in _equal_windows(maps, window.half):
         part = _fit(image, LocalMaps(*(field[group] for field in maps)), window, reach, is_quick)
         for values, piece in zip(saddles, part, strict=True):
             values[group] = piece
     return saddles
 
 
-def _alike(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.int_], int]]:
+def _equal_windows(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.int_], int]]:
     """Yield corners with windows of similar size, and the window reach from the centre in px."""
     reach = half * np.abs(maps.first).sum(axis=2).max(axis=1) + 0.5
     reach = np.array(SIZES)[np.searchsorted(SIZES[:-1], reach)]

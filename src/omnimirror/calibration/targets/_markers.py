@@ -148,7 +148,8 @@ def layout_difference(
         ..., 0
     ]
     right, below = (
-        _usual_step(markers.ids, relative_positions, place) for place in ((1.0, 0.0), (0.0, 1.0))
+        _typical_neighbour(markers.ids, relative_positions, place)
+        for place in ((1.0, 0.0), (0.0, 1.0))
     )
     if right is None or below is None:
         return None
@@ -167,7 +168,7 @@ def layout_difference(
     return None
 
 
-def _usual_step(
+def _typical_neighbour(
     ids: Ids, relative_positions: Array, direction: tuple[float, float]
 ) -> tuple[int, float] | None:
     """Return the differences in number and distance (tag sides) to the next tag in a direction.

@@ -98,22 +98,22 @@ def find_board(
             f"the image must have the size of the camera, {camera.image_size[0]} x {camera.image_size[1]} px; "
             f"got {size[0]} x {size[1]} px"
         )
-    detect = _look_for_markers if board.has_markers else _look_for_squares
+    detect = _detect_markers if board.has_markers else _detect_squares
     detection = detect(values, board, name, is_quick=quick)
     if camera is not None and not detection.used:
         for view in local_views(values, camera):
             view_detection = detect(view.image, board, "", is_quick=True)
             if (
                 view_detection.used
-                and (image_detection := _back_in_picture(values, view_detection, view, board, name))
+                and (image_detection := _in_full_image(values, view_detection, view, board, name))
                 is not None
             ):
                 detection = image_detection
                 break
-    return _measured(values, detection, board)
+    return _refined(values, detection, board)
 
 
-def _back_in_picture(
+def _in_full_image(
     values: Grey, view_detection: Detection, view: LocalView, board: Board, name: str
 ) -> Detection | None:
     """Return a detection in a dewarped view as a detection in the image, which may be mirrored."""
@@ -123,10 +123,10 @@ def _back_in_picture(
     ids, pixels = view_detection.ids[is_finite], pixels[is_finite]
     if board.has_markers:  # including parts of the board outside the view
         ids, pixels = completed(values, board, ids, pixels)
-        return Detection(name, size, ids, pixels, is_reversed=_runs_backwards(board, ids, pixels))
+        return Detection(name, size, ids, pixels, is_reversed=_is_mirrored(board, ids, pixels))
     part = trimmed(grown(values, coloured(values, board.lattice[ids], pixels)))
     is_board = is_whole(part, board) and not goes_on(values, part)
-    return _whole(part, board, name, size) if is_board else None
+    return _complete_detection(part, board, name, size) if is_board else None
 
 
 @checked
@@ -196,7 +196,7 @@ def find_boards(
         number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)
     }
     try:
-        for count_done, (number, boards) in enumerate(_looked_through(jobs), 1):
+        for count_done, (number, boards) in enumerate(_search_images(jobs), 1):
             detections[number] = boards
             if on_progress is not None:
                 on_progress(count_done, len(sources))
@@ -205,7 +205,7 @@ def find_boards(
     return compared([detection for boards in detections.values() for detection in boards], board)
 
 
-def _looked_through(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[Detection]]]:
+def _search_images(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[Detection]]]:
     """Yield the boards of each image, with worker processes for long searches."""
     for number, job in enumerate(jobs):
         started = time.perf_counter()
@@ -235,7 +235,7 @@ def _boards_in(
             if isinstance(source, str | Path)
             else source
         )
-        boards = _several(pixels, board, name) if several and not board.has_markers else []
+        boards = _all_boards(pixels, board, name) if several and not board.has_markers else []
         return boards or [find_board(pixels, board, name=name, camera=camera)]
     except OmnimirrorError as e:
         return [Detection(name, (0, 0), reason=str(e))]
@@ -303,23 +303,26 @@ def _names(images: Sequence[Any]) -> list[str]:
     return names
 
 
-def _several(image: Picture, board: Board, name: str) -> list[Detection]:
+def _all_boards(image: Picture, board: Board, name: str) -> list[Detection]:
     """Return all complete boards in an image."""
     values = grey(image)
     size = (values.shape[1], values.shape[0])
     names = (name if k == 1 else f"{name} ({k})" for k in count(1))
     parts = find_chessboards(values, board)
-    return [_measured(values, _whole(part, board, next(names), size), board) for part in parts]
+    return [
+        _refined(values, _complete_detection(part, board, next(names), size), board)
+        for part in parts
+    ]
 
 
-def _whole(part: LatticePart, board: Board, name: str, size: tuple[int, int]) -> Detection:
+def _complete_detection(
+    part: LatticePart, board: Board, name: str, size: tuple[int, int]
+) -> Detection:
     ids, pixels, begins_white = ordered(part, board)
     return Detection(name, size, ids, pixels, begins_white=begins_white)
 
 
-def _look_for_squares(
-    values: Grey, board: Board, name: str, *, is_quick: bool = False
-) -> Detection:
+def _detect_squares(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
     size = (values.shape[1], values.shape[0])
     part = find_chessboard(values, board, is_quick=is_quick)
     if part is not None and is_whole(part, board):
@@ -327,18 +330,16 @@ def _look_for_squares(
             return Detection(
                 name, size, reason=TILES.format(board=board), blur_px=edge_blur_px(values)
             )
-        return _whole(part, board, name, size)
+        return _complete_detection(part, board, name, size)
     if part is None or len(part.places) < MIN_PART:
-        return Detection(name, size, reason=_why_nothing(values), blur_px=edge_blur_px(values))
-    reason = _other_size(part, board, values)
+        return Detection(name, size, reason=_failure_reason(values), blur_px=edge_blur_px(values))
+    reason = _size_reason(part, board, values)
     if (inside := placed(part, board)) is None:
         return Detection(name, size, reason=reason, blur_px=edge_blur_px(values))
     return Detection(name, size, *inside, reason=reason, is_part=True)
 
 
-def _look_for_markers(
-    values: Grey, board: Board, name: str, *, is_quick: bool = False
-) -> Detection:
+def _detect_markers(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
     size = (values.shape[1], values.shape[0])
     markers = read_markers(values, board, is_quick=is_quick)
     if (
@@ -353,13 +354,13 @@ def _look_for_markers(
         marker_count = "1 marker" if len(markers.ids) == 1 else f"{len(markers.ids)} markers"
         reason = f"only {marker_count} of {board.marker_count} and {len(ids)} corners of the board were detected"
     else:
-        reason = _why_nothing(values)
+        reason = _failure_reason(values)
         if reason == NO_BOARD:
             reason = f"no marker of the family {board.marker_family} was detected in the image or its mirror image"
     return Detection(name, size, reason=reason, blur_px=edge_blur_px(values))
 
 
-def _why_nothing(values: Grey) -> str:
+def _failure_reason(values: Grey) -> str:
     if np.ptp(np.percentile(values[::4, ::4], [1, 99])) < 8:
         return "the image is blank"
     blur = edge_blur_px(values)
@@ -368,7 +369,7 @@ def _why_nothing(values: Grey) -> str:
     return NO_BOARD
 
 
-def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
+def _size_reason(part: LatticePart, board: Board, values: Grey) -> str:
     blur = edge_blur_px(values)
     blurred = f"; the image is blurred (edge blur {blur:.1f} px)" if blur > BLURRED_PX else ""
     columns, rows = sorted(part.size, reverse=True)
@@ -383,7 +384,7 @@ def _other_size(part: LatticePart, board: Board, values: Grey) -> str:
     return f"a board of {columns} x {rows} corners was detected instead of {board}{blurred}"
 
 
-def _measured(values: Grey, detection: Detection, board: Board) -> Detection:
+def _refined(values: Grey, detection: Detection, board: Board) -> Detection:
     """Return the detection with refined corners, rejected if these are too few or too small."""
     if not detection.found:
         return detection
@@ -411,7 +412,7 @@ def _measured(values: Grey, detection: Detection, board: Board) -> Detection:
     return refined
 
 
-def _runs_backwards(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.float64]) -> bool:
+def _is_mirrored(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.float64]) -> bool:
     """Return whether a board is mirrored in an image."""
     places = board.points_mm[ids, :2] / board.square_mm
     is_finite = np.isfinite(pixels).all(axis=1)
