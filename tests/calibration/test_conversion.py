@@ -52,7 +52,7 @@ def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=4
 
 @needs_sample
 @pytest.mark.parametrize(("name", "optics"), [("catadioptric", "mirror"), ("fisheye", "fisheye")])
-def test_ocamcalibs_own_files_come_back_from_every_format_that_holds_them(tmp_path, name, optics):
+def test_ocamcalib_files_round_trip_through_all_formats(tmp_path, name, optics):
     source = SAMPLE / f"calib_results_{name}.txt"
     camera = om.load_ocam(source, optics)
     for to, file in (
@@ -73,7 +73,7 @@ def test_ocamcalibs_own_files_come_back_from_every_format_that_holds_them(tmp_pa
 
 @pytest.mark.parametrize("to", FITTED)
 @pytest.mark.parametrize("camera", few([MIRROR, FISHEYE], MIRROR), ids=["mirror", "fisheye"])
-def test_the_cost_that_is_told_is_the_cost(tmp_path, to, camera):
+def test_conversion_reports_true_error(tmp_path, to, camera):
     """At other pixels, from the file as read back: at most the reported error, and only slightly
     less."""
     is_pinhole = to in ("ros-plumb-bob", "ros-rational", "opencv-pinhole", "opencv-rational")
@@ -92,7 +92,7 @@ def test_the_cost_that_is_told_is_the_cost(tmp_path, to, camera):
     assert (tmp_path / "again.txt").read_bytes() == (tmp_path / "a.txt").read_bytes()
 
 
-def test_a_model_that_is_another_in_disguise_is_found(tmp_path):
+def test_conversion_finds_equivalent_model(tmp_path):
     """xi = 1 without distortion is a paraboloid: exactly f(rho) = (rho^2/f - f) / 2 of OCamCalib."""
     camera = Unified(1.0, (200.0, 200.0), (511.5, 383.5), SIZE)
     made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=1e-6)
@@ -102,7 +102,7 @@ def test_a_model_that_is_another_in_disguise_is_found(tmp_path):
     )
 
 
-def test_a_skewed_picture_keeps_its_directions(tmp_path):
+def test_conversion_preserves_directions_of_skewed_image(tmp_path):
     """A skew is a rotation combined with d of OCamCalib; the frame of the file must not be rotated
     by it."""
     camera = Unified(0.9, F, C, SIZE, skew_px=6.0)
@@ -110,7 +110,7 @@ def test_a_skewed_picture_keeps_its_directions(tmp_path):
     assert made.largest_px < 0.1
 
 
-def test_without_a_tolerance_it_is_refused_and_says_what_it_would_cost(tmp_path):
+def test_conversion_without_tolerance_raises_with_error(tmp_path):
     with pytest.raises(
         InvalidParameter,
         match=r"opencv-omnidir stores .*; this camera is ocam; .* px rms",
@@ -128,7 +128,7 @@ def test_without_a_tolerance_it_is_refused_and_says_what_it_would_cost(tmp_path)
     )
 
 
-def test_a_pinhole_holds_no_field_of_90_deg(tmp_path):
+def test_pinhole_rejects_field_of_90_deg(tmp_path):
     with pytest.raises(InvalidParameter, match=r"plumb_bob.* 90 deg.*field_deg"):
         convert(MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=100.0)
     made = convert(
@@ -137,7 +137,7 @@ def test_a_pinhole_holds_no_field_of_90_deg(tmp_path):
     assert made.largest_px < 1.0
 
 
-def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
+def test_format_selects_best_model(tmp_path):
     mirror = KannalaBrandt(
         F, C, SIZE, -0.02, 0.003, skew_px=0.1, optics="mirror", rim_radius_px=420.0
     )
@@ -159,7 +159,7 @@ def test_a_format_alone_takes_the_model_that_fits_best(tmp_path):
         *(pytest.param(to, marks=pytest.mark.full) for to in ("opencv-omnidir", "kalibr-ds")),
     ],
 )
-def test_a_sensor_without_a_viewpoint_costs_by_distance(tmp_path, to):
+def test_sensor_without_viewpoint_error_depends_on_distance(tmp_path, to):
     """Real rays of the sensor at each distance, against the single viewpoint of the file."""
     far = (500, 3000, np.inf)
     made = convert(SENSOR, tmp_path / "a.yaml", to=to, tolerance_px=20.0, distance_mm=far)
@@ -183,7 +183,7 @@ def test_the_viewpoint_of_a_hyperboloid_is_its_focus(tmp_path):
     np.testing.assert_allclose(made.viewpoint_mm, [0, 0, np.hypot(a, b) - b], atol=1e-4)
 
 
-def test_a_panorama_is_of_a_sphere_of_ours_and_costs_by_distance(tmp_path):
+def test_panorama_format_error_depends_on_distance(tmp_path):
     """COLMAP's formula for the pixels of the panorama; and real rays of a near point against those
     of the panorama."""
     made = convert(
@@ -217,7 +217,7 @@ def test_a_panorama_is_of_a_sphere_of_ours_and_costs_by_distance(tmp_path):
     assert convert(MIRROR, tmp_path / "cameras.bin", to="colmap-bin-equirectangular").exact
 
 
-def test_the_note_says_which_way_the_frame_is_handed(tmp_path):
+def test_note_reports_handedness_of_frame(tmp_path):
     plain = convert(MIRROR, tmp_path / "a.json", to="py-ocamcalib")
     assert any("left-handed" in note for note in plain.notes)
     flipped = convert(MIRROR, tmp_path / "b.json", to="py-ocamcalib", flip=True)
@@ -253,7 +253,7 @@ def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(
     assert made.camera.is_picture_reversed != flip
 
 
-def test_a_rig_gives_the_camera_that_is_asked_for(tmp_path):
+def test_rig_file_returns_requested_camera(tmp_path):
     for i, camera in enumerate((KannalaBrandt(F, C, SIZE), Unified(0.9, F, C, SIZE))):
         convert(camera, tmp_path / f"{i}.yaml", to="kalibr")
     second = (tmp_path / "1.yaml").read_text().replace("cam0", "cam1")
@@ -331,7 +331,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("name", "text", "message"), WRONG)
-def test_a_wrong_file_is_refused_with_its_line(tmp_path, name, text, message):
+def test_invalid_file_raises_with_line(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(SpecError, match=message) as e:
         convert(tmp_path / name, tmp_path / "out.toml")
@@ -363,7 +363,7 @@ def test_a_wrong_file_is_refused_with_its_line(tmp_path, name, text, message):
         ({"image_size": (3,)}, "image_size"),
     ],
 )
-def test_what_is_asked_wrongly_is_refused(tmp_path, wrong, message):
+def test_invalid_arguments_raise(tmp_path, wrong, message):
     with pytest.raises(OmnimirrorError, match=message):
         convert(MIRROR, tmp_path / "a.what", **{"to": "kalibr-omni", **wrong})
 
@@ -392,7 +392,7 @@ mirror_distance_mm = 570.0
 centre."""
 
 
-def test_what_the_camera_does_not_see_in_the_middle_may_be_left_out(tmp_path):
+def test_central_obscuration_can_be_excluded(tmp_path):
     (tmp_path / "sensor.toml").write_text(CALIBRATED)
     sensor = om.load_sensor(tmp_path / "sensor.toml")
     whole, outside = (
@@ -409,14 +409,14 @@ def test_what_the_camera_does_not_see_in_the_middle_may_be_left_out(tmp_path):
     assert np.linalg.norm(found - pixels, axis=1).max() <= 1.1 * outside.largest_px
 
 
-def test_a_near_distance_inside_the_sensor_is_refused(tmp_path):
+def test_distance_inside_sensor_raises(tmp_path):
     with pytest.raises(InvalidParameter, match="larger than the distances of the ray origins"):
         convert(
             SENSOR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=99.0, distance_mm=5.0
         )
 
 
-def test_a_viewpoint_that_moves_is_told_by_distance(tmp_path):
+def test_viewpoint_motion_is_reported_by_distance(tmp_path):
     camera = ViewpointSpline.like(
         Unified(0.95, (120.0, 120.0), (319.5, 239.5), (640, 480)), 6, 200.0
     )
@@ -432,7 +432,7 @@ def test_a_viewpoint_that_moves_is_told_by_distance(tmp_path):
     assert near.largest_px > 0.05
 
 
-def test_a_misaligned_sensor_is_converted_as_it_is(tmp_path):
+def test_misaligned_sensor_is_converted(tmp_path):
     """Tilted mirror without rotational symmetry of the image, flipped too; the error is that of
     real rays."""
     pose = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
@@ -452,7 +452,7 @@ def test_a_misaligned_sensor_is_converted_as_it_is(tmp_path):
 @pytest.mark.parametrize(
     "name", ["folded-hyperboloidal", "paraboloid-telecentric", "paper-hyperboloidal"]
 )
-def test_sensors_with_a_viewpoint_lose_nothing(tmp_path, name):
+def test_single_viewpoint_sensors_convert_exactly(tmp_path, name):
     made = convert(name, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.01)
     assert made.camera.looks_back == (name != "folded-hyperboloidal")
     np.testing.assert_allclose(made.viewpoint_mm[:2], 0, atol=1e-4)

@@ -27,7 +27,7 @@ def off_px(model, central, omega_max_deg):
     return np.hypot(*(here.pixels - there.pixels)[seen].T).max()
 
 
-def test_an_unknown_mirror_is_found_that_shows_distant_things_as_the_central_model_does():
+def test_unknown_mirror_reproduces_central_model():
     central = Unified(1.1, (260.0, 260.0), (318.0, 242.0), (640, 480), optics="mirror")
     model = om.SensorModel.from_central_model(central, omega_max_deg=125.0)
     assert off_px(model, central, 125.0) < 0.1
@@ -37,7 +37,7 @@ def test_an_unknown_mirror_is_found_that_shows_distant_things_as_the_central_mod
 @pytest.mark.parametrize(
     "kind", few(["sphere", "hyperboloid", "even-polynomial", "slope-spline"], "hyperboloid")
 )
-def test_a_known_kind_of_mirror_gets_its_shape_back(kind):
+def test_known_mirror_type_recovers_shape(kind):
     truth = sensor_of(kind)
     change = (
         {"slopes": tuple(0.9 * s for s in truth.mirror.slopes)} if kind == "slope-spline" else {}
@@ -56,7 +56,7 @@ def test_a_known_kind_of_mirror_gets_its_shape_back(kind):
     assert off_px(model, om.SensorModel(truth), field - 0.5) < 0.1
 
 
-def test_a_misaligned_mirror_of_known_shape_is_found():
+def test_misaligned_mirror_of_known_shape_is_estimated():
     truth = replace(sensor_of("sphere"), mirror_pose=MirrorPose(0.7, -0.4, 0.0, 0.0, 0.0))
     model = om.SensorModel.from_central_model(
         om.SensorModel(truth), truth.aligned(), free=("decentre",), omega_max_deg=120.0
@@ -68,7 +68,7 @@ def test_a_misaligned_mirror_of_known_shape_is_found():
     )
 
 
-def test_the_outline_of_a_ball_is_where_it_was_seen():
+def test_ball_outline_is_reproduced():
     """Rays just inside the outline hit the ball, rays just outside miss it."""
     centre, radius = np.array([2350.0, 1300.0]), 700.0
     model = om.mirror_ball_model((4000, 3000), tuple(centre), radius, focal_px=6000.0)
@@ -82,7 +82,7 @@ def test_the_outline_of_a_ball_is_where_it_was_seen():
     assert ahead[0, 2] < -0.99
 
 
-def test_a_ball_from_afar_is_the_ball_of_parallel_rays():
+def test_distant_ball_equals_parallel_projection():
     near = om.mirror_ball_model((1001, 1001), (500.0, 500.0), 400.0, focal_px=4e6)
     far = om.MirrorBall((500.0, 500.0), 400.0, 360.0, (1001, 1001), mount=near.mount)
     pixels = np.array([[600.0, 500.0], [500.0, 250.0], [350.0, 700.0]])
@@ -91,7 +91,7 @@ def test_a_ball_from_afar_is_the_ball_of_parallel_rays():
     )
 
 
-def test_a_mirror_that_folds_past_its_boards_ends_before():
+def test_folding_mirror_ends_before_fold():
     """Estimated from photographs: the polynomials reverse at 129 deg, outside the boards."""
     shape = (0.9048884, -1.0279182, 0.7558168, -0.2282032)
     mirror = ConicAsphere(13.6992394, -8.2502947, 44.1189806, shape, 40.0)

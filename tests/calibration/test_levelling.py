@@ -15,7 +15,7 @@ from omnimirror.cameras.frames import Mount
 
 @pytest.mark.full
 @pytest.mark.parametrize("lean", [(5.0, -3.0), (-9.0, 6.0)])
-def test_upright_edges_of_a_room_tell_how_its_camera_leaned(lean):
+def test_vertical_edges_of_room_give_tilt(lean):
     sensor = om.load_sensor("paper-spherical")
     coarse = replace(
         sensor.imager, width_px=512, height_px=512, pixel_pitch_um=2 * sensor.imager.pixel_pitch_um
@@ -47,7 +47,7 @@ def test_upright_edges_of_a_room_tell_how_its_camera_leaned(lean):
 @pytest.mark.parametrize(
     "looked", [Mount("forward", pitch_deg=-20.0, roll_deg=4.0), Mount("up", pitch_deg=6.0)]
 )
-def test_the_lean_of_a_ball_in_a_room(looked):
+def test_tilt_of_ball_in_room(looked):
     ball = om.MirrorBall((349.5, 349.5), 330.0, 340.0, (700, 700), looked)
     taken = om.take_picture(ball, om.Room(texel_mm=15.0), samples=2)
     ball = replace(ball, mount=Mount(looked.camera_looks))
@@ -58,7 +58,7 @@ def test_the_lean_of_a_ball_in_a_room(looked):
     )
 
 
-def test_large_pictures_are_looked_at_smaller():
+def test_large_images_are_reduced():
     """Edges of three walls, vertical at known positions, drawn at four times the size."""
     levels = []
     for size in (720, 2880):

@@ -55,7 +55,7 @@ def errors_deg(truth, camera):
     )
 
 
-def test_chains_lie_on_edges_to_a_tenth_of_a_pixel():
+def test_chains_match_edges_within_0_1_px():
     """A dark polygon drawn with coverage: each chain corresponds to one of its sides."""
     yy, xx = np.mgrid[0:300, 0:300].astype(float)
     corners = np.array([[60.3, 70.2], [240.7, 90.4], [200.1, 250.6], [80.9, 220.5]])
@@ -90,7 +90,7 @@ def test_a_mirror_of_known_kind_is_refined_and_levelled():
     assert found.camera.mount == level.on(drawn.mount)
 
 
-def test_an_unknown_camera_of_one_viewpoint_is_found_within_what_is_said():
+def test_unknown_central_camera_is_estimated_within_uncertainty():
     truth, picture = scene()
     found = om.calibrate_plumb_lines([picture], **field(truth))
     error, sigma = errors_deg(truth, found.camera)
@@ -99,7 +99,7 @@ def test_an_unknown_camera_of_one_viewpoint_is_found_within_what_is_said():
     assert found.camera.KIND == "unified"
 
 
-def test_what_lines_cannot_tell_is_named():
+def test_undetermined_parameters_are_reported():
     """Focal length, size and distance of a mirror compensate each other."""
     truth, picture = scene()
     model = om.SensorModel(replace(truth, mount=Mount("up")), ("focal", "shape", "distance"))
@@ -109,7 +109,7 @@ def test_what_lines_cannot_tell_is_named():
     assert np.sqrt((error**2).mean()) < 0.5
 
 
-def test_lean_of_a_camera_from_upright_edges():
+def test_tilt_from_vertical_edges():
     lean = Mount("down", 40.0, pitch_deg=-7.0, roll_deg=4.0)
     up = lean.rotation().T @ [0.0, 0.0, 1.0]
     rng = np.random.default_rng(3)
@@ -126,7 +126,7 @@ def test_lean_of_a_camera_from_upright_edges():
     assert level_from_edges(normals[:2], np.ones(2), lean) is None
 
 
-def test_edges_that_lie_anyhow_stand_upright_nowhere():
+def test_random_edges_give_no_level():
     rng = np.random.default_rng(5)
     for count in (12, 60, 360):
         for _ in range(40):
@@ -135,7 +135,7 @@ def test_edges_that_lie_anyhow_stand_upright_nowhere():
             assert level_from_edges(normals, rng.uniform(5.0, 50.0, count), Mount("up")) is None
 
 
-def test_opacity_and_depth_change_no_edges():
+def test_edges_are_independent_of_alpha_and_bit_depth():
     picture = np.zeros((200, 200, 3), np.uint8)
     picture[:, 90:] = 200
     (wanted,) = edge_chains(picture)
@@ -146,7 +146,7 @@ def test_opacity_and_depth_change_no_edges():
 
 
 @pytest.mark.parametrize("band", [1, 20_000, 50_000])
-def test_edges_found_in_bands_are_those_of_the_whole_picture(band, monkeypatch):
+def test_edges_of_bands_equal_edges_of_whole_image(band, monkeypatch):
     random = np.random.default_rng(3)
     picture = cv2.GaussianBlur(random.integers(0, 256, (301, 260, 3)).astype(np.uint8), (0, 0), 6.0)
     picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX)
@@ -157,7 +157,7 @@ def test_edges_found_in_bands_are_those_of_the_whole_picture(band, monkeypatch):
         np.testing.assert_array_equal(one, other)
 
 
-def test_pictures_that_show_too_little_are_refused():
+def test_images_with_too_few_edges_raise():
     grey = np.full((200, 200, 3), 128, np.uint8)
     with pytest.raises(InvalidParameter, match="at least 8 long edges"):
         om.calibrate_plumb_lines([grey])
@@ -172,7 +172,7 @@ def test_pictures_that_show_too_little_are_refused():
 
 
 @pytest.mark.full
-def test_a_misaligned_mirror_keeps_its_place_when_asked(tmp_path):
+def test_misaligned_mirror_keeps_fixed_pose(tmp_path):
     """Command line: sensor file in, refined and levelled file with its uncertainty out."""
     truth, picture = scene()
     drawn = replace(truth, mount=Mount("up"), mirror_pose=MirrorPose(0.2, 0.1))
@@ -200,7 +200,7 @@ def test_a_misaligned_mirror_keeps_its_place_when_asked(tmp_path):
     assert om.read_image(tmp_path / "edges.png").shape == picture.shape
 
 
-def test_the_rim_is_found_where_it_is_not_given(tmp_path):
+def test_mirror_outline_is_detected_by_default(tmp_path):
     truth, picture = scene()
     om.save_sensor(replace(truth, mount=Mount("up")), tmp_path / "drawn.toml")
     om.write_image(tmp_path / "room.png", picture)
@@ -224,7 +224,7 @@ def test_the_rim_is_found_where_it_is_not_given(tmp_path):
     assert "--rim U V R" in " ".join(refused.stderr.split())
 
 
-def test_edges_are_drawn_over_the_picture():
+def test_edges_are_drawn_on_image():
     picture = np.full((50, 60), 100, np.uint8)
     drawn = draw_edges(picture, [np.array([[10.0, 10.0], [40.0, 10.0]])], [True])
     assert drawn.shape == (50, 60, 3)
@@ -233,7 +233,7 @@ def test_edges_are_drawn_over_the_picture():
 
 
 @pytest.mark.full
-def test_a_photograph_of_a_room_tells_what_mirror_took_it(shared_data):
+def test_photograph_of_room_identifies_mirror(shared_data):
     """OCamCalib sample, calibrated by its authors with many boards; no board is detected here."""
     folder = shared_data / "ocamcalib_cpp_sample"
     truth = om.load_ocam(folder / "calib_results_catadioptric.txt")
@@ -267,7 +267,7 @@ def marked_edges(camera, count: int = 24, noise_px: float = 0.2) -> list[np.ndar
     return edges
 
 
-def test_a_camera_is_refined_by_points_that_were_marked_on_straight_edges(tmp_path):
+def test_camera_is_refined_by_marked_points(tmp_path):
     truth = scene()[0]
     lens = truth.lens
     drawn = replace(truth, lens=replace(lens, focal_length_mm=1.02 * lens.focal_length_mm))
@@ -322,7 +322,7 @@ def bent_edges(truth, random, count, bend_px):
 
 
 @pytest.mark.parametrize("seeds", [5, pytest.param(16, marks=pytest.mark.full)])
-def test_few_edges_that_are_not_quite_straight_are_no_surer_than_they_are_right(seeds):
+def test_few_imperfect_edges_have_consistent_uncertainty(seeds):
     """Ten edges fit more closely than they are straight; with that scale, errors were 1.5 times the
     prediction."""
     truth = replace(scene()[0], mount=Mount("up"))
@@ -351,7 +351,7 @@ def test_few_edges_that_are_not_quite_straight_are_no_surer_than_they_are_right(
         ("", "contains no points; its first line must be line,u_px,v_px"),
     ],
 )
-def test_tables_of_edges_that_will_not_do_are_told(text, says, tmp_path):
+def test_invalid_edge_tables_raise(text, says, tmp_path):
     (tmp_path / "edges.csv").write_text(text)
     with pytest.raises(InvalidParameter, match=re.escape(says)):
         om.read_line_points([tmp_path / "edges.csv"])

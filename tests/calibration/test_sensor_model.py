@@ -82,7 +82,7 @@ def shown(model, points, distant):
 
 
 @pytest.mark.parametrize("distant", [False, True])
-def test_it_shows_what_the_sensor_shows(sensor, distant):
+def test_model_projects_as_sensor(sensor, distant):
     points = some_points()
     world = points @ sensor.mount.rotation().T
     image = om.SensorModel(sensor).image(points, distant=distant)
@@ -147,7 +147,7 @@ def test_derivatives_by_points_are_differences(name, distant):
         )
 
 
-def test_points_past_the_rim_are_still_shown_and_smoothly():
+def test_points_beyond_rim_project_smoothly():
     """An estimate with a slightly small mirror must keep the points that correct it."""
     sensor = sensor_of("hyperboloid")
     omega = np.radians(sensor.field_deg[1] + np.linspace(-2.0, 4.0, 121))
@@ -158,7 +158,7 @@ def test_points_past_the_rim_are_still_shown_and_smoothly():
     assert np.ptp(np.diff(image.pixels[:, 0], n=2)) < 0.01
 
 
-def test_what_it_cannot_see_is_not_valid_and_nan():
+def test_invisible_points_are_invalid_and_nan():
     image = om.SensorModel(sensor_of("sphere")).image(
         [[0.0, 0.0, 500.0], [np.nan, 0.0, 0.0], [400.0, 0.0, 0.0]]
     )
@@ -168,7 +168,7 @@ def test_what_it_cannot_see_is_not_valid_and_nan():
     assert np.isfinite(image.d_points[2]).all()
 
 
-def test_parameters_come_back_and_the_rest_stays():
+def test_parameters_round_trip_and_others_are_unchanged():
     sensor = SENSORS["distorted"]
     model = om.SensorModel(sensor, ("shape", "centre", "distortion", "tilt"))
     values = np.array([p.value for p in model.parameters])
@@ -183,7 +183,7 @@ def test_parameters_come_back_and_the_rest_stays():
     )
 
 
-def test_a_change_by_its_scale_moves_the_picture_by_about_a_pixel():
+def test_parameter_scale_moves_image_by_one_pixel():
     model, points = all_free(sensor_of("conic-asphere")), some_points()
     image = model.image(points)
     moved = np.linalg.norm(image.d_parameters[image.valid], axis=1) * [
@@ -218,12 +218,12 @@ def test_priors_are_tolerances_of_the_design():
         (("focal",), (("lens.focal_length_mm", 11.0, 0.0),), "above 0"),
     ],
 )
-def test_errors_say_what_would_be_valid(free, priors, words):
+def test_errors_report_valid_values(free, priors, words):
     with pytest.raises(InvalidParameter, match=words):
         om.SensorModel(sensor_of("sphere"), free, priors)
 
 
-def test_the_viewpoint_is_where_rays_meet_the_axis():
+def test_viewpoint_is_intersection_of_rays_and_axis():
     """The viewpoint of a single-viewpoint hyperboloid is its focus."""
     sensor = sensor_of("hyperboloid")
     focus = np.hypot(sensor.mirror.a_mm, sensor.mirror.b_mm) - sensor.mirror.b_mm

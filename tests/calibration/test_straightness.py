@@ -124,7 +124,7 @@ EVERY_DAY = ("viewpoint-spline", "a fisheye")
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in CALIBRATED]
 )
-def test_every_view_of_a_calibrated_camera_shows_what_a_pinhole_sees(name):
+def test_views_of_calibrated_camera_match_pinhole(name):
     """Dewarped image of distant objects against the scene itself in each direction, every ninth
     pixel."""
     camera, room = CALIBRATED[name], Distant(ROOM)

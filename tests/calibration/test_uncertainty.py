@@ -53,7 +53,7 @@ def models():
         for m in models()
     ],
 )
-def test_drawn_parameters_scatter_as_much_as_is_said(model):
+def test_sampled_parameters_match_uncertainty(model):
     covariance = some_covariance(model, 0.2 if model.KIND == "sensor" else 0.03)
     pixels = np.array([[661.5, 511.5], [511.5, 711.5], [420.0, 450.0], [511.5, 560.0]])
     said_deg = om.direction_uncertainty(model, pixels, covariance=covariance)
@@ -114,7 +114,7 @@ def test_a_wrong_table_is_refused_at_its_line(table, words):
         om.parse_sensor(text)
 
 
-def test_a_sensor_without_covariance_says_what_is_missing():
+def test_sensor_without_covariance_raises():
     with pytest.raises(InvalidParameter, match=r"\[uncertainty\]"):
         om.direction_uncertainty(sensor_of("sphere"), [[500.0, 500.0]])
     with pytest.raises(InvalidParameter, match="for the parameters lens"):
@@ -123,7 +123,7 @@ def test_a_sensor_without_covariance_says_what_is_missing():
         )
 
 
-def test_the_command_says_it_and_draws_it(tmp_path):
+def test_command_prints_and_draws_uncertainty(tmp_path):
     om.save_sensor(calibrated(), tmp_path / "mine.toml")
     result = omnimirror(
         "uncertainty", tmp_path / "mine.toml", "--height-mm", "1200", "-o", tmp_path / "map.png"
@@ -133,7 +133,7 @@ def test_the_command_says_it_and_draws_it(tmp_path):
     assert (tmp_path / "map.png").stat().st_size > 1000
 
 
-def test_every_door_says_the_same_error_of_a_direction():
+def test_all_interfaces_return_same_direction_uncertainty():
     """Results of a calibration, of pixels of its camera, and of the covariance itself."""
     board = om.Board("chessboard", 11, 7, 30.0)
     truth = om.Unified(0.9, (160.0, 160.0), (322.0, 238.0), (640, 480))
@@ -279,6 +279,6 @@ def test_the_field_of_a_sensor_is_that_of_its_uncertainty():
 
 
 @pytest.mark.parametrize("field_deg", [0.0, -3.0, 180.5, float("nan")])
-def test_a_field_that_is_none_is_refused(field_deg):
+def test_invalid_field_raises(field_deg):
     with pytest.raises(InvalidParameter, match="field_deg"):
         Uncertainty(("cx",), ((1.0,),), field_deg)

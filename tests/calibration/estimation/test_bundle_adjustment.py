@@ -37,14 +37,14 @@ def room(count: int = 300, seed: int = 0) -> np.ndarray:
     )
 
 
-def test_known_points_give_the_camera_back():
+def test_known_points_recover_camera():
     points = room()
     found = bundle_adjust(START, [known(TRUTH.image(points).pixels, points)])
     assert found.rms_px < 1e-6
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-5, abs=1e-6)
 
 
-def test_stars_give_the_camera_and_how_it_stood():
+def test_stars_recover_camera_and_orientation():
     stars = directions(TRUTH)
     turn = RigidTransform(rotation_of(np.array([0.3, -0.2, 0.9])), np.zeros(3))
     seen = Observation(
@@ -59,7 +59,7 @@ def test_stars_give_the_camera_and_how_it_stood():
     assert pose.translation_mm == pytest.approx(0.0)  # not determined by stars
 
 
-def test_points_somewhere_on_known_lines_give_the_camera():
+def test_points_on_known_lines_recover_camera():
     """Plumb lines: the position of a pixel along its line is unknown and is estimated."""
     random = np.random.default_rng(2)
     on_lines = room(400)
@@ -72,7 +72,7 @@ def test_points_somewhere_on_known_lines_give_the_camera():
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
 
 
-def test_points_are_placed_where_their_targets_stand():
+def test_points_follow_target_poses():
     """Residuals vanish for the true motion, and without a motion are those of the camera frame."""
     points = room(20)
     way = RigidTransform(rotation_of(np.array([0.1, -0.2, 0.3])), np.array([30.0, -20.0, 10.0]))
@@ -86,7 +86,7 @@ def test_points_are_placed_where_their_targets_stand():
 
 
 @pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])
-def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
+def test_displacement_along_line_image_is_no_residual(rate):
     """Any pixel displacement per millimetre along the line is supported, including a line imaged
     end-on."""
     slides = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
@@ -120,7 +120,7 @@ def drive(count: int = 6) -> tuple[np.ndarray, list[RigidTransform]]:
     ]
 
 
-def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
+def test_marks_on_known_planes_recover_camera_and_positions():
     """A robot with known trajectory: marks are only known to be on the floor and the walls."""
     marks, ways = drive()
     normals = np.repeat([[0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [30, 15, 15], axis=0)
@@ -147,7 +147,7 @@ def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
     assert len(uncertainty(found).sigmas) == len(VALUES) + 120
 
 
-def test_a_mark_that_one_picture_sees_or_that_lies_on_two_planes_is_refused():
+def test_marks_in_one_image_or_on_two_planes_raise():
     marks, ways = drive(2)
     up = np.tile([0.0, 0.0, 1.0], (60, 1))
     one, other = (
@@ -163,7 +163,7 @@ def test_a_mark_that_one_picture_sees_or_that_lies_on_two_planes_is_refused():
         bundle_adjust(START, [one, replace(other, points=marks + np.array([0.0, 0.0, 5.0]))])
 
 
-def test_near_and_distant_things_are_adjusted_together():
+def test_near_and_distant_points_are_adjusted_jointly():
     points, stars = room(100), directions(TRUTH, 100, 3)
     sky = known(TRUTH.image(stars, distant=True).pixels, stars, is_distant=True)
     found = bundle_adjust(START, [known(TRUTH.image(points).pixels, points), sky])
@@ -200,7 +200,7 @@ def test_fixed_parameters_stay_and_priors_pull():
 
 
 @pytest.mark.full
-def test_covariance_is_what_repeated_noise_shows():
+def test_covariance_matches_repeated_noise():
     points = room(120)
     ahead = directions(TRUTH, 5, 8)
     model, exact = TRUTH, TRUTH.image(points).pixels
@@ -220,7 +220,7 @@ def test_covariance_is_what_repeated_noise_shows():
     assert np.std(offs, axis=0) == pytest.approx(np.mean(sigmas, axis=0), rel=0.45)
 
 
-def test_what_nothing_determines_is_named():
+def test_undetermined_combinations_are_reported():
     """Points on a cone about the axis have one radius: focal lengths, xi and distortion are not
     separable."""
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
@@ -271,7 +271,7 @@ def test_the_shape_of_a_board_is_found():
         ),
     ],
 )
-def test_what_cannot_be_adjusted_is_said(call, says):
+def test_invalid_adjustments_raise(call, says):
     points = room()
     with pytest.raises(om.base.errors.InvalidParameter, match=says):
         call(known(TRUTH.image(points).pixels, points))
@@ -293,7 +293,7 @@ print(others + time.process_time() - time.thread_time())
 
 
 @pytest.mark.full
-def test_normal_equations_wake_no_threads_of_blas():
+def test_normal_equations_start_no_blas_threads():
     """BLAS threads would spin for longer than the products take, and under load all wait for one
     another."""
     alone = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}

@@ -24,7 +24,7 @@ def calibrated(seen, **more):
     return om.calibrate_camera(seen, BOARD, **({"model": "unified"} | more))
 
 
-def test_the_camera_is_found_without_a_guess():
+def test_camera_is_estimated_without_initial_value():
     found = calibrated(detections(count=8))
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert found.rms_px < found.held_out_rms_px < 1.15 * found.rms_px
@@ -64,7 +64,7 @@ def test_true_directions_lie_within_three_sigma_over_50_seeds():
 
 
 @pytest.mark.full
-def test_the_field_ends_at_the_rim_that_is_said():
+def test_field_ends_at_specified_rim():
     """The region outside is excluded from the camera; its parameters are unchanged."""
     seen = detections(count=4)
     found, all_of_it = (
@@ -107,7 +107,7 @@ def test_a_fisheye_is_chosen_among_models_without_a_mirror():
     assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
 
 
-def test_wrong_corners_are_named_and_no_others():
+def test_only_wrong_corners_are_rejected():
     seen = detections(count=8)
     wrong = {("image 3", 20): 4.0, ("image 7", 5): 1.2, ("image 7", 40): -2.0}
     for (name, corner), shift in wrong.items():
@@ -200,7 +200,7 @@ def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
 
 
 @pytest.mark.full
-def test_boards_counted_from_any_corner_are_one_board():
+def test_board_numbering_from_any_corner_is_equivalent():
     """Detectors start at either end of 11 x 7 corners, and number them in reverse in a mirror
     image."""
     seen = detections(count=4, points_mm=BOARD.points_mm)
@@ -215,7 +215,7 @@ def test_boards_counted_from_any_corner_are_one_board():
     assert calibrated(renamed).rms_px == pytest.approx(calibrated(seen).rms_px, rel=1e-3)
 
 
-def test_a_picture_that_no_board_explains_is_named_and_left_out():
+def test_inconsistent_image_is_rejected():
     seen = detections(count=8)
     random = np.random.default_rng(0)
     seen[4] = replace(
@@ -241,7 +241,7 @@ def test_a_picture_that_no_board_explains_is_named_and_left_out():
         ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved"),
     ],
 )
-def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(optics, words):
+def test_image_with_moved_mirror_is_rejected(optics, words):
     """A pose absorbs most of a shift; the residual reveals it."""
     seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
     found = calibrated(seen, optics=optics)
@@ -262,7 +262,7 @@ def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(opt
         ),
     ],
 )
-def test_flipped_pictures_are_named_and_left_out(count, numbers):
+def test_flipped_images_are_rejected(count, numbers):
     """A chessboard is valid in its mirror image too: only the offset between mirror and image
     centres reveals the flip, and camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
@@ -276,7 +276,7 @@ def test_flipped_pictures_are_named_and_left_out(count, numbers):
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(6))
-def test_none_is_called_flipped_where_none_was(seed):
+def test_unflipped_images_are_not_rejected(seed):
     """Also for a mirror without a single viewpoint, with single-viewpoint models."""
     seen = om.simulate_detections(
         om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed
@@ -297,7 +297,7 @@ def test_none_is_called_flipped_where_none_was(seed):
         ),
     ],
 )
-def test_few_pictures_lead_to_the_camera_too(count, seed):
+def test_few_images_recover_camera(count, seed):
     """Five images led to no solution, with residuals of 1.5 px, if all mirror parameters were free
     too early."""
     random = np.random.default_rng([count, seed])
@@ -310,13 +310,13 @@ def test_few_pictures_lead_to_the_camera_too(count, seed):
 
 
 @pytest.mark.full
-def test_a_note_tells_where_pictures_left_out_are_predicted_worse():
+def test_overfitting_is_noted():
     found = calibrated(detections(count=4, seed=1), model="viewpoint-spline", board_shape=False)
     assert found.held_out_rms_px > 1.25 * found.rms_px
     assert any("well above the fit error" in note for note in found.notes)
 
 
-def test_the_file_of_results_has_what_it_promises(tmp_path):
+def test_result_file_has_documented_entries(tmp_path):
     found = calibrated(detections(count=4))
     text = found.to_json(tmp_path / "calibration.json")
     assert (tmp_path / "calibration.json").read_text() == text
@@ -353,7 +353,7 @@ def test_the_same_pictures_give_the_same_camera():
     assert replace(first, seconds=0.0).to_json() == replace(second, seconds=0.0).to_json()
 
 
-def test_who_stops_keeps_what_was_found():
+def test_cancellation_keeps_partial_result():
     calls = []
     found = calibrated(
         detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share)
@@ -445,12 +445,12 @@ def one_pose(count: int) -> list[om.Detection]:
         ),
     ],
 )
-def test_a_set_that_will_not_do_is_named(make, says):
+def test_unsuitable_images_raise(make, says):
     with pytest.raises(InvalidParameter, match=says):
         calibrated(make())
 
 
-def test_what_is_asked_for_is_checked():
+def test_arguments_are_checked():
     with pytest.raises(
         InvalidParameter, match=r"model = 'unfied' is not known; valid are auto, unified"
     ):
@@ -463,7 +463,7 @@ def test_what_is_asked_for_is_checked():
         calibrated(detections(count=3), optics="lens")
 
 
-def test_boards_whose_place_is_not_known_are_advised_on_by_their_corners_alone():
+def test_recommendations_without_poses_use_corners():
     corners = np.stack(
         np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1
     ).reshape(-1, 2)

@@ -72,7 +72,7 @@ def by_boards_alone(seed):
 
 
 @pytest.mark.full
-def test_edges_reach_where_no_board_was_held():
+def test_edges_extend_field_beyond_boards():
     """Against ground truth: direction error and predicted uncertainty decrease, and errors are
     within three sigma."""
     errors = []
@@ -91,7 +91,7 @@ def test_edges_reach_where_no_board_was_held():
     assert together < 0.7 * alone
 
 
-def test_where_it_ends_the_sum_of_points_and_edges_is_least():
+def test_solution_minimises_points_and_edges():
     """Its gradient vanishes: large opposite contributions of points and edges balance."""
     points = np.random.default_rng(3).normal(0, 2000, (60, 3)) * [1, 1, 0.3]
     image = TRUTH.image(points)
@@ -114,7 +114,7 @@ def test_where_it_ends_the_sum_of_points_and_edges_is_least():
     assert np.abs(scale * (pull + against)).max() < 0.02 * np.abs(scale * pull).max()
 
 
-def test_a_crooked_edge_is_named_and_does_not_count():
+def test_curved_edge_is_rejected():
     crooked = edges(12)
     bend = np.linspace(-1, 1, len(crooked[4])) ** 2
     crooked[4] = crooked[4] + 6.0 * bend[:, None]
@@ -182,6 +182,6 @@ def test_edges_and_surveyed_points_on_the_command_line(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_an_edge_is_refused(lines, message):
+def test_invalid_edges_raise(lines, message):
     with pytest.raises(InvalidParameter, match=message):
         om.calibrate_camera(boards_at_the_right(1), BOARD, model="unified", lines=lines)

@@ -31,7 +31,7 @@ def moved(seen, numbers, shift):
         (6, (0, 1, 2)),
     ],
 )
-def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, numbers):
+def test_mirror_motion_in_half_of_few_images_is_reported(count, numbers):
     """Camera and poses absorb nearly all of it, with a fit close to the noise. One image may be
     misclassified."""
     with pytest.raises(
@@ -57,7 +57,7 @@ def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, nu
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2])
-def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
+def test_model_errors_are_not_reported_as_motion(seed):
     """A ball has no single viewpoint: in a single-viewpoint model, the image centres scatter far
     beyond the noise."""
     seen = om.simulate_detections(

@@ -31,7 +31,7 @@ def error_far_away_deg(found: om.Calibration) -> float:
     return float(np.degrees(np.sqrt(np.mean(np.sum((looks - ways) ** 2, axis=1)))))
 
 
-def test_what_one_viewpoint_costs_far_away_is_told():
+def test_parallax_error_is_noted():
     seen = om.simulate_detections(MIRROR, BOARD, 10, noise_px=0.1, seed=1)
     found = om.calibrate_camera(seen, BOARD, model="kannala-brandt", board_shape=False)
     (note,) = [n for n in found.notes if "one viewpoint" in n]
@@ -42,7 +42,7 @@ def test_what_one_viewpoint_costs_far_away_is_told():
 
 
 @pytest.mark.full
-def test_a_camera_with_one_viewpoint_is_not_told_to_have_several():
+def test_central_camera_has_no_parallax_note():
     truth = om.load_sensor("paraboloid-telecentric")
     seen = om.simulate_detections(truth, BOARD, 8, noise_px=0.1, seed=1)
     found = om.calibrate_camera(seen, BOARD, model="unified", board_shape=False)

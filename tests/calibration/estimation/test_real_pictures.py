@@ -59,7 +59,7 @@ def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
 
 
 @pytest.mark.full
-def test_without_the_shape_of_the_board_the_targets_hold_as_well():
+def test_targets_hold_without_board_shape():
     found = om.calibrate_camera(
         om.find_boards(PICTURES, BOARD), BOARD, model="viewpoint-spline", board_shape=False
     )
@@ -79,7 +79,7 @@ def shifted(first, shift, pictures=PICTURES):
 @pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize("pictures", [PICTURES[::3], PICTURES], ids=["few", "all"])
-def test_a_mirror_that_moved_after_half_of_the_pictures_is_found_out(pictures):
+def test_mirror_motion_after_half_of_images_is_detected(pictures):
     """Individual image centres do not reveal it at once: the common centre is wrong for each."""
     half = (len(pictures) + 1) // 2
     with pytest.raises(
@@ -92,7 +92,7 @@ def test_a_mirror_that_moved_after_half_of_the_pictures_is_found_out(pictures):
 
 
 @pytest.mark.full
-def test_a_mirror_that_moved_a_little_or_before_the_last_picture_is_found_out():
+def test_small_or_late_mirror_motion_is_detected():
     with pytest.raises(InvalidParameter, match=r"in each lies elsewhere|between them"):
         om.calibrate_camera(shifted(9, [3.0, 2.0]), BOARD, model="unified")
     last = om.calibrate_camera(shifted(16, [9.0, 4.0]), BOARD, model="unified")
@@ -133,7 +133,7 @@ def test_a_few_pictures_on_the_command_line(tmp_path):
     assert np.hypot(values["cx"] - 325.8, values["cy"] - 245.2) < 8.0  # the result of all 17
 
 
-def test_a_wrong_board_is_said(tmp_path):
+def test_wrong_board_is_reported(tmp_path):
     run = omnimirror(
         "calibrate", *map(str, PICTURES[:2]), "--board", "9x6", "--square-mm", "30", cwd=tmp_path
     )
@@ -141,7 +141,7 @@ def test_a_wrong_board_is_said(tmp_path):
     assert "a board of 11 x 7 corners was detected instead of 9 x 6 corners" in run.stderr
 
 
-def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
+def test_pattern_and_folder_expand_to_images(tmp_path):
     """Same behaviour as all other commands; missing files are reported."""
     run = omnimirror("calibrate", "*.jpg", "--board", "11x7", "--square-mm", "30", cwd=tmp_path)
     assert run.returncode == 1
@@ -164,7 +164,7 @@ def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
         ("cross-validating ", "auto"),
     ],
 )
-def test_ctrl_c_keeps_what_was_found(state, model, tmp_path):
+def test_interrupt_keeps_partial_results(state, model, tmp_path):
     """The signal is sent on a progress update; a throttled progress bar may never print it."""
     told, code = interrupted(
         [

@@ -69,7 +69,7 @@ def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
 
 
 @pytest.mark.full
-def test_where_the_camera_stood_among_the_points_is_told():
+def test_camera_position_among_points_is_reported():
     room = seen(TRUTH, 40, 0)
     turn, place = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
     here, stars = (
@@ -170,7 +170,7 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
         ),
     ],
 )
-def test_what_will_not_do_is_told(ask, says):
+def test_invalid_surveys_raise(ask, says):
     with pytest.raises(InvalidParameter, match=says):
         om.calibrate_camera(**ask(seen(TRUTH, 40, 0)), model="unified")
 
@@ -193,7 +193,7 @@ def written(folder, survey: om.Observation, *kinds: str) -> list[str]:
     return options
 
 
-def test_files_say_what_was_seen_and_where_in_them_a_point_stands(tmp_path):
+def test_files_return_observations_and_locations(tmp_path):
     survey = seen(TRUTH, 12, 6)
     written(tmp_path, survey, "points", "directions")
     (read,), places = om.read_observations([tmp_path / "points.csv"], [tmp_path / "directions.csv"])
@@ -238,13 +238,13 @@ def test_azimuths_are_counted_clockwise_from_above(tmp_path):
         ),
     ],
 )
-def test_a_file_that_will_not_do_is_told_by_its_line(tmp_path, text, says):
+def test_invalid_file_raises_with_line_number(tmp_path, text, says):
     (tmp_path / "sky.csv").write_text(text)
     with pytest.raises(InvalidParameter, match=says):
         om.read_observations(directions=[tmp_path / "sky.csv"])
 
 
-def test_the_command_finds_a_camera_from_files_alone(tmp_path):
+def test_command_calibrates_from_files(tmp_path):
     from click.testing import CliRunner
 
     from omnimirror.apps.cli.commands.calibrate import command
@@ -280,7 +280,7 @@ def test_the_command_finds_a_camera_from_files_alone(tmp_path):
         (["a.png", "--board", "11x7"], "a board takes --board and --square-mm"),
     ],
 )
-def test_the_command_says_what_is_missing(arguments, says):
+def test_command_reports_missing_input(arguments, says):
     from click.testing import CliRunner
 
     from omnimirror.apps.cli.commands.calibrate import command

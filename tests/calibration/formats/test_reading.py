@@ -286,7 +286,7 @@ def test_ocamcalibs_polynomials_in_x_and_y(tmp_path, program, affine):
     check(camera, lambda points: ocam_pixels(points, POLY, affine, centre))
 
 
-def test_the_middle_that_an_annular_camera_does_not_see_is_no_contradiction(tmp_path):
+def test_central_obscuration_is_not_a_contradiction(tmp_path):
     """Parameters of the LF-VIO camera, whose inverse polynomial was fitted from 40 to 120 deg and
     is off by 48 px at 0."""
     poly = (-244.5239, 0.0, 1.74861e-3, -1.75777e-6, 4.475965e-9)
@@ -364,7 +364,7 @@ def test_basalts_rig(tmp_path):
 @pytest.mark.parametrize(
     "to", ["basalt-kb4", "basalt-ds", "basalt-eucm", "camodocal-mei", "camodocal-kannala-brandt"]
 )
-def test_what_is_written_is_the_programs_own(tmp_path, to):
+def test_written_files_match_original_program(tmp_path, to):
     """Written file, parsed by an independent reader."""
     texts = {
         "basalt-kb4": BASALT[2],
@@ -430,7 +430,7 @@ def test_messages_of_ros(tmp_path, dump, model, is_lower):
     )
 
 
-def test_what_a_message_adds_is_noted(tmp_path):
+def test_additional_message_fields_are_noted(tmp_path):
     message = MESSAGE | {
         "binning_x": 2,
         "roi": {"x_offset": 8, "y_offset": 4, "height": 100, "width": 200},
@@ -475,7 +475,7 @@ def test_a_kalibr_file_without_resolution_takes_the_given_size(tmp_path, prefix)
         read(tmp_path / "a.yaml")
 
 
-def test_a_given_size_that_the_file_contradicts_is_noted(tmp_path):
+def test_contradicting_image_size_is_noted(tmp_path):
     *_, notes = read(tmp_path / "a.json", json.dumps(MEI), size=(640, 480))
     assert notes == ("the image size of the file is used, 1280x960",)
 

@@ -30,7 +30,7 @@ def test_the_ellipse_of_the_edges_is_found_from_a_circle_beside_it(angle_deg, b)
         assert abs((found.angle_deg - angle_deg + 90) % 180 - 90) < 1
 
 
-def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
+def test_clutter_shifts_ellipse_by_less_than_0_5_px():
     edges, rng = edges_on(100.0, 98.0, 20.0, (200.0, 150.0)), np.random.default_rng(0)
     beside = edges_on(107.0, 105.0, 20.0, (200.0, 150.0), share=0.3)
     lean = rng.uniform(0, 2 * np.pi, 400)
@@ -44,7 +44,7 @@ def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
     assert found.semi_axes == (pytest.approx(100, abs=0.5), pytest.approx(98, abs=0.5))
 
 
-def test_a_circle_is_moved_and_stretched_to_most_of_the_way_round():
+def test_circle_is_shifted_and_stretched_to_edges():
     """Despite many arcs that are locally closer to the circle than the ellipse."""
     edges = edges_on(104.0, 96.0, 30.0, (203.0, 148.0))
     arcs = [

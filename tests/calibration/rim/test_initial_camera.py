@@ -78,7 +78,7 @@ def seen_camera(sensor: om.Sensor) -> CameraImage:
     return CameraImage((float(u[k]), float(v[k])), 40.0)
 
 
-def test_the_rim_of_a_tilted_mirror_goes_back_to_its_pose():
+def test_tilted_mirror_pose_from_rim():
     pose, sensor = MirrorPose(2.0, 1.0, 0.0, 4.0, -6.0), large("paper-spherical")
     found = om.sensor_from_rim(rim_of(replace(sensor, mirror_pose=pose)), sensor)
     assert found.mirror_pose.shift[:2] == pytest.approx(pose.shift[:2], abs=0.02)
@@ -87,7 +87,7 @@ def test_the_rim_of_a_tilted_mirror_goes_back_to_its_pose():
     assert found.imager.pixel_pitch_um == pytest.approx(sensor.imager.pixel_pitch_um, rel=1e-3)
 
 
-def test_two_tilts_show_the_same_rim_and_the_camera_in_the_middle_tells_which():
+def test_camera_image_resolves_tilt_ambiguity():
     """A pose that the solution of smaller decentre does not reproduce."""
     pose, sensor = MirrorPose(6.0, -5.0, 0.0, -3.0, -3.0), large("paper-spherical")
     true = replace(sensor, mirror_pose=pose)
@@ -137,13 +137,13 @@ def test_a_cropped_picture_keeps_the_mirror_aligned():
     assert sensor.rim_radius_px == pytest.approx(250.0, rel=1e-3)
 
 
-def test_a_doubtful_rim_is_refused_with_advice():
+def test_unreliable_rim_raises_with_remedy():
     with pytest.raises(
         InvalidParameter, match=r"confidence 0\.20 is below 0\.6; give more pictures .* --ball"
     ):
         om.camera_from_rim(replace(RIM, confidence=0.2))
 
 
-def test_an_unknown_mirror_is_refused_with_the_presets():
+def test_unknown_mirror_raises_with_presets():
     with pytest.raises(InvalidParameter, match="one-shot, ball"):
         om.camera_from_rim(RIM, "no-such-mirror")

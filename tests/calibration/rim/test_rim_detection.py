@@ -69,7 +69,7 @@ def test_the_camera_is_found_in_the_middle(shared_data):
 
 
 @pytest.mark.full
-def test_a_mirror_ball_as_its_box_was_set_by_hand(shared_data):
+def test_mirror_ball_matches_manual_box(shared_data):
     crops = json.loads((shared_data / "mirrorball" / "crops_and_fov.json").read_text())["tisch.jpg"]
     (width, height), crop = crops["size"], crops["crop_px"]
     left, right, top, bottom = (
@@ -141,7 +141,7 @@ def test_resampling_changes_the_confidence_little(name, shared_data):
     assert np.ptp(radii) < 0.01 * radii[0] or not any(rim.is_accepted for rim, _ in found)
 
 
-def test_a_rim_that_is_cut_by_the_picture(shared_data):
+def test_rim_cropped_by_image(shared_data):
     """Measured manually at the left and right ends, with the centre of OCamCalib."""
     rim = om.detect_mirror_outline(
         om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_catadioptric.jpg")
@@ -151,7 +151,7 @@ def test_a_rim_that_is_cut_by_the_picture(shared_data):
     assert rim.is_accepted
 
 
-def test_a_picture_without_a_rim_is_not_sure(shared_data):
+def test_image_without_rim_has_low_confidence(shared_data):
     assert not om.detect_mirror_outline(
         om.read_image(shared_data / "ocamcalib_cpp_sample" / "test_fisheye.jpg")
     ).is_accepted
@@ -169,7 +169,7 @@ def test_composed_pictures(seed):
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(2000, 2004))
-def test_what_is_behind_mirrors_is_none(seed):
+def test_background_is_not_detected_as_rim(seed):
     assert not om.detect_mirror_outline(composed(seed, mirror=False).image).is_accepted
 
 
@@ -183,7 +183,7 @@ def test_mirrors_in_surroundings_of_other_kinds(way):
 
 
 @pytest.mark.parametrize("seed", few([3001], [3000, 3001]))
-def test_plates_and_frames_are_no_mirrors(seed):
+def test_plates_and_frames_are_rejected(seed):
     assert not om.detect_mirror_outline(rings(seed, ENVIRONMENTS).image).is_accepted
 
 
@@ -207,7 +207,7 @@ def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 @AMONG_PHOTOGRAPHS
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("first", [5000, 9100])
-def test_two_hundred_composed_pictures_are_answered_as_is_aimed_at(first):
+def test_detection_rate_on_200_composed_images(first):
     right, sure = two_hundred(first)
     assert right.mean() >= 0.99
     assert not (~right & sure).any()
@@ -239,7 +239,7 @@ def test_a_frame_as_thin_as_the_edges_of_a_small_picture(size):
 
 
 @pytest.mark.parametrize("kind", few([np.float32], [np.uint8, np.uint16, np.float32]))
-def test_every_depth_and_grey_alike(kind):
+def test_all_bit_depths_and_greyscale_are_equivalent(kind):
     """A disc with spokes, known exactly, to 0.1 px."""
     v, u = np.mgrid[:480, :640]
     away, turn = np.hypot(u - 330.25, v - 215.5), np.arctan2(v - 215.5, u - 330.25)
@@ -252,7 +252,7 @@ def test_every_depth_and_grey_alike(kind):
     assert rim.is_accepted
 
 
-def test_what_cannot_be_looked_at():
+def test_invalid_images_raise():
     with pytest.raises(InvalidParameter, match="at least one image"):
         om.detect_mirror_outline([])
     with pytest.raises(InvalidParameter, match="at least 48 px"):

@@ -46,6 +46,6 @@ def test_corners_of_an_april_grid_are_kalibrs():
         ({"columns": 2, "rows": 2}, "at least 3 x 2 corners"),
     ],
 )
-def test_what_is_no_board_is_told(board, sentence):
+def test_invalid_boards_raise(board, sentence):
     with pytest.raises(om.base.errors.InvalidParameter, match=sentence):
         om.Board(**board)

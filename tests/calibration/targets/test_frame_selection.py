@@ -50,7 +50,7 @@ def video(tmp_path_factory):
     return path
 
 
-def test_each_view_is_chosen_once_and_sharp(video):
+def test_each_view_is_selected_once_and_sharp(video):
     found = om.select_frames(video, BOARD)
     used = [d for d in found if d.used]
     assert len(found) == 2 * len(PLACES)
@@ -68,7 +68,7 @@ def test_the_most_different_ones_come_first(video):
     assert min(np.linalg.norm(a - b) for i, a in enumerate(middles) for b in middles[:i]) > 60
 
 
-def test_ctrl_c_chooses_among_what_was_found(video):
+def test_interrupt_selects_from_partial_results(video):
     def stop(done: int, total: int | None) -> None:
         assert total == 2 * len(PLACES)
         if done == 4:
@@ -79,7 +79,7 @@ def test_ctrl_c_chooses_among_what_was_found(video):
     assert sum(d.used for d in found) == 2
 
 
-def test_a_picture_that_a_camera_takes_by_itself_is_sharp_and_new():
+def test_automatic_capture_requires_sharp_new_view():
     """The same views are selected from a video; the fast detection agrees with the thorough one."""
     taken = [om.find_board(frame(*place), BOARD, name=f"{place}") for place in PLACES[:3]]
     quick = om.find_board(frame(*PLACES[3]), BOARD, quick=True)

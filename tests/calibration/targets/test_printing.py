@@ -23,7 +23,7 @@ BOARDS = {
 
 
 @pytest.mark.parametrize("name", BOARDS)
-def test_corners_are_found_where_they_were_drawn(name):
+def test_corners_are_detected_at_drawn_positions(name):
     board, scale = BOARDS[name], 3.0
     sheet = sheet_of(board)
     found = om.find_board(
@@ -107,7 +107,7 @@ def printed(board):
     return brightness
 
 
-def test_flipped_pictures_among_others_are_told():
+def test_flipped_images_are_reported():
     board = BOARDS["charuco"]
     picture = om.draw_board(board, px_per_mm=2.5)
     found = om.find_boards([picture, picture[:, ::-1], picture], board, names=["a", "b", "c"])
@@ -125,7 +125,7 @@ def opencv_grid(border_bits):
 
 
 @pytest.mark.parametrize("turn", [np.asarray, np.fliplr, np.rot90])
-def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
+def test_tag_grids_of_other_programs_are_reported(turn):
     """Their tags would be decoded and confused with others."""
     asked = om.Board("aprilgrid", 6, 5, 30.0)
     found = om.find_board(np.ascontiguousarray(turn(opencv_grid(2))), asked)
@@ -135,11 +135,11 @@ def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
     )
     thin = om.find_board(np.ascontiguousarray(turn(opencv_grid(1))), asked)
     assert thin.reason == (
-        "30 tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
+        "30 of its tags have a frame of 1 bit, as in AprilTag and OpenCV; tags of Kalibr's April grid have 2 bits"
     )
 
 
-def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
+def test_inverted_tag_is_rejected():
     """Its axes are exactly those of its neighbours, reversed."""
     board = om.Board("aprilgrid", 6, 5, 30.0)
     picture = om.draw_board(board, px_per_mm=2.0)
@@ -154,7 +154,7 @@ def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
     assert len(found.ids) >= board.corner_count - 4
 
 
-def test_april_grids_of_another_size_or_spacing_are_told():
+def test_april_grids_of_other_size_or_spacing_are_reported():
     picture = om.draw_board(om.Board("aprilgrid", 6, 5, 30.0), px_per_mm=2.0)
     assert om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0)).used
     other = om.find_board(picture, om.Board("aprilgrid", 7, 5, 30.0))
@@ -200,7 +200,7 @@ def test_files_have_the_true_size(tmp_path):
     assert om.read_image(tmp_path / "b.png").shape == (1600, 2200)
 
 
-def test_what_cannot_be_printed_is_told(tmp_path):
+def test_invalid_print_parameters_raise(tmp_path):
     with pytest.raises(
         om.base.errors.InvalidParameter,
         match=r"does not fit on A4 \(210 x 297 mm\)|does not fit on A4",
