@@ -142,6 +142,7 @@ def estimate_mirror_size(
         rays = sensor.meridian.trace(x)
         predicted = np.interp(omega, rays.omega, rays.z + rays.viewpoint_offset())
         predicted -= predicted.mean()
+        # least-squares scale of the predicted viewpoint motion: <p, m> / <p, p>
         size = float(predicted @ measured / max(predicted @ predicted, 1e-12))
         guesses.append((float(np.sum((measured - size * predicted) ** 2)), size, distance * size))
     residual, size, distance_mm = min(guesses)
@@ -201,11 +202,14 @@ def _prescribed_slopes(projection: RadialProjection, sensor: Sensor) -> tuple[Ar
     height, angles = np.concatenate([[0.0], height]), np.concatenate([[0.0], projection.omega])
     if not isinstance(sensor.lens, Perspective):
         x = height / float(sensor.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0])
+        # parallel rays: the normal bisects them, so the slope is tan(Omega / 2)
         return x, np.tan(angles / 2)
     theta = np.arctan(height / sensor.lens.principal_distance)
     at = np.linspace(0.0, theta[-1], QUADRATURE)
     omega = np.interp(at, theta, angles)
     rate = np.tan((omega + at) / 2)
+    # law of reflection along the meridian, rho the distance from the pupil:
+    # d(ln rho) / d(theta) = tan((Omega + theta) / 2), integrated by the trapezoidal rule
     log_rho = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(at))])
     x = -sensor.optical_train.pupil_offset[2] * np.exp(log_rho) * np.sin(at)
     return x, np.tan((omega - at) / 2)

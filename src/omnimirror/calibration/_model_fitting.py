@@ -101,6 +101,7 @@ class Sample:
                 f"distance_mm must be larger than the distances of the ray origins, up to "
                 f"{np.linalg.norm(self.origins, axis=1).max():.4g} mm; got {distance_mm:g}"
             )
+        # |o + t d| = distance: t = -o.d + sqrt(distance^2 - |o|^2 + (o.d)^2)
         points: Array = self.origins + (np.sqrt(discriminant) - along)[:, None] * self.directions
         return points
 
@@ -639,6 +640,7 @@ def nearest_point_to_rays(origins: Array, directions: Array) -> Array:
     array([0., 0., 0.])
     """
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    # normal equations of sum |(I - d d^T)(x - o)|^2
     return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
 
 

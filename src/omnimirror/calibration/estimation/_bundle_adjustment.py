@@ -125,6 +125,8 @@ def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array
     """
     poses = _damped(blocks.poses, damping)
     inverse_cross, inverse_gradient = _eliminate_poses(poses, blocks)
+    # Schur complement: (A - B C^-1 B^T) d_s = -(g - B C^-1 h), then
+    # d_p = -C^-1 h - C^-1 B^T d_s for each pose
     enlarged = blocks.shared + np.diag(damping * np.diag(blocks.shared) + floor)
     reduced = enlarged - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
     right = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
@@ -381,6 +383,8 @@ def _acceleration(
     along = linearised.d_shared @ step.shared + np.einsum(
         "nki,ni->nk", linearised.d_pose, step.poses[problem.stack.owner]
     )
+    # second directional derivative: r'' = 2 / h ((r(x + h v) - r(x)) / h - J v)
+    # (Transtrum and Sethna 2012)
     second = 2 / PROBE * ((probe_residuals.residuals - linearised.residuals) / PROBE - along)
     is_visible = probe_residuals.visible & linearised.visible
     weights = problem.loss.weights(linearised.residuals) * is_visible

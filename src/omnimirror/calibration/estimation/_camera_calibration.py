@@ -128,6 +128,7 @@ def _rigid_transform(points: Array, others: Array) -> RigidTransform:
     """Return the rigid transform between point sets (n, 3) by Kabsch's method."""
     centroid, other_centroid = points.mean(axis=0), others.mean(axis=0)
     u, _, vt = np.linalg.svd((others - other_centroid).T @ (points - centroid))
+    # Kabsch: R = U diag(1, 1, det(U V^T)) V^T of the cross-covariance, without reflection
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return RigidTransform(rotation, other_centroid - rotation @ centroid)
 

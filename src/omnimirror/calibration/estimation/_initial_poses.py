@@ -137,6 +137,7 @@ def board_pose(bearings: Array, points_mm: Array) -> RigidTransform | None:
     h = _linear(bearings, np.column_stack([(flat - centroid) / size, np.ones(len(flat))]))
     if h is None:
         return None
+    # h = (r1, r2, t) up to scale; the nearest orthonormal pair r1, r2 by SVD
     a, b = np.linalg.norm(h[:, 0]), np.linalg.norm(h[:, 1])
     if not min(a, b) > 0:
         return None

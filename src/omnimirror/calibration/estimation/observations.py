@@ -90,6 +90,7 @@ def rotations_of(vectors: Array) -> Array:
         np.sinc(angle / np.pi),
         np.sinc(angle / (2 * np.pi)) ** 2 / 2,
     )  # sin(a) / a, (1 - cos(a)) / a^2
+    # Rodrigues: R = I + sin(a) / a K + (1 - cos(a)) / a^2 K^2
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
 
 
