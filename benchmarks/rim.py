@@ -24,7 +24,7 @@ from rim_learning import learned
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.calibration.rim import SURE
+from omnimirror.calibration.rim import MIN_CONFIDENCE
 from omnimirror.calibration.rim._classifier import CLASSIFIER_FILE
 
 FIRST, MIRRORS = 9100, 200
@@ -45,7 +45,7 @@ class Found(NamedTuple):
 def looked_at(seed: int, photograph: Photograph) -> Found:
     """Detect the mirror outline in a photograph."""
     begun = time.perf_counter()
-    rim = om.find_rim(photograph.picture)
+    rim = om.detect_mirror_outline(photograph.image)
     seconds = time.perf_counter() - begun
     error = np.inf if photograph.rim is None else error_of(rim, photograph.rim)
     return Found(seed, error, rim.confidence, seconds, photograph.words)
@@ -65,8 +65,8 @@ def table_of(found: dict[str, list[Found]]) -> str:
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     for way, every in found.items():
         right = [one for one in every if one.error < RIGHT]
-        sure = sum(one.confidence >= SURE for one in right)
-        wrong = sum(one.error >= RIGHT and one.confidence >= SURE for one in every)
+        sure = sum(one.confidence >= MIN_CONFIDENCE for one in right)
+        wrong = sum(one.error >= RIGHT and one.confidence >= MIN_CONFIDENCE for one in every)
         error = f"{100 * np.median([one.error for one in right]):.3f}" if right else "-"
         seconds = np.median([one.seconds for one in every])
         lines.append(
@@ -76,7 +76,7 @@ def table_of(found: dict[str, list[Found]]) -> str:
         f"{way} {one.seed}: error {100 * one.error:.1f} %, confidence {one.confidence:.2f} ({one.words})"
         for way, every in found.items()
         for one in every
-        if (one.error >= RIGHT) == (one.confidence >= SURE)
+        if (one.error >= RIGHT) == (one.confidence >= MIN_CONFIDENCE)
     ]
     return "\n".join([*lines, "", *told]) + "\n"
 

@@ -62,12 +62,12 @@ class Example(NamedTuple):
 
 def example(way: str, seed: int, photograph: Photograph) -> Example | None:
     """Return the example of a photograph; None without candidates."""
-    working = at_working_size(photograph.picture)
-    rings = candidate_rings(photograph.picture, working, edges_of(working))
+    working = at_working_size(photograph.image)
+    rings = candidate_rings(photograph.image, working, edges_of(working))
     if not rings:
         return None
     listed, rows = listed_rows(rings, working)
-    levels = levels_of(photograph.picture)
+    levels = levels_of(photograph.image)
     levels = levels.reshape(*levels.shape[:2], -1)
     right = np.zeros(len(listed), dtype=bool)
     for k, i in enumerate(listed):
@@ -78,7 +78,7 @@ def example(way: str, seed: int, photograph: Photograph) -> Example | None:
 
 
 def _error(ring: Ellipse, rim: Rim) -> float:
-    return error_of(om.FoundRim(ring.centre, ring.semi_axes, ring.angle_deg, 1.0, (0, 0)), rim)
+    return error_of(om.MirrorOutline(ring.centre, ring.semi_axes, ring.angle_deg, 1.0, (0, 0)), rim)
 
 
 def _of_seed(seed: int, ways: dict[str, Any], folder: Path | None) -> list[Example]:

@@ -34,7 +34,7 @@ from typing import ClassVar
 import numpy as np
 from omnimirror.design import Limitable
 import omnimirror as om
-from omnimirror.calibration.formats import CameraFormat, Layout, Stored
+from omnimirror.calibration.formats import CameraFormat, Layout, CameraEntry
 from omnimirror.manufacturing import Content, Format
 from omnimirror.optics.mirrors import RIM_RADIUS, Mirror
 from omnimirror.base.parameters import Parameter
@@ -70,7 +70,7 @@ dots = Format(write, (".dots",))
 
 def centre_of(file, reading):
     u, v, width, height = map(float, file.text.split())
-    return [Stored("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.told))]
+    return [CameraEntry("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.told))]
 
 def centre_to(camera, name):
     return "{} {} {} {}".format(*camera.centre_px, *camera.image_size)
@@ -443,5 +443,5 @@ def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tm
 def test_a_camera_format_has_a_name_of_its_own():
     with pytest.raises(InvalidParameter, match="a camera format 'kalibr' already"):
         om.register_camera_format("kalibr", om.calibration.formats.CameraFormat("mine", print, print, {}))
-    with pytest.raises(TypeError, match=r"no omnimirror\.calibration\.formats\.CameraFormat"):
+    with pytest.raises(TypeError, match=r"must be an omnimirror\.calibration\.formats\.CameraFormat"):
         om.register_camera_format("mine", print)

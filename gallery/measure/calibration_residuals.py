@@ -10,7 +10,7 @@ board = om.Board("chessboard", 11, 7, 30.0)
 found = om.calibrate_camera(
     om.simulate_detections(camera, board, 7, noise_px=0.1), board, model="unified"
 )
-pixels = np.concatenate([sighting.pixels for sighting in found.adjustment.sightings])
+pixels = np.concatenate([observation.pixels for observation in found.adjustment.observations])
 left = found.adjustment.residuals
 figure, ax = plt.subplots(figsize=(6, 4.5))
 ax.quiver(*pixels.T, *left.T, angles="xy", scale_units="xy", scale=1 / 100, width=0.002)

@@ -33,31 +33,31 @@ if TYPE_CHECKING:
     from .base.errors import OmnimirrorError as OmnimirrorError
     from .calibration.conversion import convert as convert
     from .calibration.estimation import Calibration as Calibration
-    from .calibration.estimation import Motion as Motion
+    from .calibration.estimation import Observation as Observation
     from .calibration.estimation import Prior as Prior
-    from .calibration.estimation import Sighting as Sighting
-    from .calibration.estimation import adjust as adjust
+    from .calibration.estimation import RigidTransform as RigidTransform
+    from .calibration.estimation import bundle_adjust as bundle_adjust
     from .calibration.estimation import calibrate_camera as calibrate_camera
-    from .calibration.estimation import read_surveys as read_surveys
+    from .calibration.estimation import read_observations as read_observations
     from .calibration.estimation import simulate_detections as simulate_detections
     from .calibration.formats import register_camera_format as register_camera_format
-    from .calibration.plumb_lines import LineCalibration as LineCalibration
-    from .calibration.plumb_lines import calibrate_lines as calibrate_lines
-    from .calibration.rim import FoundRim as FoundRim
+    from .calibration.plumb_lines import PlumbLineCalibration as PlumbLineCalibration
+    from .calibration.plumb_lines import calibrate_plumb_lines as calibrate_plumb_lines
+    from .calibration.rim import MirrorOutline as MirrorOutline
     from .calibration.rim import camera_from_rim as camera_from_rim
-    from .calibration.rim import find_rim as find_rim
+    from .calibration.rim import detect_mirror_outline as detect_mirror_outline
     from .calibration.rim import sensor_from_rim as sensor_from_rim
     from .calibration.rim import sensors_from_rim as sensors_from_rim
     from .calibration.sensor_model import SensorModel as SensorModel
     from .calibration.sensor_model import mirror_ball_model as mirror_ball_model
-    from .calibration.straight_edges import read_lines as read_lines
+    from .calibration.straight_edges import read_line_points as read_line_points
     from .calibration.targets import Board as Board
     from .calibration.targets import Detection as Detection
-    from .calibration.targets import choose_frames as choose_frames
     from .calibration.targets import draw_board as draw_board
     from .calibration.targets import find_board as find_board
     from .calibration.targets import find_boards as find_boards
     from .calibration.targets import refine_corners as refine_corners
+    from .calibration.targets import select_frames as select_frames
     from .calibration.targets import write_board as write_board
     from .calibration.uncertainty import direction_uncertainty as direction_uncertainty
     from .calibration.uncertainty import floor_uncertainty as floor_uncertainty
@@ -197,13 +197,13 @@ _HOMES = {
     "mtf": "analysis.psf_mtf",
     "psf": "analysis.psf_mtf",
     "spots": "analysis.spot_diagrams",
-    "adjust": "calibration.estimation",
+    "bundle_adjust": "calibration.estimation",
     "calibrate_camera": "calibration.estimation",
-    "read_surveys": "calibration.estimation",
+    "read_observations": "calibration.estimation",
     "Calibration": "calibration.estimation",
-    "Motion": "calibration.estimation",
+    "RigidTransform": "calibration.estimation",
     "Prior": "calibration.estimation",
-    "Sighting": "calibration.estimation",
+    "Observation": "calibration.estimation",
     "simulate_detections": "calibration.estimation",
     "direction_uncertainty": "calibration.uncertainty",
     "floor_uncertainty": "calibration.uncertainty",
@@ -211,26 +211,26 @@ _HOMES = {
     "Board": "calibration.targets",
     "Detection": "calibration.targets",
     "mirror_ball_model": "calibration.sensor_model",
-    "calibrate_lines": "calibration.plumb_lines",
-    "read_lines": "calibration.straight_edges",
-    "LineCalibration": "calibration.plumb_lines",
+    "calibrate_plumb_lines": "calibration.plumb_lines",
+    "read_line_points": "calibration.straight_edges",
+    "PlumbLineCalibration": "calibration.plumb_lines",
     "SensorModel": "calibration.sensor_model",
     "DoubleSphere": "cameras.models",
     "EnhancedUnified": "cameras.models",
     "KannalaBrandt": "cameras.models",
     "convert": "calibration.conversion",
     "register_camera_format": "calibration.formats",
-    "choose_frames": "calibration.targets",
+    "select_frames": "calibration.targets",
     "draw_board": "calibration.targets",
     "find_board": "calibration.targets",
     "find_boards": "calibration.targets",
     "refine_corners": "calibration.targets",
     "write_board": "calibration.targets",
     "camera_from_rim": "calibration.rim",
-    "find_rim": "calibration.rim",
+    "detect_mirror_outline": "calibration.rim",
     "sensor_from_rim": "calibration.rim",
     "sensors_from_rim": "calibration.rim",
-    "FoundRim": "calibration.rim",
+    "MirrorOutline": "calibration.rim",
     "load_ocam": "cameras.models",
     "OmnimirrorError": "base.errors",
     "MirrorBall": "cameras.models",

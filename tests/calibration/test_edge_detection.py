@@ -5,7 +5,7 @@ import numpy as np
 from omnimirror.calibration.edge_detection import MAX_EDGES, at_working_size, edges_of
 
 
-def test_a_strong_pattern_does_not_take_away_the_edges_of_a_fainter_circle():
+def test_strong_pattern_does_not_suppress_faint_circle():
     """Black and white squares of 8 px have more edges than the limit, all of them steeper than
     those of the disc."""
     v, u = np.mgrid[:360, :640]

@@ -46,15 +46,15 @@ def dying_once(number: int, path: str) -> int:
     return 0
 
 
-def test_jobs_come_back_in_their_order_from_several_processes():
+def test_results_are_returned_in_order():
     with WorkerPool() as spread:
         found = spread.map(where, [(i, 0.3) for i in range(12)])
         assert [number for number, _ in found] == list(range(12))
         processes = {process for _, process in found}
         assert len(processes) > 1
         assert os.getpid() in processes
-        again = spread.map(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
-        assert {process for _, process in again} <= processes
+        refit = spread.map(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
+        assert {process for _, process in refit} <= processes
     for process in processes - {os.getpid()}:
         with pytest.raises(ProcessLookupError, match="No such process"):
             os.kill(process, 0)
@@ -67,25 +67,25 @@ def test_arrays_are_the_same_to_the_bit():
             assert (found == np.linalg.inv(given)).all()
 
 
-def test_what_the_first_of_them_raised_is_raised():
+def test_first_exception_is_raised():
     with WorkerPool() as spread, pytest.raises(InvalidParameter, match=r"^[25] is not valid$"):
         spread.map(refusing, [(i,) for i in range(6)])
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there are no signals that kill here")
-def test_a_helper_that_dies_leaves_no_job_undone(tmp_path):
+def test_dead_worker_leaves_no_job_undone(tmp_path):
     with WorkerPool() as spread:
         found = spread.map(dying_once, [(os.getpid(), str(tmp_path / "died"))] * 40)
     assert len(found) == 40
     assert None not in found
 
 
-def test_what_cannot_be_handed_over_is_done_here():
+def test_unpicklable_jobs_run_in_parent():
     with WorkerPool() as spread:
         assert spread.map(lambda a: a + 1, [(1,), (2,), (3,)]) == [2, 3, 4]
 
 
-def test_what_is_broken_off_leaves_nothing_for_the_next():
+def test_interrupted_run_leaves_no_results():
     with WorkerPool() as spread:
         for number, _ in spread.each(where, [(i, 0.2) for i in range(6)]):
             assert number >= 0
@@ -95,7 +95,7 @@ def test_what_is_broken_off_leaves_nothing_for_the_next():
         ] == list(range(10, 16))
 
 
-def test_without_other_processes_this_one_does_all(monkeypatch):
+def test_parent_runs_all_jobs_without_workers(monkeypatch):
     def none(*_, **__):
         raise OSError("too many processes")
 
@@ -117,7 +117,7 @@ def chessboards(count: int) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("long_s", [-1.0, 1e9])
-def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_path):
+def test_boards_are_independent_of_workers(long_s, monkeypatch, tmp_path):
     monkeypatch.setattr(board_detection, "LONG_S", long_s)
     board, pictures = om.Board("chessboard", 5, 4), chessboards(6)
     om.write_image(tmp_path / "a.png", pictures[0])
@@ -125,11 +125,11 @@ def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_pat
     found = om.find_boards(
         [*pictures, tmp_path / "a.png", tmp_path / "missing.png"],
         board,
-        progress=lambda done, _: told.append(done),
+        on_progress=lambda done, _: told.append(done),
     )
     assert told == list(range(1, 9))
     assert [one.name for one in found] == [
-        *(f"picture {i}" for i in range(1, 7)),
+        *(f"image {i}" for i in range(1, 7)),
         "a.png",
         "missing.png",
     ]
@@ -143,20 +143,20 @@ def test_boards_are_the_same_whoever_looks_for_them(long_s, monkeypatch, tmp_pat
 
 
 @pytest.mark.parametrize("long_s", [-1.0, 1e9])
-def test_a_search_that_is_stopped_keeps_what_was_found(long_s, monkeypatch):
+def test_stopped_search_keeps_partial_results(long_s, monkeypatch):
     monkeypatch.setattr(board_detection, "LONG_S", long_s)
 
     def stop(done: int, _: int) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
-    found = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), progress=stop)
+    found = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), on_progress=stop)
     assert len(found) == 8
     assert sum("was stopped" in (one.reason or "") for one in found) == 6
     assert found[0].found
 
 
-def test_a_script_without_a_guard_may_ask(tmp_path):
+def test_unguarded_script_can_use_workers(tmp_path):
     """A script that multiprocessing would restart in each of its processes."""
     script = tmp_path / "script.py"
     script.write_text(

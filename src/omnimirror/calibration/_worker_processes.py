@@ -36,27 +36,27 @@ class WorkerPool:
     """
 
     def __init__(self) -> None:
-        self._begun: list[subprocess.Popen[bytes]] = []
+        self._workers: list[subprocess.Popen[bytes]] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        self._terminate()
 
-    def _end(self) -> None:
+    def _terminate(self) -> None:
         """Terminate all workers."""
-        for helper in self._begun:
-            helper.kill()
-            helper.wait()
-            for stream in (helper.stdin, helper.stdout):
+        for worker in self._workers:
+            worker.kill()
+            worker.wait()
+            for stream in (worker.stdin, worker.stdout):
                 with suppress(OSError):  # the last message may be undelivered
                     stream.close()  # type: ignore[union-attr]
-        self._begun = []
+        self._workers = []
 
     def begin(self) -> None:
         """Start workers in advance, while this process continues."""
-        self._enough(usable_cores() - 1)
+        self._running_workers(usable_cores() - 1)
 
     def map(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
         """Apply a module-level function to each set of arguments and return the results in order.
@@ -67,49 +67,49 @@ class WorkerPool:
             Exception raised by one of the calls.
         """
         results: list[T | None] = [None] * len(jobs)
-        for number, found in self.each(function, jobs):
-            results[number] = found
+        for number, result in self.each(function, jobs):
+            results[number] = result
         return results  # type: ignore[return-value]
 
     def each(
         self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, T]]:
         """Yield each result with its index, in order of completion."""
-        waiting, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
-        for helper in self._enough(min(len(jobs), usable_cores()) - 1):
+        pending, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
+        for worker in self._running_workers(min(len(jobs), usable_cores()) - 1):
             Thread(
-                target=_process_jobs, args=(helper, function, waiting, done), daemon=True
+                target=_process_jobs, args=(worker, function, pending, done), daemon=True
             ).start()
-        left = len(jobs)
+        remaining = len(jobs)
         try:
-            while left:
+            while remaining:
                 try:
-                    number, job = waiting.popleft()
+                    number, job = pending.popleft()
                 except IndexError:  # the last jobs are with the workers
                     finished = [done.get()]
                 else:
                     finished = [_Result(number, function(*job))]
                 while not done.empty():
                     finished.append(done.get())
-                for one in finished:
-                    if one.failure is not None:
-                        raise one.failure
-                    if one.number is not None:
-                        left -= 1
-                        yield one.number, one.found  # type: ignore[misc]
+                for result in finished:
+                    if result.failure is not None:
+                        raise result.failure
+                    if result.number is not None:
+                        remaining -= 1
+                        yield result.number, result.found  # type: ignore[misc]
         finally:
-            waiting.clear()
-            if left:  # interrupted: discard the jobs of the workers
-                self._end()
+            pending.clear()
+            if remaining:  # interrupted: discard the jobs of the workers
+                self._terminate()
 
-    def _enough(self, count: int) -> list[subprocess.Popen[bytes]]:
+    def _running_workers(self, count: int) -> list[subprocess.Popen[bytes]]:
         """Return up to ``count`` running workers."""
         count = min(count, MAX_WORKERS)
-        self._begun = [helper for helper in self._begun if helper.poll() is None]
+        self._workers = [worker for worker in self._workers if worker.poll() is None]
         with suppress(OSError):  # process limit reached or no interpreter: continue without
-            while len(self._begun) < count and sys.executable:
-                self._begun.append(_start_worker())
-        return self._begun[: max(count, 0)]
+            while len(self._workers) < count and sys.executable:
+                self._workers.append(_start_worker())
+        return self._workers[: max(count, 0)]
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,9 @@ class _WorkerFailure(Exception):
 
 
 def _process_jobs(
-    helper: subprocess.Popen[bytes],
+    worker: subprocess.Popen[bytes],
     function: Callable[..., T],
-    waiting: deque[tuple[int, Any]],
+    pending: deque[tuple[int, Any]],
     done: SimpleQueue[_Result[T]],
 ) -> None:
     """Process jobs with a worker until none is pending.
@@ -138,13 +138,13 @@ def _process_jobs(
     """
     while True:
         try:
-            number, job = waiting.popleft()
+            number, job = pending.popleft()
         except IndexError:
             return
         try:
-            done.put(_Result(number, _asked(helper, function, job)))
+            done.put(_Result(number, _compute(worker, function, job)))
         except _WorkerFailure:
-            waiting.appendleft((number, job))
+            pending.appendleft((number, job))
             return done.put(_Result())
         except Exception as e:
             return done.put(_Result(failure=e))
@@ -153,34 +153,34 @@ def _process_jobs(
 def _start_worker() -> subprocess.Popen[bytes]:
     """Start a worker with the same module search path and without Ctrl-C handling."""
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-    where = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    search_path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     return subprocess.Popen(
         [sys.executable, "-m", __name__],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
-        env=os.environ | where | one_thread,
+        env=os.environ | search_path | one_thread,
     )
 
 
-def _asked(
-    helper: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]
+def _compute(
+    worker: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]
 ) -> Any:
-    assert helper.stdin is not None
-    assert helper.stdout is not None
+    assert worker.stdin is not None
+    assert worker.stdout is not None
     try:
         message = pickle.dumps((function, job))
     except Exception as e:  # for example, a class without a module-level name
         raise _WorkerFailure from e
     try:
-        helper.stdin.write(len(message).to_bytes(8, "little") + message)
-        helper.stdin.flush()
-        found, failure = pickle.loads(_message(helper.stdout))
+        worker.stdin.write(len(message).to_bytes(8, "little") + message)
+        worker.stdin.flush()
+        result, failure = pickle.loads(_message(worker.stdout))
     except (OSError, EOFError, ValueError) as e:  # ValueError: its pipe was closed
         raise _WorkerFailure from e
     if failure is not None:
         raise failure
-    return found
+    return result
 
 
 def _message(stream: IO[bytes]) -> bytes:
@@ -192,7 +192,7 @@ def _message(stream: IO[bytes]) -> bytes:
 
 def _serve() -> None:
     """Process jobs until the input ends."""
-    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # keep printed output out of results
+    output, sys.stdout = sys.stdout.buffer, sys.stderr  # keep printed output out of results
     with suppress(BrokenPipeError):
         while True:
             try:
@@ -203,8 +203,8 @@ def _serve() -> None:
                 message = pickle.dumps((function(*job), None))
             except Exception as e:
                 message = pickle.dumps((None, e))
-            answers.write(len(message).to_bytes(8, "little") + message)
-            answers.flush()
+            output.write(len(message).to_bytes(8, "little") + message)
+            output.flush()
 
 
 if __name__ == "__main__":

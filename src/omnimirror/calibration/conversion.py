@@ -9,16 +9,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..base.arguments import (
-    InvalidType,
-    choice,
-    distances,
-    file_name,
-    format_value,
-    instance,
-    integer,
-    optional_number,
-)
+from ..base.arguments import InvalidType, choice, distances, file_name, format_value, instance, integer, optional_number
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import atomic_output
 from ..cameras.camera import Camera
@@ -28,27 +19,15 @@ from ..cameras.models.camera_model import FIELD_ROUNDING_DEG, Optics
 from ..dewarp.views import sphere
 from ..optics.sensor import Sensor
 from ..optics.sensor_files import bundled_sensors, load_sensor
-from ._model_fitting import (
-    INITIAL_MODELS,
-    Cost,
-    FittedModel,
-    Sample,
-    fit_model,
-    initial_models,
-    nearest_point_to_rays,
-    parallax,
-    reprojection_cost,
-    rotational_projection,
-    sample,
-)
-from .formats._camera_format import Reading, Stored
-from .formats._registry import Target, read_cameras, targets_of
+from ._model_fitting import INITIAL_MODELS, Cost, FittedModel, Sample, fit_model, initial_models, nearest_point_to_rays, parallax, reprojection_errors, rotational_projection, sample
+from .formats._camera_format import CameraEntry, ReadOptions
+from .formats._registry import OutputLayout, output_layouts, read_cameras
 from .sensor_model import SensorModel
 
 __all__ = ["DISTANCES_MM", "Conversion", "Cost", "convert", "flipped"]
 
 
-# -- Camera models of images flipped left to right -------------------------------------------------
+# -- Flipped cameras -------------------------------------------------------------------------------
 
 Model = TypeVar("Model", bound=CameraModel)
 
@@ -83,39 +62,31 @@ def flipped(camera: Model) -> Model:
     >>> flipped(camera).centre_px
     (339.0, 240.0)
     """
-    found: Any = camera
-    if not hasattr(found, "centre_px"):
-        raise InvalidParameter(
-            f"{camera.KIND} cannot be flipped, since it has no centre of the picture"
-        )
-    (u, v), width = found.centre_px, camera.image_size[0]
-    changes: dict[str, Any] = {
-        "centre_px": (width - 1 - u, v),
-        "mount": replace(camera.mount, image_flipped=not camera.mount.image_flipped),
-    }
-    changes |= {name: -getattr(found, name) for name in ODD_FIELDS if getattr(found, name, 0.0)}
-    if hasattr(found, "affine"):
-        c, d, e = found.affine
+    model: Any = camera
+    if not hasattr(model, "centre_px"):
+        raise InvalidParameter(f"camera must have an image centre to be flipped; got {camera.KIND}")
+    (u, v), width = model.centre_px, camera.image_size[0]
+    changes: dict[str, Any] = {"centre_px": (width - 1 - u, v), "mount": replace(camera.mount, image_flipped=not camera.mount.image_flipped)}
+    changes |= {name: -getattr(model, name) for name in ODD_FIELDS if getattr(model, name, 0.0)}
+    if hasattr(model, "affine"):
+        c, d, e = model.affine
         changes["affine"] = (c, -d, -e)
-    if getattr(found, "uncertainty", None) is not None:
-        known = found.uncertainty
-        signs = np.array([-1.0 if name in SIGN_CHANGING else 1.0 for name in known.names])
-        matrix = np.array(known.covariance) * np.outer(signs, signs)
-        changes["uncertainty"] = replace(known, covariance=tuple(map(tuple, matrix.tolist())))
-    return replace(found, **changes)  # type: ignore[no-any-return]
+    if getattr(model, "uncertainty", None) is not None:
+        uncertainty = model.uncertainty
+        signs = np.array([-1.0 if name in SIGN_CHANGING else 1.0 for name in uncertainty.names])
+        matrix = np.array(uncertainty.covariance) * np.outer(signs, signs)
+        changes["uncertainty"] = replace(uncertainty, covariance=tuple(map(tuple, matrix.tolist())))
+    return replace(model, **changes)  # type: ignore[no-any-return]
 
 
-# -- Conversion of a camera to another file format, with the error of the conversion ---------------
+# -- Conversion between file formats ---------------------------------------------------------------
 
 N_EVALUATION_PIXELS = 20_000  # pixels of the grid for the evaluation of errors
 FIT_THINNING = 8  # thinning factor of the grid for the fit
 SUFFICIENT_ERROR_PX = 0.02  # a simpler model within this error is preferred to a richer one
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
-REACH_REMEDY = (
-    "give a smaller field_deg (--field-deg) to convert the middle of the field alone, or rim_radius_px "
-    "(--rim-radius-px) where the field of the camera ends"
-)
+REACH_REMEDY = "reduce field_deg (--field-deg) to convert only the central field, or specify the radius of the camera's field, rim_radius_px (--rim-radius-px)"
 _Field: TypeAlias = tuple[float | None, float | None]  # maximum and minimum field angle, deg
 
 
@@ -168,7 +139,7 @@ class Conversion:
 class _StoredCamera(NamedTuple):
     """Camera as a target format stores it."""
 
-    target: Target
+    target: OutputLayout
     found: FittedModel
     costs: tuple[Cost, ...]
     is_restricted: bool = False
@@ -262,199 +233,138 @@ def convert(
     """
     target = file_name("target", target)
     instance("flip", flip, bool, "true or false")
-    reading = _reading(source, optics, mount, rim_radius_px, image_size)
-    allowed = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
-    field = (
-        optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"),
-        optional_number("inner_deg", inner_deg, above=0.0, high=180.0, unit="deg"),
-    )
-    far = _far(distance_mm)
-    targets = targets_of(target, to)
+    reading = _read_options(source, optics, mount, rim_radius_px, image_size)
+    tolerance = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
+    field = (optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"), optional_number("inner_deg", inner_deg, above=0.0, high=180.0, unit="deg"))
+    object_distances = _object_distances(distance_mm)
+    targets = output_layouts(target, to)
     source = source.sensor if isinstance(source, SensorModel) else source
-    read, stored = (
-        ("", Stored("", source))
-        if isinstance(source, Camera)
-        else _of_file(source, reading, from_, camera)
-    )
-    made = _exact_target(stored.camera, targets)
-    exact = made is not None
-    if made is None:
-        known = _calibrated_deg(stored.camera)
-        made = _fitted(
-            stored.camera,
-            targets,
-            allowed,
-            far,
-            (known if field[0] is None else field[0], field[1]),
-        )
-    elif made.target.layout.is_panorama:
-        made = _panorama(stored.camera, made.target, far)
-        exact = not made.costs
-    written = (
-        flipped(made.found.model)
-        if flip and not made.target.layout.is_panorama
-        else made.found.model
-    )
-    content = made.target.layout.write(written, stored.name)
-    notes = (
-        *stored.notes,
-        *_notes(stored.camera, written, made),
-        *_field_notes(stored.camera, made, field[0]),
-    )
+    format_name, stored = ("", CameraEntry("", source)) if isinstance(source, Camera) else _read_camera(source, reading, from_, camera)
+    result = _exact_target(stored.camera, targets)
+    exact = result is not None
+    if result is None:
+        calibrated_deg = _calibrated_deg(stored.camera)
+        result = _approximate(stored.camera, targets, tolerance, object_distances, (calibrated_deg if field[0] is None else field[0], field[1]))
+    elif result.target.layout.is_panorama:
+        result = _panorama(stored.camera, result.target, object_distances)
+        exact = not result.costs
+    output_camera = flipped(result.found.model) if flip and not result.target.layout.is_panorama else result.found.model
+    content = result.target.layout.write(output_camera, stored.name)
+    notes = (*stored.notes, *_notes(stored.camera, output_camera, result), *_field_notes(stored.camera, result, field[0]))
     with atomic_output(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-    x, y, z = (float(v) for v in made.found.viewpoint_mm)
-    return Conversion(target, read, made.target.name, written, exact, made.costs, (x, y, z), notes)
+    x, y, z = (float(v) for v in result.found.viewpoint_mm)
+    return Conversion(target, format_name, result.target.name, output_camera, exact, result.costs, (x, y, z), notes)
 
 
 # -- arguments --------------------------------------------------------------------------------
 
 
-def _reading(
-    source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any
-) -> Reading:
+def _read_options(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any) -> ReadOptions:
     choice("optics", optics, ("mirror", "fisheye"))
-    stands = Mount() if mount is None else instance("mount", mount, Mount, "a mount")
+    orientation = Mount() if mount is None else instance("mount", mount, Mount, "a mount")
     rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
-    return Reading(str(source), optics, stands, rim, _size(image_size))
+    return ReadOptions(str(source), optics, orientation, rim, _size(image_size))
 
 
-def _far(distance_mm: Any) -> tuple[float, ...]:
-    far = np.unique(distances("distance_mm", _row("distance_mm", distance_mm)))
+def _object_distances(distance_mm: Any) -> tuple[float, ...]:
+    far = np.unique(distances("distance_mm", _number_list("distance_mm", distance_mm)))
     if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
-        raise InvalidParameter(
-            f"distance_mm = {format_value(distance_mm)} is not valid; "
-            f"it is valid from {NEAREST_MM:g} to {FARTHEST_MM:g} mm, "
-            "and inf"
-        )
+        raise InvalidParameter(f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {shown(distance_mm)}")
     return tuple(far.tolist())
 
 
 def _size(image_size: Any) -> tuple[int, int] | None:
     if image_size is None:
         return None
-    width, height = _row("image_size", image_size, 2)
+    width, height = _number_list("image_size", image_size, 2)
     return integer("image_size", width, 1), integer("image_size", height, 1)
 
 
-def _row(name: str, value: Any, count: int | None = None) -> list[Any]:
-    found = [value] if isinstance(value, int | float) else value
-    if isinstance(found, str) or not isinstance(found, Iterable):
-        raise InvalidType(f"{name} = {format_value(value)} is no row of numbers")
-    found = list(found)
-    if count is not None and len(found) != count:
-        raise InvalidParameter(f"{name} = {format_value(value)} is valid as {count} numbers")
-    return found
+def _number_list(name: str, value: Any, count: int | None = None) -> list[Any]:
+    values = [value] if isinstance(value, int | float) else value
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InvalidType(f"{name} must be a list of numbers; got {shown(value)}")
+    values = list(values)
+    if count is not None and len(values) != count:
+        raise InvalidParameter(f"{name} must be {count} numbers; got {shown(value)}")
+    return values
 
 
-def _of_file(
-    source: Any, reading: Reading, name: str | None, camera: int | str
-) -> tuple[str, Stored]:
+def _read_camera(source: Any, reading: ReadOptions, name: str | None, camera: int | str) -> tuple[str, CameraEntry]:
     path = file_name("source", source)
     if name is None and not path.exists() and str(source) in bundled_sensors():
-        return "omnimirror", Stored(str(source), load_sensor(source))
-    read, cameras = read_cameras(path, reading, name)
+        return "omnimirror", CameraEntry(str(source), load_sensor(source))
+    format_name, cameras = read_cameras(path, reading, name)
     names = [c.name for c in cameras]
     if isinstance(camera, str) and camera in names:
-        return read, cameras[names.index(camera)]
+        return format_name, cameras[names.index(camera)]
     if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
-        raise InvalidParameter(
-            f"camera = {format_value(camera)} is not in {source}; it has {', '.join(filter(None, names))}"
-        )
-    which = integer("camera", float(camera) if isinstance(camera, str) else camera)
-    if which >= len(cameras):
-        raise InvalidParameter(
-            f"camera = {which} is not in {source}, which has {len(cameras)}, from 0"
-        )
-    return read, cameras[which]
+        raise InvalidParameter(f"camera must be one of {', '.join(filter(None, names))} in {source}; got {shown(camera)}")
+    index = integer("camera", float(camera) if isinstance(camera, str) else camera)
+    if index >= len(cameras):
+        raise InvalidParameter(f"camera must be an index from 0 to {len(cameras) - 1} in {source}; got {index}")
+    return format_name, cameras[index]
 
 
 # -- targets ----------------------------------------------------------------------------------
 
 
-def _exact_target(camera: Camera, targets: list[Target]) -> _StoredCamera | None:
+def _exact_target(camera: Camera, targets: list[OutputLayout]) -> _StoredCamera | None:
     """Return the first target that stores the exact parameters of the camera."""
     for target in targets:
-        if not target.layout.lacks(camera):
-            found: Any = camera
-            return _StoredCamera(target, FittedModel(found, np.zeros(3)), ())
+        if not target.layout.unsupported(camera):
+            model: Any = camera
+            return _StoredCamera(target, FittedModel(model, np.zeros(3)), ())
     return None
 
 
-def _panorama(camera: Camera, target: Target, far: tuple[float, ...]) -> _StoredCamera:
+def _panorama(camera: Camera, target: OutputLayout, distances: tuple[float, ...]) -> _StoredCamera:
     """Return a panorama of distant points with the parallax error of near points."""
-    seen = sample(camera, getattr(camera, "mount", Mount()), N_EVALUATION_PIXELS)
-    found: Any = camera
-    if seen.is_central:
-        return _StoredCamera(target, FittedModel(found, np.zeros(3)), ())
-    viewpoint = nearest_point_to_rays(seen.origins, seen.directions)
+    visible = sample(camera, getattr(camera, "mount", Mount()), N_EVALUATION_PIXELS)
+    model: Any = camera
+    if visible.is_central:
+        return _StoredCamera(target, FittedModel(model, np.zeros(3)), ())
+    viewpoint = nearest_point_to_rays(visible.origins, visible.directions)
     scale = sphere(camera).size[0] / 360
-    return _StoredCamera(
-        target,
-        FittedModel(found, viewpoint),
-        tuple(parallax(seen, viewpoint, d, scale) for d in far),
-    )
+    return _StoredCamera(target, FittedModel(model, viewpoint), tuple(parallax(visible, viewpoint, d, scale) for d in distances))
 
 
-def _fitted(
-    camera: Camera,
-    targets: list[Target],
-    allowed: float | None,
-    far: tuple[float, ...],
-    field: _Field,
-) -> _StoredCamera:
+def _approximate(camera: Camera, targets: list[OutputLayout], tolerance: float | None, distances: tuple[float, ...], field: _Field) -> _StoredCamera:
     """Return the target with the smallest error, if within the tolerance."""
     mount = getattr(camera, "mount", Mount())
-    all_of_it = sample(camera, mount, N_EVALUATION_PIXELS)
-    seen = all_of_it.within(*field)
-    fitted = (
-        sample(camera, mount, N_EVALUATION_PIXELS // FIT_THINNING).within(*field).with_rim_of(seen)
-    )
-    tried, reasons = [], []
+    full_field = sample(camera, mount, N_EVALUATION_PIXELS)
+    evaluated = full_field.within(*field)
+    fit_sample = sample(camera, mount, N_EVALUATION_PIXELS // FIT_THINNING).within(*field).with_rim_of(evaluated)
+    trials, reasons = [], []
     for target in targets:
         if target.layout.kind not in INITIAL_MODELS:
-            reasons.append(f"{target.name} {target.layout.lacks(camera)}")
+            reasons.append(f"{target.name} {target.layout.unsupported(camera)}")
             continue
         try:
-            tried.append(_best_fit(target, fitted, seen, camera.image_size, far))
-        except OmnimirrorError as problem:
-            reasons.append(f"{target.name} ({target.layout.words}) {problem}")
-    usable = [made for made in tried if np.isfinite(made.largest_px)]
-    reasons += [
-        f"{made.target.name} ({made.target.layout.words}) reaches less far than the field, "
-        f"{np.degrees(seen.omega.max()):.4g} deg from the axis"
-        for made in tried
-        if made not in usable
-    ]
+            trials.append(_best_fit(target, fit_sample, evaluated, camera.image_size, distances))
+        except OmnimirrorError as e:
+            reasons.append(f"{target.name} ({target.layout.description}) {e}")
+    usable = [trial for trial in trials if np.isfinite(trial.largest_px)]
+    reasons += [f"{trial.target.name} ({trial.target.layout.description}) does not cover the field of {np.degrees(evaluated.omega.max()):.4g} deg from the axis" for trial in trials if trial not in usable]
     if not usable:
-        remedy = (
-            f"; {REACH_REMEDY}" if any(t.layout.kind in INITIAL_MODELS for t in targets) else ""
-        )
+        remedy = f"; {REACH_REMEDY}" if any(t.layout.kind in INITIAL_MODELS for t in targets) else ""
         raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
-    best = min(usable, key=lambda made: made.largest_px)
-    whole_field = [
-        made for made in usable if made.target.layout.reach_deg > np.degrees(seen.omega.max())
-    ]
-    if whole_field and allowed is not None:  # prefer a model for the whole field
-        fullest = min(whole_field, key=lambda made: made.largest_px)
-        best = fullest if fullest.largest_px <= allowed else best
-    if allowed is None or best.largest_px > allowed:
-        verdict = (
-            f"give tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to allow that"
-            if allowed is None
-            else f"more than tolerance_px = {allowed:g}"
-        )
-        raise InvalidParameter(
-            f"{best.target.name} {best.target.layout.lacks(camera)}; the model that fits best is "
-            f"{_description(best, seen.is_central)}, {verdict}{_remedies(camera, best)}"
-        )
-    return best._replace(is_restricted=len(seen.pixels) < len(all_of_it.pixels))
+    best = min(usable, key=lambda trial: trial.largest_px)
+    whole_field = [trial for trial in usable if trial.target.layout.max_field_angle_deg > np.degrees(evaluated.omega.max())]
+    if whole_field and tolerance is not None:  # prefer a model for the whole field
+        best_full_field = min(whole_field, key=lambda trial: trial.largest_px)
+        best = best_full_field if best_full_field.largest_px <= tolerance else best
+    if tolerance is None or best.largest_px > tolerance:
+        verdict = f"set tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to accept this error" if tolerance is None else f"the error must be at most tolerance_px = {tolerance:g}"
+        raise InvalidParameter(f"{best.target.name} {best.target.layout.unsupported(camera)}; the best fit has an error of {_description(best, evaluated.is_central)}; {verdict}{_remedies(camera, best)}")
+    return best._replace(is_restricted=len(evaluated.pixels) < len(full_field.pixels))
 
 
 def _calibrated_deg(camera: Camera) -> float | None:
     """Return the calibrated field (deg) of a camera; None if its file does not contain it."""
-    known = getattr(camera, "uncertainty", None)
-    return None if known is None else known.field_deg
+    uncertainty = getattr(camera, "uncertainty", None)
+    return None if uncertainty is None else uncertainty.field_deg
 
 
 def _rounded_up(value: float) -> float:
@@ -469,94 +379,69 @@ def _rounded_up(value: float) -> float:
 
 def _remedies(camera: Camera, best: _StoredCamera) -> str:
     """Return alternatives for a conversion, such as a smaller field or fixed parameters."""
-    worst_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
-    remedies = [f"or a field_deg (--field-deg) below {worst_deg:.3g} deg"]
-    if getattr(camera, "uncertainty", None) is not None and (
-        names := best.target.layout.unplaced(camera)
-    ):
+    max_error_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
+    remedies = [f"or a field_deg (--field-deg) below {max_error_deg:.3g} deg"]
+    if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unsupported_parameters(camera)):
         options = " ".join(f"--fix {name}" for name in names)
-        remedies.append(
-            f"or calibrate with {options} (fixed) for a camera that the format holds exactly"
-        )
+        remedies.append(f"or calibrate with {options} (fixed) for an exact conversion")
     return "".join(f", {remedy}" for remedy in remedies)
 
 
-def _best_fit(
-    target: Target, fitted: Sample, seen: Sample, size: tuple[int, int], far: tuple[float, ...]
-) -> _StoredCamera:
+def _best_fit(target: OutputLayout, fit_sample: Sample, evaluated: Sample, size: tuple[int, int], distances: tuple[float, ...]) -> _StoredCamera:
     """Return the best fit among the models of a target, or the first with negligible error."""
     layout = target.layout
     best = None
-    for model in initial_models(layout.kind, layout.places, rotational_projection(fitted, size)):
-        free = [layout.places is None or p.name in layout.places for p in model.parameters]
-        found = fit_model(model, fitted, free, far)
-        at = (np.inf,) if seen.is_central else far
-        made = _StoredCamera(
-            target, found, tuple(reprojection_cost(found, seen, distance) for distance in at)
-        )
-        if best is None or made.largest_px < best.largest_px:
-            best = made
+    for model in initial_models(layout.kind, layout.parameters, rotational_projection(fit_sample, size)):
+        free = [layout.parameters is None or p.name in layout.parameters for p in model.parameters]
+        model_fit = fit_model(model, fit_sample, free, distances)
+        distances = (np.inf,) if evaluated.is_central else distances
+        trial = _StoredCamera(target, model_fit, tuple(reprojection_errors(model_fit, evaluated, distance) for distance in distances))
+        if best is None or trial.largest_px < best.largest_px:
+            best = trial
         if best.largest_px < SUFFICIENT_ERROR_PX:
             break
     assert best is not None
     return best
 
 
-def _description(made: _StoredCamera, is_central: bool) -> str:
-    worst = max(made.costs, key=lambda c: c.largest_px)
-    rms = np.sqrt(np.mean([c.rms_px**2 for c in made.costs]))
-    where = "" if is_central else f", of things at {worst.distance_mm:g} mm"
-    return f"{rms:.3g} px off (rms), at most {worst.largest_px:.3g} px ({worst.at_deg:.3g} deg from the axis{where})"
+def _description(stored: _StoredCamera, is_central: bool) -> str:
+    maximum = max(stored.costs, key=lambda c: c.largest_px)
+    rms = np.sqrt(np.mean([c.rms_px**2 for c in stored.costs]))
+    distance = "" if is_central else f", object distance {maximum.distance_mm:g} mm"
+    return f"{rms:.3g} px rms, at most {maximum.largest_px:.3g} px ({maximum.at_deg:.3g} deg from the axis{distance})"
 
 
-def _field_notes(source: Camera, made: _StoredCamera, field_deg: float | None) -> Iterable[str]:
+def _field_notes(source: Camera, stored: _StoredCamera, field_deg: float | None) -> Iterable[str]:
     """Yield notes on the calibrated field in which the file is valid."""
-    known = _calibrated_deg(source)
-    if known is None or field_deg is not None or made.target.layout.kind in (RadialModel, Sensor):
+    calibrated_deg = _calibrated_deg(source)
+    if calibrated_deg is None or field_deg is not None or stored.target.layout.kind in (RadialModel, Sensor):
         return
-    if made.is_restricted:
-        yield (
-            f"the fit is restricted to the calibrated field of 0 to {known:.4g} deg; use field_deg (--field-deg) to "
-            "include angles beyond it, where the camera is an extrapolation"
-        )
-    elif (
-        not made.costs
-        and np.degrees(getattr(source, "omega_max", 0.0)) > known + FIELD_ROUNDING_DEG
-    ):
-        yield (
-            f"the calibrated field of 0 to {known:.4g} deg is not in the file: beyond it the camera is an extrapolation"
-        )
+    if stored.is_restricted:
+        yield (f"the fit is restricted to the calibrated field of 0 to {calibrated_deg:.4g} deg; use field_deg (--field-deg) to include angles beyond it, where the camera is an extrapolation")
+    elif not stored.costs and np.degrees(getattr(source, "omega_max", 0.0)) > calibrated_deg + FIELD_ROUNDING_DEG:
+        yield (f"the calibrated field of 0 to {calibrated_deg:.4g} deg is not in the file: beyond it the camera is an extrapolation")
 
 
-def _notes(source: Camera, written: Any, made: _StoredCamera) -> Iterable[str]:
+def _notes(source: Camera, output_camera: Any, stored: _StoredCamera) -> Iterable[str]:
     """Yield notes for users of the file."""
-    target = made.target
-    if np.any(made.found.viewpoint_mm):
-        x, y, z = (round(float(v), 3) + 0.0 for v in made.found.viewpoint_mm)
-        yield f"the file's frame begins at ({x:g}, {y:g}, {z:g}) mm of the camera frame, where one viewpoint does best"
+    target = stored.target
+    if np.any(stored.found.viewpoint_mm):
+        x, y, z = (round(float(v), 3) + 0.0 for v in stored.found.viewpoint_mm)
+        yield (f"the origin of the file's frame is the best single viewpoint, ({x:g}, {y:g}, {z:g}) mm in the camera frame")
     if target.layout.is_panorama:
         width, height = sphere(source).size
-        yield (
-            f"it is of a panorama, which has to be made of every picture first: omnimirror dewarp --view sphere "
-            f"--size {width}x{height}; its frame looks forward, with the world's right and down"
-        )
+        yield (f"the file describes a panorama; dewarp each image first with omnimirror dewarp --view sphere --size {width}x{height}; the axes of its frame are the world's right, down and forward")
         return
-    if not isinstance(written, CameraModel) or target.layout.kind is RadialModel:
+    if not isinstance(output_camera, CameraModel) or target.layout.kind is RadialModel:
         return
-    if written.is_image_reversed:
-        yield (
-            "the picture is a mirror image, and so the file's frame (right, down, towards what the centre sees) is "
-            "left-handed; flip writes the camera of the flipped picture, whose frame is right-handed"
-        )
-    elif written.mount.image_flipped:
-        yield "the file is of the picture flipped left to right"
-    reach = np.degrees(getattr(written, "omega_max", 0.0))
-    if reach > target.layout.reach_deg:
-        yield (
-            f"programs that read it project less than {target.layout.reach_deg:g} deg from the axis, and the field "
-            f"reaches {reach:.4g} deg"
-        )
+    if output_camera.is_image_reversed:
+        yield ("the image is mirrored: the file's frame (right, down, viewing direction of the image centre) is left-handed; flip writes the camera of the flipped image, whose frame is right-handed")
+    elif output_camera.mount.image_flipped:
+        yield "the file applies to the image flipped left to right"
+    field_angle = np.degrees(getattr(output_camera, "omega_max", 0.0))
+    if field_angle > target.layout.max_field_angle_deg:
+        yield (f"programs that read this format project less than {target.layout.max_field_angle_deg:g} deg from the axis; the field of the camera is {field_angle:.4g} deg")
     if isinstance(source, Sensor) or getattr(source, "rim_radius_px", None) is not None:
-        yield "where the field ends is not in the file: rim_radius_px"
+        yield "the boundary of the field (rim_radius_px) is not in the file"
     if getattr(source, "mount", Mount()) != Mount():
-        yield "how the camera stands is not in the file"
+        yield "the orientation of the camera is not in the file"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..base.arguments import number
 from ..base.typing import Array, Mask
 
-# -- Edge detection with subpixel accuracy and direction, for rim detection ------------------------
+# -- Edge points -----------------------------------------------------------------------------------
 
 Image = NDArray[np.float32]
 
@@ -37,7 +37,7 @@ class EdgePoints:
     weights: Array
     """Weights (n,) from 0 to 1."""
 
-    def among(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> EdgePoints:
+    def subset(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> EdgePoints:
         """Return the edges selected by a mask (n,) or by indices."""
         return EdgePoints(
             self.points[chosen], self.normals[chosen], self.steps[chosen], self.weights[chosen]
@@ -48,7 +48,7 @@ class EdgePoints:
 class WorkingImage:
     """Image at working size."""
 
-    picture: Image
+    image: Image
     """Levels (rows, columns, channels) from 0 to 255."""
     scale: float
     """Number of pixels of the original image per pixel; at least 1."""
@@ -58,14 +58,14 @@ class WorkingImage:
     @property
     def size(self) -> tuple[int, int]:
         """Image size (width, height)."""
-        return self.picture.shape[1], self.picture.shape[0]
+        return self.image.shape[1], self.image.shape[0]
 
 
-def at_working_size(picture: NDArray[Any], short_side_px: int = SHORT_SIDE_PX) -> WorkingImage:
+def at_working_size(source: NDArray[Any], short_side_px: int = SHORT_SIDE_PX) -> WorkingImage:
     """Return an image (rows, columns[, channels]) of any type, with a limit on its short side."""
     import cv2
 
-    levels = levels_of(picture)
+    levels = levels_of(source)
     height, width = levels.shape[:2]
     scale = max(1.0, min(height, width) / short_side_px)
     if scale > 1:
@@ -80,24 +80,24 @@ def edges_of(working: WorkingImage) -> EdgePoints:
     """Return the edges of an image at working size: maxima of the gradient of the steepest channel."""
     import cv2
 
-    gx, gy, step = steepest(working.picture)
+    gx, gy, step = steepest(working.image)
     rows, columns = np.indices(step.shape, dtype=np.float32)
     safe = np.maximum(step, 1e-6)
     nx, ny = gx / safe, gy / safe
     ahead = cv2.remap(step, columns + nx, rows + ny, cv2.INTER_LINEAR)
     behind = cv2.remap(step, columns - nx, rows - ny, cv2.INTER_LINEAR)
-    least = max(MIN_STEP, NOISE_TIMES * working.noise)
-    found = (step > least) & (step >= ahead) & (step > behind)
-    found[:2], found[-2:], found[:, :2], found[:, -2:] = False, False, False, False
-    if found.sum() > MAX_EDGES:
+    min_step = max(MIN_STEP, NOISE_TIMES * working.noise)
+    is_edge = (step > min_step) & (step >= ahead) & (step > behind)
+    is_edge[:2], is_edge[-2:], is_edge[:, :2], is_edge[:, -2:] = False, False, False, False
+    if is_edge.sum() > MAX_EDGES:
         # relative to nearby edges: a strong pattern in one region must not suppress the rim in
         # another
-        among = step / (
-            cv2.blur(np.where(found, step, np.float32(0.0)), (CROWD_PX, CROWD_PX))
+        relative_step = step / (
+            cv2.blur(np.where(is_edge, step, np.float32(0.0)), (CROWD_PX, CROWD_PX))
             + np.float32(MIN_STEP)
         )
-        found &= among >= np.partition(among[found], -MAX_EDGES)[-MAX_EDGES]
-    v, u = np.nonzero(found)
+        is_edge &= relative_step >= np.partition(relative_step[is_edge], -MAX_EDGES)[-MAX_EDGES]
+    v, u = np.nonzero(is_edge)
     before, here, after = behind[v, u], step[v, u], ahead[v, u]
     offset = np.clip(
         (after - before) / np.maximum(2 * (2 * here - before - after), 1e-6), -0.5, 0.5
@@ -116,37 +116,37 @@ def steepest(image: Image) -> tuple[Image, Image, Image]:
     gx: Any = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32).reshape(image.shape)
     gy: Any = cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32).reshape(image.shape)
     length = gx * gx + gy * gy
-    most, x, y = length[..., 0], gx[..., 0], gy[..., 0]
+    max_square, x, y = length[..., 0], gx[..., 0], gy[..., 0]
     for k in range(1, image.shape[2]):
-        is_steeper = length[..., k] > most
-        most, x, y = (
-            np.where(is_steeper, a[..., k], b) for a, b in ((length, most), (gx, x), (gy, y))
+        is_steeper = length[..., k] > max_square
+        max_square, x, y = (
+            np.where(is_steeper, a[..., k], b) for a, b in ((length, max_square), (gx, x), (gy, y))
         )
-    return x, y, np.sqrt(most)
+    return x, y, np.sqrt(max_square)
 
 
 def strongest(channels: Image) -> Image:
     """Return the maximum (rows, columns) over the channels of each pixel (rows, columns, channels)."""
-    most = channels[..., 0]
+    maximum = channels[..., 0]
     for k in range(1, channels.shape[-1]):
-        most = np.maximum(most, channels[..., k])
-    return most
+        maximum = np.maximum(maximum, channels[..., k])
+    return maximum
 
 
-def levels_of(picture: NDArray[Any]) -> NDArray[Any]:
+def levels_of(source: NDArray[Any]) -> NDArray[Any]:
     """Return an image with 255 levels without opacity.
 
     The brightest 1 % of linear light is clipped.
     """
-    if picture.ndim == 3 and picture.shape[2] in (2, 4):
-        picture = picture[..., :-1]
-    if picture.dtype == np.uint8:
-        return picture
-    if picture.dtype == np.uint16:
-        return (picture / 257.0).astype(np.float32)
-    light: Image = np.nan_to_num(picture.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
-    white = max(float(np.percentile(light, 99)), 1e-12)
-    levels: Image = 255 * np.sqrt(np.clip(light / white, 0, 1))
+    if source.ndim == 3 and source.shape[2] in (2, 4):
+        source = source[..., :-1]
+    if source.dtype == np.uint8:
+        return source
+    if source.dtype == np.uint16:
+        return (source / 257.0).astype(np.float32)
+    values: Image = np.nan_to_num(source.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    white = max(float(np.percentile(values, 99)), 1e-12)
+    levels: Image = 255 * np.sqrt(np.clip(values / white, 0, 1))
     return levels
 
 
@@ -167,7 +167,7 @@ def turns(count: int) -> Array:
     return angles
 
 
-# -- Edge chains with subpixel accuracy, long and smooth enough to be images of straight edges -----
+# -- Edge chains -----------------------------------------------------------------------------------
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 BLUR_PX = 1.2
@@ -195,25 +195,25 @@ REACH, CORNER_DEG = 6, 25.0  # edge points to either side, and change of directi
 
 
 def edge_chains(
-    picture: NDArray[Any],
+    image: NDArray[Any],
     *,
     centre_px: tuple[float, float] | None = None,
     radius_px: float | None = None,
     inner_radius_px: float = 0.0,
-    least_length_px: float | None = None,
+    min_length_px: float | None = None,
 ) -> list[Array]:
     """Return chains of edge points (n, 2) px of an image.
 
     Parameters
     ----------
-    picture : (height, width, 3) or (height, width)
+    image : (height, width, 3) or (height, width)
         RGB image of any depth; opacity is ignored.
     centre_px, radius_px
         Circle of the field; edges at its rim and outside are ignored. By default the largest circle
         in the image.
     inner_radius_px
         Radius of the camera's own image.
-    least_length_px
+    min_length_px
         Minimum length of a chain; by default 6 % of the radius.
 
     Returns
@@ -229,26 +229,26 @@ def edge_chains(
     >>> float(chain[:, 0].round(1).min()), float(chain[:, 0].round(1).max())
     (89.5, 89.5)
     """
-    levels = levels_of(picture)
+    levels = levels_of(image)
     height, width = levels.shape[:2]
     u, v = centre_px or ((width - 1) / 2, (height - 1) / 2)
     radius = (
         min(width, height) / 2 if radius_px is None else number("radius_px", radius_px, above=0.0)
     )
-    least = max(MIN_LENGTH * radius, 12.0) if least_length_px is None else least_length_px
+    min_length = max(MIN_LENGTH * radius, 12.0) if min_length_px is None else min_length_px
     is_edge, points = _traced_edges(levels)
     rows, columns = np.nonzero(is_edge)
     places = rows * width + columns
-    away = np.hypot(columns - u, rows - v)
-    outside = (away > radius - EDGE_PX) | (away < inner_radius_px + EDGE_PX)
+    distances = np.hypot(columns - u, rows - v)
+    outside = (distances > radius - EDGE_PX) | (distances < inner_radius_px + EDGE_PX)
     is_edge[rows[outside], columns[outside]] = False
-    found: list[Array] = []
+    chains: list[Array] = []
     for path in _paths(is_edge):
         for piece in _between_corners(
             points[np.searchsorted(places, path[:, 0] * width + path[:, 1])]
         ):
-            found += _smooth_parts(piece, least)
-    return sorted((_thinned(chain) for chain in found), key=len, reverse=True)
+            chains += _smooth_parts(piece, min_length)
+    return sorted((_thinned(chain) for chain in chains), key=len, reverse=True)
 
 
 def _traced_edges(levels: NDArray[Any]) -> tuple[Mask, Array]:
@@ -259,8 +259,10 @@ def _traced_edges(levels: NDArray[Any]) -> tuple[Mask, Array]:
     import cv2
 
     height, width = levels.shape[:2]
-    tall = max(BAND // width, HALO)
-    bands = [slice(first, min(first + tall, height)) for first in range(0, height, tall)]
+    band_height = max(BAND // width, HALO)
+    bands = [
+        slice(first, min(first + band_height, height)) for first in range(0, height, band_height)
+    ]
     steps = [np.empty((height, width), np.int16) for _ in range(2)]
     for band in bands:
         for step, slope in zip(steps, _slopes(levels, band), strict=True):
@@ -311,8 +313,8 @@ def _between(values: NDArray[np.float32], x: Array, y: Array) -> Array:
     fx, fy = x - c, y - r
     upper = values[r, c] * (1 - fx) + values[r, c + 1] * fx
     lower = values[r + 1, c] * (1 - fx) + values[r + 1, c + 1] * fx
-    between: Array = upper * (1 - fy) + lower * fy
-    return between
+    interpolated: Array = upper * (1 - fy) + lower * fy
+    return interpolated
 
 
 def _paths(is_edge: Mask) -> list[NDArray[np.int64]]:
@@ -320,22 +322,22 @@ def _paths(is_edge: Mask) -> list[NDArray[np.int64]]:
     height, width = is_edge.shape
     padded = np.pad(is_edge, 1).astype(np.int8)
     count = sum(padded[1 + r : 1 + r + height, 1 + c : 1 + c + width] for r, c in NEIGHBOURS)
-    left = {(int(r), int(c)) for r, c in np.argwhere(is_edge & (count < FORK))}
+    unvisited = {(int(r), int(c)) for r, c in np.argwhere(is_edge & (count < FORK))}
     paths = []
-    while left:
-        start = left.pop()
+    while unvisited:
+        start = unvisited.pop()
         ends = []
         for _ in range(2):  # in one direction, then in the other
-            way, at = [], start
+            pixels_in_direction, at = [], start
             while True:
-                near = ((at[0] + r, at[1] + c) for r, c in NEIGHBOURS)
-                following = next((p for p in near if p in left), None)
+                neighbours = ((at[0] + r, at[1] + c) for r, c in NEIGHBOURS)
+                following = next((p for p in neighbours if p in unvisited), None)
                 if following is None:
                     break
-                left.discard(following)
-                way.append(following)
+                unvisited.discard(following)
+                pixels_in_direction.append(following)
                 at = following
-            ends.append(way)
+            ends.append(pixels_in_direction)
         paths.append(np.array([*ends[1][::-1], start, *ends[0]]))
     return paths
 
@@ -349,33 +351,35 @@ def _between_corners(points: Array) -> list[Array]:
     turn = np.degrees(np.abs(angle[REACH:] - angle[:-REACH]))  # for points REACH to -REACH
     cuts, sharp = [0], turn > CORNER_DEG
     edges = np.flatnonzero(np.diff(np.concatenate([[False], sharp, [False]]).astype(int)))
-    for begin, end in edges.reshape(-1, 2):
-        cuts.append(int(begin + turn[begin:end].argmax()) + REACH)
+    for start, end in edges.reshape(-1, 2):
+        cuts.append(int(start + turn[start:end].argmax()) + REACH)
     return [points[a + (a > 0) : b] for a, b in zip(cuts, [*cuts[1:], len(points)], strict=True)]
 
 
-def _smooth_parts(points: Array, least: float) -> list[Array]:
+def _smooth_parts(points: Array, min_length: float) -> list[Array]:
     """Return the pieces of a chain that are smooth curves, split at corners; others are dropped."""
-    if len(points) < least / np.sqrt(2):
+    if len(points) < min_length / np.sqrt(2):
         return []
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    if length[-1] < least:
+    if length[-1] < min_length:
         return []
     t = 2 * length / length[-1] - 1
     basis = np.polynomial.legendre.legvander(t, DEGREE)
     coefficients, *_ = np.linalg.lstsq(basis, points, rcond=None)
-    off = np.hypot(*(basis @ coefficients - points).T)
-    if np.sqrt((off**2).mean()) <= ROUGH_PX and off.max() <= WORST_PX:
+    residuals = np.hypot(*(basis @ coefficients - points).T)
+    if np.sqrt((residuals**2).mean()) <= ROUGH_PX and residuals.max() <= WORST_PX:
         return [points]
     margin = max(3, len(points) // 10)
     cut = (
-        margin + int(off[margin:-margin].argmax()) if len(points) > 2 * margin else len(points) // 2
+        margin + int(residuals[margin:-margin].argmax())
+        if len(points) > 2 * margin
+        else len(points) // 2
     )
-    return _smooth_parts(points[:cut], least) + _smooth_parts(points[cut + 1 :], least)
+    return _smooth_parts(points[:cut], min_length) + _smooth_parts(points[cut + 1 :], min_length)
 
 
 def _thinned(points: Array) -> Array:
     """Return points at a spacing of about two pixels."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    kept: Array = points[np.unique(np.searchsorted(length, np.arange(0.0, length[-1], STEP_PX)))]
-    return kept
+    thinned: Array = points[np.unique(np.searchsorted(length, np.arange(0.0, length[-1], STEP_PX)))]
+    return thinned

@@ -40,29 +40,23 @@ class Level(NamedTuple):
     """Number of upright edges."""
 
     @property
-    def is_sure(self) -> bool:
+    def is_reliable(self) -> bool:
         """True if the tilt is reliable: accurate, and within the usual range.
 
         A camera that looks ahead usually has little roll but any pitch. If the orientation is
         wrong, horizontal edges taken for upright ones rarely satisfy this condition.
         """
-        lean = abs(self.roll_deg) / USUAL_ROLL_DEG
+        relative_tilt = abs(self.roll_deg) / USUAL_ROLL_DEG
         if self.camera_looks != "forward":
-            lean = float(np.hypot(self.pitch_deg, self.roll_deg)) / USUAL_LEAN_DEG
-        return self.sigma_deg < SURE_DEG and self.upright >= SURE_UPRIGHT and lean < 1
+            relative_tilt = float(np.hypot(self.pitch_deg, self.roll_deg)) / USUAL_LEAN_DEG
+        return self.sigma_deg < SURE_DEG and self.upright >= SURE_UPRIGHT and relative_tilt < 1
 
     def on(self, mount: Mount) -> Mount:
         """Return the mount with this tilt."""
         return replace(mount, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg)
 
 
-def level_in(
-    picture: NDArray[Any],
-    camera: Camera,
-    mount: Mount,
-    centre_px: tuple[float, float],
-    radius_px: float,
-) -> Level | None:
+def level_from_image(image: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float) -> Level | None:
     """Estimate the tilt of a camera from one image; None for too few upright edges.
 
     Edges are traced, and those that the camera straightens define planes of directions. Edges are
@@ -71,7 +65,7 @@ def level_in(
 
     Parameters
     ----------
-    picture : (height, width, 3) or (height, width)
+    image : (height, width, 3) or (height, width)
         RGB image of any depth; opacity is ignored.
     camera
         Camera of the image.
@@ -89,20 +83,14 @@ def level_in(
     --------
     >>> import omnimirror as om
     >>> ball = om.MirrorBall((99.5, 99.5), 90.0, 340.0, (200, 200))
-    >>> level_in(np.zeros((200, 200), np.uint8), ball, ball.mount, (99.5, 99.5), 90.0) is None
+    >>> level_from_image(np.zeros((200, 200), np.uint8), ball, ball.mount, (99.5, 99.5), 90.0) is None
     True
     """
-    normals, lengths = _straight_edges(picture, camera, mount, centre_px, radius_px)
-    return level_from(normals, lengths, mount)
+    normals, lengths = _straight_edges(image, camera, mount, centre_px, radius_px)
+    return level_from_edges(normals, lengths, mount)
 
 
-def _straight_edges(
-    picture: NDArray[Any],
-    camera: Camera,
-    mount: Mount,
-    centre_px: tuple[float, float],
-    radius_px: float,
-) -> tuple[Array, Array]:
+def _straight_edges(image: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float) -> tuple[Array, Array]:
     """Return plane normals (n, 3) in the camera frame and lengths (n,) in rad of straight edges.
 
     Large images are reduced: the accuracy remains sufficient, and edges of fine structures are
@@ -110,26 +98,24 @@ def _straight_edges(
     """
     import cv2
 
-    scale = max(1.0, max(picture.shape[:2]) / LOOKED_AT_PX)
+    scale = max(1.0, max(image.shape[:2]) / LOOKED_AT_PX)
     if scale > 1:
-        picture = cv2.resize(
-            picture, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA
-        )
+        image = cv2.resize(image, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA)
     u, v = ((c + 0.5) / scale - 0.5 for c in centre_px)
     normals, lengths = [], []
-    for chain in edge_chains(picture, centre_px=(u, v), radius_px=radius_px / scale):
+    for chain in edge_chains(image, centre_px=(u, v), radius_px=radius_px / scale):
         rays = camera.backproject((chain + 0.5) * scale - 0.5)
-        seen = rotate_vectors(rays.directions[rays.valid], mount.rotation())
-        if len(seen) < MIN_UPRIGHT or seen[0] @ seen[-1] > np.cos(np.radians(MIN_EXTENT_DEG)):
+        directions = rotate_vectors(rays.directions[rays.valid], mount.rotation())
+        if len(directions) < MIN_UPRIGHT or directions[0] @ directions[-1] > np.cos(np.radians(MIN_EXTENT_DEG)):
             continue
-        moments, axes = np.linalg.eigh(seen.T @ seen / len(seen))
+        moments, axes = np.linalg.eigh(directions.T @ directions / len(directions))
         if moments[0] < np.radians(BENT_DEG) ** 2:
             normals.append(axes[:, 0])
-            lengths.append(float(np.arccos(np.clip(seen[0] @ seen[-1], -1, 1))))
+            lengths.append(float(np.arccos(np.clip(directions[0] @ directions[-1], -1, 1))))
     return np.reshape(normals, (-1, 3)), np.array(lengths)
 
 
-def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
+def level_from_edges(normals: Array, lengths: Array, mount: Mount) -> Level | None:
     """Return the tilt for which most edges are upright; None if their number is not significant.
 
     Each edge is in a plane through the viewpoint, and the planes of upright edges contain the
@@ -151,7 +137,7 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
     >>> tilted = Mount("up", pitch_deg=5.0, roll_deg=-3.0)
     >>> up = tilted.rotation().T @ [0.0, 0.0, 1.0]
     >>> normals = np.cross(up, np.random.default_rng(0).normal(size=(5, 3)))
-    >>> level = level_from(normals / np.linalg.norm(normals, axis=1)[:, None], np.ones(5), Mount("up"))
+    >>> level = level_from_edges(normals / np.linalg.norm(normals, axis=1)[:, None], np.ones(5), Mount("up"))
     >>> round(level.pitch_deg, 6), round(level.roll_deg, 6), level.upright
     (5.0, -3.0, 5)
     """
@@ -168,28 +154,25 @@ def level_from(normals: Array, lengths: Array, mount: Mount) -> Level | None:
     up = up[up[:, 2] > np.cos(np.radians(MAX_TILT_DEG))]
     if not len(up):
         return None
-    near = np.abs(planes @ up.T) < np.sin(np.radians(NEAR_DEG))
-    best = up[int((lengths @ near).argmax())]
+    is_near = np.abs(planes @ up.T) < np.sin(np.radians(NEAR_DEG))
+    best = up[int((lengths @ is_near).argmax())]
     for _ in range(REFINED):
-        kept = np.abs(planes @ best) < np.sin(np.radians(NEAR_DEG))
-        if kept.sum() < MIN_UPRIGHT:
+        is_upright = np.abs(planes @ best) < np.sin(np.radians(NEAR_DEG))
+        if is_upright.sum() < MIN_UPRIGHT:
             return None
-        moments = (planes[kept] * lengths[kept, None] ** 2).T @ planes[kept]
+        moments = (planes[is_upright] * lengths[is_upright, None] ** 2).T @ planes[is_upright]
         best = np.linalg.eigh(moments)[1][:, 0]
         best = best * np.sign(best[2])
-    if _by_chance(int(kept.sum()), len(planes)) > MAX_CHANCE_FRACTION:
+    if _by_chance(int(is_upright.sum()), len(planes)) > MAX_CHANCE_FRACTION:
         return None
-    off = planes[kept] @ best
-    weight = lengths[kept] ** 2 / (lengths[kept] ** 2).mean()
+    residuals = planes[is_upright] @ best
+    weight = lengths[is_upright] ** 2 / (lengths[is_upright] ** 2).mean()
     across = np.linalg.svd(best[None])[2][1:]
-    matrix = (across @ (planes[kept] * weight[:, None]).T) @ (planes[kept] @ across.T)
-    noise = float((weight * off**2).sum()) / max(int(kept.sum()) - 2, 1)
+    matrix = (across @ (planes[is_upright] * weight[:, None]).T) @ (planes[is_upright] @ across.T)
+    noise = float((weight * residuals**2).sum()) / max(int(is_upright.sum()) - 2, 1)
     sigma = np.degrees(np.sqrt(noise / max(float(np.linalg.eigvalsh(matrix)[0]), 1e-12)))
-    pitch, roll = (
-        np.degrees(np.arcsin(np.clip(best[0], -1, 1))),
-        np.degrees(np.arctan2(best[1], best[2])),
-    )
-    return Level(mount.camera_looks, float(pitch), float(roll), float(sigma), int(kept.sum()))
+    pitch, roll = (np.degrees(np.arcsin(np.clip(best[0], -1, 1))), np.degrees(np.arctan2(best[1], best[2])))
+    return Level(mount.camera_looks, float(pitch), float(roll), float(sigma), int(is_upright.sum()))
 
 
 def _by_chance(count: int, planes: int) -> float:

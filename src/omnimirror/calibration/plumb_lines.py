@@ -19,35 +19,15 @@ from ..cameras.models import Unified
 from ..cameras.models.camera_model import CameraModel, Optics
 from ..optics.sensor import Sensor
 from .edge_detection import edge_chains
-from .levelling import Level, level_from, level_in
+from .levelling import Level, level_from_edges, level_from_image
 from .sensor_model import SensorModel
-from .straight_edges import (
-    MIN_MARKED_POINTS,
-    SCALE_PX,
-    Edges,
-    FreeParameters,
-    LinesFit,
-    edges_of,
-    fit_lines,
-    gradients_left_out,
-    normal_equations,
-    read_lines,
-)
+from .straight_edges import MIN_MARKED_POINTS, SCALE_PX, Edges, FreeParameters, LinesFit, edges_of, fit_lines, leave_one_out_gradients, normal_equations, read_line_points
 from .uncertainty import direction_uncertainty, measured_field_deg
 
-__all__ = [
-    "Level",
-    "LineCalibration",
-    "calibrate_lines",
-    "drawn_edges",
-    "edge_chains",
-    "level_from",
-    "level_in",
-    "read_lines",
-]
+__all__ = ["Level", "PlumbLineCalibration", "calibrate_plumb_lines", "draw_edges", "edge_chains", "level_from_edges", "level_from_image", "read_line_points"]
 
 
-# -- Calibration without a target, from straight edges in images of rooms and streets --------------
+# -- Plumb-line calibration ------------------------------------------------------------------------
 
 XIS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 1.8)
 FOCALS = np.geomspace(0.2, 2.5, 14)
@@ -69,7 +49,7 @@ FREE_PX = 5.0
 
 
 @dataclass(frozen=True)
-class LineCalibration:
+class PlumbLineCalibration:
     """Result of a plumb-line calibration.
 
     Parameters
@@ -98,7 +78,7 @@ class LineCalibration:
     >>> for at in range(40, 380, 64):
     ...     picture[at : at + 6], picture[:, at : at + 6] = 200, 200
     >>> camera = om.KannalaBrandt((250.0, 250.0), (199.5, 199.5), (400, 400), k1=0.3)
-    >>> found = om.calibrate_lines([picture], model=camera)
+    >>> found = om.calibrate_plumb_lines([picture], model=camera)
     >>> sum(found.used[0]) >= 8
     True
     """
@@ -117,36 +97,25 @@ class LineCalibration:
         Returns
         -------
         dict
-            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``pictures``
+            ``rms_px``, ``parameters`` (name, value, sigma, unit), ``free`` and ``images``
             (edges, used, level).
         """
-        known = self.camera.uncertainty
-        sigmas = {} if known is None else {k: float(v) for k, v in known.sigmas.items()}
+        uncertainty = self.camera.uncertainty
+        sigmas = {} if uncertainty is None else {k: float(v) for k, v in uncertainty.sigmas.items()}
         model = self.camera
         if isinstance(model, Sensor):
             model = SensorModel(model, tuple(sigmas))
         return {
             "rms_px": self.rms_px,
-            "parameters": [
-                {"name": p.name, "value": p.value, "sigma": sigmas[p.name], "unit": p.unit}
-                for p in model.parameters
-                if p.name in sigmas
-            ],
+            "parameters": [{"name": p.name, "value": p.value, "sigma": sigmas[p.name], "unit": p.unit} for p in model.parameters if p.name in sigmas],
             "free": list(self.free),
-            "pictures": [
-                {
-                    "edges": len(used),
-                    "used": sum(used),
-                    "level": None if level is None else level._asdict(),
-                }
-                for used, level in zip(self.used, self.levels, strict=True)
-            ],
+            "images": [{"edges": len(used), "used": sum(used), "level": None if level is None else level._asdict()} for used, level in zip(self.used, self.levels, strict=True)],
         }
 
 
 @validate_arguments
-def calibrate_lines(
-    pictures: Sequence[NDArray[Any]] = (),
+def calibrate_plumb_lines(
+    images: Sequence[NDArray[Any]] = (),
     *,
     lines: Sequence[Sequence[Array]] = (),
     image_size: tuple[int, int] | None = None,
@@ -157,7 +126,7 @@ def calibrate_lines(
     radius_px: float | None = None,
     inner_radius_px: float = 0.0,
     distance_mm: float = np.inf,
-) -> LineCalibration:
+) -> PlumbLineCalibration:
     """Refine a camera so that straight edges of the scene map to planes through its viewpoint.
 
     Edges are traced in the images. Edges of curved objects have a low weight and are rejected at
@@ -166,11 +135,11 @@ def calibrate_lines(
 
     Parameters
     ----------
-    pictures
+    images
         One or several images of the same camera, (height, width, 3) uint8 RGB or (height, width).
     lines
         Marked edges of each image, and of further images: points (n, 2) px, n at least 3
-        (:func:`omnimirror.read_lines`). They are used in addition to the traced ones.
+        (:func:`omnimirror.read_line_points`). They are used in addition to the traced ones.
     image_size : (width, height), px
         Image size, if only lines are given.
     model
@@ -192,7 +161,7 @@ def calibrate_lines(
 
     Returns
     -------
-    LineCalibration
+    PlumbLineCalibration
         Camera, edges and tilt.
 
     Raises
@@ -203,231 +172,165 @@ def calibrate_lines(
     Examples
     --------
     >>> import omnimirror as om
-    >>> om.calibrate_lines([np.zeros((64, 64), np.uint8)])
+    >>> om.calibrate_plumb_lines([np.zeros((64, 64), np.uint8)])
     Traceback (most recent call last):
     omnimirror.base.errors.InvalidParameter: 0 edges are too few to refine a camera; ...
     """
-    size = _size(pictures, lines, image_size)
-    chains = _chains(pictures, lines, centre_px, radius_px, inner_radius_px)
-    edges = edges_of([chain for found in chains for chain in found])
+    size = _size(images, lines, image_size)
+    chains = _chains(images, lines, centre_px, radius_px, inner_radius_px)
+    edges = edges_of([chain for image_chains in chains for chain in image_chains])
     number("distance_mm", distance_mm if np.isfinite(distance_mm) else 1.0, above=0.0)
-    begun: CameraModel
+    initial: CameraModel
     if model is None:
         radius = min(size) / 2 if radius_px is None else radius_px
-        begun = _begun(edges, size, optics, mount or Mount(), centre_px, radius)
-        knobs = _unknown_knobs(begun, radius)
+        initial = _initial_model(edges, size, optics, mount or Mount(), centre_px, radius)
+        free = _parameters_of_unknown_camera(initial, radius)
     else:
         instance("model", model, (Sensor, CameraModel), "a sensor or a camera model")
-        begun = SensorModel(model) if isinstance(model, Sensor) else model
-        if begun.image_size != size:
-            raise InvalidParameter(
-                f"pictures are {size} px large and the model's {begun.image_size}; it takes the same"
-            )
-        knobs = _knobs(begun)
-    fit, kept = _without_bent(begun, edges, knobs, distance_mm)
-    covariance, free = _certainty(fit, kept, knobs)
+        initial = SensorModel(model) if isinstance(model, Sensor) else model
+        if initial.image_size != size:
+            raise InvalidParameter(f"model must have the size of the images, {size[0]} x {size[1]} px; got {initial.image_size[0]} x {initial.image_size[1]} px")
+        free = _parameters_with_priors(initial)
+    fit, kept = _without_curved_edges(initial, edges, free, distance_mm)
+    covariance, undetermined = _parameter_covariance(fit, kept, free)
     if model is None:
-        covariance = covariance + _stretched(fit.model, knobs)
-    starts = {part.start for part in kept.slices}
-    used = [
-        tuple(part.start in starts for part in own) for own in _by_picture(edges.slices, chains)
-    ]
-    at = np.repeat(np.arange(len(chains)), [sum(map(len, found)) for found in chains])[
-        [s.start for s in kept.slices]
-    ]
+        covariance = covariance + _stretch_covariance(fit.model, free)
+    used_starts = {part.start for part in kept.slices}
+    used = [tuple(part.start in used_starts for part in own) for own in _by_image(edges.slices, chains)]
+    image_index = np.repeat(np.arange(len(chains)), [sum(map(len, image_chains)) for image_chains in chains])[[s.start for s in kept.slices]]
     lengths = np.array([float(part.stop - part.start) for part in kept.slices])
-    levels = [
-        level_from(fit.normals[at == i], lengths[at == i], begun.mount) for i in range(len(chains))
-    ]
-    field = measured_field_deg(
-        fit.model, np.concatenate([edges.pixels[part] for part in kept.slices])
-    )
-    camera = _finished(fit.model, covariance, levels[0], field)
-    levels = [level and _as_sure_as(camera, level) for level in levels]
-    seen = np.concatenate([fit.residuals[part] for part in kept.slices])
-    rms = float(np.sqrt(np.nanmean(seen**2)))
-    return LineCalibration(
-        camera, tuple(map(tuple, chains)), tuple(used), rms, free, tuple(levels), distance_mm
-    )
+    levels = [level_from_edges(fit.normals[image_index == i], lengths[image_index == i], initial.mount) for i in range(len(chains))]
+    field = measured_field_deg(fit.model, np.concatenate([edges.pixels[part] for part in kept.slices]))
+    camera = _calibrated_camera(fit.model, covariance, levels[0], field)
+    levels = [level and _with_camera_uncertainty(camera, level) for level in levels]
+    residuals = np.concatenate([fit.residuals[part] for part in kept.slices])
+    rms = float(np.sqrt(np.nanmean(residuals**2)))
+    return PlumbLineCalibration(camera, tuple(map(tuple, chains)), tuple(used), rms, undetermined, tuple(levels), distance_mm)
 
 
-def _size(
-    pictures: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], said: tuple[int, int] | None
-) -> tuple[int, int]:
+def _size(images: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], specified: tuple[int, int] | None) -> tuple[int, int]:
     """Return the common size (width, height) of all images."""
-    sizes = {(picture.shape[1], picture.shape[0]) for picture in pictures} | (
-        {tuple(said)} if said else set()
-    )
-    if not pictures and not lines:
-        raise InvalidParameter("there is no picture; it takes one at least")
+    sizes = {(image.shape[1], image.shape[0]) for image in images} | ({tuple(specified)} if specified else set())
+    if not images and not lines:
+        raise InvalidParameter("images or lines must contain at least one image; got none")
     if not sizes:
-        raise InvalidParameter(
-            "of lines alone the pictures' size has to be said (image_size, --image-size)"
-        )
+        raise InvalidParameter("image_size (--image-size) must be specified for lines without images")
     if len(sizes) > 1:
-        raise InvalidParameter(
-            f"pictures are of {len(sizes)} different sizes; one camera takes all alike"
-        )
+        raise InvalidParameter(f"images must have one size; got {len(sizes)} different sizes")
     ((width, height),) = sizes
     return int(width), int(height)
 
 
-def _chains(
-    pictures: Sequence[NDArray[Any]],
-    lines: Sequence[Sequence[Array]],
-    centre: tuple[float, float] | None,
-    radius: float | None,
-    inner: float,
-) -> list[list[Array]]:
+def _chains(images: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], centre: tuple[float, float] | None, radius: float | None, inner: float) -> list[list[Array]]:
     """Return the traced and marked edges of each image, after a check of their number."""
-    followed = [
-        edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in pictures
-    ]
-    marked = [[_marked(edge) for edge in edges] for edges in lines]
-    none: list[Array] = []
-    chains = [[*a, *b] for a, b in zip_longest(followed, marked, fillvalue=none)]
+    traced = [edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in images]
+    marked = [[_checked_edge(edge) for edge in edges] for edges in lines]
+    empty: list[Array] = []
+    chains = [[*a, *b] for a, b in zip_longest(traced, marked, fillvalue=empty)]
     count = sum(map(len, chains))
     if count < MIN_CHAINS:
-        raise InvalidParameter(
-            f"{count} edges are too few to refine a camera; it takes {MIN_CHAINS}, long and in all directions"
-        )
+        raise InvalidParameter(f"images must contain at least {MIN_CHAINS} long edges in different directions; got {count}")
     return chains
 
 
-def _marked(edge: Array) -> Array:
+def _checked_edge(edge: Array) -> Array:
     points = finite("lines", edge, last=2)
     if points.ndim != 2 or len(points) < MIN_MARKED_POINTS:
-        raise InvalidParameter(
-            f"an edge of shape {points.shape} is not valid; it is valid as (n, 2), n from 3 on"
-        )
+        raise InvalidParameter(f"lines must be arrays (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {points.shape}")
     return points
 
 
-def _begun(
-    edges: Edges,
-    size: tuple[int, int],
-    optics: Optics,
-    mount: Mount,
-    centre: tuple[float, float] | None,
-    radius: float,
-) -> CameraModel:
+def _initial_model(edges: Edges, size: tuple[int, int], optics: Optics, mount: Mount, centre: tuple[float, float] | None, radius: float) -> CameraModel:
     """Return the unified camera with the straightest edges."""
-    middle = centre or ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    principal_point = centre or ((size[0] - 1) / 2, (size[1] - 1) / 2)
     longest = sorted(edges.slices, key=lambda part: part.start - part.stop)[:TRIED]
-    some = edges_of([edges.pixels[part][::THINNED] for part in longest])
+    sample = edges_of([edges.pixels[part][::THINNED] for part in longest])
     best: LinesFit | None = None
     for xi in XIS:
-        tried = []
+        trials = []
         for focal in FOCALS * radius * (1 + xi) / 2:
-            model = Unified(xi, (float(focal),) * 2, middle, size, optics=optics, mount=mount)
-            tried.append(fit_lines(model, some, _unknown_knobs(model, radius), most_steps=0))
-        begun = min(tried, key=lambda fit: fit.cost).model
-        found = fit_lines(begun, some, _unknown_knobs(begun, radius), most_steps=SEARCH_STEPS)
-        best = found if best is None or found.cost < best.cost else best
+            model = Unified(xi, (float(focal),) * 2, principal_point, size, optics=optics, mount=mount)
+            trials.append(fit_lines(model, sample, _parameters_of_unknown_camera(model, radius), max_steps=0))
+        initial = min(trials, key=lambda fit: fit.cost).model
+        candidate = fit_lines(initial, sample, _parameters_of_unknown_camera(initial, radius), max_steps=SEARCH_STEPS)
+        best = candidate if best is None or candidate.cost < best.cost else best
     assert best is not None
     return best.model
 
 
-def _unknown_knobs(model: CameraModel, radius: float) -> FreeParameters:
+def _parameters_of_unknown_camera(model: CameraModel, radius: float) -> FreeParameters:
     """Return the free parameters of an unknown camera: xi, a common focal length and the centre."""
     groups = (("xi",), ("fx", "fy"), ("cx",), ("cy",))
     sigma = np.array([XI_SIGMA, np.inf, CENTRE_SIGMA * radius, CENTRE_SIGMA * radius])
     xi = next(p.value for p in model.parameters if p.name == "xi")
-    return _of_groups(model, groups, np.array([1.0 - xi, 0.0, 0.0, 0.0]), sigma)
+    return _free_parameters(model, groups, np.array([1.0 - xi, 0.0, 0.0, 0.0]), sigma)
 
 
-def _stretched(model: CameraModel, knobs: FreeParameters) -> Array:
+def _stretch_covariance(model: CameraModel, free: FreeParameters) -> Array:
     """Return the covariance (p, p) of a stretch of the scene along the camera's axis.
 
     Planes through the viewpoint remain planes under ``tan Omega -> s tan Omega``; therefore lines
     do not determine s. For a camera of known type s is fixed; for an unknown one this covariance is
     added.
     """
-    omega, phi = (
-        a.ravel()
-        for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5))
-    )
+    omega, phi = (a.ravel() for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5)))
     across = np.stack([np.cos(phi), np.sin(phi)])
     forward = -1.0 if model.optics == "mirror" else 1.0
-    image = model.image(
-        np.stack([*(np.sin(omega) * across), forward * np.cos(omega)], axis=1), distant=True
-    )
-    turn = (
-        np.stack([*(np.cos(omega) * across), -forward * np.sin(omega)], axis=1)
-        * np.sin(2 * omega)[:, None]
-        / 2
-    )
-    kept = image.valid
-    moved = np.einsum("nij,nj->ni", image.d_points[kept], turn[kept]).ravel()
-    rates = (image.d_parameters[kept] @ knobs.turn).reshape(len(moved), -1)
-    change = knobs.turn @ np.linalg.lstsq(rates, moved, rcond=None)[0] * STRETCH_SIGMA
-    spread: Array = np.outer(change, change)
-    return spread
+    image = model.image(np.stack([*(np.sin(omega) * across), forward * np.cos(omega)], axis=1), distant=True)
+    d_directions = np.stack([*(np.cos(omega) * across), -forward * np.sin(omega)], axis=1) * np.sin(2 * omega)[:, None] / 2
+    is_valid = image.valid
+    d_pixels = np.einsum("nij,nj->ni", image.d_points[is_valid], d_directions[is_valid]).ravel()
+    derivatives = (image.d_parameters[is_valid] @ free.turn).reshape(len(d_pixels), -1)
+    change = free.turn @ np.linalg.lstsq(derivatives, d_pixels, rcond=None)[0] * STRETCH_SIGMA
+    covariance: Array = np.outer(change, change)
+    return covariance
 
 
-def _knobs(model: CameraModel) -> FreeParameters:
+def _parameters_with_priors(model: CameraModel) -> FreeParameters:
     """Return the free parameters of a model to refine, with priors.
 
     Priors are the tolerances, or typical changes.
     """
-    known = {p.name: p for p in getattr(model, "priors", ())}
-    expected = np.array(
-        [known[p.name].value - p.value if p.name in known else 0.0 for p in model.parameters]
-    )
-    sigma = np.array(
-        [
-            known[p.name].sigma if p.name in known else LOOSE_PRIOR * p.scale
-            for p in model.parameters
-        ]
-    )
-    return _of_groups(model, tuple((p.name,) for p in model.parameters), expected, sigma)
+    priors = {p.name: p for p in getattr(model, "priors", ())}
+    expected = np.array([priors[p.name].value - p.value if p.name in priors else 0.0 for p in model.parameters])
+    sigma = np.array([priors[p.name].sigma if p.name in priors else LOOSE_PRIOR * p.scale for p in model.parameters])
+    return _free_parameters(model, tuple((p.name,) for p in model.parameters), expected, sigma)
 
 
-def _of_groups(
-    model: CameraModel, groups: tuple[tuple[str, ...], ...], expected: Array, sigma: Array
-) -> FreeParameters:
+def _free_parameters(model: CameraModel, groups: tuple[tuple[str, ...], ...], expected: Array, sigma: Array) -> FreeParameters:
     names = [p.name for p in model.parameters]
-    turn = np.zeros((len(names), len(groups)))
+    jacobian = np.zeros((len(names), len(groups)))
     for column, group in enumerate(groups):
         for name in group:
-            turn[names.index(name), column] = 1.0
+            jacobian[names.index(name), column] = 1.0
     scales = np.array([model.parameters[names.index(group[0])].scale for group in groups])
-    return FreeParameters(groups, turn, expected, SCALE_PX**2 / sigma**2, scales)
+    return FreeParameters(groups, jacobian, expected, SCALE_PX**2 / sigma**2, scales)
 
 
-def _without_bent(
-    model: CameraModel, edges: Edges, knobs: FreeParameters, distance_mm: float
-) -> tuple[LinesFit, Edges]:
+def _without_curved_edges(model: CameraModel, edges: Edges, free: FreeParameters, distance_mm: float) -> tuple[LinesFit, Edges]:
     """Return the fit to the edges that it straightens, and these edges."""
-    kept = edges
-    fit = fit_lines(model, kept, knobs, distance_mm=distance_mm)
+    retained = edges
+    fit = fit_lines(model, retained, free, distance_mm=distance_mm)
     for _ in range(OUTLIER_PASSES):
-        rms = fit.rms_of(kept)
+        rms = fit.rms_of(retained)
         limit = max(OUTLYING * float(np.median(rms[np.isfinite(rms)])), LEAST_OUTLYING_PX)
-        straight = [part for part, r in zip(kept.slices, rms, strict=True) if r <= limit]
+        straight = [part for part, r in zip(retained.slices, rms, strict=True) if r <= limit]
         if len(straight) < MIN_CHAINS:
-            raise InvalidParameter(
-                f"of {len(edges.slices)} edges only {len(straight)} can be straight for one camera; it takes "
-                f"{MIN_CHAINS}, and a picture of this camera"
-            )
+            raise InvalidParameter(f"at least {MIN_CHAINS} edges must be straight for one camera; got {len(straight)} of {len(edges.slices)}; check that the images are from this camera")
         if len(straight) == len(rms):
             break
-        kept = Edges(edges.pixels, tuple(straight))
-        fit = fit_lines(model, kept, knobs, distance_mm=distance_mm)
-    return fit, kept
+        retained = Edges(edges.pixels, tuple(straight))
+        fit = fit_lines(model, retained, free, distance_mm=distance_mm)
+    return fit, retained
 
 
-def _by_picture(
-    slices: Sequence[slice], chains: Sequence[Sequence[Array]]
-) -> list[Sequence[slice]]:
+def _by_image(slices: Sequence[slice], chains: Sequence[Sequence[Array]]) -> list[Sequence[slice]]:
     """Return the concatenated chains grouped by image."""
-    ends = np.cumsum([len(found) for found in chains])
-    return [
-        slices[int(end) - len(found) : int(end)] for end, found in zip(ends, chains, strict=True)
-    ]
+    ends = np.cumsum([len(image_chains) for image_chains in chains])
+    return [slices[int(end) - len(image_chains) : int(end)] for end, image_chains in zip(ends, chains, strict=True)]
 
 
-def _certainty(fit: LinesFit, edges: Edges, knobs: FreeParameters) -> tuple[Array, tuple[str, ...]]:
+def _parameter_covariance(fit: LinesFit, edges: Edges, free: FreeParameters) -> tuple[Array, tuple[str, ...]]:
     """Return the covariance (p, p) of the parameters, and the undetermined combinations.
 
     Errors of points on one edge are correlated if it is not exactly straight, or near. Therefore
@@ -436,42 +339,36 @@ def _certainty(fit: LinesFit, edges: Edges, knobs: FreeParameters) -> tuple[Arra
     and McCaffrey, Survey Methodology 28 (2002)), because a fit to few edges reduces their
     residuals.
     """
-    matrix, _ = normal_equations(fit, edges, knobs, knobs.prior)
-    gradients = gradients_left_out(fit, edges, matrix)
+    matrix, _ = normal_equations(fit, edges, free, free.prior)
+    gradients = leave_one_out_gradients(fit, edges, matrix)
     count = len(gradients)
-    scatter = (
-        gradients.T @ gradients * (count - 1) / count + np.diag(knobs.information) * SCALE_PX**2
-    )
-    sizes = np.outer(knobs.scales, knobs.scales)
+    scatter = gradients.T @ gradients * (count - 1) / count + np.diag(free.information) * SCALE_PX**2
+    sizes = np.outer(free.scales, free.scales)
     inverse = np.linalg.pinv(matrix * sizes, hermitian=True)
     scaled = inverse @ (scatter * sizes) @ inverse
     values, vectors = np.linalg.eigh(scaled)
-    loose = []
+    undetermined = []
     for value, vector in zip(values, vectors.T, strict=True):
         if np.sqrt(max(value, 0.0)) > FREE_PX:
             order = np.argsort(-np.abs(vector))
-            named = [knobs.names[i] for i in order if abs(vector[i]) > 0.25 * np.abs(vector).max()]
-            loose.append(" with ".join("/".join(group) for group in named))
-    whole: Array = knobs.turn @ (scaled * sizes) @ knobs.turn.T
-    return (whole + whole.T) / 2, tuple(loose)
+            group_names = [free.names[i] for i in order if abs(vector[i]) > 0.25 * np.abs(vector).max()]
+            undetermined.append(" with ".join("/".join(group) for group in group_names))
+    covariance: Array = free.turn @ (scaled * sizes) @ free.turn.T
+    return (covariance + covariance.T) / 2, tuple(undetermined)
 
 
-def _finished(
-    model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None
-) -> Sensor | CameraModel:
+def _calibrated_camera(model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None) -> Sensor | CameraModel:
     """Return the levelled camera with its uncertainty and the field in which edges were measured."""
-    moving = np.diag(covariance) > 0
-    names = [p.name for p, free in zip(model.parameters, moving, strict=True) if free]
-    known = Uncertainty(
-        tuple(names), tuple(map(tuple, covariance[np.ix_(moving, moving)])), field_deg
-    )
+    is_free = np.diag(covariance) > 0
+    names = [p.name for p, free in zip(model.parameters, is_free, strict=True) if free]
+    uncertainty = Uncertainty(tuple(names), tuple(map(tuple, covariance[np.ix_(is_free, is_free)])), field_deg)
     camera: Any = model.sensor if isinstance(model, SensorModel) else model
     mount = camera.mount if level is None else level.on(camera.mount)
-    finished: Sensor | CameraModel = replace(camera, uncertainty=known, mount=mount)
-    return finished
+    calibrated: Sensor | CameraModel = replace(camera, uncertainty=uncertainty, mount=mount)
+    return calibrated
 
 
-def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
+def _with_camera_uncertainty(camera: Sensor | CameraModel, level: Level) -> Level:
     """Return the tilt including the camera's own uncertainty in the vertical direction.
 
     The vertical direction may be outside the calibrated field.
@@ -481,25 +378,17 @@ def _as_sure_as(camera: Sensor | CameraModel, level: Level) -> Level:
     image = model.image(np.array([up, -up]), distant=True)
     pixels = image.pixels[image.valid]
     sigma = direction_uncertainty(camera, pixels, field_deg=180.0) if len(pixels) else np.zeros(0)
-    seen = sigma[np.isfinite(sigma)]
-    return (
-        level._replace(sigma_deg=float(np.hypot(level.sigma_deg, seen.min())))
-        if len(seen)
-        else level
-    )
+    finite_sigma = sigma[np.isfinite(sigma)]
+    return level._replace(sigma_deg=float(np.hypot(level.sigma_deg, finite_sigma.min()))) if len(finite_sigma) else level
 
 
-def drawn_edges(
-    picture: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]
-) -> NDArray[np.uint8]:
+def draw_edges(image: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]) -> NDArray[np.uint8]:
     """Draw edges on the darkened image: green if straight for the camera, otherwise red."""
     import cv2
 
-    rgb = np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+    rgb = np.repeat(image[..., None], 3, axis=-1) if image.ndim == 2 else image
     canvas: NDArray[np.uint8] = np.ascontiguousarray(rgb // 2).astype(np.uint8)
     for chain, straight in zip(chains, used, strict=True):
         colour = (80, 230, 120) if straight else (240, 80, 60)
-        cv2.polylines(
-            canvas, [np.round(chain * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4
-        )
+        cv2.polylines(canvas, [np.round(chain * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4)
     return canvas

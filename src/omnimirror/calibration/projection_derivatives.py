@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-# -- Derivatives of a mirror's meridian with respect to its parameters -----------------------------
+# -- Mirror profile --------------------------------------------------------------------------------
 #
 # The formulas of conics and polynomials are analytic: complex-step differentiation is exact
 # (Squire and Trapp, 1998). A spline of slopes is linear in its parameters. Other mirrors, generated
@@ -44,7 +44,7 @@ DIFFERENCE_STEP = 1e-5
 """Step of finite differences, relative to the parameter or to 1 if larger."""
 
 
-def profile_derivatives(mirror: Mirror, x: Array, places: tuple[ParameterLocation, ...]) -> Array:
+def profile_derivatives(mirror: Mirror, x: Array, locations: tuple[ParameterLocation, ...]) -> Array:
     """Return derivatives (3, n, k) of sag, slope and curvature at x (n,) by k mirror parameters.
 
     Beyond the rim, they are those of the parabola that continues it
@@ -55,39 +55,39 @@ def profile_derivatives(mirror: Mirror, x: Array, places: tuple[ParameterLocatio
     >>> profile_rates(Sphere(50.0, 40.0), np.array([30.0]), (radius,))[0].round(9)  # 1 - 50 / 40
     array([[-0.25]])
     """
-    rates = np.empty((3, len(x), len(places)))
+    derivatives = np.empty((3, len(x), len(locations)))
     inside = np.minimum(x, mirror.rim_radius_mm)
     if isinstance(mirror, SlopeSpline):
-        rates[:] = _slope_derivatives(mirror, inside)[:, :, [place.item or 0 for place in places]]
+        derivatives[:] = _slope_derivatives(mirror, inside)[:, :, [location.item or 0 for location in locations]]
     else:
-        for column, place in enumerate(places):
-            rates[:, :, column] = _parameter_derivatives(mirror, inside, place)
-    beyond = (x - inside)[:, None]
-    if beyond.any():
+        for column, location in enumerate(locations):
+            derivatives[:, :, column] = _parameter_derivatives(mirror, inside, location)
+    excess = (x - inside)[:, None]
+    if excess.any():
         curvature = mirror.curvature(inside)[:, None]
-        bend = np.where((beyond > 0) & (curvature < 0), 0.0, rates[2])
-        sag, slope = rates[0], rates[1]
-        rates = np.stack([sag + slope * beyond + bend * beyond**2 / 2, slope + bend * beyond, bend])
-    return rates
+        curvature_rate = np.where((excess > 0) & (curvature < 0), 0.0, derivatives[2])
+        sag, slope = derivatives[0], derivatives[1]
+        derivatives = np.stack([sag + slope * excess + curvature_rate * excess**2 / 2, slope + curvature_rate * excess, curvature_rate])
+    return derivatives
 
 
-def _parameter_derivatives(mirror: Mirror, x: Array, place: ParameterLocation) -> Array:
+def _parameter_derivatives(mirror: Mirror, x: Array, location: ParameterLocation) -> Array:
     """Return derivatives (3, n) with respect to one parameter."""
     if isinstance(mirror, ANALYTIC):
-        moved = _unchecked(mirror, place, place.of(mirror) + 1j * COMPLEX_STEP)
-        return np.imag(np.stack([np.asarray(a) for a in moved.profile(x)])) / COMPLEX_STEP
-    value = place.of(mirror)
+        perturbed = _with_complex_parameter(mirror, location, location.of(mirror) + 1j * COMPLEX_STEP)
+        return np.imag(np.stack([np.asarray(a) for a in perturbed.profile(x)])) / COMPLEX_STEP
+    value = location.of(mirror)
     step = DIFFERENCE_STEP * max(abs(value), 1.0)
-    ends = []
+    samples = []
     for sign in (1.0, -1.0):
         try:
-            other: Mirror = replace(mirror, **place.change(mirror, value + sign * step))  # type: ignore[type-var]
-            ends.append((sign, np.stack(other.profile(x))))
+            perturbed_mirror: Mirror = replace(mirror, **location.change(mirror, value + sign * step))  # type: ignore[type-var]
+            samples.append((sign, np.stack(perturbed_mirror.profile(x))))
         except OmnimirrorError:  # at the limit of its range: one-sided difference
-            ends.append((0.0, np.stack(mirror.profile(x))))
-    (after, high), (before, low) = ends
-    rates: Array = (high - low) / ((after - before) * step)
-    return rates
+            samples.append((0.0, np.stack(mirror.profile(x))))
+    (after, high), (before, low) = samples
+    derivatives: Array = (high - low) / ((after - before) * step)
+    return derivatives
 
 
 def _slope_derivatives(mirror: SlopeSpline, x: Array) -> Array:
@@ -95,8 +95,8 @@ def _slope_derivatives(mirror: SlopeSpline, x: Array) -> Array:
     splines = _unit_splines(len(mirror.slopes), mirror.is_pointed)
     u, rim = x / mirror.rim_radius_mm, mirror.rim_radius_mm
     sag, slope, bend = (np.asarray(spline(u)) for spline in splines)
-    rates: Array = np.stack([(sag - splines[0](0.0)) * rim, slope, bend / rim])
-    return rates
+    derivatives: Array = np.stack([(sag - splines[0](0.0)) * rim, slope, bend / rim])
+    return derivatives
 
 
 @lru_cache(maxsize=8)
@@ -109,17 +109,17 @@ def _unit_splines(count: int, pointed: bool) -> tuple[BSpline, BSpline, BSpline]
     return slope.antiderivative(), slope, slope.derivative()
 
 
-def _unchecked(mirror: Mirror, place: ParameterLocation, value: complex) -> Mirror:
+def _with_complex_parameter(mirror: Mirror, location: ParameterLocation, value: complex) -> Mirror:
     """Return the mirror with a complex parameter, bypassing the checks of its constructor."""
-    moved: Mirror = object.__new__(type(mirror))
-    moved.__dict__.update(mirror.__getstate__() | place.change(mirror, value))
-    return moved
+    perturbed: Mirror = object.__new__(type(mirror))
+    perturbed.__dict__.update(mirror.__getstate__() | location.change(mirror, value))
+    return perturbed
 
 
-# -- Projection from mirror points to pixels, with derivatives by points, lens and imager ----------
+# -- Lens and imager -------------------------------------------------------------------------------
 
 
-def lens_image(sensor: Sensor, seen_at: Array, places: tuple[ParameterLocation, ...]) -> tuple[Array, Mask, Array, Array]:
+def lens_image(sensor: Sensor, points: Array, locations: tuple[ParameterLocation, ...]) -> tuple[Array, Mask, Array, Array]:
     """Return pixels (n, 2) of points (n, 3) mm in the camera frame, validity and derivatives.
 
     Returns
@@ -130,54 +130,54 @@ def lens_image(sensor: Sensor, seen_at: Array, places: tuple[ParameterLocation, 
     """
     by_key: dict[str, Array]
     if isinstance(sensor.lens, Perspective):
-        image, valid, by_seen, by_key = _perspective(sensor, sensor.lens, seen_at)
+        image, valid, by_point, by_key = _perspective(sensor, sensor.lens, points)
     else:
-        image, valid, by_seen, by_key = _parallel(sensor, seen_at)
+        image, valid, by_point, by_key = _telecentric(sensor, points)
     pitch, flip = (sensor.imager.pitch_mm, np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0]))
     offsets = image / pitch
     by_key["pixel_pitch_um"] = -image / sensor.imager.pixel_pitch_um
     by_key["centre_px"] = np.full_like(image, pitch)
-    by_place = np.zeros((*image.shape, len(places)))
-    for k, place in enumerate(places):
-        if place.section in ("lens", "imager") or place.name == DISTANCE:
-            rows = slice(None) if place.item is None else place.item
-            by_place[:, rows, k] = by_key[place.key][:, rows] / pitch
+    by_location = np.zeros((*image.shape, len(locations)))
+    for k, location in enumerate(locations):
+        if location.section in ("lens", "imager") or location.name == DISTANCE:
+            rows = slice(None) if location.item is None else location.item
+            by_location[:, rows, k] = by_key[location.key][:, rows] / pitch
     u, v = sensor.imager.centre
     start = np.array([sensor.imager.width_px - 1 - u if flip[0] < 0 else u, v])
-    return start + flip * offsets, valid, by_seen / pitch * flip[:, None], by_place * flip[:, None]
+    return (start + flip * offsets, valid, by_point / pitch * flip[:, None], by_location * flip[:, None])
 
 
-def _perspective(sensor: Sensor, lens: Perspective, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
+def _perspective(sensor: Sensor, lens: Perspective, points: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Return image points (n, 2) mm, and their derivatives by points and parameters.
 
     Shapes of the derivatives are (n, 2, 3) and (n, 2).
     """
     c, brown = lens.principal_distance, lens.brown
-    depth = seen_at[:, 2] - sensor.optical_train.pupil_offset[2]
-    tangent = seen_at[:, :2] / depth[:, None]
-    moved, by_tangent, by_term = distorted_rates(tangent, brown)
+    depth = points[:, 2] - sensor.optical_train.pupil_offset[2]
+    tangent = points[:, :2] / depth[:, None]
+    distorted, by_tangent, by_term = distorted_rates(tangent, brown)
     lateral = np.zeros((len(tangent), 2, 3))
     lateral[:, 0, 0] = lateral[:, 1, 1] = 1 / depth
     lateral[:, :, 2] = -tangent / depth[:, None]
-    by_seen = c * by_tangent @ lateral
+    by_point = c * by_tangent @ lateral
     L0, f = lens.focus_distance_mm, lens.focal_length_mm
-    by_focal = moved * (lens.from_pupil * L0 / (L0 - f) ** 2)
-    by_key = {"focal_length_mm": by_focal, "mirror_distance_mm": by_seen[:, :, 2]}
+    by_focal = distorted * (lens.from_pupil * L0 / (L0 - f) ** 2)
+    by_key = {"focal_length_mm": by_focal, "mirror_distance_mm": by_point[:, :, 2]}
     by_key |= {name: c * by_term[:, :, i] for i, name in enumerate(TERMS)}
-    valid = np.asarray(np.isfinite(moved).all(axis=1) & (depth > 0))
-    return c * moved, valid, by_seen, by_key
+    valid = np.asarray(np.isfinite(distorted).all(axis=1) & (depth > 0))
+    return c * distorted, valid, by_point, by_key
 
 
-def _parallel(sensor: Sensor, seen_at: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
+def _telecentric(sensor: Sensor, points: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Return the same for a telecentric lens."""
     mu = float(sensor.lens.ideal_height(np.ones(1), np.full(1, np.inf))[0])
-    by_seen = np.zeros((len(seen_at), 2, 3))
-    by_seen[:, 0, 0] = by_seen[:, 1, 1] = mu
-    image = mu * seen_at[:, :2]
-    return (image, np.asarray(np.isfinite(image).all(axis=1)), by_seen, {"magnification": seen_at[:, :2].copy()})
+    by_point = np.zeros((len(points), 2, 3))
+    by_point[:, 0, 0] = by_point[:, 1, 1] = mu
+    image = mu * points[:, :2]
+    return (image, np.asarray(np.isfinite(image).all(axis=1)), by_point, {"magnification": points[:, :2].copy()})
 
 
-# -- Projection of points by a mirror sensor, with derivatives by points and all its parameters ----
+# -- Reflection ------------------------------------------------------------------------------------
 #
 # Light follows a path of stationary length from a point via the mirror to the lens (Fermat). The
 # mirror point satisfies two equations ``g(x, y) = 0``, where g is the gradient of the path length.
@@ -217,11 +217,11 @@ class OpticalPath(NamedTuple):
         second = self.by_point @ self.tangents.transpose(0, 2, 1) + self.pull[:, 2, None, None] * self.surface.bend
         a, b, c = second[:, 0, 0], second[:, 0, 1], second[:, 1, 1]
         inverse = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=1)
-        moved: Array = -inverse / (a * c - b * b)[:, None, None]
-        return moved
+        derivatives: Array = -inverse / (a * c - b * b)[:, None, None]
+        return derivatives
 
 
-def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]) -> PointImages:
+def image_of_points(sensor: Sensor, points: Array, distant: bool, locations: tuple[ParameterLocation, ...]) -> PointImages:
     """Compute the image of points (n, 3) mm, or directions, with derivatives by k parameters.
 
     Parameters
@@ -232,30 +232,30 @@ def image_of_points(sensor: Sensor, points: Array, distant: bool, places: tuple[
         Points in the camera frame, whose origin is the nominal vertex.
     distant
         Whether the points are directions.
-    places
+    locations
         Parameters of the derivatives.
     """
     pose = sensor.mirror_pose
     rotation = pose.rotation()
     with np.errstate(all="ignore"):  # non-finite results are marked invalid
         pupils, targets = _path_endpoints(sensor, pose, points, distant)
-        found = specular_points(sensor.mirror, pupils, targets)
-        way = _optical_path(sensor, pupils, targets, found, points if distant else None)
-        pixels, valid, by_seen, by_place = lens_image(sensor, pose.to_camera(found.points), places)
-        by_point = by_seen @ rotation
-        by_gradient = by_point @ way.tangents.transpose(0, 2, 1) @ way.response()
-        for k, place in enumerate(places):
-            if place.section in ("mirror_pose", "mount"):
-                disturbance, frame = _displaced(sensor, way, found, points, distant, place)
-                by_place[:, :, k] += np.einsum("nij,nj->ni", by_gradient, disturbance)
-                by_place[:, :, k] += np.einsum("nij,nj->ni", by_seen, frame)
-        _add_shape(sensor, way, by_gradient, by_point, places, by_place)
-        by_target = by_gradient @ (way.by_target @ rotation.T)
-        r = np.hypot(found.points[:, 0], found.points[:, 1])
-        valid = valid & found.reflects & (r <= RIM_EXTENSION * sensor.mirror.rim_radius_mm)
-    for array in (pixels, by_target, by_place):
+        reflection = specular_points(sensor.mirror, pupils, targets)
+        path = _optical_path(sensor, pupils, targets, reflection, points if distant else None)
+        pixels, valid, by_camera_point, by_location = lens_image(sensor, pose.to_camera(reflection.points), locations)
+        by_point = by_camera_point @ rotation
+        by_gradient = by_point @ path.tangents.transpose(0, 2, 1) @ path.response()
+        for k, location in enumerate(locations):
+            if location.section in ("mirror_pose", "mount"):
+                disturbance, frame = _pose_effect(sensor, path, reflection, points, distant, location)
+                by_location[:, :, k] += np.einsum("nij,nj->ni", by_gradient, disturbance)
+                by_location[:, :, k] += np.einsum("nij,nj->ni", by_camera_point, frame)
+        _add_shape(sensor, path, by_gradient, by_point, locations, by_location)
+        by_target = by_gradient @ (path.by_target @ rotation.T)
+        r = np.hypot(reflection.points[:, 0], reflection.points[:, 1])
+        valid = valid & reflection.reflects & (r <= RIM_EXTENSION * sensor.mirror.rim_radius_mm)
+    for array in (pixels, by_target, by_location):
         array[~valid] = np.nan
-    return PointImages(pixels, valid, by_target, by_place)
+    return PointImages(pixels, valid, by_target, by_location)
 
 
 def _path_endpoints(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tuple[RayEndpoints, RayEndpoints]:
@@ -267,16 +267,16 @@ def _path_endpoints(sensor: Sensor, pose: MirrorPose, points: Array, distant: bo
     return pupils, RayEndpoints.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
 
 
-def _optical_path(sensor: Sensor, pupils: RayEndpoints, targets: RayEndpoints, found: ReflectionPoints, directions: Array | None) -> OpticalPath:
+def _optical_path(sensor: Sensor, pupils: RayEndpoints, targets: RayEndpoints, reflection: ReflectionPoints, directions: Array | None) -> OpticalPath:
     """Return the optical paths with the derivatives of their gradients."""
-    surface = MirrorSurface(sensor.mirror, found.points[:, :2])
+    surface = MirrorSurface(sensor.mirror, reflection.points[:, :2])
     from_pupil, by_pupil, pupil_on_point = _unit_vectors(pupils, surface.points)
     from_target, by_target, target_on_point = _unit_vectors(targets, surface.points)
     if directions is not None:  # of any length, inversely proportional to the rotation
         by_target = by_target / np.linalg.norm(directions, axis=1)[:, None, None]
-    along = surface.tangents
+    tangents = surface.tangents
     pull = from_pupil + from_target
-    return OpticalPath(surface, along, pull, along @ by_pupil, along @ by_target, along @ (pupil_on_point + target_on_point))
+    return OpticalPath(surface, tangents, pull, tangents @ by_pupil, tangents @ by_target, tangents @ (pupil_on_point + target_on_point))
 
 
 def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Array]:
@@ -292,7 +292,7 @@ def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Arra
     return unit, -across, across
 
 
-def _displaced(sensor: Sensor, way: OpticalPath, found: ReflectionPoints, points: Array, distant: bool, place: ParameterLocation) -> tuple[Array, Array]:
+def _pose_effect(sensor: Sensor, path: OpticalPath, reflection: ReflectionPoints, points: Array, distant: bool, location: ParameterLocation) -> tuple[Array, Array]:
     """Return the effect of a pose or distance parameter on the optical path.
 
     The results are changes of the gradient and of a fixed mirror point.
@@ -300,48 +300,48 @@ def _displaced(sensor: Sensor, way: OpticalPath, found: ReflectionPoints, points
     Shapes are (n, 2) and (n, 3).
     """
     rotation, shift = sensor.mirror_pose.rotation(), sensor.mirror_pose.shift
-    nothing = np.zeros((len(points), 3))
-    if place.name == DISTANCE:
-        return way.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), nothing
-    turn, moved = _pose_derivatives(sensor.mirror_pose, place.key)
+    zeros = np.zeros((len(points), 3))
+    if location.name == DISTANCE:
+        return path.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), zeros
+    d_rotation, d_shift = _pose_derivatives(sensor.mirror_pose, location.key)
     pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.optical_train.pupil_offset - shift
-    d_pupil = turn.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ moved)
-    d_target = rotate_vectors(points if distant else points - shift, turn) - (0.0 if distant else rotation.T @ moved)
-    disturbance = way.by_pupil @ d_pupil + np.einsum("nij,nj->ni", way.by_target, d_target)
-    return disturbance, rotate_vectors(found.points, turn.T) + moved
+    d_pupil = d_rotation.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ d_shift)
+    d_target = rotate_vectors(points if distant else points - shift, d_rotation) - (0.0 if distant else rotation.T @ d_shift)
+    disturbance = path.by_pupil @ d_pupil + np.einsum("nij,nj->ni", path.by_target, d_target)
+    return disturbance, rotate_vectors(reflection.points, d_rotation.T) + d_shift
 
 
-def _add_shape(sensor: Sensor, way: OpticalPath, by_gradient: Array, by_point: Array, places: tuple[ParameterLocation, ...], by_place: Array) -> None:
+def _add_shape(sensor: Sensor, path: OpticalPath, by_gradient: Array, by_point: Array, locations: tuple[ParameterLocation, ...], by_location: Array) -> None:
     """Add the effect of surface height and slope to the derivatives (n, 2, k)."""
-    wanted = [k for k, place in enumerate(places) if place.section == "mirror"]
-    if not wanted:
+    columns = [k for k, location in enumerate(locations) if location.section == "mirror"]
+    if not columns:
         return
-    xy = way.surface.points[:, :2]
+    xy = path.surface.points[:, :2]
     r = np.hypot(xy[:, 0], xy[:, 1])
-    sag, slope, _ = profile_derivatives(sensor.mirror, r, tuple(places[k] for k in wanted))
+    sag, slope, _ = profile_derivatives(sensor.mirror, r, tuple(locations[k] for k in columns))
     radial = xy / np.where(r > 0, r, 1.0)[:, None]
-    by_sag = np.einsum("nij,nj->ni", by_gradient, way.by_point[:, :, 2]) + by_point[:, :, 2]
-    by_slope = way.pull[:, 2, None] * np.einsum("nij,nj->ni", by_gradient, radial)
-    by_place[:, :, wanted] += by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
+    by_sag = np.einsum("nij,nj->ni", by_gradient, path.by_point[:, :, 2]) + by_point[:, :, 2]
+    by_slope = path.pull[:, 2, None] * np.einsum("nij,nj->ni", by_gradient, radial)
+    by_location[:, :, columns] += by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
 
 
 def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
     """Return derivatives of a pose's rotation (3, 3) per deg and translation (3,) per mm."""
     (cx, cy), (sx, sy) = (f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin))
     degree = np.pi / 180
-    turn, shift = np.zeros((3, 3)), np.zeros(3)
+    d_rotation, d_shift = np.zeros((3, 3)), np.zeros(3)
     if key == "tilt_x_deg":
         about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
-        turn = about_y @ np.array([[0.0, 0.0, 0.0], [0.0, -sx, -cx], [0.0, cx, -sx]]) * degree
+        d_rotation = about_y @ np.array([[0.0, 0.0, 0.0], [0.0, -sx, -cx], [0.0, cx, -sx]]) * degree
     elif key == "tilt_y_deg":
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
-        turn = np.array([[-sy, 0.0, cy], [0.0, 0.0, 0.0], [-cy, 0.0, -sy]]) @ about_x * degree
+        d_rotation = np.array([[-sy, 0.0, cy], [0.0, 0.0, 0.0], [-cy, 0.0, -sy]]) @ about_x * degree
     else:
-        shift[("decentre_x_mm", "decentre_y_mm", "displacement_mm").index(key)] = 1.0
-    return turn, shift
+        d_shift[("decentre_x_mm", "decentre_y_mm", "displacement_mm").index(key)] = 1.0
+    return d_rotation, d_shift
 
 
-# -- Projection of points through a tube or dome, with derivatives by points and parameters --------
+# -- Tube or dome ----------------------------------------------------------------------------------
 #
 # The pixel of a point outside the cover is that of any two points on the inner ray, which the
 # mirror without a cover projects with known derivatives. These give the motion of the inner ray at
@@ -352,61 +352,61 @@ NEAR_POINT, FAR_POINT = (1.0, 3.0)  # rim radii from the mirror point: points th
 COVER_STEP = 1e-5  # rim radii; central differences with an error quadratic in the step
 
 
-def image_through_cover(sensor: Sensor, points: Array, distant: bool, places: tuple[ParameterLocation, ...]) -> PointImages:
-    """Compute the image of points through a tube or dome, as :func:`.imaging.image_of_points`."""
+def image_through_cover(sensor: Sensor, points: Array, distant: bool, locations: tuple[ParameterLocation, ...]) -> PointImages:
+    """Compute the image of points through a tube or dome, as :func:`image_of_points`."""
     covered, rim = sensor.optical_train.effective_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
     bare = replace(sensor, housing=Housing())
     with np.errstate(all="ignore"):  # non-finite results are marked invalid
         pupil = sensor.optical_train.entrance_pupil_points(np.zeros((1, 2)))
-        found = covered.specular(pupil, RayEndpoints.of(points, distant))
-        held = [found.points + share * rim * found.to_targets for share in (NEAR_POINT, FAR_POINT)]
-        images = [image_of_points(bare, place, False, places) for place in held]
-        wanted = points / np.linalg.norm(points, axis=1, keepdims=True) if distant else points
-        across, by_held = _misses(covered, held, wanted, distant, COVER_STEP * rim)
-        turning = np.zeros((len(points), 2, 2))
-        moving = np.zeros((len(points), 2, len(places)))
-        for image, by_place in zip(images, by_held, strict=True):
+        reflection = covered.specular(pupil, RayEndpoints.of(points, distant))
+        inner_points = [reflection.points + multiple * rim * reflection.to_targets for multiple in (NEAR_POINT, FAR_POINT)]
+        images = [image_of_points(bare, inner_point, False, locations) for inner_point in inner_points]
+        targets = points / np.linalg.norm(points, axis=1, keepdims=True) if distant else points
+        normals, by_inner_point = _deviation_derivatives(covered, inner_points, targets, distant, COVER_STEP * rim)
+        by_pixel = np.zeros((len(points), 2, 2))
+        by_parameter = np.zeros((len(points), 2, len(locations)))
+        for image, derivative in zip(images, by_inner_point, strict=True):
             d = image.d_points
             inverse = d.transpose(0, 2, 1) @ np.linalg.inv(d @ d.transpose(0, 2, 1))  # across the ray
-            turning += by_place @ inverse
-            moving += by_place @ inverse @ image.d_parameters
-        by_target = -across / np.linalg.norm(points, axis=1)[:, None, None] if distant else -across
-        valid = found.reflects & images[0].valid & images[1].valid
-        valid &= np.isfinite(turning).all(axis=(1, 2))
-        back = np.linalg.inv(np.where(valid[:, None, None], turning, np.eye(2)))
-        d_points, d_parameters = -back @ by_target, back @ moving
+            by_pixel += derivative @ inverse
+            by_parameter += derivative @ inverse @ image.d_parameters
+        by_target = -normals / np.linalg.norm(points, axis=1)[:, None, None] if distant else -normals
+        valid = reflection.reflects & images[0].valid & images[1].valid
+        valid &= np.isfinite(by_pixel).all(axis=(1, 2))
+        pixel_by_deviation = np.linalg.inv(np.where(valid[:, None, None], by_pixel, np.eye(2)))
+        d_points, d_parameters = -pixel_by_deviation @ by_target, pixel_by_deviation @ by_parameter
     pixels = images[0].pixels
     for array in (pixels, d_points, d_parameters):
         array[~valid] = np.nan
     return PointImages(pixels, valid, d_points, d_parameters)
 
 
-def _misses(covered: CoveredMirror, held: list[Array], targets: Array, distant: bool, step: float) -> tuple[Array, list[Array]]:
+def _deviation_derivatives(covered: CoveredMirror, inner_points: list[Array], targets: Array, distant: bool, step: float) -> tuple[Array, list[Array]]:
     """Return directions (n, 2, 3) perpendicular to the outer rays, and derivatives of their misses.
 
     The miss is the offset of the ray from its target along these directions. Its derivatives
     (n, 2, 3) are with respect to the two points that define the inner ray.
     """
 
-    def miss(places: list[Array]) -> tuple[Array, Array]:
-        points, ways = covered.outside_of(places[0] - (places[1] - places[0]) * NEAR_POINT / (FAR_POINT - NEAR_POINT), places[0])
+    def deviation(positions: list[Array]) -> tuple[Array, Array]:
+        points, outer_directions = covered.outside_of(positions[0] - (positions[1] - positions[0]) * NEAR_POINT / (FAR_POINT - NEAR_POINT), positions[0])
         if distant:
-            return ways - targets, ways
-        way = targets - points
-        return np.einsum("ni,ni->n", way, ways)[:, None] * ways - way, ways
+            return outer_directions - targets, outer_directions
+        towards = targets - points
+        return np.einsum("ni,ni->n", towards, outer_directions)[:, None] * outer_directions - towards, outer_directions
 
-    _, ways = miss(held)
-    helper = np.eye(3)[np.abs(ways).argmin(axis=1)]
-    e1 = np.cross(ways, helper)
+    _, outer_directions = deviation(inner_points)
+    reference = np.eye(3)[np.abs(outer_directions).argmin(axis=1)]
+    e1 = np.cross(outer_directions, reference)
     e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
-    across = np.stack([e1, np.cross(ways, e1)], axis=1)
+    normals = np.stack([e1, np.cross(outer_directions, e1)], axis=1)
     changes = []
     for k in (0, 1):
         columns = []
         for axis in np.eye(3):
-            ends = [[p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(held)] for sign in (1, -1)]
-            (up, _), (down, _) = map(miss, ends)
-            columns.append(np.einsum("nai,ni->na", across, up - down) / (2 * step))
+            perturbed = [[p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(inner_points)] for sign in (1, -1)]
+            (up, _), (down, _) = map(deviation, perturbed)
+            columns.append(np.einsum("nai,ni->na", normals, up - down) / (2 * step))
         changes.append(np.stack(columns, axis=-1))
-    return across, changes
+    return normals, changes

@@ -24,12 +24,12 @@ from ..optics.mirrors.as_built import MirrorPose
 from ..optics.sensor import Sensor, check_sensor
 from ._initial_sensor import RIM_TO_DISTANCE, fit_to_central_model, radial_projection, unknown_sensor, with_prescribed_projection
 from .projection_derivatives import image_of_points, image_through_cover
-from .sensor_parameters import DEFAULT_GROUPS, ParameterLocation, ParameterPrior, checked_priors, free_names, group_names, guessed_priors, parameter_location, usual_priors, value_of, with_values
+from .sensor_parameters import DEFAULT_GROUPS, ParameterLocation, ParameterPrior, checked_priors, default_priors, free_names, group_names, parameter_location, unknown_mirror_priors, value_of, with_values
 
 __all__ = ["ParameterPrior", "SensorModel", "mirror_ball_model"]
 
 
-# -- Camera model of a mirror sensor with free parameters of mirror, lens and mounting -------------
+# -- Sensor model ----------------------------------------------------------------------------------
 
 N_PROBES = 96
 """Number of points for the estimate of a parameter's effect."""
@@ -86,11 +86,11 @@ class SensorModel(CameraModel):
         self.sensor.check("a model with free parameters", "single mirror", "thin lens", "ideal except poses")
         if self.sensor.housing.shell is not None:  # constant during an estimation
             object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
-        known, asked = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
-        free = asked if asked is not None else DEFAULT_GROUPS if known is None else known.names
+        uncertainty, requested = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
+        free = requested if requested is not None else DEFAULT_GROUPS if uncertainty is None else uncertainty.names
         object.__setattr__(self, "free", free_names(self.sensor, free))
-        given: tuple[ParameterPrior, ...] | None = self.priors
-        priors = usual_priors(self.sensor, self.free) if given is None else checked_priors(self.free, given)
+        specified: tuple[ParameterPrior, ...] | None = self.priors
+        priors = default_priors(self.sensor, self.free) if specified is None else checked_priors(self.free, specified)
         object.__setattr__(self, "priors", priors)
 
     # -- camera model interface ------------------------------------------------------------------
@@ -103,7 +103,7 @@ class SensorModel(CameraModel):
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
         """Free parameters: name, value, unit, and the change that moves the image by 1 px."""
-        return tuple(ModelParameter(place.name, value_of(self.sensor, place), unit, scale) for place, unit, scale in zip(self._places, self._units, self._scales, strict=True))
+        return tuple(ModelParameter(location.name, value_of(self.sensor, location), unit, scale) for location, unit, scale in zip(self._places, self._units, self._scales, strict=True))
 
     def with_parameters(self, values: ArrayLike) -> Self:
         """Return the model with other values of its free parameters.
@@ -123,13 +123,13 @@ class SensorModel(CameraModel):
         InvalidParameter
             If the number of values is wrong, or a value is out of range.
         """
-        wanted = np.asarray(values, dtype=float)
-        if wanted.shape != (len(self.free),) or not np.isfinite(wanted).all():
-            raise InvalidParameter(f"values has shape {wanted.shape}; it is valid as ({len(self.free)},), all finite")
+        numbers = np.asarray(values, dtype=float)
+        if numbers.shape != (len(self.free),) or not np.isfinite(numbers).all():
+            raise InvalidParameter(f"values must be {len(self.free)} finite numbers; got shape {numbers.shape}")
         other = object.__new__(type(self))  # free parameters and priors are already checked
-        other.__dict__["sensor"] = with_values(self.sensor, self._places, wanted)
-        for kept in ("free", "priors", "_places", "_scales"):  # constant during an estimation
-            other.__dict__[kept] = getattr(self, kept)
+        other.__dict__["sensor"] = with_values(self.sensor, self._places, numbers)
+        for name in ("free", "priors", "_places", "_scales"):  # constant during an estimation
+            other.__dict__[name] = getattr(self, name)
         return other
 
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
@@ -160,7 +160,7 @@ class SensorModel(CameraModel):
         return image_of(self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places)
 
     @classmethod
-    def start_from(cls, central: CameraModel, sensor: Sensor | None = None, *, free: Iterable[str] | None = None, priors: Iterable[ParameterPrior] | None = None, omega_max_deg: float = 170.0, rim_radius_mm: float = 40.0, distance_mm: float | None = None) -> Self:
+    def from_central_model(cls, central: CameraModel, sensor: Sensor | None = None, *, free: Iterable[str] | None = None, priors: Iterable[ParameterPrior] | None = None, omega_max_deg: float = 170.0, rim_radius_mm: float = 40.0, distance_mm: float | None = None) -> Self:
         """Create an initial sensor model that reproduces a central model for distant points.
 
         Known parameters are fixed. A free shape is the one that deflects the rays of the lens as
@@ -192,21 +192,21 @@ class SensorModel(CameraModel):
         --------
         >>> import omnimirror as om
         >>> ball = om.MirrorBall((319.5, 239.5), 230.0, 250.0, (640, 480))
-        >>> model = om.SensorModel.start_from(ball)
+        >>> model = om.SensorModel.from_central_model(ball)
         >>> both = [m.image([[3.0, 2.0, 0.5]], distant=True).pixels for m in (model, ball)]
         >>> bool(abs(both[1] - both[0]).max() < 0.1)
         True
         """
-        law = radial_projection(central, omega_max_deg)
+        projection = radial_projection(central, omega_max_deg)
         distance = RIM_TO_DISTANCE * rim_radius_mm if distance_mm is None else distance_mm
-        known = unknown_sensor(central, law, rim_radius_mm, distance) if sensor is None else sensor
-        words = tuple(free) if free is not None else DEFAULT_GROUPS if sensor is not None else ("shape", *DEFAULT_GROUPS, "centre")
-        names = free_names(known, words)
-        typical = guessed_priors if sensor is None else usual_priors
-        tolerances = typical(known, names) if priors is None else tuple(priors)
-        if set(group_names(known, "shape")) <= set(names):
-            known = with_prescribed_projection(law, known, rim_is_known=sensor is not None)
-        model = cls(known, names, tolerances)
+        nominal = unknown_sensor(central, projection, rim_radius_mm, distance) if sensor is None else sensor
+        selection = tuple(free) if free is not None else DEFAULT_GROUPS if sensor is not None else ("shape", *DEFAULT_GROUPS, "centre")
+        names = free_names(nominal, selection)
+        prior_function = unknown_mirror_priors if sensor is None else default_priors
+        tolerances = prior_function(nominal, names) if priors is None else tuple(priors)
+        if set(group_names(nominal, "shape")) <= set(names):
+            nominal = with_prescribed_projection(projection, nominal, rim_is_known=sensor is not None)
+        model = cls(nominal, names, tolerances)
         return fit_to_central_model(model, central, model.priors, omega_max_deg)
 
     @property
@@ -239,15 +239,15 @@ class SensorModel(CameraModel):
 
     @cached_property
     def _scales(self) -> tuple[float, ...]:
-        turn = np.pi * (1 + np.sqrt(5)) * np.arange(N_PROBES)
+        azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(N_PROBES)
         height = 2 * (np.arange(N_PROBES) + 0.5) / N_PROBES - 1
         across = np.sqrt(1 - height**2)
-        sphere = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=-1)
+        sphere = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=-1)
         image = self.image(PROBE_DISTANCE * self.sensor.mirror.rim_radius_mm * sphere)
-        moved = image.d_parameters[image.valid]
-        if not len(moved):
+        derivatives = image.d_parameters[image.valid]
+        if not len(derivatives):
             return (1.0,) * len(self.free)
-        size = np.median(np.linalg.norm(moved, axis=1), axis=0)  # unbounded near the tip of a cone
+        size = np.median(np.linalg.norm(derivatives, axis=1), axis=0)  # unbounded near the tip of a cone
         return tuple(float(s) for s in 1 / np.where(size > 0, size, 1.0))
 
     # -- camera interface ------------------------------------------------------------------------
@@ -318,7 +318,7 @@ class SensorModel(CameraModel):
         return self.sensor.project_directions(directions)
 
 
-# -- Mirror ball at a finite distance and off the image centre -------------------------------------
+# -- Mirror ball at a finite distance --------------------------------------------------------------
 
 GRAZING = 1 - 1e-6  # fraction of the outline's distance from the axis: grazing incidence
 MAX_PX = 1e9
@@ -371,19 +371,19 @@ def mirror_ball_model(image_size: tuple[int, int], centre_px: tuple[float, float
     number("rim_radius_px", rim_radius_px, low=1.0, high=MAX_PX)
     number("focal_px", focal_px, low=1.0, high=MAX_PX)
     number("ball_radius_mm", ball_radius_mm, low=1e-3, high=1e6)
-    stand = Mount("forward") if mount is None else mount
+    orientation = Mount("forward") if mount is None else mount
     (width, height), (u, v) = finite("image_size", image_size, 1.0), finite("centre_px", centre_px)
     across = np.array([u - (width - 1) / 2, v - (height - 1) / 2])
-    if stand.image_flipped:
+    if orientation.image_flipped:
         across[0] = -across[0]
-    off = float(np.hypot(*across))
-    far, near = (np.arctan((off + rim_radius_px) / focal_px), np.arctan((off - rim_radius_px) / focal_px))
+    offset = float(np.hypot(*across))
+    far, near = (np.arctan((offset + rim_radius_px) / focal_px), np.arctan((offset - rim_radius_px) / focal_px))
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > MIN_ANGULAR_RADIUS:
-        raise InvalidParameter(f"rim_radius_px = {rim_radius_px:g} is not valid with focal_px = {focal_px:g}: the ball would be a point")
-    towards = np.append(np.sin(delta) * across / (off or 1.0), np.cos(delta))
+        raise InvalidParameter(f"rim_radius_px must be above {MIN_ANGULAR_RADIUS * focal_px:g} px for focal_px = {focal_px:g}; got {rim_radius_px:g}")
+    towards = np.append(np.sin(delta) * across / (offset or 1.0), np.cos(delta))
     vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards
     distance, b0 = float(vertex[2]), focal_px * PITCH_UM * 1e-3
     pose = MirrorPose(decentre_x_mm=float(vertex[0]), decentre_y_mm=float(vertex[1]), tilt_x_deg=float(-np.degrees(np.arcsin(towards[1]))), tilt_y_deg=float(np.degrees(np.arctan2(towards[0], towards[2]))))
-    sensor = Sensor(Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)), Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance), Imager(int(width), int(height), PITCH_UM), stand, distance, name="mirror ball", mirror_pose=pose)
+    sensor = Sensor(Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)), Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance), Imager(int(width), int(height), PITCH_UM), orientation, distance, name="mirror ball", mirror_pose=pose)
     return SensorModel(sensor, ("distance", "decentre"))

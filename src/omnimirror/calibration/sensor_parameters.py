@@ -15,7 +15,7 @@ from ..base.errors import InvalidParameter
 from ..optics.lenses import Perspective
 from ..optics.sensor import Sensor
 
-# -- Names of sensor parameters as in sensor files: ``mirror.radius_mm``, ``imager.centre_px[0]``
+# -- Parameter names and locations -----------------------------------------------------------------
 
 NAME_PATTERN = re.compile(r"(mirror|lens|imager|mirror_pose|mount)\.(\w+)(?:\[(\d+)\])?")
 DISTANCE = "mount.mirror_distance_mm"
@@ -54,13 +54,11 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     >>> place_of(om.load_sensor("paper-spherical"), "imager.centre_px[1]")
     NamedNumber(section='imager', key='centre_px', item=1)
     """
-    matched = NAME_PATTERN.fullmatch(name)
+    match = NAME_PATTERN.fullmatch(name)
     known = list(parameter_names(sensor))
-    if matched is None or name not in known:
-        raise InvalidParameter(
-            f"{format_value(name)} is no parameter of {sensor.name!r}; valid are {', '.join(known)}"
-        )
-    section, key, index = matched.groups()
+    if match is None or name not in known:
+        raise InvalidParameter(f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {shown(name)}")
+    section, key, index = match.groups()
     return ParameterLocation(section, key, None if index is None else int(index))
 
 
@@ -74,14 +72,7 @@ def parameter_names(sensor: Sensor) -> Iterable[str]:
     yield from (f"mirror_pose.{key}" for key in sensor.mirror_pose.PARAMETERS)
 
 
-NON_SHAPE_PARAMETERS = (
-    "omega_min_deg",
-    "rim_radius_mm",
-    "normalization_radius_mm",
-    "uncertainty_um",
-    "x_mm",
-    "height",
-)
+NON_SHAPE_PARAMETERS = ("omega_min_deg", "rim_radius_mm", "normalization_radius_mm", "uncertainty_um", "x_mm", "height")
 """Parameters of the extent and the normalisation of a mirror, which do not affect its shape."""
 LISTS_FROM_AXIS = ("slopes", "z_mm", "omega_deg")
 """Lists whose first element is on the axis, where it is fixed for a smooth mirror."""
@@ -109,14 +100,12 @@ def lens_names(sensor: Sensor) -> Iterable[str]:
     yield from (f"lens.{key}" for key in ("k1", "k2", "k3", "p1", "p2"))
 
 
-def value_of(sensor: Sensor, place: ParameterLocation) -> float:
+def value_of(sensor: Sensor, location: ParameterLocation) -> float:
     """Return the value of a parameter."""
-    return place.of(sensor if place.section == "mount" else getattr(sensor, place.section))
+    return location.of(sensor if location.section == "mount" else getattr(sensor, location.section))
 
 
-def with_values(
-    sensor: Sensor, places: Iterable[ParameterLocation], values: Iterable[float]
-) -> Sensor:
+def with_values(sensor: Sensor, locations: Iterable[ParameterLocation], values: Iterable[float]) -> Sensor:
     """Return the sensor with other parameter values and without uncertainty.
 
     >>> import omnimirror as om
@@ -125,23 +114,21 @@ def with_values(
     51.0
     """
     parts: dict[str, dict[str, Any]] = {}
-    for place, value in zip(places, values, strict=True):
-        entries = parts.setdefault(place.section, {})
-        if place.item is not None and place.key in entries:
-            values_so_far = list(entries[place.key])
-            values_so_far[place.item] = float(value)
-            entries[place.key] = tuple(values_so_far)
+    for location, value in zip(locations, values, strict=True):
+        entries = parts.setdefault(location.section, {})
+        if location.item is not None and location.key in entries:
+            values_so_far = list(entries[location.key])
+            values_so_far[location.item] = float(value)
+            entries[location.key] = tuple(values_so_far)
             continue
-        part = sensor if place.section == "mount" else getattr(sensor, place.section)
-        entries |= place.change(part, float(value))
-    whole = parts.pop("mount", {})
-    made = {
-        section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()
-    }
-    return replace(sensor, **made, **whole, uncertainty=None)
+        part = sensor if location.section == "mount" else getattr(sensor, location.section)
+        entries |= location.change(part, float(value))
+    sensor_entries = parts.pop("mount", {})
+    replacements = {section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()}
+    return replace(sensor, **replacements, **sensor_entries, uncertainty=None)
 
 
-# -- Free parameters of a sensor for estimation, and tolerances of the as-built sensor -------------
+# -- Parameter groups and priors -------------------------------------------------------------------
 
 GROUPS = ("shape", "focal", "centre", "distortion", "distance", "decentre", "tilt")
 """Names of parameter groups, in the order of the model."""
@@ -197,24 +184,19 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
     if isinstance(free, str):
         free = (free,)
     names: dict[str, None] = {}
-    for word in free:
-        if word in GROUPS:
-            names |= dict.fromkeys(group_names(sensor, word))
-        elif NAME_PATTERN.fullmatch(str(word)):
-            names[parameter_location(sensor, word).name] = None
+    for entry in free:
+        if entry in GROUPS:
+            names |= dict.fromkeys(group_names(sensor, entry))
+        elif NAME_PATTERN.fullmatch(str(entry)):
+            names[parameter_location(sensor, entry).name] = None
         else:
-            raise InvalidParameter(
-                f"{format_value(word)} is no parameter; valid are the groups {', '.join(GROUPS)} and the names "
-                f"{', '.join(parameter_names(sensor))}"
-            )
+            raise InvalidParameter(f"free must contain groups ({', '.join(GROUPS)}) or parameter names ({', '.join(parameter_names(sensor))}); got {shown(entry)}")
     if not names:
-        raise InvalidParameter(
-            f"nothing of {sensor.name!r} is free; give one of {', '.join(GROUPS)} at least"
-        )
+        raise InvalidParameter(f"free must contain at least one parameter of {sensor.name!r}, for example of the groups {', '.join(GROUPS)}; got none")
     return tuple(names)
 
 
-def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
+def default_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
     """Return typical workshop tolerances of parameters that images alone determine poorly.
 
     They are 5 % for focal length and distance, 1 % of the image width for the optical axis, and 3 %
@@ -222,22 +204,15 @@ def usual_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, 
     """
     width, rim = sensor.imager.width_px, sensor.mirror.rim_radius_mm
     sigma = {"imager.centre_px[0]": 0.01 * width, "imager.centre_px[1]": 0.01 * width}
-    sigma |= {
-        f"mirror_pose.{key}": 0.03 * rim
-        for key in ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
-    }
+    sigma |= {f"mirror_pose.{key}": 0.03 * rim for key in ("decentre_x_mm", "decentre_y_mm", "displacement_mm")}
     sigma |= {"mirror_pose.tilt_x_deg": 3.0, "mirror_pose.tilt_y_deg": 3.0}
     for name in (DISTANCE, "lens.focal_length_mm", "lens.magnification", "imager.pixel_pitch_um"):
         if name in names:
             sigma[name] = 0.05 * value_of(sensor, parameter_location(sensor, name))
-    return tuple(
-        ParameterPrior(name, value_of(sensor, parameter_location(sensor, name)), sigma[name])
-        for name in names
-        if name in sigma
-    )
+    return tuple(ParameterPrior(name, value_of(sensor, parameter_location(sensor, name)), sigma[name]) for name in names if name in sigma)
 
 
-def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
+def unknown_mirror_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
     """Return priors of an unknown mirror: usual pose tolerances, unknown distance and lens.
 
     Focal length and distance are arbitrary initial values. Images that do not determine them must
@@ -246,42 +221,25 @@ def guessed_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior
     shape is a conic with terms that are small relative to the mirror.
     """
     names = tuple(names)
-    sigma = {
-        name: ARBITRARY_SIGMA * value_of(sensor, parameter_location(sensor, name))
-        for name in (DISTANCE, "lens.focal_length_mm")
-    }
+    sigma = {name: ARBITRARY_SIGMA * value_of(sensor, parameter_location(sensor, name)) for name in (DISTANCE, "lens.focal_length_mm")}
     sigma |= {"mirror.conic": ANY_CONIC}
     sigma |= {f"imager.centre_px[{i}]": CENTRE_SIGMA * sensor.imager.width_px for i in (0, 1)}
-    sigma |= {
-        name: TERM * sensor.mirror.rim_radius_mm
-        for name in names
-        if name.startswith("mirror.coefficients")
-    }
-    mounted = (prior for prior in usual_priors(sensor, names) if prior.name not in sigma)
-    made_up = (
-        ParameterPrior(n, value_of(sensor, parameter_location(sensor, n)), sigma[n])
-        for n in names
-        if n in sigma
-    )
-    return (*made_up, *mounted)
+    sigma |= {name: TERM * sensor.mirror.rim_radius_mm for name in names if name.startswith("mirror.coefficients")}
+    pose_priors = (prior for prior in default_priors(sensor, names) if prior.name not in sigma)
+    shape_priors = (ParameterPrior(n, value_of(sensor, parameter_location(sensor, n)), sigma[n]) for n in names if n in sigma)
+    return (*shape_priors, *pose_priors)
 
 
 @validate_arguments
-def checked_priors(
-    names: tuple[str, ...], priors: Iterable[ParameterPrior]
-) -> tuple[ParameterPrior, ...]:
+def checked_priors(names: tuple[str, ...], priors: Iterable[ParameterPrior]) -> tuple[ParameterPrior, ...]:
     """Return priors of free parameters after checks, each with a positive tolerance."""
-    given = tuple(priors)
-    for prior in given:
+    entries = tuple(priors)
+    for prior in entries:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
-            raise InvalidType(
-                f"{format_value(prior)} among the priors is not a name, a value and its standard deviation"
-            )
-    parsed = tuple(ParameterPrior(*prior) for prior in given)
-    for prior in parsed:
+            raise InvalidType(f"priors must be tuples (name, value, standard deviation); got {shown(prior)}")
+    result = tuple(ParameterPrior(*prior) for prior in entries)
+    for prior in result:
         if prior.name not in names:
-            raise InvalidParameter(
-                f"a prior on {format_value(prior.name)} needs it free; free are {', '.join(names)}"
-            )
+            raise InvalidParameter(f"priors must refer to free parameters ({', '.join(names)}); got {shown(prior.name)}")
         number(f"sigma of {prior.name}", prior.sigma, above=0.0)
-    return parsed
+    return result

@@ -18,45 +18,45 @@ from ..base.typing import Array, Mask
 from ..cameras.frames import rotate_vectors
 from ..cameras.models.camera_model import CameraModel
 
-# -- Lines of user-written tables, with errors that name file and line -----------------------------
+# -- CSV cells -------------------------------------------------------------------------------------
 
 
-def csv_cells(line: str, place: str) -> list[str]:
+def csv_cells(line: str, location: str) -> list[str]:
     """Return the cells of a line."""
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as e:
-        raise InvalidParameter(f"{place} is no line of a CSV file: {e}") from None
+        raise InvalidParameter(f"{location} is not valid CSV: {e}") from None
 
 
-def csv_number(entries: dict[str, str], name: str, place: str) -> float:
+def csv_number(entries: dict[str, str], name: str, location: str) -> float:
     """Return the number in a cell."""
     try:
         value = parse_float(entries[name])
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
-        raise InvalidParameter(f"{place}: {name} = {format_value(entries[name])} is no number")
+        raise InvalidParameter(f"{location}: {name} must be a finite number; got {format_value(entries[name])}")
     return value
 
 
-# -- Tables of points on straight edges, marked manually or by another program ---------------------
+# -- Tables of edge points -------------------------------------------------------------------------
 
 COLUMNS = ("line", "u_px", "v_px")
-PICTURE, ONLY = "picture", "picture"  # column, and the default name of a single image
+IMAGE_COLUMN, DEFAULT_IMAGE_NAME = "image", "image"  # name of a single image
 MIN_MARKED_POINTS = 3
 """Minimum number of points on an edge; two always fit the image of a straight line."""
 
 
 @validate_arguments
-def read_lines(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
+def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
     """Read points on straight edges from CSV tables with a header line.
 
     Parameters
     ----------
     paths
         CSV files with the columns ``line`` (name or number of the edge), ``u_px``, ``v_px``, and
-        ``picture`` for several images.
+        ``image`` for several images.
 
     Returns
     -------
@@ -75,61 +75,42 @@ def read_lines(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]]:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with open(f"{folder}/edges.csv", "w") as file:
     ...         _ = file.write("line,u_px,v_px\\ndoor,10,20\\ndoor,11,40.5\\ndoor,13,61\\n")
-    ...     om.read_lines([f"{folder}/edges.csv"])["picture"][0].tolist()
+    ...     om.read_line_points([f"{folder}/edges.csv"])["image"][0].tolist()
     [[10.0, 20.0], [11.0, 40.5], [13.0, 61.0]]
     """
     points: dict[str, dict[str, list[tuple[float, float]]]] = {}
     for path in map(Path, paths):
-        for picture, edge, pixel in _points(path):
-            points.setdefault(picture, {}).setdefault(edge, []).append(pixel)
-        for picture, edges in points.items():
-            for edge, marked in edges.items():
-                if len(marked) < MIN_MARKED_POINTS:
-                    raise InvalidParameter(
-                        f"{path.name}: line {edge} of {picture} has {len(marked)} points, and {MIN_MARKED_POINTS} are "
-                        "the fewest"
-                    )
-    return {
-        picture: tuple(np.array(marked) for marked in edges.values())
-        for picture, edges in points.items()
-    }
+        for image, edge, pixel in _points(path):
+            points.setdefault(image, {}).setdefault(edge, []).append(pixel)
+        for image, edges in points.items():
+            for edge, pixels in edges.items():
+                if len(pixels) < MIN_MARKED_POINTS:
+                    raise InvalidParameter(f"{path.name}: line {edge} of {image} must have at least {MIN_MARKED_POINTS} points; got {len(pixels)}")
+    return {image: tuple(np.array(pixels) for pixels in edges.values()) for image, edges in points.items()}
 
 
 def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     """Return image, edge and pixel of each line of a file."""
     text = read_text(path, "points on lines", InvalidParameter, f"there is no file {path}")
-    lines = [
-        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
-    ]
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:
-        raise InvalidParameter(
-            f"{path} holds no points; its first line should be {','.join(COLUMNS)}"
-        )
+        raise InvalidParameter(f"{path} contains no points; its first line must be {','.join(COLUMNS)}")
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
-    if set(columns) - {PICTURE} != set(COLUMNS) or len(set(columns)) < len(columns):
-        raise InvalidParameter(
-            f"line {number} of {path} names {format_value(head)}; "
-            f"valid is {','.join(COLUMNS)}, and {PICTURE} if several"
-        )
+    if set(columns) - {IMAGE_COLUMN} != set(COLUMNS) or len(set(columns)) < len(columns):
+        raise InvalidParameter(f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and {IMAGE_COLUMN} for several images; got {shown(head)}")
     return [_point(f"{path.name} line {n}", columns, line) for n, line in rest]
 
 
-def _point(place: str, columns: list[str], line: str) -> tuple[str, str, tuple[float, float]]:
-    cells = csv_cells(line, place)
+def _point(location: str, columns: list[str], line: str) -> tuple[str, str, tuple[float, float]]:
+    cells = csv_cells(line, location)
     if len(cells) != len(columns):
-        raise InvalidParameter(
-            f"{place} has {len(cells)} values, and the first line names {len(columns)}"
-        )
+        raise InvalidParameter(f"{location} must have {len(columns)} values, as the first line; got {len(cells)}")
     entries = dict(zip(columns, cells, strict=True))
-    return (
-        entries.get(PICTURE) or ONLY,
-        entries["line"],
-        (csv_number(entries, "u_px", place), csv_number(entries, "v_px", place)),
-    )
+    return (entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME, entries["line"], (csv_number(entries, "u_px", location), csv_number(entries, "v_px", location)))
 
 
-# -- Plumb-line fit: refinement of a camera model for which images of straight edges are straight
+# -- Plumb-line fit --------------------------------------------------------------------------------
 #
 # Each edge is in a plane through the viewpoint with unit normal n; the direction d of each of its
 # pixels satisfies ``n . d = 0``. The residual is the distance of the pixel from the image of that
@@ -196,20 +177,13 @@ def edges_of(chains: Sequence[Array]) -> Edges:
     return Edges(np.concatenate(chains), parts)
 
 
-def fit_lines(
-    model: CameraModel,
-    edges: Edges,
-    knobs: FreeParameters,
-    *,
-    distance_mm: float = np.inf,
-    most_steps: int = MAX_STEPS,
-) -> LinesFit:
+def fit_lines(model: CameraModel, edges: Edges, free: FreeParameters, *, distance_mm: float = np.inf, max_steps: int = MAX_STEPS) -> LinesFit:
     """Return the model with the straightest edges, starting from an initial model."""
     start = np.array([p.value for p in model.parameters])
-    values = np.zeros(len(knobs.names))
-    fit, damping = _compared(model, edges, knobs, values, distance_mm), 1e-3
-    for _ in range(most_steps):
-        matrix, gradient = normal_equations(fit, edges, knobs, values)
+    values = np.zeros(len(free.names))
+    fit, damping = _evaluate(model, edges, free, values, distance_mm), 1e-3
+    for _ in range(max_steps):
+        matrix, gradient = normal_equations(fit, edges, free, values)
         before = fit.cost
         while damping < 1e8:
             size = np.sqrt(np.diag(matrix))
@@ -217,8 +191,8 @@ def fit_lines(
             scaled = matrix / np.outer(size, size) + damping * np.eye(len(size))
             step = -np.linalg.solve(scaled, gradient / size) / size
             try:
-                other = model.with_parameters(start + knobs.turn @ (values + step))
-                trial = _compared(other, edges, knobs, values + step, distance_mm)
+                candidate = model.with_parameters(start + free.turn @ (values + step))
+                trial = _evaluate(candidate, edges, free, values + step, distance_mm)
             except OmnimirrorError:
                 damping *= 10
                 continue
@@ -233,73 +207,55 @@ def fit_lines(
     return fit
 
 
-def normal_equations(
-    fit: LinesFit, edges: Edges, knobs: FreeParameters, values: Array
-) -> tuple[Array, Array]:
+def normal_equations(fit: LinesFit, edges: Edges, free: FreeParameters, values: Array) -> tuple[Array, Array]:
     """Return matrix (q, q) and gradient (q,) of the weighted squares, including priors."""
-    matrix = np.diag(knobs.information).astype(float)
-    gradient = knobs.information * (values - knobs.prior)
+    matrix = np.diag(free.information).astype(float)
+    gradient = free.information * (values - free.prior)
     for part, weight in zip(edges.slices, fit.weights, strict=True):
         r, a = fit.residuals[part], fit.rates[part]
-        seen = np.isfinite(r)
-        matrix += weight * a[seen].T @ a[seen]
-        gradient += weight * a[seen].T @ r[seen]
+        visible = np.isfinite(r)
+        matrix += weight * a[visible].T @ a[visible]
+        gradient += weight * a[visible].T @ r[visible]
     return matrix, gradient
 
 
-def gradients_left_out(fit: LinesFit, edges: Edges, matrix: Array) -> Array:
+def leave_one_out_gradients(fit: LinesFit, edges: Edges, matrix: Array) -> Array:
     """Return the gradients (chains, q) of each chain at the model fitted without it."""
     scale = np.sqrt(np.diag(matrix))
     inverse = np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True)
-    found = []
+    gradients = []
     for part, weight in zip(edges.slices, fit.weights, strict=True):
         rates = np.nan_to_num(fit.rates[part]) / scale
-        own = weight * rates.T @ rates @ inverse
+        leverage = weight * rates.T @ rates @ inverse
         gradient = weight * rates.T @ np.nan_to_num(fit.residuals[part])
-        found.append(np.linalg.lstsq(np.eye(len(own)) - own, gradient, rcond=None)[0] * scale)
-    return np.array(found)
+        gradients.append(np.linalg.lstsq(np.eye(len(leverage)) - leverage, gradient, rcond=None)[0] * scale)
+    return np.array(gradients)
 
 
-def _compared(
-    model: CameraModel, edges: Edges, knobs: FreeParameters, values: Array, distance_mm: float
-) -> LinesFit:
+def _evaluate(model: CameraModel, edges: Edges, free: FreeParameters, values: Array, distance_mm: float) -> LinesFit:
     """Evaluate all chains at once, with sums over each chain by reduction."""
-    at = np.concatenate([np.arange(part.start, part.stop) for part in edges.slices])
+    order = np.concatenate([np.arange(part.start, part.stop) for part in edges.slices])
     sizes = np.array([part.stop - part.start for part in edges.slices])
-    owner, starts = (
-        np.repeat(np.arange(len(sizes)), sizes),
-        np.concatenate([[0], np.cumsum(sizes)[:-1]]),
-    )
-    towards, to_angles, moved, seen = _seen(model, edges.pixels[at], distance_mm)
-    enough = np.add.reduceat(seen.astype(int), starts) >= np.minimum(MIN_VISIBLE_POINTS, sizes)
-    seen &= enough[owner]
-    count = np.maximum(np.add.reduceat(seen.astype(int), starts), 1)
-    e, j, change = (
-        np.where(seen[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (towards, to_angles, moved)
-    )
-    normal, slant = _planes(e, j, seen, owner, starts)
+    owner, starts = (np.repeat(np.arange(len(sizes)), sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]]))
+    directions, by_pixel, by_parameter, visible = _pixel_directions(model, edges.pixels[order], distance_mm)
+    is_sufficient = np.add.reduceat(visible.astype(int), starts) >= np.minimum(MIN_VISIBLE_POINTS, sizes)
+    visible &= is_sufficient[owner]
+    count = np.maximum(np.add.reduceat(visible.astype(int), starts), 1)
+    e, j, change = (np.where(visible[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (directions, by_pixel, by_parameter))
+    normal, slant = _planes(e, j, visible, owner, starts)
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
-    by_normal = np.einsum("ni,nik->nk", e, _across(normal)[owner]) / slant[:, None]  # by turns of n
-    by_knobs = np.einsum("nip,ni->np", change, normal[owner]) @ knobs.turn / slant[:, None]
-    inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(
-        2
-    )
-    outer = np.add.reduceat(by_normal[:, :, None] * by_knobs[:, None, :], starts)
-    by_knobs = by_knobs - np.einsum(
-        "nk,nkq->nq", by_normal, (np.linalg.pinv(inner, hermitian=True) @ outer)[owner]
-    )
+    by_normal = np.einsum("ni,nik->nk", e, _tangents(normal)[owner]) / slant[:, None]  # by turns of n
+    by_free = np.einsum("nip,ni->np", change, normal[owner]) @ free.turn / slant[:, None]
+    inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(2)
+    outer = np.add.reduceat(by_normal[:, :, None] * by_free[:, None, :], starts)
+    by_free = by_free - np.einsum("nk,nkq->nq", by_normal, (np.linalg.pinv(inner, hermitian=True) @ outer)[owner])
     square = np.add.reduceat(r**2, starts) / count
-    cost = float((sizes * np.where(enough, _loss(square), _loss(UNSEEN_PX**2))).sum())
-    cost += float((knobs.information * (values - knobs.prior) ** 2).sum())
-    residuals, rates = (
-        np.full(len(edges.pixels), np.nan),
-        np.zeros((len(edges.pixels), len(knobs.names))),
-    )
-    residuals[at], rates[at] = np.where(seen, r, np.nan), by_knobs
-    normal[~enough] = np.nan
-    return LinesFit(
-        model, normal, residuals, rates, cost, np.where(enough, 1 / (1 + square / SCALE_PX**2), 0.0)
-    )
+    cost = float((sizes * np.where(is_sufficient, _loss(square), _loss(UNSEEN_PX**2))).sum())
+    cost += float((free.information * (values - free.prior) ** 2).sum())
+    residuals, rates = (np.full(len(edges.pixels), np.nan), np.zeros((len(edges.pixels), len(free.names))))
+    residuals[order], rates[order] = np.where(visible, r, np.nan), by_free
+    normal[~is_sufficient] = np.nan
+    return LinesFit(model, normal, residuals, rates, cost, np.where(is_sufficient, 1 / (1 + square / SCALE_PX**2), 0.0))
 
 
 def _loss(square: Any) -> Any:
@@ -307,25 +263,21 @@ def _loss(square: Any) -> Any:
     return SCALE_PX**2 * np.log1p(square / SCALE_PX**2)
 
 
-def _planes(
-    e: Array, j: Array, seen: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]
-) -> tuple[Array, Array]:
+def _planes(e: Array, j: Array, visible: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return normals (chains, 3) of planes fitted to directions (n, 3) in pixels, and |J^T n| (n,).
 
     The unit of |J^T n| is radians per pixel.
     """
-    weight = seen.astype(float)
+    weight = visible.astype(float)
     for _ in range(NORMAL_STEPS):
         moments = np.add.reduceat(weight[:, None, None] * e[:, :, None] * e[:, None, :], starts)
         normal = np.linalg.eigh(moments)[1][:, :, 0]
         slant = np.maximum(np.linalg.norm(np.einsum("nik,ni->nk", j, normal[owner]), axis=1), 1e-12)
-        weight = seen / slant**2
-    return normal, np.where(seen, slant, 1.0)
+        weight = visible / slant**2
+    return normal, np.where(visible, slant, 1.0)
 
 
-def _seen(
-    model: CameraModel, pixels: Array, distance_mm: float
-) -> tuple[Array, Array, Array, Mask]:
+def _pixel_directions(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array, Array, Array, Mask]:
     """Return directions (n, 3) of pixels in the camera frame and their derivatives.
 
     Derivatives are with respect to pixels (n, 3, 2) and parameters (n, 3, p). For a camera with
@@ -334,68 +286,57 @@ def _seen(
     """
     rays = model.backproject(pixels)
     world = model.mount.rotation()
-    directions, origins = (
-        rotate_vectors(rays.directions, world),
-        rotate_vectors(rays.origins, world),
-    )
+    directions, origins = (rotate_vectors(rays.directions, world), rotate_vectors(rays.origins, world))
     towards, length = directions, np.ones(len(pixels))
     if np.isfinite(distance_mm):
         points = origins + distance_mm * directions
-        towards = points - _crossing(origins[rays.valid], directions[rays.valid])
+        towards = points - _nearest_point(origins[rays.valid], directions[rays.valid])
         length = np.linalg.norm(towards, axis=1)
         towards = towards / length[:, None]
         image = model.image(np.nan_to_num(points), distant=False)
     else:
         image = model.image(np.nan_to_num(directions, nan=1.0), distant=True)
-    across = _across(towards)
+    across = _tangents(towards)
     by_angle = image.d_points @ across * length[:, None, None]
-    seen = rays.valid & image.valid & np.isfinite(image.d_parameters).all(axis=(1, 2))
-    seen[seen] = np.abs(np.linalg.det(by_angle[seen])) > 0
+    visible = rays.valid & image.valid & np.isfinite(image.d_parameters).all(axis=(1, 2))
+    visible[visible] = np.abs(np.linalg.det(by_angle[visible])) > 0
     to_angles = np.full((len(pixels), 3, 2), np.nan)
-    to_angles[seen] = across[seen] @ np.linalg.inv(by_angle[seen])
-    return towards, to_angles, -to_angles @ image.d_parameters, seen
+    to_angles[visible] = across[visible] @ np.linalg.inv(by_angle[visible])
+    return towards, to_angles, -to_angles @ image.d_parameters, visible
 
 
-def _crossing(origins: Array, directions: Array) -> Array:
+def _nearest_point(origins: Array, directions: Array) -> Array:
     """Return the point (3,) nearest to rays with origins (n, 3) and directions (n, 3)."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    point: Array = np.linalg.lstsq(
-        across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
-    )[0]
+    point: Array = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]
     return point
 
 
-def _across(directions: Array) -> Array:
+def _tangents(directions: Array) -> Array:
     """Return two unit vectors (n, 3, 2) perpendicular to unit vectors (n, 3)."""
-    helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(directions, helper)
+    reference = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(directions, reference)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(directions, first)], axis=2)
 
 
 def _rms(residuals: Array) -> float:
-    kept = residuals[np.isfinite(residuals)]
-    return (
-        float(np.sqrt((kept**2).mean()))
-        if len(kept) >= min(MIN_VISIBLE_POINTS, len(residuals))
-        else np.inf
-    )
+    finite_residuals = residuals[np.isfinite(residuals)]
+    return float(np.sqrt((finite_residuals**2).mean())) if len(finite_residuals) >= min(MIN_VISIBLE_POINTS, len(residuals)) else np.inf
 
 
-# -- Straight edges as additional observations of a bundle adjustment ------------------------------
+# -- Edges as observations of a bundle adjustment --------------------------------------------------
 #
-# An edge has no target pose: it is in a plane through the viewpoint, which is fitted for each
-# trial (:mod:`omnimirror.calibration.straight_edges`). Near a camera, the contribution of edges is
-# therefore a quadratic form in its parameters. It is added to the normal equations like a prior and
-# relinearised at each solution until convergence to the minimum of the total sum.
+# An edge has no target pose: it is in a plane through the viewpoint, which the plumb-line fit
+# eliminates. Near a camera, the contribution of edges is therefore a quadratic form in its
+# parameters. It is added to the normal equations like a prior and relinearised at each solution
+# until convergence to the minimum of the total sum.
 
 MIN_EDGES = 3  # minimum number of edges
 INDEPENDENT_VALUES = 4  # independent values per edge, whatever its number of points
 MIN_EDGE_NOISE_PX = 0.05
 OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # outlier limits: ratio to median, min and max
-MIN_RELATIVE_EIGENVALUE = (
-    1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
-)
+MIN_RELATIVE_EIGENVALUE = 1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
 
 
 class EdgeInformation(NamedTuple):
@@ -410,7 +351,7 @@ class EdgeInformation(NamedTuple):
 class Edge(NamedTuple):
     """Points marked on one straight edge."""
 
-    picture: str
+    image: str
     number: int
     """Number in its image, from 1."""
     pixels: Array
@@ -418,7 +359,7 @@ class Edge(NamedTuple):
 
     @property
     def name(self) -> str:
-        return f"edge {self.number} of {self.picture}"
+        return f"edge {self.number} of {self.image}"
 
 
 @dataclass(frozen=True)
@@ -429,10 +370,8 @@ class StraightEdges:
     distance_mm: float = np.inf
 
     @classmethod
-    def of(
-        cls, lines: Mapping[str, Sequence[Array]], distance_mm: float, size: tuple[int, int]
-    ) -> StraightEdges:
-        """Create from the result of :func:`omnimirror.read_lines`.
+    def of(cls, lines: Mapping[str, Sequence[Array]], distance_mm: float, size: tuple[int, int]) -> StraightEdges:
+        """Create from the result of :func:`omnimirror.read_line_points`.
 
         Raises
         ------
@@ -440,42 +379,28 @@ class StraightEdges:
             If there are too few edges or points, or points outside the image.
         """
         number("lines_distance_mm", distance_mm if np.isfinite(distance_mm) else 1.0, above=0.0)
-        found = []
-        for picture, marked in lines.items():
-            for place, points in enumerate(marked, 1):
-                edge = Edge(picture, place, finite("lines", points, last=2))
+        edges = []
+        for image, image_edges in lines.items():
+            for number_in_image, points in enumerate(image_edges, 1):
+                edge = Edge(image, number_in_image, finite("lines", points, last=2))
                 if edge.pixels.ndim != 2 or len(edge.pixels) < MIN_MARKED_POINTS:
-                    raise InvalidParameter(
-                        f"{edge.name} has the shape {edge.pixels.shape}; valid is (n, 2), n from {MIN_MARKED_POINTS} on"
-                    )
-                outside = np.any(
-                    (edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1
-                )
+                    raise InvalidParameter(f"{edge.name} must be an array (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {edge.pixels.shape}")
+                outside = np.any((edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1)
                 if outside.any():
                     (u, v), (width, height) = edge.pixels[outside][0], size
-                    raise InvalidParameter(
-                        f"{edge.name}: pixel {u:g}, {v:g} lies outside of {width} x {height} px"
-                    )
-                found.append(edge)
-        if len(found) < MIN_EDGES:
-            raise InvalidParameter(
-                f"{len(found)} straight edges say too little; {MIN_EDGES} are the fewest"
-            )
-        return cls(tuple(found), distance_mm)
+                    raise InvalidParameter(f"{edge.name}: pixels must be inside the image of {width} x {height} px; got {u:g}, {v:g}")
+                edges.append(edge)
+        if len(edges) < MIN_EDGES:
+            raise InvalidParameter(f"lines must contain at least {MIN_EDGES} edges; got {len(edges)}")
+        return cls(tuple(edges), distance_mm)
 
     def fit(self, model: CameraModel) -> LinesFit:
         """Evaluate the straightness of the edges for a camera without changing it."""
         names = tuple((p.name,) for p in model.parameters)
-        nothing = np.zeros(len(names))
-        knobs = FreeParameters(
-            names,
-            np.eye(len(names)),
-            nothing,
-            nothing,
-            np.array([p.scale for p in model.parameters]),
-        )
+        zeros = np.zeros(len(names))
+        free = FreeParameters(names, np.eye(len(names)), zeros, zeros, np.array([p.scale for p in model.parameters]))
         chains = edges_of([edge.pixels for edge in self.edges])
-        return fit_lines(model, chains, knobs, distance_mm=self.distance_mm, most_steps=0)
+        return fit_lines(model, chains, free, distance_mm=self.distance_mm, max_steps=0)
 
     def rms_px(self, model: CameraModel) -> Array:
         """Return the rms deviation (k,) of each edge from a straight line's image, px.
@@ -484,7 +409,7 @@ class StraightEdges:
         """
         return self.fit(model).rms_of(edges_of([edge.pixels for edge in self.edges]))
 
-    def known(self, model: CameraModel) -> EdgeInformation:
+    def information(self, model: CameraModel) -> EdgeInformation:
         """Return the information on the parameters of a camera, linearised at this camera.
 
         Errors of points on one edge are correlated if it is not exactly straight: an edge counts as
@@ -493,51 +418,32 @@ class StraightEdges:
         fit = self.fit(model)
         count = len(model.parameters)
         matrix, gradient, squares, values = np.zeros((count, count)), np.zeros(count), 0.0, 0.0
-        for part, weight in zip(
-            edges_of([e.pixels for e in self.edges]).slices, fit.weights, strict=True
-        ):
-            seen = np.isfinite(fit.residuals[part])
-            r, a = fit.residuals[part][seen], fit.rates[part][seen]
+        for part, weight in zip(edges_of([e.pixels for e in self.edges]).slices, fit.weights, strict=True):
+            visible = np.isfinite(fit.residuals[part])
+            r, a = fit.residuals[part][visible], fit.rates[part][visible]
             independent = min(len(r) - 2, INDEPENDENT_VALUES)  # two define its plane
             if independent < 1:
                 continue
-            share = float(weight) * independent / len(r)
-            matrix, gradient = matrix + share * a.T @ a, gradient + share * a.T @ r
-            squares, values = (
-                squares + share * len(r) / (len(r) - 2) * float(r @ r),
-                values + float(weight) * independent,
-            )
+            point_weight = float(weight) * independent / len(r)
+            matrix, gradient = matrix + point_weight * a.T @ a, gradient + point_weight * a.T @ r
+            squares, values = (squares + point_weight * len(r) / (len(r) - 2) * float(r @ r), values + float(weight) * independent)
         noise = max(float(np.sqrt(squares / values)) if values else 1.0, MIN_EDGE_NOISE_PX)
         start = np.array([p.value for p in model.parameters])
-        return EdgeInformation(
-            matrix / noise**2,
-            start - _regularised_solution(matrix, gradient, [p.scale for p in model.parameters]),
-        )
+        return EdgeInformation(matrix / noise**2, start - _regularised_solution(matrix, gradient, [p.scale for p in model.parameters]))
 
-    def straight_for(self, model: CameraModel) -> StraightEdges:
+    def select_straight(self, model: CameraModel) -> StraightEdges:
         """Return the edges that a camera straightens or does not see; curved edges are removed."""
         rms = self.rms_px(model)
-        seen = rms[np.isfinite(rms)]
-        limit = (
-            min(max(OUTLYING * float(np.median(seen)), LEAST_OUTLYING_PX), MOST_PX)
-            if len(seen)
-            else 0.0
-        )
-        kept = tuple(
-            edge for edge, r in zip(self.edges, rms, strict=True) if r <= limit or np.isinf(r)
-        )
+        finite_rms = rms[np.isfinite(rms)]
+        limit = min(max(OUTLYING * float(np.median(finite_rms)), LEAST_OUTLYING_PX), MOST_PX) if len(finite_rms) else 0.0
+        straight = tuple(edge for edge, r in zip(self.edges, rms, strict=True) if r <= limit or np.isinf(r))
         if (count := int((rms <= limit).sum())) < MIN_EDGES:
-            raise InvalidParameter(
-                f"of {len(self.edges)} edges {count} can be straight for this camera, and {MIN_EDGES} are the fewest; "
-                "see whether they are of its pictures"
-            )
-        return replace(self, edges=kept)
+            raise InvalidParameter(f"at least {MIN_EDGES} of {len(self.edges)} edges must be straight for this camera; got {count}; check that the lines belong to its images")
+        return replace(self, edges=straight)
 
 
 def _regularised_solution(matrix: Array, gradient: Array, scales: Sequence[float]) -> Array:
     """Return the step of minimum norm, in typical parameter changes, to a zero gradient."""
     size = np.asarray(scales)
-    inverse = np.linalg.pinv(
-        matrix * size[:, None] * size, rcond=MIN_RELATIVE_EIGENVALUE, hermitian=True
-    )
+    inverse = np.linalg.pinv(matrix * size[:, None] * size, rcond=MIN_RELATIVE_EIGENVALUE, hermitian=True)
     return np.asarray(size * (inverse @ (size * gradient)))

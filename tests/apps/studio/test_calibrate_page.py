@@ -221,7 +221,7 @@ def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, 
     page.get_by_label("Columns", exact=True).fill("6")
     page.keyboard.press("Tab")
     page.locator("#calibrate .shots").get_by_text(
-        "A board of 7 x 5 corners was found, and one of 6 x 5"
+        "A board of 7 x 5 corners was detected instead of 6 x 5"
     ).wait_for()
     page.get_by_label("Columns", exact=True).fill("0")
     page.keyboard.press("Tab")
@@ -249,7 +249,7 @@ def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_wha
     page.evaluate(press, "Stop, and keep what is found")
     found = calibrate(page)
     assert not found["is_complete"]
-    page.get_by_text("It was stopped before the end").wait_for()
+    page.get_by_text("The calibration was stopped early").wait_for()
 
 
 @pytest.mark.long

@@ -74,8 +74,8 @@ def test_the_rim_of_a_picture_that_is_handed_up(client):
 
 
 def test_the_rim_of_a_picture_is_looked_for_once(client, monkeypatch):
-    looked, find = [], om.find_rim
-    monkeypatch.setattr(rim, "find_rim", lambda picture: looked.append(1) or find(picture))
+    looked, find = [], om.detect_mirror_outline
+    monkeypatch.setattr(rim, "detect_mirror_outline", lambda picture: looked.append(1) or find(picture))
     one, other = (cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92))
     found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
     assert found[0] == found[2]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror.calibration.estimation.observations import Motion, Sighting
+from omnimirror.calibration.estimation.observations import Observation, RigidTransform
 from omnimirror.cameras.models import Unified
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)
@@ -35,6 +35,6 @@ def directions(camera, count: int = 400, seed: int = 5) -> NDArray[np.float64]:
     return rays.directions[rays.valid] @ camera.mount.rotation()
 
 
-def known(pixels, points, **more) -> Sighting:
+def known(pixels, points, **more) -> Observation:
     """Return an observation of points with known positions in the camera frame."""
-    return Sighting("room", pixels, points, Motion.none(), is_known=True, **more)
+    return Observation("room", pixels, points, RigidTransform.identity(), is_known=True, **more)

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibration.estimation._bundle_adjustment import adjust
+from omnimirror.calibration.estimation._bundle_adjustment import bundle_adjust
 from omnimirror.calibration.estimation._covariance import uncertainty
 from omnimirror.calibration.estimation._residuals import (
     BoardShape,
     Linearised,
-    as_placed,
-    without_motions,
+    eliminate_line_positions,
+    residuals_at_poses,
 )
-from omnimirror.calibration.estimation.observations import Motion, Sighting, rotation_of
+from omnimirror.calibration.estimation.observations import Observation, RigidTransform, rotation_of
 from omnimirror.cameras.models import Unified
 from omnimirror.cameras.models.camera_model import direction_sigma_deg
 
@@ -37,29 +37,29 @@ def room(count: int = 300, seed: int = 0) -> np.ndarray:
     )
 
 
-def test_known_points_give_the_camera_back():
+def test_known_points_recover_camera():
     points = room()
-    found = adjust(START, [known(TRUTH.image(points).pixels, points)])
+    found = bundle_adjust(START, [known(TRUTH.image(points).pixels, points)])
     assert found.rms_px < 1e-6
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-5, abs=1e-6)
 
 
-def test_stars_give_the_camera_and_how_it_stood():
+def test_stars_recover_camera_and_orientation():
     stars = directions(TRUTH)
-    turn = Motion(rotation_of(np.array([0.3, -0.2, 0.9])), np.zeros(3))
-    seen = Sighting(
+    turn = RigidTransform(rotation_of(np.array([0.3, -0.2, 0.9])), np.zeros(3))
+    seen = Observation(
         "night", TRUTH.image(stars, distant=True).pixels, stars @ turn.rotation, is_distant=True
     )
-    begin = Motion(rotation_of(np.array([0.25, -0.25, 0.95])), np.zeros(3))
-    found = adjust(START, [seen.moved(begin)])
+    begin = RigidTransform(rotation_of(np.array([0.25, -0.25, 0.95])), np.zeros(3))
+    found = bundle_adjust(START, [seen.with_pose(begin)])
     assert found.rms_px < 1e-6
-    motion = found.sightings[0].motion
-    assert motion is not None
-    assert motion.rotation == pytest.approx(turn.rotation, abs=1e-6)
-    assert motion.shift_mm == pytest.approx(0.0)  # not determined by stars
+    pose = found.observations[0].pose
+    assert pose is not None
+    assert pose.rotation == pytest.approx(turn.rotation, abs=1e-6)
+    assert pose.translation_mm == pytest.approx(0.0)  # not determined by stars
 
 
-def test_points_somewhere_on_known_lines_give_the_camera():
+def test_points_on_known_lines_recover_camera():
     """Plumb lines: the position of a pixel along its line is unknown and is estimated."""
     random = np.random.default_rng(2)
     on_lines = room(400)
@@ -67,31 +67,31 @@ def test_points_somewhere_on_known_lines_give_the_camera():
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     elsewhere = on_lines + random.uniform(-60, 60, (len(on_lines), 1)) * along
     seen = known(TRUTH.image(on_lines).pixels, elsewhere, along=along)
-    found = adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), [seen])
+    found = bundle_adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), [seen])
     assert found.rms_px < 1e-5
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
 
 
-def test_points_are_placed_where_their_targets_stand():
+def test_points_follow_target_poses():
     """Residuals vanish for the true motion, and without a motion are those of the camera frame."""
     points = room(20)
-    way = Motion(rotation_of(np.array([0.1, -0.2, 0.3])), np.array([30.0, -20.0, 10.0]))
+    way = RigidTransform(rotation_of(np.array([0.1, -0.2, 0.3])), np.array([30.0, -20.0, 10.0]))
     pixels = TRUTH.image(way(points)).pixels
-    moved = Sighting("moved", pixels, points, way)
-    assert np.abs(as_placed(TRUTH, [moved]).residuals).max() < 1e-9
-    still = as_placed(TRUTH, [replace(moved, motion=None)])
+    moved = Observation("moved", pixels, points, way)
+    assert np.abs(residuals_at_poses(TRUTH, [moved]).residuals).max() < 1e-9
+    still = residuals_at_poses(TRUTH, [replace(moved, pose=None)])
     np.testing.assert_allclose(
         np.abs(still.residuals), np.abs(TRUTH.image(points).pixels - pixels), atol=1e-9
     )
 
 
 @pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])
-def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
+def test_displacement_along_line_image_is_no_residual(rate):
     """Any pixel displacement per millimetre along the line is supported, including a line imaged
     end-on."""
     slides = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
     both = np.array([[3.0, 4.0], [3.0, 4.0], [3.0, 4.0]])
-    found = without_motions(
+    found = eliminate_line_positions(
         Linearised(
             both,
             np.ones(3, bool),
@@ -103,10 +103,10 @@ def test_what_lies_along_the_image_of_a_line_is_no_residual(rate):
     left = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]])
     np.testing.assert_allclose(found.residuals, left, atol=1e-14)
     np.testing.assert_allclose(found.d_shared, left[:, :, None] * [1.0, -2.0], atol=1e-14)
-    np.testing.assert_allclose(found.d_motion, np.tile(left[:, :, None], 6), atol=1e-14)
+    np.testing.assert_allclose(found.d_pose, np.tile(left[:, :, None], 6), atol=1e-14)
 
 
-def drive(count: int = 6) -> tuple[np.ndarray, list[Motion]]:
+def drive(count: int = 6) -> tuple[np.ndarray, list[RigidTransform]]:
     """Return marks on the floor and two walls of a room, mm, and the poses of the room relative to
     a moving camera."""
     random = np.random.default_rng(6)
@@ -115,11 +115,12 @@ def drive(count: int = 6) -> tuple[np.ndarray, list[Motion]]:
     marks[30:45, 0], marks[45:, 1] = 1500.0, -1400.0
     turns = [rotation_of(np.array([0.0, 0.0, a])) for a in random.uniform(-3, 3, count)]
     return marks, [
-        Motion(t, np.append(random.uniform(-300, 300, 2), 40.0 * i)) for i, t in enumerate(turns)
+        RigidTransform(t, np.append(random.uniform(-300, 300, 2), 40.0 * i))
+        for i, t in enumerate(turns)
     ]
 
 
-def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
+def test_marks_on_known_planes_recover_camera_and_positions():
     """A robot with known trajectory: marks are only known to be on the floor and the walls."""
     marks, ways = drive()
     normals = np.repeat([[0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, -1.0, 0.0]], [30, 15, 15], axis=0)
@@ -127,7 +128,7 @@ def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
     off = np.random.default_rng(3).uniform(-30, 30, (60, 1, 2)) @ axes / 2
     ids = 100 + np.arange(60)
     pictures = [
-        Sighting(
+        Observation(
             f"{i}",
             TRUTH.image(way(marks)).pixels,
             marks + off[:, 0],
@@ -138,35 +139,34 @@ def test_marks_somewhere_on_known_planes_give_the_camera_and_where_they_are():
         )
         for i, way in enumerate(ways)
     ]
-    found = adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), pictures)
+    found = bundle_adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), pictures)
     assert found.rms_px < 1e-5
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
-    assert found.sightings[2].points == pytest.approx(marks, abs=0.01)
+    assert found.observations[2].points == pytest.approx(marks, abs=0.01)
     assert found.names[-2:] == ("mark 159 x", "mark 159 y")
     assert len(uncertainty(found).sigmas) == len(VALUES) + 120
 
 
-def test_a_mark_that_one_picture_sees_or_that_lies_on_two_planes_is_refused():
+def test_marks_in_one_image_or_on_two_planes_raise():
     marks, ways = drive(2)
     up = np.tile([0.0, 0.0, 1.0], (60, 1))
     one, other = (
-        Sighting(str(i), TRUTH.image(w(marks)).pixels, marks, w, normals=up)
+        Observation(str(i), TRUTH.image(w(marks)).pixels, marks, w, normals=up)
         for i, w in enumerate(ways)
     )
     with pytest.raises(
-        om.base.errors.InvalidParameter, match="mark 7 on a plane is seen once, which says nothing"
+        om.base.errors.InvalidParameter,
+        match="mark 7 on a plane must be observed in at least two images",
     ):
-        adjust(START, [one, other.only(np.arange(60) != 7)])
-    with pytest.raises(
-        om.base.errors.InvalidParameter, match="mark 0 is said to lie on two planes"
-    ):
-        adjust(START, [one, replace(other, points=marks + np.array([0.0, 0.0, 5.0]))])
+        bundle_adjust(START, [one, other.subset(np.arange(60) != 7)])
+    with pytest.raises(om.base.errors.InvalidParameter, match="mark 0 must be on one plane"):
+        bundle_adjust(START, [one, replace(other, points=marks + np.array([0.0, 0.0, 5.0]))])
 
 
-def test_near_and_distant_things_are_adjusted_together():
+def test_near_and_distant_points_are_adjusted_jointly():
     points, stars = room(100), directions(TRUTH, 100, 3)
     sky = known(TRUTH.image(stars, distant=True).pixels, stars, is_distant=True)
-    found = adjust(START, [known(TRUTH.image(points).pixels, points), sky])
+    found = bundle_adjust(START, [known(TRUTH.image(points).pixels, points), sky])
     assert found.rms_px < 1e-6
 
 
@@ -174,8 +174,8 @@ def test_gross_errors_do_not_move_the_camera():
     points = room()
     pixels = TRUTH.image(points).pixels + np.random.default_rng(1).normal(0, 0.1, (len(points), 2))
     pixels[::10] += 30.0
-    robust = adjust(START, [known(pixels, points)], loss="cauchy").model
-    squares = adjust(START, [known(pixels, points)]).model
+    robust = bundle_adjust(START, [known(pixels, points)], loss="cauchy").model
+    squares = bundle_adjust(START, [known(pixels, points)]).model
     errors = [
         np.abs(m.image(points).pixels - TRUTH.image(points).pixels).max() for m in (robust, squares)
     ]
@@ -188,26 +188,26 @@ def test_fixed_parameters_stay_and_priors_pull():
         TRUTH.image(points).pixels + np.random.default_rng(1).normal(0, 0.1, (len(points), 2)),
         points,
     )
-    fixed = adjust(START, [seen], fixed=["k1"], priors=[om.Prior("cx", 330.0, 0.0)]).model
+    fixed = bundle_adjust(START, [seen], fixed=["k1"], priors=[om.Prior("cx", 330.0, 0.0)]).model
     assert (fixed.k1, fixed.centre_px[0]) == (0.0, 330.0)
-    free = adjust(START, [seen])
+    free = bundle_adjust(START, [seen])
     sigma = float(uncertainty(free).sigmas[4])
     middle = free.model.centre_px[0]
-    pulled = adjust(START, [seen], priors=[om.Prior("cx", middle + 4 * sigma, sigma)]).model
+    pulled = bundle_adjust(START, [seen], priors=[om.Prior("cx", middle + 4 * sigma, sigma)]).model
     assert pulled.centre_px[0] == pytest.approx(
         middle + 2 * sigma, abs=0.15 * sigma
     )  # two sources of equal weight
 
 
 @pytest.mark.full
-def test_covariance_is_what_repeated_noise_shows():
+def test_covariance_matches_repeated_noise():
     points = room(120)
     ahead = directions(TRUTH, 5, 8)
     model, exact = TRUTH, TRUTH.image(points).pixels
     pixels, sigmas, offs = TRUTH.image(ahead).pixels, [], []
     for seed in range(40):
         noisy = exact + np.random.default_rng(seed).normal(0, 0.2, exact.shape)
-        found = adjust(model, [known(noisy, points)])
+        found = bundle_adjust(model, [known(noisy, points)])
         spread = uncertainty(found)
         sigmas.append(spread.sigmas)
         offs.append(np.array([p.value for p in found.model.parameters]) - VALUES)
@@ -220,13 +220,13 @@ def test_covariance_is_what_repeated_noise_shows():
     assert np.std(offs, axis=0) == pytest.approx(np.mean(sigmas, axis=0), rel=0.45)
 
 
-def test_what_nothing_determines_is_named():
+def test_undetermined_combinations_are_reported():
     """Points on a cone about the axis have one radius: focal lengths, xi and distortion are not
     separable."""
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     cone = np.stack([np.cos(angle), np.sin(angle), np.full(60, -0.3)], axis=1) * 1000
     pixels = TRUTH.image(cone).pixels + np.random.default_rng(0).normal(0, 0.1, (60, 2))
-    found = uncertainty(adjust(TRUTH, [known(pixels, cone)])).free
+    found = uncertainty(bundle_adjust(TRUTH, [known(pixels, cone)])).free
     named = {name for combination in found for name in combination.names}
     assert {"xi", "k1", "k2"} <= named
     assert not {"cx", "cy"} & named
@@ -236,7 +236,7 @@ def test_what_nothing_determines_is_named():
 @pytest.mark.long
 def test_the_shape_of_a_board_is_found():
     bent = BoardShape.flat(BOARD.points_mm).with_values([0.002, -0.001, 1.5, 0.8, -0.7])
-    seen = detections(count=8, noise_px=0.05, points_mm=bent.applied(BOARD.points_mm))
+    seen = detections(count=8, noise_px=0.05, points_mm=bent.deformed(BOARD.points_mm))
     found = om.calibrate_camera(seen, BOARD, model="unified")
     assert found.shape is not None
     sigmas = np.array([p.sigma for p in found.parameters[-5:]])
@@ -249,26 +249,29 @@ def test_the_shape_of_a_board_is_found():
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda s: adjust(START, []), "nothing to adjust"),
-        (lambda s: adjust(START, [s], fixed=["k9"]), "no parameter 'k9'.*xi, fx"),
+        (lambda s: bundle_adjust(START, []), "observations must contain"),
         (
-            lambda s: adjust(START, [Sighting("room", s.pixels, s.points)]),
-            "where the target stands in room",
+            lambda s: bundle_adjust(START, [s], fixed=["k9"]),
+            "parameters of the model .*xi, fx.*; got 'k9'",
         ),
-        (lambda s: adjust(START, [s], loss="tukey"), "loss = 'tukey'.*squares"),
-        (lambda s: known(s.pixels, s.points[1:]), r"room: pixels \(300, 2\) and points \(299, 3\)"),
+        (
+            lambda s: bundle_adjust(START, [Observation("room", s.pixels, s.points)]),
+            "initial pose; missing for room",
+        ),
+        (lambda s: bundle_adjust(START, [s], loss="tukey"), "loss = 'tukey'.*squares"),
+        (lambda s: known(s.pixels, s.points[1:]), r"room: pixels .* got \(300, 2\) and \(299, 3\)"),
         (
             lambda s: known(s.pixels, s.points, along=s.points[1:]),
-            r"room: along \(299, 3\) are not \(300, 3\)",
+            r"room: along must be 300 nonzero directions .* got shape \(299, 3\)",
         ),
         (lambda s: known(s.pixels, s.points, normals=0 * s.points), "room: normals .* directions"),
         (
             lambda s: known(s.pixels, s.points, normals=s.points, along=s.points),
-            "normals belong to planes",
+            "normals must not be combined",
         ),
     ],
 )
-def test_what_cannot_be_adjusted_is_said(call, says):
+def test_invalid_adjustments_raise(call, says):
     points = room()
     with pytest.raises(om.base.errors.InvalidParameter, match=says):
         call(known(TRUTH.image(points).pixels, points))
@@ -278,9 +281,9 @@ ALONE = """
 import time
 import numpy as np
 from omnimirror.calibration.estimation._bundle_adjustment import assembled
-from omnimirror.calibration.estimation.observations import Sighting, stacked
+from omnimirror.calibration.estimation.observations import Observation, stacked
 points = np.random.default_rng(0).normal(size=(108, 3))
-stack = stacked([Sighting(str(i), points[:, :2], points) for i in range(17)])
+stack = stacked([Observation(str(i), points[:, :2], points) for i in range(17)])
 a, b = np.ones((len(stack.owner), 2, 18)), np.ones((len(stack.owner), 2, 6))
 others = time.thread_time() - time.process_time()
 for _ in range(300):
@@ -290,7 +293,7 @@ print(others + time.process_time() - time.thread_time())
 
 
 @pytest.mark.full
-def test_normal_equations_wake_no_threads_of_blas():
+def test_normal_equations_start_no_blas_threads():
     """BLAS threads would spin for longer than the products take, and under load all wait for one
     another."""
     alone = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}

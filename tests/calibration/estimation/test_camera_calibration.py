@@ -13,7 +13,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.estimation.observation_checks import coverage, recommendations
-from omnimirror.calibration.estimation.observations import Sighting
+from omnimirror.calibration.estimation.observations import Observation
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models.camera_model import direction_covariance
 
@@ -24,12 +24,12 @@ def calibrated(seen, **more):
     return om.calibrate_camera(seen, BOARD, **({"model": "unified"} | more))
 
 
-def test_the_camera_is_found_without_a_guess():
+def test_camera_is_estimated_without_initial_value():
     found = calibrated(detections(count=8))
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert found.rms_px < found.held_out_rms_px < 1.15 * found.rms_px
-    assert all(p.used and p.reason is None for p in found.pictures)
-    assert found.corners == sum(p.found for p in found.pictures)
+    assert all(p.used and p.reason is None for p in found.images)
+    assert found.corners == sum(p.found for p in found.images)
     assert found.outliers == ()
     assert {name for free in found.free for name in free.names} <= {"xi", "fx", "fy", "k1", "k2", "k3"}
 
@@ -55,7 +55,7 @@ def test_true_directions_lie_within_three_sigma_over_50_seeds():
 
 
 @pytest.mark.full
-def test_the_field_ends_at_the_rim_that_is_said():
+def test_field_ends_at_specified_rim():
     """The region outside is excluded from the camera; its parameters are unchanged."""
     seen = detections(count=4)
     found, all_of_it = (calibrated(seen, board_shape=False, **rim) for rim in ({"rim_radius_px": 170.0}, {}))
@@ -91,16 +91,16 @@ def test_a_fisheye_is_chosen_among_models_without_a_mirror():
     assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
 
 
-def test_wrong_corners_are_named_and_no_others():
+def test_only_wrong_corners_are_rejected():
     seen = detections(count=8)
-    wrong = {("picture 3", 20): 4.0, ("picture 7", 5): 1.2, ("picture 7", 40): -2.0}
+    wrong = {("image 3", 20): 4.0, ("image 7", 5): 1.2, ("image 7", 40): -2.0}
     for (name, corner), shift in wrong.items():
         detection = next(d for d in seen if d.name == name)
         detection.corners_px[list(detection.ids).index(corner)] += [shift, 0.0]
     found = calibrated(seen)
-    assert {(o.picture, o.corner) for o in found.outliers} == set(wrong)
+    assert {(o.image, o.corner) for o in found.outliers} == set(wrong)
     worst = found.outliers[0]
-    assert (worst.picture, worst.corner) == ("picture 3", 20)
+    assert (worst.image, worst.corner) == ("image 3", 20)
     assert worst.residual_px == pytest.approx(4.0, abs=0.5)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
@@ -117,16 +117,16 @@ def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
         wrong |= {(detection.name, int(i)) for i in detection.ids[is_wrong]}
         seen.append(replace(detection, corners_px=detection.corners_px + shift))
     found = calibrated(seen)
-    rejected = {(o.picture, o.corner) for o in found.outliers}
-    remaining = {(o.picture, o.corner) for o in found.remaining_outliers}
+    rejected = {(o.image, o.corner) for o in found.outliers}
+    remaining = {(o.image, o.corner) for o in found.remaining_outliers}
     assert rejected <= wrong
     assert len(remaining - wrong) <= 1
     assert len(wrong - rejected - remaining) <= 0.1 * len(wrong)
-    notes = [note for note in found.notes if "farther off than noise explains" in note]
+    notes = [note for note in found.notes if "residuals above the noise" in note]
     assert len(notes) == (1 if remaining else 0)
     if remaining:
-        assert notes[0].startswith(f"{len(remaining)} of the corners used")
-        assert found.remaining_outliers[0].picture in notes[0]
+        assert notes[0].startswith(f"{len(remaining)} of the used corners")
+        assert found.remaining_outliers[0].image in notes[0]
     else:
         assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert len(found.to_dict()["remaining_outliers"]) == len(remaining)
@@ -168,7 +168,7 @@ def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
 
 
 @pytest.mark.full
-def test_boards_counted_from_any_corner_are_one_board():
+def test_board_numbering_from_any_corner_is_equivalent():
     """Detectors start at either end of 11 x 7 corners, and number them in reverse in a mirror
     image."""
     seen = detections(count=4, points_mm=BOARD.points_mm)
@@ -178,54 +178,54 @@ def test_boards_counted_from_any_corner_are_one_board():
     assert calibrated(renamed).rms_px == pytest.approx(calibrated(seen).rms_px, rel=1e-3)
 
 
-def test_a_picture_that_no_board_explains_is_named_and_left_out():
+def test_inconsistent_image_is_rejected():
     seen = detections(count=8)
     random = np.random.default_rng(0)
     seen[4] = replace(seen[4], corners_px=seen[4].corners_px + random.normal(0, 15, seen[4].corners_px.shape))
-    seen.append(om.Detection("blurred.png", SIZE, reason="blurred.png: no board was found; the picture is blurred"))
+    seen.append(om.Detection("blurred.png", SIZE, reason="blurred.png: no board was found; the image is blurred"))
     found = calibrated(seen)
-    left_out = {p.name: p.reason for p in found.pictures if not p.used}
-    assert left_out.keys() == {"picture 5", "blurred.png"}
-    assert "from where a board can have them" in left_out["picture 5"]
+    left_out = {p.name: p.reason for p in found.images if not p.used}
+    assert left_out.keys() == {"image 5", "blurred.png"}
+    assert "the median residual of its corners" in left_out["image 5"]
     assert "is blurred" in left_out["blurred.png"]
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
-@pytest.mark.parametrize(("optics", "words"), [("mirror", "the mirror's centre in it lies .* from that in the others: the mirror moved"), ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved")])
-def test_the_one_picture_in_which_the_mirror_had_moved_is_named_and_left_out(optics, words):
+@pytest.mark.parametrize(("optics", "words"), [("mirror", "the mirror centre is .* from that in the other images: the mirror moved"), ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved")])
+def test_image_with_moved_mirror_is_rejected(optics, words):
     """A pose absorbs most of a shift; the residual reveals it."""
     seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
     found = calibrated(seen, optics=optics)
-    (left_out,) = [p for p in found.pictures if not p.used]
-    assert left_out.name == "picture 5"
+    (left_out,) = [p for p in found.images if not p.used]
+    assert left_out.name == "image 5"
     assert re.search(words, left_out.reason)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert found.outliers == ()
 
 
 @pytest.mark.parametrize(("count", "numbers"), [(5, {2}), *(pytest.param(*case, marks=pytest.mark.full) for case in [(8, {4}), (12, {0}), (9, {1, 2, 3})])])
-def test_flipped_pictures_are_named_and_left_out(count, numbers):
+def test_flipped_images_are_rejected(count, numbers):
     """A chessboard is valid in its mirror image too: only the offset between mirror and image
     centres reveals the flip, and camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
-    left_out = {p.name: p.reason for p in found.pictures if not p.used}
-    assert left_out.keys() == {f"picture {number + 1}" for number in numbers}
-    assert set(left_out.values()) == {"it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"}
+    left_out = {p.name: p.reason for p in found.images if not p.used}
+    assert left_out.keys() == {f"image {number + 1}" for number in numbers}
+    assert set(left_out.values()) == {"it fits the other images only after flipping left to right: it was flipped"}
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(6))
-def test_none_is_called_flipped_where_none_was(seed):
+def test_unflipped_images_are_not_rejected(seed):
     """Also for a mirror without a single viewpoint, with single-viewpoint models."""
     seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed)
     for model in ("unified", "auto"):
-        assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).pictures)
-    assert all(p.used for p in calibrated(detections(count=4 + seed, seed=seed)).pictures)
+        assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).images)
+    assert all(p.used for p in calibrated(detections(count=4 + seed, seed=seed)).images)
 
 
 @pytest.mark.parametrize(("count", "seed"), [(5, 2), *(pytest.param(count, seed, marks=pytest.mark.full) for count in (4, 6) for seed in range(12))])
-def test_few_pictures_lead_to_the_camera_too(count, seed):
+def test_few_images_recover_camera(count, seed):
     """Five images led to no solution, with residuals of 1.5 px, if all mirror parameters were free
     too early."""
     random = np.random.default_rng([count, seed])
@@ -236,22 +236,22 @@ def test_few_pictures_lead_to_the_camera_too(count, seed):
 
 
 @pytest.mark.full
-def test_a_note_tells_where_pictures_left_out_are_predicted_worse():
+def test_overfitting_is_noted():
     found = calibrated(detections(count=4, seed=1), model="viewpoint-spline", board_shape=False)
     assert found.held_out_rms_px > 1.25 * found.rms_px
-    assert any("well above that of the fit" in note for note in found.notes)
+    assert any("well above the fit error" in note for note in found.notes)
 
 
-def test_the_file_of_results_has_what_it_promises(tmp_path):
+def test_result_file_has_documented_entries(tmp_path):
     found = calibrated(detections(count=4))
     text = found.to_json(tmp_path / "calibration.json")
     assert (tmp_path / "calibration.json").read_text() == text
     told = json.loads(text)
     assert told["rms_px"] == found.rms_px
-    assert told.keys() >= {"held_out_rms_px", "corners", "outliers", "pictures", "parameters", "seconds"}
-    first = told["pictures"][0]
-    assert first.keys() == {"name", "found", "used", "reason", "rms_px", "rotation", "shift_mm", "camera_at_mm"}
-    np.testing.assert_allclose(np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["shift_mm"]))
+    assert told.keys() >= {"held_out_rms_px", "corners", "outliers", "images", "parameters", "seconds"}
+    first = told["images"][0]
+    assert first.keys() == {"name", "found", "used", "reason", "rms_px", "rotation", "translation_mm", "camera_at_mm"}
+    np.testing.assert_allclose(np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["translation_mm"]))
     assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
 
 
@@ -261,12 +261,12 @@ def test_the_same_pictures_give_the_same_camera():
     assert replace(first, seconds=0.0).to_json() == replace(second, seconds=0.0).to_json()
 
 
-def test_who_stops_keeps_what_was_found():
+def test_cancellation_keeps_partial_result():
     calls = []
     found = calibrated(detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share))
     assert not found.is_complete
     assert found.rms_px < 1.0
-    assert any("stopped before the end" in note for note in found.notes)
+    assert any("stopped early" in note for note in found.notes)
     assert json.loads(found.to_json())["held_out_rms_px"] is None
 
 
@@ -288,41 +288,41 @@ def flipped(seen, numbers):
 def one_pose(count: int) -> list[om.Detection]:
     (seen,) = detections(count=1, noise_px=0.0)
     random = np.random.default_rng(0)
-    return [replace(seen, name=f"picture {i}", corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape)) for i in range(count)]
+    return [replace(seen, name=f"image {i}", corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape)) for i in range(count)]
 
 
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: detections(count=2), r"in 2 of 2 pictures \(picture 1 and picture 2\), and 3 are the fewest"),
-        (lambda: [om.Detection(f"{i}.png", SIZE, reason="no board was found; the picture is blurred") for i in "ab"], r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred"),
-        (lambda: [*detections(count=5), replace(detections()[0], name="small.png", image_size=(320, 240))], r"small\.png: 320 x 240 px, where the other pictures have 640 x 480 px"),
-        (lambda: one_pose(6), "the same place in all pictures.*picture 0, picture 1.*hold it at different places"),
-        pytest.param(lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]), "centre in picture 3, picture 6, picture 9 and picture 10 lies .*the mirror moved", marks=pytest.mark.full),
-        pytest.param(lambda: flipped(detections(count=8), {1, 2, 5, 6}), "half of the pictures, picture 2, picture 3, picture 6 and picture 7, fit the others when they are flipped", marks=pytest.mark.full),
-        (lambda: [replace(d, is_reversed=False) for d in detections(count=4)], "picture 1, picture 2, picture 3 and picture 4: the board's markers show not mirror images.*--image-fl"),
+        (lambda: detections(count=2), r"in 2 of 2 images \(image 1 and image 2\); at least 3 are required"),
+        (lambda: [om.Detection(f"{i}.png", SIZE, reason="no board was found; the image is blurred") for i in "ab"], r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred"),
+        (lambda: [*detections(count=5), replace(detections()[0], name="small.png", image_size=(320, 240))], r"small\.png: 320 x 240 px, the other images: 640 x 480 px"),
+        (lambda: one_pose(6), "the same in all images.*image 0, image 1.*hold it at different positions"),
+        pytest.param(lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]), "centre in image 3, image 6, image 9 and image 10 is .*the mirror moved", marks=pytest.mark.full),
+        pytest.param(lambda: flipped(detections(count=8), {1, 2, 5, 6}), "half of the images, image 2, image 3, image 6 and image 7, fit the others only after flipping", marks=pytest.mark.full),
+        (lambda: [replace(d, is_reversed=False) for d in detections(count=4)], "the board's markers, image 1, image 2, image 3 and image 4 are not mirror images.*--image-fl"),
         (lambda: [replace(d, corners_px=d.corners_px[np.random.default_rng(0).permutation(len(d.ids))]) for d in detections(count=6)], "no camera explains the corners.*see whether the board is the one that was named"),
     ],
 )
-def test_a_set_that_will_not_do_is_named(make, says):
+def test_unsuitable_images_raise(make, says):
     with pytest.raises(InvalidParameter, match=says):
         calibrated(make())
 
 
-def test_what_is_asked_for_is_checked():
+def test_arguments_are_checked():
     with pytest.raises(InvalidParameter, match="model must be one of auto, unified, enhanced-unified, double-sphere, kannala-brandt, ocam,"):
         calibrated(detections(count=3), model="unfied")
-    with pytest.raises(InvalidParameter, match="model = 'sensor' is a mirror before a lens"):
+    with pytest.raises(InvalidParameter, match="model = 'sensor' requires optics = 'mirror'"):
         calibrated(detections(count=3), model="sensor", optics="fisheye")
     with pytest.raises(InvalidParameter, match="optics must be one of mirror, fisheye; got 'lens'"):
         calibrated(detections(count=3), optics="lens")
 
 
-def test_boards_whose_place_is_not_known_are_advised_on_by_their_corners_alone():
+def test_recommendations_without_poses_use_corners():
     corners = np.stack(np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1).reshape(-1, 2)
-    seen = coverage([Sighting("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
+    seen = coverage([Observation("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
     assert seen.counts.sum() == 77
     said = recommendations(seen, 1)
-    assert said[0].startswith("Take more pictures: 1 is used")
+    assert said[0].startswith("Take more images: 1 is used")
     assert any("lower left, left, upper left" in sentence for sentence in said[1:])
     assert not any("Tilt" in sentence for sentence in said)

@@ -64,7 +64,7 @@ def calibrated(design: om.Sensor, free, seed: int):
     return truth, found, random
 
 
-def test_a_misaligned_mirror_is_found_from_its_drawing():
+def test_misaligned_mirror_is_estimated_from_drawing():
     truth, found, random = calibrated(om.load_sensor("paper-spherical"), USUAL, 1)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     assert min(shares_within_3_sigma(found.model, found.covariance, truth, random)) >= 0.95
@@ -75,7 +75,7 @@ def test_a_misaligned_mirror_is_found_from_its_drawing():
 
 @pytest.mark.full  # a mirror of the initial size: see the parameters of an unknown mirror below
 @pytest.mark.parametrize("scale", [0.3, 2.5])
-def test_a_mirror_of_unknown_size_is_found_as_large_as_it_is(scale):
+def test_mirror_size_is_estimated(scale):
     """The size follows from the variation of its viewpoint; distant objects are then as accurate as
     the boards."""
     design = om.load_sensor("paper-spherical")
@@ -106,7 +106,7 @@ def test_a_mirror_whose_viewpoint_hardly_moves_shows_no_size_and_is_found_all_th
 
 
 @pytest.mark.full  # uncertainties of a known mirror, above, use the same code
-def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
+def test_unknown_mirror_has_consistent_uncertainty():
     """Distance and focal length are conventions; unobservable parameters are reported, and the
     uncertainty covers the error."""
     design = om.load_sensor("paper-spherical")
@@ -129,9 +129,9 @@ def test_numbers_of_an_unknown_mirror_are_no_surer_than_they_are():
     )
     (free,) = found.free
     assert set(free.names) == {"lens.focal_length_mm", "mount.mirror_distance_mm"}
-    (note,) = [n for n in found.notes if n.startswith("The pictures do not tell")]
+    (note,) = [n for n in found.notes if n.startswith("The images do not determine")]
     assert "mount.mirror_distance_mm larger by" in note
-    assert " mm (one standard deviation) shows nearly the same." in note
+    assert " mm (one standard deviation) fits nearly as well." in note
 
 
 @pytest.mark.full  # test_surveys covers an unknown mirror with fewer points
@@ -244,7 +244,7 @@ def test_a_misaligned_mirror_is_more_than_tangential_distortion():
 
 
 @pytest.mark.full
-def test_the_mirror_is_chosen_where_nothing_is_known_of_it():
+def test_mirror_model_is_selected_without_priors():
     truth = misaligned(om.load_sensor("paper-hyperboloidal"), np.random.default_rng(3))
     seen = om.simulate_detections(truth, BOARD, 14, noise_px=NOISE_PX, seed=3)
     found = om.calibrate_camera(seen, BOARD)

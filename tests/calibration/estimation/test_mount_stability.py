@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.estimation._mount_stability import OwnCentres, check_mount_stability
+from omnimirror.calibration.estimation._mount_stability import ImageCentres, check_mount_stability
 
 from .cases import BOARD, NOISE_PX, detections
 
@@ -31,25 +31,25 @@ def moved(seen, numbers, shift):
         (6, (0, 1, 2)),
     ],
 )
-def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, numbers):
+def test_mirror_motion_in_half_of_few_images_is_reported(count, numbers):
     """Camera and poses absorb nearly all of it, with a fit close to the noise. One image may be
     misclassified."""
     with pytest.raises(
-        InvalidParameter, match="the mirror moved against the camera between them"
+        InvalidParameter, match="the mirror moved relative to the camera between them"
     ) as refused:
         om.calibrate_camera(
             moved(detections(count=count, seed=1), numbers, [9.0, 4.0]), BOARD, model="unified"
         )
     groups = [
-        {f"picture {i + 1}" for i in range(count) if (i in numbers) == is_second}
+        {f"image {i + 1}" for i in range(count) if (i in numbers) == is_second}
         for is_second in (True, False)
     ]
     sentence = (
-        str(refused.value).split(": the mirror moved")[0].removeprefix("the mirror's centre in ")
+        str(refused.value).split(": the mirror moved")[0].removeprefix("the mirror centre in ")
     )
     told = [
         {name.strip() for name in part.replace(" and ", ", ").split(", ")}
-        for part in (sentence.split(" lies ")[0], sentence.split(" px from that in ")[1])
+        for part in (sentence.split(" is ")[0], sentence.split(" px from that in ")[1])
     ]
     assert told[0] | told[1] == groups[0] | groups[1]
     assert min(len(told[0] ^ group) for group in groups) <= 1
@@ -57,7 +57,7 @@ def test_half_of_a_few_pictures_in_which_the_mirror_had_moved_is_named(count, nu
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2])
-def test_errors_of_a_model_that_is_too_simple_are_no_motion(seed):
+def test_model_errors_are_not_reported_as_motion(seed):
     """A ball has no single viewpoint: in a single-viewpoint model, the image centres scatter far
     beyond the noise."""
     seen = om.simulate_detections(
@@ -77,7 +77,7 @@ def test_the_group_that_explains_most_is_found():
         random = np.random.default_rng(seed)
         half = together @ (random.normal(size=(12, 12)) * random.uniform(0.3, 3, 12))
         offsets = 2.0 * np.repeat(random.permutation(6) < 3, 2) + random.normal(0, 0.3, 12)
-        own = OwnCentres(
+        own = ImageCentres(
             (half @ half.T).reshape(6, 2, 6, 2), -(half @ half.T @ offsets).reshape(6, 2)
         )
         groups = np.array(

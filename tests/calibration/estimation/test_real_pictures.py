@@ -33,7 +33,7 @@ def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
     run = omnimirror("calibrate", *map(str, PICTURES), "--board", "11x7", "--square-mm", "30", "-o", "camera.toml", "--json", file.name, "--report", "calibration.html", "--figures", "figures", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     told = json.loads(file.read_text())
-    assert all(p["used"] and p["found"] == 77 for p in told["pictures"])
+    assert all(p["used"] and p["found"] == 77 for p in told["images"])
     assert len(told["outliers"]) <= 0.01 * told["corners"] == 13.09
     assert told["rms_px"] < 0.13
     assert told["held_out_rms_px"] < 0.14
@@ -43,9 +43,9 @@ def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
 
 
 @pytest.mark.full
-def test_without_the_shape_of_the_board_the_targets_hold_as_well():
+def test_targets_hold_without_board_shape():
     found = om.calibrate_camera(om.find_boards(PICTURES, BOARD), BOARD, model="viewpoint-spline", board_shape=False)
-    assert all(p.used for p in found.pictures)
+    assert all(p.used for p in found.images)
     assert found.rms_px < 0.16
     assert found.held_out_rms_px < 0.18
 
@@ -59,10 +59,10 @@ def shifted(first, shift, pictures=PICTURES):
 @pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize("pictures", [PICTURES[::3], PICTURES], ids=["few", "all"])
-def test_a_mirror_that_moved_after_half_of_the_pictures_is_found_out(pictures):
+def test_mirror_motion_after_half_of_images_is_detected(pictures):
     """Individual image centres do not reveal it at once: the common centre is wrong for each."""
     half = (len(pictures) + 1) // 2
-    with pytest.raises(InvalidParameter, match="the mirror moved against the camera between them") as refused:
+    with pytest.raises(InvalidParameter, match="the mirror moved relative to the camera between them") as refused:
         om.calibrate_camera(shifted(half, [9.0, 4.0], pictures), BOARD, model="unified")
     first, second = str(refused.value).split(" px from that in ")
     assert pictures[half].name in first
@@ -70,11 +70,11 @@ def test_a_mirror_that_moved_after_half_of_the_pictures_is_found_out(pictures):
 
 
 @pytest.mark.full
-def test_a_mirror_that_moved_a_little_or_before_the_last_picture_is_found_out():
+def test_small_or_late_mirror_motion_is_detected():
     with pytest.raises(InvalidParameter, match=r"in each lies elsewhere|between them"):
         om.calibrate_camera(shifted(9, [3.0, 2.0]), BOARD, model="unified")
     last = om.calibrate_camera(shifted(16, [9.0, 4.0]), BOARD, model="unified")
-    assert [p.name for p in last.pictures if not p.used] == [PICTURES[16].name]
+    assert [p.name for p in last.images if not p.used] == [PICTURES[16].name]
 
 
 @pytest.mark.long
@@ -93,13 +93,13 @@ def test_a_few_pictures_on_the_command_line(tmp_path):
     assert np.hypot(values["cx"] - 325.8, values["cy"] - 245.2) < 8.0  # the result of all 17
 
 
-def test_a_wrong_board_is_said(tmp_path):
+def test_wrong_board_is_reported(tmp_path):
     run = omnimirror("calibrate", *map(str, PICTURES[:2]), "--board", "9x6", "--square-mm", "30", cwd=tmp_path)
     assert run.returncode == 2
-    assert "a board of 11 x 7 corners was found, and one of 9 x 6 corners was looked for" in run.stderr
+    assert "a board of 11 x 7 corners was detected instead of 9 x 6 corners" in run.stderr
 
 
-def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
+def test_pattern_and_folder_expand_to_images(tmp_path):
     """Same behaviour as all other commands; missing files are reported."""
     run = omnimirror("calibrate", "*.jpg", "--board", "11x7", "--square-mm", "30", cwd=tmp_path)
     assert run.returncode == 1
@@ -113,14 +113,14 @@ def test_a_pattern_or_a_folder_stands_for_its_pictures(tmp_path):
 
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudoterminals")
-@pytest.mark.parametrize(("state", "model"), [("Detecting boards, 4 of 6", "unified"), ("Detecting boards, 6 of 6", "unified"), ("fitting ocam", "auto"), ("comparing ", "auto")])
-def test_ctrl_c_keeps_what_was_found(state, model, tmp_path):
+@pytest.mark.parametrize(("state", "model"), [("Detecting boards, 4 of 6", "unified"), ("Detecting boards, 6 of 6", "unified"), ("fitting ocam", "auto"), ("cross-validating ", "auto")])
+def test_interrupt_keeps_partial_results(state, model, tmp_path):
     """The signal is sent on a progress update; a throttled progress bar may never print it."""
     told, code = interrupted(["calibrate", *map(str, PICTURES[:6]), "--board", "11x7", "--square-mm", "30", "--model", model, "-o", "camera.toml"], state, tmp_path)
     assert code == 130, told
     assert "Stopped: best camera so far" in told
-    assert ("It was stopped before the end" in told) == (model == "auto")
-    assert ("the search was stopped before this picture" in told) == (state == "Detecting boards, 4 of 6")
+    assert ("stopped early" in told) == (model == "auto")
+    assert ("the search was stopped before this image" in told) == (state == "Detecting boards, 4 of 6")
     om.load_camera(tmp_path / "camera.toml")
 
 

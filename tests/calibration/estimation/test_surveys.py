@@ -12,27 +12,19 @@ from tests.everyday import few
 
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections
 
-HEAD = {"points": "picture,u_px,v_px,x_mm,y_mm,z_mm", "directions": "picture,u_px,v_px,x,y,z"}
+HEAD = {"points": "image,u_px,v_px,x_mm,y_mm,z_mm", "directions": "image,u_px,v_px,x,y,z"}
 
 
-def seen(camera, near: int, far: int, seed: int = 0) -> om.Sighting:
+def seen(camera, near: int, far: int, seed: int = 0) -> om.Observation:
     """Return an observation of a room with a corridor of 40 m and of stars, in arbitrary axes."""
     random = np.random.default_rng(seed)
     points = random.normal(size=(8 * (near + far), 3))
     points *= (random.uniform(600, 5000, len(points)) / np.linalg.norm(points, axis=1))[:, None]
     close, away = camera.project(points), camera.project_directions(points)
-    chosen, distant = (
-        np.flatnonzero(close.valid)[:near],
-        np.flatnonzero(away.valid)[-far:] if far else [],
-    )
+    chosen, distant = (np.flatnonzero(close.valid)[:near], np.flatnonzero(away.valid)[-far:] if far else [])
     turn, shift = rotation_of(random.normal(size=3)), random.normal(0, 2000, 3)
     pixels = np.concatenate([close.pixels[chosen], away.pixels[distant]])
-    return om.Sighting(
-        "room",
-        pixels + random.normal(0, NOISE_PX, pixels.shape),
-        np.concatenate([points[chosen] @ turn.T + shift, points[distant] @ turn.T]),
-        is_distant=np.arange(near + far) >= near,
-    )
+    return om.Observation("room", pixels + random.normal(0, NOISE_PX, pixels.shape), np.concatenate([points[chosen] @ turn.T + shift, points[distant] @ turn.T]), is_distant=np.arange(near + far) >= near)
 
 
 def off_deg(found, camera) -> float:
@@ -48,18 +40,11 @@ def off_deg(found, camera) -> float:
     return float(np.degrees(np.sqrt(np.mean(np.sum((looks @ (u @ vt).T - true) ** 2, axis=1)))))
 
 
-@pytest.mark.parametrize(
-    ("near", "far", "draws"), few([(40, 0, 5), (0, 40, 5), (25, 25, 1)], (25, 25, 1))
-)
+@pytest.mark.parametrize(("near", "far", "draws"), few([(40, 0, 5), (0, 40, 5), (25, 25, 1)], (25, 25, 1)))
 def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
     """The centre of some draws is excluded: with few points, the outermost one alone can determine
     the lens there."""
-    fits = [
-        om.calibrate_camera(
-            surveys=[seen(TRUTH, near, far, seed)], image_size=SIZE, model="unified"
-        )
-        for seed in range(draws)
-    ]
+    fits = [om.calibrate_camera(surveys=[seen(TRUTH, near, far, seed)], image_size=SIZE, model="unified") for seed in range(draws)]
     for found in fits:
         assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.25)
         assert found.rms_px < found.held_out_rms_px
@@ -69,36 +54,24 @@ def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
 
 
 @pytest.mark.full
-def test_where_the_camera_stood_among_the_points_is_told():
+def test_camera_position_among_points_is_reported():
     room = seen(TRUTH, 40, 0)
     turn, place = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
-    here, stars = (
-        om.Sighting(s.name, s.pixels, s.points @ turn.T, s.motion, s.is_known, s.is_distant)
-        for s in (room, seen(TRUTH, 0, 40))
-    )
-    moved = om.Sighting("moved", here.pixels, here.points + place, is_distant=here.is_distant)
-    at = [
-        om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").pictures[0]
-        for s in (here, moved, stars)
-    ]
+    here, stars = (om.Observation(s.name, s.pixels, s.points @ turn.T, s.pose, s.is_known, s.is_distant) for s in (room, seen(TRUTH, 0, 40)))
+    moved = om.Observation("moved", here.pixels, here.points + place, is_distant=here.is_distant)
+    at = [om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").images[0] for s in (here, moved, stars)]
     np.testing.assert_allclose(at[1].camera_at_mm - at[0].camera_at_mm, place, atol=0.1)
     np.testing.assert_allclose(at[1].rotation, at[0].rotation, atol=1e-5)
-    pixels = TRUTH.image(here.points @ at[0].rotation.T + at[0].shift_mm).pixels
+    pixels = TRUTH.image(here.points @ at[0].rotation.T + at[0].translation_mm).pixels
     assert np.median(np.linalg.norm(pixels - here.pixels, axis=1)) < 1.0
     assert at[2].rotation is not None
     assert at[2].camera_at_mm is None
 
 
-@pytest.mark.parametrize(
-    "model", ["viewpoint-spline", pytest.param("auto", marks=pytest.mark.full)]
-)
-def test_a_mirror_of_several_viewpoints_is_found_from_a_room_and_its_model_chosen_by_points_left_out(
-    model,
-):
+@pytest.mark.parametrize("model", ["viewpoint-spline", pytest.param("auto", marks=pytest.mark.full)])
+def test_a_mirror_of_several_viewpoints_is_found_from_a_room_and_its_model_chosen_by_points_left_out(model):
     camera = om.load_sensor("paper-spherical")
-    found = om.calibrate_camera(
-        surveys=[seen(camera, 90, 30)], image_size=camera.image_size, model=model
-    )
+    found = om.calibrate_camera(surveys=[seen(camera, 90, 30)], image_size=camera.image_size, model=model)
     assert model != "auto" or len(found.candidates) > 4
     assert found.held_out_rms_px < 1.3 * np.sqrt(2) * NOISE_PX
     assert off_deg(found, camera) < 0.05
@@ -108,10 +81,10 @@ def test_boards_and_stars_are_one_calibration_and_a_wrong_star_is_named():
     sky = seen(TRUTH, 0, 30, seed=2)
     sky.pixels[7] += [12.0, -9.0]
     found = om.calibrate_camera(detections(count=4), BOARD, surveys=[sky], model="unified")
-    assert [p.name for p in found.pictures] == [*(f"picture {i}" for i in range(1, 5)), "room"]
-    assert all(p.used for p in found.pictures)
+    assert [p.name for p in found.images] == [*(f"image {i}" for i in range(1, 5)), "room"]
+    assert all(p.used for p in found.images)
     (wrong,) = found.outliers
-    assert (wrong.picture, wrong.corner) == ("room", 7)
+    assert (wrong.image, wrong.corner) == ("room", 7)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
     alone = om.calibrate_camera(detections(count=4), BOARD, model="unified")
     assert off_deg(found, TRUTH) < off_deg(alone, TRUTH)
@@ -135,7 +108,7 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
     points = random.normal(0, 1500, (30, 3)) * [1, 1, 0.5]
     found = camera.project(points)
     pixels = found.pixels[found.valid] + random.normal(0, NOISE_PX, (found.valid.sum(), 2))
-    room = om.Sighting("room", pixels, points[found.valid])
+    room = om.Observation("room", pixels, points[found.valid])
     fit = om.calibrate_camera(surveys=[room], image_size=camera.image_size, model="sensor")
     assert fit.rms_px < np.sqrt(2) * NOISE_PX
     assert fit.held_out_rms_px < 2 * np.sqrt(2) * NOISE_PX
@@ -144,30 +117,15 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
 @pytest.mark.parametrize(
     ("ask", "says"),
     [
-        (lambda s: {"surveys": [s]}, "the pictures' size has to be said"),
-        (
-            lambda s: {"surveys": [s], "image_size": (320, 240)},
-            r"room: pixel .* lies outside of 320 x 240 px",
-        ),
-        (
-            lambda s: {"surveys": [s.only(np.arange(8))], "image_size": SIZE},
-            "8 points are known, and 12 are the",
-        ),
-        (lambda s: {"surveys": [s, s], "image_size": SIZE}, "one name twice among room and room"),
-        (
-            lambda s: {
-                "surveys": [om.Sighting("room", s.pixels, s.points * [1, -1, 1])],
-                "image_size": SIZE,
-            },
-            "no camera explains the points and directions.*mirror images",
-        ),
-        (
-            lambda s: {"pictures": ["a.png"], "image_size": SIZE},
-            "1 pictures are given and not the board",
-        ),
+        (lambda s: {"surveys": [s]}, "must be specified for surveyed points"),
+        (lambda s: {"surveys": [s], "image_size": (320, 240)}, r"room: pixels must be inside the image of 320 x 240 px"),
+        (lambda s: {"surveys": [s.subset(np.arange(8))], "image_size": SIZE}, "surveys must contain at least 12 points"),
+        (lambda s: {"surveys": [s, s], "image_size": SIZE}, "surveys must have different names; got room and room"),
+        (lambda s: {"surveys": [om.Observation("room", s.pixels, s.points * [1, -1, 1])], "image_size": SIZE}, "no camera explains the points and directions.*right-handed"),
+        (lambda s: {"images": ["a.png"], "image_size": SIZE}, "board must be specified for images; got 1"),
     ],
 )
-def test_what_will_not_do_is_told(ask, says):
+def test_invalid_surveys_raise(ask, says):
     with pytest.raises(InvalidParameter, match=says):
         om.calibrate_camera(**ask(seen(TRUTH, 40, 0)), model="unified")
 
@@ -176,24 +134,22 @@ def test_what_will_not_do_is_told(ask, says):
 # -----------------------------------------------------------------------------------------------
 
 
-def written(folder, survey: om.Sighting, *kinds: str) -> list[str]:
+def written(folder, survey: om.Observation, *kinds: str) -> list[str]:
     """Return command options for files of observations."""
     options = []
     for kind in kinds:
         rows = survey.distant == (kind == "directions")
         numbers = np.hstack([survey.pixels, survey.points])[rows]
         lines = [f"{survey.name}," + ",".join(f"{x:.6f}" for x in row) for row in numbers]
-        (folder / f"{kind}.csv").write_text(
-            "\n".join(["# measured on Monday", HEAD[kind], *lines]) + "\n"
-        )
+        (folder / f"{kind}.csv").write_text("\n".join(["# measured on Monday", HEAD[kind], *lines]) + "\n")
         options += [f"--{kind}", str(folder / f"{kind}.csv")]
     return options
 
 
-def test_files_say_what_was_seen_and_where_in_them_a_point_stands(tmp_path):
+def test_files_return_observations_and_locations(tmp_path):
     survey = seen(TRUTH, 12, 6)
     written(tmp_path, survey, "points", "directions")
-    (read,), places = om.read_surveys([tmp_path / "points.csv"], [tmp_path / "directions.csv"])
+    (read,), places = om.read_observations([tmp_path / "points.csv"], [tmp_path / "directions.csv"])
     assert read.name == "room"
     assert read.points == pytest.approx(survey.points, abs=1e-5)
     assert read.distant.tolist() == survey.distant.tolist()
@@ -203,59 +159,36 @@ def test_files_say_what_was_seen_and_where_in_them_a_point_stands(tmp_path):
 
 def test_azimuths_are_counted_clockwise_from_above(tmp_path):
     """Compass and sextant: north ahead, east to the right of it, which is -Y for Y to the left."""
-    (tmp_path / "sky.csv").write_text(
-        "u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,0\n3,4,90,0\n5,6,45,90\n"
-    )
-    ((sky,), _) = om.read_surveys(directions=[tmp_path / "sky.csv"])
-    assert sky.points == pytest.approx(
-        np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12
-    )
+    (tmp_path / "sky.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,0\n3,4,90,0\n5,6,45,90\n")
+    ((sky,), _) = om.read_observations(directions=[tmp_path / "sky.csv"])
+    assert sky.points == pytest.approx(np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12)
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "holds no points; its first line should be u_px,v_px,x,y,z"),
-        (
-            "u,v,x,y,z\n1,2,3,4,5\n",
-            "line 1 of .*names 'u,v,x,y,z'; valid is u_px,v_px,x,y,z or u_px,v_px,azimuth_deg",
-        ),
-        ("u_px,v_px,x,y,z\n1,2,3,4\n", "sky.csv line 2 has 4 values, and the first line names 5"),
-        ("u_px,v_px,x,y,z\n1,2,3,4,north\n", "sky.csv line 2: z = 'north' is no number"),
-        ("u_px,v_px,x,y,z\n1,2,0,0,0\n", "sky.csv line 2: 0, 0, 0 is no direction"),
-        (
-            "u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,91\n",
-            "elevation_deg = 91 is not within -90 to 90",
-        ),
+        ("", "contains no points; its first line must be u_px,v_px,x,y,z"),
+        ("u,v,x,y,z\n1,2,3,4,5\n", "line 1 of .*must be u_px,v_px,x,y,z or u_px,v_px,azimuth_deg.*got 'u,v,x,y,z'"),
+        ("u_px,v_px,x,y,z\n1,2,3,4\n", "sky.csv line 2 must have 5 values, as the first line; got 4"),
+        ("u_px,v_px,x,y,z\n1,2,3,4,north\n", "sky.csv line 2: z must be a finite number; got 'north'"),
+        ("u_px,v_px,x,y,z\n1,2,0,0,0\n", "sky.csv line 2: the direction must not be zero"),
+        ("u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,91\n", "elevation_deg must be -90 to 90 deg; got 91"),
     ],
 )
-def test_a_file_that_will_not_do_is_told_by_its_line(tmp_path, text, says):
+def test_invalid_file_raises_with_line_number(tmp_path, text, says):
     (tmp_path / "sky.csv").write_text(text)
     with pytest.raises(InvalidParameter, match=says):
-        om.read_surveys(directions=[tmp_path / "sky.csv"])
+        om.read_observations(directions=[tmp_path / "sky.csv"])
 
 
-def test_the_command_finds_a_camera_from_files_alone(tmp_path):
+def test_command_calibrates_from_files(tmp_path):
     from click.testing import CliRunner
 
     from omnimirror.apps.cli.commands.calibrate import command
 
     options = written(tmp_path, seen(TRUTH, 30, 20), "points", "directions")
     out = tmp_path / "camera.toml"
-    run = CliRunner().invoke(
-        command,
-        [
-            *options,
-            "--image-size",
-            "640x480",
-            "--model",
-            "unified",
-            "-o",
-            str(out),
-            "--report",
-            str(tmp_path / "report.html"),
-        ],
-    )
+    run = CliRunner().invoke(command, [*options, "--image-size", "640x480", "--model", "unified", "-o", str(out), "--report", str(tmp_path / "report.html")])
     assert run.exit_code == 0, run.output
     assert "50 of 50 points in 1 of 1 image" in run.output
     assert om.load_camera(out).xi == pytest.approx(TRUTH.xi, abs=0.1)
@@ -263,15 +196,9 @@ def test_the_command_finds_a_camera_from_files_alone(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ([], "IMAGES of a board, --points or --directions must be given"),
-        (["a.png"], "IMAGES require --board and --square-mm"),
-        (["--board", "11x7", "--square-mm", "30"], "--board requires IMAGES"),
-        (["a.png", "--board", "11x7"], "--board and --square-mm must be given together"),
-    ],
+    ("arguments", "says"), [([], "IMAGES of a board, --points or --directions must be given"), (["a.png"], "IMAGES require --board and --square-mm"), (["--board", "11x7", "--square-mm", "30"], "--board requires IMAGES"), (["a.png", "--board", "11x7"], "--board and --square-mm must be given together")]
 )
-def test_the_command_says_what_is_missing(arguments, says):
+def test_command_reports_missing_input(arguments, says):
     from click.testing import CliRunner
 
     from omnimirror.apps.cli.commands.calibrate import command

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from omnimirror.calibration.rim._classifier import confidence
-from omnimirror.calibration.rim._rim_detection import SURE
+from omnimirror.calibration.rim._rim_detection import MIN_CONFIDENCE
 
 
 def by_hand(odds: list[float], rivals: list[float], parallel: float, within: float) -> float:
@@ -42,7 +42,7 @@ def test_confidence_is_the_product_of_three_shares(odds, rivals, parallel, withi
 def test_a_circle_of_two_resolutions_of_three_is_rejected():
     """Regardless of its probability at those, and of its lead on average."""
     assert confidence(np.array([5.0, 5.0, 5.0]), np.array([0.0, 0.0, 0.0]), 0.2) > 0.95
-    assert confidence(np.array([5.0, 5.0, -6.0]), np.array([-2.0, -2.0, 0.0]), 0.2) < SURE
+    assert confidence(np.array([5.0, 5.0, -6.0]), np.array([-2.0, -2.0, 0.0]), 0.2) < MIN_CONFIDENCE
 
 
 def test_a_plate_without_parallel_edges_is_rejected():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omnimirror.calibration.edge_detection import EdgePoints
-from omnimirror.calibration.rim._ellipses import Ellipse, Shift, laid_through, shifted
+from omnimirror.calibration.rim._ellipses import Ellipse, Shift, fit_ellipse, shifted
 
 
 def edges_on(
@@ -23,14 +23,14 @@ def edges_on(
 @pytest.mark.parametrize("b", [100.0, 97.0, 94.0])
 def test_the_ellipse_of_the_edges_is_found_from_a_circle_beside_it(angle_deg, b):
     edges = edges_on(100.0, b, angle_deg, (200.0, 150.0))
-    found = laid_through(edges, Ellipse((202.0, 149.0), 98.0), (6.0, 3.0, 1.5, 0.8))
+    found = fit_ellipse(edges, Ellipse((202.0, 149.0), 98.0), (6.0, 3.0, 1.5, 0.8))
     assert found.centre == (pytest.approx(200, abs=0.05), pytest.approx(150, abs=0.05))
     assert found.semi_axes == (pytest.approx(100, abs=0.05), pytest.approx(b, abs=0.05))
     if b < 100:
         assert abs((found.angle_deg - angle_deg + 90) % 180 - 90) < 1
 
 
-def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
+def test_clutter_shifts_ellipse_by_less_than_0_5_px():
     edges, rng = edges_on(100.0, 98.0, 20.0, (200.0, 150.0)), np.random.default_rng(0)
     beside = edges_on(107.0, 105.0, 20.0, (200.0, 150.0), share=0.3)
     lean = rng.uniform(0, 2 * np.pi, 400)
@@ -39,12 +39,12 @@ def test_clutter_pulls_the_ellipse_by_half_a_pixel_at_most():
         [edges.normals, beside.normals, np.stack([np.cos(lean), np.sin(lean)], axis=1)]
     )
     cluttered = EdgePoints(points, normals, np.full(1600, 30.0), np.ones(1600))
-    found = laid_through(cluttered, Ellipse((200.5, 150.0), 99.5), (1.0, 0.7))
+    found = fit_ellipse(cluttered, Ellipse((200.5, 150.0), 99.5), (1.0, 0.7))
     assert found.centre == (pytest.approx(200, abs=0.5), pytest.approx(150, abs=0.5))
     assert found.semi_axes == (pytest.approx(100, abs=0.5), pytest.approx(98, abs=0.5))
 
 
-def test_a_circle_is_moved_and_stretched_to_most_of_the_way_round():
+def test_circle_is_shifted_and_stretched_to_edges():
     """Despite many arcs that are locally closer to the circle than the ellipse."""
     edges = edges_on(104.0, 96.0, 30.0, (203.0, 148.0))
     arcs = [
@@ -58,7 +58,7 @@ def test_a_circle_is_moved_and_stretched_to_most_of_the_way_round():
     )
     start = Ellipse((200.0, 150.0), 100.0)
     moved = shifted(crowd, start, Shift(4.0, 2.0, turns=72, stretch_px=4.0))
-    found = laid_through(crowd, moved, (2.0, 1.0, 0.7))
+    found = fit_ellipse(crowd, moved, (2.0, 1.0, 0.7))
     assert found.centre == (pytest.approx(203, abs=0.2), pytest.approx(148, abs=0.2))
     assert found.semi_axes == (pytest.approx(104, abs=0.2), pytest.approx(96, abs=0.2))
     assert found.angle_deg == pytest.approx(30, abs=2)

@@ -7,7 +7,7 @@ from omnimirror.calibration.rim._ellipses import Ellipse, refine_ring
 
 
 @pytest.mark.parametrize("beside", [1.02, 1.03, 0.98])
-def test_a_stronger_edge_beside_the_rim_draws_nothing(beside):
+def test_stronger_neighbouring_edge_does_not_shift_rim(beside):
     """A disc of known position in a thin frame, with a step of less than half of that of the frame."""
     v, u = np.mgrid[:480, :640]
     away = np.hypot(u - 330.3, v - 215.6)

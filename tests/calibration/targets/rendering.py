@@ -14,7 +14,7 @@ SUBPIXELS = 4
 
 
 class Photograph(NamedTuple):
-    picture: np.ndarray
+    image: np.ndarray
     corners_px: np.ndarray
     """True corner positions (n, 2), by projection."""
 

@@ -26,7 +26,7 @@ def photograph(request):
 
 
 def test_corners_are_measured_to_hundredths_of_a_pixel(photograph):
-    found = om.find_board(photograph.picture, BOARD)
+    found = om.find_board(photograph.image, BOARD)
     error = found.corners_px - photograph.corners_px[in_order_of(found, photograph)]
     from_middle = found.corners_px - 511.5
     outwards = from_middle / np.linalg.norm(from_middle, axis=1)[:, None]
@@ -46,7 +46,7 @@ def in_order_of(found, photograph) -> np.ndarray:
 
 
 def test_reported_deviations_are_those_from_the_truth(photograph):
-    found = om.find_board(photograph.picture, BOARD)
+    found = om.find_board(photograph.image, BOARD)
     error = found.corners_px - photograph.corners_px[in_order_of(found, photograph)]
     assert 0.6 < np.sqrt(np.mean(error**2 / found.sigma_px[:, None] ** 2)) < 2.0
 
@@ -143,11 +143,11 @@ def test_reported_deviations_hold_on_degraded_pictures(kind, sharp_boards):
     assert all(0.45 < one.mean() < 2.2 for one in squares)
 
 
-def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
+def test_partly_occluded_corners_are_rejected(photograph):
     """Edges of its outline shift a corner by 0.5 px and more."""
-    whole = om.find_board(photograph.picture, BOARD)
+    whole = om.find_board(photograph.image, BOARD)
     hidden = np.flatnonzero(np.isin(whole.ids, [0, 4, 27, 49]))
-    picture = photograph.picture.copy()
+    picture = photograph.image.copy()
     for k in hidden:
         at = whole.corners_px[k]
         beside = np.sort(np.linalg.norm(whole.corners_px - at, axis=1))[1]
@@ -164,12 +164,12 @@ def test_corners_that_a_thumb_hides_in_part_are_left_out(photograph):
 
 def test_corners_run_clockwise_from_a_black_square(photograph):
     """Rows of nine, the first next to the second; the square before the first corner is black."""
-    found = om.find_board(photograph.picture, BOARD)
+    found = om.find_board(photograph.image, BOARD)
     grid = found.corners_px.reshape(6, 9, 2)
     right, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
     before = grid[0, 0] - (right + down) / 2
     after = grid[0, 0] + (right - down) / 2
-    brightness = [photograph.picture[round(v), round(u)] for u, v in (before, after)]
+    brightness = [photograph.image[round(v), round(u)] for u, v in (before, after)]
     assert right[0] * down[1] - right[1] * down[0] > 0
     assert brightness[0] < 70 < brightness[1]
 
@@ -177,7 +177,7 @@ def test_corners_run_clockwise_from_a_black_square(photograph):
 @pytest.mark.parametrize(
     "turns", [1, *(pytest.param(n, marks=pytest.mark.full) for n in (0, 2, 3))]
 )
-def test_corners_are_the_same_however_the_picture_is_turned(turns):
+def test_corners_are_independent_of_image_rotation(turns):
     """The orientation of 10 x 7 squares is determined by their colours, not by their positions."""
     picture = cv2.GaussianBlur(
         np.pad(picture_of(9, 6), [(352, 352), (312, 312)], mode="edge"), (0, 0), 0.8
@@ -236,7 +236,7 @@ def test_a_framed_board_of_another_size_is_not_the_one_requested(size, shared_da
     assert not found.used
     assert (
         found.reason
-        == f"a board of 9 x 6 corners was found, and one of {size[0]} x {size[1]} corners was looked for"
+        == f"a board of 9 x 6 corners was detected instead of {size[0]} x {size[1]} corners"
     )
 
 
@@ -269,7 +269,7 @@ def test_frames_without_margin(kind):
     seen = photographed(
         sensor, BOARD, pose(BOARD, *PLACES["prototype-hyperboloidal"]), sheet=in_frame(kind)
     )
-    found = om.find_board(seen.picture, BOARD)
+    found = om.find_board(seen.image, BOARD)
     assert found.used
     error = found.corners_px - seen.corners_px[in_order_of(found, seen)]
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.05
@@ -308,7 +308,7 @@ def picture_of(
         (picture_of(9, 6), None),
         pytest.param(
             picture_of(8, 5),
-            "what counts are the inner corners, not the squares",
+            "specify the number of inner corners, not of squares",
             marks=pytest.mark.full,
         ),
         pytest.param(
@@ -316,16 +316,16 @@ def picture_of(
         ),
         (
             picture_of(11, 8),
-            "a board of 11 x 8 corners was found, and one of 9 x 6 corners was looked for",
+            "a board of 11 x 8 corners was detected instead of 9 x 6 corners",
         ),
-        (np.full((320, 400), 128, np.uint8), "the picture is blank"),
+        (np.full((320, 400), 128, np.uint8), "the image is blank"),
         (cv2.GaussianBlur(picture_of(9, 6), (0, 0), 14), "blurred"),
         pytest.param(
             np.tile(picture_of(9, 6)[:, :200], (1, 2)), "only|a board of", marks=pytest.mark.full
         ),
     ],
 )
-def test_why_a_board_was_not_found_is_told(picture, reason):
+def test_reason_for_missing_board_is_reported(picture, reason):
     found = om.find_board(picture, BOARD)
     assert found.used == (reason is None)
     if reason is not None:
@@ -345,7 +345,7 @@ def tiles() -> np.ndarray:
 
 
 @pytest.mark.full
-def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
+def test_tiles_with_equal_corner_count_are_rejected():
     seen = tiles()
     found = om.find_board(seen, BOARD)
     assert not found.used
@@ -358,7 +358,7 @@ def test_tiles_of_which_as_many_corners_are_seen_are_no_board():
 @pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize("turn", [np.asarray, np.rot90, np.fliplr])
-def test_a_checked_cloth_is_no_board(turn, shared_data):
+def test_chequered_cloth_is_rejected(turn, shared_data):
     """A mirror ball above it leaves 11 x 7 corners visible, with others next to them."""
     picture = cv2.imread(
         str(shared_data / "mirrorball" / "tisch.jpg"), cv2.IMREAD_REDUCED_GRAYSCALE_4
@@ -368,7 +368,7 @@ def test_a_checked_cloth_is_no_board(turn, shared_data):
     ).used
 
 
-def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
+def test_slow_detectors_are_skipped_without_seeds(monkeypatch):
     """They take 1 s without a board; boards completed by them alone have an initial detection."""
     from omnimirror.calibration.targets import _chessboards
 
@@ -390,7 +390,7 @@ def test_where_nothing_begins_slow_detectors_are_not_asked(monkeypatch):
 
 
 @pytest.mark.full
-def test_pictures_that_do_not_belong_together_are_told():
+def test_inconsistent_images_are_reported():
     whole, part = picture_of(9, 6), picture_of(9, 6)
     part[:, 230:] = 128  # 8 x 6 of its corners remain
     pictures = [whole, whole, picture_of(9, 6, size=(420, 320)), part, "missing.jpg"]
@@ -402,25 +402,25 @@ def test_pictures_that_do_not_belong_together_are_told():
     assert "missing.jpg" in found[4].reason
 
 
-def test_ctrl_c_keeps_what_was_found():
+def test_interrupt_keeps_partial_results():
     def stop(done: int, total: int) -> None:
         if done == 1:
             raise KeyboardInterrupt
 
-    found = om.find_boards([picture_of(9, 6)] * 3, BOARD, progress=stop)
+    found = om.find_boards([picture_of(9, 6)] * 3, BOARD, on_progress=stop)
     assert [d.used for d in found] == [True, False, False]
-    assert found[1].reason == "the search was stopped before this picture"
+    assert found[1].reason == "the search was stopped before this image"
 
 
 @pytest.mark.full
 @pytest.mark.long
-def test_views_straightened_by_a_camera_lead_back_to_the_same_corners(monkeypatch):
+def test_dewarped_views_give_same_corners(monkeypatch):
     """Including their order, which is clockwise in the image although a mirror reverses it in the
     view."""
     from omnimirror.calibration.targets import board_detection
 
     sensor = om.load_sensor("paper-spherical")
-    picture = photographed(sensor, BOARD, pose(BOARD, *PLACES["paper-spherical"])).picture
+    picture = photographed(sensor, BOARD, pose(BOARD, *PLACES["paper-spherical"])).image
     plain, look = om.find_board(picture, BOARD), board_detection._look_for_squares
 
     def in_views_alone(values, board, name, *, is_quick=False):
@@ -436,7 +436,7 @@ def test_views_straightened_by_a_camera_lead_back_to_the_same_corners(monkeypatc
     np.testing.assert_allclose(found.corners_px, plain.corners_px, atol=0.02)
 
 
-def test_several_boards_of_a_picture_are_each_told():
+def test_several_boards_in_one_image_are_returned():
     """Two adjacent boards, one of them rotated by 90 deg."""
     picture = np.full((400, 820), 210, np.uint8)
     picture[:320, :400] = picture_of(9, 6)
@@ -447,22 +447,19 @@ def test_several_boards_of_a_picture_are_each_told():
     assert middles == [[159.5, 123.5], [603.5, 239.5]]
 
 
-def test_a_flipped_picture_of_a_symmetric_chessboard_is_told():
+def test_flipped_image_of_symmetric_chessboard_is_reported():
     """10 x 6 squares have black ones at two opposite corners, and white ones there in a mirror
     image."""
     board, picture = om.Board("chessboard", 9, 5), picture_of(9, 5)
     found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
     assert [d.used for d in found[:3]] == [True, True, False]
-    assert (
-        found[2].reason
-        == "it shows the mirror image of the board that the others show: it was flipped"
-    )
+    assert found[2].reason == "its board is the mirror image of that in the others: it was flipped"
 
 
-def test_pictures_of_too_many_pixels_are_a_reason_and_take_no_memory():
+def test_oversized_images_are_rejected_without_memory():
     huge = np.broadcast_to(np.uint8(128), (20_000, 20_000))
     (found,) = om.find_boards([huge], BOARD)
     assert found.reason == (
-        "a picture in which a board is searched for must not have more than 128 megapixels; got 20000 x 20000 px; "
+        "images for board detection must have at most 128 megapixels; got 20000 x 20000 px; "
         "reduce it"
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.calibration.targets.frame_selection import why_not_new
+from omnimirror.calibration.targets.frame_selection import redundancy_reason
 
 BOARD = om.Board("chessboard", 5, 4, 20.0)
 SIZE = (320, 240)
@@ -50,8 +50,8 @@ def video(tmp_path_factory):
     return path
 
 
-def test_each_view_is_chosen_once_and_sharp(video):
-    found = om.choose_frames(video, BOARD)
+def test_each_view_is_selected_once_and_sharp(video):
+    found = om.select_frames(video, BOARD)
     used = [d for d in found if d.used]
     assert len(found) == 2 * len(PLACES)
     assert sorted(int(d.time_s) for d in used) == list(range(len(PLACES)))
@@ -62,34 +62,37 @@ def test_each_view_is_chosen_once_and_sharp(video):
 
 @pytest.mark.full
 def test_the_most_different_ones_come_first(video):
-    used = [d for d in om.choose_frames(video, BOARD, count=3) if d.used]
+    used = [d for d in om.select_frames(video, BOARD, count=3) if d.used]
     middles = np.array([d.corners_px.mean(axis=0) for d in used])
     assert len(used) == 3
     assert min(np.linalg.norm(a - b) for i, a in enumerate(middles) for b in middles[:i]) > 60
 
 
-def test_ctrl_c_chooses_among_what_was_found(video):
+def test_interrupt_selects_from_partial_results(video):
     def stop(done: int, total: int | None) -> None:
         assert total == 2 * len(PLACES)
         if done == 4:
             raise KeyboardInterrupt
 
-    found = om.choose_frames(video, BOARD, progress=stop)
+    found = om.select_frames(video, BOARD, on_progress=stop)
     assert len(found) == 4
     assert sum(d.used for d in found) == 2
 
 
-def test_a_picture_that_a_camera_takes_by_itself_is_sharp_and_new():
+def test_automatic_capture_requires_sharp_new_view():
     """The same views are selected from a video; the fast detection agrees with the thorough one."""
     taken = [om.find_board(frame(*place), BOARD, name=f"{place}") for place in PLACES[:3]]
     quick = om.find_board(frame(*PLACES[3]), BOARD, quick=True)
     np.testing.assert_array_equal(
         quick.corners_px, om.find_board(frame(*PLACES[3]), BOARD).corners_px
     )
-    assert why_not_new(quick, taken, BOARD) is None
+    assert redundancy_reason(quick, taken, BOARD) is None
     nearly = om.find_board(frame(2, 1, 16), BOARD)
-    assert why_not_new(nearly, taken, BOARD) == f"it shows the board much as {PLACES[0]} does"
+    assert (
+        redundancy_reason(nearly, taken, BOARD)
+        == f"its view of the board is similar to {PLACES[0]}"
+    )
     blurred = om.find_board(frame(*PLACES[4], blur=3.5), BOARD)
-    assert "blurred" in why_not_new(blurred, taken, BOARD)
+    assert "blurred" in redundancy_reason(blurred, taken, BOARD)
     nothing = om.find_board(np.full((240, 320), 90, np.uint8), BOARD, quick=True)
-    assert why_not_new(nothing, taken, BOARD) == "the picture is blank"
+    assert redundancy_reason(nothing, taken, BOARD) == "the image is blank"

@@ -23,7 +23,7 @@ BOARDS = {
 
 
 @pytest.mark.parametrize("name", BOARDS)
-def test_corners_are_found_where_they_were_drawn(name):
+def test_corners_are_detected_at_drawn_positions(name):
     board, scale = BOARDS[name], 3.0
     sheet = sheet_of(board)
     found = om.find_board(
@@ -83,7 +83,7 @@ def test_marked_boards_are_found_in_mirrors_reversed_or_not(board, place):
     """A mirror reverses its image, and a flip compensates for it."""
     sensor = om.load_sensor("prototype-hyperboloidal")
     taken = photographed(sensor, board, pose(board, *place), sheet=printed(board))
-    flipped = np.ascontiguousarray(taken.picture[:, ::-1]), [1023, 0] + [-1, 1] * taken.corners_px
+    flipped = np.ascontiguousarray(taken.image[:, ::-1]), [1023, 0] + [-1, 1] * taken.corners_px
     for picture, corners, is_reversed in ((*taken, True), (*flipped, False)):
         found = om.find_board(picture, board)
         error = found.corners_px - corners[found.ids]
@@ -107,12 +107,12 @@ def printed(board):
     return brightness
 
 
-def test_flipped_pictures_among_others_are_told():
+def test_flipped_images_are_reported():
     board = BOARDS["charuco"]
     picture = om.draw_board(board, px_per_mm=2.5)
     found = om.find_boards([picture, picture[:, ::-1], picture], board, names=["a", "b", "c"])
     assert [d.used for d in found] == [True, False, True]
-    assert found[1].reason == "it is a mirror image, and the others are not: it was flipped"
+    assert found[1].reason == "it is a mirror image, unlike the others: it was flipped"
 
 
 def opencv_grid(border_bits):
@@ -125,21 +125,21 @@ def opencv_grid(border_bits):
 
 
 @pytest.mark.parametrize("turn", [np.asarray, np.fliplr, np.rot90])
-def test_grids_of_tags_that_are_not_kalibrs_are_told(turn):
+def test_tag_grids_of_other_programs_are_reported(turn):
     """Their tags would be decoded and confused with others."""
     asked = om.Board("aprilgrid", 6, 5, 30.0)
     found = om.find_board(np.ascontiguousarray(turn(opencv_grid(2))), asked)
     assert found.reason == (
-        "its tags do not lie as on an April grid of 6 x 5 tags: right of the upright tag N stands N+1 and below it "
-        "N+6, where Kalibr's has N-1 and N+6"
+        "the order of its tags is not that of an April grid of 6 x 5 tags: right of tag N is N+1 and below it "
+        "N+6; Kalibr's order is N-1 and N+6"
     )
     thin = om.find_board(np.ascontiguousarray(turn(opencv_grid(1))), asked)
     assert thin.reason == (
-        "30 tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
+        "30 of its tags have a frame of 1 bit, as in AprilTag and OpenCV; tags of Kalibr's April grid have 2 bits"
     )
 
 
-def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
+def test_inverted_tag_is_rejected():
     """Its axes are exactly those of its neighbours, reversed."""
     board = om.Board("aprilgrid", 6, 5, 30.0)
     picture = om.draw_board(board, px_per_mm=2.0)
@@ -154,15 +154,17 @@ def test_a_tag_that_stands_upside_down_among_others_is_a_stray():
     assert len(found.ids) >= board.corner_count - 4
 
 
-def test_april_grids_of_another_size_or_spacing_are_told():
+def test_april_grids_of_other_size_or_spacing_are_reported():
     picture = om.draw_board(om.Board("aprilgrid", 6, 5, 30.0), px_per_mm=2.0)
     assert om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0)).used
     other = om.find_board(picture, om.Board("aprilgrid", 7, 5, 30.0))
-    assert other.reason.startswith("its tags do not lie as on an April grid of 7 x 5 tags")
-    assert other.reason.endswith("stands N-1 and below it N+6, where Kalibr's has N-1 and N+7")
+    assert other.reason.startswith(
+        "the order of its tags is not that of an April grid of 7 x 5 tags"
+    )
+    assert other.reason.endswith("N-1 and below it N+6; Kalibr's order is N-1 and N+7")
     wide = om.find_board(picture, om.Board("aprilgrid", 6, 5, 30.0, spacing=0.8))
     assert re.fullmatch(
-        r"the gaps between its tags are 0\.3\d of a tag's side, and spacing = 0\.8 was said",
+        r"the gaps between its tags are 0\.3\d times the tag side; got spacing = 0\.8",
         wide.reason,
     )
 
@@ -198,7 +200,7 @@ def test_files_have_the_true_size(tmp_path):
     assert om.read_image(tmp_path / "b.png").shape == (1600, 2200)
 
 
-def test_what_cannot_be_printed_is_told(tmp_path):
+def test_invalid_print_parameters_raise(tmp_path):
     with pytest.raises(
         om.base.errors.InvalidParameter,
         match=r"does not fit on A4 \(210 x 297 mm\)|does not fit on A4",

@@ -25,7 +25,7 @@ from ._option_types import NUMBER, SENSOR, angle, ball, pitch_roll
 from ._output import print_remark
 
 if TYPE_CHECKING:
-    from ...calibration.rim import FoundRim
+    from ...calibration.rim import MirrorOutline
     from ...optics.sensor import Sensor
     from ...optics.sensor_files import AnyCamera
 
@@ -175,12 +175,12 @@ class AutoOptions(Options):
         """Return the detected camera with the mounting of the options, and a report of the
         detection.
         """
-        from ...calibration.rim import DEFAULT, PRESETS, camera_from_rim, find_rim, mirror_of
+        from ...calibration.rim import DEFAULT_PRESET, PRESETS, camera_from_rim, detect_mirror_outline, mirror_by_name
 
-        name = self.mirror or DEFAULT
-        mirror_of(name)  # checked before the outline detection, which takes seconds
+        name = self.mirror or DEFAULT_PRESET
+        mirror_by_name(name)  # checked before the outline detection, which takes seconds
         images = _same_size_images(sources, orientation)
-        rim = find_rim(images)
+        rim = detect_mirror_outline(images)
         camera = camera_from_rim(rim, name)
         camera = replace(camera, mount=options.mount_of(camera.mount))
         levelling = ""
@@ -199,7 +199,7 @@ class AutoOptions(Options):
         return camera_of, report
 
 
-def _tilt_ambiguity(rim: FoundRim, mirror: str) -> str:
+def _tilt_ambiguity(rim: MirrorOutline, mirror: str) -> str:
     """Return a warning if the outline of a known sensor implies a mirror tilted to either side."""
     from ...calibration.rim import PRESETS, sensors_from_rim
     from ...optics.sensor_files import load_sensor
@@ -212,11 +212,11 @@ def _tilt_ambiguity(rim: FoundRim, mirror: str) -> str:
 
 def _level_ball(ball: MirrorBall, image: NDArray[np.uint8]) -> tuple[MirrorBall, str]:
     """Return the ball levelled from vertical edges of its image, if reliable, and a report."""
-    from ...calibration.levelling import level_in
+    from ...calibration.levelling import level_from_image
 
     looks = {"up": "up", "down": "down", "forward": "forward"}[ball.mount.camera_looks]
-    level = level_in(image, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
-    if level is None or not level.is_sure:
+    level = level_from_image(image, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
+    if level is None or not level.is_reliable:
         return (ball, f"; the camera is assumed to look {looks} without tilt (--camera-looks, --level)")
     tilt = f"{level.pitch_deg:.1f},{level.roll_deg:.1f} deg, from {level.upright} vertical edges"
     report = f"; the camera is assumed to look {looks} (--camera-looks); tilt {tilt}"

@@ -105,17 +105,17 @@ def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
     """Return the figures of a calibration by name."""
     fit = calibration.adjustment
     visible = fit.seen
-    pixels, residuals = fit.question.stack.pixels[visible], fit.residuals[visible]
+    pixels, residuals = fit.problem.stack.pixels[visible], fit.residuals[visible]
     offset = pixels - calibration.coverage.centre_px
     radius = np.hypot(*offset.T)
     outward = offset / np.maximum(radius, 1e-9)[:, None]
     radial = np.sum(residuals * outward, axis=1)
     across = residuals[:, 1] * outward[:, 0] - residuals[:, 0] * outward[:, 1]
     size = fit.model.image_size
-    names = [s.name for s in fit.sightings]
+    names = [s.name for s in fit.observations]
     with styled():
         return {
-            "coverage": coverage_map([s.pixels for s in fit.sightings], size, calibration.coverage.centre_px, calibration.coverage.radii_px, direction_sigmas(calibration)),
+            "coverage": coverage_map([s.pixels for s in fit.observations], size, calibration.coverage.centre_px, calibration.coverage.radii_px, direction_sigmas(calibration)),
             "residuals": residual_vectors(pixels, residuals, size),
             "residuals-by-radius": residuals_by_radius(radius, radial, across),
             "residuals-by-image": residuals_by_image(names, *_by_image(calibration)),
@@ -140,7 +140,7 @@ def _by_image(calibration: Calibration) -> tuple[Array, Array]:
     fit = calibration.adjustment
     held_out = calibration.held_out.residuals if calibration.held_out else np.full_like(fit.residuals, np.nan)
     return tuple(  # type: ignore[return-value]
-        np.array([np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.question.stack.slices]) for e in (fit.residuals, held_out)
+        np.array([np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.problem.stack.slices]) for e in (fit.residuals, held_out)
     )
 
 
@@ -169,8 +169,8 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
 
 def _lead(calibration: Calibration) -> str:
     board = f" of a board with {calibration.board}" if calibration.board is not None else ""
-    used = sum(p.used for p in calibration.pictures)
-    return f"From {calibration.seen} in {used} of {len(calibration.pictures)} images{board}."
+    used = sum(p.used for p in calibration.images)
+    return f"From {calibration.measurement_kinds} in {used} of {len(calibration.images)} images{board}."
 
 
 def _numbers(calibration: Calibration) -> str:
@@ -180,7 +180,7 @@ def _numbers(calibration: Calibration) -> str:
         "RMS of held-out images": f"{calibration.held_out_rms_px:.3f} px" if calibration.held_out else "-",
         "Corner noise per coordinate": f"{fit.noise_px:.3f} px",
         calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} rejected",
-        "Images": f"{sum(p.used for p in calibration.pictures)} of {len(calibration.pictures)}",
+        "Images": f"{sum(p.used for p in calibration.images)} of {len(calibration.images)}",
         "Computation time": f"{calibration.seconds:.1f} s",
     }
     return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
@@ -197,7 +197,7 @@ def _parameters(calibration: Calibration) -> str:
 
 
 def _images(calibration: Calibration) -> str:
-    rows = [(p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}", "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm), "used" if p.used else p.reason or "") for p in calibration.pictures]
+    rows = [(p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}", "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm), "used" if p.used else p.reason or "") for p in calibration.images]
     return _table(("image", "corners", "RMS px", "camera position, mm", ""), rows)
 
 

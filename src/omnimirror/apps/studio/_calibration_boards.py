@@ -15,10 +15,10 @@ from ...calibration.estimation.observation_checks import (
     coverage,
     recommendations,
 )
-from ...calibration.estimation.observations import Sighting
+from ...calibration.estimation.observations import Observation
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
-from ...calibration.targets.frame_selection import why_not_new
+from ...calibration.targets.frame_selection import redundancy_reason
 from ...cameras.models.camera_model import CameraModel
 from ...dewarp import Dewarper
 from ...optics.sensor_files import parse_camera
@@ -93,15 +93,15 @@ def together(ask: TogetherAsk) -> Together:
         advice=recommendations(spread, len(used)) if spread else (),
         not_new=None
         if ask.candidate is None
-        else why_not_new(taken(ask.candidate, board), used, board),
+        else redundancy_reason(taken(ask.candidate, board), used, board),
     )
 
 
 def _coverage(used: list[Detection], ask: TogetherAsk) -> Coverage:
     width, height = used[0].image_size
     centre = ((width - 1) / 2, (height - 1) / 2) if ask.centre_px is None else ask.centre_px
-    sightings = [Sighting(d.name, d.corners_px, np.zeros((len(d.ids), 3))) for d in used]
-    return coverage(sightings, centre, ask.radius_px)
+    observations = [Observation(d.name, d.corners_px, np.zeros((len(d.ids), 3))) for d in used]
+    return coverage(observations, centre, ask.radius_px)
 
 
 def coverage_shown(spread: Coverage) -> CoverageShown:
@@ -176,35 +176,36 @@ class BoardScreen:
         return f"the board in {self.place.picture}"
 
 
-def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPlace:
+def place_of(observation: Observation, model: CameraModel, board: Board) -> BoardPlace:
     """Return the pose of an observed board in the world frame."""
-    assert sighting.motion is not None
+    assert observation.pose is not None
     to_world = model.mount.rotation()
     low, high = board.points_mm.min(axis=0), board.points_mm.max(axis=0)
     return BoardPlace(
-        picture=sighting.name,
-        rotation=tuple(float(x) for x in (to_world @ sighting.motion.rotation).ravel()),
-        shift_mm=tuple(float(x) for x in to_world @ sighting.motion.shift_mm),  # type: ignore[arg-type]
+        picture=observation.name,
+        rotation=tuple(float(x) for x in (to_world @ observation.pose.rotation).ravel()),
+        shift_mm=tuple(float(x) for x in to_world @ observation.pose.translation_mm),  # type: ignore[arg-type]
         low_mm=(float(low[0]), float(low[1])),
         high_mm=(float(high[0]), float(high[1])),
         margin_mm=MARGIN * board.square_mm,
-        px_per_mm=FINER * _px_per_mm(sighting),
+        px_per_mm=FINER * _px_per_mm(observation),
         is_upwards=board.kind == "aprilgrid",
     )
 
 
-def _px_per_mm(sighting: Sighting) -> float:
+def _px_per_mm(observation: Observation) -> float:
     """Return the image scale of a board, from the square root of area ratios."""
     areas = [
-        np.linalg.det(np.cov(values.T)) for values in (sighting.pixels, sighting.points[:, :2])
+        np.linalg.det(np.cov(values.T))
+        for values in (observation.pixels, observation.points[:, :2])
     ]
     return float((areas[0] / areas[1]) ** 0.25)
 
 
-def on_board_mm(sighting: Sighting, model: CameraModel, board: Board) -> Array:
+def on_board_mm(observation: Observation, model: CameraModel, board: Board) -> Array:
     """Intersect the rays of the observed corners with the board plane; return (k, 2), mm."""
-    place = place_of(sighting, model, board)
-    rays = model.backproject(sighting.pixels)
+    place = place_of(observation, model, board)
+    rays = model.backproject(observation.pixels)
     rotation = np.reshape(place.rotation, (3, 3))
     origins, ways = (rays.origins - place.shift_mm) @ rotation, rays.directions @ rotation
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -212,14 +213,14 @@ def on_board_mm(sighting: Sighting, model: CameraModel, board: Board) -> Array:
     return np.where(rays.valid[:, None], met, np.nan)
 
 
-def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> float:
+def off_straight_px(observation: Observation, model: CameraModel, board: Board) -> float:
     """Return the largest distance of a corner from the best-fit line of its row or column on the
     dewarped board.
 
     The unit is the mean pixel size of the image on the board.
     """
-    met = on_board_mm(sighting, model, board) * _px_per_mm(sighting)
-    points = sighting.points[:, :2]
+    met = on_board_mm(observation, model, board) * _px_per_mm(observation)
+    points = observation.points[:, :2]
     worst = 0.0
     for axis in (0, 1):
         for at in np.unique(points[:, axis]):

@@ -18,45 +18,23 @@ from ...base.errors import OmnimirrorError
 from ...calibration.estimation import Calibration, calibrate_camera
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
-from ...calibration.targets.frame_selection import selected_frames
+from ...calibration.targets.frame_selection import select_distinct_frames
 from ...cameras.frames import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
 from ._calibration_boards import coverage_shown, off_straight_px, place_of, taken
-from .calibration_messages import (
-    STOP,
-    BoardSeen,
-    CalibrationAsk,
-    CalibrationFound,
-    CalibrationNews,
-    ModelTried,
-    OutlierFound,
-    ParameterFound,
-    PictureOutcome,
-)
+from .calibration_messages import STOP, BoardSeen, CalibrationAsk, CalibrationFound, CalibrationNews, ModelTried, OutlierFound, ParameterFound, PictureOutcome
 
 Tell = Callable[[CalibrationNews], None]
 
 
-def perform(
-    ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop: Callable[[], bool]
-) -> None:
+def perform(ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop: Callable[[], bool]) -> None:
     """Calibrate a camera and send progress, camera and report, or an error."""
     try:
         board = board_of(ask.board)
-        found = _calibrated(
-            ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop
-        )
-        tell(
-            CalibrationNews(
-                state="done", sentence=found.summary, share=1.0, found=found_message(found)
-            )
-        )
-        tell(
-            CalibrationNews(
-                state="reported", sentence="The report is made.", report=_report(found, ask.command)
-            )
-        )
+        found = _calibrated(ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop)
+        tell(CalibrationNews(state="done", sentence=found.summary, share=1.0, found=found_message(found)))
+        tell(CalibrationNews(state="reported", sentence="The report is made.", report=_report(found, ask.command)))
     except OmnimirrorError as e:
         tell(CalibrationNews(state="failed", sentence=_plain(str(e))))
 
@@ -65,44 +43,20 @@ def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
     """Mark inconsistent detections; select the distinct frames of a video."""
     judged = compared(detections, board)
     frames = [d for d in judged if d.time_s is not None]
-    told = {
-        id(before): after
-        for before, after in zip(frames, selected_frames(frames, board), strict=True)
-    }
+    told = {id(before): after for before, after in zip(frames, select_distinct_frames(frames, board), strict=True)}
     return [told.get(id(d), d) for d in judged]
 
 
-def _calibrated(
-    ask: CalibrationAsk,
-    detections: Sequence[Detection],
-    board: Board,
-    tell: Tell,
-    stop: Callable[[], bool],
-) -> Calibration:
+def _calibrated(ask: CalibrationAsk, detections: Sequence[Detection], board: Board, tell: Tell, stop: Callable[[], bool]) -> Calibration:
     def progress(what: str, share: float) -> None:
-        tell(
-            CalibrationNews(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share)
-        )
+        tell(CalibrationNews(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share))
 
-    return calibrate_camera(
-        detections,
-        board,
-        model=ask.model,
-        optics=ask.optics,
-        mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped),
-        centre_px=ask.centre_px,
-        rim_radius_px=ask.rim_radius_px,
-        board_shape=not ask.flat_board,
-        progress=progress,
-        stop=stop,
-    )
+    return calibrate_camera(detections, board, model=ask.model, optics=ask.optics, mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped), centre_px=ask.centre_px, rim_radius_px=ask.rim_radius_px, board_shape=not ask.flat_board, on_progress=progress, should_stop=stop)
 
 
 def _plain(sentence: str) -> str:
     """Convert a message of the command line to the labels of the page."""
-    return sentence.replace("say --image-flipped", "say that the driver reverses them").replace(
-        "--optics", "kind of camera"
-    )
+    return sentence.replace("use --image-flipped if the camera's driver flips the images", "select that the driver reverses its images").replace("--optics", "kind of camera")
 
 
 def _report(found: Calibration, command: str) -> str:
@@ -117,7 +71,7 @@ def _report(found: Calibration, command: str) -> str:
 def found_message(found: Calibration) -> CalibrationFound:
     """Convert a calibration to a message."""
     fit = found.adjustment
-    used = {p.name for p in found.pictures if p.used}
+    used = {p.name for p in found.images if p.used}
     return CalibrationFound(
         kind=found.model.KIND,
         summary=found.summary,
@@ -128,55 +82,34 @@ def found_message(found: Calibration) -> CalibrationFound:
         is_complete=found.is_complete,
         image_size=fit.model.image_size,
         pictures=_pictures(found),
-        parameters=tuple(
-            ParameterFound(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit)
-            for p in found.parameters
-        ),
-        models=tuple(
-            ModelTried(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
-            for c in sorted(found.candidates, key=lambda c: c.rms_px)
-        ),
-        outliers=tuple(OutlierFound(**o._asdict()) for o in found.outliers),
+        parameters=tuple(ParameterFound(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit) for p in found.parameters),
+        models=tuple(ModelTried(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)})) for c in sorted(found.candidates, key=lambda c: c.rms_px)),
+        outliers=tuple(OutlierFound(picture=o.image, corner=o.corner, residual_px=o.residual_px) for o in found.outliers),
         notes=found.notes,
         advice=found.advice,
         coverage=coverage_shown(found.coverage),
-        places=tuple(
-            place_of(s, found.model, found.board) for s in fit.sightings if s.name in used
-        ),
+        places=tuple(place_of(s, found.model, found.board) for s in fit.observations if s.name in used),
         camera_file=format_camera(found.camera, found.summary),  # type: ignore[arg-type]
     )
 
 
 def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
     fit = found.adjustment
-    slices = dict(zip((s.name for s in fit.sightings), fit.question.stack.slices, strict=True))
-    sightings = {s.name: s for s in fit.sightings}
-    pixels, seen = fit.question.stack.pixels, fit.seen
+    slices = dict(zip((s.name for s in fit.observations), fit.problem.stack.slices, strict=True))
+    observations = {s.name: s for s in fit.observations}
+    pixels, seen = fit.problem.stack.pixels, fit.visible
     told = []
-    for picture in found.pictures:
+    for picture in found.images:
         rows: tuple[tuple[float, float, float, float], ...] = ()
         held = off = None
         if picture.used:
             where = slices[picture.name]
             both = np.hstack([pixels[where], fit.residuals[where]])[seen[where]]
             rows = tuple(tuple(row) for row in np.round(both, 4).tolist())
-            off = finite(off_straight_px(sightings[picture.name], found.model, found.board))
+            off = finite(off_straight_px(observations[picture.name], found.model, found.board))
             if found.held_out is not None:
-                held = finite(
-                    float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))
-                )
-        told.append(
-            PictureOutcome(
-                name=picture.name,
-                found=picture.found,
-                used=picture.used,
-                reason=picture.reason,
-                rms_px=picture.rms_px,
-                held_out_rms_px=held,
-                off_straight_px=off,
-                residuals=rows,
-            )
-        )
+                held = finite(float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1)))))
+        told.append(PictureOutcome(name=picture.name, found=picture.found, used=picture.used, reason=picture.reason, rms_px=picture.rms_px, held_out_rms_px=held, off_straight_px=off, residuals=rows))
     return tuple(told)
 
 

@@ -24,28 +24,8 @@ from ._camera_tables import camera_tables
 from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
 from ._look_cameras import Cameras, Known
 from ._server_state import Stream
-from ._uploads import (
-    browser_picture,
-    collected,
-    eight_bits,
-    encoded,
-    picture_in,
-    png_of,
-    safe_name,
-    uploaded,
-)
-from .look_messages import (
-    CameraAsk,
-    CameraShown,
-    LevelAsk,
-    LevelFound,
-    RestoreAsk,
-    RimFound,
-    SensorEntry,
-    SensorFile,
-    Start,
-    StreamState,
-)
+from ._uploads import browser_picture, collected, eight_bits, encoded, picture_in, png_of, safe_name, uploaded
+from .look_messages import CameraAsk, CameraShown, LevelAsk, LevelFound, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StreamState
 
 if TYPE_CHECKING:
     from ._server_state import Studio
@@ -72,18 +52,13 @@ def shown_picture(path: Path, stored_orientation: bool, on_note: Callable[[str],
 
 def rim_in(data: bytes, name: str) -> RimFound:
     """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
-    from ...calibration.rim import find_rim
+    from ...calibration.rim import detect_mirror_outline
 
     key = sha256(data).digest()
     found = _rims.get(key)
     if found is None:
-        rim = find_rim(eight_bits(picture_in(data, name)))
-        found = RimFound(
-            centre_px=rim.centre_px,
-            radius_px=rim.radius_px,
-            confidence=rim.confidence,
-            is_sure=rim.is_sure,
-        )
+        rim = detect_mirror_outline(eight_bits(picture_in(data, name)))
+        found = RimFound(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_accepted)
         if len(_rims) >= RIMS_KEPT:
             _rims.clear()
         _rims[key] = found
@@ -92,24 +67,16 @@ def rim_in(data: bytes, name: str) -> RimFound:
 
 def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
     """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
-    from ...calibration.levelling import level_in
+    from ...calibration.levelling import level_from_image
 
     picture = eight_bits(picture_in(data, safe_name(ask.name)))
-    level = level_in(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
+    level = level_from_image(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
     if level is None:
         return None
-    return LevelFound(
-        pitch_deg=level.pitch_deg,
-        roll_deg=level.roll_deg,
-        sigma_deg=level.sigma_deg,
-        upright=level.upright,
-        is_sure=level.is_sure,
-    )
+    return LevelFound(pitch_deg=level.pitch_deg, roll_deg=level.roll_deg, sigma_deg=level.sigma_deg, upright=level.upright, is_sure=level.is_reliable)
 
 
-def restored_picture(
-    sensor: Sensor, ask: RestoreAsk, data: bytes, stored_orientation: bool = False
-) -> tuple[bytes, str]:
+def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes, stored_orientation: bool = False) -> tuple[bytes, str]:
     """Restore an uploaded image, and report the removed blur and the effect of EXIF data.
 
     Raises
@@ -140,10 +107,7 @@ def room_picture(known: Known) -> bytes:
 
     width, height = known.camera.image_size
     if width * height > MOST_PIXELS:
-        raise OmnimirrorError(
-            f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are "
-            f"{MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more"
-        )
+        raise OmnimirrorError(f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are {MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more")
     return encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
 
@@ -167,13 +131,7 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
     def start() -> Start:
         """Return the available sources and cameras."""
         first = next(iter(studio.sources.given), None)
-        return Start(
-            version=__version__,
-            sources=tuple(shown.message for shown in studio.sources.list()),
-            sensors=tuple(studio.cameras.entries()),
-            source=first.id if first else None,
-            sensor=studio.given.id if studio.given else None,
-        )
+        return Start(version=__version__, sources=tuple(shown.message for shown in studio.sources.list()), sensors=tuple(studio.cameras.entries()), source=first.id if first else None, sensor=studio.given.id if studio.given else None)
 
 
 def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
@@ -190,17 +148,12 @@ def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
         known = _known(cameras, id)
         flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
         stands = known.standing(Mount(image_flipped=flipped))
-        return Response(
-            camera_tables(stands).values.astype("<f4").tobytes(),
-            media_type="application/octet-stream",
-        )
+        return Response(camera_tables(stands).values.astype("<f4").tobytes(), media_type="application/octet-stream")
 
 
 def _add_files(app: FastAPI, cameras: Cameras) -> None:
     @app.post("/api/sensors", openapi_extra=FILE_BODY, status_code=201)
-    async def load_sensor(
-        request: Request, name: FileName = "sensor.toml", optics: str = "mirror"
-    ) -> SensorEntry:
+    async def load_sensor(request: Request, name: FileName = "sensor.toml", optics: str = "mirror") -> SensorEntry:
         """Read a calibration file: a sensor file, a camera file, or OCamCalib text."""
         data = await collected(request)
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
@@ -231,24 +184,13 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         if shown.kind != "picture":
             raise HTTPException(404, f"{shown.name} is no picture")
         path = Path(shown.place)
-        return _png(
-            await studio.unpacked.run(
-                path, lambda: shown_picture(path, studio.stored_orientation, studio.on_note)
-            )
-        )
+        return _png(await studio.unpacked.run(path, lambda: shown_picture(path, studio.stored_orientation, studio.on_note)))
 
-    @app.post(
-        "/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
-    )
+    @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def convert(request: Request, name: FileName = "picture") -> Response:
         """Convert an image that browsers cannot read to 8-bit PNG."""
         data = await collected(request)
-        return _png(
-            await studio.unpacked.run(
-                request,
-                lambda: browser_picture(data, safe_name(name), stored_orientation=is_stored),
-            )
-        )
+        return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name), stored_orientation=is_stored)))
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
     async def rim(request: Request, name: FileName = "picture") -> RimFound:
@@ -264,17 +206,13 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         camera = studio.cameras.looking(ask)
         return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
 
-    @app.post(
-        "/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
-    )
+    @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def restore(request: Request) -> Response:
         """Restore an image; the request header precedes the image."""
         ask, picture = unframed(await collected(request), RestoreAsk)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
-        data, words = await studio.simulated.run(
-            request, lambda: restored_picture(sensor, ask, picture, is_stored)
-        )
+        data, words = await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture, is_stored))
         return Response(data, media_type="image/png", headers={NOTE: words})
 
 
@@ -298,9 +236,7 @@ def _known(cameras: Cameras, id: str) -> Known:
     try:
         return cameras.find(id)
     except KeyError:
-        raise HTTPException(
-            404, f"there is no camera {id!r}; it may have been forgotten: load it again"
-        ) from None
+        raise HTTPException(404, f"there is no camera {id!r}; it may have been forgotten: load it again") from None
 
 
 def _png(data: bytes) -> Response:

@@ -1,21 +1,27 @@
 """Camera calibration: estimation of a camera model, target poses and target shape from images."""
 
 from ..straight_edges import StraightEdges
-from ._bundle_adjustment import Adjustment, Prior, adjust
+from ._bundle_adjustment import BundleAdjustment, Prior, bundle_adjust
 from ._camera_calibration import calibrate_camera
 from .calibration_result import Calibration
-from .observations import Motion, Sighting, Surveys, read_surveys, simulate_detections
+from .observations import (
+    Observation,
+    RigidTransform,
+    SurveyData,
+    read_observations,
+    simulate_detections,
+)
 
 __all__ = [
-    "Adjustment",
+    "BundleAdjustment",
     "Calibration",
-    "Motion",
+    "Observation",
     "Prior",
-    "Sighting",
+    "RigidTransform",
     "StraightEdges",
-    "Surveys",
-    "adjust",
+    "SurveyData",
+    "bundle_adjust",
     "calibrate_camera",
-    "read_surveys",
+    "read_observations",
     "simulate_detections",
 ]

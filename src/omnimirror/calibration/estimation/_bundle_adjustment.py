@@ -14,22 +14,10 @@ from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
 from ..straight_edges import EdgeInformation, StraightEdges
-from ._residuals import (
-    SHAPE_NAMES,
-    SHAPE_UNITS,
-    UNSEEN_PX,
-    BoardShape,
-    Estimate,
-    Linearised,
-    Loss,
-    linearise,
-    slid,
-    targets,
-    without_motions,
-)
-from .observations import Sighting, Stack, moved, rms_px, stacked
+from ._residuals import SHAPE_NAMES, SHAPE_UNITS, UNSEEN_PX, BoardShape, Estimate, Linearised, Loss, eliminate_line_positions, linearise, slid, targets
+from .observations import Observation, Stack, moved, rms_px, stacked
 
-# -- Normal equations of a bundle adjustment in sparse block form ----------------------------------
+# -- Normal equations ------------------------------------------------------------------------------
 #
 # Shared parameters form one small dense block, and the six parameters of each pose a block of their
 # own. Poses are eliminated image by image with the Schur complement, at a cost linear in the number
@@ -46,48 +34,33 @@ class NormalEquations(NamedTuple):
     """Shared block (g, g)."""
     cross: Array
     """Coupling blocks (m, g, 6)."""
-    motions: Array
+    poses: Array
     """Pose blocks (m, 6, 6)."""
     shared_gradient: Array
     """Gradient of the shared parameters (g,)."""
-    motion_gradients: Array
+    pose_gradients: Array
     """Gradients of the poses (m, 6)."""
 
 
-def assembled(
-    stack: Stack,
-    residuals: Array,
-    d_shared: Array,
-    d_motion: Array,
-    weights: Array,
-    moving: NDArray[np.bool_],
-) -> NormalEquations:
+def assembled(stack: Stack, residuals: Array, d_shared: Array, d_pose: Array, weights: Array, is_free_pose: NDArray[np.bool_]) -> NormalEquations:
     """Assemble the normal equations.
 
     Inputs are residuals (n, 2), derivatives (n, 2, g) and (n, 2, 6), weights (n,), and a mask
-    ``moving`` (m,) of free poses.
+    ``is_free_pose`` (m,) of free poses.
     """
-    together = np.concatenate([d_shared, d_motion, residuals[..., None]], axis=2)
-    weighted = (together * weights[:, None, None]).reshape(2 * len(weights), -1)
-    together = together.reshape(weighted.shape)
+    rows = np.concatenate([d_shared, d_pose, residuals[..., None]], axis=2)
+    weighted = (rows * weights[:, None, None]).reshape(2 * len(weights), -1)
+    rows = rows.reshape(weighted.shape)
     count, g = len(stack.slices), d_shared.shape[2]
-    cross, blocks, gradients = (
-        np.zeros((count, g, 6)),
-        np.zeros((count, 6, 6)),
-        np.zeros((count, 6)),
-    )
+    cross, blocks, gradients = (np.zeros((count, g, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6)))
     square, gradient = np.zeros((g, g)), np.zeros(g)
-    for i, where in enumerate(stack.slices):
-        rows = slice(2 * where.start, 2 * where.stop)
-        product = _product(together[rows], weighted[rows])
+    for i, part in enumerate(stack.slices):
+        part_rows = slice(2 * part.start, 2 * part.stop)
+        product = _product(rows[part_rows], weighted[part_rows])
         square += product[:g, :g]
         gradient += product[:g, -1]
-        if moving[i]:
-            cross[i], blocks[i], gradients[i] = (
-                product[:g, g:-1],
-                product[g:-1, g:-1],
-                product[g:-1, -1],
-            )
+        if is_free_pose[i]:
+            cross[i], blocks[i], gradients[i] = (product[:g, g:-1], product[g:-1, g:-1], product[g:-1, -1])
         else:
             blocks[i] = np.eye(6)
     return NormalEquations(square, cross, blocks, gradient, gradients)
@@ -99,18 +72,16 @@ def _product(one: Array, other: Array) -> Array:
     BLAS starts threads even for small products, and they spin for longer than the product takes.
     For a matrix times itself the limit is lower still, so the weights are applied to one factor.
     """
-    most = max(MAX_PRODUCTS // one.shape[1] ** 2, MIN_ROWS)
+    chunk = max(MAX_PRODUCTS // one.shape[1] ** 2, MIN_ROWS)
     total = np.zeros((one.shape[1], one.shape[1]))
-    for first in range(0, len(one), most):
-        total += one[first : first + most].T @ other[first : first + most]
+    for first in range(0, len(one), chunk):
+        total += one[first : first + chunk].T @ other[first : first + chunk]
     return total
 
 
 def with_priors(blocks: NormalEquations, information: Array, pull: Array) -> NormalEquations:
     """Add priors on shared parameters: information (g, g), and information times deviations (g,)."""
-    return blocks._replace(
-        shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull
-    )
+    return blocks._replace(shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull)
 
 
 def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array, Array]:
@@ -123,8 +94,10 @@ def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array
     numpy.linalg.LinAlgError
         If the equations are singular.
     """
-    motions = _damped(blocks.motions, damping)
-    inverse_cross, inverse_gradient = _eliminated(motions, blocks)
+    poses = _damped(blocks.poses, damping)
+    inverse_cross, inverse_gradient = _eliminate_poses(poses, blocks)
+    # Schur complement: (A - B C^-1 B^T) d_s = -(g - B C^-1 h), then
+    # d_p = -C^-1 h - C^-1 B^T d_s for each pose
     enlarged = blocks.shared + np.diag(damping * np.diag(blocks.shared) + floor)
     reduced = enlarged - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
     right = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
@@ -134,11 +107,9 @@ def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array
 
 def reduced_system(blocks: NormalEquations) -> tuple[Array, Array]:
     """Return the reduced system for free poses: Schur complement (g, g) and gradient (g,)."""
-    inverse_cross, inverse_gradient = _eliminated(_damped(blocks.motions, 1e-12), blocks)
+    inverse_cross, inverse_gradient = _eliminate_poses(_damped(blocks.poses, 1e-12), blocks)
     reduced: Array = blocks.shared - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
-    gradient: Array = blocks.shared_gradient - np.einsum(
-        "mgk,mk->g", blocks.cross, inverse_gradient
-    )
+    gradient: Array = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
     return (reduced + reduced.T) / 2, gradient
 
 
@@ -155,23 +126,19 @@ def solved_scaled(matrix: Array, right: Array) -> Array:
 def _damped(matrices: Array, damping: float) -> Array:
     """Return matrices (..., k, k) with enlarged diagonals; undetermined poses remain unchanged."""
     diagonal = np.einsum("...ii->...i", matrices)
-    least = np.maximum(diagonal.max(axis=-1, initial=0.0, keepdims=True) * 1e-14, 1e-30)
+    minimum = np.maximum(diagonal.max(axis=-1, initial=0.0, keepdims=True) * 1e-14, 1e-30)
     damped = matrices.copy()
-    np.einsum("...ii->...i", damped)[...] += damping * diagonal + np.where(
-        diagonal <= least, least, 0.0
-    )
+    np.einsum("...ii->...i", damped)[...] += damping * diagonal + np.where(diagonal <= minimum, minimum, 0.0)
     return damped
 
 
-def _eliminated(motions: Array, blocks: NormalEquations) -> tuple[Array, Array]:
+def _eliminate_poses(poses: Array, blocks: NormalEquations) -> tuple[Array, Array]:
     """Return ``C^-1 B^T`` (m, 6, g) and ``C^-1 h`` (m, 6), with rows scaled for radians and mm."""
-    scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", motions), 1e-300))
-    scaled = motions * scale[:, :, None] * scale[:, None, :]
-    right = np.concatenate(
-        [blocks.cross.transpose(0, 2, 1), blocks.motion_gradients[..., None]], axis=2
-    )
-    found = np.linalg.solve(scaled, right * scale[..., None]) * scale[..., None]
-    return found[..., :-1], found[..., -1]
+    scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", poses), 1e-300))
+    scaled = poses * scale[:, :, None] * scale[:, None, :]
+    right = np.concatenate([blocks.cross.transpose(0, 2, 1), blocks.pose_gradients[..., None]], axis=2)
+    solution = np.linalg.solve(scaled, right * scale[..., None]) * scale[..., None]
+    return solution[..., :-1], solution[..., -1]
 
 
 # -- Levenberg-Marquardt steps with geodesic acceleration ------------------------------------------
@@ -219,18 +186,15 @@ class AdjustmentProblem:
 
     def prior(self, values: Array) -> PriorInformation:
         """Return the prior information on free shared parameters at values (g,)."""
-        information, off = (
-            np.diag(self.information * self.free),
-            (values - self.expected) * self.free,
-        )
-        pull = information @ off
-        cost = float(off @ pull)
+        information, deviation = (np.diag(self.information * self.free), (values - self.expected) * self.free)
+        pull = information @ deviation
+        cost = float(deviation @ pull)
         if self.edges is not None:
             count = len(self.edges.expected)
-            of_edges = values[:count] - self.edges.expected
+            edge_deviation = values[:count] - self.edges.expected
             information[:count, :count] += self.edges.information
-            pull[:count] += self.edges.information @ of_edges
-            cost += float(of_edges @ self.edges.information @ of_edges)
+            pull[:count] += self.edges.information @ edge_deviation
+            cost += float(edge_deviation @ self.edges.information @ edge_deviation)
         return PriorInformation(information[np.ix_(self.free, self.free)], pull[self.free], cost)
 
 
@@ -250,12 +214,12 @@ class Step(NamedTuple):
 
     shared: Array
     """Shared parameters (g,), 0 if fixed."""
-    motions: Array
+    poses: Array
     """Poses (m, 6)."""
 
     def times(self, factor: float) -> Step:
         """Return the step multiplied by a factor."""
-        return Step(factor * self.shared, factor * self.motions)
+        return Step(factor * self.shared, factor * self.poses)
 
 
 def shared_values(estimate: Estimate) -> Array:
@@ -264,185 +228,120 @@ def shared_values(estimate: Estimate) -> Array:
     return np.array([*values, *(estimate.shape.values if estimate.shape else ()), *estimate.marks])
 
 
-def minimise(
-    estimate: Estimate,
-    question: AdjustmentProblem,
-    most_steps: int,
-    settled: float = RELATIVE_TOLERANCE,
-    on_step: Callable[[float], None] | None = None,
-) -> Estimate:
+def minimise(estimate: Estimate, problem: AdjustmentProblem, max_steps: int, relative_tolerance: float = RELATIVE_TOLERANCE, on_progress: Callable[[float], None] | None = None) -> Estimate:
     """Minimise the sum, starting from an estimate."""
-    raw = linearise(estimate, question.stack)
-    cost, damping = _cost(estimate, raw, question), 1e-3
-    for number in range(most_steps):
-        blocks = _blocks(estimate, without_motions(raw), question)
+    linearised = linearise(estimate, problem.stack)
+    cost, damping = _cost(estimate, linearised, problem), 1e-3
+    for number in range(max_steps):
+        blocks = _blocks(estimate, eliminate_line_positions(linearised), problem)
         before, growth = cost, 2.0
         while damping < MOST_DAMPING:
-            trial = _trial_step(estimate, raw, blocks, question, damping, number >= STRAIGHT_STEPS)
+            trial = _trial_step(estimate, linearised, blocks, problem, damping, number >= STRAIGHT_STEPS)
             if trial is not None:
-                found = linearise(trial, question.stack)
-                trial_cost = _cost(trial, found, question)
+                trial_residuals = linearise(trial, problem.stack)
+                trial_cost = _cost(trial, trial_residuals, problem)
                 if trial_cost <= cost:
-                    estimate, raw, cost, damping = (
-                        trial,
-                        found,
-                        trial_cost,
-                        max(damping / 5, LEAST_DAMPING),
-                    )
+                    estimate, linearised, cost, damping = (trial, trial_residuals, trial_cost, max(damping / 5, LEAST_DAMPING))
                     break
             damping, growth = damping * growth, growth * 2
         else:
             return estimate
-        if on_step is not None:
-            on_step(cost)
-        if before - cost <= settled * before or cost < MIN_NOISE_PX**2 * len(raw.seen):
+        if on_progress is not None:
+            on_progress(cost)
+        if before - cost <= relative_tolerance * before or cost < MIN_NOISE_PX**2 * len(linearised.visible):
             return estimate
     return estimate
 
 
-def _cost(estimate: Estimate, found: Linearised, question: AdjustmentProblem) -> float:
-    unseen = UNSEEN_PX**2 * int((~found.seen).sum())  # full penalty: points must be visible
-    known = question.noise_px**2 * question.prior(shared_values(estimate)).cost
-    total = question.loss.sum(found.residuals) + unseen + known
+def _cost(estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem) -> float:
+    penalty = UNSEEN_PX**2 * int((~linearised.visible).sum())  # full penalty: points must be visible
+    prior_cost = problem.noise_px**2 * problem.prior(shared_values(estimate)).cost
+    total = problem.loss.sum(linearised.residuals) + penalty + prior_cost
     return total if np.isfinite(total) else np.inf
 
 
-def _blocks(estimate: Estimate, found: Linearised, question: AdjustmentProblem) -> NormalEquations:
-    weights = question.loss.weights(found.residuals) * found.seen
-    blocks = assembled(
-        question.stack,
-        found.residuals,
-        found.d_shared[:, :, question.free],
-        found.d_motion,
-        weights,
-        question.moving,
-    )
-    prior, scale = question.prior(shared_values(estimate)), question.noise_px**2
+def _blocks(estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem) -> NormalEquations:
+    weights = problem.loss.weights(linearised.residuals) * linearised.visible
+    blocks = assembled(problem.stack, linearised.residuals, linearised.d_shared[:, :, problem.free], linearised.d_pose, weights, problem.moving)
+    prior, scale = problem.prior(shared_values(estimate)), problem.noise_px**2
     return with_priors(blocks, scale * prior.information, scale * prior.pull)
 
 
-def _trial_step(
-    estimate: Estimate,
-    raw: Linearised,
-    blocks: NormalEquations,
-    question: AdjustmentProblem,
-    damping: float,
-    is_bent: bool,
-) -> Estimate | None:
+def _trial_step(estimate: Estimate, linearised: Linearised, blocks: NormalEquations, problem: AdjustmentProblem, damping: float, with_acceleration: bool) -> Estimate | None:
     """Return the estimate after a step; None if the equations or the model do not permit it."""
-    step = _solved(estimate, blocks, question, damping)
+    step = _marquardt_step(estimate, blocks, problem, damping)
     if step is None:
         return None
-    straight = _stepped(estimate, raw, question, step)
-    if straight is None:
-        stopped = _stopped(estimate, step)
-        step = _solved(estimate, blocks, question, damping, stopped) if stopped.any() else None
-        return None if step is None else _stepped(estimate, raw, question, step)
-    bend = (
-        _acceleration(estimate, raw, blocks, question, damping, step)
-        if is_bent and raw.d_slide is None
-        else None
-    )
-    if bend is None:
-        return straight
-    return _stepped(
-        estimate,
-        raw,
-        question,
-        Step(step.shared + bend.shared / 2, step.motions + bend.motions / 2),
-    )
+    stepped = _after_step(estimate, linearised, problem, step)
+    if stepped is None:
+        at_boundary = _parameters_at_boundary(estimate, step)
+        step = _marquardt_step(estimate, blocks, problem, damping, at_boundary) if at_boundary.any() else None
+        return None if step is None else _after_step(estimate, linearised, problem, step)
+    acceleration = _acceleration(estimate, linearised, blocks, problem, damping, step) if with_acceleration and linearised.d_slide is None else None
+    if acceleration is None:
+        return stepped
+    return _after_step(estimate, linearised, problem, Step(step.shared + acceleration.shared / 2, step.poses + acceleration.poses / 2))
 
 
-def _acceleration(
-    estimate: Estimate,
-    raw: Linearised,
-    blocks: NormalEquations,
-    question: AdjustmentProblem,
-    damping: float,
-    step: Step,
-) -> Step | None:
+def _acceleration(estimate: Estimate, linearised: Linearised, blocks: NormalEquations, problem: AdjustmentProblem, damping: float, step: Step) -> Step | None:
     """Return the geodesic acceleration of a step; None if it is too large."""
-    probe = _stepped(estimate, raw, question, step.times(PROBE))
+    probe = _after_step(estimate, linearised, problem, step.times(PROBE))
     if probe is None:
         return None
-    found = linearise(probe, question.stack)
-    along = raw.d_shared @ step.shared + np.einsum(
-        "nki,ni->nk", raw.d_motion, step.motions[question.stack.owner]
-    )
-    second = 2 / PROBE * ((found.residuals - raw.residuals) / PROBE - along)
-    both = found.seen & raw.seen
-    weights = question.loss.weights(raw.residuals) * both
-    bent = assembled(
-        question.stack,
-        second,
-        raw.d_shared[:, :, question.free],
-        raw.d_motion,
-        weights,
-        question.moving,
-    )
-    right = blocks._replace(
-        shared_gradient=bent.shared_gradient, motion_gradients=bent.motion_gradients
-    )
-    bend = _solved(estimate, right, question, damping)
-    if bend is None or _step_length(bend, blocks, question) > MAX_ACCELERATION * _step_length(
-        step, blocks, question
-    ):
+    probe_residuals = linearise(probe, problem.stack)
+    along = linearised.d_shared @ step.shared + np.einsum("nki,ni->nk", linearised.d_pose, step.poses[problem.stack.owner])
+    # second directional derivative: r'' = 2 / h ((r(x + h v) - r(x)) / h - J v)
+    # (Transtrum and Sethna 2012)
+    second = 2 / PROBE * ((probe_residuals.residuals - linearised.residuals) / PROBE - along)
+    is_visible = probe_residuals.visible & linearised.visible
+    weights = problem.loss.weights(linearised.residuals) * is_visible
+    equations = assembled(problem.stack, second, linearised.d_shared[:, :, problem.free], linearised.d_pose, weights, problem.moving)
+    right = blocks._replace(shared_gradient=equations.shared_gradient, pose_gradients=equations.pose_gradients)
+    acceleration = _marquardt_step(estimate, right, problem, damping)
+    if acceleration is None or _step_length(acceleration, blocks, problem) > MAX_ACCELERATION * _step_length(step, blocks, problem):
         return None
-    return bend
+    return acceleration
 
 
-def _step_length(step: Step, blocks: NormalEquations, question: AdjustmentProblem) -> float:
+def _step_length(step: Step, blocks: NormalEquations, problem: AdjustmentProblem) -> float:
     """Return the length of a step, weighted by its effect on the residuals."""
-    shared = step.shared[question.free] ** 2 @ np.diag(blocks.shared)
-    return float(np.sqrt(shared + np.sum(step.motions**2 * np.einsum("mii->mi", blocks.motions))))
+    shared = step.shared[problem.free] ** 2 @ np.diag(blocks.shared)
+    return float(np.sqrt(shared + np.sum(step.poses**2 * np.einsum("mii->mi", blocks.poses))))
 
 
-def _stopped(estimate: Estimate, step: Step) -> Mask:
+def _parameters_at_boundary(estimate: Estimate, step: Step) -> Mask:
     """Return the mask (g,) of model parameters at the boundary of their range."""
     values = np.array([p.value for p in estimate.model.parameters])
-    stopped = np.zeros(len(step.shared), dtype=bool)
+    at_boundary = np.zeros(len(step.shared), dtype=bool)
     for i in np.flatnonzero(step.shared[: len(values)]):
         trial = values.copy()
         trial[i] += step.shared[i]
         try:
             estimate.model.with_parameters(trial)
         except OmnimirrorError:
-            stopped[i] = True
-    return stopped
+            at_boundary[i] = True
+    return at_boundary
 
 
-def _solved(
-    estimate: Estimate,
-    blocks: NormalEquations,
-    question: AdjustmentProblem,
-    damping: float,
-    stopped: Mask | None = None,
-) -> Step | None:
+def _marquardt_step(estimate: Estimate, blocks: NormalEquations, problem: AdjustmentProblem, damping: float, at_boundary: Mask | None = None) -> Step | None:
     """Return the step; stopped parameters are held."""
-    scales = [
-        *(p.scale for p in estimate.model.parameters),
-        *(estimate.shape.sigmas if estimate.shape else ()),
-    ]
+    scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
     scales += [1.0] * len(estimate.marks)
-    floor = (STIFFNESS * question.noise_px / np.array(scales)[question.free]) ** 2
-    if stopped is not None:
-        floor = np.where(
-            stopped[question.free], HELD_DAMPING * np.diag(blocks.shared) + floor, floor
-        )
+    floor = (STIFFNESS * problem.noise_px / np.array(scales)[problem.free]) ** 2
+    if at_boundary is not None:
+        floor = np.where(at_boundary[problem.free], HELD_DAMPING * np.diag(blocks.shared) + floor, floor)
     try:
-        free, motions = solved(blocks, damping, floor)
+        free, poses = solved(blocks, damping, floor)
     except np.linalg.LinAlgError:
         return None
-    if not (np.isfinite(free).all() and np.isfinite(motions).all()):
+    if not (np.isfinite(free).all() and np.isfinite(poses).all()):
         return None
-    shared = np.zeros(len(question.free))
-    shared[question.free] = free
-    return Step(shared, motions)
+    shared = np.zeros(len(problem.free))
+    shared[problem.free] = free
+    return Step(shared, poses)
 
 
-def _stepped(
-    estimate: Estimate, raw: Linearised, question: AdjustmentProblem, step: Step
-) -> Estimate | None:
+def _after_step(estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem, step: Step) -> Estimate | None:
     """Return the estimate after a step; None if the values do not describe a camera."""
     values = shared_values(estimate) + step.shared
     count, last = len(estimate.model.parameters), len(values) - len(estimate.marks)
@@ -450,15 +349,15 @@ def _stepped(
         model = estimate.model.with_parameters(values[:count])
     except OmnimirrorError:
         return None
-    motions = moved(estimate.motions, np.where(question.moving[:, None], step.motions, 0.0))
+    poses = moved(estimate.poses, np.where(problem.moving[:, None], step.poses, 0.0))
     shape = estimate.shape and estimate.shape.with_values(values[count:last])
     slides = estimate.slides
-    if raw.d_slide is not None:
-        slides = slides + slid(raw, question.stack, step.shared, step.motions)
-    return Estimate(model, motions, shape, slides, values[last:])
+    if linearised.d_slide is not None:
+        slides = slides + slid(linearised, problem.stack, step.shared, step.poses)
+    return Estimate(model, poses, shape, slides, values[last:])
 
 
-# -- Bundle adjustment of a camera model, target poses and board shape to all observations ---------
+# -- Bundle adjustment -----------------------------------------------------------------------------
 #
 # Levenberg-Marquardt steps on normal equations with eliminated poses. Gross errors are downweighted
 # by iterative reweighting with Cauchy weights at the scale of the noise (Hartley and Zisserman,
@@ -490,20 +389,20 @@ class Prior(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Adjustment:
+class BundleAdjustment:
     """Result of a bundle adjustment.
 
     Parameters
     ----------
     model
         Estimated camera model.
-    sightings
+    observations
         Observations with estimated poses.
     shape
         Estimated shape of the board; None if assumed flat.
     linearised
-        Residuals and derivatives of all points of all sightings, in order.
-    question
+        Residuals and derivatives of all points of all observations, in order.
+    problem
         Problem that was solved.
     estimate
         Solution in numerical form.
@@ -512,39 +411,30 @@ class Adjustment:
     """
 
     model: CameraModel
-    sightings: tuple[Sighting, ...]
+    observations: tuple[Observation, ...]
     shape: BoardShape | None
     linearised: Linearised
-    question: AdjustmentProblem
+    problem: AdjustmentProblem
     estimate: Estimate
     fixed: tuple[str, ...] = ()
     priors: tuple[Prior, ...] = ()
     edges: StraightEdges | None = None
 
-    def again(self, sightings: Sequence[Sighting], **options: Any) -> Adjustment:
-        """Adjust again from this solution with other sightings; options as of :func:`adjust`."""
-        given = {
-            "shape": self.shape,
-            "fixed": self.fixed,
-            "priors": self.priors,
-            "edges": self.edges,
-        } | options
-        return adjust(self.model, sightings, **given)
+    def refit(self, observations: Sequence[Observation], **options: Any) -> BundleAdjustment:
+        """Adjust again from this solution with other observations; options as of :func:`bundle_adjust`."""
+        arguments = {"shape": self.shape, "fixed": self.fixed, "priors": self.priors, "edges": self.edges} | options
+        return bundle_adjust(self.model, observations, **arguments)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all shared parameters, free or fixed."""
-        return (*shared_names(self.model, self.shape), *_mark_names(self.question.stack))
+        return (*shared_names(self.model, self.shape), *_mark_names(self.problem.stack))
 
     @property
     def units(self) -> tuple[str, ...]:
         """Units of all shared parameters."""
-        marks = ("mm",) * len(_mark_names(self.question.stack))
-        return (
-            *(p.unit for p in self.model.parameters),
-            *(SHAPE_UNITS if self.shape else ()),
-            *marks,
-        )
+        marks = ("mm",) * len(_mark_names(self.problem.stack))
+        return (*(p.unit for p in self.model.parameters), *(SHAPE_UNITS if self.shape else ()), *marks)
 
     @property
     def residuals(self) -> Array:
@@ -552,33 +442,33 @@ class Adjustment:
         return self.linearised.residuals
 
     @property
-    def seen(self) -> Mask:
+    def visible(self) -> Mask:
         """Visibility of the points in the model (n,)."""
-        return self.linearised.seen
+        return self.linearised.visible
 
     @property
     def rms_px(self) -> float:
         """RMS reprojection error ``sqrt(mean |e|^2)``; invisible points count as gross errors."""
-        return rms_px(np.where(self.seen[:, None], self.residuals, UNSEEN_PX))
+        return rms_px(np.where(self.visible[:, None], self.residuals, UNSEEN_PX))
 
     @property
     def noise_px(self) -> float:
         """Noise of a coordinate, estimated from residuals and degrees of freedom."""
-        count = 2 * int(self.seen.sum()) - self.unknowns
-        if self.question.stack.along is not None:
-            count -= int(np.any(self.question.stack.along != 0, axis=1).sum())
-        total = float(np.sum(self.residuals[self.seen] ** 2))
+        count = 2 * int(self.visible.sum()) - self.unknowns
+        if self.problem.stack.along is not None:
+            count -= int(np.any(self.problem.stack.along != 0, axis=1).sum())
+        total = float(np.sum(self.residuals[self.visible] ** 2))
         return max(float(np.sqrt(total / max(count, 1))), MIN_NOISE_PX)
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns: shared parameters and target poses."""
-        moving = (s for s, m in zip(self.sightings, self.question.moving, strict=True) if m)
-        return int(self.question.free.sum()) + sum(3 if s.distant.all() else 6 for s in moving)
+        moving = (s for s, m in zip(self.observations, self.problem.moving, strict=True) if m)
+        return int(self.problem.free.sum()) + sum(3 if s.distant.all() else 6 for s in moving)
 
     def residuals_of(self, number: int) -> Array:
-        """Return the residuals (n, 2) of a sighting."""
-        return self.residuals[self.question.stack.slices[number]]
+        """Return the residuals (n, 2) of a observation."""
+        return self.residuals[self.problem.stack.slices[number]]
 
 
 def shared_names(model: CameraModel, shape: BoardShape | None) -> tuple[str, ...]:
@@ -588,39 +478,35 @@ def shared_names(model: CameraModel, shape: BoardShape | None) -> tuple[str, ...
 
 def _mark_names(stack: Stack) -> tuple[str, ...]:
     """Return the names of the coordinates of marks on their planes."""
-    return (
-        ()
-        if stack.marks is None
-        else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
-    )
+    return () if stack.marks is None else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
 
 
 @validate_arguments
-def adjust(
+def bundle_adjust(
     model: CameraModel,
-    sightings: Sequence[Sighting],
+    observations: Sequence[Observation],
     *,
     shape: BoardShape | None = None,
     fixed: Iterable[str] = (),
     priors: Iterable[Prior] = (),
     loss: str = "squares",
     noise_px: float | None = None,
-    most_steps: int = MAX_STEPS,
-    settled: float = RELATIVE_TOLERANCE,
-    on_step: Callable[[float], None] | None = None,
+    max_steps: int = MAX_STEPS,
+    relative_tolerance: float = RELATIVE_TOLERANCE,
+    on_progress: Callable[[float], None] | None = None,
     edges: StraightEdges | None = None,
-) -> Adjustment:
+) -> BundleAdjustment:
     """Adjust a camera model, target poses and the board shape to observations.
 
     Parameters
     ----------
     model
         Initial value of the camera model.
-    sightings
+    observations
         Observations of points, directions, lines or marks on planes in any combination, each with a
         known pose or an initial pose.
     shape
-        Initial shape of the board in all near sightings except surveyed ones; None: nominal points.
+        Initial shape of the board in all near observations except surveyed ones; None: nominal points.
     fixed
         Names of parameters held at their initial values.
     priors
@@ -630,24 +516,24 @@ def adjust(
     noise_px
         Noise of a coordinate, which weights priors and scales robust losses; by default estimated
         from the residuals.
-    most_steps
+    max_steps
         Maximum number of steps.
-    settled
+    relative_tolerance
         Relative decrease of the sum that ends the iteration.
-    on_step
+    on_progress
         Callback with the minimised sum after every successful step.
     edges
         Straight edges, as additional observations.
 
     Returns
     -------
-    Adjustment
+    BundleAdjustment
         Solution.
 
     Raises
     ------
     InvalidParameter
-        If a name is unknown, a sighting has no pose, or there are no observations.
+        If a name is unknown, a observation has no pose, or there are no observations.
 
     Examples
     --------
@@ -655,10 +541,10 @@ def adjust(
 
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified
-    >>> from omnimirror.calibration.estimation import Motion
+    >>> from omnimirror.calibration.estimation import RigidTransform
     >>> truth = Unified(0.9, (150.0, 150.0), (322.0, 241.0), (640, 480))
     >>> points = np.random.default_rng(0).normal(0, 2000, (60, 3)) * [1, 1, 0.2]
-    >>> room = om.Sighting("room", truth.image(points).pixels, points, Motion.none(), is_known=True)
+    >>> room = om.Observation("room", truth.image(points).pixels, points, RigidTransform.identity(), is_known=True)
     >>> start = Unified(1.0, (160.0, 160.0), (319.5, 239.5), (640, 480))
     >>> found = om.adjust(start, [room], fixed=("k1", "k2", "k3", "p1", "p2", "skew"))
     >>> round(found.model.xi, 4), round(found.rms_px, 6)
@@ -666,43 +552,31 @@ def adjust(
     """
     choice("loss", loss, ("squares", "cauchy", "huber"))
     fixed, priors = tuple(fixed), tuple(priors)
-    question = _problem(model, sightings, shape, fixed, priors)
-    estimate = _start(model, sightings, shape, priors, question.stack)
+    problem = _problem(model, observations, shape, fixed, priors)
+    estimate = _start(model, observations, shape, priors, problem.stack)
     for _ in range(1 if edges is None else EDGES_FORMED):
-        known = None if edges is None else edges.known(estimate.model)
+        edge_information = None if edges is None else edges.information(estimate.model)
         before = estimate.model
-        estimate, question = _settled(
-            estimate, replace(question, edges=known), loss, noise_px, most_steps, settled, on_step
-        )
+        estimate, problem = _minimise_with_noise(estimate, replace(problem, edges=edge_information), loss, noise_px, max_steps, relative_tolerance, on_progress)
         if _max_change(before, estimate.model) < EDGES_SETTLED:
             break
-    found = _informed(estimate, sightings, question, fixed, priors)
-    return replace(found, edges=edges)
+    adjustment = _result(estimate, observations, problem, fixed, priors)
+    return replace(adjustment, edges=edges)
 
 
-def _settled(
-    estimate: Estimate,
-    question: AdjustmentProblem,
-    loss: str,
-    noise_px: float | None,
-    most_steps: int,
-    settled: float,
-    on_step: Callable[[float], None] | None,
-) -> tuple[Estimate, AdjustmentProblem]:
+def _minimise_with_noise(estimate: Estimate, problem: AdjustmentProblem, loss: str, noise_px: float | None, max_steps: int, relative_tolerance: float, on_progress: Callable[[float], None] | None) -> tuple[Estimate, AdjustmentProblem]:
     """Return the minimum for the given noise, or for noise estimated from the residuals."""
     if noise_px is not None:
-        question = replace(question, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
-        return minimise(estimate, question, most_steps, settled, on_step), question
-    for _ in range(1 if loss == "squares" and not question.has_priors else SCALES_ADJUSTED):
-        noise = _noise(estimate, question, robust=loss != "squares")
-        question = replace(question, noise_px=noise, loss=Loss(loss, CAUCHY * noise))
-        estimate = minimise(estimate, question, most_steps, settled, on_step)
-        now = _noise(estimate, question, robust=loss != "squares")
-        if abs(now - noise) < 0.02 * noise:
+        problem = replace(problem, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
+        return minimise(estimate, problem, max_steps, relative_tolerance, on_progress), problem
+    for _ in range(1 if loss == "squares" and not problem.has_priors else SCALES_ADJUSTED):
+        noise = _noise(estimate, problem, robust=loss != "squares")
+        problem = replace(problem, noise_px=noise, loss=Loss(loss, CAUCHY * noise))
+        estimate = minimise(estimate, problem, max_steps, relative_tolerance, on_progress)
+        updated_noise = _noise(estimate, problem, robust=loss != "squares")
+        if abs(updated_noise - noise) < 0.02 * noise:
             break
-    return estimate, replace(
-        question, noise_px=_noise(estimate, question, robust=loss != "squares")
-    )
+    return estimate, replace(problem, noise_px=_noise(estimate, problem, robust=loss != "squares"))
 
 
 def _max_change(before: CameraModel, after: CameraModel) -> float:
@@ -711,85 +585,54 @@ def _max_change(before: CameraModel, after: CameraModel) -> float:
     return max((abs(b.value - a.value) / a.scale for a, b in pairs), default=0.0)
 
 
-def _informed(
-    estimate: Estimate,
-    sightings: Sequence[Sighting],
-    question: AdjustmentProblem,
-    fixed: tuple[str, ...],
-    priors: tuple[Prior, ...],
-) -> Adjustment:
-    found = linearise(estimate, question.stack)
-    moved = tuple(s.moved(m) for s, m in zip(sightings, estimate.motions, strict=True))
-    if question.stack.marks is not None:  # sightings hold the positions of the marks
-        at = targets(
-            estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), question.stack
-        )
-        moved = tuple(
-            replace(s, points=at[where])
-            for s, where in zip(moved, question.stack.slices, strict=True)
-        )
-    return Adjustment(
-        estimate.model, moved, estimate.shape, found, question, estimate, fixed, priors
-    )
+def _result(estimate: Estimate, observations: Sequence[Observation], problem: AdjustmentProblem, fixed: tuple[str, ...], priors: tuple[Prior, ...]) -> BundleAdjustment:
+    linearised = linearise(estimate, problem.stack)
+    posed = tuple(s.with_pose(m) for s, m in zip(observations, estimate.poses, strict=True))
+    if problem.stack.marks is not None:  # observations hold the positions of the marks
+        points = targets(estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), problem.stack)
+        posed = tuple(replace(s, points=points[part]) for s, part in zip(posed, problem.stack.slices, strict=True))
+    return BundleAdjustment(estimate.model, posed, estimate.shape, linearised, problem, estimate, fixed, priors)
 
 
-def _problem(
-    model: CameraModel,
-    sightings: Sequence[Sighting],
-    shape: BoardShape | None,
-    fixed: tuple[str, ...],
-    priors: tuple[Prior, ...],
-) -> AdjustmentProblem:
-    stack = stacked(sightings)
-    of_board = slice(len(model.parameters), len(shared_names(model, shape)))
+def _problem(model: CameraModel, observations: Sequence[Observation], shape: BoardShape | None, fixed: tuple[str, ...], priors: tuple[Prior, ...]) -> AdjustmentProblem:
+    stack = stacked(observations)
+    board_slice = slice(len(model.parameters), len(shared_names(model, shape)))
     names = (*shared_names(model, shape), *_mark_names(stack))
     for name in (*fixed, *(p.name for p in priors)):
         if name not in names:
-            raise InvalidParameter(f"there is no parameter {name!r} to fix; {', '.join(names)} are")
-    missing = [s.name for s in sightings if s.motion is None]
+            raise InvalidParameter(f"fixed and priors must name parameters of the model ({', '.join(names)}); got {name!r}")
+    missing = [s.name for s in observations if s.pose is None]
     if missing:
-        raise InvalidParameter(f"it is not said where the target stands in {', '.join(missing)}")
+        raise InvalidParameter(f"observations must have an initial pose; missing for {', '.join(missing)}")
     free = np.array([n not in fixed for n in names], dtype=bool)
     information, expected = np.zeros(len(names)), np.zeros(len(names))
     if shape is not None:
-        information[of_board] = 1 / shape.sigmas**2
+        information[board_slice] = 1 / shape.sigmas**2
     for prior in priors:
-        at = names.index(prior.name)
-        expected[at] = prior.value
+        index = names.index(prior.name)
+        expected[index] = prior.value
         if prior.sigma > 0:
-            information[at] = 1 / prior.sigma**2
+            information[index] = 1 / prior.sigma**2
         else:
-            free[at] = False
-    moving = np.array([not s.is_known for s in sightings])
+            free[index] = False
+    moving = np.array([not s.is_known for s in observations])
     return AdjustmentProblem(stack, moving, free, information, expected, Loss(), 1.0)
 
 
-def _start(
-    model: CameraModel,
-    sightings: Sequence[Sighting],
-    shape: BoardShape | None,
-    priors: tuple[Prior, ...],
-    stack: Stack,
-) -> Estimate:
+def _start(model: CameraModel, observations: Sequence[Observation], shape: BoardShape | None, priors: tuple[Prior, ...], stack: Stack) -> Estimate:
     values = np.array([p.value for p in model.parameters])
     names = [p.name for p in model.parameters]
     for prior in priors:
         if prior.sigma == 0 and prior.name in names:
             values[names.index(prior.name)] = prior.value
-    motions = tuple(s.motion for s in sightings if s.motion is not None)
-    return Estimate(
-        model.with_parameters(values),
-        motions,
-        shape,
-        np.zeros(len(stack.pixels)),
-        np.zeros(len(_mark_names(stack))),
-    )
+    poses = tuple(s.pose for s in observations if s.pose is not None)
+    return Estimate(model.with_parameters(values), poses, shape, np.zeros(len(stack.pixels)), np.zeros(len(_mark_names(stack))))
 
 
-def _noise(estimate: Estimate, question: AdjustmentProblem, *, robust: bool) -> float:
+def _noise(estimate: Estimate, problem: AdjustmentProblem, *, robust: bool) -> float:
     """Return the noise of a coordinate, px."""
-    found = linearise(estimate, question.stack)
-    lengths = np.hypot(*found.residuals[found.seen].T)
+    linearised = linearise(estimate, problem.stack)
+    lengths = np.hypot(*linearised.residuals[linearised.visible].T)
     if not len(lengths):
         return 1.0
     noise = np.median(lengths) / MEDIAN_OF_NOISE if robust else np.sqrt(np.mean(lengths**2) / 2)

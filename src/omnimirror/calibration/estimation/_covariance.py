@@ -13,15 +13,8 @@ from ...base.typing import Array
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.radial_model import RadialModel
 from ...cameras.models.sphere_models import Unified
-from ._bundle_adjustment import (
-    Adjustment,
-    adjust,
-    assembled,
-    reduced_system,
-    shared_values,
-    with_priors,
-)
-from ._residuals import UNSEEN_PX, without_motions
+from ._bundle_adjustment import BundleAdjustment, assembled, bundle_adjust, reduced_system, shared_values, with_priors
+from ._residuals import UNSEEN_PX, eliminate_line_positions
 
 FREE_ABOVE = 0.02
 """Fraction of the larger image side.
@@ -42,7 +35,7 @@ NAMED_ABOVE = 0.25  # fraction of the largest component of a combination
 LEAST_EIGENVALUE = 1e-13  # relative to the largest; smaller eigenvalues are rounding errors
 
 
-class FreeCombination(NamedTuple):
+class UndeterminedCombination(NamedTuple):
     """Combination of parameters that the images do not determine."""
 
     names: tuple[str, ...]
@@ -56,13 +49,13 @@ class FreeCombination(NamedTuple):
     def __str__(self) -> str:
         """Return the combination in words.
 
-        >>> str(FreeCombination(("lens.focal_length_mm", "xi"), (3.79, -1164.2), 90.0, ("mm", "")))
+        >>> str(UndeterminedCombination(("lens.focal_length_mm", "xi"), (3.79, -1164.2), 90.0, ("mm", "")))
         'lens.focal_length_mm larger by 3.8 mm with xi smaller by 1200'
         """
-        return " with ".join(map(_said, self.names, self.parts, self.units))
+        return " with ".join(map(_change_text, self.names, self.parts, self.units))
 
 
-def _said(name: str, part: float, unit: str) -> str:
+def _change_text(name: str, part: float, unit: str) -> str:
     """Return the change of a parameter in words, with two digits."""
     size = f"{float(f'{abs(part):.2g}'):g}"
     return f"{name} {'larger' if part > 0 else 'smaller'} by {size} {unit if unit != '1' else ''}".rstrip()
@@ -87,7 +80,7 @@ class ParameterCovariance:
 
     names: tuple[str, ...]
     covariance: Array
-    free: tuple[FreeCombination, ...]
+    free: tuple[UndeterminedCombination, ...]
     sigmas: Array
 
     @property
@@ -98,14 +91,14 @@ class ParameterCovariance:
         return np.asarray(self.covariance * inverse[:, None] * inverse)
 
 
-def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
+def uncertainty(adjustment: BundleAdjustment) -> ParameterCovariance:
     """Estimate the covariance and the standard deviations of the parameters.
 
     The covariance is the inverse of the reduced normal equations, after elimination of the poses,
     times the noise variance. Standard deviations along a weakly determined combination follow from
     its valley.
     """
-    names, free = adjustment.names, adjustment.question.free
+    names, free = adjustment.names, adjustment.problem.free
     covariance, scales, extents, vectors = _paraboloid(adjustment)
     sigmas = np.sqrt(np.diag(covariance))
     valleys = None
@@ -113,20 +106,14 @@ def uncertainty(adjustment: Adjustment) -> ParameterCovariance:
         weakest = int(np.flatnonzero(free)[np.argmax(np.abs(vectors[:, 0]))])
         valleys = _valleys(adjustment, weakest, float(sigmas[weakest]))
     if valleys is not None:
-        conditional = (
-            covariance
-            - np.outer(covariance[weakest], covariance[weakest]) / covariance[weakest, weakest]
-        )
+        conditional = covariance - np.outer(covariance[weakest], covariance[weakest]) / covariance[weakest, weakest]
         sigmas = np.sqrt(np.maximum(np.diag(conditional), 0.0) + np.diag(valleys))
         sizes, axes = np.linalg.eigh(valleys[np.ix_(free, free)] / scales[:, None] / scales)
         extents[0], vectors[:, 0] = np.sqrt(max(sizes[-1], 0.0)), axes[:, -1]
     limit = FREE_ABOVE * max(adjustment.model.image_size)
-    known = [(n, u) for n, u, f in zip(names, adjustment.units, free, strict=True) if f]
-    loose = [
-        _combination(known, vectors[:, i], scales, float(extents[i]))
-        for i in np.flatnonzero(extents > limit)
-    ]
-    return ParameterCovariance(names, covariance, tuple(loose), sigmas)
+    free_parameters = [(n, u) for n, u, f in zip(names, adjustment.units, free, strict=True) if f]
+    undetermined = [_combination(free_parameters, vectors[:, i], scales, float(extents[i])) for i in np.flatnonzero(extents > limit)]
+    return ParameterCovariance(names, covariance, tuple(undetermined), sigmas)
 
 
 class _Paraboloid(NamedTuple):
@@ -142,21 +129,14 @@ class _Paraboloid(NamedTuple):
     """Axes (f, f) as columns."""
 
 
-def _paraboloid(adjustment: Adjustment) -> _Paraboloid:
+def _paraboloid(adjustment: BundleAdjustment) -> _Paraboloid:
     """Return covariance and axes of the paraboloid that the normal equations describe."""
-    question, free = adjustment.question, adjustment.question.free
-    found = without_motions(adjustment.linearised)
-    scales = _scales(found.d_shared[:, :, free][found.seen])
-    weights = found.seen.astype(float) / adjustment.noise_px**2
-    blocks = assembled(
-        question.stack,
-        found.residuals,
-        found.d_shared[:, :, free],
-        found.d_motion,
-        weights,
-        question.moving,
-    )
-    prior = question.prior(shared_values(adjustment.estimate))
+    problem, free = adjustment.problem, adjustment.problem.free
+    linearised = eliminate_line_positions(adjustment.linearised)
+    scales = _scales(linearised.d_shared[:, :, free][linearised.visible])
+    weights = linearised.visible.astype(float) / adjustment.noise_px**2
+    blocks = assembled(problem.stack, linearised.residuals, linearised.d_shared[:, :, free], linearised.d_pose, weights, problem.moving)
+    prior = problem.prior(shared_values(adjustment.estimate))
     matrix, _ = reduced_system(with_priors(blocks, prior.information, prior.pull))
     values, vectors = np.linalg.eigh(matrix * scales[:, None] * scales)
     values = np.maximum(values, max(LEAST_EIGENVALUE * float(values.max(initial=0.0)), 1e-300))
@@ -165,39 +145,28 @@ def _paraboloid(adjustment: Adjustment) -> _Paraboloid:
     return _Paraboloid(covariance, scales, values**-0.5, vectors)
 
 
-def _valleys(adjustment: Adjustment, number: int, sigma: float) -> Array | None:
+def _valleys(adjustment: BundleAdjustment, number: int, sigma: float) -> Array | None:
     """Return second moments (g, g) of the parameters along valleys of one parameter.
 
     All other parameters are fitted at values of this parameter on both sides of the estimate. The
     moments are those of the likelihood ``exp(-chi^2 / 2)`` over these fits and over those around
     other minima of similar depth. None if no fit succeeds.
     """
-    start = _State(
-        0.0,
-        shared_values(adjustment.estimate),
-        adjustment,
-        _chi_square(adjustment, adjustment.noise_px),
-    )
+    start = _State(0.0, shared_values(adjustment.estimate), adjustment, _chi_square(adjustment, adjustment.noise_px))
     minima = [start, *_other_minima(start, number)]
-    least = min(s.chi_square for s in minima)
+    min_chi_square = min(s.chi_square for s in minima)
     total, moments = 0.0, np.zeros((len(start.values),) * 2)
     for minimum in minima:
-        step = (
-            sigma if minimum is start else float(_paraboloid(minimum.fit)[0][number, number]) ** 0.5
-        )
-        states = [
-            *reversed(_followed(minimum, number, -step)),
-            minimum,
-            *_followed(minimum, number, step),
-        ]
+        step = sigma if minimum is start else float(_paraboloid(minimum.fit)[0][number, number]) ** 0.5
+        states = [*reversed(_follow_valley(minimum, number, -step)), minimum, *_follow_valley(minimum, number, step)]
         if len(states) < 2:
             continue
-        at = np.array([s.at for s in states])
-        grid = np.linspace(at[0], at[-1], GRID)
-        chi_square = PchipInterpolator(at, [s.chi_square for s in states])(grid)
-        likelihood = np.exp(-(chi_square - least) / 2) * (grid[1] - grid[0])
-        moved = PchipInterpolator(at, [s.values - start.values for s in states])(grid)
-        moments += np.einsum("t,tg,th->gh", likelihood, moved, moved)
+        offsets = np.array([s.at for s in states])
+        grid = np.linspace(offsets[0], offsets[-1], GRID)
+        chi_square = PchipInterpolator(offsets, [s.chi_square for s in states])(grid)
+        likelihood = np.exp(-(chi_square - min_chi_square) / 2) * (grid[1] - grid[0])
+        deviations = PchipInterpolator(offsets, [s.values - start.values for s in states])(grid)
+        moments += np.einsum("t,tg,th->gh", likelihood, deviations, deviations)
         total += float(likelihood.sum())
     return moments / total if total > 0 else None
 
@@ -218,41 +187,23 @@ def _other_minima(start: _State, number: int) -> list[_State]:
         model = replace(
             fit.model,
             xi=xi,
-            focal_px=(fit.model.focal_px[0] * ratio, fit.model.focal_px[1] * ratio),
+            focal_px=(fit.model.focal_px[0] * ratio, fit.model.focal_px[1] * ratio),  # type: ignore[arg-type]
             uncertainty=None,
         )
-        options: dict[str, Any] = {
-            "shape": fit.shape,
-            "noise_px": fit.noise_px,
-            "priors": fit.priors,
-        }
+        options: dict[str, Any] = {"shape": fit.shape, "noise_px": fit.noise_px, "priors": fit.priors}
         try:
-            held = adjust(
-                model,
-                fit.sightings,
-                **options,
-                fixed=(*fit.fixed, "xi"),
-                most_steps=HELD_STEPS,
-                settled=ROUGHLY,
-            )
+            held = bundle_adjust(model, fit.observations, **options, fixed=(*fit.fixed, "xi"), max_steps=HELD_STEPS, relative_tolerance=ROUGHLY)
             if _chi_square(held, fit.noise_px) > start.chi_square + HOPELESS:
                 continue
             options |= {"shape": held.shape, "fixed": fit.fixed, "edges": fit.edges}
-            found = adjust(
-                held.model, held.sightings, **options, most_steps=FREE_STEPS, settled=ROUGHLY
-            )
-            if _is_known(found.model, minima):
+            candidate = bundle_adjust(held.model, held.observations, **options, max_steps=FREE_STEPS, relative_tolerance=ROUGHLY)
+            if _is_known(candidate.model, minima):
                 continue
-            found = found.again(found.sightings, noise_px=fit.noise_px, settled=FIT_SETTLED)
+            candidate = candidate.refit(candidate.observations, noise_px=fit.noise_px, relative_tolerance=FIT_SETTLED)
         except OmnimirrorError:
             continue
-        state = _State(
-            shared_values(found.estimate)[number] - start.values[number],
-            shared_values(found.estimate),
-            found,
-            _chi_square(found, fit.noise_px),
-        )
-        if state.chi_square < start.chi_square + FOLLOWED_TO and not _is_known(found.model, minima):
+        state = _State(shared_values(candidate.estimate)[number] - start.values[number], shared_values(candidate.estimate), candidate, _chi_square(candidate, fit.noise_px))
+        if state.chi_square < start.chi_square + FOLLOWED_TO and not _is_known(candidate.model, minima):
             minima.append(state)
     return minima[1:]
 
@@ -270,63 +221,51 @@ class _State(NamedTuple):
     """Offset of the parameter from the estimate."""
     values: Array
     """Values (g,) of all shared parameters."""
-    fit: Adjustment
+    fit: BundleAdjustment
     chi_square: float
 
 
-def _followed(start: _State, number: int, step: float) -> list[_State]:
+def _follow_valley(start: _State, number: int, step: float) -> list[_State]:
     """Return fits along a valley in one direction, up to a limit of chi-square."""
     states = [start]
     for _ in range(MOST_FITS):
-        found = _held_at(states, number, step, start.fit.noise_px)
-        if found is None or found.chi_square > start.chi_square + 2 * FOLLOWED_TO:
+        state = _fit_with_fixed(states, number, step, start.fit.noise_px)
+        if state is None or state.chi_square > start.chi_square + 2 * FOLLOWED_TO:
             step *= SHRINKAGE
             continue
-        states.append(found)
-        if found.chi_square > start.chi_square + FOLLOWED_TO:
+        states.append(state)
+        if state.chi_square > start.chi_square + FOLLOWED_TO:
             break
         step *= GROWTH
     return states[1:]
 
 
-def _held_at(states: list[_State], number: int, step: float, noise_px: float) -> _State | None:
+def _fit_with_fixed(states: list[_State], number: int, step: float, noise_px: float) -> _State | None:
     """Return the fit with a parameter moved by a step, None on failure.
 
     The initial value is extrapolated linearly from the last two fits.
     """
     last = states[-1]
     count, size = len(last.fit.model.parameters), len(last.values)
-    moved = np.zeros(size)
+    extrapolation = np.zeros(size)
     if len(states) > 1:
-        moved = (last.values - states[-2].values) * (step / (last.at - states[-2].at))
-    values = last.values + moved
+        extrapolation = (last.values - states[-2].values) * (step / (last.at - states[-2].at))
+    values = last.values + extrapolation
     values[number] = last.values[number] + step
     fit, shape = last.fit, last.fit.shape
     end = count + (len(shape.values) if shape else 0)
     try:
-        held = adjust(
-            fit.model.with_parameters(values[:count]),
-            fit.sightings,
-            shape=shape.with_values(values[count:end]) if shape else None,
-            fixed=(*fit.fixed, fit.names[number]),
-            priors=fit.priors,
-            edges=fit.edges,
-            noise_px=noise_px,
-            most_steps=FIT_STEPS,
-            settled=FIT_SETTLED,
-        )
+        fixed_fit = bundle_adjust(fit.model.with_parameters(values[:count]), fit.observations, shape=shape.with_values(values[count:end]) if shape else None, fixed=(*fit.fixed, fit.names[number]), priors=fit.priors, edges=fit.edges, noise_px=noise_px, max_steps=FIT_STEPS, relative_tolerance=FIT_SETTLED)
     except OmnimirrorError:
         return None
-    return _State(last.at + step, shared_values(held.estimate), held, _chi_square(held, noise_px))
+    return _State(last.at + step, shared_values(fixed_fit.estimate), fixed_fit, _chi_square(fixed_fit, noise_px))
 
 
-def _chi_square(fit: Adjustment, noise_px: float) -> float:
+def _chi_square(fit: BundleAdjustment, noise_px: float) -> float:
     """Return the sum of squared residuals over the noise variance, including priors."""
-    prior = fit.question.prior(shared_values(fit.estimate)).cost
-    unseen = UNSEEN_PX**2 * int((~fit.seen).sum())
-    return (
-        float(np.sum(without_motions(fit.linearised).residuals ** 2)) + unseen
-    ) / noise_px**2 + prior
+    prior = fit.problem.prior(shared_values(fit.estimate)).cost
+    penalty = UNSEEN_PX**2 * int((~fit.visible).sum())
+    return (float(np.sum(eliminate_line_positions(fit.linearised).residuals ** 2)) + penalty) / noise_px**2 + prior
 
 
 def _scales(derivatives: Array) -> Array:
@@ -334,24 +273,11 @@ def _scales(derivatives: Array) -> Array:
 
     The input are derivatives (n, 2, g).
     """
-    size = (
-        np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
-    )
+    size = np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
     return np.asarray(1 / np.where(size > 0, size, 1.0))
 
 
-def _combination(
-    named: list[tuple[str, str]], vector: Array, scales: Array, sigma: float
-) -> FreeCombination:
-    order = [
-        i
-        for i in np.argsort(-np.abs(vector))
-        if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()
-    ]
+def _combination(parameters: list[tuple[str, str]], vector: Array, scales: Array, sigma: float) -> UndeterminedCombination:
+    order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()]
     vector = vector * np.sign(vector[order[0]])
-    return FreeCombination(
-        tuple(named[i][0] for i in order),
-        tuple(float(sigma * vector[i] * scales[i]) for i in order),
-        sigma,
-        tuple(named[i][1] for i in order),
-    )
+    return UndeterminedCombination(tuple(parameters[i][0] for i in order), tuple(float(sigma * vector[i] * scales[i]) for i in order), sigma, tuple(parameters[i][1] for i in order))

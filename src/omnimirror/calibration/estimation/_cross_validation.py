@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ...base.typing import Array
 from .._worker_processes import WorkerPool
 from ..sensor_model import SensorModel
-from ._bundle_adjustment import Adjustment, adjust
-from ._residuals import SHAPE_NAMES, UNSEEN_PX, as_placed
+from ._bundle_adjustment import BundleAdjustment, bundle_adjust
+from ._residuals import SHAPE_NAMES, UNSEEN_PX, residuals_at_poses
 from .observations import rms_px
 
-# -- Cross-validation: residuals in held-out images ------------------------------------------------
+# -- Held-out residuals ----------------------------------------------------------------------------
 
 MAX_LEAVE_ONE_OUT = (
     20  # maximum number of images for leave-one-out; larger sets are split into groups
@@ -47,7 +47,9 @@ def folds(count: int, seed: int = 0) -> list[NDArray[np.int64]]:
     return list(np.array_split(np.random.default_rng(seed).permutation(count), GROUPS))
 
 
-def held_out(adjustment: Adjustment, *, seed: int = 0, spread: WorkerPool | None = None) -> HeldOut:
+def held_out(
+    adjustment: BundleAdjustment, *, seed: int = 0, pool: WorkerPool | None = None
+) -> HeldOut:
     """Compute residuals of held-out images: fit all others, then estimate only the held-out poses.
 
     Surveyed points are held out in 10 groups and without a new pose, which the others determine.
@@ -58,7 +60,7 @@ def held_out(adjustment: Adjustment, *, seed: int = 0, spread: WorkerPool | None
         Fit to all images; initial value of each fit.
     seed
         Random seed of the groups.
-    spread
+    pool
         Worker processes for slow fits.
 
     Returns
@@ -66,76 +68,86 @@ def held_out(adjustment: Adjustment, *, seed: int = 0, spread: WorkerPool | None
     HeldOut
         NaN for a single board without surveyed points.
     """
-    sightings = adjustment.sightings
+    observations = adjustment.observations
     residuals = np.full(adjustment.residuals.shape, np.nan)
-    if len(sightings) < 2 and not sightings[0].is_surveyed:
+    if len(observations) < 2 and not observations[0].is_surveyed:
         return HeldOut(float("nan"), residuals)
-    boards = np.array([i for i, s in enumerate(sightings) if not s.is_surveyed], dtype=np.int64)
+    boards = np.array([i for i, s in enumerate(observations) if not s.is_surveyed], dtype=np.int64)
     jobs = [
         (adjustment, boards[fold]) for fold in (folds(len(boards), seed) if len(boards) else ())
     ]
-    is_dear = isinstance(adjustment.model, SensorModel)
-    lost = (
-        spread.map(_left_out, jobs)
-        if spread is not None and is_dear
-        else list(starmap(_left_out, jobs))
+    is_expensive = isinstance(adjustment.model, SensorModel)
+    fold_residuals = (
+        pool.map(_fold_errors, jobs)
+        if pool is not None and is_expensive
+        else list(starmap(_fold_errors, jobs))
     )
-    for (_, out), found in zip(jobs, lost, strict=True):
-        for number, wrong in zip(out, found, strict=True):
-            residuals[adjustment.question.stack.slices[number]] = wrong
-    if len(boards) < len(sightings):
-        _leave_points_out(adjustment, seed, residuals)
+    for (_, indices), image_residuals in zip(jobs, fold_residuals, strict=True):
+        for number, errors in zip(indices, image_residuals, strict=True):
+            residuals[adjustment.problem.stack.slices[number]] = errors
+    if len(boards) < len(observations):
+        _hold_out_points(adjustment, seed, residuals)
     return HeldOut(rms_px(residuals), residuals)
 
 
-def _left_out(adjustment: Adjustment, out: NDArray[np.int64]) -> list[Array]:
+def _fold_errors(adjustment: BundleAdjustment, indices: NDArray[np.int64]) -> list[Array]:
     """Return the residuals (n, 2) of each held-out board, from a fit to all others."""
-    sightings = adjustment.sightings
-    others = [s for i, s in enumerate(sightings) if i not in out]
-    fit = adjustment.again(
-        others, noise_px=adjustment.noise_px, most_steps=MAX_STEPS, settled=RELATIVE_TOLERANCE
+    observations = adjustment.observations
+    others = [s for i, s in enumerate(observations) if i not in indices]
+    fit = adjustment.refit(
+        others,
+        noise_px=adjustment.noise_px,
+        max_steps=MAX_STEPS,
+        relative_tolerance=RELATIVE_TOLERANCE,
     )
-    placed = adjust(
+    posed = bundle_adjust(
         fit.model,
-        [sightings[i] for i in out],
+        [observations[i] for i in indices],
         shape=fit.shape,
         fixed=fit.names,
-        most_steps=MAX_STEPS,
+        max_steps=MAX_STEPS,
     )
-    lost = np.where(placed.seen[:, None], placed.residuals, UNSEEN_PX)
-    return [lost[where] for where in placed.question.stack.slices]
+    errors = np.where(posed.visible[:, None], posed.residuals, UNSEEN_PX)
+    return [errors[part] for part in posed.problem.stack.slices]
 
 
-def _leave_points_out(adjustment: Adjustment, seed: int, residuals: Array) -> None:
+def _hold_out_points(adjustment: BundleAdjustment, seed: int, residuals: Array) -> None:
     """Compute residuals (n, 2) of surveyed points in place, from fits to 90 % of them."""
     random = np.random.default_rng(seed)
     groups = [
-        random.permutation(len(s)) % GROUPS if s.is_surveyed else None for s in adjustment.sightings
+        random.permutation(len(s)) % GROUPS if s.is_surveyed else None
+        for s in adjustment.observations
     ]
     for group in range(GROUPS):
         parts = [
-            (i, np.asarray(of == group))
-            for i, of in enumerate(groups)
-            if of is not None and (of == group).any()
+            (i, np.asarray(point_groups == group))
+            for i, point_groups in enumerate(groups)
+            if point_groups is not None and (point_groups == group).any()
         ]
-        lost = dict(parts)
-        others = [s.only(~lost[i]) if i in lost else s for i, s in enumerate(adjustment.sightings)]
-        fit = adjustment.again(
-            others, noise_px=adjustment.noise_px, most_steps=MAX_STEPS, settled=RELATIVE_TOLERANCE
+        masks = dict(parts)
+        others = [
+            s.subset(~masks[i]) if i in masks else s for i, s in enumerate(adjustment.observations)
+        ]
+        fit = adjustment.refit(
+            others,
+            noise_px=adjustment.noise_px,
+            max_steps=MAX_STEPS,
+            relative_tolerance=RELATIVE_TOLERANCE,
         )
-        out = [
-            adjustment.sightings[i].only(mask).moved(fit.sightings[i].motion) for i, mask in parts
-        ]
-        found = as_placed(fit.model, out)
-        wrong = np.where(found.seen[:, None], found.residuals, UNSEEN_PX)
-        rows = [
-            np.arange(len(mask))[mask] + adjustment.question.stack.slices[i].start
+        held_out_observations = [
+            adjustment.observations[i].subset(mask).with_pose(fit.observations[i].pose)
             for i, mask in parts
         ]
-        residuals[np.concatenate(rows)] = wrong
+        linearised = residuals_at_poses(fit.model, held_out_observations)
+        errors = np.where(linearised.visible[:, None], linearised.residuals, UNSEEN_PX)
+        rows = [
+            np.arange(len(mask))[mask] + adjustment.problem.stack.slices[i].start
+            for i, mask in parts
+        ]
+        residuals[np.concatenate(rows)] = errors
 
 
-# -- Model selection by cross-validation among camera models of increasing complexity --------------
+# -- Model selection -------------------------------------------------------------------------------
 
 MIN_GAIN = 0.02  # minimum relative improvement by a richer model
 
@@ -152,7 +164,7 @@ class ModelCandidate(NamedTuple):
 
 
 def select_model(
-    fits: Sequence[tuple[Adjustment, HeldOut | None]],
+    fits: Sequence[tuple[BundleAdjustment, HeldOut | None]],
 ) -> tuple[int, tuple[ModelCandidate, ...]]:
     """Return the index of the selected model and the reason for each decision.
 
@@ -160,38 +172,44 @@ def select_model(
     is valid at all object distances; otherwise the model with the fewest parameters. Smaller
     differences are not significant in other images.
     """
-    errors = [np.inf if held is None else held.rms_px for _, held in fits]
+    errors = [np.inf if validation is None else validation.rms_px for _, validation in fits]
     counts = [_count(fit) for fit, _ in fits]
-    least = min(errors)
+    min_error = min(errors)
     is_mirror = [fit.model.KIND == SensorModel.KIND for fit, _ in fits]
-    alike = [i for i, e in enumerate(errors) if e <= (1 + MIN_GAIN) * least]
-    best = min(alike, key=lambda i: (not is_mirror[i], counts[i], errors[i]))
+    equivalent = [i for i, e in enumerate(errors) if e <= (1 + MIN_GAIN) * min_error]
+    best = min(equivalent, key=lambda i: (not is_mirror[i], counts[i], errors[i]))
     merit = (
-        "and the mirror itself, right at all distances"
+        "and the physical mirror, valid at all distances"
         if is_mirror[best]
         else "with fewer parameters"
     )
     candidates = []
-    for i, (fit, held) in enumerate(fits):
-        worse = 100 * (errors[i] / errors[best] - 1)
+    for i, (fit, validation) in enumerate(fits):
+        increase_percent = 100 * (errors[i] / errors[best] - 1)
         if i == best:
-            why = "least error in pictures left out"
-            if errors[i] > least:
-                why = f"within {100 * MIN_GAIN:.0f} % of the least error in pictures left out, {merit}"
-        elif held is None:
-            why = "the fit alone is worse than that of another model in pictures left out"
-        elif worse < 100 * MIN_GAIN:
-            less = "with one viewpoint" if counts[i] < counts[best] else "with more parameters"
-            why = f"no better by more than {100 * MIN_GAIN:.0f} % in pictures left out, {less}"
+            reason = "smallest error in held-out images"
+            if errors[i] > min_error:
+                reason = f"within {100 * MIN_GAIN:.0f} % of the smallest error in held-out images, {merit}"
+        elif validation is None:
+            reason = "fit error above the error of another model in held-out images"
+        elif increase_percent < 100 * MIN_GAIN:
+            disadvantage = (
+                "with one viewpoint" if counts[i] < counts[best] else "with more parameters"
+            )
+            reason = (
+                f"no improvement above {100 * MIN_GAIN:.0f} % in held-out images, {disadvantage}"
+            )
         elif fit.rms_px < fits[best][0].rms_px:
-            why = f"fits better and predicts {worse:.0f} % worse: it follows the noise"
+            reason = f"smaller fit error, but {increase_percent:.0f} % larger error in held-out images: overfitting"
         else:
-            why = f"{worse:.0f} % more error in pictures left out"
-        left_out = float("nan") if held is None else held.rms_px
-        candidates.append(ModelCandidate(fit.model.KIND, counts[i], fit.rms_px, left_out, why))
+            reason = f"{increase_percent:.0f} % larger error in held-out images"
+        held_out_rms_px = float("nan") if validation is None else validation.rms_px
+        candidates.append(
+            ModelCandidate(fit.model.KIND, counts[i], fit.rms_px, held_out_rms_px, reason)
+        )
     return best, tuple(candidates)
 
 
-def _count(fit: Adjustment) -> int:
+def _count(fit: BundleAdjustment) -> int:
     """Return the number of free parameters of the camera itself."""
-    return int(fit.question.free.sum()) - (len(SHAPE_NAMES) if fit.shape is not None else 0)
+    return int(fit.problem.free.sum()) - (len(SHAPE_NAMES) if fit.shape is not None else 0)

@@ -8,79 +8,84 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.typing import Array
-from .observations import Motion, Sighting
+from .observations import Observation, RigidTransform
 
-# -- Linear pose estimation from bearings, without an initial value --------------------------------
+# -- Linear pose estimation ------------------------------------------------------------------------
 
 MIN_POINTS, MIN_DIRECTIONS = 6, 3  # minimum numbers of points and of directions of a target
 PLANAR_DEPTH = 1e-3  # relative to its extent; a target with smaller depth is treated as planar
 
 
-def linear_pose(sighting: Sighting, bearings: Array) -> Motion | None:
+def linear_pose(observation: Observation, bearings: Array) -> RigidTransform | None:
     """Return the pose of a target observed at bearings (n, 3) in the camera frame.
 
     None if there are too few points, they are collinear or coincide in direction, or they are
     mirrored.
     """
-    if not sighting.is_surveyed:
-        return board_pose(bearings, sighting.points) if len(sighting) >= MIN_POINTS else None
-    far = sighting.distant
-    tried = []
-    if far.sum() >= MIN_DIRECTIONS:
-        tried.append(_among_directions(sighting, bearings))
-    if (~far).sum() >= MIN_POINTS:
-        tried.append(_among_points(bearings[~far], sighting.points[~far]))
-    found = [motion for motion in tried if motion is not None]
-    return min(found, key=lambda motion: _off(sighting, motion, bearings), default=None)
+    if not observation.is_surveyed:
+        return board_pose(bearings, observation.points) if len(observation) >= MIN_POINTS else None
+    is_distant = observation.distant
+    candidates = []
+    if is_distant.sum() >= MIN_DIRECTIONS:
+        candidates.append(_among_directions(observation, bearings))
+    if (~is_distant).sum() >= MIN_POINTS:
+        candidates.append(_among_points(bearings[~is_distant], observation.points[~is_distant]))
+    poses = [pose for pose in candidates if pose is not None]
+    return min(poses, key=lambda pose: _median_error(observation, pose, bearings), default=None)
 
 
-def _off(sighting: Sighting, motion: Motion, bearings: Array) -> float:
+def _median_error(observation: Observation, pose: RigidTransform, bearings: Array) -> float:
     """Return the median sine of the angular residuals."""
-    seen = sighting.before(motion)
-    seen = seen / np.linalg.norm(seen, axis=1)[:, None]
-    return float(np.median(np.linalg.norm(seen - bearings, axis=1)))
+    directions = observation.in_camera_frame(pose)
+    directions = directions / np.linalg.norm(directions, axis=1)[:, None]
+    return float(np.median(np.linalg.norm(directions - bearings, axis=1)))
 
 
-def _among_directions(sighting: Sighting, bearings: Array) -> Motion | None:
+def _among_directions(observation: Observation, bearings: Array) -> RigidTransform | None:
     """Return the rotation by Kabsch's method, and the translation that fits the points."""
-    far = sighting.distant
-    ways = sighting.points[far] / np.linalg.norm(sighting.points[far], axis=1)[:, None]
-    u, size, vt = np.linalg.svd(bearings[far].T @ ways)
+    is_distant = observation.distant
+    directions = (
+        observation.points[is_distant]
+        / np.linalg.norm(observation.points[is_distant], axis=1)[:, None]
+    )
+    u, size, vt = np.linalg.svd(bearings[is_distant].T @ directions)
     if not size[1] > 1e-6 * size[0]:
         return None
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    if far.all():
-        return Motion(rotation, np.zeros(3))
-    across = (
-        np.eye(3) - bearings[~far][:, :, None] * bearings[~far][:, None, :]
+    if is_distant.all():
+        return RigidTransform(rotation, np.zeros(3))
+    projectors = (
+        np.eye(3) - bearings[~is_distant][:, :, None] * bearings[~is_distant][:, None, :]
     )  # (I - b b^T)(R p + t) = 0
-    turned = sighting.points[~far] @ rotation.T
-    shift = -np.linalg.lstsq(
-        across.sum(axis=0), np.einsum("nij,nj->i", across, turned), rcond=None
+    rotated = observation.points[~is_distant] @ rotation.T
+    translation = -np.linalg.lstsq(
+        projectors.sum(axis=0), np.einsum("nij,nj->i", projectors, rotated), rcond=None
     )[0]
-    return Motion(rotation, shift)
+    return RigidTransform(rotation, translation)
 
 
-def _among_points(bearings: Array, points_mm: Array) -> Motion | None:
+def _among_points(bearings: Array, points_mm: Array) -> RigidTransform | None:
     """Return the pose of points in space from ``b x (P p) = 0``, or from a homography if coplanar."""
-    middle = points_mm.mean(axis=0)
-    _, extents, axes = np.linalg.svd(points_mm - middle, full_matrices=False)
+    centroid = points_mm.mean(axis=0)
+    _, extents, axes = np.linalg.svd(points_mm - centroid, full_matrices=False)
     if not extents[2] > PLANAR_DEPTH * extents[0]:
         frame = np.stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
-        flat = board_pose(bearings, (points_mm - middle) @ frame.T)
+        board = board_pose(bearings, (points_mm - centroid) @ frame.T)
         return (
             None
-            if flat is None
-            else Motion(flat.rotation @ frame, flat.shift_mm - flat.rotation @ frame @ middle)
+            if board is None
+            else RigidTransform(
+                board.rotation @ frame, board.translation_mm - board.rotation @ frame @ centroid
+            )
         )
     size = float(extents[0]) / np.sqrt(len(points_mm))
-    p = np.column_stack([(points_mm - middle) / size, np.ones(len(points_mm))])
+    p = np.column_stack([(points_mm - centroid) / size, np.ones(len(points_mm))])
     solution = _linear(bearings, p)
     if solution is None or np.linalg.det(solution[:, :3]) <= 0:
         return None
     u, scales, vt = np.linalg.svd(solution[:, :3])
     rotation = u @ vt
-    return Motion(rotation, solution[:, 3] * size / scales.mean() - rotation @ middle)
+    return RigidTransform(rotation, solution[:, 3] * size / scales.mean() - rotation @ centroid)
 
 
 def _linear(bearings: Array, p: Array) -> Array | None:
@@ -101,11 +106,13 @@ def _linear(bearings: Array, p: Array) -> Array | None:
     _, values, vectors = np.linalg.svd(rows.T @ rows)
     if not values[-2] > 1e-12 * values[0]:
         return None
-    found = vectors[-1].reshape(3, -1)
-    return np.asarray(-found if np.median(np.sum(bearings * (p @ found.T), axis=1)) < 0 else found)
+    matrix = vectors[-1].reshape(3, -1)
+    return np.asarray(
+        -matrix if np.median(np.sum(bearings * (p @ matrix.T), axis=1)) < 0 else matrix
+    )
 
 
-def board_pose(bearings: Array, points_mm: Array) -> Motion | None:
+def board_pose(bearings: Array, points_mm: Array) -> RigidTransform | None:
     """Estimate the pose of a flat board from bearings (n, 3) by a linear homography.
 
     ``b x (H p) = 0`` for all points. The columns of H are two axes of the board and its position,
@@ -124,23 +131,24 @@ def board_pose(bearings: Array, points_mm: Array) -> Motion | None:
         None if the points are collinear, or coincide in direction.
     """
     flat = points_mm[:, :2]
-    middle, size = flat.mean(axis=0), float(np.abs(flat - flat.mean(axis=0)).max())
+    centroid, size = flat.mean(axis=0), float(np.abs(flat - flat.mean(axis=0)).max())
     if not size > 0:
         return None
-    h = _linear(bearings, np.column_stack([(flat - middle) / size, np.ones(len(flat))]))
+    h = _linear(bearings, np.column_stack([(flat - centroid) / size, np.ones(len(flat))]))
     if h is None:
         return None
+    # h = (r1, r2, t) up to scale; the nearest orthonormal pair r1, r2 by SVD
     a, b = np.linalg.norm(h[:, 0]), np.linalg.norm(h[:, 1])
     if not min(a, b) > 0:
         return None
     u, _, vt = np.linalg.svd(np.column_stack([h[:, 0] / a, h[:, 1] / b]), full_matrices=False)
     axes = u @ vt
     rotation = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
-    place = h[:, 2] * size * 2 / (a + b)
-    return Motion(rotation, place - rotation[:, :2] @ middle)
+    translation = h[:, 2] * size * 2 / (a + b)
+    return RigidTransform(rotation, translation - rotation[:, :2] @ centroid)
 
 
-# -- Initial values of a calibration: image centre, xi = 1, and a searched focal length ------------
+# -- Stereographic initial camera ------------------------------------------------------------------
 #
 # With xi = 1 the unified model is the stereographic projection ``r = f tan(Omega / 2)``, which
 # approximates every mirror and fisheye sufficiently. For each of a series of focal lengths, corners
@@ -157,14 +165,14 @@ class StereographicStart(NamedTuple):
 
     focal_px: float
     centre_px: tuple[float, float]
-    motions: tuple[Motion | None, ...]
+    poses: tuple[RigidTransform | None, ...]
     """Poses; None for boards that could not be placed."""
     median_px: float
     """Median residual."""
 
 
 def stereographic_start(
-    sightings: Sequence[Sighting],
+    observations: Sequence[Observation],
     image_size: tuple[int, int],
     centre_px: tuple[float, float],
     signs: Array,
@@ -176,24 +184,29 @@ def stereographic_start(
     """
     larger = max(image_size)
     focals = np.geomspace(FOCAL_RANGE[0] * larger, FOCAL_RANGE[1] * larger, FOCALS)
-    starts = [_start_at(float(f), sightings, centre_px, signs) for f in focals]
+    starts = [_start_at(float(f), observations, centre_px, signs) for f in focals]
     return min(starts, key=lambda s: s.median_px)
 
 
 def _start_at(
-    focal_px: float, sightings: Sequence[Sighting], centre_px: tuple[float, float], signs: Array
+    focal_px: float,
+    observations: Sequence[Observation],
+    centre_px: tuple[float, float],
+    signs: Array,
 ) -> StereographicStart:
-    motions: list[Motion | None] = []
+    poses: list[RigidTransform | None] = []
     lengths = []
-    for sighting in sightings:
-        bearings = stereographic_bearings(sighting.pixels, focal_px, centre_px, signs)
-        motion = linear_pose(sighting, bearings)
-        motions.append(motion)
-        if motion is not None:
-            pixels = stereographic_pixels(sighting.before(motion), focal_px, centre_px, signs)
-            lengths.append(np.hypot(*(pixels - sighting.pixels).T))
+    for observation in observations:
+        bearings = stereographic_bearings(observation.pixels, focal_px, centre_px, signs)
+        pose = linear_pose(observation, bearings)
+        poses.append(pose)
+        if pose is not None:
+            pixels = stereographic_pixels(
+                observation.in_camera_frame(pose), focal_px, centre_px, signs
+            )
+            lengths.append(np.hypot(*(pixels - observation.pixels).T))
     median = float(np.median(np.concatenate(lengths))) if lengths else np.inf
-    return StereographicStart(focal_px, centre_px, tuple(motions), median)
+    return StereographicStart(focal_px, centre_px, tuple(poses), median)
 
 
 def stereographic_bearings(

@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array, Mask
-from ._bundle_adjustment import Adjustment, assembled, reduced_system, shared_values, with_priors
-from ._residuals import without_motions
+from ._bundle_adjustment import (
+    BundleAdjustment,
+    assembled,
+    reduced_system,
+    shared_values,
+    with_priors,
+)
+from ._residuals import eliminate_line_positions
 from .observation_checks import MIN_IMAGES, joined_names
 from .observations import board_ends, flipped_observations
 
@@ -37,30 +43,28 @@ explain.
 """
 ROUNDS, ROUND_STEPS, AGREED_PX = 6, 20, 0.05
 ROUNDING = 1e-9  # relative to the largest eigenvalue
-CENTRE = {"mirror": "the mirror's centre", "fisheye": "the optical centre"}
+CENTRE = {"mirror": "the mirror centre", "fisheye": "the optical centre"}
 MOVED = {
-    "mirror": "the mirror moved against the camera",
-    "fisheye": "the lens moved against the image sensor, as by zoom, focus or stabilisation",
+    "mirror": "the mirror moved relative to the camera",
+    "fisheye": "the lens moved relative to the image sensor (zoom, focus or stabilisation)",
 }
 SEVERAL = (
-    "{centre} in each lies elsewhere than in the other pictures: {moved}, or pictures are flipped or cut; "
-    "calibrate them apart"
+    "{centre} in each differs from that in the other images: {moved}, or images are flipped or cropped; "
+    "calibrate them separately"
 )
-ALONE = "{centre} in it lies {:.1f} px from that in the others: {moved}, or it is flipped or cut"
+ALONE = "{centre} is {:.1f} px from that in the other images: {moved}, or the image is flipped or cropped"
 GROUPS = (
-    "{centre} in {} lies {:.1f} px from that in {}: {moved} between them, or pictures are flipped or cut; "
-    "calibrate them apart"
+    "{centre} in {} is {:.1f} px from that in {}: {moved} between them, or images are flipped or cropped; "
+    "calibrate them separately"
 )
-FLIPPED = (
-    "it fits the other pictures when it is flipped left to right, and not as it is: it was flipped"
-)
+FLIPPED = "it fits the other images only after flipping left to right: it was flipped"
 HALF_FLIPPED = (
-    "half of the pictures, {}, fit the others when they are flipped left to right, and not as they are: flip those "
-    "that are not as the camera delivers them"
+    "half of the images, {}, fit the others only after flipping left to right; flip those that differ from "
+    "the camera's output"
 )
 
 
-def check_mount_stability(adjustment: Adjustment) -> dict[str, str]:
+def check_mount_stability(adjustment: BundleAdjustment) -> dict[str, str]:
     """Check that the mirror centre is the same in all images.
 
     A single inconsistent image is returned as name and reason; with larger groups it is ambiguous
@@ -76,26 +80,26 @@ def check_mount_stability(adjustment: Adjustment) -> dict[str, str]:
     InvalidParameter
         If there are two or more groups; the message names the smaller.
     """
-    if len(adjustment.sightings) <= MIN_IMAGES:
+    if len(adjustment.observations) <= MIN_IMAGES:
         return {}
-    apart = _two_centres(adjustment)
-    if apart is None:
+    groups = _two_centres(adjustment)
+    if groups is None:
         return {}
-    second, distance = apart
-    names = np.array([s.name for s in adjustment.sightings])
+    second, distance = groups
+    names = np.array([s.name for s in adjustment.observations])
     if second.sum() == 1:
         return {str(names[second][0]): reason(ALONE, adjustment, distance)}
     smaller, larger = joined_names(list(names[second])), joined_names(list(names[~second]))
     raise InvalidParameter(reason(GROUPS, adjustment, smaller, distance, larger))
 
 
-def reason(sentence: str, adjustment: Adjustment, *values: object) -> str:
+def reason(sentence: str, adjustment: BundleAdjustment, *values: object) -> str:
     """Return a sentence about different centres, for a mirror or for a fisheye."""
     optics = getattr(adjustment.model, "optics", "mirror")
     return sentence.format(*values, centre=CENTRE[optics], moved=MOVED[optics])
 
 
-def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
+def flipped_images(adjustment: BundleAdjustment) -> dict[str, str]:
     """Return images that fit the others only when flipped left to right, as name and reason.
 
     For boards that equal their mirror image no other evidence exists. Images are flipped one at a
@@ -107,31 +111,36 @@ def flipped_pictures(adjustment: Adjustment) -> dict[str, str]:
     InvalidParameter
         If half of the images are flipped, since the correct half is ambiguous.
     """
-    count = len(adjustment.sightings)
+    count = len(adjustment.observations)
     if count <= MIN_IMAGES:
         return {}
-    own = OwnCentres.of(adjustment, np.zeros((count, 2)))
-    (gained,), (explained, _) = own.of_groups(own.split()[None])[0], own.explained
-    if gained < max(WORTH_A_FLIP, MOSTLY * explained):
+    centres = ImageCentres.of(adjustment, np.zeros((count, 2)))
+    (gain,), (explained, _) = centres.of_groups(centres.split()[None])[0], centres.explained
+    if gain < max(WORTH_A_FLIP, MOSTLY * explained):
         return {}
-    ends = [
+    fits = [
         _all_flips(*start) for start in _with_one_flipped(adjustment, np.zeros(count, dtype=bool))
     ]
-    if not ends:
+    if not fits:
         return {}
-    fit, turned = min(ends, key=lambda one: float(np.sum(one[0].residuals ** 2)))
-    rivals = [adjustment, *(other for other, those in ends if (those != turned).any())]
-    left, numbers = OwnCentres.of(fit, np.zeros((count, 2))).explained
-    if min(_gain(rival, fit) for rival in rivals) < FLIPPED_GAIN or left > CLEAN * numbers:
+    fit, is_flipped = min(fits, key=lambda candidate: float(np.sum(candidate[0].residuals ** 2)))
+    rivals = [adjustment, *(other for other, mask in fits if (mask != is_flipped).any())]
+    remaining_gain, degrees_of_freedom = ImageCentres.of(fit, np.zeros((count, 2))).explained
+    if (
+        min(_gain(rival, fit) for rival in rivals) < FLIPPED_GAIN
+        or remaining_gain > CLEAN * degrees_of_freedom
+    ):
         return {}
-    names = [s.name for s, is_turned in zip(adjustment.sightings, turned, strict=True) if is_turned]
+    names = [
+        s.name for s, flipped in zip(adjustment.observations, is_flipped, strict=True) if flipped
+    ]
     if 2 * len(names) == count:
         raise InvalidParameter(HALF_FLIPPED.format(joined_names(names)))
     return dict.fromkeys(names, FLIPPED)
 
 
 @dataclass(frozen=True)
-class OwnCentres:
+class ImageCentres:
     """First-order estimate of a separate centre for each of m images, while all else adapts.
 
     Parameters
@@ -146,34 +155,34 @@ class OwnCentres:
     pull: Array
 
     @classmethod
-    def of(cls, adjustment: Adjustment, applied: Array) -> OwnCentres:
+    def of(cls, adjustment: BundleAdjustment, applied: Array) -> ImageCentres:
         """Compute from the derivatives of a fit with applied centre offsets (m, 2) px."""
-        question, found = adjustment.question, without_motions(adjustment.linearised)
+        problem, linearised = adjustment.problem, eliminate_line_positions(adjustment.linearised)
         count, points, free = (
-            len(question.stack.slices),
-            len(question.stack.owner),
-            int(question.free.sum()),
+            len(problem.stack.slices),
+            len(problem.stack.owner),
+            int(problem.free.sum()),
         )
-        own = np.zeros((points, 2, count, 2))
-        own[np.arange(points), :, question.stack.owner] = np.eye(2)
+        d_centres = np.zeros((points, 2, count, 2))
+        d_centres[np.arange(points), :, problem.stack.owner] = np.eye(2)
         shared = np.concatenate(
-            [found.d_shared[:, :, question.free], own.reshape(points, 2, -1)], axis=2
+            [linearised.d_shared[:, :, problem.free], d_centres.reshape(points, 2, -1)], axis=2
         )
-        weights = found.seen / adjustment.noise_px**2
+        weights = linearised.visible / adjustment.noise_px**2
         blocks = assembled(
-            question.stack, found.residuals, shared, found.d_motion, weights, question.moving
+            problem.stack, linearised.residuals, shared, linearised.d_pose, weights, problem.moving
         )
-        known, rest = question.prior(shared_values(adjustment.estimate)), (0, 2 * count)
+        prior, padding = problem.prior(shared_values(adjustment.estimate)), (0, 2 * count)
         matrix, right = reduced_system(
-            with_priors(blocks, np.pad(known.information, rest), np.pad(known.pull, rest))
+            with_priors(blocks, np.pad(prior.information, padding), np.pad(prior.pull, padding))
         )
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix)[:free], 1e-300))
         camera = np.linalg.pinv(
             matrix[:free, :free] * scale[:, None] * scale, rcond=ROUNDING, hermitian=True
         )
-        taken_up = matrix[free:, :free] @ (camera * scale[:, None] * scale)
-        information = matrix[free:, free:] - taken_up @ matrix[:free, free:]
-        pull = right[free:] - taken_up @ right[:free] - information @ applied.ravel()
+        absorbed = matrix[free:, :free] @ (camera * scale[:, None] * scale)
+        information = matrix[free:, free:] - absorbed @ matrix[:free, free:]
+        pull = right[free:] - absorbed @ right[:free] - information @ applied.ravel()
         return cls(information.reshape(count, 2, count, 2), pull.reshape(count, 2))
 
     @property
@@ -190,8 +199,8 @@ class OwnCentres:
 
     def _eigen(self) -> tuple[Array, Array]:
         values, vectors = np.linalg.eigh(self.information.reshape(2 * len(self.pull), -1))
-        known = values > ROUNDING * values[-1]
-        return values[known], vectors[:, known]
+        is_determined = values > ROUNDING * values[-1]
+        return values[is_determined], vectors[:, is_determined]
 
     def of_groups(self, groups: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the gain (k,) of a common offset of groups (k, m), and the offsets (k, 2) px."""
@@ -210,8 +219,8 @@ class OwnCentres:
         groups while the gain increases.
         """
         count = len(self.pull)
-        scattered = self.offsets - np.median(self.offsets, axis=0)
-        order = np.argsort(scattered @ np.linalg.svd(scattered, full_matrices=False)[2][0])
+        centred = self.offsets - np.median(self.offsets, axis=0)
+        order = np.argsort(centred @ np.linalg.svd(centred, full_matrices=False)[2][0])
         after = np.tri(count, count - 1, -1, dtype=bool).T
         beyond = np.zeros_like(after)
         beyond[:, order] = after
@@ -227,86 +236,96 @@ class OwnCentres:
             best, gain = changed[np.argmax(gains)], float(gains.max())
 
 
-def _all_flips(fit: Adjustment, turned: Mask) -> tuple[Adjustment, Mask]:
+def _all_flips(fit: BundleAdjustment, is_flipped: Mask) -> tuple[BundleAdjustment, Mask]:
     """Return the fit after successive flips and the smaller group (m,) of flipped images."""
     while True:
-        better = min(
-            _with_one_flipped(fit, turned),
-            key=lambda one: float(np.sum(one[0].residuals ** 2)),
+        best = min(
+            _with_one_flipped(fit, is_flipped),
+            key=lambda candidate: float(np.sum(candidate[0].residuals ** 2)),
             default=None,
         )
-        if better is None or _gain(fit, better[0]) < FLIPPED_GAIN:
+        if best is None or _gain(fit, best[0]) < FLIPPED_GAIN:
             break
-        fit, turned = better
-    is_first = 2 * turned.sum() == len(turned) and turned[0]  # half without the first image
-    return fit.again(fit.sightings), ~turned if 2 * turned.sum() > len(
-        turned
-    ) or is_first else turned
+        fit, is_flipped = best
+    is_first = (
+        2 * is_flipped.sum() == len(is_flipped) and is_flipped[0]
+    )  # half without the first image
+    return fit.refit(fit.observations), ~is_flipped if 2 * is_flipped.sum() > len(
+        is_flipped
+    ) or is_first else is_flipped
 
 
-def _with_one_flipped(fit: Adjustment, turned: Mask) -> list[tuple[Adjustment, Mask]]:
+def _with_one_flipped(
+    fit: BundleAdjustment, is_flipped: Mask
+) -> list[tuple[BundleAdjustment, Mask]]:
     """Return fits with one more image flipped, and the flipped images.
 
     A flip shifts the centre horizontally: images with the largest gain by such a shift are tried.
     """
-    count, ends_mm, width = len(fit.sightings), board_ends(fit.sightings), fit.model.image_size[0]
-    own = OwnCentres.of(fit, np.zeros((count, 2)))
-    across = own.pull[:, 0] ** 2 / np.maximum(
-        own.information[range(count), 0, range(count), 0], 1e-300
+    count, ends_mm, width = (
+        len(fit.observations),
+        board_ends(fit.observations),
+        fit.model.image_size[0],
     )
-    across[[s.is_surveyed for s in fit.sightings]] = 0.0
-    tried = []
-    for number in np.argsort(-across)[:FLIPS_TRIED]:
-        if across[number] < WORTH_A_FLIP:
+    centres = ImageCentres.of(fit, np.zeros((count, 2)))
+    gains = centres.pull[:, 0] ** 2 / np.maximum(
+        centres.information[range(count), 0, range(count), 0], 1e-300
+    )
+    gains[[s.is_surveyed for s in fit.observations]] = 0.0
+    fits = []
+    for number in np.argsort(-gains)[:FLIPS_TRIED]:
+        if gains[number] < WORTH_A_FLIP:
             break
         other = [
             flipped_observations(s, ends_mm, width) if i == number else s
-            for i, s in enumerate(fit.sightings)
+            for i, s in enumerate(fit.observations)
         ]
         with suppress(OmnimirrorError):  # the flip may lead to no valid camera
-            tried.append(
-                (fit.again(other, most_steps=ROUND_STEPS), turned ^ (np.arange(count) == number))
+            fits.append(
+                (fit.refit(other, max_steps=ROUND_STEPS), is_flipped ^ (np.arange(count) == number))
             )
-    return tried
+    return fits
 
 
-def _gain(before: Adjustment, after: Adjustment) -> float:
+def _gain(before: BundleAdjustment, after: BundleAdjustment) -> float:
     """Return the decrease of the sum of squares between two fits over the noise variance."""
     return float(np.sum(before.residuals**2) - np.sum(after.residuals**2)) / after.noise_px**2
 
 
-def _two_centres(adjustment: Adjustment) -> tuple[Mask, float] | None:
+def _two_centres(adjustment: BundleAdjustment) -> tuple[Mask, float] | None:
     """Return the smaller of two groups of images and the distance of their centres in px."""
-    count = len(adjustment.sightings)
+    count = len(adjustment.observations)
     fit, applied = adjustment, np.zeros((count, 2))
     for number in range(ROUNDS):
-        own = OwnCentres.of(fit, applied)
-        second = own.split()
-        (gain,), (offset,) = own.of_groups(second[None])
-        explained, numbers = own.explained
+        centres = ImageCentres.of(fit, applied)
+        second = centres.split()
+        (gain,), (offset,) = centres.of_groups(second[None])
+        explained, degrees_of_freedom = centres.explained
         if (
             number == 0
-            and _chance(float(gain), explained - float(gain), count, numbers) > PLAUSIBLE
+            and _chance(float(gain), explained - float(gain), count, degrees_of_freedom) > PLAUSIBLE
         ):
             return None
         step = offset * second[:, None] - applied
         applied = applied + step
-        moved = [replace(s, pixels=s.pixels - o) for s, o in zip(fit.sightings, step, strict=True)]
-        fit = fit.again(moved, most_steps=ROUND_STEPS)
+        moved = [
+            replace(s, pixels=s.pixels - o) for s, o in zip(fit.observations, step, strict=True)
+        ]
+        fit = fit.refit(moved, max_steps=ROUND_STEPS)
         if np.abs(step).max() < AGREED_PX:
             break
-    gained = _gain(adjustment, fit)
-    left, numbers = OwnCentres.of(fit, np.zeros((count, 2))).explained
+    total_gain = _gain(adjustment, fit)
+    remaining_gain, degrees_of_freedom = ImageCentres.of(fit, np.zeros((count, 2))).explained
     distance = float(np.hypot(*offset))
-    is_apart = (
+    is_significant = (
         distance > MOVED_PX
-        and gained > MOVED_GAIN
-        and _chance(gained, left, count, numbers) < CHANCE
+        and total_gain > MOVED_GAIN
+        and _chance(total_gain, remaining_gain, count, degrees_of_freedom) < CHANCE
     )
-    return (second, distance) if is_apart else None
+    return (second, distance) if is_significant else None
 
 
-def _chance(gain: float, left: float, count: int, numbers: int) -> float:
+def _chance(gain: float, remaining_gain: float, count: int, degrees_of_freedom: int) -> float:
     """Return the probability that the best split gains as much by chance.
 
     The scatter of centres within groups is taken into account.
@@ -315,6 +334,6 @@ def _chance(gain: float, left: float, count: int, numbers: int) -> float:
     ``(1 + 2 x / d)^(-d / 2)``. There are about ``count^2 / 2`` splits of points in a plane by a
     line.
     """
-    others = max(numbers - 2, 1)
-    beyond = (1 + gain / others / max(left / others, 1.0)) ** (-others / 2)
+    others = max(degrees_of_freedom - 2, 1)
+    beyond = (1 + gain / others / max(remaining_gain / others, 1.0)) ** (-others / 2)
     return float(min(beyond * count**2 / 2, 1.0))

@@ -16,21 +16,28 @@ from ...cameras.models.spline_models import ViewpointSpline
 from .._worker_processes import WorkerPool
 from ..sensor_model import SensorModel
 from ..straight_edges import StraightEdges
-from ._bundle_adjustment import CAUCHY, RELATIVE_TOLERANCE, Adjustment, Prior, adjust, shared_names
+from ._bundle_adjustment import (
+    CAUCHY,
+    RELATIVE_TOLERANCE,
+    BundleAdjustment,
+    Prior,
+    bundle_adjust,
+    shared_names,
+)
 from ._cross_validation import HeldOut, ModelCandidate, held_out, select_model
-from ._mount_stability import SEVERAL, check_mount_stability, flipped_pictures, reason
+from ._mount_stability import SEVERAL, check_mount_stability, flipped_images, reason
 from ._residuals import UNSEEN_PX, BoardShape, Loss
 from .model_sequence import (
     KINDS,
     REFERENCE_MODELS,
     ROUGH_TOLERANCE,
+    distant_mirror_model,
     field_of,
     fit_first_model,
     fit_next_model,
     initial_model,
     is_central,
-    mirror_farther,
-    mirror_of_viewpoints,
+    mirror_from_viewpoints,
 )
 from .observation_checks import (
     Outlier,
@@ -40,7 +47,7 @@ from .observation_checks import (
     without_outliers,
     without_rejected,
 )
-from .observations import Sighting, from_the_front
+from .observations import Observation, from_the_front
 
 THINNED, TRIAL_STEPS = 3, 25  # thinning factor and steps for the comparison of initial values
 TERMS = "mirror.coefficients"
@@ -52,7 +59,7 @@ FREEDOM = 0.5  # maximum number of unknowns per measurement; more would fit outl
 MIN_IMAGES_FOR_REFERENCE = 5  # minimum number of images; with fewer, flexible models fit any data
 
 
-class CalibrationStopped(Exception):
+class CalibrationCancelled(Exception):
     """Cancellation by the caller."""
 
 
@@ -63,12 +70,12 @@ class ProgressReporter:
     progress: Callable[[str, float], None] | None
     stop: Callable[[], bool] | None
 
-    def at(self, what: str, share: float) -> None:
-        """Report the current step and the completed fraction; raise `Stopped` if cancelled."""
+    def at(self, step: str, fraction: float) -> None:
+        """Report the current step and the completed fraction; raise `CalibrationCancelled` if cancelled."""
         if self.stop is not None and self.stop():
-            raise CalibrationStopped
+            raise CalibrationCancelled
         if self.progress is not None:
-            self.progress(what, share)
+            self.progress(step, fraction)
 
 
 @dataclass(frozen=True)
@@ -86,20 +93,20 @@ class ParameterPriors:
         The model's own priors are included.
         """
         names = shared_names(model, shape)
-        said = {p.name for p in self.priors}
-        own = (Prior(*p) for p in getattr(model, "priors", ()))
-        priors = (*self.priors, *(p for p in own if p.name not in said))
+        specified = {p.name for p in self.priors}
+        model_priors = (Prior(*p) for p in getattr(model, "priors", ()))
+        priors = (*self.priors, *(p for p in model_priors if p.name not in specified))
         return tuple(n for n in self.fixed if n in names), tuple(
             p for p in priors if p.name in names
         )
 
-    def check(self, fits: Iterable[Adjustment]) -> None:
+    def check(self, fits: Iterable[BundleAdjustment]) -> None:
         """Check that each name belongs to at least one model."""
         names = dict.fromkeys(name for fit in fits for name in fit.names)
         for name in (*self.fixed, *(p.name for p in self.priors)):
             if name not in names:
                 raise InvalidParameter(
-                    f"there is no parameter {name!r} to fix or expect; {', '.join(names)} are"
+                    f"fixed and priors must name parameters of the models ({', '.join(names)}); got {name!r}"
                 )
 
 
@@ -107,12 +114,12 @@ class ParameterPriors:
 class FitState:
     """State of a calibration: the best result so far."""
 
-    fit: Adjustment | None = None
+    fit: BundleAdjustment | None = None
     held: HeldOut | None = None
     outliers: tuple[Outlier, ...] = ()
     candidates: tuple[ModelCandidate, ...] = ()
-    strangers: dict[str, str] = field(default_factory=dict)
-    wandering: Adjustment | None = None
+    inconsistent: dict[str, str] = field(default_factory=dict)
+    multi_viewpoint: BundleAdjustment | None = None
     """Best fit with several viewpoints."""
     failures: dict[str, str] = field(default_factory=dict)
     """Reasons for failed fits by model."""
@@ -124,7 +131,7 @@ class FitState:
 class CalibrationPlan:
     """Inputs of a calibration."""
 
-    sightings: tuple[Sighting, ...]
+    observations: tuple[Observation, ...]
     image_size: tuple[int, int]
     centre_px: tuple[float, float] | None
     empty: Unified
@@ -133,31 +140,31 @@ class CalibrationPlan:
     """Model names, or a camera model as the initial value."""
     known: ParameterPriors
     shape: BoardShape | None
-    is_mirrored_alike: bool
+    is_mirror_symmetric: bool
     """Whether the board equals its mirror image and a detector may number its corners in reverse.
     """
     seed: int
     edges: StraightEdges | None = None
 
 
-def run(plan: CalibrationPlan, watch: ProgressReporter, course: FitState) -> None:
+def run(plan: CalibrationPlan, reporter: ProgressReporter, state: FitState) -> None:
     """Run all steps: initial fit, model sequence, outlier rejection, comparison, selection."""
-    with WorkerPool() as spread:
-        if SensorModel.KIND in map(_kind, plan.wanted):
-            spread.begin()
-        watch.at("placing boards", 0.0)
-        base = _first_fit(plan, course)
-        _fit_and_select(base, plan, watch, course, spread)
-    watch.at("done", 1.0)
+    with WorkerPool() as pool:
+        if SensorModel.KIND in map(_kind_of, plan.wanted):
+            pool.begin()
+        reporter.at("estimating board poses", 0.0)
+        base = _first_fit(plan, state)
+        _fit_and_select(base, plan, reporter, state, pool)
+    reporter.at("done", 1.0)
 
 
-def _first_fit(plan: CalibrationPlan, course: FitState) -> Adjustment:
+def _first_fit(plan: CalibrationPlan, state: FitState) -> BundleAdjustment:
     """Return a unified model fitted to images with different board poses."""
     fixed, priors = (
-        plan.known.of(plan.empty, None) if Unified.KIND in map(_kind, plan.wanted) else ((), ())
+        plan.known.of(plan.empty, None) if Unified.KIND in map(_kind_of, plan.wanted) else ((), ())
     )
-    low = fit_first_model(
-        plan.sightings,
+    initial = fit_first_model(
+        plan.observations,
         plan.image_size,
         plan.centre_px,
         plan.empty.optics,
@@ -165,254 +172,291 @@ def _first_fit(plan: CalibrationPlan, course: FitState) -> Adjustment:
         fixed=fixed,
         priors=priors,
     )
-    course.fit, course.strangers = low.fit, low.strangers
-    check_poses(low.fit.sightings)
+    state.fit, state.inconsistent = initial.fit, initial.inconsistent
+    check_poses(initial.fit.observations)
     return (
-        replace(low.fit, sightings=from_the_front(low.fit.sightings))
-        if plan.is_mirrored_alike
-        else low.fit
+        replace(initial.fit, observations=from_the_front(initial.fit.observations))
+        if plan.is_mirror_symmetric
+        else initial.fit
     )
 
 
 def _fit_and_select(
-    base: Adjustment,
+    base: BundleAdjustment,
     plan: CalibrationPlan,
-    watch: ProgressReporter,
-    course: FitState,
-    spread: WorkerPool,
+    reporter: ProgressReporter,
+    state: FitState,
+    pool: WorkerPool,
 ) -> None:
     """Fit the model sequence, reject outliers, compare and select a model."""
-    fits = _all_fits(base, plan, watch, course, spread)
+    fits = _all_fits(base, plan, reporter, state, pool)
     plan.known.check(fits.values())
-    judge = _reference_fit(fits)
-    watch.at("looking for outliers", 0.4)
-    judge = _agreeing(_without_strangers(judge, course), fits, plan, course)
+    reference = _reference_fit(fits)
+    reporter.at("rejecting outliers", 0.4)
+    reference = _without_outliers_and_moved(
+        _without_inconsistent_images(reference, state), fits, plan, state
+    )
     if plan.edges is not None:
-        watch.at("straightening edges", 0.45)
-        course.edges = plan.edges.straight_for(judge.again(judge.sightings, edges=plan.edges).model)
-    names = {_kind(w) for w in plan.wanted}
-    wandering = [fit for fit in fits.values() if not is_central(fit.model)]
-    if wandering:
-        course.wandering = _frozen(
-            min(wandering, key=lambda fit: fit.question.noise_px), judge, course
+        reporter.at("fitting straight edges", 0.45)
+        state.edges = plan.edges.select_straight(
+            reference.refit(reference.observations, edges=plan.edges).model
         )
-    course.fit = judge if judge.model.KIND in names else course.fit
+    names = {_kind_of(w) for w in plan.wanted}
+    multi_viewpoint = [fit for fit in fits.values() if not is_central(fit.model)]
+    if multi_viewpoint:
+        state.multi_viewpoint = _least_squares_fit(
+            min(multi_viewpoint, key=lambda fit: fit.problem.noise_px), reference, state
+        )
+    state.fit = reference if reference.model.KIND in names else state.fit
     _compare(
-        {k: _frozen(fit, judge, course) for k, fit in fits.items() if k in names},
+        {k: _least_squares_fit(fit, reference, state) for k, fit in fits.items() if k in names},
         plan,
-        watch,
-        course,
-        spread,
+        reporter,
+        state,
+        pool,
     )
 
 
 def _compare(
-    fits: dict[str, Adjustment],
+    fits: dict[str, BundleAdjustment],
     plan: CalibrationPlan,
-    watch: ProgressReporter,
-    course: FitState,
-    spread: WorkerPool,
+    reporter: ProgressReporter,
+    state: FitState,
+    pool: WorkerPool,
 ) -> None:
     """Cross-validate the models in order of fit error; skip those with a hopeless fit error."""
-    compared: list[tuple[Adjustment, HeldOut | None]] = []
+    compared: list[tuple[BundleAdjustment, HeldOut | None]] = []
     for number, fit in enumerate(sorted(fits.values(), key=lambda fit: fit.rms_px)):
-        watch.at(f"comparing {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
-        is_beaten = course.held is not None and fit.rms_px > HOPELESS * course.held.rms_px
-        compared.append((fit, None if is_beaten else held_out(fit, seed=plan.seed, spread=spread)))
-        best, course.candidates = select_model(compared)
-        course.fit, course.held = compared[best]
+        reporter.at(f"cross-validating {fit.model.KIND}", 0.5 + 0.5 * number / len(fits))
+        is_hopeless = state.held is not None and fit.rms_px > HOPELESS * state.held.rms_px
+        compared.append((fit, None if is_hopeless else held_out(fit, seed=plan.seed, pool=pool)))
+        best, state.candidates = select_model(compared)
+        state.fit, state.held = compared[best]
 
 
-def _kind(wanted: str | CameraModel) -> str:
-    return wanted if isinstance(wanted, str) else wanted.KIND
+def _kind_of(model: str | CameraModel) -> str:
+    return model if isinstance(model, str) else model.KIND
 
 
 def _all_fits(
-    base: Adjustment,
+    base: BundleAdjustment,
     plan: CalibrationPlan,
-    watch: ProgressReporter,
-    course: FitState,
-    spread: WorkerPool,
-) -> dict[str, Adjustment]:
+    reporter: ProgressReporter,
+    state: FitState,
+    pool: WorkerPool,
+) -> dict[str, BundleAdjustment]:
     """Return robust fits of the requested models and of the reference models for outliers."""
-    ladder: list[str | CameraModel] = list(plan.wanted)
-    if len(base.sightings) >= MIN_IMAGES_FOR_REFERENCE:
-        ladder += [kind for kind in REFERENCE_MODELS if kind not in map(_kind, ladder)]
-    fits: dict[str, Adjustment] = {}
+    models: list[str | CameraModel] = list(plan.wanted)
+    if len(base.observations) >= MIN_IMAGES_FOR_REFERENCE:
+        models += [kind for kind in REFERENCE_MODELS if kind not in map(_kind_of, models)]
+    fits: dict[str, BundleAdjustment] = {}
     unified = base.model
     assert isinstance(unified, Unified)
-    for number, wanted in enumerate(sorted(ladder, key=_order)):
-        kind = _kind(wanted)
-        watch.at(f"fitting {kind}", 0.05 + 0.35 * number / len(ladder))
+    for number, model in enumerate(sorted(models, key=_complexity)):
+        kind = _kind_of(model)
+        reporter.at(f"fitting {kind}", 0.05 + 0.35 * number / len(models))
         try:
             starts = (
-                [wanted]
-                if isinstance(wanted, CameraModel)
-                else _starts(wanted, unified, base, fits)
+                [model]
+                if isinstance(model, CameraModel)
+                else _initial_models(model, unified, base, fits)
             )
-            fits[kind] = _best_fit(base, starts, plan, spread)
+            fits[kind] = _best_fit(base, starts, plan, pool)
         except OmnimirrorError as e:
-            course.failures[kind] = str(e)
+            state.failures[kind] = str(e)
             continue
-        if course.fit is None or fits[kind].question.noise_px < course.fit.question.noise_px:
-            course.fit = fits[kind]
-    failed = [f"{k}: {why}" for k, why in course.failures.items() if k in map(_kind, plan.wanted)]
+        if state.fit is None or fits[kind].problem.noise_px < state.fit.problem.noise_px:
+            state.fit = fits[kind]
+    failed = [
+        f"{k}: {reason}" for k, reason in state.failures.items() if k in map(_kind_of, plan.wanted)
+    ]
     if len(failed) == len(plan.wanted):
         raise InvalidParameter("; ".join(failed))
     return fits
 
 
-def _starts(
-    kind: str, unified: Unified, base: Adjustment, fits: dict[str, Adjustment]
+def _initial_models(
+    kind: str, unified: Unified, base: BundleAdjustment, fits: dict[str, BundleAdjustment]
 ) -> list[CameraModel]:
     """Return initial models of a kind, including mirror sizes estimated from fitted viewpoints.
 
     An unknown mirror has several initial values: if the images determine its distance poorly, the
     sum of squares has several valleys, and only one contains the global minimum.
     """
-    usual, wandering = initial_model(kind, unified, field_of(base)), fits.get(ViewpointSpline.KIND)
+    default_start, multi_viewpoint = (
+        initial_model(kind, unified, field_of(base)),
+        fits.get(ViewpointSpline.KIND),
+    )
     if kind != SensorModel.KIND:
-        return [usual]
-    sized = None if wandering is None else mirror_of_viewpoints(unified, wandering, field_of(base))
-    far = mirror_farther(unified, field_of(base))
-    return [usual, far] if sized is None else [sized, usual, far]
+        return [default_start]
+    estimated_start = (
+        None
+        if multi_viewpoint is None
+        else mirror_from_viewpoints(unified, multi_viewpoint, field_of(base))
+    )
+    distant_start = distant_mirror_model(unified, field_of(base))
+    return (
+        [default_start, distant_start]
+        if estimated_start is None
+        else [estimated_start, default_start, distant_start]
+    )
 
 
 def _best_fit(
-    base: Adjustment, starts: Sequence[CameraModel], plan: CalibrationPlan, spread: WorkerPool
-) -> Adjustment:
+    base: BundleAdjustment, starts: Sequence[CameraModel], plan: CalibrationPlan, pool: WorkerPool
+) -> BundleAdjustment:
     """Return the fit from the best initial value.
 
     Initial values are compared by their robust loss after some steps with some of the points, with
     gross errors counted at their bounded loss.
     """
 
-    def known(into: CameraModel) -> dict[str, Any]:
-        fixed, priors = plan.known.of(into, plan.shape)
+    def options_of(start: CameraModel) -> dict[str, Any]:
+        fixed, priors = plan.known.of(start, plan.shape)
         return {"shape": plan.shape, "fixed": fixed, "priors": priors}
 
     if len(starts) == 1:
-        return fit_next_model(base, starts[0], **known(starts[0]))
-    every = min(THINNED, max(1, sum(map(len, base.sightings)) // ENOUGH))
-    some = replace(
-        base, sightings=tuple(s.only(np.arange(0, len(s), every)) for s in base.sightings)
+        return fit_next_model(base, starts[0], **options_of(starts[0]))
+    every = min(THINNED, max(1, sum(map(len, base.observations)) // ENOUGH))
+    thinned = replace(
+        base, observations=tuple(s.subset(np.arange(0, len(s), every)) for s in base.observations)
     )
     jobs = [
-        (some, into, known(into), is_conic_first)
-        for into, is_conic_first in product(starts, (False, True))
+        (thinned, start, options_of(start), is_conic_first)
+        for start, is_conic_first in product(starts, (False, True))
     ]
-    found = spread.map(_trial, jobs)
-    tried = [fit for fit in found if isinstance(fit, Adjustment)]
+    trials = pool.map(_trial, jobs)
+    fits = [fit for fit in trials if isinstance(fit, BundleAdjustment)]
     options = [
-        own for fit, (_, _, own, _) in zip(found, jobs, strict=True) if isinstance(fit, Adjustment)
+        trial_options
+        for fit, (_, _, trial_options, _) in zip(trials, jobs, strict=True)
+        if isinstance(fit, BundleAdjustment)
     ]
-    if not tried:
-        raise next(fit for fit in found if isinstance(fit, OmnimirrorError))
-    loss = Loss("cauchy", CAUCHY * min(fit.question.noise_px for fit in tried))
-    sums = [loss.sum(np.where(fit.seen[:, None], fit.residuals, UNSEEN_PX)) for fit in tried]
+    if not fits:
+        raise next(fit for fit in trials if isinstance(fit, OmnimirrorError))
+    loss = Loss("cauchy", CAUCHY * min(fit.problem.noise_px for fit in fits))
+    sums = [loss.sum(np.where(fit.visible[:, None], fit.residuals, UNSEEN_PX)) for fit in fits]
     number = int(np.argmin(sums))
-    best = tried[number]
-    placed = [s.moved(b.motion) for s, b in zip(base.sightings, best.sightings, strict=True)]
-    best = best.again(placed, loss="cauchy", settled=ROUGH_TOLERANCE)
-    return adjust(
+    best = fits[number]
+    posed = [s.with_pose(b.pose) for s, b in zip(base.observations, best.observations, strict=True)]
+    best = best.refit(posed, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE)
+    return bundle_adjust(
         best.model,
-        best.sightings,
+        best.observations,
         **options[number] | {"shape": best.shape},
         loss="cauchy",
-        settled=ROUGH_TOLERANCE,
+        relative_tolerance=ROUGH_TOLERANCE,
     )
 
 
 def _trial(
-    some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool
-) -> Adjustment | OmnimirrorError:
+    thinned: BundleAdjustment, start: CameraModel, options: dict[str, Any], is_conic_first: bool
+) -> BundleAdjustment | OmnimirrorError:
     """Return the fit after some steps from an initial value, or the error."""
     try:
-        return _some_steps(some, into, known, is_conic_first)
+        return _preliminary_fit(thinned, start, options, is_conic_first)
     except OmnimirrorError as e:
         return e
 
 
-def _some_steps(
-    some: Adjustment, into: CameraModel, known: dict[str, Any], is_conic_first: bool
-) -> Adjustment:
+def _preliminary_fit(
+    thinned: BundleAdjustment, start: CameraModel, options: dict[str, Any], is_conic_first: bool
+) -> BundleAdjustment:
     """Return the fit after some steps, with aspheric terms free at once or after the conic.
 
     With its axis free from the start, an unknown mirror may converge to an implausible shape; with
     free aspheric terms, these may compensate for a conic of the wrong size.
     """
     terms = (
-        tuple(p.name for p in into.parameters if p.name.startswith(TERMS)) if is_conic_first else ()
+        tuple(p.name for p in start.parameters if p.name.startswith(TERMS))
+        if is_conic_first
+        else ()
     )
     fit = fit_next_model(
-        some, into, **known | {"fixed": (*known["fixed"], *AXIS, *terms)}, most_steps=TRIAL_STEPS
+        thinned,
+        start,
+        **options | {"fixed": (*options["fixed"], *AXIS, *terms)},
+        max_steps=TRIAL_STEPS,
     )
     if not terms:
         return fit
-    freed = known | {"fixed": (*known["fixed"], *AXIS), "shape": fit.shape}
-    return adjust(
+    free_options = options | {"fixed": (*options["fixed"], *AXIS), "shape": fit.shape}
+    return bundle_adjust(
         fit.model,
-        fit.sightings,
-        **freed,
+        fit.observations,
+        **free_options,
         loss="cauchy",
-        settled=ROUGH_TOLERANCE,
-        most_steps=TRIAL_STEPS,
+        relative_tolerance=ROUGH_TOLERANCE,
+        max_steps=TRIAL_STEPS,
     )
 
 
-def _order(wanted: str | CameraModel) -> int:
+def _complexity(model: str | CameraModel) -> int:
     kinds = list(KINDS)
-    return kinds.index(wanted) if isinstance(wanted, str) and wanted in kinds else len(kinds)
+    return kinds.index(model) if isinstance(model, str) and model in kinds else len(kinds)
 
 
-def _without_strangers(fit: Adjustment, course: FitState) -> Adjustment:
+def _without_inconsistent_images(fit: BundleAdjustment, state: FitState) -> BundleAdjustment:
     """Return the fit without images that even the best model does not explain."""
-    found = inconsistent_images(fit)
-    if not found:
+    inconsistent = inconsistent_images(fit)
+    if not inconsistent:
         return fit
-    course.strangers |= found
-    return fit.again([s for s in fit.sightings if s.name not in found], loss="cauchy")
+    state.inconsistent |= inconsistent
+    return fit.refit([s for s in fit.observations if s.name not in inconsistent], loss="cauchy")
 
 
-def _agreeing(
-    robust: Adjustment, fits: dict[str, Adjustment], plan: CalibrationPlan, course: FitState
-) -> Adjustment:
+def _without_outliers_and_moved(
+    robust: BundleAdjustment,
+    fits: dict[str, BundleAdjustment],
+    plan: CalibrationPlan,
+    state: FitState,
+) -> BundleAdjustment:
     """Return the fit without outliers, of images with a consistent mirror centre.
 
-    Inconsistent images are recorded in ``course.strangers``.
+    Inconsistent images are recorded in ``course.inconsistent``.
     """
-    fit, course.outliers = without_outliers(robust)
-    odd: dict[str, str] = {}
-    if plan.is_mirrored_alike:  # the model with fewer parameters is more sensitive
-        odd = flipped_pictures(fit) or flipped_pictures(
-            _frozen(fits.get(Unified.KIND, fit), fit, course)
+    fit, state.outliers = without_outliers(robust)
+    inconsistent: dict[str, str] = {}
+    if plan.is_mirror_symmetric:  # the model with fewer parameters is more sensitive
+        inconsistent = flipped_images(fit) or flipped_images(
+            _least_squares_fit(fits.get(Unified.KIND, fit), fit, state)
         )
-    odd = odd or check_mount_stability(fit)
-    if odd:
-        course.strangers |= odd
-        fit, course.outliers = without_outliers(
-            robust.again([s for s in robust.sightings if s.name not in odd], loss="cauchy")
+    inconsistent = inconsistent or check_mount_stability(fit)
+    if inconsistent:
+        state.inconsistent |= inconsistent
+        fit, state.outliers = without_outliers(
+            robust.refit(
+                [s for s in robust.observations if s.name not in inconsistent], loss="cauchy"
+            )
         )
-        if more := check_mount_stability(fit):
-            raise InvalidParameter(f"{joined_names([*odd, *more])}: {reason(SEVERAL, fit)}")
+        if remaining := check_mount_stability(fit):
+            raise InvalidParameter(
+                f"{joined_names([*inconsistent, *remaining])}: {reason(SEVERAL, fit)}"
+            )
     return fit
 
 
-def _reference_fit(fits: dict[str, Adjustment]) -> Adjustment:
+def _reference_fit(fits: dict[str, BundleAdjustment]) -> BundleAdjustment:
     """Return the reference fit for outliers: the smallest noise among well-determined models."""
-    sound = [fit for fit in fits.values() if fit.unknowns <= FREEDOM * fit.residuals.size]
+    well_determined = [fit for fit in fits.values() if fit.unknowns <= FREEDOM * fit.residuals.size]
     return (
-        min(sound, key=lambda fit: fit.question.noise_px)
-        if sound
+        min(well_determined, key=lambda fit: fit.problem.noise_px)
+        if well_determined
         else min(fits.values(), key=lambda f: f.unknowns)
     )
 
 
-def _frozen(fit: Adjustment, judge: Adjustment, course: FitState) -> Adjustment:
+def _least_squares_fit(
+    fit: BundleAdjustment, reference: BundleAdjustment, state: FitState
+) -> BundleAdjustment:
     """Return the least-squares fit of a model to the remaining corners."""
-    names = {s.name for s in judge.sightings}
-    kept = without_rejected(tuple(s for s in fit.sightings if s.name in names), course.outliers)
-    is_far = fit.question.noise_px > FAR * judge.question.noise_px
-    return fit.again(
-        kept, settled=ROUGH_TOLERANCE if is_far else RELATIVE_TOLERANCE, edges=course.edges
+    names = {s.name for s in reference.observations}
+    retained = without_rejected(
+        tuple(s for s in fit.observations if s.name in names), state.outliers
+    )
+    is_far = fit.problem.noise_px > FAR * reference.problem.noise_px
+    return fit.refit(
+        retained,
+        relative_tolerance=ROUGH_TOLERANCE if is_far else RELATIVE_TOLERANCE,
+        edges=state.edges,
     )

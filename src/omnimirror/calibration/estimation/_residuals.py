@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
-from .observations import Motion, Sighting, Stack, stacked
+from .observations import Observation, RigidTransform, Stack, stacked
 
-# -- Shape of a board that is not exactly flat and square, estimated in the bundle adjustment ------
+# -- Board shape -----------------------------------------------------------------------------------
 #
 # A printed board is stretched slightly and bends and twists by 1 to 2 mm. With corners accurate to
 # 0.1 px, this limits the calibration rather than the camera. Five parameters describe the shape.
@@ -45,7 +45,7 @@ class BoardShape:
     --------
     >>> corners = np.array([[x, y, 0.0] for x in (-40.0, 40.0) for y in (-30.0, 30.0)])
     >>> shape = BoardShape.flat(corners).with_values([0.0, 0.0, 0.0, 2.0, 0.0])
-    >>> shape.applied(corners)[:, 2].round(2)  # twisted: two corners before the plane, two behind it
+    >>> shape.deformed(corners)[:, 2].round(2)  # twisted: two corners before the plane, two behind it
     array([ 1.92, -1.92, -1.92,  1.92])
     """
 
@@ -63,9 +63,7 @@ class BoardShape:
 
     def with_values(self, values: ArrayLike) -> BoardShape:
         """Return the same board with other shape values (5,)."""
-        return BoardShape(
-            self.centre_mm, self.half_diagonal_mm, tuple(float(v) for v in np.asarray(values))
-        )
+        return BoardShape(self.centre_mm, self.half_diagonal_mm, tuple(float(v) for v in np.asarray(values)))
 
     def is_flat_within(self, sigmas: Array) -> bool:
         """Return whether all values are zero within three standard deviations (5,)."""
@@ -77,7 +75,7 @@ class BoardShape:
         bend = BEND_SIGMA * self.half_diagonal_mm
         return np.array([STRETCH_SIGMA, STRETCH_SIGMA, bend, bend, bend])
 
-    def changes(self, points_mm: Array) -> Array:
+    def derivatives(self, points_mm: Array) -> Array:
         """Return derivatives (n, 3, 5) of board points (n, 3) with respect to the values."""
         x, y = (points_mm[:, :2] - self.centre_mm).T
         u, v = x / self.half_diagonal_mm, y / self.half_diagonal_mm
@@ -87,13 +85,13 @@ class BoardShape:
         change[:, 2, 2], change[:, 2, 3], change[:, 2, 4] = u * u, 2 * u * v, v * v
         return change
 
-    def applied(self, points_mm: Array) -> Array:
+    def deformed(self, points_mm: Array) -> Array:
         """Return the deformed positions of points (n, 3) of the flat board."""
-        moved: Array = points_mm + self.changes(points_mm) @ np.array(self.values)
-        return moved
+        points: Array = points_mm + self.derivatives(points_mm) @ np.array(self.values)
+        return points
 
 
-# -- Residuals of an estimate and their derivatives with respect to camera, poses and shape --------
+# -- Residuals and derivatives ---------------------------------------------------------------------
 
 UNSEEN_PX = 1e3
 """Residual of a point outside the model's field."""
@@ -138,7 +136,7 @@ class Estimate(NamedTuple):
     """Estimated quantities."""
 
     model: CameraModel
-    motions: tuple[Motion, ...]
+    poses: tuple[RigidTransform, ...]
     shape: BoardShape | None
     slides: Array
     """Positions (n,) of points along their lines, mm."""
@@ -151,11 +149,11 @@ class Linearised(NamedTuple):
 
     residuals: Array
     """Residuals (n, 2) px, image minus pixel; 0 for invisible points."""
-    seen: Mask
+    visible: Mask
     """Visibility (n,)."""
     d_shared: Array
     """Derivatives (n, 2, g) with respect to the parameters of model, board and marks, in order."""
-    d_motion: Array
+    d_pose: Array
     """Derivatives (n, 2, 6) with respect to a rotation in radians and a translation in mm."""
     d_slide: Array | None
     """Derivatives (n, 2) with respect to positions along lines."""
@@ -163,101 +161,82 @@ class Linearised(NamedTuple):
 
 def linearise(estimate: Estimate, stack: Stack) -> Linearised:
     """Compute residuals and derivatives of an estimate."""
-    rotations = np.array([m.rotation for m in estimate.motions])[stack.owner]
-    shifts = np.array([m.shift_mm for m in estimate.motions])[stack.owner]
-    turned = np.einsum("nij,nj->ni", rotations, targets(estimate, stack))
-    points = turned + np.where(stack.distant[:, None], 0.0, shifts)
+    rotations = np.array([m.rotation for m in estimate.poses])[stack.owner]
+    shifts = np.array([m.translation_mm for m in estimate.poses])[stack.owner]
+    rotated = np.einsum("nij,nj->ni", rotations, targets(estimate, stack))
+    points = rotated + np.where(stack.distant[:, None], 0.0, shifts)
     pixels, seen, d_points, d_parameters = _images(estimate.model, points, stack.distant)
     residuals = pixels - stack.pixels
     d_shared = d_parameters
     if estimate.shape is not None:
-        changes = estimate.shape.changes(stack.points)
+        changes = estimate.shape.derivatives(stack.points)
         changes[~stack.shaped] = 0.0
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ changes], axis=2)
     if stack.marks is not None:
-        d_shared = np.concatenate(
-            [d_shared, (d_points @ rotations) @ stack.marks.changes()], axis=2
-        )
-    d_motion = np.empty((len(points), 2, 6))
+        d_shared = np.concatenate([d_shared, (d_points @ rotations) @ stack.marks.derivatives()], axis=2)
+    d_pose = np.empty((len(points), 2, 6))
     # d(turn x X) = -[X]x turn: a row g of d_points becomes X x g
-    (x, y, z), (gx, gy, gz) = turned.T[..., None], np.moveaxis(d_points, 2, 0)
-    d_motion[..., 0], d_motion[..., 1], d_motion[..., 2] = (
-        y * gz - z * gy,
-        z * gx - x * gz,
-        x * gy - y * gx,
-    )
-    d_motion[..., 3:] = np.where(stack.distant[:, None, None], 0.0, d_points)
+    (x, y, z), (gx, gy, gz) = rotated.T[..., None], np.moveaxis(d_points, 2, 0)
+    d_pose[..., 0], d_pose[..., 1], d_pose[..., 2] = (y * gz - z * gy, z * gx - x * gz, x * gy - y * gx)
+    d_pose[..., 3:] = np.where(stack.distant[:, None, None], 0.0, d_points)
     d_slide = None
     if stack.along is not None:
         d_slide = np.einsum("nki,nij,nj->nk", d_points, rotations, stack.along)
     residuals[~seen] = 0.0
-    return Linearised(residuals, seen, d_shared, d_motion, d_slide)
+    return Linearised(residuals, seen, d_shared, d_pose, d_slide)
 
 
-def as_placed(model: CameraModel, sightings: Sequence[Sighting]) -> Linearised:
+def residuals_at_poses(model: CameraModel, observations: Sequence[Observation]) -> Linearised:
     """Compute residuals of points and directions at their current poses, without a board shape."""
-    stack = stacked(sightings)
-    motions = tuple(s.motion or Motion.none() for s in sightings)
-    return linearise(
-        Estimate(model, motions, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack
-    )
+    stack = stacked(observations)
+    poses = tuple(s.pose or RigidTransform.identity() for s in observations)
+    return linearise(Estimate(model, poses, None, np.zeros(len(stack.pixels)), np.zeros(0)), stack)
 
 
 def targets(estimate: Estimate, stack: Stack) -> Array:
     """Return points (n, 3) in target frames, with board shape, lines and planes applied."""
     points = stack.points
     if estimate.shape is not None:
-        points = np.where(stack.shaped[:, None], estimate.shape.applied(points), points)
+        points = np.where(stack.shaped[:, None], estimate.shape.deformed(points), points)
     if stack.along is not None:
         points = points + estimate.slides[:, None] * stack.along
     if stack.marks is not None:
-        points = points + stack.marks.changes() @ estimate.marks
+        points = points + stack.marks.derivatives() @ estimate.marks
     return points
 
 
-def without_motions(found: Linearised) -> Linearised:
+def eliminate_line_positions(linearised: Linearised) -> Linearised:
     """Project out positions along lines: residuals remain perpendicular to the image of the line."""
-    if found.d_slide is None:
-        return found
-    length = np.sum(found.d_slide**2, axis=1)
-    along = found.d_slide / np.sqrt(np.where(length > 0, length, 1.0))[:, None]
+    if linearised.d_slide is None:
+        return linearised
+    length = np.sum(linearised.d_slide**2, axis=1)
+    along = linearised.d_slide / np.sqrt(np.where(length > 0, length, 1.0))[:, None]
     across = np.eye(2) - along[:, :, None] * along[:, None, :]
-    return found._replace(
-        residuals=np.einsum("nij,nj->ni", across, found.residuals),
-        d_shared=across @ found.d_shared,
-        d_motion=across @ found.d_motion,
-    )
+    return linearised._replace(residuals=np.einsum("nij,nj->ni", across, linearised.residuals), d_shared=across @ linearised.d_shared, d_pose=across @ linearised.d_pose)
 
 
-def slid(found: Linearised, stack: Stack, shared: Array, motions: Array) -> Array:
+def slid(linearised: Linearised, stack: Stack, shared: Array, poses: Array) -> Array:
     """Return steps (n,) along lines for steps of the shared parameters (g,) and poses (m, 6)."""
-    assert found.d_slide is not None
-    e = (
-        found.residuals
-        + found.d_shared @ shared
-        + np.einsum("nki,ni->nk", found.d_motion, motions[stack.owner])
-    )
-    length = np.sum(found.d_slide**2, axis=1)
-    return np.asarray(-np.sum(found.d_slide * e, axis=1) / np.where(length > 0, length, np.inf))
+    assert linearised.d_slide is not None
+    e = linearised.residuals + linearised.d_shared @ shared + np.einsum("nki,ni->nk", linearised.d_pose, poses[stack.owner])
+    length = np.sum(linearised.d_slide**2, axis=1)
+    return np.asarray(-np.sum(linearised.d_slide * e, axis=1) / np.where(length > 0, length, np.inf))
 
 
 def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Mask, Array, Array]:
     """Return pixels, validity and derivatives of near and distant points; 0 where invalid."""
     if distant.all() or not distant.any():
         image = model.image_clamped(points, distant=bool(distant.any()))
-        seen = image.valid
-        if seen.all():
-            return image.pixels, seen, image.d_points, image.d_parameters
-        d_points, d_parameters = (
-            np.where(seen[:, None, None], part, 0.0)
-            for part in (image.d_points, image.d_parameters)
-        )
-        return np.where(seen[:, None], image.pixels, 0.0), seen, d_points, d_parameters
-    both: Sequence[Mask] = (~distant, distant)
-    near, far = (_images(model, points[part], distant[part]) for part in both)
+        visible = image.valid
+        if visible.all():
+            return image.pixels, visible, image.d_points, image.d_parameters
+        d_points, d_parameters = (np.where(visible[:, None, None], part, 0.0) for part in (image.d_points, image.d_parameters))
+        return np.where(visible[:, None], image.pixels, 0.0), visible, d_points, d_parameters
+    masks: Sequence[Mask] = (~distant, distant)
+    near, far = (_images(model, points[part], distant[part]) for part in masks)
     joined = []
     for a, b in zip(near, far, strict=True):
-        whole = np.empty((len(points), *a.shape[1:]), dtype=a.dtype)
-        whole[both[0]], whole[both[1]] = a, b
-        joined.append(whole)
+        combined = np.empty((len(points), *a.shape[1:]), dtype=a.dtype)
+        combined[masks[0]], combined[masks[1]] = a, b
+        joined.append(combined)
     return joined[0], joined[1], joined[2], joined[3]

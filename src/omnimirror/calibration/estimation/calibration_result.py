@@ -21,14 +21,14 @@ from ...optics.sensor_files import save_camera
 from .._initial_sensor import without_fold
 from ..sensor_model import SensorModel
 from ..uncertainty import measured_field_deg
-from ._bundle_adjustment import Adjustment
-from ._covariance import FreeCombination, ParameterCovariance
+from ._bundle_adjustment import BundleAdjustment
+from ._covariance import ParameterCovariance, UndeterminedCombination
 from ._cross_validation import HeldOut, ModelCandidate
 from ._residuals import BoardShape
 from .observation_checks import Coverage, Outlier, remaining_outliers
 
 
-class PictureResult(NamedTuple):
+class ImageResult(NamedTuple):
     """Result for an image."""
 
     name: str
@@ -42,16 +42,16 @@ class PictureResult(NamedTuple):
     rotation: Array | None = None
     """Rotation (3, 3) from the target frame (board, survey) to the camera frame; None if not used.
     """
-    shift_mm: Array | None = None
-    """Translation (3,) of this transform: ``X = rotation @ p + shift_mm``."""
+    translation_mm: Array | None = None
+    """Translation (3,) of this transform: ``X = rotation @ p + translation_mm``."""
 
     @property
     def camera_at_mm(self) -> Array | None:
         """Origin (3,) of the camera frame in the target frame."""
         return (
             None
-            if self.rotation is None or self.shift_mm is None
-            else -self.rotation.T @ self.shift_mm
+            if self.rotation is None or self.translation_mm is None
+            else -self.rotation.T @ self.translation_mm
         )
 
 
@@ -68,7 +68,7 @@ class ParameterResult(NamedTuple):
 class EdgeResult(NamedTuple):
     """Result for a marked straight edge."""
 
-    picture: str
+    image: str
     edge: int
     """Number in its image, from 1."""
     points: int
@@ -96,7 +96,7 @@ class Calibration:
         Number of corners in the used images, including outliers.
     outliers
         Rejected corners, worst first.
-    pictures
+    images
         Result for each image, in input order.
     parameters
         Parameters with their standard deviations.
@@ -138,14 +138,14 @@ class Calibration:
     rms_px: float
     corners: int
     outliers: tuple[Outlier, ...]
-    pictures: tuple[PictureResult, ...]
+    images: tuple[ImageResult, ...]
     parameters: tuple[ParameterResult, ...]
     uncertainty: ParameterCovariance
     candidates: tuple[ModelCandidate, ...]
     notes: tuple[str, ...]
     advice: tuple[str, ...]
     coverage: Coverage = field(repr=False)
-    adjustment: Adjustment = field(repr=False)
+    adjustment: BundleAdjustment = field(repr=False)
     held_out: HeldOut | None = field(default=None, repr=False)
     seconds: float = 0.0
     is_complete: bool = True
@@ -163,7 +163,7 @@ class Calibration:
         return self.uncertainty.covariance[:count, :count]
 
     @property
-    def free(self) -> tuple[FreeCombination, ...]:
+    def free(self) -> tuple[UndeterminedCombination, ...]:
         """Combinations of parameters that the images do not determine."""
         return self.uncertainty.free
 
@@ -195,7 +195,7 @@ class Calibration:
         Beyond it the camera is an extrapolation with unknown errors.
         """
         edges = self.adjustment.edges
-        measured = [s.pixels for s in self.adjustment.sightings] + [
+        measured = [s.pixels for s in self.adjustment.observations] + [
             e.pixels for e in (edges.edges if edges else ())
         ]
         return measured_field_deg(self.model, np.concatenate(measured))
@@ -206,16 +206,16 @@ class Calibration:
         names = tuple(p.name for p in self.model.parameters)
         sigmas = self.uncertainty.sigmas[: len(names)]
         is_linear = np.allclose(sigmas**2, np.diag(self.covariance), rtol=1e-9, atol=0)
-        known = Uncertainty(
+        uncertainty = Uncertainty(
             names,
             tuple(tuple(float(c) for c in row) for row in self.covariance),
             self.field_deg,
             None if is_linear else tuple(sigmas.tolist()),
         )
         if isinstance(self.model, SensorModel):
-            return replace(without_fold(self.model.sensor), uncertainty=known)
+            return replace(without_fold(self.model.sensor), uncertainty=uncertainty)
         if isinstance(self.model, RadialModel):
-            return replace(self.model, uncertainty=known)  # type: ignore[type-var]  # every model is a dataclass
+            return replace(self.model, uncertainty=uncertainty)  # type: ignore[type-var]  # every model is a dataclass
         return self.model
 
     def save(self, path: str | Path) -> None:
@@ -234,20 +234,20 @@ class Calibration:
         save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]
 
     @property
-    def seen(self) -> str:
+    def measurement_kinds(self) -> str:
         """Kind of measurements: "corners", "points", or both."""
-        kinds = {"points" if s.is_surveyed else "corners" for s in self.adjustment.sightings}
+        kinds = {"points" if s.is_surveyed else "corners" for s in self.adjustment.observations}
         return " and ".join(sorted(kinds))
 
     @property
     def summary(self) -> str:
         """Summary in one line."""
-        used = sum(p.used for p in self.pictures)
-        held = f", {self.held_out_rms_px:.3f} px in pictures left out" if self.held_out else ""
+        used = sum(p.used for p in self.images)
+        held_out = f", {self.held_out_rms_px:.3f} px in held-out images" if self.held_out else ""
         return (
-            f"Calibrated from {used} {'picture' if used == 1 else 'pictures'} and {self.corners - len(self.outliers)} "
-            f"{self.seen}: {self.rms_px:.3f} px RMS"
-            f"{held}."
+            f"Calibrated from {used} {'image' if used == 1 else 'images'} and {self.corners - len(self.outliers)} "
+            f"{self.measurement_kinds}: {self.rms_px:.3f} px RMS"
+            f"{held_out}."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -264,7 +264,7 @@ class Calibration:
             "corners": self.corners,
             "outliers": [o._asdict() for o in self.outliers],
             "remaining_outliers": [o._asdict() for o in self.remaining_outliers],
-            "pictures": [p._asdict() | {"camera_at_mm": p.camera_at_mm} for p in self.pictures],
+            "images": [p._asdict() | {"camera_at_mm": p.camera_at_mm} for p in self.images],
             "parameters": [p._asdict() for p in self.parameters],
             "seconds": self.seconds,
             "model": self.model.KIND,

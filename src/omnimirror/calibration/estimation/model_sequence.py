@@ -12,25 +12,17 @@ from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
 from ...cameras.camera import inside_image
 from ...cameras.frames import Mount, rotate_vectors
-from ...cameras.models import (
-    DoubleSphere,
-    EnhancedUnified,
-    KannalaBrandt,
-    OCam,
-    RadialSpline,
-    Unified,
-    ViewpointSpline,
-)
+from ...cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RadialSpline, Unified, ViewpointSpline
 from ...cameras.models.camera_model import CameraModel
-from .._initial_sensor import guessed_size
+from .._initial_sensor import estimate_mirror_size
 from ..sensor_model import SensorModel
-from ._bundle_adjustment import MAX_STEPS, Adjustment, Prior, adjust
+from ._bundle_adjustment import MAX_STEPS, BundleAdjustment, Prior, bundle_adjust
 from ._initial_poses import linear_pose, stereographic_start
-from ._residuals import UNSEEN_PX, BoardShape, as_placed
+from ._residuals import UNSEEN_PX, BoardShape, residuals_at_poses
 from .observation_checks import check_start, inconsistent_images
-from .observations import Motion, Sighting
+from .observations import Observation, RigidTransform
 
-# -- Camera models for estimation, in order of complexity, with their initial values ---------------
+# -- Model kinds and initial models ----------------------------------------------------------------
 
 ModelConstructor = Callable[[Unified, float], CameraModel]
 """Constructor of a model that approximates a unified one up to a field angle in deg."""
@@ -41,15 +33,11 @@ def _unified(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def _enhanced(u: Unified, omega_max_deg: float) -> CameraModel:
-    return EnhancedUnified(
-        u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
-    )
+    return EnhancedUnified(u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
 
 
 def _double(u: Unified, omega_max_deg: float) -> CameraModel:
-    return DoubleSphere(
-        0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
-    )
+    return DoubleSphere(0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
 
 
 def _kannala_brandt(u: Unified, omega_max_deg: float) -> CameraModel:
@@ -72,12 +60,10 @@ def _viewpoint_spline(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
-    return SensorModel.start_from(u, omega_max_deg=omega_max_deg)
+    return SensorModel.from_central_model(u, omega_max_deg=omega_max_deg)
 
 
-def mirror_of_viewpoints(
-    central: Unified, fit: Adjustment, omega_max_deg: float
-) -> SensorModel | None:
+def mirror_from_viewpoints(central: Unified, fit: BundleAdjustment, omega_max_deg: float) -> SensorModel | None:
     """Return an initial mirror model with the size given by fitted viewpoints.
 
     None if the size is undetermined.
@@ -94,33 +80,20 @@ def mirror_of_viewpoints(
     model = fit.model
     assert isinstance(model, ViewpointSpline)
     end = min(omega_max_deg, _degrees(central.model_end))
-    corners = np.concatenate(
-        [s.motion(s.points[~s.distant]) for s in fit.sightings if s.motion is not None]
-    )
+    corners = np.concatenate([s.pose(s.points[~s.distant]) for s in fit.observations if s.pose is not None])
     omega = np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), -corners[:, 2])
     omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // MAX_SIZE_CORNERS)]
     try:
-        guess = guessed_size(central, end, omega, -model._viewpoint_mm(omega))
+        guess = estimate_mirror_size(central, end, omega, -model._viewpoint_mm(omega))
     except OmnimirrorError:  # a mirror with such a mapping would fold before its rim
         return None
     if guess is None:
         return None
     rim, distance = guess
-    return SensorModel.start_from(
-        central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance
-    )
+    return SensorModel.from_central_model(central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance)
 
 
-KINDS: dict[str, ModelConstructor] = {
-    "unified": _unified,
-    "enhanced-unified": _enhanced,
-    "double-sphere": _double,
-    "kannala-brandt": _kannala_brandt,
-    "ocam": _ocam,
-    "radial-spline": _radial_spline,
-    "viewpoint-spline": _viewpoint_spline,
-    "sensor": _mirror,
-}
+KINDS: dict[str, ModelConstructor] = {"unified": _unified, "enhanced-unified": _enhanced, "double-sphere": _double, "kannala-brandt": _kannala_brandt, "ocam": _ocam, "radial-spline": _radial_spline, "viewpoint-spline": _viewpoint_spline, "sensor": _mirror}
 """Constructors by name in files and on the command line; the physical mirror sensor is last."""
 RIM_MM, FARTHER = 40.0, 6.0  # unknown mirror: rim radius; distance in rim radii (usual: 3 to 5)
 MAX_SIZE_CORNERS = 300  # number of corners for the size estimate
@@ -139,12 +112,10 @@ def initial_model(kind: str, central: Unified, omega_max_deg: float) -> CameraMo
     return KINDS[kind](central, min(omega_max_deg, _degrees(central.model_end)))
 
 
-def mirror_farther(central: Unified, omega_max_deg: float) -> SensorModel:
+def distant_mirror_model(central: Unified, omega_max_deg: float) -> SensorModel:
     """Return an initial mirror model with a larger distance from its lens than usual."""
     end = min(omega_max_deg, _degrees(central.model_end))
-    return SensorModel.start_from(
-        central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM
-    )
+    return SensorModel.from_central_model(central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM)
 
 
 def _focal(u: Unified) -> tuple[float, float]:
@@ -156,7 +127,7 @@ def _degrees(radians: float) -> float:
     return radians * 57.29577951308232
 
 
-# -- Conversion between models: the initial value of a richer model reproduces a simpler one -------
+# -- Conversion between model kinds ----------------------------------------------------------------
 #
 # A richer model does not converge from a distant initial value. Therefore its projection is first
 # fitted to that of the simpler model, over the whole image and without corners. A model with
@@ -169,52 +140,33 @@ SHIFTS_MM = np.concatenate([-np.geomspace(600, 5, 20), [0.0], np.geomspace(5, 60
 """Trial shifts of boards along the axis when a model with another viewpoint takes over."""
 
 
-def convert_model(
-    model: CameraModel,
-    into: CameraModel,
-    *,
-    omega_max_deg: float = 170.0,
-    fixed: Iterable[str] = (),
-    priors: Iterable[Prior] = (),
-) -> CameraModel:
+def convert_model(model: CameraModel, start: CameraModel, *, omega_max_deg: float = 170.0, fixed: Iterable[str] = (), priors: Iterable[Prior] = ()) -> CameraModel:
     """Convert a model to another kind with the same projection of distant points.
 
     Parameters
     ----------
     model
         Reference model.
-    into
+    start
         Initial value; parameters without effect on the agreement keep its values.
     omega_max_deg : deg
         Maximum field angle of the comparison.
     fixed, priors
-        As for :func:`~omnimirror.calibration.estimation.adjustment.adjust`.
+        As for :func:`~omnimirror.calibration.estimation.adjustment.bundle_adjust`.
 
     Returns
     -------
     CameraModel
-        Model of the kind of ``into``.
+        Model of the kind of ``start``.
     """
     directions = directions_of_field(model, omega_max_deg)
     image = model.image(directions, distant=True)
-    kept = image.valid.copy()
-    kept[kept] = inside_image(image.pixels[kept], model.image_size)
-    if kept.sum() < len(into.parameters):
-        raise InvalidParameter(
-            f"the model sees nothing of the {omega_max_deg:g} deg about its axis"
-        )
-    sighting = Sighting(
-        "model", image.pixels[kept], directions[kept], Motion.none(), is_known=True, is_distant=True
-    )
-    return adjust(
-        into,
-        [sighting],
-        fixed=fixed,
-        priors=priors,
-        loss="huber",
-        noise_px=AGREEMENT_PX,
-        most_steps=60,
-    ).model
+    visible = image.valid.copy()
+    visible[visible] = inside_image(image.pixels[visible], model.image_size)
+    if visible.sum() < len(start.parameters):
+        raise InvalidParameter(f"the model must project directions within {omega_max_deg:g} deg of its axis; got too few")
+    observation = Observation("model", image.pixels[visible], directions[visible], RigidTransform.identity(), is_known=True, is_distant=True)
+    return bundle_adjust(start, [observation], fixed=fixed, priors=priors, loss="huber", noise_px=AGREEMENT_PX, max_steps=60).model
 
 
 def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:
@@ -222,20 +174,16 @@ def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:
     omega = np.radians(np.linspace(1.0, omega_max_deg, RINGS))[:, None]
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)[None, :]
     forward = -1.0 if model.optics == "mirror" else 1.0
-    parts = (
-        np.sin(omega) * np.cos(phi),
-        np.sin(omega) * np.sin(phi),
-        forward * np.cos(omega) + 0 * phi,
-    )
+    parts = (np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), forward * np.cos(omega) + 0 * phi)
     return np.stack([p.ravel() for p in parts], axis=1)
 
 
-def farthest_angle_deg(fit: Adjustment) -> float:
+def farthest_angle_deg(fit: BundleAdjustment) -> float:
     """Return the maximum field angle of the observations, deg from the axis."""
     forward = -1.0 if fit.model.optics == "mirror" else 1.0
     largest = 0.0
-    for sighting in fit.sightings:
-        points = sighting.before(sighting.motion or Motion.none())
+    for observation in fit.observations:
+        points = observation.in_camera_frame(observation.pose or RigidTransform.identity())
         ahead = forward * points[:, 2] / np.linalg.norm(points, axis=1)
         largest = max(largest, float(np.degrees(np.arccos(np.clip(ahead.min(), -1, 1)))))
     return largest
@@ -249,30 +197,30 @@ def is_central(model: CameraModel) -> bool:
     return bool(both.any()) and bool(np.allclose(near.pixels[both], far.pixels[both], atol=1e-6))
 
 
-def shifted_to_viewpoint(model: CameraModel, sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
-    """Return near sightings shifted along the axis by the common distance of minimum residuals.
+def shifted_to_viewpoint(model: CameraModel, observations: Sequence[Observation]) -> tuple[Observation, ...]:
+    """Return near observations shifted along the axis by the common distance of minimum residuals.
 
     The viewpoint of a central model is elsewhere in the frame of a mirror and its camera, often
     100 mm from the origin. Without this shift, a local search does not converge.
     """
     medians = []
     for shift in SHIFTS_MM:
-        found = as_placed(model, [_along(s, shift) for s in sightings])
-        lengths = np.where(found.seen, np.hypot(*found.residuals.T), np.inf)
+        linearised = residuals_at_poses(model, [_shifted(s, shift) for s in observations])
+        lengths = np.where(linearised.visible, np.hypot(*linearised.residuals.T), np.inf)
         medians.append(float(np.median(lengths)))
     best = float(SHIFTS_MM[int(np.argmin(medians))])
-    return tuple(_along(s, best) for s in sightings)
+    return tuple(_shifted(s, best) for s in observations)
 
 
-def _along(sighting: Sighting, shift_mm: float) -> Sighting:
-    """Return a sighting shifted along Z, unless it is known or entirely distant."""
-    if sighting.is_known or sighting.distant.all() or sighting.motion is None:
-        return sighting
-    rotation, place = sighting.motion
-    return sighting.moved(Motion(rotation, place + np.array([0.0, 0.0, shift_mm])))
+def _shifted(observation: Observation, translation_mm: float) -> Observation:
+    """Return a observation shifted along Z, unless it is known or entirely distant."""
+    if observation.is_known or observation.distant.all() or observation.pose is None:
+        return observation
+    rotation, translation = observation.pose
+    return observation.with_pose(RigidTransform(rotation, translation + np.array([0.0, 0.0, translation_mm])))
 
 
-# -- Stages of the model sequence: each model starts at the robust fit of a simpler one ------------
+# -- Stages ----------------------------------------------------------------------------------------
 
 FIRST_FREE = (("xi", "fx", "fy", "cx", "cy"), ("fx", "fy", "cx", "cy", "k1", "k2"))
 """Alternative sets of parameters for the first adjustment; the better result is used.
@@ -288,34 +236,20 @@ ROUGH_START = {True: 2.0, False: 10.0}
 
 It is larger for surveys: boards are placed at the best pose for any camera, even a wrong one.
 """
-UNPLACED = (
-    "what it shows cannot be placed before the camera: it takes 6 points that do not lie on a line, or 3 directions, "
-    "and not mirror images of them"
-)
-FIELD_MARGIN = (
-    1.03  # maximum field angle of the model comparison relative to that of the farthest corner
-)
+UNPLACED = "its pose cannot be estimated: at least 6 points that are not collinear, or 3 directions, are required, and their frame must be right-handed"
+FIELD_MARGIN = 1.03  # maximum field angle of the model comparison relative to that of the farthest corner
 
 
 class InitialFit(NamedTuple):
     """Result of the first stage."""
 
-    fit: Adjustment
+    fit: BundleAdjustment
     """Fit of a unified model."""
-    strangers: dict[str, str]
+    inconsistent: dict[str, str]
     """Reasons for images without a consistent board pose, by name."""
 
 
-def fit_first_model(
-    sightings: Sequence[Sighting],
-    image_size: tuple[int, int],
-    centre_px: tuple[float, float] | None,
-    optics: str,
-    mount: Mount,
-    *,
-    fixed: tuple[str, ...] = (),
-    priors: tuple[Prior, ...] = (),
-) -> InitialFit:
+def fit_first_model(observations: Sequence[Observation], image_size: tuple[int, int], centre_px: tuple[float, float] | None, optics: str, mount: Mount, *, fixed: tuple[str, ...] = (), priors: tuple[Prior, ...] = ()) -> InitialFit:
     """Fit a unified model robustly to boards and surveyed points without poses.
 
     Fixed parameters keep the values of a stereographic camera without distortion.
@@ -328,149 +262,96 @@ def fit_first_model(
     width, height = image_size
     centre = centre_px or ((width - 1) / 2, (height - 1) / 2)
     model = Unified(1.0, (width / 4, width / 4), centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
-    start = stereographic_start(sightings, image_size, centre, model._signs)
-    boards = not all(s.is_surveyed for s in sightings)
+    start = stereographic_start(observations, image_size, centre, model._signs)
+    boards = not all(s.is_surveyed for s in observations)
     check_start(start.median_px / ROUGH_START[boards], image_size, boards=boards)
     model = Unified(1.0, (start.focal_px,) * 2, centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
-    strangers = {
-        s.name: UNPLACED if s.is_surveyed else "its corners lie on a line, or in one point"
-        for s, motion in zip(sightings, start.motions, strict=True)
-        if motion is None
-    }
-    known = [s.moved(m) for s, m in zip(sightings, start.motions, strict=True) if m is not None]
-    fit = min(
-        (_lowest(model, known, free, fixed, priors) for free in FIRST_FREE),
-        key=lambda f: f.question.noise_px,
-    )
+    inconsistent = {s.name: UNPLACED if s.is_surveyed else "its corners are collinear or coincide" for s, pose in zip(observations, start.poses, strict=True) if pose is None}
+    posed = [s.with_pose(m) for s, m in zip(observations, start.poses, strict=True) if m is not None]
+    fit = min((_fit_in_two_steps(model, posed, free, fixed, priors) for free in FIRST_FREE), key=lambda f: f.problem.noise_px)
     check_start(_median_of(fit), image_size, boards=boards)
-    found = inconsistent_images(fit)
-    if found:
-        strangers |= found
-        kept = [s for s in fit.sightings if s.name not in found]
-        if len(kept) < min(2, len(sightings)):
-            raise InvalidParameter("; ".join(f"{name}: {why}" for name, why in found.items()))
-        fit = fit.again(kept, loss="cauchy", settled=ROUGH_TOLERANCE)
-    return InitialFit(fit, strangers)
+    inconsistent_names = inconsistent_images(fit)
+    if inconsistent_names:
+        inconsistent |= inconsistent_names
+        consistent = [s for s in fit.observations if s.name not in inconsistent_names]
+        if len(consistent) < min(2, len(observations)):
+            raise InvalidParameter("; ".join(f"{name}: {reason}" for name, reason in inconsistent_names.items()))
+        fit = fit.refit(consistent, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE)
+    return InitialFit(fit, inconsistent)
 
 
-def _lowest(
-    model: Unified,
-    known: Sequence[Sighting],
-    first: tuple[str, ...],
-    fixed: tuple[str, ...],
-    priors: tuple[Prior, ...],
-) -> Adjustment:
+def _fit_in_two_steps(model: Unified, observations: Sequence[Observation], first: tuple[str, ...], fixed: tuple[str, ...], priors: tuple[Prior, ...]) -> BundleAdjustment:
     """Return a unified model after adjustment of some of its parameters, then of all."""
-    held = (p.name for p in model.parameters if p.name not in first)
-    rough = adjust(
-        model, known, fixed=(*held, *fixed), priors=priors, loss="cauchy", settled=ROUGH_TOLERANCE
-    )
-    return adjust(
-        rough.model,
-        replaced_boards(rough),
-        fixed=fixed,
-        priors=priors,
-        loss="cauchy",
-        settled=ROUGH_TOLERANCE,
-    )
+    fixed_names = (p.name for p in model.parameters if p.name not in first)
+    rough = bundle_adjust(model, observations, fixed=(*fixed_names, *fixed), priors=priors, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE)
+    return bundle_adjust(rough.model, relocate_boards(rough), fixed=fixed, priors=priors, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE)
 
 
-def _median_of(fit: Adjustment) -> float:
+def _median_of(fit: BundleAdjustment) -> float:
     """Return the median residual, px."""
-    return float(np.median(np.where(fit.seen, np.hypot(*fit.residuals.T), UNSEEN_PX)))
+    return float(np.median(np.where(fit.visible, np.hypot(*fit.residuals.T), UNSEEN_PX)))
 
 
-def replaced_boards(fit: Adjustment) -> tuple[Sighting, ...]:
-    """Return sightings with boards placed through the model, if that reduces their residuals."""
+def relocate_boards(fit: BundleAdjustment) -> tuple[Observation, ...]:
+    """Return observations with boards placed through the model, if that reduces their residuals."""
     world = fit.model.mount.rotation()
     result = []
-    for number, sighting in enumerate(fit.sightings):
-        rays = fit.model.backproject(sighting.pixels)
-        other = None
-        if rays.valid.sum() >= len(sighting) / 2 and not sighting.is_known:
-            other = linear_pose(
-                sighting.only(rays.valid), rotate_vectors(rays.directions[rays.valid], world)
-            )
-        here = _median_px(fit.model, sighting, sighting.motion)
-        result.append(
-            sighting.moved(other)
-            if _median_px(fit.model, sighting, other) < here
-            else fit.sightings[number]
-        )
+    for number, observation in enumerate(fit.observations):
+        rays = fit.model.backproject(observation.pixels)
+        pose = None
+        if rays.valid.sum() >= len(observation) / 2 and not observation.is_known:
+            pose = linear_pose(observation.subset(rays.valid), rotate_vectors(rays.directions[rays.valid], world))
+        median = _median_px(fit.model, observation, observation.pose)
+        result.append(observation.with_pose(pose) if _median_px(fit.model, observation, pose) < median else fit.observations[number])
     return tuple(result)
 
 
-def _median_px(model: CameraModel, sighting: Sighting, motion: Motion | None) -> float:
-    if motion is None:
+def _median_px(model: CameraModel, observation: Observation, pose: RigidTransform | None) -> float:
+    if pose is None:
         return np.inf
-    found = as_placed(model, [sighting.moved(motion)])
-    return float(np.median(np.where(found.seen, np.hypot(*found.residuals.T), UNSEEN_PX)))
+    linearised = residuals_at_poses(model, [observation.with_pose(pose)])
+    return float(np.median(np.where(linearised.visible, np.hypot(*linearised.residuals.T), UNSEEN_PX)))
 
 
-def field_of(fit: Adjustment) -> float:
+def field_of(fit: BundleAdjustment) -> float:
     """Return the field angle (deg) of the model comparison, slightly beyond the farthest corner."""
     return min(FIELD_MARGIN * farthest_angle_deg(fit), 179.0)
 
 
-def fit_next_model(
-    fit: Adjustment,
-    into: CameraModel,
-    *,
-    shape: BoardShape | None = None,
-    fixed: tuple[str, ...] = (),
-    priors: tuple[Prior, ...] = (),
-    most_steps: int = MAX_STEPS,
-) -> Adjustment:
+def fit_next_model(fit: BundleAdjustment, start: CameraModel, *, shape: BoardShape | None = None, fixed: tuple[str, ...] = (), priors: tuple[Prior, ...] = (), max_steps: int = MAX_STEPS) -> BundleAdjustment:
     """Fit the next model: first to the projection of the previous model, then to the corners.
 
     Parameters
     ----------
     fit
         Fit of the previous model.
-    into
+    start
         Initial value of the requested kind.
     shape
         Initial shape of the board.
-    fixed, priors, most_steps
-        As for :func:`~omnimirror.calibration.estimation._bundle_adjustment.adjust`.
+    fixed, priors, max_steps
+        As for :func:`~omnimirror.calibration.estimation._bundle_adjustment.bundle_adjust`.
 
     Returns
     -------
-    Adjustment
+    BundleAdjustment
         Robust fit.
     """
-    names = {p.name for p in into.parameters}
-    model = convert_model(
-        fit.model,
-        into,
-        omega_max_deg=field_of(fit),
-        fixed=[n for n in fixed if n in names],
-        priors=[p for p in priors if p.name in names],
-    )
-    sightings = fit.sightings
+    names = {p.name for p in start.parameters}
+    model = convert_model(fit.model, start, omega_max_deg=field_of(fit), fixed=[n for n in fixed if n in names], priors=[p for p in priors if p.name in names])
+    observations = fit.observations
     if not is_central(model):
-        sightings = shifted_to_viewpoint(model, sightings)
-    settled = adjust(
-        model, sightings, fixed=[p.name for p in model.parameters], loss="cauchy", most_steps=20
-    )
+        observations = shifted_to_viewpoint(model, observations)
+    relative_tolerance = bundle_adjust(model, observations, fixed=[p.name for p in model.parameters], loss="cauchy", max_steps=20)
     supported = (*priors, *(p for p in supports(model) if p.name not in fixed))
-    return adjust(
-        model,
-        settled.sightings,
-        shape=shape,
-        fixed=fixed,
-        priors=supported,
-        loss="cauchy",
-        settled=ROUGH_TOLERANCE,
-        most_steps=most_steps,
-    )
+    return bundle_adjust(model, relative_tolerance.observations, shape=shape, fixed=fixed, priors=supported, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE, max_steps=max_steps)
 
 
 def supports(model: CameraModel) -> tuple[Prior, ...]:
     """Return weak priors that hold splines near the previous model in regions without corners."""
     if not isinstance(model, RadialSpline | ViewpointSpline):
         return ()
-    reach = RADIUS_SIGMA * model.radii_px[-1]
-    sigmas = {"r": reach, "z": VIEWPOINT_SIGMA_MM}
-    held = (p for p in model.parameters if p.name[0] in sigmas and p.name[1:].isdigit())
-    return tuple(Prior(p.name, p.value, sigmas[p.name[0]]) for p in held)
+    radius_sigma = RADIUS_SIGMA * model.radii_px[-1]
+    sigmas = {"r": radius_sigma, "z": VIEWPOINT_SIGMA_MM}
+    parameters = (p for p in model.parameters if p.name[0] in sigmas and p.name[1:].isdigit())
+    return tuple(Prior(p.name, p.value, sigmas[p.name[0]]) for p in parameters)

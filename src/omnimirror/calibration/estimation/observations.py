@@ -18,30 +18,30 @@ from ...cameras.camera import Camera
 from ..straight_edges import csv_cells, csv_number
 from ..targets import Board, Detection
 
-# -- Observations: pixels with their known points, directions, lines or planes ---------------------
+# -- Observations ----------------------------------------------------------------------------------
 #
-# One form serves all kinds. A :class:`Sighting` holds the observations of one rigid target in one
+# One form serves all kinds. A :class:`Observation` holds the observations of one rigid target in one
 # image: corners of a board with unknown pose, surveyed points, stars, edges. Points are given in
 # the target frame; a known or estimated :class:`Motion` transforms them to the camera frame.
 
 
-class Motion(NamedTuple):
+class RigidTransform(NamedTuple):
     """Rigid transform from a target frame to the camera frame: ``X = rotation @ p + shift_mm``.
 
     Examples
     --------
-    >>> turned = Motion(rotation_of(np.array([0.0, 0.0, np.pi / 2])), np.array([0.0, 0.0, 500.0]))
+    >>> turned = RigidTransform(rotation_of(np.array([0.0, 0.0, np.pi / 2])), np.array([0.0, 0.0, 500.0]))
     >>> turned(np.array([[10.0, 0.0, 0.0]])).round(6) + 0.0
     array([[  0.,  10., 500.]])
     """
 
     rotation: Array
     """Rotation matrix (3, 3)."""
-    shift_mm: Array
+    translation_mm: Array
     """Translation (3,)."""
 
     @classmethod
-    def none(cls) -> Motion:
+    def identity(cls) -> RigidTransform:
         """Return the identity transform.
 
         Returns
@@ -53,18 +53,18 @@ class Motion(NamedTuple):
 
     def __call__(self, points_mm: Array) -> Array:
         """Return points (n, 3) in the camera frame."""
-        moved: Array = points_mm @ self.rotation.T + self.shift_mm
-        return moved
+        points: Array = points_mm @ self.rotation.T + self.translation_mm
+        return points
 
 
-def moved(motions: Sequence[Motion], steps: Array) -> tuple[Motion, ...]:
+def moved(poses: Sequence[RigidTransform], steps: Array) -> tuple[RigidTransform, ...]:
     """Apply steps (m, 6), rotation vectors and translations, to rigid transforms."""
-    before = np.array([m.rotation for m in motions])
-    rotations = rotations_of(steps[:, :3]) @ before
+    initial_rotations = np.array([m.rotation for m in poses])
+    rotations = rotations_of(steps[:, :3]) @ initial_rotations
     # orthonormalise: rounding of many steps does not accumulate
     rotations = rotations @ (1.5 * np.eye(3) - 0.5 * rotations.transpose(0, 2, 1) @ rotations)
-    shifts = np.array([m.shift_mm for m in motions]) + steps[:, 3:]
-    return tuple(Motion(r, t) for r, t in zip(rotations, shifts, strict=True))
+    shifts = np.array([m.translation_mm for m in poses]) + steps[:, 3:]
+    return tuple(RigidTransform(r, t) for r, t in zip(rotations, shifts, strict=True))
 
 
 def rotation_of(vector: Array) -> Array:
@@ -86,15 +86,13 @@ def rotations_of(vectors: Array) -> Array:
     x, y, z = vectors.T
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
     cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    first, second = (
-        np.sinc(angle / np.pi),
-        np.sinc(angle / (2 * np.pi)) ** 2 / 2,
-    )  # sin(a) / a, (1 - cos(a)) / a^2
+    first, second = (np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2)  # sin(a) / a, (1 - cos(a)) / a^2
+    # Rodrigues: R = I + sin(a) / a K + (1 - cos(a)) / a^2 K^2
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
 
 
 @dataclass(frozen=True)
-class Sighting:
+class Observation:
     """Observations of one target in one image.
 
     Parameters
@@ -105,10 +103,10 @@ class Sighting:
         Observed pixels, px.
     points : (n, 3)
         Observed points in the target frame in mm, or directions where ``is_distant``.
-    motion
+    pose
         Known or initial pose of the target; None: unknown, without an initial value (boards only).
     is_known
-        Whether ``motion`` is known and not estimated.
+        Whether ``pose`` is known and not estimated.
     is_distant
         Whether the targets are at infinity, such as stars and the sun; one value, or one per point
         (n,) if an image contains both.
@@ -131,7 +129,9 @@ class Sighting:
 
     Examples
     --------
-    >>> sun = Sighting("noon", [[400.0, 300.0]], [[0.0, 0.0, -1.0]], Motion.none(), is_known=True, is_distant=True)
+    >>> pose = RigidTransform.identity()
+    >>> pixels, directions = [[400.0, 300.0]], [[0.0, 0.0, -1.0]]
+    >>> sun = Observation("noon", pixels, directions, pose, is_known=True, is_distant=True)
     >>> len(sun)
     1
     """
@@ -139,7 +139,7 @@ class Sighting:
     name: str
     pixels: Array
     points: Array
-    motion: Motion | None = None
+    pose: RigidTransform | None = None
     is_known: bool = False
     is_distant: bool | Mask = False
     along: Array | None = None
@@ -148,41 +148,30 @@ class Sighting:
     is_surveyed: bool = False
 
     def __post_init__(self) -> None:
-        pixels, points = (
-            finite("pixels", self.pixels, last=2),
-            finite("points", self.points, last=3),
-        )
+        pixels, points = (finite("pixels", self.pixels, last=2), finite("points", self.points, last=3))
         if pixels.ndim != 2 or len(pixels) != len(points):
-            raise InvalidParameter(
-                f"{self.name}: pixels {pixels.shape} and points {points.shape} are not as many; valid: (n, 2), (n, 3)"
-            )
-        if self.is_known and self.motion is None:
-            raise InvalidParameter(f"{self.name}: its motion is said to be known and not given")
+            raise InvalidParameter(f"{self.name}: pixels (n, 2) and points (n, 3) must have the same length; got {pixels.shape} and {points.shape}")
+        if self.is_known and self.pose is None:
+            raise InvalidParameter(f"{self.name}: a known pose must be specified; got None")
         object.__setattr__(self, "pixels", pixels)
         object.__setattr__(self, "points", points)
         ids = np.arange(len(pixels)) if self.ids is None else np.asarray(self.ids, dtype=np.int64)
         object.__setattr__(self, "ids", ids)
         if np.ndim(self.is_distant) and np.shape(self.is_distant) != (len(pixels),):
-            raise InvalidParameter(
-                f"{self.name}: is_distant is one truth value, or one for each of {len(pixels)} points"
-            )
+            raise InvalidParameter(f"{self.name}: is_distant must be one truth value, or one for each of {len(pixels)} points; got shape {np.shape(self.is_distant)}")
         for name in ("along", "normals"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._directions(name, len(pixels)))
         if self.normals is not None and (self.along is not None or self.distant.any()):
-            raise InvalidParameter(
-                f"{self.name}: normals belong to planes, not to lines or to what is far away"
-            )
+            raise InvalidParameter(f"{self.name}: normals must not be combined with lines or distant points")
 
     def _directions(self, name: str, count: int) -> Array:
         """Return unit vectors (n, 3), one per point."""
-        given = finite(name, getattr(self, name), last=3)
-        lengths = np.linalg.norm(given, axis=-1, keepdims=True)
-        if given.shape != (count, 3) or not (lengths > 0).all():
-            raise InvalidParameter(
-                f"{self.name}: {name} {given.shape} are not ({count}, 3) directions, one a point"
-            )
-        return np.asarray(given / lengths)
+        directions = finite(name, getattr(self, name), last=3)
+        lengths = np.linalg.norm(directions, axis=-1, keepdims=True)
+        if directions.shape != (count, 3) or not (lengths > 0).all():
+            raise InvalidParameter(f"{self.name}: {name} must be {count} nonzero directions ({count}, 3), one per point; got shape {directions.shape}")
+        return np.asarray(directions / lengths)
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -192,12 +181,12 @@ class Sighting:
         """Mask (n,) of points that are directions."""
         return np.broadcast_to(np.asarray(self.is_distant, dtype=bool), len(self.pixels))
 
-    def before(self, motion: Motion) -> Array:
+    def in_camera_frame(self, pose: RigidTransform) -> Array:
         """Return the observed targets in the camera frame for a given pose.
 
         Parameters
         ----------
-        motion
+        pose
             Transform from the target frame to the camera frame.
 
         Returns
@@ -205,49 +194,41 @@ class Sighting:
         (n, 3) array
             Points in mm, and directions of distant targets.
         """
-        turned: Array = self.points @ motion.rotation.T
-        return turned + np.where(self.distant[:, None], 0.0, motion.shift_mm)
+        rotated: Array = self.points @ pose.rotation.T
+        return rotated + np.where(self.distant[:, None], 0.0, pose.translation_mm)
 
-    def only(self, kept: Mask | NDArray[np.int64]) -> Sighting:
-        """Return the sighting with a subset of its points.
+    def subset(self, selected: Mask | NDArray[np.int64]) -> Observation:
+        """Return the observation with a subset of its points.
 
         Parameters
         ----------
-        kept : (n,) or (k,)
+        selected : (n,) or (k,)
             Mask or indices of the retained points.
 
         Returns
         -------
-        Sighting
-            Sighting with k points.
+        Observation
+            Observation with k points.
         """
         assert self.ids is not None
-        along, normals = (None if d is None else d[kept] for d in (self.along, self.normals))
-        distant = self.distant[kept] if np.ndim(self.is_distant) else self.is_distant
-        return replace(
-            self,
-            pixels=self.pixels[kept],
-            points=self.points[kept],
-            along=along,
-            normals=normals,
-            ids=self.ids[kept],
-            is_distant=distant,
-        )
+        along, normals = (None if d is None else d[selected] for d in (self.along, self.normals))
+        distant = self.distant[selected] if np.ndim(self.is_distant) else self.is_distant
+        return replace(self, pixels=self.pixels[selected], points=self.points[selected], along=along, normals=normals, ids=self.ids[selected], is_distant=distant)
 
-    def moved(self, motion: Motion | None) -> Sighting:
-        """Return the sighting with another pose.
+    def with_pose(self, pose: RigidTransform | None) -> Observation:
+        """Return the observation with another pose.
 
         Parameters
         ----------
-        motion
+        pose
             Transform from the target frame to the camera frame; None: unknown.
 
         Returns
         -------
-        Sighting
-            Sighting with the same pixels.
+        Observation
+            Observation with the same pixels.
         """
-        return replace(self, motion=motion)
+        return replace(self, pose=pose)
 
 
 class Marks(NamedTuple):
@@ -260,24 +241,24 @@ class Marks(NamedTuple):
     axes: Array
     """Two directions in the plane of each mark (n, 3, 2); 0 without a mark."""
 
-    def changes(self) -> Array:
+    def derivatives(self) -> Array:
         """Return derivatives (n, 3, 2k) of the points with respect to the marks."""
         change = np.zeros((len(self.number), 3, 2 * len(self.ids)))
-        at = np.flatnonzero(self.number >= 0)
+        marked = np.flatnonzero(self.number >= 0)
         for axis in (0, 1):
-            change[at, :, 2 * self.number[at] + axis] = self.axes[at, :, axis]
+            change[marked, :, 2 * self.number[marked] + axis] = self.axes[marked, :, axis]
         return change
 
 
 class Stack(NamedTuple):
-    """Concatenated points of several sightings."""
+    """Concatenated points of several observations."""
 
     pixels: Array
     """Pixels (n, 2)."""
     points: Array
     """Points (n, 3)."""
     owner: NDArray[np.int64]
-    """Index of the sighting (n,)."""
+    """Index of the observation (n,)."""
     distant: Mask
     """Mask of directions (n,)."""
     shaped: Mask
@@ -285,38 +266,36 @@ class Stack(NamedTuple):
     along: Array | None
     """Line directions (n, 3), 0 for points; None without lines."""
     slices: tuple[slice, ...]
-    """Range of points of each sighting."""
+    """Range of points of each observation."""
     ids: NDArray[np.int64]
     """Point numbers (n,)."""
     marks: Marks | None
     """Marks on planes; None if there are none."""
 
 
-def stacked(sightings: Sequence[Sighting]) -> Stack:
-    """Return the concatenation of sightings."""
-    if not sightings:
-        raise InvalidParameter("there is nothing to adjust: no picture saw anything")
-    counts = [len(s) for s in sightings]
+def stacked(observations: Sequence[Observation]) -> Stack:
+    """Return the concatenation of observations."""
+    if not observations:
+        raise InvalidParameter("observations must contain at least one image; got none")
+    counts = [len(s) for s in observations]
     ends = np.cumsum(counts)
     along = None
-    if any(s.along is not None for s in sightings):
-        along = np.concatenate(
-            [np.zeros((len(s), 3)) if s.along is None else s.along for s in sightings]
-        )
+    if any(s.along is not None for s in observations):
+        along = np.concatenate([np.zeros((len(s), 3)) if s.along is None else s.along for s in observations])
     return Stack(
-        np.concatenate([s.pixels for s in sightings]),
-        np.concatenate([s.points for s in sightings]),
-        np.repeat(np.arange(len(sightings)), counts),
-        np.concatenate([s.distant for s in sightings]),
-        np.concatenate([~s.distant & (not s.is_surveyed) for s in sightings]),
+        np.concatenate([s.pixels for s in observations]),
+        np.concatenate([s.points for s in observations]),
+        np.repeat(np.arange(len(observations)), counts),
+        np.concatenate([s.distant for s in observations]),
+        np.concatenate([~s.distant & (not s.is_surveyed) for s in observations]),
         along,
         tuple(slice(int(e) - c, int(e)) for e, c in zip(ends, counts, strict=True)),
-        np.concatenate([s.ids for s in sightings if s.ids is not None]),
-        _marks(sightings) if any(s.normals is not None for s in sightings) else None,
+        np.concatenate([s.ids for s in observations if s.ids is not None]),
+        _marks(observations) if any(s.normals is not None for s in observations) else None,
     )
 
 
-def _marks(sightings: Sequence[Sighting]) -> Marks:
+def _marks(observations: Sequence[Observation]) -> Marks:
     """Return the marks on planes by their numbers.
 
     Raises
@@ -324,34 +303,23 @@ def _marks(sightings: Sequence[Sighting]) -> Marks:
     InvalidParameter
         If only one image observes a mark, or a mark belongs to two planes.
     """
-    ids = np.concatenate([s.ids for s in sightings if s.ids is not None])
-    points = np.concatenate([s.points for s in sightings])
-    normals = np.concatenate(
-        [np.zeros((len(s), 3)) if s.normals is None else s.normals for s in sightings]
-    )
+    ids = np.concatenate([s.ids for s in observations if s.ids is not None])
+    points = np.concatenate([s.points for s in observations])
+    normals = np.concatenate([np.zeros((len(s), 3)) if s.normals is None else s.normals for s in observations])
     at = np.flatnonzero(np.any(normals != 0, axis=1))
-    known, first, number, count = np.unique(
-        ids[at], return_index=True, return_inverse=True, return_counts=True
-    )
-    if (alone := known[count < 2]).size:
-        raise InvalidParameter(
-            f"mark {alone[0]} on a plane is seen once, which says nothing: somewhere on it every pixel looks; it is "
-            "valid with the same number (ids) in several pictures"
-        )
-    one, other = at[first][number], at
-    off = np.abs(np.sum(normals[one] * (points[other] - points[one]), axis=1))
-    size = 1e-6 * (np.linalg.norm(points[other], axis=1) + np.linalg.norm(points[one], axis=1))
-    if (
-        apart := (off > size) | (np.abs(np.sum(normals[one] * normals[other], axis=1)) < 1 - 1e-9)
-    ).any():
-        raise InvalidParameter(
-            f"mark {ids[at][apart][0]} is said to lie on two planes; it is valid on one"
-        )
+    mark_ids, first, number, count = np.unique(ids[at], return_index=True, return_inverse=True, return_counts=True)
+    if (unmatched := mark_ids[count < 2]).size:
+        raise InvalidParameter(f"mark {unmatched[0]} on a plane must be observed in at least two images with the same number (ids); got one")
+    first_points, other = at[first][number], at
+    distances = np.abs(np.sum(normals[first_points] * (points[other] - points[first_points]), axis=1))
+    size = 1e-6 * (np.linalg.norm(points[other], axis=1) + np.linalg.norm(points[first_points], axis=1))
+    if (is_inconsistent := (distances > size) | (np.abs(np.sum(normals[first_points] * normals[other], axis=1)) < 1 - 1e-9)).any():
+        raise InvalidParameter(f"mark {ids[at][is_inconsistent][0]} must be on one plane; got two")
     axes = np.zeros((len(ids), 3, 2))
-    axes[at] = np.linalg.svd(normals[one][:, None])[2][:, 1:].transpose(0, 2, 1)
+    axes[at] = np.linalg.svd(normals[first_points][:, None])[2][:, 1:].transpose(0, 2, 1)
     numbers = np.full(len(ids), -1)
     numbers[at] = number
-    return Marks(known, numbers, axes)
+    return Marks(mark_ids, numbers, axes)
 
 
 def rms_px(residuals: ArrayLike) -> float:
@@ -364,86 +332,80 @@ def rms_px(residuals: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.sum(e * e, axis=1)))) if len(e) else float("nan")
 
 
-# -- Boards that equal their mirror image: numbering in mirrored and flipped images ----------------
+# -- Corner numbering of mirror-symmetric boards ---------------------------------------------------
 
 
-def from_the_front(sightings: Sequence[Sighting]) -> tuple[Sighting, ...]:
+def from_the_front(observations: Sequence[Observation]) -> tuple[Observation, ...]:
     """Return boards that equal their mirror image with corners numbered as seen from the front.
 
     The image of a mirror is reversed, and a detector numbers the corners in image order: the board
     appears as seen from behind. This has no effect on a flat board, but inverts the sign of a
     bulge.
     """
-    ends_mm = board_ends(sightings)
-    return tuple(_counted_backwards(s, ends_mm) if _is_from_behind(s) else s for s in sightings)
+    ends_mm = board_ends(observations)
+    return tuple(_reversed_columns(s, ends_mm) if _faces_away(s) else s for s in observations)
 
 
-def flipped_observations(sighting: Sighting, ends_mm: float, width: int) -> Sighting:
+def flipped_observations(observation: Observation, ends_mm: float, width: int) -> Observation:
     """Return the observation in the image flipped left to right.
 
     In a flipped image a detector numbers the columns from the other end.
 
     Parameters
     ----------
-    sighting
+    observation
         Observation with a pose, from which the initial pose of the flipped board follows.
     ends_mm : mm
         Result of :func:`board_ends`.
     width
         Width of the image, px.
     """
-    board = _counted_backwards(sighting, ends_mm)
-    assert board.motion is not None
+    board = _reversed_columns(observation, ends_mm)
+    assert board.pose is not None
     across = np.array([-1.0, 1.0, 1.0])
-    motion = Motion(
-        across[:, None] * board.motion.rotation * [1.0, 1.0, -1.0], across * board.motion.shift_mm
-    )
-    return replace(board, pixels=board.pixels * across[:2] + [width - 1.0, 0.0], motion=motion)
+    pose = RigidTransform(across[:, None] * board.pose.rotation * [1.0, 1.0, -1.0], across * board.pose.translation_mm)
+    return replace(board, pixels=board.pixels * across[:2] + [width - 1.0, 0.0], pose=pose)
 
 
-def board_ends(sightings: Sequence[Sighting]) -> float:
+def board_ends(observations: Sequence[Observation]) -> float:
     """Return the sum of the minimum and maximum X of all boards, mm.
 
     It equals the sum of the X coordinates of a column and its mirror image.
     """
-    x = np.concatenate([np.zeros(0), *(s.points[:, 0] for s in sightings if not s.is_surveyed)])
+    x = np.concatenate([np.zeros(0), *(s.points[:, 0] for s in observations if not s.is_surveyed)])
     return float(x.min() + x.max()) if len(x) else 0.0
 
 
-def _counted_backwards(sighting: Sighting, ends_mm: float) -> Sighting:
+def _reversed_columns(observation: Observation, ends_mm: float) -> Observation:
     """Return a board at its pose with reversed column numbers, read from the other side."""
-    assert sighting.motion is not None
-    rotation, shift = sighting.motion
-    points = sighting.points * [-1.0, 1.0, 1.0] + [ends_mm, 0.0, 0.0]
-    return replace(
-        sighting,
-        points=points,
-        motion=Motion(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * ends_mm),
-    )
+    assert observation.pose is not None
+    rotation, shift = observation.pose
+    points = observation.points * [-1.0, 1.0, 1.0] + [ends_mm, 0.0, 0.0]
+    return replace(observation, points=points, pose=RigidTransform(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * ends_mm))
 
 
-def _is_from_behind(sighting: Sighting) -> bool:
+def _faces_away(observation: Observation) -> bool:
     """Return whether a board's Z axis, which points away from the viewer, points at the camera."""
-    if sighting.is_surveyed or sighting.motion is None:
+    if observation.is_surveyed or observation.pose is None:
         return False
-    return float(sighting.motion.rotation[:, 2] @ sighting.motion(sighting.points).mean(axis=0)) < 0
+    return float(observation.pose.rotation[:, 2] @ observation.pose(observation.points).mean(axis=0)) < 0
 
 
-# -- Survey files: pixels with the surveyed points or star directions that they show ---------------
+# -- Survey files ----------------------------------------------------------------------------------
 
 PIXEL_COLUMNS = ("u_px", "v_px")
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 DIRECTION_COLUMNS = ("x", "y", "z")
 ANGLE_COLUMNS = ("azimuth_deg", "elevation_deg")
-IMAGE_COLUMN = "picture"
-ONLY = "survey"  # name of the image if no column names images
+IMAGE_COLUMN = "image"
+DEFAULT_IMAGE_NAME = "survey"  # if no column names images
 
 
-class Surveys(NamedTuple):
+class SurveyData(NamedTuple):
     """Contents of survey files."""
 
-    sightings: tuple[Sighting, ...]
-    """One sighting per image."""
+    observations: tuple[Observation, ...]
+    """One observation per image."""
     places: dict[str, tuple[str, ...]]
     """File and line of each point, by image."""
 
@@ -453,16 +415,14 @@ class _Row(NamedTuple):
 
     place: str
     """File and line number."""
-    picture: str
+    image: str
     pixel: tuple[float, float]
     target: tuple[float, float, float]
     is_distant: bool
 
 
 @validate_arguments
-def read_surveys(
-    points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()
-) -> Surveys:
+def read_observations(points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()) -> SurveyData:
     """Read surveyed points and directions with their pixels from CSV tables with a header line.
 
     Lines with the same image name, in all files, belong to one camera pose: a camera that did not
@@ -472,7 +432,7 @@ def read_surveys(
     Parameters
     ----------
     points
-        CSV files with the columns ``u_px``, ``v_px``, ``x_mm``, ``y_mm``, ``z_mm``, and ``picture``
+        CSV files with the columns ``u_px``, ``v_px``, ``x_mm``, ``y_mm``, ``z_mm``, and ``image``
         for several images.
     directions
         CSV files with ``u_px``, ``v_px`` and either ``x``, ``y``, ``z`` of any length, or
@@ -482,7 +442,7 @@ def read_surveys(
     Returns
     -------
     Surveys
-        One sighting per image, with the file and line of each point.
+        One observation per image, with the file and line of each point.
 
     Raises
     ------
@@ -495,81 +455,57 @@ def read_surveys(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with open(f"{folder}/stars.csv", "w") as file:
     ...         _ = file.write("u_px,v_px,azimuth_deg,elevation_deg\\n412.5,88.25,90,0\\n310.0,95.5,120,30\\n")
-    ...     sightings, places = om.read_surveys(directions=[f"{folder}/stars.csv"])
-    >>> (sightings[0].points.round(3)[0] + 0.0).tolist(), places["survey"]
+    ...     observations, places = om.read_observations(directions=[f"{folder}/stars.csv"])
+    >>> (observations[0].points.round(3)[0] + 0.0).tolist(), places["survey"]
     ([0.0, -1.0, 0.0], ('stars.csv line 2', 'stars.csv line 3'))
     """
     rows = [row for path in points for row in _rows(Path(path), (POINT_COLUMNS,), is_distant=False)]
-    rows += [
-        row
-        for path in directions
-        for row in _rows(Path(path), (DIRECTION_COLUMNS, ANGLE_COLUMNS), is_distant=True)
-    ]
-    sightings, places = [], {}
-    for name in dict.fromkeys(row.picture for row in rows):
-        own = [row for row in rows if row.picture == name]
-        pixels, targets = (
-            np.array([row.pixel for row in own]),
-            np.array([row.target for row in own]),
-        )
-        distant = np.array([row.is_distant for row in own])
-        sightings.append(Sighting(name, pixels, targets, is_distant=distant, is_surveyed=True))
-        places[name] = tuple(row.place for row in own)
-    return Surveys(tuple(sightings), places)
+    rows += [row for path in directions for row in _rows(Path(path), (DIRECTION_COLUMNS, ANGLE_COLUMNS), is_distant=True)]
+    observations, locations = [], {}
+    for name in dict.fromkeys(row.image for row in rows):
+        image_rows = [row for row in rows if row.image == name]
+        pixels, targets = (np.array([row.pixel for row in image_rows]), np.array([row.target for row in image_rows]))
+        distant = np.array([row.is_distant for row in image_rows])
+        observations.append(Observation(name, pixels, targets, is_distant=distant, is_surveyed=True))
+        locations[name] = tuple(row.place for row in image_rows)
+    return SurveyData(tuple(observations), locations)
 
 
 def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> list[_Row]:
     """Return the lines of a file with pixel columns and one of several sets of target columns."""
     text = read_text(path, "points and directions", InvalidParameter, f"there is no file {path}")
-    lines = [
-        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
-    ]
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:
-        raise InvalidParameter(
-            f"{path} holds no points; its first line should be {','.join((*PIXEL_COLUMNS, *valid[0]))}"
-        )
+        raise InvalidParameter(f"{path} contains no points; its first line must be {','.join((*PIXEL_COLUMNS, *valid[0]))}")
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
-    target = next(
-        (names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}),
-        None,
-    )
+    target = next((names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}), None)
     if target is None or len(set(columns)) < len(columns):
-        ways = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
-        raise InvalidParameter(
-            f"line {number} of {path} names {format_value(head)}; valid is {ways}, and {IMAGE_COLUMN} if several"
-        )
+        column_sets = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
+        raise InvalidParameter(f"line {number} of {path}: the columns must be {column_sets}, and {IMAGE_COLUMN} for several images; got {shown(head)}")
     return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
 
 
-def _row(
-    place: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool
-) -> _Row:
-    cells = csv_cells(line, place)
+def _row(location: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool) -> _Row:
+    cells = csv_cells(line, location)
     if len(cells) != len(columns):
-        raise InvalidParameter(
-            f"{place} has {len(cells)} values, and the first line names {len(columns)}"
-        )
+        raise InvalidParameter(f"{location} must have {len(columns)} values, as the first line; got {len(cells)}")
     entries = dict(zip(columns, cells, strict=True))
-    u, v = (csv_number(entries, name, place) for name in PIXEL_COLUMNS)
-    numbers = [csv_number(entries, name, place) for name in target]
+    u, v = (csv_number(entries, name, location) for name in PIXEL_COLUMNS)
+    numbers = [csv_number(entries, name, location) for name in target]
     if target == ANGLE_COLUMNS:
         azimuth, elevation = np.radians(numbers)
         if abs(elevation) > np.pi / 2:
-            raise InvalidParameter(
-                f"{place}: elevation_deg = {numbers[1]:g} is not within -90 to 90"
-            )
-        level = np.cos(elevation)
-        numbers = [level * np.cos(azimuth), -level * np.sin(azimuth), np.sin(elevation)]
+            raise InvalidParameter(f"{location}: elevation_deg must be -90 to 90 deg; got {numbers[1]:g}")
+        horizontal = np.cos(elevation)
+        numbers = [horizontal * np.cos(azimuth), -horizontal * np.sin(azimuth), np.sin(elevation)]
     if is_distant and not np.linalg.norm(numbers) > 0:
-        raise InvalidParameter(f"{place}: 0, 0, 0 is no direction")
+        raise InvalidParameter(f"{location}: the direction must not be zero; got 0, 0, 0")
     x, y, z = numbers
-    return _Row(
-        place, entries.get(IMAGE_COLUMN) or ONLY, (u, v), (float(x), float(y), float(z)), is_distant
-    )
+    return _Row(location, entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME, (u, v), (float(x), float(y), float(z)), is_distant)
 
 
-# -- Simulated board corners without rendering, to test a calibration against a known camera -------
+# -- Simulated detections --------------------------------------------------------------------------
 
 MAX_IMAGES = 10_000
 MAX_TRIES = 200  # attempts per pose before an error is raised
@@ -579,15 +515,7 @@ BOARD_DISTANCES = (0.9, 2.5)  # multiples of the board's diagonal
 
 
 @validate_arguments
-def simulate_detections(
-    camera: Camera,
-    board: Board,
-    count: int = 12,
-    *,
-    noise_px: float = 0.1,
-    seed: int = 0,
-    points_mm: Array | None = None,
-) -> list[Detection]:
+def simulate_detections(camera: Camera, board: Board, count: int = 12, *, noise_px: float = 0.1, seed: int = 0, points_mm: Array | None = None) -> list[Detection]:
     """Simulate corners of a board at random poses around a camera, with normal noise.
 
     Parameters
@@ -629,33 +557,31 @@ def simulate_detections(
     detections = []
     for i in range(count):
         for _ in range(MAX_TRIES):
-            seen = camera.project(_held(camera, points, random))
-            if seen.valid.mean() >= MIN_VISIBLE:
+            projection = camera.project(_random_board(camera, points, random))
+            if projection.valid.mean() >= MIN_VISIBLE:
                 break
         else:
-            raise InvalidParameter(
-                f"the camera sees no board of {board} with squares of {board.square_mm:g} mm"
-            )
-        ids = np.flatnonzero(seen.valid)
-        corners = seen.pixels[ids] + random.normal(0.0, noise_px, (len(ids), 2))
-        detections.append(Detection(f"picture {i + 1}", camera.image_size, ids, corners))
+            raise InvalidParameter(f"camera must observe a board of {board} with squares of {board.square_mm:g} mm; got no visible pose in {MAX_TRIES} attempts")
+        ids = np.flatnonzero(projection.valid)
+        corners = projection.pixels[ids] + random.normal(0.0, noise_px, (len(ids), 2))
+        detections.append(Detection(f"image {i + 1}", camera.image_size, ids, corners))
     return detections
 
 
-def _held(camera: Camera, points: Array, random: np.random.Generator) -> Array:
+def _random_board(camera: Camera, points: Array, random: np.random.Generator) -> Array:
     """Return the corners (n, 3) of a board at a random pose in the world frame."""
     size = np.array(camera.image_size)
     while True:
         rays = camera.backproject(random.uniform(0, 1, (1, 2)) * size - 0.5)
         if rays.valid[0]:
             break
-    ahead = rays.directions[0]
-    middle = points.mean(axis=0)
+    direction = rays.directions[0]
+    centroid = points.mean(axis=0)
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
-    across = np.cross(ahead, random.normal(size=3))
+    across = np.cross(direction, random.normal(size=3))
     x = across / np.linalg.norm(across)
-    facing = np.stack([x, np.cross(ahead, x), ahead], axis=1)  # Z points away from the viewer
+    facing = np.stack([x, np.cross(direction, x), direction], axis=1)  # Z points away from the viewer
     tilt = random.normal(size=3)
     rotation = rotation_of(random.uniform(0, MAX_TILT) * tilt / np.linalg.norm(tilt)) @ facing
-    place = rays.origins[0] + random.uniform(*BOARD_DISTANCES) * diagonal * ahead
-    return np.asarray((points - middle) @ rotation.T + place)
+    position = rays.origins[0] + random.uniform(*BOARD_DISTANCES) * diagonal * direction
+    return np.asarray((points - centroid) @ rotation.T + position)

@@ -1,16 +1,16 @@
 """Camera file formats of other programs."""
 
-from ._camera_format import CameraFile, CameraFormat, Layout, Reading, Stored
-from ._registry import FORMATS, read_cameras, register_camera_format, targets_of
+from ._camera_format import CameraEntry, CameraFile, CameraFormat, Layout, ReadOptions
+from ._registry import FORMATS, output_layouts, read_cameras, register_camera_format
 
 __all__ = [
     "FORMATS",
+    "CameraEntry",
     "CameraFile",
     "CameraFormat",
     "Layout",
-    "Reading",
-    "Stored",
+    "ReadOptions",
+    "output_layouts",
     "read_cameras",
     "register_camera_format",
-    "targets_of",
 ]

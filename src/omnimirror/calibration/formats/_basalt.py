@@ -7,7 +7,7 @@ from typing import Any
 
 from ...base.errors import OmnimirrorError, SpecError
 from ...cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, RationalPinhole, Unified
-from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored
+from ._camera_format import CameraEntry, CameraFile, CameraFormat, Layout, Node, ReadOptions
 
 MATRIX = ("fx", "fy", "cx", "cy")
 KS = ("k1", "k2", "k3", "k4")
@@ -23,19 +23,21 @@ MODELS: dict[str, tuple[Any, tuple[str, ...], dict[str, float]]] = {
 """Camera model, its parameters in the file, and constants for missing ones, by Basalt's name."""
 
 
-def read(file: CameraFile, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the cameras in the order of the file; their poses are ignored."""
     table = _calibration(file.entries)
     cameras = table["intrinsics"].entries()
     sizes = table["resolution"].entries() if "resolution" in table else []
     if sizes and len(sizes) != len(cameras):
-        table["resolution"].refuse(f"has {len(sizes)} sizes, and intrinsics {len(cameras)} cameras")
+        table["resolution"].fail(f"must have one size per camera, {len(cameras)}; got {len(sizes)}")
     if not cameras:
-        table["intrinsics"].refuse("is empty; it must hold at least one camera")
+        table["intrinsics"].fail("must contain at least one camera; got none")
     stored = []
     for i, camera in enumerate(cameras):
         size = Node({"resolution": sizes[i]} if sizes else {}, table.source)
-        stored.append(Stored(str(i), _camera(camera, reading.size_in(size, "resolution"), reading)))
+        stored.append(
+            CameraEntry(str(i), _camera(camera, reading.size_in(size, "resolution"), reading))
+        )
     return stored
 
 
@@ -44,7 +46,7 @@ def _calibration(entries: Node) -> Node:
     return entries["value0"] if "value0" in entries else entries  # noqa: SIM401
 
 
-def _camera(entry: Node, size: tuple[int, int], reading: Reading) -> Any:
+def _camera(entry: Node, size: tuple[int, int], reading: ReadOptions) -> Any:
     model, names, fixed = MODELS[entry["camera_type"].choice(*MODELS)]
     table = entry["intrinsics"]
     fx, fy, cx, cy = (table[name].number() for name in MATRIX)
@@ -56,7 +58,7 @@ def _camera(entry: Node, size: tuple[int, int], reading: Reading) -> Any:
             image_size=size,
             **values,
             **fixed,
-            **reading.told,
+            **reading.model_arguments,
         )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {entry.name}: {problem}") from None

@@ -14,21 +14,14 @@ import numpy as np
 from ...base.arguments import format_value, parse_float
 from ...base.caching import cached_property
 from ...base.errors import SpecError
-from ...base.files import (
-    MAX_TEXT_BYTES,
-    NESTING_MESSAGE,
-    compose_yaml,
-    decompress,
-    parse_json,
-    parse_xml,
-)
+from ...base.files import MAX_TEXT_BYTES, NESTING_MESSAGE, compose_yaml, decompress, parse_json, parse_xml
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.frames import Mount
 from ...cameras.models.camera_model import Optics
 from ...optics.toml_validation import did_you_mean
 
-# -- Values of a YAML, JSON or XML file with their locations, for errors that name the line --------
+# -- Parsed values ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -52,10 +45,10 @@ class Node:
     name: str = ""
     line: int | None = None
 
-    def refuse(self, message: str) -> NoReturn:
+    def fail(self, message: str) -> NoReturn:
         """Raise an error at this entry."""
-        where = f" line {self.line}" if self.line else ""
-        raise SpecError(f"{self.source}{where}: {self.name}{' ' * bool(self.name)}{message}")
+        location = f" line {self.line}" if self.line else ""
+        raise SpecError(f"{self.source}{location}: {self.name}{' ' * bool(self.name)}{message}")
 
     # -- mappings ----------------------------------------------------------------------------------
 
@@ -65,12 +58,12 @@ class Node:
     def names(self) -> list[str]:
         """Return the names in a mapping."""
         if not isinstance(self.value, dict):
-            self.refuse(f"is valid as a table of names and values, and is {self._kind()}")
+            self.fail(f"must be a table of names and values; got {self._kind()}")
         return list(self.value)
 
     def __getitem__(self, name: str) -> Node:
         if name not in self.names():
-            self.refuse(f"has no {name}, which is needed{did_you_mean(name, self.value)}")
+            self.fail(f"must contain {name}{did_you_mean(name, self.value)}")
         entry: Node = self.value[name]
         return entry
 
@@ -87,39 +80,37 @@ class Node:
         """Return a finite number."""
         value = self.value
         try:
-            number = (
-                np.nan if isinstance(value, bool | dict | list | None) else parse_float(str(value))
-            )
+            number = np.nan if isinstance(value, bool | dict | list | None) else parse_float(str(value))
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
-            self.refuse(f"= {self._kind()} is not valid; it is valid as one finite number")
+            self.fail(f"must be a finite number; got {self._kind()}")
         return number
 
-    def whole(self) -> int:
+    def integer(self) -> int:
         """Return an integer, such as a number of pixels."""
         number = self.number()
         if number != np.floor(number) or abs(number) > 2**31:
-            self.refuse(f"= {format_value(self.value)} is not valid; it is valid as a whole number")
+            self.fail(f"must be an integer; got {format_value(self.value)}")
         return int(number)
 
     def word(self) -> str:
         """Return a word."""
         if not isinstance(self.value, str):
-            self.refuse(f"= {self._kind()} is not valid; it is valid as a word")
+            self.fail(f"must be a word; got {self._kind()}")
         return self.value
 
     def choice(self, *valid: str) -> str:
         """Return one of several words."""
         word = self.word()
         if word not in valid:
-            self.refuse(f"= {format_value(word)} is not known; valid are {', '.join(valid)}")
+            self.fail(f"must be one of {', '.join(valid)}; got {shown(word)}")
         return word
 
     def entries(self) -> list[Node]:
         """Return the entries of a list."""
         if not isinstance(self.value, list):
-            self.refuse(f"is valid as a list, and is {self._kind()}")
+            self.fail(f"must be a list; got {self._kind()}")
         return self.value
 
     def numbers(self, *counts: int) -> tuple[float, ...]:
@@ -127,7 +118,7 @@ class Node:
         entries = self.entries()
         if counts and len(entries) not in counts:
             valid = " or ".join(map(str, counts))
-            self.refuse(f"has {len(entries)} numbers; it is valid with {valid}")
+            self.fail(f"must have {valid} numbers; got {len(entries)}")
         return tuple(entry.number() for entry in entries)
 
     def matrix(self, rows: int, columns: int) -> Array:
@@ -135,15 +126,11 @@ class Node:
         if "data" in self:
             flat = self["data"].numbers(rows * columns)
             for name, valid in (("rows", rows), ("cols", columns)):
-                if name in self and self[name].whole() != valid:
-                    self[name].refuse(
-                        f"= {self[name].whole()} is not valid; it is valid as {valid}"
-                    )
+                if name in self and self[name].integer() != valid:
+                    self[name].fail(f"must be {valid}; got {self[name].integer()}")
             return np.array(flat).reshape(rows, columns)
         if len(self.entries()) != rows:
-            self.refuse(
-                f"has {len(self.entries())} rows; it is valid with {rows} of {columns} numbers"
-            )
+            self.fail(f"must have {rows} rows of {columns} numbers; got {len(self.entries())} rows")
         return np.array([row.numbers(columns) for row in self.entries()])
 
     def row(self, *counts: int) -> tuple[float, ...]:
@@ -209,9 +196,7 @@ def _entry(tree: Any, source: str, name: str) -> Node:
         table: dict[str, Node] = {}
         for key, key_node, value in pairs:
             if key in table:
-                raise SpecError(
-                    f"{source} line {key_node.start_mark.line + 1}: {key} stands here a second time"
-                )
+                raise SpecError(f"{source} line {key_node.start_mark.line + 1}: {key} must not occur twice")
             table[key] = _entry(value, source, f"{name}.{key}" if name else key)
         return Node(table, source, name, line)
     if tree.id == "sequence":
@@ -237,15 +222,9 @@ def read_json(text: str, source: str) -> Node:
     try:
         return _plain(parse_json(text), source, "")
     except json.JSONDecodeError as problem:
-        raise SpecError(
-            f"{source} line {problem.lineno} is not valid JSON: {problem.msg}"
-        ) from None
+        raise SpecError(f"{source} line {problem.lineno} is not valid JSON: {problem.msg}") from None
     except ValueError as problem:
-        reason = (
-            f": {problem}"
-            if str(problem) == NESTING_MESSAGE
-            else " holds a whole number of thousands of digits"
-        )
+        reason = f": {problem}" if str(problem) == NESTING_MESSAGE else " contains an integer with thousands of digits"
         raise SpecError(f"{source}{reason}") from None
 
 
@@ -281,16 +260,12 @@ def _element(element: Any, source: str, name: str) -> Node:
     """Convert an element of an XML tree."""
     children = list(element)
     if children and all(child.tag == "_" for child in children):
-        return Node(
-            [_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name
-        )
+        return Node([_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name)
     if children:
         table: dict[str, Node] = {}
         for child in children:
             if child.tag in table:
-                raise SpecError(
-                    f"{source}: {child.tag} stands in {name or 'the file'} a second time"
-                )
+                raise SpecError(f"{source}: {child.tag} must not occur twice in {name or 'the file'}")
             table[child.tag] = _element(child, source, f"{name}.{child.tag}" if name else child.tag)
         return Node(table, source, name)
     words = (element.text or "").split()
@@ -307,10 +282,10 @@ def _is_number(word: str) -> bool:
     return True
 
 
-# -- Interface of camera file formats: recognition, reading, writing, and supported camera models
+# -- Formats and layouts ---------------------------------------------------------------------------
 #
 # The parameters of a file apply to the calibrated image, as do those of the camera models here.
-# Information that files lack is given for reading (:class:`Reading`): the type of optics and
+# Information that files lack is given for reading (:class:`ReadOptions`): the type of optics and
 # whether the image is flipped.
 #
 # Files use one frame: right and down in the image, and a third axis along the viewing direction at
@@ -326,7 +301,7 @@ NEUTRAL_VALUES = {"c": 1.0}  # neutral values other than 0: OCamCalib's stretch
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """Information that files of other programs do not contain.
 
     Attributes
@@ -350,7 +325,7 @@ class Reading:
     image_size: tuple[int, int] | None = None
 
     @property
-    def told(self) -> dict[str, Any]:
+    def model_arguments(self) -> dict[str, Any]:
         """Arguments of all camera models that files do not contain."""
         return {"optics": self.optics, "mount": self.mount, "rim_radius_px": self.rim_radius_px}
 
@@ -366,8 +341,8 @@ class Reading:
             return self.size()
         entries = table[name].entries()
         if len(entries) != 2:
-            table[name].refuse("is valid as two numbers, width and height")
-        return entries[0].whole(), entries[1].whole()
+            table[name].fail("must be two numbers, width and height")
+        return entries[0].integer(), entries[1].integer()
 
     def size(self) -> tuple[int, int]:
         """Return the given image size, for a file without it.
@@ -378,14 +353,11 @@ class Reading:
             If no size was given.
         """
         if self.image_size is None:
-            raise SpecError(
-                f"{self.source} does not say how large the picture is; "
-                "give its size (image_size, on the command line --image-size), such as 1024x768"
-            )
+            raise SpecError(f"{self.source} does not contain the image size; specify image_size (--image-size), for example 1024x768")
         return self.image_size
 
 
-class Stored(NamedTuple):
+class CameraEntry(NamedTuple):
     """Camera in a file."""
 
     name: str
@@ -482,16 +454,14 @@ class CameraFile:
     def _documents(self) -> list[str]:
         """Documents of a YAML text separated by ``---``, as by ``ros2 topic echo``."""
         documents: list[list[str]] = [[]]
-        has_begun = False
+        has_content = False
         for line in self.text.splitlines():
-            if line.rstrip() in ("---", "...") and has_begun:
+            if line.rstrip() in ("---", "...") and has_content:
                 documents.append([])
-                has_begun = False
+                has_content = False
                 continue
             documents[-1].append(line)
-            has_begun = has_begun or bool(
-                line.split("#")[0].strip("- ") and not line.startswith("%")
-            )
+            has_content = has_content or bool(line.split("#")[0].strip("- ") and not line.startswith("%"))
         if len(documents) == 1:
             return [self.text]
         texts = ["\n".join(document) + "\n" for document in documents]
@@ -523,21 +493,15 @@ class CameraFile:
     @property
     def problem(self) -> SpecError | None:
         """Parsing error of a file that is JSON, XML or YAML according to its start or its name."""
-        claims = (
-            self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz"))
-            or self.data.lstrip()[:1] in b"{<%"
-        )
+        claims = self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz")) or self.data.lstrip()[:1] in b"{<%"
         return self._parsed if isinstance(self._parsed, SpecError) and claims else None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on ignored content."""
-        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in (
-            "{",
-            "<",
-        )
+        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in ("{", "<")
         count = len(self._documents) if several else 1
-        return (f"the file holds {count} YAML documents; the first is read",) if count > 1 else ()
+        return (f"the file contains {count} YAML documents; only the first is read",) if count > 1 else ()
 
 
 @dataclass(frozen=True)
@@ -550,13 +514,13 @@ class Layout:
         Camera model with the same formula.
     write
         Function that returns the content of a file for a camera and its name.
-    places : optional
+    parameters : optional
         Names of supported parameters; None: all. The others must have no effect, which is the value
         0 except for a stretch (:data:`NEUTRAL_VALUES`) except for rounding.
-    reach_deg : deg
+    max_field_angle_deg : deg
         Field angle below which programs that read the file project points, independent of the
         formula.
-    refuses
+    restriction
         Further reason for which it cannot store a camera of this kind, in words that follow "it";
         "" for none.
     is_panorama
@@ -564,20 +528,20 @@ class Layout:
         own name only.
     suffixes
         File suffixes, if the same model has several encodings; empty for any.
-    words
+    description
         Name of the model in its program.
     """
 
     kind: type[Any]
     write: Callable[[Any, str], Content]
-    words: str
-    places: frozenset[str] | None = None
-    reach_deg: float = 180.0
+    description: str
+    parameters: frozenset[str] | None = None
+    max_field_angle_deg: float = 180.0
     suffixes: tuple[str, ...] = ()
     is_panorama: bool = False
-    refuses: Callable[[Any], str] = lambda camera: ""
+    restriction: Callable[[Any], str] = lambda camera: ""
 
-    def lacks(self, camera: Camera) -> str:
+    def unsupported(self, camera: Camera) -> str:
         """Return the reason for which it cannot store a camera exactly, in words that follow "it".
 
         Empty if it can.
@@ -586,22 +550,17 @@ class Layout:
             return ""
         if not isinstance(camera, self.kind):
             name = getattr(camera, "KIND", f"a {type(camera).__name__.lower()}")
-            return f"holds {self.words}, and this camera is {name}"
-        if names := self.unplaced(camera):
+            return f"stores {self.description}; this camera is {name}"
+        if names := self.unsupported_parameters(camera):
             value = next(p.value for p in camera.parameters if p.name == names[0])
-            return f"has no place for {names[0]} = {value:.6g}"
-        return self.refuses(camera)
+            return f"cannot store {names[0]} = {value:.6g}"
+        return self.restriction(camera)
 
-    def unplaced(self, camera: Any) -> tuple[str, ...]:
+    def unsupported_parameters(self, camera: Any) -> tuple[str, ...]:
         """Return the names of a camera's parameters that have an effect but are not supported."""
-        if self.places is None or not isinstance(camera, self.kind):
+        if self.parameters is None or not isinstance(camera, self.kind):
             return ()
-        return tuple(
-            p.name
-            for p in camera.parameters
-            if p.name not in self.places
-            and abs(p.value - NEUTRAL_VALUES.get(p.name, 0.0)) > RELATIVE_ROUNDING * p.scale
-        )
+        return tuple(p.name for p in camera.parameters if p.name not in self.parameters and abs(p.value - NEUTRAL_VALUES.get(p.name, 0.0)) > RELATIVE_ROUNDING * p.scale)
 
 
 @dataclass(frozen=True)
@@ -625,7 +584,7 @@ class CameraFormat:
 
     title: str
     recognises: Callable[[CameraFile], bool]
-    read: Callable[[CameraFile, Reading], list[Stored]]
+    read: Callable[[CameraFile, ReadOptions], list[CameraEntry]]
     layouts: Mapping[str, Layout]
     names: tuple[str, ...] = ()
 

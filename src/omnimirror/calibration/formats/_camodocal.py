@@ -10,7 +10,15 @@ from ...base.errors import OmnimirrorError, SpecError
 from ...base.escaping import yaml_string
 from ...cameras.models import KannalaBrandt, Unified
 from ...cameras.models.plausibility import inverse_polynomial_warnings
-from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored, number_row
+from ._camera_format import (
+    CameraEntry,
+    CameraFile,
+    CameraFormat,
+    Layout,
+    Node,
+    ReadOptions,
+    number_row,
+)
 from ._opencv import image_size
 from ._scaramuzza import MatlabPolynomial, ocam_of
 
@@ -21,7 +29,7 @@ MODELS = ("MEI", "KANNALA_BRANDT", "SCARAMUZZA", "PINHOLE")
 FOCAL = {"MEI": ("gamma1", "gamma2", "u0", "v0"), "KANNALA_BRANDT": ("mu", "mv", "u0", "v0")}
 
 
-def read(file: CameraFile, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     model = table["model_type"].word().upper()
@@ -32,14 +40,14 @@ def read(file: CameraFile, reading: Reading) -> list[Stored]:
         size = image_size(table, reading)
         if model == "SCARAMUZZA":
             return [_scaramuzza(table, name, size, reading)]
-        return [Stored(name, _sphere(table, model, size, reading))]
+        return [CameraEntry(name, _sphere(table, model, size, reading))]
     except SpecError:
         raise
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
 
 
-def _sphere(table: Node, model: str, size: tuple[int, int], reading: Reading) -> Any:
+def _sphere(table: Node, model: str, size: tuple[int, int], reading: ReadOptions) -> Any:
     projection = table["projection_parameters"]
     fu, fv, u, v = (
         projection[name].number() for name in FOCAL.get(model, ("fx", "fy", "cx", "cy"))
@@ -48,23 +56,25 @@ def _sphere(table: Node, model: str, size: tuple[int, int], reading: Reading) ->
         "focal_px": (fu, fv),
         "centre_px": (u, v),
         "image_size": size,
-        **reading.told,
+        **reading.model_arguments,
     }
     if model == "KANNALA_BRANDT":
-        law = {f"k{i}": projection[k].number() for i, k in enumerate(KS, 1)}
-        return KannalaBrandt(**common | law)
+        coefficients = {f"k{i}": projection[k].number() for i, k in enumerate(KS, 1)}
+        return KannalaBrandt(**common | coefficients)
     xi = table["mirror_parameters"]["xi"].number() if model == "MEI" else 0.0
     distortion = table["distortion_parameters"]
     return Unified(xi, **common | {k: distortion[k].number() for k in RADTAN})
 
 
-def _scaramuzza(table: Node, name: str, size: tuple[int, int], reading: Reading) -> Stored:
+def _scaramuzza(table: Node, name: str, size: tuple[int, int], reading: ReadOptions) -> CameraEntry:
     affine = table["affine_parameters"]
     c, d, e, x, y = (affine[k].number() for k in ("ac", "ad", "ae", "cx", "cy"))
     direct = -np.array(table["poly_parameters"].polynomial("p"))
     camera = ocam_of(MatlabPolynomial(direct, (x, y), np.array([[c, d], [e, 1.0]])), size, reading)
     inverse = table["inv_poly_parameters"].polynomial("p") if "inv_poly_parameters" in table else ()
-    return Stored(name, camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))
+    return CameraEntry(
+        name, camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse)))
+    )
 
 
 # -- writing ----------------------------------------------------------------------------------

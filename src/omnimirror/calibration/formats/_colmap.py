@@ -9,24 +9,9 @@ from typing import Any, NamedTuple
 
 from ...base.arguments import parse_float
 from ...base.errors import OmnimirrorError, SpecError
-from ...cameras.models import (
-    EnhancedUnified,
-    KannalaBrandt,
-    RationalPinhole,
-    ThinPrismFisheye,
-    Unified,
-)
+from ...cameras.models import EnhancedUnified, KannalaBrandt, RationalPinhole, ThinPrismFisheye, Unified
 from ...dewarp.views import sphere
-from ._camera_format import (
-    CameraFile,
-    CameraFormat,
-    Content,
-    Layout,
-    Reading,
-    Stored,
-    named_numbers,
-    number_row,
-)
+from ._camera_format import CameraEntry, CameraFile, CameraFormat, Content, Layout, ReadOptions, named_numbers, number_row
 
 HALF = 0.5  # px; offset of COLMAP's pixel centres
 MATRIX = frozenset({"fx", "fy", "cx", "cy"})
@@ -59,9 +44,7 @@ KINDS = {
     "SIMPLE_RADIAL_FISHEYE": Model(8, "f cx cy k1", KannalaBrandt),
     "RADIAL_FISHEYE": Model(9, "f cx cy k1 k2", KannalaBrandt),
     "THIN_PRISM_FISHEYE": Model(10, "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1"),
-    "RAD_TAN_THIN_PRISM_FISHEYE": Model(
-        11, "fx fy cx cy k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", ThinPrismFisheye
-    ),
+    "RAD_TAN_THIN_PRISM_FISHEYE": Model(11, "fx fy cx cy k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", ThinPrismFisheye),
     "SIMPLE_DIVISION": Model(12, "f cx cy k"),
     "DIVISION": Model(13, "fx fy cx cy k"),
     "SIMPLE_FISHEYE": Model(14, "f cx cy", KannalaBrandt),
@@ -75,55 +58,43 @@ NAMES = {kind.number: name for name, kind in KINDS.items()}
 # -- reading ----------------------------------------------------------------------------------
 
 
-def read(file: CameraFile, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the cameras of the file with their ids."""
     cameras = _binary(file.data, file.source) if file.is_binary else _lines(file.text, reading)
-    found = [Stored(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
-    if not found:
-        raise SpecError(
-            f"{reading.source} has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT and parameters"
-        )
-    return found
+    entries = [CameraEntry(str(line[0]), _camera(*line[1:], reading)) for line in cameras]
+    if not entries:
+        raise SpecError(f"{reading.source} must contain a camera, CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got none")
+    return entries
 
 
 Line = tuple[int, str, tuple[int, int], Numbers, str]
 """Line of a camera: id, model, (width, height), parameters, and location in the file."""
 
 
-def _lines(text: str, reading: Reading) -> list[Line]:
+def _lines(text: str, reading: ReadOptions) -> list[Line]:
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#")[0].split()
         if not words:
             continue
-        where = f"{reading.source} line {number}"
+        location = f"{reading.source} line {number}"
         if len(words) < 4:
-            raise SpecError(
-                f"{where}: a camera is CAMERA_ID MODEL WIDTH HEIGHT and parameters, and here {words[0][:40]!r}"
-            )
+            raise SpecError(f"{location}: a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got {words[0][:40]!r}")
         _, name, *numbers = words
         try:
             identity = int(words[0])
             width, height, *parameters = (parse_float(word) for word in numbers)
         except ValueError:
-            raise SpecError(
-                f"{where}: a camera's id and what follows its model are numbers"
-            ) from None
+            raise SpecError(f"{location}: the id, the size and the parameters of a camera must be numbers") from None
         if name not in KINDS:
-            raise SpecError(
-                f"{where}: there is no model {name[:40]!r}; valid are {', '.join(KINDS)}"
-            )
-        rows.append((identity, name, _size(width, height, where), tuple(parameters), where))
+            raise SpecError(f"{location}: the model must be one of {', '.join(KINDS)}; got {name[:40]!r}")
+        rows.append((identity, name, _size(width, height, location), tuple(parameters), location))
     return rows
 
 
-def _size(width: float, height: float, where: str) -> tuple[int, int]:
-    if not (
-        0 < width < 2**31 and 0 < height < 2**31 and width == int(width) and height == int(height)
-    ):
-        raise SpecError(
-            f"{where}: {width:g} x {height:g} is no size of a picture; it is valid in whole pixels above 0"
-        )
+def _size(width: float, height: float, location: str) -> tuple[int, int]:
+    if not (0 < width < 2**31 and 0 < height < 2**31 and width == int(width) and height == int(height)):
+        raise SpecError(f"{location}: the image size must be positive integers; got {width:g} x {height:g}")
     return int(width), int(height)
 
 
@@ -131,47 +102,39 @@ def _binary(data: bytes, source: str) -> list[Line]:
     rows: list[Line] = []
     try:
         (count,) = struct.unpack_from("<Q", data)
-        at = 8
+        offset = 8
         for i in range(min(count, len(data))):
-            identity, model, width, height = struct.unpack_from("<IiQQ", data, at)
-            where = f"{source} camera {i + 1}"
+            identity, model, width, height = struct.unpack_from("<IiQQ", data, offset)
+            location = f"{source} camera {i + 1}"
             if model not in NAMES:
-                raise SpecError(f"{where}: there is no model {model}; valid are 0 to {max(NAMES)}")
+                raise SpecError(f"{location}: the model must be 0 to {max(NAMES)}; got {model}")
             n = len(KINDS[NAMES[model]].parameters.split())
-            numbers = struct.unpack_from(f"<{n}d", data, at + 24)
-            at += 24 + 8 * n
-            rows.append((identity, NAMES[model], _size(width, height, where), numbers, where))
+            numbers = struct.unpack_from(f"<{n}d", data, offset + 24)
+            offset += 24 + 8 * n
+            rows.append((identity, NAMES[model], _size(width, height, location), numbers, location))
     except struct.error:
         raise SpecError(f"{source} ends in the middle of a camera") from None
     return rows
 
 
-def _camera(
-    name: str, size: tuple[int, int], numbers: Numbers, where: str, reading: Reading
-) -> Any:
+def _camera(name: str, size: tuple[int, int], numbers: Numbers, location: str, reading: ReadOptions) -> Any:
     kind = KINDS[name]
     names = kind.parameters.split()
     if len(numbers) != len(names):
-        raise SpecError(
-            f"{where}: {name} has {len(numbers)} parameters; it is valid with {len(names)}: {kind.parameters}"
-        )
+        raise SpecError(f"{location}: {name} must have {len(names)} parameters, {kind.parameters}; got {len(numbers)}")
     if name == "EQUIRECTANGULAR":
-        raise SpecError(
-            f"{where}: EQUIRECTANGULAR is a panorama that was made of pictures, and no camera's own picture"
-        )
+        raise SpecError(f"{location}: EQUIRECTANGULAR describes a panorama, not the image of a camera")
     if kind.model is None:
-        known = ", ".join(n for n, k in KINDS.items() if k.model)
-        raise SpecError(f"{where}: no model of ours has the formula of {name}; valid are {known}")
+        supported = ", ".join(n for n, k in KINDS.items() if k.model)
+        raise SpecError(f"{location}: {name} is not supported; the model must be one of {supported}")
     values = named_numbers(names, numbers)
     f = values.pop("f", None)
     focal = (values.pop("fx"), values.pop("fy")) if f is None else (f, f)
     centre = (values.pop("cx") - HALF, values.pop("cy") - HALF)
     try:
-        return kind.model(
-            focal_px=focal, centre_px=centre, image_size=size, **values, **reading.told
-        )
+        return kind.model(focal_px=focal, centre_px=centre, image_size=size, **values, **reading.model_arguments)
     except OmnimirrorError as problem:
-        raise SpecError(f"{where}: {problem}") from None
+        raise SpecError(f"{location}: {problem}") from None
 
 
 # -- writing ----------------------------------------------------------------------------------
@@ -180,21 +143,13 @@ def _camera(
 def values_of(camera: Any, name: str) -> Numbers:
     """Return the parameters of a camera in the order of one of COLMAP's models."""
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
-    places = {"fx": fx, "fy": fy, "cx": cx + HALF, "cy": cy + HALF}
-    return tuple(
-        float(places[p] if p in places else getattr(camera, p))
-        for p in KINDS[name].parameters.split()
-    )
+    shifted = {"fx": fx, "fy": fy, "cx": cx + HALF, "cy": cy + HALF}
+    return tuple(float(shifted[p] if p in shifted else getattr(camera, p)) for p in KINDS[name].parameters.split())
 
 
 def text_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> str:
     """Return a ``cameras.txt`` with one camera."""
-    return (
-        "# Camera list with one line of data per camera:\n"
-        "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-        "# Number of cameras: 1\n"
-        f"1 {name} {size[0]} {size[1]} {number_row(numbers, ' ')}\n"
-    )
+    return f"# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: 1\n1 {name} {size[0]} {size[1]} {number_row(numbers, ' ')}\n"
 
 
 def binary_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> bytes:
@@ -202,13 +157,13 @@ def binary_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> b
     return struct.pack(f"<QIiQQ{len(numbers)}d", 1, 1, KINDS[name].number, *size, *numbers)
 
 
-def _layout(kind: Any, model: str, words: str, extra: frozenset[str], is_binary: bool) -> Layout:
-    made = binary_file if is_binary else text_file
+def _layout(kind: Any, model: str, description: str, extra: frozenset[str], is_binary: bool) -> Layout:
+    write_file = binary_file if is_binary else text_file
 
     def write(camera: Any, name: str = "") -> Content:
-        return made(camera.image_size, model, values_of(camera, model))
+        return write_file(camera.image_size, model, values_of(camera, model))
 
-    return Layout(kind, write, words, MATRIX | extra, 90.0, (".bin",) if is_binary else (".txt",))
+    return Layout(kind, write, description, MATRIX | extra, 90.0, (".bin",) if is_binary else (".txt",))
 
 
 def recognises(file: CameraFile) -> bool:
@@ -217,30 +172,18 @@ def recognises(file: CameraFile) -> bool:
     if file.is_binary:
         count = int.from_bytes(data[:8], "little")
         return file.name.endswith(".bin") or 0 < count < len(data) / 32
-    return (
-        file.table is None
-        and re.search(rb"^\s*\d+\s+(" + "|".join(KINDS).encode() + rb")\s+\d", data, re.M)
-        is not None
-    )
+    return file.table is None and re.search(rb"^\s*\d+\s+(" + "|".join(KINDS).encode() + rb")\s+\d", data, re.M) is not None
 
 
-LAYOUTS = {
-    "opencv-fisheye": (KannalaBrandt, "OPENCV_FISHEYE", frozenset(KS)),
-    "eucm": (EnhancedUnified, "EUCM", frozenset({"alpha", "beta"})),
-    "rad-tan-thin-prism-fisheye": (
-        ThinPrismFisheye,
-        "RAD_TAN_THIN_PRISM_FISHEYE",
-        frozenset({*KS, "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4"}),
-    ),
-}
+LAYOUTS = {"opencv-fisheye": (KannalaBrandt, "OPENCV_FISHEYE", frozenset(KS)), "eucm": (EnhancedUnified, "EUCM", frozenset({"alpha", "beta"})), "rad-tan-thin-prism-fisheye": (ThinPrismFisheye, "RAD_TAN_THIN_PRISM_FISHEYE", frozenset({*KS, "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4"}))}
 
 
 def _panorama(is_binary: bool) -> Layout:
-    made = binary_file if is_binary else text_file
+    write_file = binary_file if is_binary else text_file
 
     def write(camera: Any, name: str = "") -> Content:
         size = sphere(camera).size
-        return made(size, "EQUIRECTANGULAR", size)
+        return write_file(size, "EQUIRECTANGULAR", size)
 
     suffixes = (".bin",) if is_binary else (".txt",)
     return Layout(object, write, "EQUIRECTANGULAR", suffixes=suffixes, is_panorama=True)
@@ -250,14 +193,6 @@ FORMAT = CameraFormat(
     "COLMAP cameras",
     recognises,
     read,
-    {
-        f"colmap{'-bin' * is_binary}-{short}": _layout(kind, model, model, extra, is_binary)
-        for is_binary in (False, True)
-        for short, (kind, model, extra) in LAYOUTS.items()
-    }
-    | {
-        f"colmap{'-bin' * is_binary}-equirectangular": _panorama(is_binary)
-        for is_binary in (False, True)
-    },
+    {f"colmap{'-bin' * is_binary}-{short}": _layout(kind, model, model, extra, is_binary) for is_binary in (False, True) for short, (kind, model, extra) in LAYOUTS.items()} | {f"colmap{'-bin' * is_binary}-equirectangular": _panorama(is_binary) for is_binary in (False, True)},
     ("cameras.txt", "cameras.bin"),
 )

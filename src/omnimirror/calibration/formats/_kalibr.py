@@ -8,12 +8,12 @@ from typing import Any
 from ...base.errors import OmnimirrorError, SpecError
 from ...cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, Unified
 from ._camera_format import (
+    CameraEntry,
     CameraFile,
     CameraFormat,
     Layout,
     Node,
-    Reading,
-    Stored,
+    ReadOptions,
     named_numbers,
     number_row,
 )
@@ -28,44 +28,44 @@ DISTORTIONS = {
 }
 
 
-def read(file: CameraFile, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the cameras of the chain in order; their relative poses are ignored."""
     chain = file.entries
     if "camera_model" in chain:  # single camera of a rig
-        return [Stored("", _camera(chain, reading))]
+        return [CameraEntry("", _camera(chain, reading))]
     names = [name for name in chain.names() if re.fullmatch(r"cam\d+", name)]
     if not names:
-        chain.refuse("it has no camera cam0")
+        chain.fail("must contain a camera cam0")
     return [
-        Stored(name, _camera(chain[name], reading))
+        CameraEntry(name, _camera(chain[name], reading))
         for name in sorted(names, key=lambda n: int(n[3:]))
     ]
 
 
-def _camera(table: Node, reading: Reading) -> Any:
+def _camera(table: Node, reading: ReadOptions) -> Any:
     model = table["camera_model"].choice(*DISTORTIONS)
     distortion = "none"
     if "distortion_model" in table:
         distortion = table["distortion_model"].choice(*DISTORTIONS[model])
     size = reading.size_in(table, "resolution")
     numbers = table["intrinsics"].numbers({"omni": 5, "pinhole": 4}.get(model, 6))
-    *law, fu, fv, pu, pv = numbers
+    *shape_parameters, fu, fv, pu, pv = numbers
     common: dict[str, Any] = {
         "focal_px": (fu, fv),
         "centre_px": (pu, pv),
         "image_size": size,
-        **reading.told,
+        **reading.model_arguments,
     }
     coefficients = () if distortion == "none" else table["distortion_coeffs"].numbers(4)
     try:
         if model == "eucm":
-            return EnhancedUnified(**named_numbers(("alpha", "beta"), law), **common)
+            return EnhancedUnified(**named_numbers(("alpha", "beta"), shape_parameters), **common)
         if model == "ds":
-            return DoubleSphere(**named_numbers(("xi", "alpha"), law), **common)
+            return DoubleSphere(**named_numbers(("xi", "alpha"), shape_parameters), **common)
         if distortion == "equidistant":
             return KannalaBrandt(**common, **named_numbers(("k1", "k2", "k3", "k4"), coefficients))
         radtan = named_numbers(("k1", "k2", "p1", "p2"), coefficients)
-        return Unified(law[0] if law else 0.0, **common, **radtan)
+        return Unified(shape_parameters[0] if shape_parameters else 0.0, **common, **radtan)
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source} line {table.line}: {table.name}: {problem}") from None
 
@@ -76,12 +76,12 @@ def _camera(table: Node, reading: Reading) -> Any:
 def _written(
     camera: Any,
     model: str,
-    law: tuple[float, ...],
+    shape_parameters: tuple[float, ...],
     distortion: str,
     coefficients: tuple[float, ...],
 ) -> str:
     width, height = camera.image_size
-    numbers = (*law, *camera.focal_px, *camera.centre_px)
+    numbers = (*shape_parameters, *camera.focal_px, *camera.centre_px)
     return (
         "cam0:\n"
         "  cam_overlaps: []\n"

@@ -7,25 +7,25 @@ from typing import Any
 from ...base.errors import OmnimirrorError, SpecError
 from ...cameras.models import KannalaBrandt, RationalPinhole, Unified
 from ._camera_format import (
+    CameraEntry,
     CameraFile,
     CameraFormat,
     Layout,
     Node,
-    Reading,
-    Stored,
+    ReadOptions,
     named_numbers,
     number_row,
 )
 
-# -- OpenCV omnidir YAML: Mei's unified sphere, as in the sample ``omni_calibration`` --------------
+# -- omnidir (unified sphere) ----------------------------------------------------------------------
 #
-# The sample does not write the image size; this module adds ``image_width`` and ``image_height``,
-# named as in OpenCV's other samples. omnidir has no k3.
+# OpenCV's sample ``omni_calibration`` does not write the image size; this module adds
+# ``image_width`` and ``image_height``, named as in OpenCV's other samples. omnidir has no k3.
 
 OMNIDIR_PARAMETERS = frozenset({"xi", "fx", "fy", "skew", "cx", "cy", "k1", "k2", "p1", "p2"})
 
 
-def read_omnidir(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_omnidir(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     focal, centre, skew = camera_matrix(table["camera_matrix"])
@@ -37,24 +37,26 @@ def read_omnidir(file: CameraFile, reading: Reading) -> list[Stored]:
     )
     size = image_size(table, reading)
     try:
-        camera = Unified(xi, focal, centre, size, skew, k1=k1, k2=k2, p1=p1, p2=p2, **reading.told)
+        camera = Unified(
+            xi, focal, centre, size, skew, k1=k1, k2=k2, p1=p1, p2=p2, **reading.model_arguments
+        )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
-    return [Stored("", camera)]
+    return [CameraEntry("", camera)]
 
 
 def camera_matrix(entry: Node) -> tuple[tuple[float, float], tuple[float, float], float]:
     """Return focal lengths, centre and skew of a matrix ``[fx s cx; 0 fy cy; 0 0 1]``."""
     (fx, skew, cx), (zero, fy, cy), last = entry.matrix(3, 3).tolist()
     if zero != 0 or last != [0, 0, 1]:
-        entry.refuse("is not valid; it is valid as [fx, s, cx, 0, fy, cy, 0, 0, 1]")
+        entry.fail("must be [fx, s, cx, 0, fy, cy, 0, 0, 1]")
     return (fx, fy), (cx, cy), skew
 
 
-def image_size(table: Node, reading: Reading) -> tuple[int, int]:
+def image_size(table: Node, reading: ReadOptions) -> tuple[int, int]:
     """Return the image size from the file, otherwise the given size."""
     if "image_width" in table and "image_height" in table:
-        return table["image_width"].whole(), table["image_height"].whole()
+        return table["image_width"].integer(), table["image_height"].integer()
     return reading.size()
 
 
@@ -93,7 +95,7 @@ OMNIDIR = CameraFormat(
 )
 
 
-# -- OpenCV fisheye YAML: Kannala-Brandt polynomial, as in OpenCV's calibration sample -------------
+# -- fisheye (Kannala-Brandt) ----------------------------------------------------------------------
 #
 # OpenCV's functions divide by Z first, which limits projection and undistortion to less than
 # 90 deg from the axis, although the formula is valid beyond.
@@ -102,29 +104,27 @@ FISHEYE_PARAMETERS = frozenset({"fx", "fy", "skew", "cx", "cy", "k1", "k2", "k3"
 BEHIND_DEG = 90.0
 
 
-def read_fisheye(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_fisheye(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     if "xi" in table:
-        table["xi"].refuse("belongs to a camera of omnidir, and this is read as one of fisheye")
+        table["xi"].fail("belongs to the omnidir model; this file is read as fisheye")
     if fisheye_model(table) is False:
-        table["fisheye_model"].refuse(
-            "= 0 is that of a pinhole camera, and this is read as a fisheye"
-        )
+        table["fisheye_model"].fail("= 0 declares a pinhole camera; this file is read as fisheye")
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     distortion = table["distortion_coefficients"]
     if len(distortion.flat().entries()) > 4:
-        distortion.refuse(
-            "has more than 4 numbers, as of a pinhole camera; of a fisheye it is valid with 4, k1 to k4"
+        distortion.fail(
+            "must have 4 numbers, k1 to k4, for a fisheye; got more, as for a pinhole camera"
         )
     ks = named_numbers(("k1", "k2", "k3", "k4"), distortion.row(4))
     try:
         camera = KannalaBrandt(
-            focal, centre, image_size(table, reading), skew_px=skew, **ks, **reading.told
+            focal, centre, image_size(table, reading), skew_px=skew, **ks, **reading.model_arguments
         )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
-    return [Stored("", camera)]
+    return [CameraEntry("", camera)]
 
 
 def write_fisheye(camera: KannalaBrandt, name: str = "") -> str:
@@ -151,8 +151,8 @@ def is_fisheye(file: CameraFile) -> bool:
     """Check for a camera matrix with four coefficients, unless another model is declared."""
     if not is_matrix_with_coefficients(file):
         return False
-    said = fisheye_model(file.entries)
-    return count_of(file) == 4 if said is None else said
+    declared = fisheye_model(file.entries)
+    return count_of(file) == 4 if declared is None else declared
 
 
 def count_of(file: CameraFile) -> int:
@@ -183,7 +183,7 @@ FISHEYE = CameraFormat(
 )
 
 
-# -- OpenCV pinhole YAML with distortion, as in OpenCV's calibration sample ------------------------
+# -- Pinhole with distortion -----------------------------------------------------------------------
 #
 # Coefficients are k1, k2, p1, p2, k3, and k4, k5, k6 of the rational model. OpenCV ignores skew and
 # projects less than 90 deg from the axis.
@@ -193,23 +193,21 @@ DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 
 
-def read_pinhole(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_pinhole(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     for name in ("xi", "distortion_model"):
         if name in table:
-            table[name].refuse(
-                "does not belong to a pinhole camera of OpenCV, as which this is read"
+            table[name].fail(
+                "does not belong to a pinhole camera of OpenCV; this file is read as one"
             )
     if fisheye_model(table):
-        table["fisheye_model"].refuse(
-            "= 1 is that of a fisheye, and this is read as a pinhole camera"
-        )
+        table["fisheye_model"].fail("= 1 declares a fisheye; this file is read as a pinhole camera")
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     k = table["distortion_coefficients"].row(*DISTORTION_COUNTS)
     if any(k[8:]):
-        table["distortion_coefficients"].refuse(
-            "holds thin-prism or tilt terms, which no camera model of ours has; all after the eighth must be 0"
+        table["distortion_coefficients"].fail(
+            "contains thin-prism or tilt terms, which are not supported; all after the eighth must be 0"
         )
     model: Any = RationalPinhole if any(k[5:]) else Unified
     law = {} if model is RationalPinhole else {"xi": 0.0}
@@ -223,12 +221,12 @@ def read_pinhole(file: CameraFile, reading: Reading) -> list[Stored]:
             image_size=image_size(table, reading),
             **law,
             **numbers,
-            **reading.told,
+            **reading.model_arguments,
         )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
     ignored = (f"the skew of {skew:g} px is ignored, as by OpenCV's functions",) if skew else ()
-    return [Stored("", camera, ignored)]
+    return [CameraEntry("", camera, ignored)]
 
 
 def write_pinhole(camera: Any, name: str = "") -> str:

@@ -16,17 +16,17 @@ from ...cameras.models.plausibility import plausibility_warnings
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import CALIBRATION_MARK, format_camera, format_sensor, parse_camera
 from . import _basalt, _camodocal, _colmap, _kalibr, _opencv, _ros, _scaramuzza
-from ._camera_format import CameraFile, CameraFormat, Layout, Reading, Stored
+from ._camera_format import CameraEntry, CameraFile, CameraFormat, Layout, ReadOptions
 
-# -- omnimirror's own files: camera files (TOML with a table ``[camera]``) and sensor files --------
+# -- omnimirror's own files ------------------------------------------------------------------------
 #
-# Both describe a camera completely.
+# Camera files (TOML with a table ``[camera]``) and sensor files describe a camera completely.
 
 
-def _read_omnimirror(file: CameraFile, reading: Reading) -> list[Stored]:
+def _read_omnimirror(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera or the sensor; mount and optics are stored in the file."""
     camera = parse_camera(file.text, reading.source, Path(reading.source).parent)
-    return [Stored(getattr(camera, "name", ""), camera)]
+    return [CameraEntry(getattr(camera, "name", ""), camera)]
 
 
 def write_camera(camera: RadialModel, name: str = "") -> str:
@@ -39,19 +39,10 @@ def write_sensor(sensor: Sensor, name: str = "") -> str:
     return format_sensor(sensor)
 
 
-OMNIMIRROR = CameraFormat(
-    "omnimirror camera or sensor TOML",
-    lambda file: file.name.endswith(".toml"),
-    _read_omnimirror,
-    {
-        "camera": Layout(RadialModel, write_camera, "a calibrated model"),
-        "sensor": Layout(Sensor, write_sensor, "a sensor of mirror, lens and imager"),
-    },
-    ("*.toml",),
-)
+OMNIMIRROR = CameraFormat("omnimirror camera or sensor TOML", lambda file: file.name.endswith(".toml"), _read_omnimirror, {"camera": Layout(RadialModel, write_camera, "a calibrated model"), "sensor": Layout(Sensor, write_sensor, "a sensor of mirror, lens and imager")}, ("*.toml",))
 
 
-# -- Registry of camera file formats: reading of any format, and selection of the output format ----
+# -- Registry --------------------------------------------------------------------------------------
 
 BUILT_IN_FORMATS = {
     "ocamcalib": _scaramuzza.OCAMCALIB,
@@ -73,17 +64,13 @@ BUILT_IN_FORMATS = {
 
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, CameraFormat):
-        raise InvalidType(f"{format_value(kind)} is no omnimirror.calibration.formats.CameraFormat")
-    taken = [
-        layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts
-    ]
-    if taken:
-        raise InvalidParameter(f"{taken[0]} is written by another format; choose another name")
+        raise InvalidType(f"a format must be an omnimirror.calibration.formats.CameraFormat; got {shown(kind)}")
+    existing = [layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts]
+    if existing:
+        raise InvalidParameter(f"layouts must have new names; {existing[0]} belongs to another format")
 
 
-FORMATS: Registry[CameraFormat] = Registry(
-    "omnimirror.camera_formats", "a camera format", BUILT_IN_FORMATS, _check_format
-)
+FORMATS: Registry[CameraFormat] = Registry("omnimirror.camera_formats", "a camera format", BUILT_IN_FORMATS, _check_format)
 """Camera file formats by name."""
 
 
@@ -121,9 +108,7 @@ def register_camera_format(name: str, kind: CameraFormat) -> None:
 # -- reading ----------------------------------------------------------------------------------
 
 
-def read_cameras(
-    path: str | Path, reading: Reading, name: str | None = None
-) -> tuple[str, list[Stored]]:
+def read_cameras(path: str | Path, reading: ReadOptions, name: str | None = None) -> tuple[str, list[CameraEntry]]:
     """Read the cameras of a file; return the name of its format and the cameras.
 
     Parameters
@@ -137,7 +122,7 @@ def read_cameras(
 
     Returns
     -------
-    str, list of Stored
+    str, list of CameraEntry
         Name of the format, and cameras.
 
     Raises
@@ -155,15 +140,12 @@ def read_cameras(
     except OSError as e:
         raise SpecError(f"cannot read the camera file {path}: {e.strerror or e}") from None
     file = CameraFile.of(str(path), data)
-    name = _recognised(file) if name is None else name
+    name = _recognise(file) if name is None else name
     stored = FORMATS[name].read(file, reading)
-    return name, [
-        one._replace(notes=(*file.notes, *one.notes, *_doubts(name, one.camera, reading)))
-        for one in stored
-    ]
+    return name, [one._replace(notes=(*file.notes, *one.notes, *_contradictions(name, one.camera, reading))) for one in stored]
 
 
-def _recognised(file: CameraFile) -> str:
+def _recognise(file: CameraFile) -> str:
     """Return the one format that recognises a file.
 
     Raises
@@ -171,44 +153,33 @@ def _recognised(file: CameraFile) -> str:
     SpecError
         If none or several do.
     """
-    found = [name for name, kind in FORMATS.items() if kind.recognises(file)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in found)
-        raise SpecError(
-            f"{file.source} is ambiguous: it can be read as {titles}; "
-            "give its format (from_, on the command line --from)"
-        )
+    matching = [name for name, kind in FORMATS.items() if kind.recognises(file)]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in matching)
+        raise SpecError(f"{file.source} is ambiguous: it can be read as {titles}; specify its format (from_, --from)")
     if file.has(CALIBRATION_MARK.strip('":')):
-        raise SpecError(
-            f"{file.source} holds the numbers of a calibration, and not its camera, which is in the file of its -o"
-        )
+        raise SpecError(f"{file.source} contains the results of a calibration; use the camera file written with -o")
     if file.problem:
         raise file.problem
     known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
-    raise SpecError(
-        f"{file.source} is not recognised as a camera file; say which it is, of {known}"
-    )
+    raise SpecError(f"{file.source} is not recognised as a camera file; specify its format, one of {known}")
 
 
-def _doubts(name: str, camera: Any, reading: Reading) -> list[str]:
+def _contradictions(name: str, camera: Any, reading: ReadOptions) -> list[str]:
     """Return contradictions in the parameters of a file of another program, and with given values."""
     if name == "omnimirror" or not isinstance(camera, RadialModel):
         return []
-    (width, height), given = camera.image_size, reading.image_size
-    unused = (
-        []
-        if given in (None, (width, height))
-        else [f"the image size of the file is used, {width}x{height}"]
-    )
+    (width, height), specified = camera.image_size, reading.image_size
+    unused = [] if specified in (None, (width, height)) else [f"the image size of the file is used, {width}x{height}"]
     return [*unused, *plausibility_warnings(camera)]
 
 
 # -- writing ----------------------------------------------------------------------------------
 
 
-class Target(NamedTuple):
+class OutputLayout(NamedTuple):
     """Writable layout."""
 
     name: str
@@ -217,7 +188,7 @@ class Target(NamedTuple):
     layout: Layout
 
 
-def targets_of(path: str | Path, to: str | None) -> list[Target]:
+def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
     """Return the candidate layouts for a file, preferred first: one layout, or all of a format.
 
     Parameters
@@ -236,33 +207,27 @@ def targets_of(path: str | Path, to: str | None) -> list[Target]:
     known = ", ".join(dict.fromkeys([*FORMATS, *named]))
     if to is not None:
         if not isinstance(to, str):
-            raise InvalidType(f"to = {format_value(to)} is no name of a format; valid are {known}")
+            raise InvalidType(f"to must be the name of a format, one of {known}; got {shown(to)}")
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in FORMATS:
-            return _of_path(FORMATS[to], path)
-        raise InvalidParameter(f"to = {format_value(to)} is not known; valid are {known}")
+            return _layouts_for_path(FORMATS[to], path)
+        raise InvalidParameter(f"to must be one of {known}; got {shown(to)}")
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
-            return _of_path(kind, path)
-    raise InvalidParameter(
-        f"{Path(path).name} does not say which format is wanted; give to, one of {known}"
-    )
+            return _layouts_for_path(kind, path)
+    raise InvalidParameter(f"the format of {Path(path).name} cannot be inferred from its name; specify to, one of {known}")
 
 
-def _all_targets() -> Iterator[Target]:
+def _all_targets() -> Iterator[OutputLayout]:
     for kind in FORMATS.values():
         for name, layout in kind.layouts.items():
-            yield Target(name, kind, layout)
+            yield OutputLayout(name, kind, layout)
 
 
-def _of_path(kind: CameraFormat, path: str | Path) -> list[Target]:
+def _layouts_for_path(kind: CameraFormat, path: str | Path) -> list[OutputLayout]:
     """Return all layouts of a format, or only those for the suffix of the file."""
     suffix = Path(path).suffix.lower()
-    all_of_it = [
-        Target(name, kind, layout)
-        for name, layout in kind.layouts.items()
-        if not layout.is_panorama
-    ]
-    fitting = [t for t in all_of_it if suffix in t.layout.suffixes]
-    return fitting or [t for t in all_of_it if not t.layout.suffixes] or all_of_it
+    candidates = [OutputLayout(name, kind, layout) for name, layout in kind.layouts.items() if not layout.is_panorama]
+    matching = [t for t in candidates if suffix in t.layout.suffixes]
+    return matching or [t for t in candidates if not t.layout.suffixes] or candidates

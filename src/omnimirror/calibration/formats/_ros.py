@@ -9,12 +9,12 @@ from ...base.errors import OmnimirrorError, SpecError
 from ...base.escaping import yaml_string
 from ...cameras.models import KannalaBrandt, RationalPinhole, Unified
 from ._camera_format import (
+    CameraEntry,
     CameraFile,
     CameraFormat,
     Layout,
     Node,
-    Reading,
-    Stored,
+    ReadOptions,
     named_numbers,
     number_row,
 )
@@ -26,40 +26,46 @@ RATIONAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8,), "equidistant": (4,)}
 
 
-def read(file: CameraFile, reading: Reading) -> list[Stored]:
+def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file; matrices of the rectified image are ignored."""
     table = file.entries
     if "camera_matrix" not in table:
         return [_message(table, reading)]
-    size = table["image_width"].whole(), table["image_height"].whole()
+    size = table["image_width"].integer(), table["image_height"].integer()
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     camera = _camera(table, "distortion_coefficients", (focal, centre, skew), size, reading)
-    return [Stored(table["camera_name"].word() if "camera_name" in table else "", camera)]
+    return [CameraEntry(table["camera_name"].word() if "camera_name" in table else "", camera)]
 
 
-def _message(table: Node, reading: Reading) -> Stored:
+def _message(table: Node, reading: ReadOptions) -> CameraEntry:
     """Read a message ``sensor_msgs/CameraInfo``; ROS 2 writes K and D in lower case."""
     K, D = ("K", "D") if "K" in table else ("k", "d")
     matrix = camera_matrix(Node({"data": table[K]}, table.source, K, table[K].line))
-    size = table["width"].whole(), table["height"].whole()
-    return Stored("", _camera(table, D, matrix, size, reading), tuple(_cropped(table)))
+    size = table["width"].integer(), table["height"].integer()
+    return CameraEntry("", _camera(table, D, matrix, size, reading), tuple(_cropped(table)))
 
 
 def _cropped(table: Node) -> Iterator[str]:
     """Yield notes on binning and a region of interest, which the camera matrix does not include."""
-    binning = [table[n].whole() for n in ("binning_x", "binning_y") if n in table]
+    binning = [table[n].integer() for n in ("binning_x", "binning_y") if n in table]
     if any(n > 1 for n in binning):
-        yield f"the camera bins {' x '.join(map(str, binning))} pixels; the file, and what is read, is of all pixels"
-    roi = table["roi"] if "roi" in table else Node({}, "")
-    place = [roi[n].whole() if n in roi else 0 for n in ("x_offset", "y_offset", "width", "height")]
-    if any(place):
-        yield "the camera sends the part {2}x{3} at ({0}, {1}) alone; what is read is of the whole image".format(
-            *place
+        yield (
+            f"the camera bins {' x '.join(map(str, binning))} pixels; the camera matrix applies to the "
+            "image without binning"
         )
+    roi = table["roi"] if "roi" in table else Node({}, "")
+    region = [
+        roi[n].integer() if n in roi else 0 for n in ("x_offset", "y_offset", "width", "height")
+    ]
+    if any(region):
+        yield (
+            "the camera transmits only the region {2}x{3} at ({0}, {1}); the camera matrix applies to the "
+            "whole image"
+        ).format(*region)
 
 
 def _camera(
-    table: Node, coefficients: str, matrix: Matrix, size: tuple[int, int], reading: Reading
+    table: Node, coefficients: str, matrix: Matrix, size: tuple[int, int], reading: ReadOptions
 ) -> Any:
     """Create the camera of a distortion model and its coefficients."""
     model = table["distortion_model"].choice(*COUNTS, "fisheye")
@@ -71,7 +77,7 @@ def _camera(
         "centre_px": centre,
         "image_size": size,
         "skew_px": skew,
-        **reading.told,
+        **reading.model_arguments,
     }
     try:
         if model == "equidistant":

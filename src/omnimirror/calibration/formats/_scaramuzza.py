@@ -16,9 +16,9 @@ from ...base.typing import Array
 from ...cameras.models import OCam
 from ...cameras.models.ocam import parse_polynomials
 from ...cameras.models.plausibility import inverse_polynomial_warnings
-from ._camera_format import CameraFile, CameraFormat, Layout, Node, Reading, Stored, number_row
+from ._camera_format import CameraEntry, CameraFile, CameraFormat, Layout, Node, ReadOptions, number_row
 
-# -- OCamCalib ``calib_results.txt``: polynomial in the radius, its inverse, and an affine matrix
+# -- OCamCalib ``calib_results.txt`` ---------------------------------------------------------------
 #
 # The model is described in :mod:`omnimirror.cameras.models.ocam`. The direct polynomial may have
 # any degree; the inverse, which OCamCalib's ``world2cam`` uses for projection, is fitted when a
@@ -29,11 +29,11 @@ MAX_TERMS = 30
 SAMPLES = 2000
 
 
-def read_ocamcalib(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_ocamcalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a ``calib_results.txt``."""
     camera, inverse = parse_polynomials(file.text, reading.source)
-    camera = replace(camera, **reading.told)
-    return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, inverse)))]
+    camera = replace(camera, **reading.model_arguments)
+    return [CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, inverse)))]
 
 
 def write_ocamcalib(camera: OCam, name: str = "") -> str:
@@ -97,16 +97,10 @@ def is_ocamcalib(file: CameraFile) -> bool:
     return False
 
 
-OCAMCALIB = CameraFormat(
-    "OCamCalib calib_results.txt",
-    is_ocamcalib,
-    read_ocamcalib,
-    {"ocamcalib": Layout(OCam, write_ocamcalib, "Scaramuzza's polynomial")},
-    ("calib_results*.txt",),
-)
+OCAMCALIB = CameraFormat("OCamCalib calib_results.txt", is_ocamcalib, read_ocamcalib, {"ocamcalib": Layout(OCam, write_ocamcalib, "Scaramuzza's polynomial")}, ("calib_results*.txt",))
 
 
-# -- MATLAB ``fisheyeIntrinsics``: Scaramuzza's polynomial with four coefficients ------------------
+# -- MATLAB ``fisheyeIntrinsics`` ------------------------------------------------------------------
 #
 # In MATLAB the ray of a pixel is ``(u, v, a0 + a2 rho^2 + a3 rho^3 + a4 rho^4)``, with u right,
 # v down, Z towards the scene and a0 above 0. The pixel is ``[c d; e 1] (u, v) + centre``, and the
@@ -149,27 +143,21 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
     """
     c, d, e = camera.affine
     powers = c ** (1.0 - np.arange(len(camera.polynomial)))
-    return MatlabPolynomial(
-        -np.array(camera.polynomial) * powers, camera.centre_px, np.array([[1.0, e], [d, c]]) / c
-    )
+    return MatlabPolynomial(-np.array(camera.polynomial) * powers, camera.centre_px, np.array([[1.0, e], [d, c]]) / c)
 
 
-def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Reading) -> OCam:
-    """Convert to an OCamCalib camera, the inverse of `taylor_of`."""
+def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: ReadOptions) -> OCam:
+    """Convert to an OCamCalib camera, the inverse of `matlab_polynomial`."""
     (first, q), (r, last) = taylor.stretch
     if not 1e-3 < abs(first) < 1e3:
-        raise SpecError(
-            f"{reading.source}: the stretch matrix begins with {first:g}; it is valid near 1"
-        )
+        raise SpecError(f"{reading.source}: the first element of the stretch matrix must be near 1; got {first:g}")
     if not np.abs(taylor.coefficients).max(initial=0.0) < MATLAB_MAX:
-        raise SpecError(
-            f"{reading.source}: a coefficient of the polynomial is {MATLAB_MAX:g} or more, which is no camera's"
-        )
+        raise SpecError(f"{reading.source}: the coefficients of the polynomial must be below {MATLAB_MAX:g}")
     powers = first ** (1.0 - np.arange(len(taylor.coefficients)))
     polynomial = tuple((-np.asarray(taylor.coefficients) * powers).tolist())
     affine = (float(last / first), float(r / first), float(q / first))
     try:
-        return OCam(polynomial, taylor.centre_px, image_size, affine, **reading.told)
+        return OCam(polynomial, taylor.centre_px, image_size, affine, **reading.model_arguments)
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
 
@@ -177,19 +165,19 @@ def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Read
 # -- reading ----------------------------------------------------------------------------------
 
 
-def read_matlab(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_matlab(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a script that calls ``fisheyeIntrinsics``, or of a JSON file."""
     is_script = MATLAB_SCRIPT.search(file.data) is not None
     table = _arguments(file.text, reading.source) if is_script else file.entries
     a0, *rest = table[MATLAB_NAMES[0]].numbers(4)
     size = table[MATLAB_NAMES[1]].entries()
     if len(size) != 2:
-        table[MATLAB_NAMES[1]].refuse("is valid as two numbers, rows and columns")
-    height, width = (entry.whole() for entry in size)
+        table[MATLAB_NAMES[1]].fail("must be two numbers, rows and columns")
+    height, width = (entry.integer() for entry in size)
     u, v = table[MATLAB_NAMES[2]].numbers(2)
     stretch = table[MATLAB_NAMES[3]].matrix(2, 2) if MATLAB_NAMES[3] in table else np.eye(2)
     taylor = MatlabPolynomial(np.array([a0, 0.0, *rest]), (u - 1, v - 1), stretch)
-    return [Stored("", ocam_of(taylor, (width, height), reading))]
+    return [CameraEntry("", ocam_of(taylor, (width, height), reading))]
 
 
 def _arguments(text: str, source: str) -> Node:
@@ -197,30 +185,19 @@ def _arguments(text: str, source: str) -> Node:
     code = "\n".join(line.split("%")[0] for line in text.splitlines()).replace("...", "   ")
     call = re.search(r"fisheyeIntrinsics\s*\(([^()]*)\)", code)
     if not call:
-        raise SpecError(f"{source} does not call fisheyeIntrinsics with its numbers in brackets")
+        raise SpecError(f"{source} must call fisheyeIntrinsics with numbers in brackets")
     line = code[: call.start()].count("\n") + 1
-    variables = dict(
-        re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()])
-    )
+    variables = dict(re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()]))
     arguments = re.sub(r"[A-Za-z]\w*", lambda word: variables.get(word[0], word[0]), call[1])
     outside = re.sub(r"\[[^\][]*\]", "", re.sub(r"\d[eE][-+]?\d", "", arguments))
     if unknown := re.search(r"[A-Za-z]\w*", outside):
-        raise SpecError(
-            f"{source} line {line}: {unknown[0]} is a variable that the script does not set to numbers in brackets; "
-            "write the numbers into the call of fisheyeIntrinsics"
-        )
+        raise SpecError(f"{source} line {line}: the variable {unknown[0]} must be set to numbers in brackets; write the numbers into the call of fisheyeIntrinsics")
     parts = re.findall(r"\[([^\][]*)\]", arguments)
     if len(parts) not in (3, 4):
-        raise SpecError(
-            f"{source} line {line}: fisheyeIntrinsics has {len(parts)} arguments in brackets; it is valid with "
-            f"3 or 4, {', '.join(MATLAB_NAMES)}"
-        )
+        raise SpecError(f"{source} line {line}: fisheyeIntrinsics must have 3 or 4 arguments in brackets, {', '.join(MATLAB_NAMES)}; got {len(parts)}")
     table = {}
     for name, part in zip(MATLAB_NAMES, parts, strict=False):
-        rows = [
-            [_word(w, source, name, line) for w in re.split(r"[\s,]+", r.strip()) if w]
-            for r in part.split(";")
-        ]
+        rows = [[_word(w, source, name, line) for w in re.split(r"[\s,]+", r.strip()) if w] for r in part.split(";")]
         entries = [Node(r, source, name, line) for r in rows]
         table[name] = Node(entries if len(entries) > 1 else rows[0], source, name, line)
     return Node(table, source, "", line)
@@ -231,15 +208,13 @@ def _word(word: str, source: str, name: str, line: int) -> Node:
     try:
         parse_float(word)
     except ValueError:
-        entry.refuse(f"holds {word[:40]!r}, which is not a number")
+        entry.fail(f"must contain numbers; got {word[:40]!r}")
     return entry
 
 
 def is_matlab(file: CameraFile) -> bool:
     """Check for a call of ``fisheyeIntrinsics``, or for its arguments."""
-    return file.has(MATLAB_NAMES[0]) or (
-        file.table is None and MATLAB_SCRIPT.search(file.data) is not None
-    )
+    return file.has(MATLAB_NAMES[0]) or (file.table is None and MATLAB_SCRIPT.search(file.data) is not None)
 
 
 # -- writing ----------------------------------------------------------------------------------
@@ -249,14 +224,7 @@ def write_matlab_script(camera: OCam, name: str = "") -> str:
     """Return a script that creates the object ``intrinsics``."""
     a, (height, width), centre, stretch = _numbers(camera)
     matrix = "; ".join(number_row(r, " ") for r in stretch)
-    return (
-        "% Camera for MATLAB's Computer Vision Toolbox; run this file and use the variable intrinsics.\n"
-        "% The centre of the picture's first pixel is (1, 1).\n"
-        f"intrinsics = fisheyeIntrinsics([{number_row(a, ' ')}], ...\n"
-        f"    [{height} {width}], ...  % rows and columns\n"
-        f"    [{number_row(centre, ' ')}], ...\n"
-        f"    [{matrix}]);\n"
-    )
+    return f"% Camera for MATLAB's Computer Vision Toolbox; run this file and use the variable intrinsics.\n% The centre of the first pixel is (1, 1).\nintrinsics = fisheyeIntrinsics([{number_row(a, ' ')}], ...\n    [{height} {width}], ...  % rows and columns\n    [{number_row(centre, ' ')}], ...\n    [{matrix}]);\n"
 
 
 def write_matlab_json(camera: OCam, name: str = "") -> str:
@@ -271,78 +239,42 @@ def _numbers(camera: OCam) -> tuple[Array, tuple[int, int], tuple[float, float],
     a = np.zeros(5)
     a[: min(5, len(taylor.coefficients))] = taylor.coefficients[:5]
     width, height = camera.image_size
-    return (
-        a[[0, 2, 3, 4]],
-        (height, width),
-        (taylor.centre_px[0] + 1, taylor.centre_px[1] + 1),
-        taylor.stretch,
-    )
+    return (a[[0, 2, 3, 4]], (height, width), (taylor.centre_px[0] + 1, taylor.centre_px[1] + 1), taylor.stretch)
 
 
 def _refuses(camera: OCam) -> str:
     a1 = (*camera.polynomial, 0.0)[1]
-    return f"has no place for a1 = {a1:.6g}" if a1 else ""
+    return f"cannot store a1 = {a1:.6g}" if a1 else ""
 
 
 MATLAB_WORDS = "Scaramuzza's a0, a2, a3, a4"
 MATLAB = CameraFormat(
-    "MATLAB fisheyeIntrinsics",
-    is_matlab,
-    read_matlab,
-    {
-        "matlab-script": Layout(
-            OCam,
-            write_matlab_script,
-            MATLAB_WORDS,
-            MATLAB_TERMS,
-            suffixes=(".m", ".txt"),
-            refuses=_refuses,
-        ),
-        "matlab-json": Layout(
-            OCam,
-            write_matlab_json,
-            MATLAB_WORDS,
-            MATLAB_TERMS,
-            suffixes=(".json",),
-            refuses=_refuses,
-        ),
-    },
-    ("*.m",),
+    "MATLAB fisheyeIntrinsics", is_matlab, read_matlab, {"matlab-script": Layout(OCam, write_matlab_script, MATLAB_WORDS, MATLAB_TERMS, suffixes=(".m", ".txt"), restriction=_refuses), "matlab-json": Layout(OCam, write_matlab_json, MATLAB_WORDS, MATLAB_TERMS, suffixes=(".json",), restriction=_refuses)}, ("*.m",)
 )
 
 
-# -- py-OCamCalib JSON: Scaramuzza's polynomial, its inverse, centre and stretch matrix ------------
+# -- py-OCamCalib JSON -----------------------------------------------------------------------------
 #
-# Z points towards the scene.
-#
-# The conventions are those of its ``cam2world``. If the matrix's third element e is not 0, its
-# ``world2cam`` inserts the already stretched column into the row equation, and differs from
-# ``cam2world`` by ``e (c - 1)`` times the distance. The file does not contain the image size; this
-# module adds ``image_size``, which py-OCamCalib ignores.
+# Z points towards the scene; the conventions are those of its ``cam2world``. If the matrix's third
+# element e is not 0, its ``world2cam`` inserts the already stretched column into the row equation,
+# and differs from ``cam2world`` by ``e (c - 1)`` times the distance. The file does not contain the
+# image size; this module adds ``image_size``, which py-OCamCalib ignores.
 
 
-def read_py_ocamcalib(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_py_ocamcalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a calibration file."""
     table = file.entries
     coefficients = np.array(table["taylor_coefficient"].numbers())
     u, v = table["distortion_center"].numbers(2)
     stretch = table["stretch_matrix"].matrix(2, 2)
     if "image_size" in table and len(table["image_size"].entries()) == 2:
-        width, height = (entry.whole() for entry in table["image_size"].entries())
+        width, height = (entry.integer() for entry in table["image_size"].entries())
     else:
         width, height = reading.size()
     name = table["camera_name"].word() if "camera_name" in table else ""
     camera = ocam_of(MatlabPolynomial(coefficients, (u, v), stretch), (width, height), reading)
     inverse = table["inverse_poly"].numbers() if "inverse_poly" in table else ()
-    return [
-        Stored(
-            name,
-            camera,
-            tuple(
-                inverse_polynomial_warnings(camera, stretch[0, 0] * np.array(inverse[::-1]), 0.0)
-            ),
-        )
-    ]
+    return [CameraEntry(name, camera, tuple(inverse_polynomial_warnings(camera, stretch[0, 0] * np.array(inverse[::-1]), 0.0)))]
 
 
 def write_py_ocamcalib(camera: OCam, name: str = "") -> str:
@@ -350,47 +282,31 @@ def write_py_ocamcalib(camera: OCam, name: str = "") -> str:
     taylor = matlab_polynomial(camera)
     inverse, _ = inverse_polynomial(camera, 0.0)
     scale = 1.0 / taylor.stretch[0, 0]  # to the symmetric image of py-OCamCalib
-    values = {
-        "camera_name": name or "camera",
-        "taylor_coefficient": taylor.coefficients.tolist(),
-        "distortion_center": list(taylor.centre_px),
-        "stretch_matrix": taylor.stretch.tolist(),
-        "inverse_poly": (inverse * scale)[::-1].tolist(),
-        "image_size": list(camera.image_size),
-    }
+    values = {"camera_name": name or "camera", "taylor_coefficient": taylor.coefficients.tolist(), "distortion_center": list(taylor.centre_px), "stretch_matrix": taylor.stretch.tolist(), "inverse_poly": (inverse * scale)[::-1].tolist(), "image_size": list(camera.image_size)}
     return json.dumps(values, indent=4) + "\n"
 
 
-PY_OCAMCALIB = CameraFormat(
-    "py-OCamCalib JSON",
-    lambda file: file.has("taylor_coefficient"),
-    read_py_ocamcalib,
-    {"py-ocamcalib": Layout(OCam, write_py_ocamcalib, "Scaramuzza's polynomial")},
-    (),
-)
+PY_OCAMCALIB = CameraFormat("py-OCamCalib JSON", lambda file: file.has("taylor_coefficient"), read_py_ocamcalib, {"py-ocamcalib": Layout(OCam, write_py_ocamcalib, "Scaramuzza's polynomial")}, ())
 
 
-# -- py-omnicalib YAML: Scaramuzza's polynomial with Z towards the scene, its inverse, and the centre
+# -- py-omnicalib YAML -----------------------------------------------------------------------------
 #
-# Pixels are square and the image is rotationally symmetric: there is no affine matrix. The file
-# does not contain the image size; this module adds ``image_size``, which py-omnicalib ignores.
+# Z points towards the scene. Pixels are square and the image is rotationally symmetric: there is no
+# affine matrix. The file does not contain the image size; this module adds ``image_size``, which
+# py-omnicalib ignores.
 
 INVERSE_TERMS = "poly_incident_angle_to_radius"
 PY_OMNICALIB_PARAMETERS = frozenset({"cx", "cy", *(f"a{power}" for power in range(MAX_TERMS))})
 
 
-def read_py_omnicalib(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_py_omnicalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a ``calibration.yml``, without poses."""
     table = file.entries
     coefficients = np.array(table["poly_radius_to_z"].numbers())
     u, v = table["principal_point"].numbers(2)
-    camera = ocam_of(
-        MatlabPolynomial(coefficients, (u, v), np.eye(2)),
-        reading.size_in(table, "image_size"),
-        reading,
-    )
+    camera = ocam_of(MatlabPolynomial(coefficients, (u, v), np.eye(2)), reading.size_in(table, "image_size"), reading)
     inverse = table[INVERSE_TERMS].numbers() if INVERSE_TERMS in table else ()
-    return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, inverse, 0.0)))]
+    return [CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, inverse, 0.0)))]
 
 
 def write_py_omnicalib(camera: OCam, name: str = "") -> str:
@@ -398,51 +314,27 @@ def write_py_omnicalib(camera: OCam, name: str = "") -> str:
     taylor = matlab_polynomial(camera)
     inverse, _ = inverse_polynomial(camera, 0.0)
     width, height = camera.image_size
-    return (
-        "extrinsics: []\n"
-        f"{INVERSE_TERMS}: [{number_row(inverse)}]\n"
-        f"poly_radius_to_z: [{number_row(taylor.coefficients)}]\n"
-        f"principal_point: [{number_row(taylor.centre_px)}]\n"
-        f"image_size: [{width}, {height}]\n"
-    )
+    return f"extrinsics: []\n{INVERSE_TERMS}: [{number_row(inverse)}]\npoly_radius_to_z: [{number_row(taylor.coefficients)}]\nprincipal_point: [{number_row(taylor.centre_px)}]\nimage_size: [{width}, {height}]\n"
 
 
-PY_OMNICALIB = CameraFormat(
-    "py-omnicalib YAML",
-    lambda file: file.has("poly_radius_to_z"),
-    read_py_omnicalib,
-    {
-        "py-omnicalib": Layout(
-            OCam,
-            write_py_omnicalib,
-            "Scaramuzza's polynomial of a round picture",
-            PY_OMNICALIB_PARAMETERS,
-        )
-    },
-)
+PY_OMNICALIB = CameraFormat("py-omnicalib YAML", lambda file: file.has("poly_radius_to_z"), read_py_omnicalib, {"py-omnicalib": Layout(OCam, write_py_omnicalib, "Scaramuzza's polynomial of a rotationally symmetric image", PY_OMNICALIB_PARAMETERS)})
 
 
-# -- MultiCol-SLAM camera YAML: OCamCalib's polynomials as ``Camera.a0 ...`` and ``Camera.pol0 ...``
+# -- MultiCol-SLAM YAML ----------------------------------------------------------------------------
 #
 # The affine matrix applies to (x, y): ``u = c X + d Y + u0``, ``v = e X + Y + v0``. The format is
 # read-only.
 
 
-def read_multicol(file: CameraFile, reading: Reading) -> list[Stored]:
+def read_multicol(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     c, d, e, u, v = (table[f"Camera.{name}"].number() for name in ("c", "d", "e", "u0", "v0"))
-    size = (
-        reading.size()
-        if "Camera.Iw" not in table
-        else (table["Camera.Iw"].whole(), table["Camera.Ih"].whole())
-    )
+    size = reading.size() if "Camera.Iw" not in table else (table["Camera.Iw"].integer(), table["Camera.Ih"].integer())
     direct = -np.array(table.polynomial("Camera.a"))
     camera = ocam_of(MatlabPolynomial(direct, (u, v), np.array([[c, d], [e, 1.0]])), size, reading)
     inverse = table.polynomial("Camera.pol") if "Camera.pol0" in table else ()
-    return [Stored("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))]
+    return [CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))]
 
 
-MULTICOL = CameraFormat(
-    "MultiCol-SLAM YAML", lambda file: file.has("Camera.a0", "Camera.c"), read_multicol, {}
-)
+MULTICOL = CameraFormat("MultiCol-SLAM YAML", lambda file: file.has("Camera.a0", "Camera.c"), read_multicol, {})

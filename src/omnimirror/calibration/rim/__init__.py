@@ -1,27 +1,33 @@
 """Mirror-outline detection: ellipse of the rim, the camera's own image, and the confidence."""
 
 from ._initial_camera import (
-    DEFAULT,
+    DEFAULT_PRESET,
     PRESETS,
-    CommonMirror,
+    MirrorPreset,
     camera_from_rim,
-    mirror_of,
+    mirror_by_name,
     sensor_from_rim,
     sensors_from_rim,
 )
-from ._rim_detection import SURE, CameraImage, FoundRim, check_alike, find_rim
+from ._rim_detection import (
+    MIN_CONFIDENCE,
+    CameraImage,
+    MirrorOutline,
+    check_image_sizes,
+    detect_mirror_outline,
+)
 
 __all__ = [
-    "DEFAULT",
+    "DEFAULT_PRESET",
+    "MIN_CONFIDENCE",
     "PRESETS",
-    "SURE",
     "CameraImage",
-    "CommonMirror",
-    "FoundRim",
+    "MirrorOutline",
+    "MirrorPreset",
     "camera_from_rim",
-    "check_alike",
-    "find_rim",
-    "mirror_of",
+    "check_image_sizes",
+    "detect_mirror_outline",
+    "mirror_by_name",
     "sensor_from_rim",
     "sensors_from_rim",
 ]

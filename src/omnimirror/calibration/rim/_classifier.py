@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...base.typing import Array
 from ..edge_detection import WorkingImage
-from ._features import Ring, RingFeatures, numbers_round, relations, ring_features
+from ._features import Ring, RingFeatures, relations, ring_features, surrounding_statistics
 
 CLASSIFIER_FILE = Path(__file__).with_name("committee.json")
 SHORT = 16  # rings on the short list
@@ -42,14 +42,10 @@ class LogisticMember:
     shift: Array
     out: Array
 
-    def odds(self, numbers: Array) -> Array:
+    def odds(self, features: Array) -> Array:
         """Return log odds (n,) for features (n, count)."""
-        found: Array = (
-            numbers @ self.linear
-            + self.bias
-            + np.tanh(numbers @ self.hidden + self.shift) @ self.out
-        )
-        return found
+        log_odds: Array = features @ self.linear + self.bias + np.tanh(features @ self.hidden + self.shift) @ self.out
+        return log_odds
 
 
 @dataclass(frozen=True)
@@ -68,37 +64,34 @@ class RimClassifier:
     """
 
     @classmethod
-    def from_json(cls, told: dict[str, Any]) -> RimClassifier:
+    def from_json(cls, content: dict[str, Any]) -> RimClassifier:
         """Create from the contents of the weights file."""
         members = [
             LogisticMember(
-                *(np.array(one[name]) for name in ("linear", "bias", "hidden", "shift", "out"))  # type: ignore[arg-type]  # the last one is a number
+                *(np.array(member[name]) for name in ("linear", "bias", "hidden", "shift", "out"))  # type: ignore[arg-type]  # the last one is a number
             )
-            for one in told["members"]
+            )
+            for member in content["members"]
         ]
-        trust, first_share = float(told["trust"]), float(told["first_share"])
-        return cls(
-            np.array(told["middle"]), np.array(told["spread"]), tuple(members), trust, first_share
-        )
+        trust, first_share = float(content["trust"]), float(content["first_share"])
+        return cls(np.array(content["middle"]), np.array(content["spread"]), tuple(members), trust, first_share)
 
     def scaled(self, rows: Array) -> Array:
         """Return features (n, count) as standard scores; 0 for unknown values."""
-        found: Array = np.clip(np.nan_to_num((rows - self.middle) / self.spread), -WIDEST, WIDEST)
-        return found
+        scores: Array = np.clip(np.nan_to_num((rows - self.middle) / self.spread), -WIDEST, WIDEST)
+        return scores
 
     def judged(self, rows: Array) -> Array:
         """Return the log odds (members, n) of each member for features (n, count)."""
-        numbers = self.scaled(rows)
-        return np.stack([member.odds(numbers) for member in self.members])
+        features = self.scaled(rows)
+        return np.stack([member.odds(features) for member in self.members])
 
     def odds(self, rows: Array) -> Array:
         """Return log odds (members, n) against no rim for features (n, count).
 
         The result of the first classifier is included.
         """
-        return self.trust * self.judged(rows) + self.first_share * np.maximum(
-            rows[:, FIRST], UNLISTED
-        )
+        return self.trust * self.judged(rows) + self.first_share * np.maximum(rows[:, FIRST], UNLISTED)
 
 
 @cache
@@ -109,63 +102,61 @@ def rim_classifier() -> RimClassifier:
 
 def odds(rings: Sequence[Ring], working: WorkingImage) -> Array:
     """Return log odds (members, n) of each ring against no rim, for each ensemble member."""
-    every = np.full((len(rim_classifier().members), len(rings)), UNLISTED)
+    log_odds = np.full((len(rim_classifier().members), len(rings)), UNLISTED)
     if len(rings):
         listed, rows = listed_rows(list(rings), working)
-        every[:, listed] = np.maximum(rim_classifier().odds(rows), UNLISTED)
-    return every
+        log_odds[:, listed] = np.maximum(rim_classifier().odds(rows), UNLISTED)
+    return log_odds
 
 
 def listed_rows(rings: list[Ring], working: WorkingImage) -> tuple[NDArray[np.intp], Array]:
     """Return the rings on the short list, best first, with their features."""
     size = working.size
     first = np.array([terms(cues) for cues in ring_features(rings, min(size))])
-    found = first @ FIRST_WEIGHTS - FIRST_NONE
-    listed = np.argsort(-found, kind="stable")[:SHORT]
+    log_odds = first @ FIRST_WEIGHTS - FIRST_NONE
+    listed = np.argsort(-log_odds, kind="stable")[:SHORT]
     rows = []
     for i in listed:
         ellipse = rings[i].ellipse
-        away = np.hypot(*np.subtract(ellipse.centre, np.divide(size, 2))) / min(size)
-        place = [away, 10 * np.hypot(*ellipse.stretch), 2 * ellipse.radius / size[0]]
-        rows.append(np.concatenate([first[i], numbers_round(working, ellipse), place]))
-    ahead = np.stack([found[listed], found[listed] - found.max()], axis=1)
-    return listed, np.hstack([np.array(rows), relations(rings, [int(i) for i in listed]), ahead])
+        centre_offset = np.hypot(*np.subtract(ellipse.centre, np.divide(size, 2))) / min(size)
+        position = [centre_offset, 10 * np.hypot(*ellipse.stretch), 2 * ellipse.radius / size[0]]
+        rows.append(np.concatenate([first[i], surrounding_statistics(working, ellipse), position]))
+    initial_results = np.stack([log_odds[listed], log_odds[listed] - log_odds.max()], axis=1)
+    return listed, np.hstack([np.array(rows), relations(rings, [int(i) for i in listed]), initial_results])
 
 
-def terms(cues: RingFeatures) -> Array:
+def terms(features: RingFeatures) -> Array:
     """Return the features (22,) of the first classifier: clipped cues and nonlinear terms."""
-    ends, near = np.clip([cues.ends, cues.ends_near], -3.0, 3.0)
+    texture_ratio, texture_ratio_near = np.clip([features.ends, features.ends_near], -3.0, 3.0)
     return np.array(
         [
-            cues.support,
-            cues.support**2,
-            cues.close,
-            cues.close**2,
-            cues.chance,
-            np.clip(cues.step, -2.5, 1.0),
-            np.clip(cues.differs, -2.0, 2.0),
-            max(cues.continues, 0.0),
-            cues.seen,
-            cues.radius,
-            cues.radius**2,
-            cues.texture,
-            min(cues.texture - FLAT, 0.0),
-            ends,
-            min(ends, 0.0),
-            near,
-            cues.calm_inside,
-            cues.calm_outside,
-            cues.framed,
-            cues.frames,
-            cues.within,
-            cues.about,
+            features.support,
+            features.support**2,
+            features.close,
+            features.close**2,
+            features.chance,
+            np.clip(features.step, -2.5, 1.0),
+            np.clip(features.differs, -2.0, 2.0),
+            max(features.continues, 0.0),
+            features.visible,
+            features.radius,
+            features.radius**2,
+            features.texture,
+            min(features.texture - FLAT, 0.0),
+            texture_ratio,
+            min(texture_ratio, 0.0),
+            texture_ratio_near,
+            features.calm_inside,
+            features.calm_outside,
+            features.framed,
+            features.frames,
+            features.within,
+            features.about,
         ]
     )
 
 
-def confidence(
-    odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0
-) -> float:
+def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0) -> float:
     """Return the confidence that a ring is the mirror's outline.
 
     It is based on the agreement between working resolutions.

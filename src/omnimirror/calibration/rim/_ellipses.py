@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...base.typing import Array
 from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, turns
 
-# -- Nearly circular ellipses, and their fit to edges ----------------------------------------------
+# -- Ellipses and their fit to edges ---------------------------------------------------------------
 
 FLATTEST = 0.16  # limit of the stretch parameters; ratio of axes 0.73
 USUAL_STRETCH = 0.03  # typical stretch by tilt; prior for partially visible rims
@@ -51,14 +51,14 @@ class Ellipse:
         u, v = ((c + 0.5) * scale - 0.5 for c in self.centre)
         return Ellipse((u, v), self.radius * scale, self.stretch)
 
-    def grown(self, share: float) -> Ellipse:
+    def grown(self, scale: float) -> Ellipse:
         """Return the ellipse enlarged about its centre."""
-        return Ellipse(self.centre, self.radius * share, self.stretch)
+        return Ellipse(self.centre, self.radius * scale, self.stretch)
 
-    def points(self, turn: Array, share: Array | float = 1.0) -> Array:
+    def points(self, azimuth: Array, scale: Array | float = 1.0) -> Array:
         """Return points (n, 2) on the (enlarged) ellipse for angles (n,) on the original circle."""
-        unit = _stretched(np.stack([np.cos(turn), np.sin(turn)], axis=-1), self.stretch)
-        points: Array = unit * (self.radius * np.asarray(share)[..., None]) + np.asarray(
+        unit = _stretched(np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1), self.stretch)
+        points: Array = unit * (self.radius * np.asarray(scale)[..., None]) + np.asarray(
             self.centre
         )
         return points
@@ -81,17 +81,18 @@ class Ellipse:
 
         The result contains all such points and few others.
         """
-        away = points - np.asarray(self.centre)
-        square = np.einsum("ij,ij->i", away, away)
+        offsets = points - np.asarray(self.centre)
+        square = np.einsum("ij,ij->i", offsets, offsets)
         longer, shorter = self.semi_axes
         return np.nonzero(
             (square < (longer + reach) ** 2) & (square > max(0.0, shorter - reach) ** 2)
         )[0]
 
-    def outward(self, turn: Array) -> Array:
+    def outward(self, azimuth: Array) -> Array:
         """Return unit normals (n, 2) for angles (n,) on the original circle."""
         normals = _stretched(
-            np.stack([np.cos(turn), np.sin(turn)], axis=-1), (-self.stretch[0], -self.stretch[1])
+            np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1),
+            (-self.stretch[0], -self.stretch[1]),
         )
         return normals / np.hypot(normals[..., 0], normals[..., 1])[..., None]
 
@@ -99,9 +100,11 @@ class Ellipse:
         """Return the distance of the centres in radii."""
         return float(np.hypot(*np.subtract(self.centre, other.centre))) / self.radius
 
-    def is_near(self, other: Ellipse, share: float) -> bool:
+    def is_near(self, other: Ellipse, tolerance: float) -> bool:
         """Return whether radius and centre agree within a fraction of the radius."""
-        return abs(other.radius / self.radius - 1) < share and self.offset_share(other) < share
+        return (
+            abs(other.radius / self.radius - 1) < tolerance and self.offset_share(other) < tolerance
+        )
 
 
 @dataclass(frozen=True)
@@ -150,19 +153,20 @@ def shifted(edges: EdgePoints, ring: Ellipse, shift: Shift, scale: float = 1.0) 
         Best ellipse.
     """
     circle = ring.on_circle(edges.points)
-    away = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
-    turn = np.arctan2(circle[:, 1], circle[:, 0]) % (2 * np.pi)
-    there = np.zeros((shift.turns, 2 * shift.half + 1))
-    at = np.clip(np.round(away / shift.cell_px).astype(int) + shift.half, 0, 2 * shift.half)
-    sector = (turn * (shift.turns / (2 * np.pi))).astype(int) % shift.turns
-    np.maximum.at(there, (sector, at), edges.weights)
-    there = np.maximum(
-        there, 0.6 * np.maximum(np.roll(there, 1, axis=1), np.roll(there, -1, axis=1))
+    distances = (np.linalg.norm(circle, axis=1) - 1) * ring.radius / scale
+    azimuth = np.arctan2(circle[:, 1], circle[:, 0]) % (2 * np.pi)
+    edge_weights = np.zeros((shift.turns, 2 * shift.half + 1))
+    cells = np.clip(np.round(distances / shift.cell_px).astype(int) + shift.half, 0, 2 * shift.half)
+    sector = (azimuth * (shift.turns / (2 * np.pi))).astype(int) % shift.turns
+    np.maximum.at(edge_weights, (sector, cells), edges.weights)
+    edge_weights = np.maximum(
+        edge_weights,
+        0.6 * np.maximum(np.roll(edge_weights, 1, axis=1), np.roll(edge_weights, -1, axis=1)),
     )
-    known = max(int(np.count_nonzero(there.any(axis=1))), 1)
-    moves, cost, wanted = _moves(shift, ring.stretch)
-    share = there.astype(np.float32).ravel()[wanted].sum(axis=0) / known
-    u, v, r, p, q = (float(move) * scale for move in moves[int(np.argmax(share - cost))])
+    sector_count = max(int(np.count_nonzero(edge_weights.any(axis=1))), 1)
+    moves, cost, cell_indices = _moves(shift, ring.stretch)
+    fractions = edge_weights.astype(np.float32).ravel()[cell_indices].sum(axis=0) / sector_count
+    u, v, r, p, q = (float(move) * scale for move in moves[int(np.argmax(fractions - cost))])
     stretch = ring.stretch[0] + p / ring.radius, ring.stretch[1] + q / ring.radius
     return Ellipse((ring.centre[0] + u, ring.centre[1] + v), ring.radius + r, stretch)
 
@@ -180,10 +184,16 @@ def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, ND
     moves = np.stack(
         [a.ravel() for a in np.meshgrid(steps, steps, steps, bends, bends, indexing="ij")], axis=1
     )
-    turn = turns(shift.turns) + np.pi / shift.turns
-    out = Ellipse((0.0, 0.0), 1.0, stretch).outward(turn)
+    azimuth = turns(shift.turns) + np.pi / shift.turns
+    normals = Ellipse((0.0, 0.0), 1.0, stretch).outward(azimuth)
     outwards = np.stack(
-        [out[:, 0], out[:, 1], np.ones_like(turn), np.cos(2 * turn), np.sin(2 * turn)]
+        [
+            normals[:, 0],
+            normals[:, 1],
+            np.ones_like(azimuth),
+            np.cos(2 * azimuth),
+            np.sin(2 * azimuth),
+        ]
     )
     cells = np.round(outwards.T @ moves.T / shift.cell_px).astype(np.int32) + shift.half
     cells += np.arange(shift.turns, dtype=np.int32)[:, None] * (2 * shift.half + 1)
@@ -197,11 +207,11 @@ def _stretched(points: Array, stretch: tuple[float, float]) -> Array:
     slope = math.sinh(size) / size if size > 0 else 1.0
     middle = math.cosh(size)
     matrix = np.array([[middle + slope * p, slope * q], [slope * q, middle - slope * p]])
-    turned: Array = points @ matrix
-    return turned
+    transformed: Array = points @ matrix
+    return transformed
 
 
-def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) -> Ellipse:
+def fit_ellipse(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) -> Ellipse:
     """Fit an ellipse to edges near an initial one by Gauss-Newton steps with robust weights.
 
     Parameters
@@ -220,7 +230,7 @@ def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) 
         Fitted ellipse; the initial one if there are too few edges.
     """
     ellipse = first
-    near = edges.among(_along(edges, first, CUT * reaches[0] + 3))
+    near = edges.subset(_along(edges, first, CUT * reaches[0] + 3))
     circle = first.on_circle(near.points)
     sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(
         int
@@ -241,16 +251,16 @@ def laid_through(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) 
 
 def _along(edges: EdgePoints, ellipse: Ellipse, reach: float) -> NDArray[np.intp]:
     """Return the indices of edges near an ellipse that may belong to it during the fit."""
-    near = ellipse.near(edges.points, reach)
-    out = _stretched(
-        ellipse.on_circle(edges.points[near]), (-ellipse.stretch[0], -ellipse.stretch[1])
+    candidates = ellipse.near(edges.points, reach)
+    outward = _stretched(
+        ellipse.on_circle(edges.points[candidates]), (-ellipse.stretch[0], -ellipse.stretch[1])
     )
-    normals = edges.normals[near]
-    across = np.abs(out[:, 0] * normals[:, 0] + out[:, 1] * normals[:, 1])
-    chosen: NDArray[np.intp] = near[
-        across > np.cos(NORMAL_SLACK + TURNED) * np.hypot(out[:, 0], out[:, 1])
+    normals = edges.normals[candidates]
+    alignment = np.abs(outward[:, 0] * normals[:, 0] + outward[:, 1] * normals[:, 1])
+    selected: NDArray[np.intp] = candidates[
+        alignment > np.cos(NORMAL_SLACK + TURNED) * np.hypot(outward[:, 0], outward[:, 1])
     ]
-    return chosen
+    return selected
 
 
 def _step(
@@ -260,31 +270,31 @@ def _step(
     circle = ellipse.on_circle(edges.points)
     length = np.hypot(circle[:, 0], circle[:, 1])
     residual, r = (length - 1) * ellipse.radius, ellipse.radius
-    out = _stretched(circle, (-ellipse.stretch[0], -ellipse.stretch[1]))
-    out /= np.hypot(out[:, 0], out[:, 1])[:, None]
-    across = np.abs(out[:, 0] * edges.normals[:, 0] + out[:, 1] * edges.normals[:, 1])
-    used = (np.abs(residual) < CUT * reach) & (across > np.cos(NORMAL_SLACK))
-    if used.sum() < 2 * PARAMETERS:
+    outward = _stretched(circle, (-ellipse.stretch[0], -ellipse.stretch[1]))
+    outward /= np.hypot(outward[:, 0], outward[:, 1])[:, None]
+    alignment = np.abs(outward[:, 0] * edges.normals[:, 0] + outward[:, 1] * edges.normals[:, 1])
+    is_used = (np.abs(residual) < CUT * reach) & (alignment > np.cos(NORMAL_SLACK))
+    if is_used.sum() < 2 * PARAMETERS:
         return None
-    weight = used * edges.weights / (1 + (residual / reach) ** 2)
+    weight = is_used * edges.weights / (1 + (residual / reach) ** 2)
     total = np.bincount(sector, weight, SECTORS)  # equal weight of all directions
     weight = weight / np.maximum(total, 0.5)[sector]
     c, s = circle[:, 0] / length, circle[:, 1] / length
     columns = np.stack(
-        [out[:, 0], out[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1
+        [outward[:, 0], outward[:, 1], np.full(len(c), r), r * (c * c - s * s), r * (2 * c * s)], 1
     )
     normal = (columns * weight[:, None]).T @ columns
     right = (columns * weight[:, None]).T @ residual
-    pull = (reach / USUAL_STRETCH) ** 2 * 0.5
-    normal[3, 3] += pull
-    normal[4, 4] += pull
-    right[3:] -= pull * np.asarray(ellipse.stretch)
+    prior_weight = (reach / USUAL_STRETCH) ** 2 * 0.5
+    normal[3, 3] += prior_weight
+    normal[4, 4] += prior_weight
+    right[3:] -= prior_weight * np.asarray(ellipse.stretch)
     normal[np.diag_indices(PARAMETERS)] += 1e-9 * np.trace(normal)
     step: Array = np.linalg.solve(normal, right)
     return step
 
 
-# -- Subpixel refinement of a ring in the full-size image, from edges of profiles across it --------
+# -- Subpixel refinement ---------------------------------------------------------------------------
 
 PROFILES = 720
 REACH_PX = 5.0  # working pixels to both sides
@@ -318,19 +328,19 @@ def refine_ring(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tupl
     edges = _edges_across(levels, ring, scale)
     shapes = {ring.stretch, (ring.stretch[0] / 2, ring.stretch[1] / 2), (0.0, 0.0)}
     reaches = tuple(reach * scale for reach in REACHES_PX)
-    best = laid_through(edges, ring, reaches)
-    share = _close(edges, best, CLOSE_PX * scale)
-    if share > CLEAR:
-        return best, share
-    most = -np.inf
+    best = fit_ellipse(edges, ring, reaches)
+    fraction = _close(edges, best, CLOSE_PX * scale)
+    if fraction > CLEAR:
+        return best, fraction
+    best_score = -np.inf
     for shape in sorted(shapes):
         start = shifted(edges, Ellipse(ring.centre, ring.radius, shape), SHIFT, scale)
-        ellipse = laid_through(edges, start, reaches)
+        ellipse = fit_ellipse(edges, start, reaches)
         close = _close(edges, ellipse, CLOSE_PX * scale)
         score = clearness(ellipse, close)
-        if score > most:
-            best, share, most = ellipse, close, score
-    return best, share
+        if score > best_score:
+            best, fraction, best_score = ellipse, close, score
+    return best, fraction
 
 
 def clearness(ellipse: Ellipse, share: float) -> float:
@@ -344,14 +354,18 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
 
     step = max(0.5, scale / SAMPLES)
     reach = REACH_PX * scale
-    away = np.arange(-reach, reach + step / 2, step)
-    turn = turns(PROFILES)
-    on, out = ring.points(turn), ring.outward(turn)
-    points = (on[:, None, :] + away[None, :, None] * out[:, None, :]).astype(np.float32)
+    distances = np.arange(-reach, reach + step / 2, step)
+    azimuth = turns(PROFILES)
+    ring_points, normals = ring.points(azimuth), ring.outward(azimuth)
+    points = (ring_points[:, None, :] + distances[None, :, None] * normals[:, None, :]).astype(
+        np.float32
+    )
     height, width = levels.shape[:2]
     margin = EDGE_PX * scale
     inside = np.asarray(
-        ((on > margin) & (on < np.array([width - 1, height - 1]) - margin)).all(axis=1)
+        ((ring_points > margin) & (ring_points < np.array([width - 1, height - 1]) - margin)).all(
+            axis=1
+        )
     )
     top, left = (max(0, int(np.floor(points[..., k].min()))) for k in (1, 0))
     crop = np.ascontiguousarray(
@@ -359,56 +373,60 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     )
     if not inside.any() or not crop.size:
         return EdgePoints(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
-    seen = cv2.remap(
+    samples = cv2.remap(
         crop,
         points[..., 0] - left,
         points[..., 1] - top,
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    seen = seen.reshape(PROFILES, len(away), -1).astype(np.float32)
+    samples = samples.reshape(PROFILES, len(distances), -1).astype(np.float32)
     smooth = cv2.GaussianBlur(
-        seen.reshape(PROFILES, -1, seen.shape[2]),
+        samples.reshape(PROFILES, -1, samples.shape[2]),
         (0, 0),
         sigmaX=0.8 * scale / step if scale > 1 else 1.6,
         sigmaY=0.8,
     )
-    smooth = smooth.reshape(seen.shape)
-    across = np.gradient(smooth, step / scale, axis=1)
-    which = np.abs(across).argmax(axis=2)[..., None]
-    across = np.take_along_axis(across, which, axis=2)[..., 0]
-    along = (np.roll(smooth, -1, axis=0) - np.roll(smooth, 1, axis=0)) / (
+    smooth = smooth.reshape(samples.shape)
+    gradients = np.gradient(smooth, step / scale, axis=1)
+    channel = np.abs(gradients).argmax(axis=2)[..., None]
+    gradients = np.take_along_axis(gradients, channel, axis=2)[..., 0]
+    tangential_gradients = (np.roll(smooth, -1, axis=0) - np.roll(smooth, 1, axis=0)) / (
         4 * np.pi * ring.radius / PROFILES / scale
     )
-    lean = np.take_along_axis(along, which, axis=2)[..., 0] / (np.abs(across) + 1e-6)
-    slope = np.abs(across)
-    here, before, after = slope[:, 1:-1], slope[:, :-2], slope[:, 2:]
-    found = (here >= after) & (here > before) & (here > MIN_STEP) & inside[:, None]
-    which, place = np.nonzero(found)
-    a, b, c = before[found], here[found], after[found]
-    offset = np.clip((c - a) / np.maximum(2 * (2 * b - a - c), 1e-9), -0.5, 0.5)
-    at = away[place + 1] + offset * step
-    edge = on[which] + at[:, None] * out[which]
-    clear = b * np.exp(-((at / (BESIDE_PX * scale)) ** 2) / 2)  # an outer frame may be stronger
-    most = np.zeros(PROFILES)
-    np.maximum.at(most, which, clear)
-    weights = (
-        (clear / most[which]) ** 2
-        * np.minimum(b / FULL_WEIGHT_STEP, 1.0)
-        / (1 + (lean[:, 1:-1][found] / LEAN) ** 2)
+    obliquity = np.take_along_axis(tangential_gradients, channel, axis=2)[..., 0] / (
+        np.abs(gradients) + 1e-6
     )
-    return EdgePoints(edge, out[which], b.astype(float), weights)
+    slope = np.abs(gradients)
+    here, before, after = slope[:, 1:-1], slope[:, :-2], slope[:, 2:]
+    is_edge = (here >= after) & (here > before) & (here > MIN_STEP) & inside[:, None]
+    channel, sample_index = np.nonzero(is_edge)
+    a, b, c = before[is_edge], here[is_edge], after[is_edge]
+    offset = np.clip((c - a) / np.maximum(2 * (2 * b - a - c), 1e-9), -0.5, 0.5)
+    edge_distance = distances[sample_index + 1] + offset * step
+    edge = ring_points[channel] + edge_distance[:, None] * normals[channel]
+    proximity_weight = b * np.exp(
+        -((edge_distance / (BESIDE_PX * scale)) ** 2) / 2
+    )  # an outer frame may be stronger
+    max_weight = np.zeros(PROFILES)
+    np.maximum.at(max_weight, channel, proximity_weight)
+    weights = (
+        (proximity_weight / max_weight[channel]) ** 2
+        * np.minimum(b / FULL_WEIGHT_STEP, 1.0)
+        / (1 + (obliquity[:, 1:-1][is_edge] / LEAN) ** 2)
+    )
+    return EdgePoints(edge, normals[channel], b.astype(float), weights)
 
 
 def _close(edges: EdgePoints, ellipse: Ellipse, close: float) -> float:
     """Return the fraction of the profiles with an edge close to the ellipse."""
     circle = ellipse.on_circle(edges.points)
-    away = np.abs(np.linalg.norm(circle, axis=1) - 1) * ellipse.radius
+    distances = np.abs(np.linalg.norm(circle, axis=1) - 1) * ellipse.radius
     sector = ((np.arctan2(circle[:, 1], circle[:, 0]) / (2 * np.pi) + 0.5) * PROFILES).astype(
         int
     ) % PROFILES
-    there, near = np.zeros((2, PROFILES))
-    np.maximum.at(there, sector, edges.weights)
-    np.maximum.at(near, sector, edges.weights * np.exp(-((away / close) ** 2) / 2))
-    known = max(int(np.count_nonzero(there)), 1)
-    return float(near.sum() / known)
+    edge_weights, close_weights = np.zeros((2, PROFILES))
+    np.maximum.at(edge_weights, sector, edges.weights)
+    np.maximum.at(close_weights, sector, edges.weights * np.exp(-((distances / close) ** 2) / 2))
+    sector_count = max(int(np.count_nonzero(edge_weights)), 1)
+    return float(close_weights.sum() / sector_count)

@@ -17,7 +17,7 @@ from ...base.typing import Array, Mask
 from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, WorkingImage, strongest, turns
 from ._ellipses import NORMAL_SLACK, Ellipse
 
-# -- Features of a ring that indicate a mirror's rim: complete edges, and texture that ends at it
+# -- Edge and texture features ---------------------------------------------------------------------
 
 SECTORS = 72
 CLOSE_PX, NEAR_PX = 0.7, 1.6  # maximum distance from the ring for its own edges
@@ -54,7 +54,7 @@ class RingFeatures:
     """Logarithm of the difference of both sides at larger distance, relative to their variation."""
     continues: float
     """Correlation of the adjacent inner and outer bands."""
-    seen: float
+    visible: float
     """Visible fraction of the circumference."""
     radius: float
     """Logarithm of the radius relative to the short image side."""
@@ -86,7 +86,7 @@ class Ring:
     support: float
     close: float
     chance: float
-    seen: float
+    visible: float
     step: float
     differs: float
     texture: Array
@@ -96,17 +96,20 @@ class Ring:
     def band(self, low: float, high: float) -> float:
         """Return the mean texture between two fractions of the radius; NaN outside the image."""
         values = self.texture[:, between(low, high)]
-        known = values[np.isfinite(values)]
-        return float(known.mean()) if known.size >= 0.15 * values.size else np.nan
+        finite = values[np.isfinite(values)]
+        return float(finite.mean()) if finite.size >= 0.15 * values.size else np.nan
 
     def calm(self, low: float, high: float) -> float:
         """Return the fraction of the visible circumference with almost no texture in a band."""
         values = self.texture[:, between(low, high)]
-        known = np.isfinite(values)
-        seen = known.any(axis=1)
-        if not seen.any():
+        is_finite = np.isfinite(values)
+        is_visible = is_finite.any(axis=1)
+        if not is_visible.any():
             return 0.0
-        sums = np.where(known, values, 0.0).sum(axis=1)[seen] / known.sum(axis=1)[seen]
+        sums = (
+            np.where(is_finite, values, 0.0).sum(axis=1)[is_visible]
+            / is_finite.sum(axis=1)[is_visible]
+        )
         return float(np.mean(sums < MAX_CALM_TEXTURE))
 
 
@@ -131,17 +134,19 @@ def ring_of(
 
     Edges of a ring that is not resolved at working size are taken from the finer image.
     """
-    support, close, chance, seen = _support(edges, working.size, ellipse)
+    support, close, chance, visible = _support(edges, working.size, ellipse)
     if support < MIN_SUPPORT and finer is not None:
-        support, close, chance, seen = _support(
+        support, close, chance, visible = _support(
             finer.edges, finer.size, ellipse.scaled(finer.scale)
         )
     if support < MIN_SUPPORT or close <= least_close:
         return None
     polar, inside = unrolled(working, ellipse)
     texture = _texture(polar, inside, ellipse, working.noise)
-    step, differs, continues = _across(polar, inside)
-    return Ring(ellipse, support, close, chance, seen, step, differs, texture, continues)
+    step, side_difference, correlation = _across(polar, inside)
+    return Ring(
+        ellipse, support, close, chance, visible, step, side_difference, texture, correlation
+    )
 
 
 def ring_features(rings: list[Ring], short_side: float) -> list[RingFeatures]:
@@ -152,10 +157,10 @@ def ring_features(rings: list[Ring], short_side: float) -> list[RingFeatures]:
     ]
 
 
-def _features_of_ring(ring: Ring, among: Array, short_side: float) -> RingFeatures:
-    framed, within, frames, about = (float(number) for number in among)
-    inner, near = ring.band(0.6, 0.97), ring.band(0.9, 0.97)
-    outer, beyond = ring.band(1.03, 1.4), ring.band(1.03, 1.1)
+def _features_of_ring(ring: Ring, frame_evidence: Array, short_side: float) -> RingFeatures:
+    framed, within, frames, about = (float(number) for number in frame_evidence)
+    inner, inner_edge = ring.band(0.6, 0.97), ring.band(0.9, 0.97)
+    outer, outer_edge = ring.band(1.03, 1.4), ring.band(1.03, 1.1)
     return RingFeatures(
         support=ring.support,
         close=ring.close,
@@ -163,11 +168,11 @@ def _features_of_ring(ring: Ring, among: Array, short_side: float) -> RingFeatur
         step=float(np.log(ring.step / FULL_WEIGHT_STEP + 0.1)),
         differs=ring.differs,
         continues=ring.continues,
-        seen=ring.seen,
+        visible=ring.visible,
         radius=float(np.log(ring.ellipse.radius / short_side)),
         texture=_log(inner),
         ends=_log(inner) - _log(outer),
-        ends_near=_log(near) - _log(beyond),
+        ends_near=_log(inner_edge) - _log(outer_edge),
         calm_inside=ring.calm(0.8, 0.97),
         calm_outside=ring.calm(1.03, 1.2),
         framed=framed,
@@ -197,25 +202,25 @@ def _frames(rings: list[Ring]) -> Array:
     centre = np.array([ring.ellipse.centre for ring in rings])
     shape = np.array([ring.ellipse.stretch for ring in rings])
     close = np.array([ring.close for ring in rings])
-    share = radius[:, None] / radius  # of the radius of the first to that of the second
+    radius_ratio = radius[:, None] / radius  # of the radius of the first to that of the second
     offset = np.hypot(*(centre[:, None] - centre).transpose(2, 0, 1)) / radius[:, None]
-    bent = np.hypot(*(shape[:, None] - shape).transpose(2, 0, 1))
-    clear = np.minimum(close[:, None], close)
+    shape_difference = np.hypot(*(shape[:, None] - shape).transpose(2, 0, 1))
+    clarity = np.minimum(close[:, None], close)
     pairs = (
-        (share > 0.5)
-        & (share < 1 - SAME_RING)
+        (radius_ratio > 0.5)
+        & (radius_ratio < 1 - SAME_RING)
         & (offset <= FAMILY_OFFSET)
-        & (bent <= FAMILY_STRETCH)
+        & (shape_difference <= FAMILY_STRETCH)
     )
-    found = np.zeros((len(rings), 4))
-    for i, j in zip(*np.nonzero(pairs & (clear > 0.5)), strict=True):
-        grown = 1 / float(share[i, j])
-        gap = min(0.02, (grown - 1) / 3)
-        framed = (clear[i, j] - 0.5) / 0.5 * rings[i].calm(1 + gap, grown - gap) ** 2
-        seen = max(0.0, (clear[i, j] - 0.7) / 0.3)
-        found[j, :2] = np.maximum(found[j, :2], [framed, seen])
-        found[i, 2:] = np.maximum(found[i, 2:], [framed, seen])
-    return found
+    evidence = np.zeros((len(rings), 4))
+    for i, j in zip(*np.nonzero(pairs & (clarity > 0.5)), strict=True):
+        ratio = 1 / float(radius_ratio[i, j])
+        gap = min(0.02, (ratio - 1) / 3)
+        framed = (clarity[i, j] - 0.5) / 0.5 * rings[i].calm(1 + gap, ratio - gap) ** 2
+        clear_evidence = max(0.0, (clarity[i, j] - 0.7) / 0.3)
+        evidence[j, :2] = np.maximum(evidence[j, :2], [framed, clear_evidence])
+        evidence[i, 2:] = np.maximum(evidence[i, 2:], [framed, clear_evidence])
+    return evidence
 
 
 def _support(
@@ -225,33 +230,35 @@ def _support(
 
     Edges are counted on, close to, and next to the ring.
     """
-    turn = turns(SECTORS) + np.pi / SECTORS
-    points = ellipse.points(turn)
-    seen = ((points >= 3) & (points <= np.subtract(size, 4))).all(axis=1)
-    if not seen.any():
+    azimuth = turns(SECTORS) + np.pi / SECTORS
+    points = ellipse.points(azimuth)
+    is_visible = ((points >= 3) & (points <= np.subtract(size, 4))).all(axis=1)
+    if not is_visible.any():
         return 0.0, 0.0, 0.0, 0.0
-    near = ellipse.near(edges.points, 12 * NEAR_PX)
+    candidates = ellipse.near(edges.points, 12 * NEAR_PX)
     circle, normals, weights = (
-        ellipse.on_circle(edges.points[near]),
-        edges.normals[near],
-        edges.weights[near],
+        ellipse.on_circle(edges.points[candidates]),
+        edges.normals[candidates],
+        edges.weights[candidates],
     )
-    away = (np.hypot(circle[:, 0], circle[:, 1]) - 1) * ellipse.radius
+    distances = (np.hypot(circle[:, 0], circle[:, 1]) - 1) * ellipse.radius
     angle = np.arctan2(circle[:, 1], circle[:, 0])
     aligned = np.abs(np.einsum("ij,ij->i", ellipse.outward(angle), normals)) > np.cos(NORMAL_SLACK)
     sector = np.minimum((angle % (2 * np.pi)) * (SECTORS / (2 * np.pi)), SECTORS - 1).astype(int)
 
-    def share(chosen: NDArray[np.bool_]) -> float:
+    def fraction(selected: NDArray[np.bool_]) -> float:
         best = np.zeros(SECTORS)
-        np.maximum.at(best, sector[chosen], np.minimum(1.0, 2 * weights[chosen]))
-        return float(best[seen].mean())
+        np.maximum.at(best, sector[selected], np.minimum(1.0, 2 * weights[selected]))
+        return float(best[is_visible].mean())
 
-    beside = [share(aligned & (np.abs(away - k * NEAR_PX) < NEAR_PX)) for k in (-9, -6, 6, 9)]
+    neighbouring = [
+        fraction(aligned & (np.abs(distances - k * NEAR_PX) < NEAR_PX)) for k in (-9, -6, 6, 9)
+    ]
     return (
-        share(aligned & (np.abs(away) < NEAR_PX)),
-        share(aligned & (np.abs(away) < CLOSE_PX)),
-        float(np.mean(beside)),
-        float(seen.mean()),
+        fraction(aligned & (np.abs(distances) < NEAR_PX)),
+        fraction(aligned & (np.abs(distances) < CLOSE_PX)),
+        float(np.mean(neighbouring)),
+        float(is_visible.mean()),
     )
 
 
@@ -261,12 +268,12 @@ def unrolled(
     """Return the image (turns, shares, channels) around an ellipse, and its visibility."""
     import cv2
 
-    away = (ellipse.points(turns(TURNS)) - np.asarray(ellipse.centre)).astype(np.float32)
-    u = away[:, :1] * RADIUS_FRACTIONS32 + np.float32(ellipse.centre[0])
-    v = away[:, 1:] * RADIUS_FRACTIONS32 + np.float32(ellipse.centre[1])
+    offsets = (ellipse.points(turns(TURNS)) - np.asarray(ellipse.centre)).astype(np.float32)
+    u = offsets[:, :1] * RADIUS_FRACTIONS32 + np.float32(ellipse.centre[0])
+    v = offsets[:, 1:] * RADIUS_FRACTIONS32 + np.float32(ellipse.centre[1])
     width, height = working.size
     inside = (u >= 0) & (u <= width - 1) & (v >= 0) & (v <= height - 1)
-    polar: Any = cv2.remap(working.picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    polar: Any = cv2.remap(working.image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return polar.reshape(*u.shape, -1), inside
 
 
@@ -274,44 +281,50 @@ def _texture(
     polar: NDArray[np.float32], inside: NDArray[np.bool_], ellipse: Ellipse, noise: float
 ) -> Array:
     """Return the texture around a ring for each part and fraction of the radius."""
-    apart = RADIUS_FRACTIONS32 * np.float32(
+    sample_spacing = RADIUS_FRACTIONS32 * np.float32(
         ellipse.radius * (2 * np.pi / TURNS) * 2
     )  # px, previous to next sample
-    steps = strongest(np.abs(np.roll(polar, -1, axis=0) - np.roll(polar, 1, axis=0))) / apart
-    least = max(MIN_STEP / 2, 2.5 * noise)
-    counted = np.clip((steps - least) / max(FULL_WEIGHT_STEP - least, least), 0, 1) * inside
-    known = inside.reshape(PARTS, -1, len(RADIUS_FRACTIONS)).sum(axis=1)
+    steps = (
+        strongest(np.abs(np.roll(polar, -1, axis=0) - np.roll(polar, 1, axis=0))) / sample_spacing
+    )
+    min_step = max(MIN_STEP / 2, 2.5 * noise)
+    significance = (
+        np.clip((steps - min_step) / max(FULL_WEIGHT_STEP - min_step, min_step), 0, 1) * inside
+    )
+    visible_counts = inside.reshape(PARTS, -1, len(RADIUS_FRACTIONS)).sum(axis=1)
     with np.errstate(invalid="ignore"):
         texture: Array = np.where(
-            known > 0, counted.reshape(PARTS, -1, len(RADIUS_FRACTIONS)).sum(axis=1) / known, np.nan
+            visible_counts > 0,
+            significance.reshape(PARTS, -1, len(RADIUS_FRACTIONS)).sum(axis=1) / visible_counts,
+            np.nan,
         )
     return texture
 
 
 def _across(polar: NDArray[np.float32], inside: NDArray[np.bool_]) -> tuple[float, float, float]:
     """Return the median step across the ring, and the difference and correlation of its sides."""
-    (within, beyond), near = _sides(polar, inside, (0.945, 0.975), (1.025, 1.055))
-    (inner, outer), wide = _sides(polar, inside, (0.86, 0.93), (1.08, 1.15))
-    if min(near.sum(), wide.sum()) < TURNS // 8:
+    (inner_band, outer_band), near_visible = _sides(polar, inside, (0.945, 0.975), (1.025, 1.055))
+    (inner, outer), far_visible = _sides(polar, inside, (0.86, 0.93), (1.08, 1.15))
+    if min(near_visible.sum(), far_visible.sum()) < TURNS // 8:
         return 0.0, 0.0, 0.0
-    step = float(np.median(strongest(np.abs(within - beyond))[near]))
-    apart = float(np.median(strongest(np.abs(inner - outer))[wide]))
-    spread = float((inner[wide].std(axis=0) + outer[wide].std(axis=0)).max() / 2)
-    a, b = (detail(side)[near].ravel() for side in (within, beyond))
+    step = float(np.median(strongest(np.abs(inner_band - outer_band))[near_visible]))
+    difference = float(np.median(strongest(np.abs(inner - outer))[far_visible]))
+    spread = float((inner[far_visible].std(axis=0) + outer[far_visible].std(axis=0)).max() / 2)
+    a, b = (detail(side)[near_visible].ravel() for side in (inner_band, outer_band))
     norm = float(np.sqrt((a @ a + 1.0) * (b @ b + 1.0)))
-    return step, float(np.log((apart + MIN_STEP) / (spread + MIN_STEP))), float(a @ b) / norm
+    return step, float(np.log((difference + MIN_STEP) / (spread + MIN_STEP))), float(a @ b) / norm
 
 
 def _sides(
     polar: NDArray[np.float32],
     inside: NDArray[np.bool_],
-    within: tuple[float, float],
-    beyond: tuple[float, float],
+    inner: tuple[float, float],
+    outer: tuple[float, float],
 ) -> tuple[list[NDArray[np.float32]], NDArray[np.bool_]]:
     """Return means (turns, channels) of an inner and an outer band, and their visibility."""
-    bands = [between(*within), between(*beyond)]
-    known = np.asarray(inside[:, bands[0]].all(axis=1) & inside[:, bands[1]].all(axis=1))
-    return [polar[:, band].mean(axis=1) for band in bands], known
+    bands = [between(*inner), between(*outer)]
+    is_visible = np.asarray(inside[:, bands[0]].all(axis=1) & inside[:, bands[1]].all(axis=1))
+    return [polar[:, band].mean(axis=1) for band in bands], is_visible
 
 
 def detail(side: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -349,7 +362,7 @@ CALM_BAND_TEXTURE, FAINT_BAND_TEXTURE, FAINT_LEVELS = 0.03, 0.004, 2.0
 LEAST_TURNS = 5  # minimum number of samples around the ring for a mean
 
 
-def numbers_round(working: WorkingImage, ellipse: Ellipse) -> Array:
+def surrounding_statistics(working: WorkingImage, ellipse: Ellipse) -> Array:
     """Return statistics (67,) around an ellipse; NaN outside the image.
 
     For each band: logarithms of the changes along the ring, of the ratio of changes across and
@@ -358,19 +371,19 @@ def numbers_round(working: WorkingImage, ellipse: Ellipse) -> Array:
     brightness; correlations across the ring; fractions of calm parts of bands.
     """
     polar, inside = unrolled(working, ellipse)
-    half, seen = polar[::2], inside[::2]
-    least = max(MIN_STEP / 2, 2.5 * working.noise)
-    along, across = (_counted(steps, least) for steps in _steps(polar, ellipse.radius))
-    count = seen.sum(axis=0)
+    half, is_visible = polar[::2], inside[::2]
+    min_step = max(MIN_STEP / 2, 2.5 * working.noise)
+    along, across = (_significance(steps, min_step) for steps in _steps(polar, ellipse.radius))
+    count = is_visible.sum(axis=0)
     turning, crossing = (
-        _mean(along[..., None], seen, count)[:, 0],
-        _mean(across[..., None], seen, count)[:, 0],
+        _mean(along[..., None], is_visible, count)[:, 0],
+        _mean(across[..., None], is_visible, count)[:, 0],
     )
-    level = _mean(half, seen, count)
-    spread = np.sqrt(np.maximum(_mean(half * half, seen, count) - level**2, 0.0)).max(axis=1)
+    level = _mean(half, is_visible, count)
+    spread = np.sqrt(np.maximum(_mean(half * half, is_visible, count) - level**2, 0.0)).max(axis=1)
     turn, cross, spreads, colours = (_banded(x) for x in (turning, crossing, spread, level))
     texture = np.log(turn + FAINT_BAND_TEXTURE)
-    clear = [_above(crossing[between(*ring)]) for ring in RINGS]
+    ring_clarity = [_peak_above_median(crossing[between(*ring)]) for ring in RINGS]
     differences = [
         float(np.log(np.abs(colours[a] - colours[b]).max() + FAINT_LEVELS)) for a, b in CONTRASTS
     ]
@@ -380,13 +393,13 @@ def numbers_round(working: WorkingImage, ellipse: Ellipse) -> Array:
             texture,
             np.log(cross + FAINT_BAND_TEXTURE) - texture,
             np.log(spreads + FAINT_LEVELS),
-            clear,
-            [_most(crossing[between(1 - RADIUS_FRACTION_STEP, 1 + 1.5 * RADIUS_FRACTION_STEP)])],
+            ring_clarity,
+            [_maximum(crossing[between(1 - RADIUS_FRACTION_STEP, 1 + 1.5 * RADIUS_FRACTION_STEP)])],
             differences,
             [(grey[INNER] - grey[OUTER]) / 64, (grey[WITHIN_RIM] - grey[FAR]) / 64],
             grey[[INNER, OUTER, FAR, CAMERA]] / 128,
-            np.array(_going_on(polar, inside)),
-            np.array(_calm(along, seen)),
+            np.array(_edge_statistics(polar, inside)),
+            np.array(_calm_fractions(along, is_visible)),
         ]
     )
 
@@ -408,16 +421,18 @@ def _steps(polar: Image, radius: float) -> tuple[Image, Image]:
     return along, across
 
 
-def _counted(steps: Image, least: float) -> Image:
-    counted: Image = np.clip(
-        (steps - np.float32(least)) / np.float32(max(FULL_WEIGHT_STEP - least, least)), 0, 1
+def _significance(steps: Image, min_step: float) -> Image:
+    significance: Image = np.clip(
+        (steps - np.float32(min_step)) / np.float32(max(FULL_WEIGHT_STEP - min_step, min_step)),
+        0,
+        1,
     )
-    return counted
+    return significance
 
 
-def _mean(values: Image, seen: Mask, count: NDArray[np.int_]) -> Array:
+def _mean(values: Image, is_visible: Mask, count: NDArray[np.int_]) -> Array:
     """Return means (shares, channels) along the ring, over its visible part."""
-    sums = np.einsum("tsc,ts->sc", values, seen.astype(np.float32))
+    sums = np.einsum("tsc,ts->sc", values, is_visible.astype(np.float32))
     return np.where((count >= LEAST_TURNS)[:, None], sums / np.maximum(count, 1)[:, None], np.nan)
 
 
@@ -426,41 +441,41 @@ def _banded(values: Array) -> Array:
     means = np.full((len(BANDS), *values.shape[1:]), np.nan)
     for k, band in enumerate(BANDS):
         part = values[between(*band)]
-        known = part[np.isfinite(part.reshape(len(part), -1)).all(axis=1)]
-        if len(known):
-            means[k] = known.mean(axis=0)
+        finite = part[np.isfinite(part.reshape(len(part), -1)).all(axis=1)]
+        if len(finite):
+            means[k] = finite.mean(axis=0)
     return means
 
 
-def _above(values: Array) -> float:
+def _peak_above_median(values: Array) -> float:
     """Return the difference of maximum and median."""
-    known = values[np.isfinite(values)]
-    return float(known.max() - np.median(known)) if len(known) else np.nan
+    finite = values[np.isfinite(values)]
+    return float(finite.max() - np.median(finite)) if len(finite) else np.nan
 
 
-def _most(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.max()) if len(known) else np.nan
+def _maximum(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.max()) if len(finite) else np.nan
 
 
-def _going_on(polar: Image, inside: Mask) -> list[float]:
+def _edge_statistics(polar: Image, inside: Mask) -> list[float]:
     """Return statistics across the ring (9,).
 
     They are correlations of both sides along the ring, in detail and as a whole, the consistency of
     the sign of the brightness step, and logarithms of the median and a low percentile of the step.
     """
-    known = inside[:, between(0.95, 1.05)].all(axis=1)
-    if known.sum() < TURNS // 10:
+    is_visible = inside[:, between(0.95, 1.05)].all(axis=1)
+    if is_visible.sum() < TURNS // 10:
         return [np.nan] * 9
     sides = [polar[:, between(*side)].mean(axis=1) for side in SIDES]
-    fine = [detail(side)[known] for side in sides]
-    alike = [_correlation(fine[a], fine[b]) for a, b in ALIKE]
-    whole = [side[known] - side[known].mean(axis=0) for side in sides]
-    alike += [_correlation(whole[a], whole[b]) for a, b in ALIKE[:2]]
-    step = (sides[1] - sides[4])[known]
+    details = [detail(side)[is_visible] for side in sides]
+    correlations = [_correlation(details[a], details[b]) for a, b in ALIKE]
+    centred_sides = [side[is_visible] - side[is_visible].mean(axis=0) for side in sides]
+    correlations += [_correlation(centred_sides[a], centred_sides[b]) for a, b in ALIKE[:2]]
+    step = (sides[1] - sides[4])[is_visible]
     sizes = strongest(np.abs(step))
     steps = [float(np.log(np.percentile(sizes, share) + 1)) for share in (50, 20)]
-    return [*alike, abs(float(np.sign(step.mean(axis=1)).mean())), *steps]
+    return [*correlations, abs(float(np.sign(step.mean(axis=1)).mean())), *steps]
 
 
 def _correlation(one: Image, other: Image) -> float:
@@ -468,23 +483,23 @@ def _correlation(one: Image, other: Image) -> float:
     return float(a @ b) / float(np.sqrt((a @ a + 1.0) * (b @ b + 1.0)))
 
 
-def _calm(along: Image, seen: Mask) -> list[float]:
+def _calm_fractions(along: Image, is_visible: Mask) -> list[float]:
     """Return for each band the fraction of the visible ring with almost no change."""
-    shares = []
+    fractions = []
     for band in CALMS:
         cells = between(*band)
-        known = seen[:, cells].reshape(PARTS, -1)
-        sums = (along[:, cells].reshape(PARTS, -1) * known).sum(axis=1)
-        count = known.sum(axis=1)
-        shares.append(
+        cell_visible = is_visible[:, cells].reshape(PARTS, -1)
+        sums = (along[:, cells].reshape(PARTS, -1) * cell_visible).sum(axis=1)
+        count = cell_visible.sum(axis=1)
+        fractions.append(
             float(np.mean(sums[count > 0] < CALM_BAND_TEXTURE * count[count > 0]))
             if count.any()
             else np.nan
         )
-    return shares
+    return fractions
 
 
-# -- Features of a ring relative to its concentric rings: number, clarity and bands between them
+# -- Features relative to concentric rings ---------------------------------------------------------
 
 MAX_STRETCH = 0.04  # maximum difference of the shapes of rings in a family
 NEIGHBOUR_INTERVALS = (
@@ -510,60 +525,61 @@ def relations(rings: Sequence[Ring], chosen: Sequence[int]) -> Array:
     radii = np.array([ring.ellipse.radius for ring in rings])
     shapes = np.array([ring.ellipse.stretch for ring in rings])
     close = np.array([ring.close for ring in rings])
-    found = np.array([ring.support * ring.seen for ring in rings])
+    visible_support = np.array([ring.support * ring.visible for ring in rings])
     rows = []
     for i in chosen:
         family = (np.hypot(*(centres - centres[i]).T) < FAMILY_OFFSET * radii[i]) & (
             np.hypot(*(shapes - shapes[i]).T) < MAX_STRETCH
         )
-        shares = np.where(family, radii / radii[i], np.nan)
+        radius_ratios = np.where(family, radii / radii[i], np.nan)
         clearest = [
-            max(0.0, float(close[_in(shares, part)].max(initial=0.0)) - LEAST)
+            max(0.0, float(close[_between_ratios(radius_ratios, part)].max(initial=0.0)) - LEAST)
             for part in NEIGHBOUR_INTERVALS
         ]
         clear = close > CLEAR
         outside, inside = np.log1p(
             [
-                (clear & (shares > OUTER_NEIGHBOURS[0])).sum(),
-                (clear & (shares < INNER_NEIGHBOURS[1])).sum(),
+                (clear & (radius_ratios > OUTER_NEIGHBOURS[0])).sum(),
+                (clear & (radius_ratios < INNER_NEIGHBOURS[1])).sum(),
             ]
         )
         rank = [
             close[i] - close.max(),
-            found[i] - found.max(),
+            visible_support[i] - visible_support.max(),
             close[i] - close[family].max(),
             np.log1p((close > close[i]).sum()),
         ]
-        near = [
-            _next(rings, i, shares, close, part) for part in (INNER_NEIGHBOURS, OUTER_NEIGHBOURS)
+        neighbours = [
+            _next_ring_features(rings, i, radius_ratios, close, part)
+            for part in (INNER_NEIGHBOURS, OUTER_NEIGHBOURS)
         ]
-        rows.append([*clearest, outside, inside, *rank, *near[0], *near[1]])
+        rows.append([*clearest, outside, inside, *rank, *neighbours[0], *neighbours[1]])
     return np.array(rows)
 
 
-def _in(shares: Array, part: tuple[float, float]) -> NDArray[np.bool_]:
-    return (shares > part[0]) & (shares < part[1])
+def _between_ratios(radius_ratios: Array, part: tuple[float, float]) -> NDArray[np.bool_]:
+    return (radius_ratios > part[0]) & (radius_ratios < part[1])
 
 
-def _next(
-    rings: Sequence[Ring], i: int, shares: Array, close: Array, part: tuple[float, float]
+def _next_ring_features(
+    rings: Sequence[Ring], i: int, radius_ratios: Array, close: Array, part: tuple[float, float]
 ) -> list[float]:
     """Return features of the next clear ring on one side.
 
     They are its clarity, distance, band texture, calmness and relative clarity.
     """
-    others = np.nonzero(_in(shares, part) & (close > NEXT))[0]
+    others = np.nonzero(_between_ratios(radius_ratios, part) & (close > NEXT))[0]
     if not len(others):
         return [0.0, 0.0, 0.0, np.nan, 0.0]
-    j = int(others[np.argmin(np.abs(np.log(shares[others])))])
+    j = int(others[np.argmin(np.abs(np.log(radius_ratios[others])))])
     inner, outer = sorted((rings[i], rings[j]), key=lambda ring: ring.ellipse.radius)
-    share = outer.ellipse.radius / inner.ellipse.radius
-    gap = min(0.02, (share - 1) / 3)
-    texture = inner.band(1 + gap, share - gap)
+    ratio = outer.ellipse.radius / inner.ellipse.radius
+    gap = min(0.02, (ratio - 1) / 3)
+    texture = inner.band(1 + gap, ratio - gap)
     return [
         close[j],
-        float(np.log(np.log(share))),
-        inner.calm(1 + gap, share - gap),
+        float(np.log(np.log(ratio))),
+        inner.calm(1 + gap, ratio - gap),
         float(np.log(FAINT_BAND_TEXTURE + np.nan_to_num(texture))),
         close[j] - close[i],
     ]

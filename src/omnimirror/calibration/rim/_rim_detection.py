@@ -14,20 +14,13 @@ from ...base.arguments import check_fields, validate_arguments
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ..edge_detection import (
-    SHORT_SIDE_PX,
-    EdgePoints,
-    WorkingImage,
-    at_working_size,
-    edges_of,
-    levels_of,
-)
+from ..edge_detection import SHORT_SIDE_PX, EdgePoints, WorkingImage, at_working_size, edges_of, levels_of
 from ._candidates import candidate_rings, hough_circles_between, working_rings
 from ._classifier import UNLISTED, confidence, odds
-from ._ellipses import Ellipse, clearness, laid_through, refine_ring
+from ._ellipses import Ellipse, clearness, fit_ellipse, refine_ring
 from ._features import Ring, ring_of
 
-# -- Detection of the camera's own image at the centre of the mirror: a disc with little texture
+# -- Image of the camera ---------------------------------------------------------------------------
 
 LEAST, LARGEST = 0.04, 0.6  # fractions of the rim's radius
 MIN_RADIUS_PX = 5.0
@@ -42,23 +35,21 @@ REACHES_PX = (2.0, 1.2)
 
 def find_camera_image(working: WorkingImage, edges: EdgePoints, rim: Ellipse) -> Ellipse | None:
     """Return the clearest disc at the centre of a rim, both at working size; None if there is none."""
-    away = np.linalg.norm(edges.points - np.asarray(rim.centre), axis=1) / rim.radius
-    inner = edges.among(away < LARGEST + OFFSET)
+    distances = np.linalg.norm(edges.points - np.asarray(rim.centre), axis=1) / rim.radius
+    inner = edges.subset(distances < LARGEST + OFFSET)
     if not len(inner.points):
         return None
     radii = max(LEAST * rim.radius, MIN_RADIUS_PX), LARGEST * rim.radius
     voted = hough_circles_between(inner, working.size, radii, RADIUS_STEP)
-    best, most = None, SUPPORT
-    for circle in islice(
-        (one for one in voted if rim.offset_share(one) < VOTED_OFFSET), MAX_TRIED_CIRCLES
-    ):
-        disc = laid_through(inner, circle, REACHES_PX)
-        if rim.offset_share(disc) < OFFSET and (clear := _clear(working, inner, disc)) > most:
-            best, most = disc, clear
+    best, best_clarity = None, SUPPORT
+    for circle in islice((one for one in voted if rim.offset_share(one) < VOTED_OFFSET), MAX_TRIED_CIRCLES):
+        disc = fit_ellipse(inner, circle, REACHES_PX)
+        if rim.offset_share(disc) < OFFSET and (clear := _disc_clarity(working, inner, disc)) > best_clarity:
+            best, best_clarity = disc, clear
     return best
 
 
-def _clear(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
+def _disc_clarity(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
     """Return the edge clarity of a round disc with little texture inside and much outside, else 0."""
     ring = ring_of(working, edges, disc)
     if ring is None:
@@ -66,23 +57,18 @@ def _clear(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> float:
     inside, outside = ring.band(0.2, 0.9), ring.band(1.06, 1.4)
     if not inside < CALM * outside:
         return 0.0
-    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(
-        np.hypot(*disc.stretch)
-    )
+    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(np.hypot(*disc.stretch))
     return edge * min(1.0, outside / SCENE_TEXTURE)
 
 
-# -- Detection of the mirror's rim in one or several images of a sensor ----------------------------
+# -- Mirror outline --------------------------------------------------------------------------------
 
 Picture = NDArray[Any]
 
-SURE = 0.6
+MIN_CONFIDENCE = 0.6
 """Minimum confidence of an accepted rim."""
 OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions
-SAME_SCALES, SAME_SCALES_PX = (
-    0.02,
-    2.0,
-)  # tolerance between them: fraction of the radius, working px
+SAME_SCALES, SAME_SCALES_PX = (0.02, 2.0)  # tolerance between them: fraction of the radius, working px
 SAME_CENTRE, RING_RADII = 0.03, (0.55, 0.93)  # fractions of the radius, for a mirror in its housing
 MAX_CANDIDATES = 3
 SAME_RIM = 0.015  # fraction of the radius; rings within it are the same rim
@@ -103,13 +89,13 @@ class CameraImage:
 
 
 @dataclass(frozen=True)
-class FoundRim:
+class MirrorOutline:
     """Ellipse of the mirror's rim in pixels of the image, with integers at pixel centres.
 
     Examples
     --------
-    >>> rim = FoundRim((319.5, 239.5), (201.0, 199.0), 30.0, 0.97, (640, 480), CameraImage((320.5, 239.5), 40.0))
-    >>> rim.annulus_px, rim.is_sure
+    >>> rim = MirrorOutline((319.5, 239.5), (201.0, 199.0), 30.0, 0.97, (640, 480), CameraImage((320.5, 239.5), 40.0))
+    >>> rim.annulus_px, rim.is_accepted
     ((41.0, 199.0), True)
     """
 
@@ -122,16 +108,16 @@ class FoundRim:
     confidence: float
     """Confidence from 0 to 1, from the agreement between working resolutions.
 
-    Outlines below :data:`SURE` are not accepted.
+    Outlines below :data:`MIN_CONFIDENCE` are not accepted.
     """
     image_size: tuple[int, int]
     """Image size (width, height)."""
-    inner: CameraImage | None = None
+    camera_image: CameraImage | None = None
     """Image of the camera itself; None if not detected."""
-    pictures: tuple[FoundRim, ...] = ()
+    images: tuple[MirrorOutline, ...] = ()
     """Rim in each image, for a joint detection in several images."""
     candidates: tuple[Any, ...] = ()
-    """Rejected outlines (:class:`FoundRim`), best first.
+    """Rejected outlines (:class:`MirrorOutline`), best first.
 
     The first is this one, if it is not accepted.
     """
@@ -145,9 +131,9 @@ class FoundRim:
         return float(np.sqrt(self.semi_axes_px[0] * self.semi_axes_px[1]))
 
     @property
-    def is_sure(self) -> bool:
+    def is_accepted(self) -> bool:
         """True if the confidence is sufficient."""
-        return self.confidence >= SURE
+        return self.confidence >= MIN_CONFIDENCE
 
     @property
     def annulus_px(self) -> tuple[float, float]:
@@ -156,9 +142,9 @@ class FoundRim:
         The inner circle encloses the camera's own image.
         """
         inner = 0.0
-        if self.inner is not None:
-            away = float(np.hypot(*np.subtract(self.inner.centre_px, self.centre_px)))
-            inner = self.inner.radius_px + away
+        if self.camera_image is not None:
+            centre_offset = float(np.hypot(*np.subtract(self.camera_image.centre_px, self.centre_px)))
+            inner = self.camera_image.radius_px + centre_offset
         return inner, self.semi_axes_px[1]
 
     def points(self, count: int = 360) -> Array:
@@ -174,9 +160,9 @@ class FoundRim:
         (count, 2) array
             Points in px.
         """
-        turn, lean = np.arange(count) * (2 * np.pi / count), np.radians(self.angle_deg)
-        x, y = self.semi_axes_px[0] * np.cos(turn), self.semi_axes_px[1] * np.sin(turn)
-        u, v = x * np.cos(lean) - y * np.sin(lean), x * np.sin(lean) + y * np.cos(lean)
+        azimuth, angle = np.arange(count) * (2 * np.pi / count), np.radians(self.angle_deg)
+        x, y = self.semi_axes_px[0] * np.cos(azimuth), self.semi_axes_px[1] * np.sin(azimuth)
+        u, v = x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)
         return np.stack([u + self.centre_px[0], v + self.centre_px[1]], axis=1)
 
     def to_json(self) -> dict[str, Any]:
@@ -187,36 +173,18 @@ class FoundRim:
         dict
             Numbers, lists and None.
         """
-        inner = self.inner
-        camera = (
-            None
-            if inner is None
-            else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
-        )
-        found = {
-            "centre_px": list(self.centre_px),
-            "semi_axes_px": list(self.semi_axes_px),
-            "angle_deg": self.angle_deg,
-            "confidence": self.confidence,
-            "accepted": self.is_sure,
-            "camera_image": camera,
-            "annulus_px": list(self.annulus_px),
-            "image_size": list(self.image_size),
-        }
-        found["candidates"] = [
-            {name: value for name, value in one.to_json().items() if name in CANDIDATE_ENTRIES}
-            for one in self.candidates
-        ]
-        return found | (
-            {"pictures": [rim.to_json() for rim in self.pictures]} if self.pictures else {}
-        )
+        inner = self.camera_image
+        camera = None if inner is None else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
+        content = {"centre_px": list(self.centre_px), "semi_axes_px": list(self.semi_axes_px), "angle_deg": self.angle_deg, "confidence": self.confidence, "accepted": self.is_accepted, "camera_image": camera, "annulus_px": list(self.annulus_px), "image_size": list(self.image_size)}
+        content["candidates"] = [{name: value for name, value in candidate.to_json().items() if name in CANDIDATE_ENTRIES} for candidate in self.candidates]
+        return content | ({"images": [rim.to_json() for rim in self.images]} if self.images else {})
 
 
 @dataclass(frozen=True)
 class _AnalysedImage:
     """Rings of one image at one working resolution."""
 
-    picture: Picture
+    image: Picture
     working: WorkingImage
     edges: EdgePoints
     rings: list[Ring]
@@ -233,17 +201,15 @@ class _AnalysedImage:
     @cached_property
     def places(self) -> Array:
         """Centres and radii (n, 3) of the rings."""
-        return np.array(
-            [(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]
-        ).reshape(-1, 3)
+        return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
 
-    def near(self, ellipse: Ellipse, share: float) -> NDArray[np.bool_]:
+    def near(self, ellipse: Ellipse, tolerance: float) -> NDArray[np.bool_]:
         """Return the mask (n,) of rings equal to an ellipse, except for shape.
 
         The tolerance is a fraction of its radius.
         """
-        away = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
-        return np.asarray((np.hypot(away[:, 0], away[:, 1]) < share) & (away[:, 2] < share))
+        differences = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
+        return np.asarray((np.hypot(differences[:, 0], differences[:, 1]) < tolerance) & (differences[:, 2] < tolerance))
 
     def like(self, ellipse: Ellipse) -> int | None:
         """Return the most probable ring at the position of a ring in another image."""
@@ -253,11 +219,11 @@ class _AnalysedImage:
     def ranked(self, ellipse: Ellipse) -> tuple[Array, Array]:
         """Return log odds (resolutions,) of an ellipse and of the best other ring."""
         odds, rivals = [], []
-        for one in (self, *self.others):
-            here = ellipse.scaled(self.working.scale / one.working.scale)
-            near = one.near(here, max(SAME_SCALES, SAME_SCALES_PX / here.radius))
-            odds.append(float(one.mean[near].max(initial=NOT_FOUND)))
-            rivals.append(float(one.mean[~near].max(initial=UNLISTED)))
+        for analysed in (self, *self.others):
+            scaled_ellipse = ellipse.scaled(self.working.scale / analysed.working.scale)
+            is_near = analysed.near(scaled_ellipse, max(SAME_SCALES, SAME_SCALES_PX / scaled_ellipse.radius))
+            odds.append(float(analysed.mean[is_near].max(initial=NOT_FOUND)))
+            rivals.append(float(analysed.mean[~is_near].max(initial=UNLISTED)))
         return np.array(odds), np.array(rivals)
 
     def pooled(self, ellipse: Ellipse) -> float:
@@ -266,11 +232,7 @@ class _AnalysedImage:
 
     def chance(self, ellipse: Ellipse) -> float:
         """Return the fraction of the circumference with parallel edges next to an ellipse."""
-        near = [
-            ring.chance
-            for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True)
-            if is_near
-        ]
+        near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
         return float(np.median(near)) if near else 0.0
 
     def within(self, ellipse: Ellipse) -> float:
@@ -279,14 +241,9 @@ class _AnalysedImage:
         It is the fraction of the circumference with close edges.
         """
         clearest = []
-        for one in (self, *self.others):
-            here = ellipse.scaled(self.working.scale / one.working.scale)
-            inner = [
-                ring.close
-                for ring in one.rings
-                if here.offset_share(ring.ellipse) < SAME_CENTRE
-                and RING_RADII[0] < ring.ellipse.radius / here.radius < RING_RADII[1]
-            ]
+        for analysed in (self, *self.others):
+            scaled_ellipse = ellipse.scaled(self.working.scale / analysed.working.scale)
+            inner = [ring.close for ring in analysed.rings if scaled_ellipse.offset_share(ring.ellipse) < SAME_CENTRE and RING_RADII[0] < ring.ellipse.radius / scaled_ellipse.radius < RING_RADII[1]]
             clearest.append(max(inner, default=0.0))
         return float(np.mean(clearest))
 
@@ -296,16 +253,14 @@ class _AnalysedImage:
 
     def distinct(self, ellipse: Ellipse, count: int) -> list[Ellipse]:
         """Return the most probable rings that differ from an ellipse and from each other."""
-        found: list[Ellipse] = []
+        selected: list[Ellipse] = []
         for i in np.argsort(-self.mean):
-            one = self.rings[i].ellipse
-            if self.mean[i] > UNLISTED and not any(
-                other.is_near(one, SAME_SENSOR) for other in (ellipse, *found)
-            ):
-                found.append(one)
-            if len(found) == count:
+            candidate = self.rings[i].ellipse
+            if self.mean[i] > UNLISTED and not any(other.is_near(candidate, SAME_SENSOR) for other in (ellipse, *selected)):
+                selected.append(candidate)
+            if len(selected) == count:
                 break
-        return found
+        return selected
 
     def alike(self, k: int) -> NDArray[np.intp]:
         """Return the rings equal to a given one with similar odds.
@@ -317,7 +272,7 @@ class _AnalysedImage:
 
 
 @validate_arguments
-def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
+def detect_mirror_outline(images: Picture | Sequence[Picture]) -> MirrorOutline:
     """Detect the mirror's rim in one or several images of a sensor, with subpixel accuracy.
 
     Edges vote for circles, and an ellipse is fitted to the edges of each. A classifier evaluates
@@ -328,13 +283,13 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
 
     Parameters
     ----------
-    pictures : (rows, columns[, channels]) array, or a sequence of them
+    images : (rows, columns[, channels]) array, or a sequence of them
         Unmodified images of one camera with equal size and a fixed mirror position.
 
     Returns
     -------
-    FoundRim
-        Most probable rim, whatever its confidence: check ``is_sure``. Rejected ones are in
+    MirrorOutline
+        Most probable rim, whatever its confidence: check ``is_accepted``. Rejected ones are in
         ``candidates``.
 
     Raises
@@ -350,187 +305,140 @@ def find_rim(pictures: Picture | Sequence[Picture]) -> FoundRim:
     >>> v, u = np.mgrid[:240, :320]
     >>> inside = np.hypot(u - 170, v - 110) < 90
     >>> scene = 120 + 60 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170)))
-    >>> rim = om.find_rim(np.where(inside, scene, 10.0).astype(np.uint8))
+    >>> rim = om.detect_mirror_outline(np.where(inside, scene, 10.0).astype(np.uint8))
     >>> np.round(rim.centre_px), round(rim.radius_px)
     (array([170., 110.]), 90)
     """
-    many = [pictures] if isinstance(pictures, np.ndarray) else list(pictures)
-    _check(many)
-    seen = [_analysed(picture) for picture in many]
-    size = (many[0].shape[1], many[0].shape[0])
-    if not any(one.rings for one in seen):
-        return _nothing(size)
-    ellipse, together = _agreed(seen)
-    singles = []
-    for one in seen:
-        k = one.like(ellipse)
-        starts = [ellipse] if k is None else [one.rings[i].ellipse for i in one.alike(k)]
-        alone = (
-            together
-            if len(seen) == 1
-            else 0.0
-            if k is None
-            else one.confidence(one.rings[k].ellipse)
-        )
-        singles.append((_rim(one, starts, alone, size), k is not None))
-    if len(singles) == 1:
-        rim = singles[0][0]
-        others = [
-            _candidate(seen[0], other, rim.confidence, size)
-            for other in seen[0].distinct(ellipse, MAX_CANDIDATES)
-        ]
-        return replace(rim, candidates=(*(() if rim.is_sure else (rim,)), *others))
-    pooled = _pooled(
-        [rim for rim, is_there in singles if is_there], [rim for rim, _ in singles], together
-    )
-    return pooled if pooled.is_sure else replace(pooled, candidates=(pooled,))
+    image_list = [images] if isinstance(images, np.ndarray) else list(images)
+    _check(image_list)
+    analysed = [_analyse(image) for image in image_list]
+    size = (image_list[0].shape[1], image_list[0].shape[0])
+    if not any(item.rings for item in analysed):
+        return _no_outline(size)
+    ellipse, joint_confidence = _joint_ellipse(analysed)
+    outlines = []
+    for item in analysed:
+        k = item.like(ellipse)
+        starts = [ellipse] if k is None else [item.rings[i].ellipse for i in item.alike(k)]
+        own_confidence = joint_confidence if len(analysed) == 1 else 0.0 if k is None else item.confidence(item.rings[k].ellipse)
+        outlines.append((_refined_outline(item, starts, own_confidence, size), k is not None))
+    if len(outlines) == 1:
+        rim = outlines[0][0]
+        others = [_candidate(analysed[0], other, rim.confidence, size) for other in analysed[0].distinct(ellipse, MAX_CANDIDATES)]
+        return replace(rim, candidates=(*(() if rim.is_accepted else (rim,)), *others))
+    pooled = _median_outline([rim for rim, is_visible in outlines if is_visible], [rim for rim, _ in outlines], joint_confidence)
+    return pooled if pooled.is_accepted else replace(pooled, candidates=(pooled,))
 
 
-def _candidate(one: _AnalysedImage, ring: Ellipse, best: float, size: tuple[int, int]) -> FoundRim:
+def _candidate(analysed: _AnalysedImage, ring: Ellipse, best: float, size: tuple[int, int]) -> MirrorOutline:
     """Return a circle that was not selected, with its confidence limited by that of the best one."""
-    ellipse = ring.scaled(one.working.scale)
-    sure = min(one.confidence(ring), 1 - best, float(np.nextafter(SURE, 0)))
-    return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, sure, size)
+    ellipse = ring.scaled(analysed.working.scale)
+    limited_confidence = min(analysed.confidence(ring), 1 - best, float(np.nextafter(MIN_CONFIDENCE, 0)))
+    return MirrorOutline(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, limited_confidence, size)
 
 
-def _check(pictures: list[Picture]) -> None:
-    if not pictures:
-        raise InvalidParameter("there is no picture to look for a rim in; give at least one")
-    for picture in pictures:
-        if picture.ndim not in (2, 3) or min(picture.shape[:2]) < MIN_SIDE_PX:
-            raise InvalidParameter(
-                f"a picture of the shape {picture.shape} holds no rim; valid are (rows, columns) or (rows, columns, "
-                f"channels) of at least {MIN_SIDE_PX} px each side"
-            )
-    check_alike(pictures, [f"picture {number}" for number in range(len(pictures))])
+def _check(images: list[Picture]) -> None:
+    if not images:
+        raise InvalidParameter("images must contain at least one image; got none")
+    for image in images:
+        if image.ndim not in (2, 3) or min(image.shape[:2]) < MIN_SIDE_PX:
+            raise InvalidParameter(f"images must be arrays (rows, columns) or (rows, columns, channels) with at least {MIN_SIDE_PX} px per side; got shape {image.shape}")
+    check_image_sizes(images, [f"image {number}" for number in range(len(images))])
 
 
-def check_alike(pictures: Sequence[Picture], names: Sequence[str]) -> None:
+def check_image_sizes(images: Sequence[Picture], names: Sequence[str]) -> None:
     """Raise an error for images of different sizes, which are not from one sensor.
 
     The message names the images whose size differs from most.
     """
-    sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
+    sizes = [(image.shape[1], image.shape[0]) for image in images]
     usual = max(sizes, key=sizes.count, default=(0, 0))
-    odd = [
-        f"{name} is {width} x {height}"
-        for name, (width, height) in zip(names, sizes, strict=True)
-        if (width, height) != usual
-    ]
-    if odd:
-        told = ", ".join(odd[:MAX_NAMED]) + (
-            f" and {len(odd) - MAX_NAMED} more" if len(odd) > MAX_NAMED else ""
-        )
-        raise InvalidParameter(
-            f"pictures of one sensor have one size: {names[sizes.index(usual)]} is {usual[0]} x {usual[1]} px, and "
-            f"{told} px; look at those apart"
-        )
+    deviating = [f"{name} has {width} x {height} px" for name, (width, height) in zip(names, sizes, strict=True) if (width, height) != usual]
+    if deviating:
+        listed = ", ".join(deviating[:MAX_NAMED]) + (f" and {len(deviating) - MAX_NAMED} more" if len(deviating) > MAX_NAMED else "")
+        raise InvalidParameter(f"images of one sensor must have one size; {names[sizes.index(usual)]} has {usual[0]} x {usual[1]} px, {listed}; process them separately")
 
 
-def _analysed(picture: Picture) -> _AnalysedImage:
+def _analyse(image: Picture) -> _AnalysedImage:
     """Detect the rings of an image at the main working resolution and at the others.
 
     Resolutions above that of the image are omitted.
     """
-    working = at_working_size(picture)
+    working = at_working_size(image)
     edges = edges_of(working)
-    found = candidate_rings(picture, working, edges)
-    sides = {min(side, *picture.shape[:2]) for side in OTHER_SIDES_PX} - {
-        min(working.size),
-        SHORT_SIDE_PX,
-    }
-    others = tuple(_at_resolution(picture, side) for side in sorted(sides))
-    return _AnalysedImage(picture, working, edges, found, odds(found, working), others)
+    rings = candidate_rings(image, working, edges)
+    sides = {min(side, *image.shape[:2]) for side in OTHER_SIDES_PX} - {min(working.size), SHORT_SIDE_PX}
+    others = tuple(_at_resolution(image, side) for side in sorted(sides))
+    return _AnalysedImage(image, working, edges, rings, odds(rings, working), others)
 
 
-def _at_resolution(picture: Picture, side: int) -> _AnalysedImage:
+def _at_resolution(image: Picture, side: int) -> _AnalysedImage:
     """Detect the rings of an image at another working resolution."""
-    working = at_working_size(picture, side)
+    working = at_working_size(image, side)
     edges = edges_of(working)
-    found = working_rings(working, edges)
-    return _AnalysedImage(picture, working, edges, found, odds(found, working))
+    rings = working_rings(working, edges)
+    return _AnalysedImage(image, working, edges, rings, odds(rings, working))
 
 
-def _agreed(seen: list[_AnalysedImage]) -> tuple[Ellipse, float]:
+def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     """Return the most probable ring of all images together, and its confidence.
 
     Images of one sensor share their surroundings: the evidence of n images grows with the square
     root of n.
     """
-    if len(seen) == 1:
-        one = seen[0]
-        listed = np.nonzero(one.mean >= min(UNLISTED + 1, one.mean.max()))[0]
-        ellipse = max((one.rings[i].ellipse for i in listed), key=one.pooled)
-        return ellipse, one.confidence(ellipse)
-    every = [
-        ring.ellipse for one in seen for i, ring in enumerate(one.rings) if one.mean[i] > UNLISTED
-    ]
-    sums = np.zeros((len(seen[0].odds), len(every)))
-    for one in seen:
-        for i, ellipse in enumerate(every):
-            k = one.like(ellipse)
-            sums[:, i] += NOT_FOUND if k is None else np.maximum(one.odds[:, k], NOT_FOUND)
-    sums /= np.sqrt(len(seen))
+    if len(analysed) == 1:
+        item = analysed[0]
+        probable = np.nonzero(item.mean >= min(UNLISTED + 1, item.mean.max()))[0]
+        ellipse = max((item.rings[i].ellipse for i in probable), key=item.pooled)
+        return ellipse, item.confidence(ellipse)
+    ellipses = [ring.ellipse for item in analysed for i, ring in enumerate(item.rings) if item.mean[i] > UNLISTED]
+    sums = np.zeros((len(analysed[0].odds), len(ellipses)))
+    for item in analysed:
+        for i, ellipse in enumerate(ellipses):
+            k = item.like(ellipse)
+            sums[:, i] += NOT_FOUND if k is None else np.maximum(item.odds[:, k], NOT_FOUND)
+    sums /= np.sqrt(len(analysed))
     mean = sums.mean(axis=0)
     best = int(np.argmax(mean))
-    pairs = [
-        one.ranked(one.rings[k].ellipse) for one in seen if (k := one.like(every[best])) is not None
-    ]
+    pairs = [item.ranked(item.rings[k].ellipse) for item in analysed if (k := item.like(ellipses[best])) is not None]
     odds_of, rivals = (np.mean([pair[i] for pair in pairs], axis=0) for i in (0, 1))
-    chance = float(np.median([one.chance(every[best]) for one in seen]))
-    within = float(np.median([one.within(every[best]) for one in seen]))
-    return every[best], confidence(
-        odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs)))
-    )
+    chance = float(np.median([item.chance(ellipses[best]) for item in analysed]))
+    within = float(np.median([item.within(ellipses[best]) for item in analysed]))
+    return ellipses[best], confidence(odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs))))
 
 
-def _rim(
-    one: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]
-) -> FoundRim:
+def _refined_outline(analysed: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> MirrorOutline:
     """Return the clearest of several rings after refinement in the full-size image."""
-    levels = levels_of(one.picture)
+    levels = levels_of(analysed.image)
     levels = levels.reshape(*levels.shape[:2], -1)
-    scale = one.working.scale
-    tried = [refine_ring(levels, start.scaled(scale), scale) for start in starts]
-    ellipse = max(tried, key=lambda one: clearness(*one))[0]
-    disc = find_camera_image(one.working, one.edges, ellipse.scaled(1 / scale))
+    scale = analysed.working.scale
+    refined = [refine_ring(levels, start.scaled(scale), scale) for start in starts]
+    ellipse = max(refined, key=lambda analysed: clearness(*analysed))[0]
+    disc = find_camera_image(analysed.working, analysed.edges, ellipse.scaled(1 / scale))
     inner = None
     if disc is not None:
         large = disc.scaled(scale)
         inner = CameraImage(large.centre, large.radius)
-    return FoundRim(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, confidence, size, inner)
+    return MirrorOutline(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, confidence, size, inner)
 
 
-def _pooled(good: list[FoundRim], every: list[FoundRim], confidence: float) -> FoundRim:
+def _median_outline(detected: list[MirrorOutline], outlines: list[MirrorOutline], confidence: float) -> MirrorOutline:
     """Return the median of the rims of several images."""
-    u, v = np.median([rim.centre_px for rim in good], axis=0)
-    stretches = [np.log(rim.semi_axes_px[0] / rim.semi_axes_px[1]) / 2 for rim in good]
-    angles = 2 * np.radians([rim.angle_deg for rim in good])
-    stretch = (
-        float(np.median(stretches * np.cos(angles))),
-        float(np.median(stretches * np.sin(angles))),
-    )
-    middle = Ellipse(
-        (float(u), float(v)), float(np.median([rim.radius_px for rim in good])), stretch
-    )
-    discs = [rim.inner for rim in good if rim.inner is not None]
+    u, v = np.median([rim.centre_px for rim in detected], axis=0)
+    stretches = [np.log(rim.semi_axes_px[0] / rim.semi_axes_px[1]) / 2 for rim in detected]
+    angles = 2 * np.radians([rim.angle_deg for rim in detected])
+    stretch = (float(np.median(stretches * np.cos(angles))), float(np.median(stretches * np.sin(angles))))
+    middle = Ellipse((float(u), float(v)), float(np.median([rim.radius_px for rim in detected])), stretch)
+    discs = [rim.camera_image for rim in detected if rim.camera_image is not None]
     inner = None
-    if len(discs) > len(good) / 2:
+    if len(discs) > len(detected) / 2:
         x, y, radius = np.median([(*disc.centre_px, disc.radius_px) for disc in discs], axis=0)
         inner = CameraImage((float(x), float(y)), float(radius))
-    return FoundRim(
-        middle.centre,
-        middle.semi_axes,
-        middle.angle_deg,
-        confidence,
-        every[0].image_size,
-        inner,
-        tuple(every),
-    )
+    return MirrorOutline(middle.centre, middle.semi_axes, middle.angle_deg, confidence, outlines[0].image_size, inner, tuple(outlines))
 
 
-def _nothing(size: tuple[int, int]) -> FoundRim:
+def _no_outline(size: tuple[int, int]) -> MirrorOutline:
     """Return the result for an image without rings: the largest circle in it, with confidence 0."""
     width, height = size
     radius = min(size) / 2
-    return FoundRim(((width - 1) / 2, (height - 1) / 2), (radius, radius), 0.0, 0.0, size)
+    return MirrorOutline(((width - 1) / 2, (height - 1) / 2), (radius, radius), 0.0, 0.0, size)

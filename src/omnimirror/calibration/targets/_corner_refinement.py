@@ -20,7 +20,7 @@ from ...base.typing import Array
 from ._image_preparation import grey
 from .boards import Board, CornerWindow, Detection
 
-# -- Local quadratic maps from a board to the image, fitted to the corners around a point ----------
+# -- Local maps ------------------------------------------------------------------------------------
 #
 # No camera model is required. Over two or three squares, the image of a plane in any mirror is
 # quadratic within a few 0.01 px, which suffices to predict the next corner and the curvature of its
@@ -49,16 +49,8 @@ class LocalMaps(NamedTuple):
 
         Points have the shape (n, 2) or (m, n, 2).
         """
-        bend = np.einsum(
-            "maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna",
-            self.second,
-            offsets,
-            offsets,
-            optimize=True,
-        )
-        straight = np.einsum(
-            "mai,...ni->mna" if offsets.ndim == 2 else "mai,mni->mna", self.first, offsets
-        )
+        bend = np.einsum("maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna", self.second, offsets, offsets, optimize=True)
+        straight = np.einsum("mai,...ni->mna" if offsets.ndim == 2 else "mai,mni->mna", self.first, offsets)
         return np.asarray(self.pixels[:, None] + straight + bend / 2)
 
     def spacing(self) -> Array:
@@ -66,9 +58,7 @@ class LocalMaps(NamedTuple):
         return np.asarray(np.linalg.norm(self.first, axis=1).min(axis=1))
 
 
-def maps_about(
-    places: Array, pixels: Array, at: Array, *, leave_out: bool = False, reach: float = REACH
-) -> LocalMaps:
+def maps_about(places: Array, pixels: Array, centres: Array, *, leave_out: bool = False, reach: float = REACH) -> LocalMaps:
     """Fit local maps around points of the board by weighted least squares.
 
     Parameters
@@ -77,14 +67,14 @@ def maps_about(
         Known corners on the board, in units of about their spacing.
     pixels : (k, 2)
         Known corners in the image.
-    at : (m, 2)
+    centres : (m, 2)
         Expansion points on the board.
     leave_out
         Whether a corner at an expansion point is excluded from its own map, for checks.
     reach
         Standard deviation of the weights, in the same units.
     """
-    offsets = places[None] - at[:, None]
+    offsets = places[None] - centres[:, None]
     squares = np.sum(offsets**2, axis=2)
     weights = np.exp(-squares / (2 * reach**2))
     weights[squares > (3.2 * reach) ** 2] = 0.0
@@ -96,12 +86,10 @@ def maps_about(
     normal = np.einsum("mki,mkj->mij", weighted, basis, optimize=True)
     support = weights.sum(axis=1)
     normal += (support[:, None, None] + 1e-12) * np.diag(STIFFNESS + 1e-9)
-    middle = pixels.mean(axis=0)
-    terms = np.linalg.solve(
-        normal, np.einsum("mki,ka->mia", weighted, pixels - middle, optimize=True)
-    )
+    mean_pixel = pixels.mean(axis=0)
+    terms = np.linalg.solve(normal, np.einsum("mki,ka->mia", weighted, pixels - mean_pixel, optimize=True))
     second = terms[:, [3, 4, 4, 5]].reshape(-1, 2, 2, 2).transpose(0, 3, 1, 2)
-    return LocalMaps(terms[:, 0] + middle, terms[:, 1:3].transpose(0, 2, 1), second, support)
+    return LocalMaps(terms[:, 0] + mean_pixel, terms[:, 1:3].transpose(0, 2, 1), second, support)
 
 
 def inverted(maps: LocalMaps, u: Array, v: Array) -> tuple[Array, Array]:
@@ -132,7 +120,7 @@ def inverted(maps: LocalMaps, u: Array, v: Array) -> tuple[Array, Array]:
     return np.stack([x, y]), np.array([[d1, -b1], [-c1, a1]]) / determinant
 
 
-# -- Saddle model of a corner, fitted to the pixels of the distorted image -------------------------
+# -- Saddle model ----------------------------------------------------------------------------------
 #
 # The model is a linear background plus a contrast times erf(p / (sqrt 2 s)) erf(q / (sqrt 2 s)).
 # Here p and q are the distances to the two edges, and s is the blur, including the pixel width.
@@ -171,69 +159,55 @@ class Saddles(NamedTuple):
     """RMS residual (m,) relative to the contrast."""
 
 
-def fit_saddles(
-    picture: NDArray[np.float32],
-    maps: LocalMaps,
-    surroundings: CornerWindow,
-    *,
-    is_quick: bool = False,
-) -> Saddles:
+def fit_saddles(image: NDArray[np.float32], maps: LocalMaps, window: CornerWindow, *, is_quick: bool = False) -> Saddles:
     """Fit the corners at the centres of the maps.
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     maps
         Maps from the board, in sides of a square, to the image around each corner;
         :attr:`~LocalMaps.pixels` are the initial values.
-    surroundings
+    window
         Region around a corner without other structures.
     is_quick
         Whether an accuracy of 0.1 px suffices.
     """
     count = len(maps.pixels)
-    found = Saddles(maps.pixels.copy(), *(np.full(count, np.nan) for _ in range(4)))
-    for group, reach in _alike(maps, surroundings.half):
-        part = _fit(
-            picture, LocalMaps(*(field[group] for field in maps)), surroundings, reach, is_quick
-        )
-        for values, piece in zip(found, part, strict=True):
+    saddles = Saddles(maps.pixels.copy(), *(np.full(count, np.nan) for _ in range(4)))
+    for group, reach in _equal_windows(maps, window.half):
+        part = _fit(image, LocalMaps(*(field[group] for field in maps)), window, reach, is_quick)
+        for values, piece in zip(saddles, part, strict=True):
             values[group] = piece
-    return found
+    return saddles
 
 
-def _alike(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.int_], int]]:
+def _equal_windows(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.int_], int]]:
     """Yield corners with windows of similar size, and the window reach from the centre in px."""
     reach = half * np.abs(maps.first).sum(axis=2).max(axis=1) + 0.5
     reach = np.array(SIZES)[np.searchsorted(SIZES[:-1], reach)]
     for size in np.unique(reach):
-        alike = np.flatnonzero(reach == size)
-        each = max(1, AT_ONCE // (2 * int(size) + 1) ** 2)
-        for start in range(0, len(alike), each):
-            yield alike[start : start + each], int(size)
+        members = np.flatnonzero(reach == size)
+        batch = max(1, AT_ONCE // (2 * int(size) + 1) ** 2)
+        for start in range(0, len(members), batch):
+            yield members[start : start + batch], int(size)
 
 
-def _fit(
-    picture: NDArray[np.float32],
-    maps: LocalMaps,
-    surroundings: CornerWindow,
-    reach: int,
-    is_quick: bool,
-) -> Saddles:
-    height, width = picture.shape
+def _fit(image: NDArray[np.float32], maps: LocalMaps, window: CornerWindow, reach: int, is_quick: bool) -> Saddles:
+    height, width = image.shape
     steps = np.arange(-reach, reach + 1)
     right, down = (axis.ravel() for axis in np.meshgrid(steps, steps))
-    middle = np.rint(maps.pixels).astype(int)
-    u, v = middle[:, :1] + right, middle[:, 1:] + down
+    centre_pixels = np.rint(maps.pixels).astype(int)
+    u, v = centre_pixels[:, :1] + right, centre_pixels[:, 1:] + down
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    values = picture[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)].astype(float)
+    values = image[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)].astype(float)
     pixels = maps.pixels.copy()
     for _ in range(1 if is_quick else 2):  # second pass centred on the fitted corner
-        places, back = inverted(maps._replace(pixels=pixels), u.astype(float), v.astype(float))
+        places, inverse = inverted(maps._replace(pixels=pixels), u.astype(float), v.astype(float))
         offsets = np.stack([u - pixels[:, :1], v - pixels[:, 1:]])
-        used = inside & _in_window(places, offsets, surroundings, maps.spacing()[:, None])
-        fit = _Fit(*_packed(used, places, back, offsets, values))
+        is_used = inside & _in_window(places, offsets, window, maps.spacing()[:, None])
+        fit = _Fit(*_packed(is_used, places, inverse, offsets, values))
         terms, sigma, rms = fit.run(STEPS // 2 if is_quick else STEPS)
         pixels = pixels + terms[:, 4:6]
     contrast = terms[:, 3]
@@ -242,21 +216,17 @@ def _fit(
     return Saddles(pixels, sigma, blur, contrast, rms / np.where(size > 0, size, 1.0))
 
 
-def _in_window(
-    places: Array, offsets: Array, surroundings: CornerWindow, spacing: Array
-) -> NDArray[np.bool_]:
+def _in_window(places: Array, offsets: Array, window: CornerWindow, spacing: Array) -> NDArray[np.bool_]:
     """Return the mask of pixels within the square of the board and a distance limit.
 
     For tiny squares, a minimum number of pixels is included.
     """
-    far = offsets[0] ** 2 + offsets[1] ** 2
+    squared_distances = offsets[0] ** 2 + offsets[1] ** 2
     x, y = np.abs(places)
-    near = (np.maximum(x, y) < surroundings.half) & (far < LARGEST_WINDOW_PX**2)
-    if np.isfinite(surroundings.arm):
-        near &= np.minimum(x, y) < np.maximum(
-            surroundings.arm - MARGIN_PX / spacing, surroundings.arm / 3
-        )
-    return np.asarray(near | (far < SMALLEST_WINDOW_PX**2))
+    is_inside = (np.maximum(x, y) < window.half) & (squared_distances < LARGEST_WINDOW_PX**2)
+    if np.isfinite(window.arm):
+        is_inside &= np.minimum(x, y) < np.maximum(window.arm - MARGIN_PX / spacing, window.arm / 3)
+    return np.asarray(is_inside | (squared_distances < SMALLEST_WINDOW_PX**2))
 
 
 def _packed(used: NDArray[np.bool_], *fields: Array) -> Iterator[Array]:
@@ -272,9 +242,7 @@ class _Fit:
     Terms are background (3), contrast, shift (2), logarithm of blur, angles (2).
     """
 
-    def __init__(
-        self, places: Array, back: Array, offsets: Array, values: Array, weights: Array
-    ) -> None:
+    def __init__(self, places: Array, back: Array, offsets: Array, values: Array, weights: Array) -> None:
         lengths = np.hypot(back[:, 0], back[:, 1])
         self.distances = places / lengths  # (2, m, n): from both edges, px
         self.normals = back / lengths[:, None]  # (2, 2, m, n)
@@ -290,25 +258,22 @@ class _Fit:
         prior[:, 7:] = (1 / ANGLE_PRIOR) ** 2
         prior *= (NOISE * scale[:, None]) ** 2
         prior[:, 4:6] = (NOISE * scale[:, None] / 2.0) ** 2
-        wanted = np.array([0, 0, 0, 0, 0, 0, np.log(BLUR_PRIOR[0]), 0, 0])
+        expected = np.array([0, 0, 0, 0, 0, 0, np.log(BLUR_PRIOR[0]), 0, 0])
         limits = np.array([np.inf, np.inf, np.inf, np.inf, 0.6, 0.6, 0.4, 0.1, 0.1])
         for _ in range(steps):
             model, derivatives = self._model(terms)
             residual = (self.values - model) * self.weights
             derivatives *= self.weights[:, None]
             square = derivatives @ derivatives.transpose(0, 2, 1)
-            right = (derivatives @ residual[..., None])[..., 0] + prior * (wanted - terms)
+            right = (derivatives @ residual[..., None])[..., 0] + prior * (expected - terms)
             diagonal = np.einsum("mii->mi", square) + prior
-            normal_matrix = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
-            step = np.linalg.solve(normal_matrix, right[..., None])[..., 0]
+            matrix = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
+            step = np.linalg.solve(matrix, right[..., None])[..., 0]
             terms = terms + np.clip(step, -limits, limits)
-            if (
-                np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX
-                and np.median(np.abs(step[:, 6])) < CLOSE_BLUR
-            ):
+            if np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX and np.median(np.abs(step[:, 6])) < CLOSE_BLUR:
                 break
         variance = np.sum(residual**2, axis=1) / np.maximum(self.count - 9, 1)
-        noise = np.linalg.inv(normal_matrix)[:, 4:6, 4:6]
+        noise = np.linalg.inv(matrix)[:, 4:6, 4:6]
         sigma = np.sqrt(np.einsum("mii->m", noise) / 2 * variance)
         return terms, sigma, np.sqrt(variance)
 
@@ -332,25 +297,25 @@ class _Fit:
         spread = variance + PIXEL_VARIANCE
         root = np.sqrt(2.0 * spread)
         straight = self.distances - self.normals[:, 0] * u - self.normals[:, 1] * v
-        turned = straight + np.stack(angles) * straight[::-1]
-        z = turned / root
+        rotated = straight + np.stack(angles) * straight[::-1]
+        z = rotated / root
         soft = erf(z)
-        both = soft[0] * soft[1]
+        product = soft[0] * soft[1]
         # derivatives of the product with respect to each distance
         slopes = contrast * (2 / np.sqrt(np.pi)) / root * np.exp(-(z**2)) * soft[::-1]
-        derivatives = np.empty((len(terms), 9, both.shape[1]))
+        derivatives = np.empty((len(terms), 9, product.shape[1]))
         derivatives[:, 0] = 1.0
         derivatives[:, 1], derivatives[:, 2] = self.offsets
-        derivatives[:, 3] = both
+        derivatives[:, 3] = product
         derivatives[:, 4] = -(slopes * self.normals[:, 0]).sum(axis=0)
         derivatives[:, 5] = -(slopes * self.normals[:, 1]).sum(axis=0)
-        derivatives[:, 6] = -(slopes * turned).sum(axis=0) * variance / spread
+        derivatives[:, 6] = -(slopes * rotated).sum(axis=0) * variance / spread
         derivatives[:, 7], derivatives[:, 8] = slopes * straight[::-1]
         background = constant + right * self.offsets[0] + down * self.offsets[1]
-        return background + contrast * both, derivatives
+        return background + contrast * product, derivatives
 
 
-# -- Scatter of a board's corners around a smooth mapping: scale of their standard deviations ------
+# -- Scale of the standard deviations --------------------------------------------------------------
 #
 # The pixel residuals of a corner fit are a poor measure of the corner error. Compression,
 # saturation, sharpening and filtered noise are correlated between pixels and contribute little to
@@ -395,17 +360,17 @@ def lattice_scale(places: Array, pixels: Array, sigma_px: Array) -> float:
     >>> 4 < scale < 6
     True
     """
-    kept = np.ones(len(places), dtype=bool)
+    is_inlier = np.ones(len(places), dtype=bool)
     scale = 1.0
     for _ in range(SCATTER_PASSES):
-        found = _best_fit(places[kept], pixels[kept], sigma_px[kept])
-        if found is None:
+        fitted = _best_fit(places[is_inlier], pixels[is_inlier], sigma_px[is_inlier])
+        if fitted is None:
             break
-        scale, residuals = found
-        inside = np.hypot(*residuals.T) <= OUTLYING * scale * sigma_px[kept]
+        scale, residuals = fitted
+        inside = np.hypot(*residuals.T) <= OUTLYING * scale * sigma_px[is_inlier]
         if inside.all():
             break
-        kept[kept] = inside
+        is_inlier[is_inlier] = inside
     return scale
 
 
@@ -444,13 +409,10 @@ def _polynomials(points: Array, degree: int) -> Array:
     low, high = points.min(axis=0), points.max(axis=0)
     x, y = (2 * (points - low) / np.where(high > low, high - low, 1.0) - 1).T
     across, down = chebvander(x, degree), chebvander(y, degree)
-    return np.stack(
-        [across[:, i] * down[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)],
-        axis=1,
-    )
+    return np.stack([across[:, i] * down[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
 
 
-# -- Corner refinement: a saddle model fitted in the distorted image, accurate to a few 0.01 px ----
+# -- Corner refinement -----------------------------------------------------------------------------
 
 REFINEMENT_PASSES = 2
 MAX_REFINEMENT_PASSES = 100
@@ -477,14 +439,12 @@ squares of 16 px, on rendered mirror images.
 
 
 @validate_arguments
-def refine_corners(
-    picture: NDArray[Any], detection: Detection, board: Board, *, passes: int = REFINEMENT_PASSES
-) -> Detection:
+def refine_corners(image: NDArray[Any], detection: Detection, board: Board, *, passes: int = REFINEMENT_PASSES) -> Detection:
     """Refine corners by fitting the surrounding pixels, with edges curved by the local mapping.
 
     Parameters
     ----------
-    picture : (height, width) or (height, width, 3)
+    image : (height, width) or (height, width, 3)
         RGB or greyscale image.
     detection
         Corners accurate to about 1 px or 0.1 squares.
@@ -523,13 +483,10 @@ def refine_corners(
     [[14.5, 14.5], [29.5, 14.5]]
     """
     integer("passes", passes, 1, MAX_REFINEMENT_PASSES)
-    values = grey(picture)
+    values = grey(image)
     height, width = values.shape
     if (width, height) != tuple(detection.image_size):
-        raise InvalidParameter(
-            f"a picture of {width} x {height} px is not that of {detection.name}, "
-            f"which has {detection.image_size[0]} x {detection.image_size[1]} px"
-        )
+        raise InvalidParameter(f"the image must have the size of {detection.name}, {detection.image_size[0]} x {detection.image_size[1]} px; got {width} x {height} px")
     if not detection.found:
         return detection
     ids, pixels = detection.ids, detection.corners_px.astype(float)
@@ -537,24 +494,15 @@ def refine_corners(
     for _ in range(passes):
         maps = maps_about(places[ids], pixels, places[ids])
         fit = fit_saddles(values, maps._replace(pixels=pixels), board.surroundings)
-        moved = np.linalg.norm(fit.pixels - pixels, axis=1)
+        displacement = np.linalg.norm(fit.pixels - pixels, axis=1)
         worst_fit = min(WORST_FIT, max(ODD_FIT * float(np.median(fit.misfit)), LEAST_ODD_FIT))
-        good = (
-            (moved < MAX_DISPLACEMENT * maps.spacing() + 0.3)
-            & (fit.misfit < worst_fit)
-            & (fit.sigma_px < WORST_SIGMA_PX)
-        )
-        good &= np.all((fit.pixels > 1) & (fit.pixels < np.array([width, height]) - 2), axis=1)
-        ids, pixels = ids[good], fit.pixels[good]
+        is_valid = (displacement < MAX_DISPLACEMENT * maps.spacing() + 0.3) & (fit.misfit < worst_fit) & (fit.sigma_px < WORST_SIGMA_PX)
+        is_valid &= np.all((fit.pixels > 1) & (fit.pixels < np.array([width, height]) - 2), axis=1)
+        ids, pixels = ids[is_valid], fit.pixels[is_valid]
         if len(ids) < 4:
-            return replace(
-                detection,
-                ids=ids[:0],
-                corners_px=pixels[:0],
-                reason="its corners are too faint to measure",
-            )
-    sigma, blur = np.hypot(fit.sigma_px[good], MODEL_PX), float(np.median(fit.blur_px[good]))
+            return replace(detection, ids=ids[:0], corners_px=pixels[:0], reason="the contrast of its corners is too low")
+    sigma, blur = (np.hypot(fit.sigma_px[is_valid], MODEL_PX), float(np.median(fit.blur_px[is_valid])))
     sigma = sigma * lattice_scale(places[ids], pixels, sigma)
-    side = maps.spacing()[good]  # large blur shifts neighbouring corners equally
-    sigma = np.hypot(sigma, SMOOTH_PX + BLUR_BIAS * side * (fit.blur_px[good] / side) ** 4)
+    side = maps.spacing()[is_valid]  # large blur shifts neighbouring corners equally
+    sigma = np.hypot(sigma, SMOOTH_PX + BLUR_BIAS * side * (fit.blur_px[is_valid] / side) ** 4)
     return replace(detection, ids=ids, corners_px=pixels, sigma_px=sigma, blur_px=blur)

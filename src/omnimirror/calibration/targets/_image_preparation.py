@@ -12,7 +12,7 @@ from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.camera import Camera
 
-# -- Image preparation for board detection: greyscale conversion, image sizes and blur measurement
+# -- Greyscale conversion, image sizes and blur ----------------------------------------------------
 
 Grey = NDArray[np.float32]
 
@@ -25,7 +25,7 @@ LARGEST_ENLARGED_PX = 3000  # for images enlarged by 2, to detect small squares
 FULL = {"u": 255.0, "f": 1.0}
 
 
-def grey(picture: NDArray[Any]) -> Grey:
+def grey(image: NDArray[Any]) -> Grey:
     """Convert an image (height, width) or (height, width, 1 to 4) to brightness, 0 to 255.
 
     Raises
@@ -33,20 +33,20 @@ def grey(picture: NDArray[Any]) -> Grey:
     InvalidParameter
         If the image is invalid or has more than :data:`MOST_PIXELS` pixels.
     """
-    picture = np.asarray(picture)
-    if picture.ndim not in (2, 3) or picture.dtype.kind not in "uf" or min(picture.shape[:2]) < 16:
+    image = np.asarray(image)
+    if image.ndim not in (2, 3) or image.dtype.kind not in "uf" or min(image.shape[:2]) < 16:
         raise InvalidParameter(
-            f"a picture of shape {picture.shape} and kind {picture.dtype} is not valid; it is valid as (height, width) "
-            "or (height, width, 3), of whole numbers from 0 or floats, with at least 16 px a side"
+            f"images must be arrays (height, width) or (height, width, 3) of unsigned integers or floats with at "
+            f"least 16 px per side; got shape {image.shape} of {image.dtype}"
         )
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     if height * width > MOST_PIXELS:
         raise InvalidParameter(
-            f"a picture in which a board is searched for must not have more than {MOST_PIXELS / 1e6:.0f} megapixels; "
-            f"got {width} x {height} px; reduce it"
+            f"images for board detection must have at most {MOST_PIXELS / 1e6:.0f} megapixels; "
+            f"got {width} x {height} px; reduce the image size"
         )
-    full = 1.0 if picture.dtype.kind == "f" else float(np.iinfo(picture.dtype).max)
-    values = picture.astype(np.float32)
+    white_level = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype).max)
+    values = image.astype(np.float32)
     if values.ndim == 3:
         weights = (
             np.array([0.299, 0.587, 0.114], np.float32)
@@ -54,19 +54,19 @@ def grey(picture: NDArray[Any]) -> Grey:
             else np.ones(1, np.float32)
         )
         values = values[..., : len(weights)] @ weights
-    if picture.dtype.kind == "f":  # high dynamic range: clip values above white
+    if image.dtype.kind == "f":  # high dynamic range: clip values above white
         values = np.clip(np.nan_to_num(values), 0, max(1.0, float(np.percentile(values, 99.5))))
-        full = max(1.0, float(values.max()))
-    return np.ascontiguousarray(values * np.float32(255.0 / full))
+        white_level = max(1.0, float(values.max()))
+    return np.ascontiguousarray(values * np.float32(255.0 / white_level))
 
 
-def bytes_of(picture: Grey) -> NDArray[np.uint8]:
+def bytes_of(image: Grey) -> NDArray[np.uint8]:
     """Convert to bytes for OpenCV's detectors, with stretched contrast.
 
     The 0.5 and 99.5 % percentiles become black and white.
     """
-    low, high = np.percentile(picture[::4, ::4], [0.5, 99.5])
-    return np.asarray(np.clip((picture - low) * (255 / max(high - low, 1.0)), 0, 255), np.uint8)
+    low, high = np.percentile(image[::4, ::4], [0.5, 99.5])
+    return np.asarray(np.clip((image - low) * (255 / max(high - low, 1.0)), 0, 255), np.uint8)
 
 
 def scales(shape: tuple[int, ...]) -> list[float]:
@@ -78,14 +78,16 @@ def scales(shape: tuple[int, ...]) -> list[float]:
     return [s for s in sizes if SMALLEST_PX <= s * longest <= largest[s > 1]] or [usual]
 
 
-def scaled(picture: Grey, scale: float) -> Grey:
+def scaled(image: Grey, scale: float) -> Grey:
     """Return the image at another size."""
     import cv2
 
     if scale == 1:
-        return picture
-    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=way), np.float32)
+        return image
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return np.asarray(
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=interpolation), np.float32
+    )
 
 
 def unscaled_px(pixels: Array, scale: float) -> Array:
@@ -111,7 +113,7 @@ def upwards(scale: float) -> Iterator[float]:
         yield 1.0
 
 
-def edge_blur_px(picture: Grey) -> float:
+def edge_blur_px(image: Grey) -> float:
     """Return the standard deviation of the blur of the stronger edges of an image, px.
 
     The squared gradient of an edge with blur s sums to 1 / s; after an additional blur b to
@@ -120,21 +122,23 @@ def edge_blur_px(picture: Grey) -> float:
     """
     import cv2
 
-    more = 2.0
+    added_blur = 2.0
     energies = []
-    for blur in (1.0, float(np.hypot(1.0, more))):
-        smooth = cv2.GaussianBlur(picture, (0, 0), blur)
+    for blur in (1.0, float(np.hypot(1.0, added_blur))):
+        smooth = cv2.GaussianBlur(image, (0, 0), blur)
         energies.append(
             cv2.Sobel(smooth, cv2.CV_32F, 1, 0) ** 2 + cv2.Sobel(smooth, cv2.CV_32F, 0, 1) ** 2
         )
     strong = cv2.blur(energies[1], (15, 15))
     used = strong > np.percentile(strong, 90)
     ratio = float(energies[0][used].sum() / max(energies[1][used].sum(), 1e-6))
-    spread = more**2 / max(ratio**2 - 1, 1e-3) - 1.0  # variance beyond the blur of the measurement
+    spread = (
+        added_blur**2 / max(ratio**2 - 1, 1e-3) - 1.0
+    )  # variance beyond the blur of the measurement
     return float(np.sqrt(np.clip(spread, 0.01, 1e3)))
 
 
-# -- Perspective views of an image, dewarped with an approximate camera ----------------------------
+# -- Local perspective views -----------------------------------------------------------------------
 
 FIELD_DEG = 80.0
 APART_DEG = 45.0
@@ -144,17 +148,17 @@ LONGEST_PX = 900
 class LocalView(NamedTuple):
     """Perspective view of a part of the image."""
 
-    picture: Grey
+    image: Grey
     back: Callable[[Array], Array]
     """Mapping of view pixels (k, 2) to image pixels (k, 2); NaN outside the image."""
 
 
-def local_views(picture: Grey, camera: Camera) -> Iterator[LocalView]:
+def local_views(image: Grey, camera: Camera) -> Iterator[LocalView]:
     """Yield perspective views that together cover the image at its resolution.
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image of the camera's size.
     camera
         Camera accurate to a few degrees.
@@ -170,8 +174,8 @@ def local_views(picture: Grey, camera: Camera) -> Iterator[LocalView]:
             pixels: Array, focal: float = focal, half: int = half, axes: Array = axes
         ) -> Array:
             flat = (pixels - half) / focal
-            ways = axes[2] + flat[:, :1] * axes[0] + flat[:, 1:] * axes[1]
-            return np.asarray(camera.project_directions(ways).pixels)
+            directions = axes[2] + flat[:, :1] * axes[0] + flat[:, 1:] * axes[1]
+            return np.asarray(camera.project_directions(directions).pixels)
 
         steps = np.arange(2 * half + 1)
         pixels = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2).astype(float)
@@ -180,8 +184,8 @@ def local_views(picture: Grey, camera: Camera) -> Iterator[LocalView]:
             .astype(np.float32)
             .reshape(len(steps), len(steps), 2)
         )
-        seen = cv2.remap(picture, source[..., 0], source[..., 1], cv2.INTER_LINEAR)
-        yield LocalView(np.asarray(seen, np.float32), back)
+        view = cv2.remap(image, source[..., 0], source[..., 1], cv2.INTER_LINEAR)
+        yield LocalView(np.asarray(view, np.float32), back)
 
 
 def _directions(camera: Camera) -> Iterator[tuple[Array, float]]:
@@ -190,18 +194,18 @@ def _directions(camera: Camera) -> Iterator[tuple[Array, float]]:
     grid = np.stack(
         np.meshgrid(np.linspace(0, width - 2, 25), np.linspace(0, height - 2, 25)), axis=-1
     ).reshape(-1, 2)
-    here, beside, below = (camera.backproject(grid + step) for step in ([0, 0], [1, 0], [0, 1]))
-    valid = here.valid & beside.valid & below.valid
-    here_, steps = (
+    here, right, below = (camera.backproject(grid + step) for step in ([0, 0], [1, 0], [0, 1]))
+    valid = here.valid & right.valid & below.valid
+    centre_directions, steps = (
         here.directions[valid],
-        [r.directions[valid] - here.directions[valid] for r in (beside, below)],
+        [r.directions[valid] - here.directions[valid] for r in (right, below)],
     )
     density = 1 / np.maximum(np.linalg.norm(np.stack(steps), axis=2).min(axis=0), 1e-6)
-    taken: list[Array] = []
-    for direction, dense in zip(here_, density, strict=True):
-        if all(direction @ other < np.cos(np.radians(APART_DEG)) for other in taken):
-            taken.append(direction)
-            yield direction, float(dense)
+    selected: list[Array] = []
+    for direction, resolution in zip(centre_directions, density, strict=True):
+        if all(direction @ other < np.cos(np.radians(APART_DEG)) for other in selected):
+            selected.append(direction)
+            yield direction, float(resolution)
 
 
 def _axes(direction: Array) -> Array:

@@ -12,7 +12,7 @@ from ...base.typing import Array
 from ._corner_refinement import LocalMaps, fit_saddles, maps_about
 from .boards import Board, CornerWindow
 
-# -- Lattice growth: neighbours predicted ring by ring and verified in the image -------------------
+# -- Lattice growth --------------------------------------------------------------------------------
 #
 # The local map of the known lattice predicts the position of the next corners and the curvature of
 # their squares. A corner is accepted if the image, rectified by that map, correlates with four
@@ -70,7 +70,7 @@ class LatticePart(NamedTuple):
         extent = np.ptp(self.places, axis=0) + 1
         return int(extent[0]), int(extent[1])
 
-    def only(self, kept: NDArray[np.bool_]) -> LatticePart:
+    def subset(self, kept: NDArray[np.bool_]) -> LatticePart:
         """Return a subset of the corners."""
         return LatticePart(self.places[kept], self.pixels[kept], self.polarity)
 
@@ -87,17 +87,17 @@ class Likeness(NamedTuple):
 
 
 def likeness(
-    picture: Grey,
+    image: Grey,
     maps: LocalMaps,
     polarity: Array,
     search: int = SEARCH,
-    surroundings: CornerWindow = CHECKER,
+    window: CornerWindow = CHECKER,
 ) -> Likeness:
     """Compare the image, rectified by the maps, with four squares.
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     maps
         Local maps at m places, in sides of a square.
@@ -105,36 +105,42 @@ def likeness(
         Signs of the expected contrast; 0 for either.
     search
         Search range in samples.
-    surroundings
+    window
         Region around a corner without other structures.
     """
     import cv2
 
     reach = HALF + search
-    spacing = surroundings.half / (HALF + 0.5)
+    spacing = window.half / (HALF + 0.5)
     steps = spacing * np.arange(-reach, reach + 1)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    seen = maps.at(grid).astype(np.float32)
+    positions = maps.at(grid).astype(np.float32)
     sampled = cv2.remap(
-        picture, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        image,
+        positions[..., 0],
+        positions[..., 1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
     )
     values = np.asarray(sampled, np.float32)
     side = len(steps)
     windows = np.lib.stride_tricks.sliding_window_view(
         values.reshape(-1, side, side), (2 * HALF + 1, 2 * HALF + 1), axis=(1, 2)
     )
-    correlation = _correlation(windows, surroundings.arm / spacing)
+    correlation = _correlation(windows, window.arm / spacing)
     signed = np.where(
         polarity[:, None, None] == 0, np.abs(correlation), correlation * polarity[:, None, None]
     )
     flat = signed.reshape(len(signed), -1)
     best = flat.argmax(axis=1)
     row, column = np.unravel_index(best, signed.shape[1:])
-    chosen = windows[np.arange(len(best)), row, column]
+    best_windows = windows[np.arange(len(best)), row, column]
     sign = np.sign(correlation.reshape(len(flat), -1)[np.arange(len(best)), best])
     shift = spacing * (np.stack([column, row], axis=1) - search)
     return Likeness(
-        flat[np.arange(len(best)), best], _clearance(chosen, sign), maps.at(shift[:, None])[:, 0]
+        flat[np.arange(len(best)), best],
+        _clearance(best_windows, sign),
+        maps.at(shift[:, None])[:, 0],
     )
 
 
@@ -151,8 +157,10 @@ def _correlation(windows: NDArray[np.float32], arm: float) -> NDArray[np.float32
     )
     likeness, mean = matrix_product(flat, both).T
     power = matrix_product(flat * flat, both)[:, 1] - mean**2
-    own = float(np.sum(np.outer(ramp, ramp) ** 2 * weight))
-    return np.asarray(likeness / np.sqrt(np.maximum(power * own, 1e-6))).reshape(windows.shape[:-2])
+    template_power = float(np.sum(np.outer(ramp, ramp) ** 2 * weight))
+    return np.asarray(likeness / np.sqrt(np.maximum(power * template_power, 1e-6))).reshape(
+        windows.shape[:-2]
+    )
 
 
 def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:
@@ -168,7 +176,7 @@ def _clearance(windows: NDArray[np.float32], sign: Array) -> Array:
 
 
 def grown(
-    picture: Grey,
+    image: Grey,
     part: LatticePart,
     *,
     largest: tuple[int, int] = (200, 200),
@@ -178,7 +186,7 @@ def grown(
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     part
         At least four corners, 2 x 2.
@@ -187,83 +195,87 @@ def grown(
     rings
         Maximum number of rings.
     """
-    refused: dict[tuple[int, int], int] = {}
+    rejected: dict[tuple[int, int], int] = {}
     for _ in range(rings):
-        candidates = _neighbours(part, largest, refused)
+        candidates = _neighbours(part, largest, rejected)
         if not len(candidates):
             break
-        found, pixels = _verified_neighbours(picture, part, candidates)
-        for place in map(tuple, candidates[~found]):
-            refused[place] = len(part.places)
-        if not found.any():
+        is_confirmed, pixels = _verified_neighbours(image, part, candidates)
+        for place in map(tuple, candidates[~is_confirmed]):
+            rejected[place] = len(part.places)
+        if not is_confirmed.any():
             break
-        places = np.concatenate([part.places, candidates[found]])
+        places = np.concatenate([part.places, candidates[is_confirmed]])
         part = _without_strays(
-            LatticePart(places, np.concatenate([part.pixels, pixels[found]]), part.polarity)
+            LatticePart(places, np.concatenate([part.pixels, pixels[is_confirmed]]), part.polarity)
         )
     return part
 
 
 def _neighbours(
-    part: LatticePart, largest: tuple[int, int], refused: dict[tuple[int, int], int]
+    part: LatticePart, largest: tuple[int, int], rejected: dict[tuple[int, int], int]
 ) -> Places:
     """Return places adjacent to known corners, except those recently rejected."""
     known = set(map(tuple, part.places))
     low, high = part.places.min(axis=0), part.places.max(axis=0)
     sides = sorted(high - low + 1)
-    found = set()
+    candidates = set()
     for step in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         for place in map(tuple, part.places + step):
-            if place in known or len(known) < 1.15 * refused.get(place, 0):
+            if place in known or len(known) < 1.15 * rejected.get(place, 0):
                 continue
-            grows = [
+            extents = [
                 max(last, p) - min(first, p) + 1
                 for p, first, last in zip(place, low, high, strict=True)
             ]
-            if sorted(grows) == sides or (max(grows) <= largest[0] and min(grows) <= largest[1]):
-                found.add(place)
-    return np.array(sorted(found), dtype=int).reshape(-1, 2)
+            if sorted(extents) == sides or (
+                max(extents) <= largest[0] and min(extents) <= largest[1]
+            ):
+                candidates.add(place)
+    return np.array(sorted(candidates), dtype=int).reshape(-1, 2)
 
 
 def _verified_neighbours(
-    picture: Grey, part: LatticePart, candidates: Places
+    image: Grey, part: LatticePart, candidates: Places
 ) -> tuple[NDArray[np.bool_], Array]:
     """Return which candidates the image confirms, and their pixels."""
     maps = maps_about(part.places.astype(float), part.pixels, candidates.astype(float))
-    height, width = picture.shape
+    height, width = image.shape
     spacing = maps.spacing()
     reach = 0.3 * spacing[:, None]
-    within = np.all(
+    is_inside = np.all(
         (maps.pixels > reach) & (maps.pixels < np.array([width, height]) - 1 - reach), axis=1
     )
     # neighbours that are far away or coincide result from a poorly supported map
-    usual = np.median(
+    typical_spacing = np.median(
         np.linalg.norm(
             maps_about(part.places.astype(float), part.pixels, part.places.astype(float)).first,
             axis=1,
         )
     )
-    sane = (
-        within
-        & (spacing > max(2.0, 0.2 * usual))
-        & (np.linalg.norm(maps.first, axis=1).max(axis=1) < 5 * usual)
+    is_plausible = (
+        is_inside
+        & (spacing > max(2.0, 0.2 * typical_spacing))
+        & (np.linalg.norm(maps.first, axis=1).max(axis=1) < 5 * typical_spacing)
     )
-    found = np.zeros(len(candidates), dtype=bool)
+    is_confirmed = np.zeros(len(candidates), dtype=bool)
     pixels = np.full((len(candidates), 2), np.nan)
-    if not sane.any():
-        return found, pixels
-    maps = LocalMaps(*(field[sane] for field in maps))
-    polarity = part.polarity * (1 - 2 * (candidates[sane].sum(axis=1) % 2))
-    like = likeness(picture, maps, polarity)
-    fit = fit_saddles(picture, maps._replace(pixels=like.pixels), CHECKER, is_quick=True)
-    away = np.linalg.norm(fit.pixels - maps.pixels, axis=1) / maps.spacing()
-    moved = np.linalg.norm(fit.pixels - like.pixels, axis=1) / maps.spacing()
-    good = (
-        (like.correlation > LIKENESS) & (like.clearance > CLEARANCE) & (fit.contrast * polarity > 0)
+    if not is_plausible.any():
+        return is_confirmed, pixels
+    maps = LocalMaps(*(field[is_plausible] for field in maps))
+    polarity = part.polarity * (1 - 2 * (candidates[is_plausible].sum(axis=1) % 2))
+    similarity = likeness(image, maps, polarity)
+    fit = fit_saddles(image, maps._replace(pixels=similarity.pixels), CHECKER, is_quick=True)
+    prediction_error = np.linalg.norm(fit.pixels - maps.pixels, axis=1) / maps.spacing()
+    correction = np.linalg.norm(fit.pixels - similarity.pixels, axis=1) / maps.spacing()
+    is_accepted = (
+        (similarity.correlation > LIKENESS)
+        & (similarity.clearance > CLEARANCE)
+        & (fit.contrast * polarity > 0)
     )
-    good &= (away < AWAY * 1.5) & (moved < AWAY / 2) & (fit.misfit < MISFIT)
-    found[sane], pixels[sane] = good, fit.pixels
-    return found, pixels
+    is_accepted &= (prediction_error < AWAY * 1.5) & (correction < AWAY / 2) & (fit.misfit < MISFIT)
+    is_confirmed[is_plausible], pixels[is_plausible] = is_accepted, fit.pixels
+    return is_confirmed, pixels
 
 
 class BoardSurroundings(NamedTuple):
@@ -299,7 +311,7 @@ class BoardSurroundings(NamedTuple):
         return bool(corners.size) and bool(corners.mean() > GOES_ON)
 
 
-def goes_on(picture: Grey, part: LatticePart) -> bool:
+def goes_on(image: Grey, part: LatticePart) -> bool:
     """Check whether squares continue beyond a lattice, as in tiles or a larger board.
 
     On a white margin no place resembles a corner. On a narrow frame with textured surroundings some
@@ -308,60 +320,68 @@ def goes_on(picture: Grey, part: LatticePart) -> bool:
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     part
         Lattice that may be a complete board.
     """
-    past = surroundings(picture, part)
-    if not past.resembles.any() or past.resembles.mean() <= GOES_ON:
+    surroundings_of_part = surroundings(image, part)
+    if not surroundings_of_part.resembles.any() or surroundings_of_part.resembles.mean() <= GOES_ON:
         return False
-    return past.has_corners or bool((past.outlined < OUTLINED).any())
+    return surroundings_of_part.has_corners or bool(
+        (surroundings_of_part.outlined < OUTLINED).any()
+    )
 
 
-def is_bounded(picture: Grey, part: LatticePart) -> bool:
+def is_bounded(image: Grey, part: LatticePart) -> bool:
     """Check whether the outline of a complete board is visible on all sides of a lattice."""
-    past = surroundings(picture, part)
-    return not past.has_corners and bool((past.outlined >= OUTLINED).all())
+    surroundings_of_part = surroundings(image, part)
+    return not surroundings_of_part.has_corners and bool(
+        (surroundings_of_part.outlined >= OUTLINED).all()
+    )
 
 
-def surroundings(picture: Grey, part: LatticePart) -> BoardSurroundings:
+def surroundings(image: Grey, part: LatticePart) -> BoardSurroundings:
     """Evaluate the image one square beyond the outer corners of a lattice."""
     low, high = part.places.min(axis=0), part.places.max(axis=0)
-    beside = _neighbours(part, (MAX_RINGS, MAX_RINGS), {})
-    past = beside[np.any((beside < low) | (beside > high), axis=1)]
-    maps = maps_about(part.places.astype(float), part.pixels, past.astype(float))
+    neighbours = _neighbours(part, (MAX_RINGS, MAX_RINGS), {})
+    outer = neighbours[np.any((neighbours < low) | (neighbours > high), axis=1)]
+    maps = maps_about(part.places.astype(float), part.pixels, outer.astype(float))
     spacing = maps.spacing()
     reach = 0.3 * spacing[:, None]
-    within = np.all(
-        (maps.pixels > reach) & (maps.pixels < np.array(picture.shape[::-1]) - 1 - reach), axis=1
+    is_inside = np.all(
+        (maps.pixels > reach) & (maps.pixels < np.array(image.shape[::-1]) - 1 - reach), axis=1
     )
-    within &= spacing > 2.0
-    past, maps = past[within], LocalMaps(*(field[within] for field in maps))
+    is_inside &= spacing > 2.0
+    outer, maps = outer[is_inside], LocalMaps(*(field[is_inside] for field in maps))
     sides = np.array(
-        [past[:, 0] < low[0], past[:, 0] > high[0], past[:, 1] < low[1], past[:, 1] > high[1]]
+        [outer[:, 0] < low[0], outer[:, 0] > high[0], outer[:, 1] < low[1], outer[:, 1] > high[1]]
     )
-    if not within.any():
+    if not is_inside.any():
         return BoardSurroundings(np.zeros(0, bool), np.zeros(0), sides)
-    polarity = part.polarity * (1 - 2 * (past.sum(axis=1) % 2))
-    like = likeness(picture, maps, polarity)
+    polarity = part.polarity * (1 - 2 * (outer.sum(axis=1) % 2))
+    similarity = likeness(image, maps, polarity)
     contrast = (
         polarity
-        * fit_saddles(picture, maps._replace(pixels=like.pixels), CHECKER, is_quick=True).contrast
+        * fit_saddles(
+            image, maps._replace(pixels=similarity.pixels), CHECKER, is_quick=True
+        ).contrast
     )
-    resembles = (like.correlation > LIKENESS) & (like.clearance > CLEARANCE)
+    resembles = (similarity.correlation > LIKENESS) & (similarity.clearance > CLEARANCE)
     return BoardSurroundings(
-        resembles, contrast / _contrast_inside(picture, part, np.clip(past, low, high)), sides
+        resembles, contrast / _contrast_inside(image, part, np.clip(outer, low, high)), sides
     )
 
 
-def _contrast_inside(picture: Grey, part: LatticePart, places: Places) -> Array:
+def _contrast_inside(image: Grey, part: LatticePart, places: Places) -> Array:
     """Return the contrast (m,) of the corners of a lattice that are nearest to places (m, 2)."""
     nearest = np.abs(places[:, None] - part.places).sum(axis=2).argmin(axis=1)
-    known = part.places.astype(float)
-    maps = maps_about(known, part.pixels, known[nearest])._replace(pixels=part.pixels[nearest])
+    places_of_part = part.places.astype(float)
+    maps = maps_about(places_of_part, part.pixels, places_of_part[nearest])._replace(
+        pixels=part.pixels[nearest]
+    )
     return np.asarray(
-        np.maximum(np.abs(fit_saddles(picture, maps, CHECKER, is_quick=True).contrast), 1e-6)
+        np.maximum(np.abs(fit_saddles(image, maps, CHECKER, is_quick=True).contrast), 1e-6)
     )
 
 
@@ -371,22 +391,22 @@ def _without_strays(part: LatticePart) -> LatticePart:
         return part
     places = part.places.astype(float)
     maps = maps_about(places, part.pixels, places, leave_out=True)
-    away = np.linalg.norm(maps.pixels - part.pixels, axis=1)
+    deviations = np.linalg.norm(maps.pixels - part.pixels, axis=1)
     # at the lattice boundary the map is extrapolated and less accurate
     allowed = (ASTRAY[0] * maps.spacing() + ASTRAY[1]) * np.where(maps.support > 4.5, 1.0, 3.0)
-    return part.only(away < allowed)
+    return part.subset(deviations < allowed)
 
 
-def trimmed(part: LatticePart, share: float = 0.5) -> LatticePart:
+def trimmed(part: LatticePart, min_fraction: float = 0.5) -> LatticePart:
     """Remove outer columns and rows with less than a given fraction of corners."""
     while len(part.places):
         low, high = part.places.min(axis=0), part.places.max(axis=0)
         lengths = high - low + 1
         for axis in (0, 1):
             for edge in (low[axis], high[axis]):
-                on = part.places[:, axis] == edge
-                if on.sum() < share * lengths[1 - axis]:
-                    part = part.only(~on)
+                is_on_edge = part.places[:, axis] == edge
+                if is_on_edge.sum() < min_fraction * lengths[1 - axis]:
+                    part = part.subset(~is_on_edge)
                     break
             else:
                 continue
@@ -396,17 +416,17 @@ def trimmed(part: LatticePart, share: float = 0.5) -> LatticePart:
     return part
 
 
-def from_grid(picture: Grey, pixels: Array) -> LatticePart:
+def from_grid(image: Grey, pixels: Array) -> LatticePart:
     """Return the lattice of a detector's corners (rows, columns, 2), with colours from the image."""
     rows, columns = pixels.shape[:2]
     places = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     flat = pixels.reshape(-1, 2).astype(float)
-    known = np.isfinite(flat).all(axis=1)
-    places, flat = places[known], flat[known]
-    return coloured(picture, places, flat)
+    is_finite = np.isfinite(flat).all(axis=1)
+    places, flat = places[is_finite], flat[is_finite]
+    return coloured(image, places, flat)
 
 
-def coloured(picture: Grey, places: Places, pixels: Array) -> LatticePart:
+def coloured(image: Grey, places: Places, pixels: Array) -> LatticePart:
     """Return a lattice with colours from the image, in clockwise order.
 
     Only corners that the image confirms are retained.
@@ -416,16 +436,16 @@ def coloured(picture: Grey, places: Places, pixels: Array) -> LatticePart:
         places = places[:, ::-1].copy()
         maps = maps_about(places.astype(float), pixels, places.astype(float))
     parity = 1.0 - 2 * (places.sum(axis=1) % 2)
-    like = likeness(picture, maps, parity, search=1)
-    against = likeness(picture, maps, -parity, search=1)
-    polarity = 1 if like.correlation.sum() >= against.correlation.sum() else -1
-    like = like if polarity > 0 else against
-    return LatticePart(places, pixels, polarity).only(
-        (like.correlation > SEEN) & (like.clearance > CLEARANCE)
+    similarity = likeness(image, maps, parity, search=1)
+    opposite_similarity = likeness(image, maps, -parity, search=1)
+    polarity = 1 if similarity.correlation.sum() >= opposite_similarity.correlation.sum() else -1
+    similarity = similarity if polarity > 0 else opposite_similarity
+    return LatticePart(places, pixels, polarity).subset(
+        (similarity.correlation > SEEN) & (similarity.clearance > CLEARANCE)
     )
 
 
-# -- Completion of a partially identified board: predicted corners, verified in the image ----------
+# -- Completion of partially identified boards -----------------------------------------------------
 
 Ids = NDArray[np.int_]
 
@@ -434,12 +454,12 @@ SUPPORT = 2.0
 MAX_STRAY = (0.2, 0.6)
 
 
-def completed(picture: Grey, board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
+def completed(image: Grey, board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
     """Return known and predicted corners, ordered by id.
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     board
         Calibration board.
@@ -449,31 +469,34 @@ def completed(picture: Grey, board: Board, ids: Ids, pixels: Array) -> tuple[Ids
         Pixels of known corners.
     """
     places = board.points_mm[:, :2] / board.square_mm
-    asked: set[int] = set()
+    rejected: set[int] = set()
     while True:
         missing = np.setdiff1d(np.arange(board.corner_count), ids)
         maps = maps_about(places[ids], pixels, places[missing])
-        near = (maps.support > SUPPORT) & ~np.isin(missing, list(asked))
-        if not near.any():
+        is_supported = (maps.support > SUPPORT) & ~np.isin(missing, list(rejected))
+        if not is_supported.any():
             break
-        missing = missing[near]
-        found, seen = _verified_corners(
-            picture, board, missing, LocalMaps(*(field[near] for field in maps))
+        missing = missing[is_supported]
+        is_confirmed, confirmed_pixels = _verified_corners(
+            image, board, missing, LocalMaps(*(field[is_supported] for field in maps))
         )
-        asked |= set(missing[~found].tolist())
-        if not found.any():
+        rejected |= set(missing[~is_confirmed].tolist())
+        if not is_confirmed.any():
             break
-        ids, pixels = np.concatenate([ids, missing[found]]), np.concatenate([pixels, seen[found]])
+        ids, pixels = (
+            np.concatenate([ids, missing[is_confirmed]]),
+            np.concatenate([pixels, confirmed_pixels[is_confirmed]]),
+        )
     order = np.argsort(ids)
     return ids[order], pixels[order]
 
 
-def predicted(picture: Grey, board: Board, known_mm: Array, known_px: Array) -> tuple[Ids, Array]:
+def predicted(image: Grey, board: Board, known_mm: Array, known_px: Array) -> tuple[Ids, Array]:
     """Return the corners of a board predicted from other points on it.
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     board
         Calibration board.
@@ -484,31 +507,38 @@ def predicted(picture: Grey, board: Board, known_mm: Array, known_px: Array) -> 
     """
     places = board.points_mm[:, :2] / board.square_mm
     maps = maps_about(known_mm / board.square_mm, known_px, places)
-    near = np.flatnonzero(maps.support > SUPPORT)
-    found, pixels = _verified_corners(
-        picture, board, near, LocalMaps(*(field[near] for field in maps))
+    supported = np.flatnonzero(maps.support > SUPPORT)
+    is_confirmed, pixels = _verified_corners(
+        image, board, supported, LocalMaps(*(field[supported] for field in maps))
     )
-    return near[found], pixels[found]
+    return supported[is_confirmed], pixels[is_confirmed]
 
 
 def _verified_corners(
-    picture: Grey, board: Board, ids: Ids, maps: LocalMaps
+    image: Grey, board: Board, ids: Ids, maps: LocalMaps
 ) -> tuple[NDArray[np.bool_], Array]:
-    height, width = picture.shape
+    height, width = image.shape
     spacing = maps.spacing()
     margin = board.surroundings.half / 2 * spacing[:, None]
-    inside = np.all(
+    is_inside = np.all(
         (maps.pixels > margin) & (maps.pixels < np.array([width, height]) - 1 - margin), axis=1
     )
     # in a mirrored image the board's axes run anticlockwise, but colours do not change
     polarity = board.polarity[ids].astype(float)
-    like = likeness(picture, maps, polarity, surroundings=board.surroundings)
-    fit = fit_saddles(picture, maps._replace(pixels=like.pixels), board.surroundings, is_quick=True)
-    away = np.linalg.norm(fit.pixels - maps.pixels, axis=1) / spacing
-    found = inside & (like.correlation > LIKENESS) & (fit.contrast * polarity > 0) & (away < AWAY)
+    similarity = likeness(image, maps, polarity, window=board.surroundings)
+    fit = fit_saddles(
+        image, maps._replace(pixels=similarity.pixels), board.surroundings, is_quick=True
+    )
+    prediction_error = np.linalg.norm(fit.pixels - maps.pixels, axis=1) / spacing
+    is_confirmed = (
+        is_inside
+        & (similarity.correlation > LIKENESS)
+        & (fit.contrast * polarity > 0)
+        & (prediction_error < AWAY)
+    )
     if not board.has_markers:
-        found &= like.clearance > CLEARANCE
-    return found & (fit.misfit < MISFIT), fit.pixels
+        is_confirmed &= similarity.clearance > CLEARANCE
+    return is_confirmed & (fit.misfit < MISFIT), fit.pixels
 
 
 def without_strays(board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
@@ -519,12 +549,12 @@ def without_strays(board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
     places = board.points_mm[:, :2] / board.square_mm
     while len(ids) > 8:
         maps = maps_about(places[ids], pixels, places[ids], leave_out=True)
-        off = np.linalg.norm(maps.pixels - pixels, axis=1)
+        deviations = np.linalg.norm(maps.pixels - pixels, axis=1)
         allowed = (MAX_STRAY[0] * maps.spacing() + MAX_STRAY[1]) * np.where(
             maps.support > 4.5, 1.0, 3.0
         )
-        worst = int(np.argmax(off / allowed))
-        if off[worst] < allowed[worst]:
+        index = int(np.argmax(deviations / allowed))
+        if deviations[index] < allowed[index]:
             break
-        ids, pixels = np.delete(ids, worst), np.delete(pixels, worst, axis=0)
+        ids, pixels = np.delete(ids, index), np.delete(pixels, index, axis=0)
     return ids, pixels

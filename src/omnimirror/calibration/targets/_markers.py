@@ -33,7 +33,7 @@ BESIDE, FARTHEST, FEWEST_BESIDE = 0.3, 2.2, 3
 They are the maximum lateral offset relative to the distance, the maximum distance in tag sides,
 and the minimum number of pairs that determine the layout.
 """
-FRAME = "{} tags in it have a frame of one bit, as AprilTag's and OpenCV's have, and those of Kalibr's April grid two"
+FRAME = "{} of its tags have a frame of 1 bit, as in AprilTag and OpenCV; tags of Kalibr's April grid have 2 bits"
 SPACING_OFF = 0.25
 """Deviation of the gaps between tags, in tag sides, above which the spacing is reported as wrong.
 """
@@ -50,7 +50,7 @@ class Markers(NamedTuple):
     """Whether they were detected in the mirror image."""
 
 
-def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Markers:
+def read_markers(image: Grey, board: Board, *, is_quick: bool = False) -> Markers:
     """Detect the board's markers in the image and its mirror image; return the larger set.
 
     The mirror image is skipped if most markers are detected in the image, since false detections of
@@ -58,7 +58,7 @@ def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Mark
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     board
         Board with markers.
@@ -66,11 +66,11 @@ def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Mark
         Search at one image size only.
     """
     detector = _detector(board)
-    width = picture.shape[1]
-    both: list[dict[int, Array]] = [{}, {}]
-    for scale in [1.0] if is_quick else scales(picture.shape)[:3]:
-        values = bytes_of(scaled(picture, scale))
-        for is_reversed, found in enumerate(both):
+    width = image.shape[1]
+    marker_sets: list[dict[int, Array]] = [{}, {}]
+    for scale in [1.0] if is_quick else scales(image.shape)[:3]:
+        values = bytes_of(scaled(image, scale))
+        for is_reversed, markers in enumerate(marker_sets):
             corners, ids, _ = detector.detectMarkers(
                 np.ascontiguousarray(values[:, ::-1]) if is_reversed else values
             )
@@ -79,23 +79,25 @@ def read_markers(picture: Grey, board: Board, *, is_quick: bool = False) -> Mark
                 if is_reversed:
                     pixels[:, 0] = values.shape[1] - 1 - pixels[:, 0]
                 if number < board.marker_count:
-                    found[int(number)] = unscaled_px(pixels, scale)
-            if len(found) > ENOUGH * board.marker_count:
+                    markers[int(number)] = unscaled_px(pixels, scale)
+            if len(markers) > ENOUGH * board.marker_count:
                 break
-        if max(map(len, both)) > ENOUGH * board.marker_count:
+        if max(map(len, marker_sets)) > ENOUGH * board.marker_count:
             break
-    found = max(both, key=len)
-    ids = np.array(sorted(found), dtype=int)
-    pixels = np.array([found[i] for i in ids]).reshape(-1, 4, 2)
-    return Markers(ids, np.clip(pixels, 0, [width - 1, picture.shape[0] - 1]), found is both[1])
+    markers = max(marker_sets, key=len)
+    ids = np.array(sorted(markers), dtype=int)
+    pixels = np.array([markers[i] for i in ids]).reshape(-1, 4, 2)
+    return Markers(
+        ids, np.clip(pixels, 0, [width - 1, image.shape[0] - 1]), markers is marker_sets[1]
+    )
 
 
-def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids, Array]:
+def find_by_markers(image: Grey, board: Board, markers: Markers) -> tuple[Ids, Array]:
     """Return ids (k,) and pixels (k, 2) of the board's corners predicted from its markers.
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     board
         Board with markers.
@@ -108,22 +110,22 @@ def find_by_markers(picture: Grey, board: Board, markers: Markers) -> tuple[Ids,
         ids, pixels = _tag_corners(board, markers)
     else:
         ids, pixels = predicted(
-            picture, board, marker_corners_mm(board, markers.ids), markers.corners_px.reshape(-1, 2)
+            image, board, marker_corners_mm(board, markers.ids), markers.corners_px.reshape(-1, 2)
         )
     ids, pixels = without_strays(board, ids, pixels)
     if len(ids) >= 4:
-        ids, pixels = completed(picture, board, ids, pixels)
+        ids, pixels = completed(image, board, ids, pixels)
     return ids, pixels
 
 
-def laid_otherwise(
-    picture: Grey, board: Board, markers: Markers, *, is_quick: bool = False
+def layout_difference(
+    image: Grey, board: Board, markers: Markers, *, is_quick: bool = False
 ) -> str | None:
     """Return a description of the layout of an April grid if it differs from Kalibr's of this size.
 
     Parameters
     ----------
-    picture : (height, width)
+    image : (height, width)
         Greyscale image.
     board
         April grid.
@@ -136,44 +138,57 @@ def laid_otherwise(
         if is_quick:
             return None
         count = max(
-            len(_detector(board, 1).detectMarkers(bytes_of(p))[0])
-            for p in (picture, picture[:, ::-1])
+            len(_detector(board, 1).detectMarkers(bytes_of(p))[0]) for p in (image, image[:, ::-1])
         )
         return FRAME.format(count) if count > 2 * LEAST_MARKERS else None
     first, second, third, fourth = markers.corners_px.transpose(1, 0, 2)
     axes = np.stack([second - first + third - fourth, fourth - first + third - second], axis=2) / 2
-    middles = markers.corners_px.mean(axis=1)
-    towards = (np.linalg.pinv(axes)[:, None] @ (middles - middles[:, None])[..., None])[..., 0]
-    right, below = (_usual_step(markers.ids, towards, place) for place in ((1.0, 0.0), (0.0, 1.0)))
+    centres = markers.corners_px.mean(axis=1)
+    relative_positions = (np.linalg.pinv(axes)[:, None] @ (centres - centres[:, None])[..., None])[
+        ..., 0
+    ]
+    right, below = (
+        _typical_neighbour(markers.ids, relative_positions, place)
+        for place in ((1.0, 0.0), (0.0, 1.0))
+    )
     if right is None or below is None:
         return None
-    told = KALIBR_RIGHT, board.columns
-    if (right[0], below[0]) != told:
+    expected = KALIBR_RIGHT, board.columns
+    if (right[0], below[0]) != expected:
         return (
-            f"its tags do not lie as on an April grid of {board}: right of the upright tag N stands N{right[0]:+d} and "
-            f"below it N{below[0]:+d}, where Kalibr's has N{told[0]:+d} and N{told[1]:+d}"
+            f"the order of its tags is not that of an April grid of {board}: right of tag N is "
+            f"N{right[0]:+d} and below it N{below[0]:+d}; Kalibr's order is N{expected[0]:+d} and N{expected[1]:+d}"
         )
     spacing = (right[1] + below[1]) / 2 - 1
     if abs(spacing - board.spacing) > SPACING_OFF:
-        return f"the gaps between its tags are {spacing:.2f} of a tag's side, and spacing = {board.spacing:g} was said"
+        return (
+            f"the gaps between its tags are {spacing:.2f} times the tag side; "
+            f"got spacing = {board.spacing:g}"
+        )
     return None
 
 
-def _usual_step(ids: Ids, towards: Array, place: tuple[float, float]) -> tuple[int, float] | None:
+def _typical_neighbour(
+    ids: Ids, relative_positions: Array, direction: tuple[float, float]
+) -> tuple[int, float] | None:
     """Return the differences in number and distance (tag sides) to the next tag in a direction.
 
     None if there are too few pairs.
     """
-    ahead = towards @ place
-    off = np.abs(towards @ place[::-1])
-    ahead = np.where((ahead > 0.5) & (ahead < FARTHEST) & (off < BESIDE * ahead), ahead, np.inf)
-    next_to = np.argmin(ahead, axis=1)
-    nearest = ahead[np.arange(len(ids)), next_to]
-    has_one = np.isfinite(nearest)
-    steps, counts = np.unique((ids[next_to] - ids)[has_one], return_counts=True)
-    if not len(steps) or counts.max() < max(FEWEST_BESIDE, has_one.sum() / 2):
+    distances = relative_positions @ direction
+    lateral = np.abs(relative_positions @ direction[::-1])
+    distances = np.where(
+        (distances > 0.5) & (distances < FARTHEST) & (lateral < BESIDE * distances),
+        distances,
+        np.inf,
+    )
+    neighbours = np.argmin(distances, axis=1)
+    nearest = distances[np.arange(len(ids)), neighbours]
+    has_neighbour = np.isfinite(nearest)
+    steps, counts = np.unique((ids[neighbours] - ids)[has_neighbour], return_counts=True)
+    if not len(steps) or counts.max() < max(FEWEST_BESIDE, has_neighbour.sum() / 2):
         return None
-    return int(steps[np.argmax(counts)]), float(np.median(nearest[has_one]))
+    return int(steps[np.argmax(counts)]), float(np.median(nearest[has_neighbour]))
 
 
 def marker_corners_mm(board: Board, ids: Ids) -> Array:
@@ -191,9 +206,9 @@ def opencv_board(board: Board) -> Any:
     import cv2
 
     size, side, marker = (board.columns, board.rows), board.square_mm, board.marker_side_mm
-    made = cv2.aruco.CharucoBoard(size, side, marker, dictionary(board.marker_family))
-    made.setLegacyPattern(board.legacy)
-    return made
+    board_object = cv2.aruco.CharucoBoard(size, side, marker, dictionary(board.marker_family))
+    board_object.setLegacyPattern(board.legacy)
+    return board_object
 
 
 def _tag_corners(board: Board, markers: Markers) -> tuple[Ids, Array]:

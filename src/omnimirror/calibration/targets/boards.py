@@ -12,7 +12,7 @@ from ...base.arguments import check_fields, choice, integer, number
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 
-# -- Calibration boards: kinds, corner positions, neighbourhoods and markers -----------------------
+# -- Boards ----------------------------------------------------------------------------------------
 
 Kind = Literal["chessboard", "charuco", "aprilgrid"]
 
@@ -99,32 +99,22 @@ class Board:
         if self.marker_mm is not None:
             number("marker_mm", self.marker_mm, above=0, unit="mm")
             if self.kind != "charuco":
-                raise InvalidParameter(
-                    f"marker_mm belongs to boards of kind charuco, and this is one of kind {self.kind}"
-                )
+                raise InvalidParameter(f"marker_mm requires kind = 'charuco'; got {self.kind!r}")
             if self.marker_mm >= self.square_mm:
-                raise InvalidParameter(
-                    f"marker_mm = {self.marker_mm:g} is not valid; it is valid below square_mm = {self.square_mm:g}"
-                )
+                raise InvalidParameter(f"marker_mm must be below square_mm = {self.square_mm:g}; got {self.marker_mm:g}")
         if self.kind == "chessboard":
             if self.family is not None:
-                raise InvalidParameter(
-                    "family belongs to boards with markers, and a chessboard has none"
-                )
+                raise InvalidParameter(f"family requires a board with markers; got {self.family!r} for a chessboard")
             if max(self.columns, self.rows) < 3:
-                raise InvalidParameter(
-                    "a chessboard of 2 x 2 corners has no order; it is valid from 3 x 2 on"
-                )
+                raise InvalidParameter("a chessboard must have at least 3 x 2 corners; got 2 x 2")
         elif self.family is not None:
             choice("family", self.family.upper(), families())
-            if self.marker_count > (most := capacity(self.family)):
-                raise InvalidParameter(
-                    f"family {self.family} has {most} markers, and a board of {self} needs {self.marker_count}"
-                )
+            if self.marker_count > (family_size := capacity(self.family)):
+                raise InvalidParameter(f"family must have at least {self.marker_count} markers for a board of {self}; {self.family} has {family_size}")
 
     def __str__(self) -> str:
-        what = {"chessboard": "corners", "charuco": "squares", "aprilgrid": "tags"}[self.kind]
-        return f"{self.columns} x {self.rows} {what}"
+        unit = {"chessboard": "corners", "charuco": "squares", "aprilgrid": "tags"}[self.kind]
+        return f"{self.columns} x {self.rows} {unit}"
 
     @property
     def lattice_size(self) -> tuple[int, int]:
@@ -188,10 +178,7 @@ class Board:
         if self.kind == "charuco":
             return CornerWindow(arm=(1 - self.marker_side_mm / self.square_mm) / 2)
         if self.kind == "aprilgrid":
-            return CornerWindow(
-                min(0.7 * self.spacing, 0.45),
-                self.border_bits / (APRIL_BITS + 2 * self.border_bits),
-            )
+            return CornerWindow(min(0.7 * self.spacing, 0.45), self.border_bits / (APRIL_BITS + 2 * self.border_bits))
         return CornerWindow()
 
     @property
@@ -213,9 +200,7 @@ class Board:
     def _along_mm(self, places: NDArray[Any]) -> Array:
         """Return positions of columns or rows along their side."""
         if self.kind == "aprilgrid":
-            return np.asarray(
-                self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float
-            )
+            return np.asarray(self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float)
         return self.square_mm * np.asarray(places, dtype=float)
 
 
@@ -227,9 +212,7 @@ def families() -> list[str]:
     """
     import cv2
 
-    return sorted(
-        {name.removeprefix("DICT_").upper() for name in dir(cv2.aruco) if name.startswith("DICT_")}
-    )
+    return sorted({name.removeprefix("DICT_").upper() for name in dir(cv2.aruco) if name.startswith("DICT_")})
 
 
 def capacity(family: str) -> int:
@@ -244,7 +227,7 @@ def dictionary(family: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{family.upper()}"))
 
 
-# -- Result of board detection in an image ---------------------------------------------------------
+# -- Detections ------------------------------------------------------------------------------------
 
 Ids = NDArray[np.int_]
 

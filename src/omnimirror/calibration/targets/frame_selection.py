@@ -33,18 +33,7 @@ QUICK_PX = 500  # longer side of the reduced image for the comparison of sharpne
 
 
 @validate_arguments
-def choose_frames(
-    video: str | Path,
-    board: Board,
-    *,
-    count: int = 30,
-    every_s: float = 0.5,
-    start_s: float = 0.0,
-    duration_s: float | None = None,
-    camera: Camera | None = None,
-    stored_orientation: bool = False,
-    progress: Callable[[int, int | None], None] | None = None,
-) -> list[Detection]:
+def select_frames(video: str | Path, board: Board, *, count: int = 30, every_s: float = 0.5, start_s: float = 0.0, duration_s: float | None = None, camera: Camera | None = None, stored_orientation: bool = False, on_progress: Callable[[int, int | None], None] | None = None) -> list[Detection]:
     """Select calibration frames from a video.
 
     The board is detected in the sharpest frame of each interval (0.5 s by default). Frames are then
@@ -68,7 +57,7 @@ def choose_frames(
         As for :func:`find_board`.
     stored_orientation
         Use frames as stored, without the rotation in the display matrix of the video.
-    progress
+    on_progress
         Callback with the number of analysed frames, and the total if known.
 
     Returns
@@ -87,7 +76,7 @@ def choose_frames(
 
     Examples
     --------
-    >>> choose_frames("missing.mp4", Board())
+    >>> select_frames("missing.mp4", Board())
     Traceback (most recent call last):
     ...
     omnimirror.base.errors.MediaError: there is no video missing.mp4
@@ -98,39 +87,26 @@ def choose_frames(
     instance("board", board, Board, "a board")
     integer("count", count, 1)
     number("every_s", every_s, above=0, unit="s")
-    found: list[Detection] = []
-    with VideoReader(
-        path, start_s, duration_s, with_audio=False, stored_orientation=stored_orientation
-    ) as reader:
+    detections: list[Detection] = []
+    with VideoReader(path, start_s, duration_s, with_audio=False, stored_orientation=stored_orientation) as reader:
         expected = reader.expected_frames
-        total = (
-            None
-            if expected is None
-            else max(1, round(expected / float(reader.frame_rate) / every_s))
-        )
+        total = None if expected is None else max(1, round(expected / float(reader.frame_rate) / every_s))
         try:
-            for time_s, picture in _sharpest(reader, every_s):
+            for time_s, image in _sharpest(reader, every_s):
                 name = f"{path.name} at {start_s + time_s:.2f} s"
-                found.append(
-                    replace(
-                        find_board(picture, board, name=name, camera=camera),
-                        time_s=start_s + time_s,
-                    )
-                )
-                if progress is not None:
-                    progress(len(found), total)
+                detections.append(replace(find_board(image, board, name=name, camera=camera), time_s=start_s + time_s))
+                if on_progress is not None:
+                    on_progress(len(detections), total)
         except KeyboardInterrupt:
             pass
         except MediaError as e:
-            if not found:
+            if not detections:
                 raise
-            found.append(Detection(path.name, (0, 0), reason=str(e)))
-    return selected_frames(compared(found, board), board, count=count)
+            detections.append(Detection(path.name, (0, 0), reason=str(e)))
+    return select_distinct_frames(compared(detections, board), board, count=count)
 
 
-def selected_frames(
-    detections: Sequence[Detection], board: Board, *, count: int = 30
-) -> list[Detection]:
+def select_distinct_frames(detections: Sequence[Detection], board: Board, *, count: int = 30) -> list[Detection]:
     """Return the detections, with a reason against the use of those that add no new view.
 
     Parameters
@@ -148,51 +124,46 @@ def selected_frames(
     >>> places = 10.0 * board.lattice + 20
     >>> again = [Detection(name, (200, 100), np.arange(9), places, blur_px=1.0) for name in "ab"]
     >>> [d.reason for d in chosen(again, board)]
-    [None, 'it shows the board much as a does']
+    [None, 'its view of the board is similar to a']
     """
-    judged = list(detections)
-    usable = [i for i, d in enumerate(judged) if d.used]
+    result = list(detections)
+    usable = [i for i, d in enumerate(result) if d.used]
     if not usable:
-        return judged
-    usual = float(np.median([judged[i].blur_px for i in usable]))
-    for i in [i for i in usable if judged[i].blur_px > BLURRED * usual]:
-        blur = judged[i].blur_px
-        judged[i] = replace(
-            judged[i],
-            reason=f"it is blurred: its edges are spread over {blur:.1f} px, and usually over {usual:.1f} px",
-        )
-    usable = [i for i in usable if judged[i].used]
-    views = np.array([_view(judged[i], board) for i in usable])
-    cells = [_cells(judged[i]) for i in usable]
-    sharp = -BLUR_LOSS * np.array([judged[i].blur_px / usual - 1 for i in usable])
-    taken, covered = [int(np.argmax([len(c) for c in cells] + sharp))], set()
-    covered |= cells[taken[0]]
-    while len(taken) < min(count, len(usable)):
-        apart = np.linalg.norm(views[:, None] - views[taken], axis=2).min(axis=1)
-        gain = np.minimum(apart, 2.0) + CELL_GAIN * np.array([len(c - covered) for c in cells])
-        gain[taken] = -np.inf
-        best = int(np.argmax(gain + sharp))
+        return result
+    usual_blur = float(np.median([result[i].blur_px for i in usable]))
+    for i in [i for i in usable if result[i].blur_px > BLURRED * usual_blur]:
+        blur = result[i].blur_px
+        result[i] = replace(result[i], reason=f"it is blurred: edge blur {blur:.1f} px, median of all frames {usual_blur:.1f} px")
+    usable = [i for i in usable if result[i].used]
+    views = np.array([_view(result[i], board) for i in usable])
+    cells = [_cells(result[i]) for i in usable]
+    sharpness = -BLUR_LOSS * np.array([result[i].blur_px / usual_blur - 1 for i in usable])
+    selected, covered = [int(np.argmax([len(c) for c in cells] + sharpness))], set()
+    covered |= cells[selected[0]]
+    while len(selected) < min(count, len(usable)):
+        distances = np.linalg.norm(views[:, None] - views[selected], axis=2).min(axis=1)
+        gain = np.minimum(distances, 2.0) + CELL_GAIN * np.array([len(c - covered) for c in cells])
+        gain[selected] = -np.inf
+        best = int(np.argmax(gain + sharpness))
         if gain[best] < ENOUGH_NEW:
             break
-        taken.append(best)
+        selected.append(best)
         covered |= cells[best]
     for k, i in enumerate(usable):
-        if k not in taken:
-            like = usable[taken[int(np.argmin(np.linalg.norm(views[taken] - views[k], axis=1)))]]
-            judged[i] = replace(
-                judged[i], reason=f"it shows the board much as {judged[like].name} does"
-            )
-    return judged
+        if k not in selected:
+            similar = usable[selected[int(np.argmin(np.linalg.norm(views[selected] - views[k], axis=1)))]]
+            result[i] = replace(result[i], reason=f"its view of the board is similar to {result[similar].name}")
+    return result
 
 
-def why_not_new(candidate: Detection, taken: Sequence[Detection], board: Board) -> str | None:
+def redundancy_reason(candidate: Detection, selected: Sequence[Detection], board: Board) -> str | None:
     """Return the reason for which an image adds no new view, None if it does.
 
     Parameters
     ----------
     candidate
         Detection in the current image.
-    taken
+    selected
         Earlier detections of the same camera; only those that are :attr:`~Detection.used` count.
     board
         Calibration board.
@@ -202,39 +173,39 @@ def why_not_new(candidate: Detection, taken: Sequence[Detection], board: Board) 
     >>> board = Board("chessboard", 3, 3)
     >>> here = Detection("here", (200, 100), np.arange(9), 10.0 * board.lattice + 20, blur_px=1.0)
     >>> there = Detection("there", (200, 100), np.arange(9), 10.0 * board.lattice + [120, 30], blur_px=1.0)
-    >>> why_not_new(here, [here, there], board), why_not_new(here, [there], board)
-    ('it shows the board much as here does', None)
+    >>> redundancy_reason(here, [here, there], board), redundancy_reason(here, [there], board)
+    ('its view of the board is similar to here', None)
     """
     if not candidate.used:
         return candidate.reason
-    before = [d for d in taken if d.used and d.image_size == candidate.image_size]
+    earlier = [d for d in selected if d.used and d.image_size == candidate.image_size]
     if candidate.blur_px > BLURRED_PX:
-        return f"it is blurred: its edges are spread over {candidate.blur_px:.1f} px"
-    if not before:
+        return f"it is blurred: edge blur {candidate.blur_px:.1f} px"
+    if not earlier:
         return None
-    apart = np.linalg.norm([_view(d, board) for d in before] - _view(candidate, board), axis=1)
-    covered: set[tuple[int, int]] = set().union(*map(_cells, before))
-    if min(float(apart.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered) >= ENOUGH_NEW:
+    distances = np.linalg.norm([_view(d, board) for d in earlier] - _view(candidate, board), axis=1)
+    covered: set[tuple[int, int]] = set().union(*map(_cells, earlier))
+    if min(float(distances.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered) >= ENOUGH_NEW:
         return None
-    return f"it shows the board much as {before[int(np.argmin(apart))].name} does"
+    return f"its view of the board is similar to {earlier[int(np.argmin(distances))].name}"
 
 
 def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]]]:
     """Yield the sharpest frame of each interval of the video, with its time in s."""
     from ...io.video_frames import image_of_frame
 
-    stretch, best = 0, None
+    interval, best = 0, None
     for frame in reader.frames():
         time_s = float(frame.time or 0.0)
-        if best is not None and int(time_s / every_s) > stretch:
+        if best is not None and int(time_s / every_s) > interval:
             yield best[1:]
             best = None
-        stretch = int(time_s / every_s)
-        picture = image_of_frame(frame)
-        values = grey(picture)
+        interval = int(time_s / every_s)
+        image = image_of_frame(frame)
+        values = grey(image)
         blur = edge_blur_px(scaled(values, min(1.0, QUICK_PX / max(values.shape))))
         if best is None or blur < best[0]:
-            best = blur, time_s, picture
+            best = blur, time_s, image
     if best is not None:
         yield best[1:]
 
@@ -242,14 +213,12 @@ def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]
 def _view(detection: Detection, board: Board) -> Array:
     """Return position, size, tilt and rotation of the board in units of the scales of a new view."""
     places = board.points_mm[detection.ids, :2] / board.square_mm
-    middle = places.mean(axis=0, keepdims=True)
-    shape = maps_about(
-        places, detection.corners_px, middle, reach=float(np.ptp(places, axis=0).max())
-    )
+    centre = places.mean(axis=0, keepdims=True)
+    shape = maps_about(places, detection.corners_px, centre, reach=float(np.ptp(places, axis=0).max()))
     size = np.sqrt(np.abs(np.linalg.det(shape.first[0]))) + 1e-6
-    where = shape.pixels[0] / max(detection.image_size)
-    turned = (shape.first[0] / size).ravel()
-    return np.concatenate([where / SCALES[0], [np.log(size) / SCALES[1]], turned / 2 / SCALES[2]])
+    position = shape.pixels[0] / max(detection.image_size)
+    orientation = (shape.first[0] / size).ravel()
+    return np.concatenate([position / SCALES[0], [np.log(size) / SCALES[1]], orientation / 2 / SCALES[2]])
 
 
 def _cells(detection: Detection) -> set[tuple[int, int]]:

@@ -27,7 +27,7 @@ def test_standard_output(tmp_path):
     assert "fitted model" in out.stderr
 
 
-@pytest.mark.parametrize(("options", "sentence"), [([], "give tolerance_px"), pytest.param(["--tolerance-px", "0.001"], "more than tolerance_px = 0.001", marks=pytest.mark.full), (["--distance-mm", "500,near"], "must be a distance in mm above 0, or 'inf'; got 'near'"), (["--from", "kalibre"], "kalibr")])
+@pytest.mark.parametrize(("options", "sentence"), [([], "set tolerance_px"), pytest.param(["--tolerance-px", "0.001"], "at most tolerance_px = 0.001", marks=pytest.mark.full), (["--distance-mm", "500,near"], "must be a distance in mm above 0, or 'inf'; got 'near'"), (["--from", "kalibre"], "kalibr")])
 def test_invalid_arguments_print_one_line(tmp_path, options, sentence):
     out = omnimirror("convert", "paper-spherical", "a.yaml", "--to", "opencv-omnidir", *options, cwd=tmp_path)
     assert out.returncode in (1, 2)

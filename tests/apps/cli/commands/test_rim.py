@@ -44,7 +44,7 @@ def test_images_of_one_sensor_are_evaluated_together(folder, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "together" in run.stdout
     rim = json.loads((tmp_path / "rim.json").read_text())
-    assert [one["name"] for one in rim["pictures"]] == ["room0.png", "room90.png"]
+    assert [one["name"] for one in rim["images"]] == ["room0.png", "room90.png"]
     assert rim["semi_axes_px"] == pytest.approx([501.63, 501.63], abs=1.0)
 
 
@@ -139,7 +139,7 @@ def test_auto_with_invalid_arguments(folder, tmp_path):
     assert not view.exists()
     assert "--auto and --ball must not be given together" in fails("dewarp", folder / "room0.png", "--auto", "--ball", "1,2,3,90", "-o", view)
     assert "--mirror requires --auto" in fails("dewarp", folder / "room0.png", "--mirror", "ball", "-o", view)
-    assert "presets of common mirrors are one-shot" in fails("dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view)  # raised before the detection
+    assert "presets: one-shot" in fails("dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view)  # raised before the detection
 
 
 @pytest.mark.parametrize(("options", "sentence"), [(["--crf", "20"], "--crf requires a video"), (["--noise", ".01"], "--noise requires --restore"), (["--restore", "--blur-px", "1,2,3"], "got 1,2,3"), (["-o", "view.xyz"], "got '.xyz'")])

@@ -18,11 +18,11 @@ from rich.table import Table
 from ....base.arguments import format_value, parse_float
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
-from ....calibration.estimation import Calibration, Prior, Surveys, calibrate_camera, read_surveys
+from ....calibration.estimation import Calibration, Prior, SurveyData, calibrate_camera, read_observations
 from ....calibration.estimation.model_sequence import KINDS
 from ....calibration.sensor_model import SensorModel
-from ....calibration.straight_edges import read_lines
-from ....calibration.targets import Board, Detection, choose_frames
+from ....calibration.straight_edges import read_line_points
+from ....calibration.targets import Board, Detection, select_frames
 from ....calibration.targets.board_detection import find_boards
 from ....cameras.frames import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
@@ -106,11 +106,11 @@ class EstimationOptions(Options):
 
 @dataclass(frozen=True)
 class SurveyOptions(Options):
-    """Survey data, with the parameters of :func:`omnimirror.read_surveys`."""
+    """Survey data, with the parameters of :func:`omnimirror.read_observations`."""
 
     points: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture for several images (repeatable).")
     directions: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg (repeatable).")
-    lines: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).")
+    lines: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Points marked on straight edges, CSV: line,u_px,v_px, and image for several images (repeatable).")
     lines_distance_mm: float = option(type=distance, metavar="MM", default=np.inf, help="Object distance of the straight edges, for mirrors without a single viewpoint.")
     image_size: tuple[int, int] | None = option(type=full_image_size, metavar="WxH", help="Image size, required if no image of a board is given.")
 
@@ -142,11 +142,11 @@ def command(images: tuple[str, ...], target: OptionalBoardOptions, survey: Surve
     """
     board, model_arguments, console = target.target_board(), camera.arguments(), output_console()
     _check_input(images, board, survey)
-    known = read_surveys(survey.points, survey.directions)
+    known = read_observations(survey.points, survey.directions)
     detections, interruption = ([], 0) if board is None else _detect_boards(console, images, board, multiple_boards, orientation)
     with _steps(console) as progress, interrupts.deferred():
         try:
-            calibration = calibrate_camera(detections, board, surveys=known.sightings, lines=read_lines(survey.lines), lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **model_arguments, **estimation.arguments(), progress=progress, stop=interrupts.is_pending)
+            calibration = calibrate_camera(detections, board, surveys=known.observations, lines=read_line_points(survey.lines), lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **model_arguments, **estimation.arguments(), on_progress=progress, should_stop=interrupts.is_pending)
         except OmnimirrorError:
             if not (code := interrupts.exit_code() or interruption):
                 raise
@@ -188,11 +188,11 @@ def _detect_boards(console: Console, images: tuple[str, ...], board: Board, mult
 
         if len(images) == 1 and is_video(images[0]):
             orientation.report_video(images[0])
-            detected = choose_frames(images[0], board, stored_orientation=is_stored, progress=progress)
+            detected = select_frames(images[0], board, stored_orientation=is_stored, on_progress=progress)
         else:
             files = expand_inputs(images, READABLE_IMAGE_SUFFIXES)
             orientation.report(files)
-            detected = find_boards(files, board, several=multiple_boards, stored_orientation=is_stored, progress=progress)
+            detected = find_boards(files, board, several=multiple_boards, stored_orientation=is_stored, on_progress=progress)
         return detected, interrupts.exit_code()
 
 
@@ -226,15 +226,15 @@ def _command_line() -> str:
 # -- Printed output --------------------------------------------------------------------------------
 
 
-def _print(console: Console, calibration: Calibration, known: Surveys) -> None:
-    used, count = sum(p.used for p in calibration.pictures), len(calibration.pictures)
+def _print(console: Console, calibration: Calibration, known: SurveyData) -> None:
+    used, count = sum(p.used for p in calibration.images), len(calibration.images)
     held_out = f", {calibration.held_out_rms_px:.3f} px in held-out images" if calibration.held_out else ""
     inliers = calibration.corners - len(calibration.outliers)
-    print_line((f"{calibration.model.KIND}", "bold"), f": {calibration.rms_px:.3f} px RMS over {inliers} of {calibration.corners} {calibration.seen} in {used} of {count} {'image' if count == 1 else 'images'}{held_out}", console=console)
+    print_line((f"{calibration.model.KIND}", "bold"), f": {calibration.rms_px:.3f} px RMS over {inliers} of {calibration.corners} {calibration.measurement_kinds} in {used} of {count} {'image' if count == 1 else 'images'}{held_out}", console=console)
     if len(calibration.candidates) > 1:
         console.print(_models(calibration))
     console.print(_parameters(calibration))
-    for image in calibration.pictures:
+    for image in calibration.images:
         if not image.used:
             reason = image.reason or ""
             print_line(("Not used: ", "yellow"), reason if image.name in reason else f"{image.name}: {reason}", console=console)
@@ -249,11 +249,11 @@ def _print(console: Console, calibration: Calibration, known: Surveys) -> None:
         print_line(("Next: ", "cyan"), sentence, console=console)
 
 
-def _outliers(calibration: Calibration, known: Surveys) -> str:
+def _outliers(calibration: Calibration, known: SurveyData) -> str:
     def location(image: str, corner: int) -> str:
         return known.places[image][corner] if image in known.places else f"{image} corner {corner}"
 
-    listed = [f"{location(o.picture, o.corner)} ({o.residual_px:.2f} px)" for o in calibration.outliers[:MAX_OUTLIERS]]
+    listed = [f"{location(o.image, o.corner)} ({o.residual_px:.2f} px)" for o in calibration.outliers[:MAX_OUTLIERS]]
     more = len(calibration.outliers) - len(listed)
     return ", ".join(listed) + (f" and {more} more" if more else "")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ....base.files import write_json
 from ....calibration.edge_detection import levels_of
-from ....calibration.rim import SURE, FoundRim, check_alike, find_rim
+from ....calibration.rim import MIN_CONFIDENCE, MirrorOutline, check_image_sizes, detect_mirror_outline
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from .._camera_options import OrientationOptions
 from .._declarations import DocumentedCommand, add_options
@@ -35,9 +35,9 @@ def command(images: tuple[str, ...], orientation: OrientationOptions, separately
     files = expand_inputs(images, READABLE_IMAGE_SUFFIXES)
     pixels = orientation.read(files)
     if not separately:
-        check_alike(pixels, [file.name for file in files])
-    rims = [find_rim(image) for image in pixels] if separately else [find_rim(pixels)]
-    singles = rims if separately else list(rims[0].pictures) or rims
+        check_image_sizes(pixels, [file.name for file in files])
+    rims = [detect_mirror_outline(image) for image in pixels] if separately else [detect_mirror_outline(pixels)]
+    singles = rims if separately else list(rims[0].images) or rims
     console = output_console()
     numbers = ("centre\npx", "semi-axes\npx", "angle\ndeg", "camera image\npx", "confidence\n")
     table = plain_table("image", *numbers, text_columns=("image",))
@@ -46,33 +46,33 @@ def command(images: tuple[str, ...], orientation: OrientationOptions, separately
     if len(singles) > len(rims):
         table.add_row(*_row("together", rims[0]))
     for name, rim in zip([file.name for file in files] if len(singles) == len(rims) else ["together"], rims, strict=True):
-        for number, candidate in enumerate(() if rim.is_sure else rim.candidates[1:], 2):
+        for number, candidate in enumerate(() if rim.is_accepted else rim.candidates[1:], 2):
             table.add_row(*_row(f"{name}, candidate {number}", candidate))
     console.print(table)
     for name, rim in zip([file.name for file in files] if separately else ["together"], rims, strict=True):
-        if not rim.is_sure:
+        if not rim.is_accepted:
             prefix = f"{name}: " if len(files) > 1 else ""
-            print_line(f"{prefix}no rim detected: the confidence must be at least {SURE:g}; got {rim.confidence:.2f}", console=console)
+            print_line(f"{prefix}no rim detected: the confidence must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}", console=console)
     if json_file:
         record = [rim.to_json() for rim in rims]
         named = [{"name": file.name} | rim.to_json() for file, rim in zip(files, singles, strict=True)]
-        document = record[0] | {"pictures": named} if len(rims) == 1 else {"pictures": named}
+        document = record[0] | {"images": named} if len(rims) == 1 else {"images": named}
         write_json(json_file, document)
         print_written(json_file, console=console)
     if figure:
         print_written(_draw_outlines(figure, files, pixels, singles), console=console)
 
 
-def _draw_outlines(figure: Path, files: list[Path], images: list[NDArray[Any]], rims: list[FoundRim]) -> Path:
+def _draw_outlines(figure: Path, files: list[Path], images: list[NDArray[Any]], rims: list[MirrorOutline]) -> Path:
     """Write a figure of the images with the detected outlines."""
     from ....analysis.figures import save_figure
     from ....analysis.figures.calibration_results import RimDrawing, detected_rims
 
-    drawn = [RimDrawing(levels_of(image).astype(np.uint8), rim.points(), rim.centre_px, None if rim.inner is None else (*rim.inner.centre_px, rim.inner.radius_px), rim.is_sure, f"{file.name}: {rim.confidence:.2f}") for file, image, rim in zip(files, images, rims, strict=True)]
+    drawn = [RimDrawing(levels_of(image).astype(np.uint8), rim.points(), rim.centre_px, None if rim.camera_image is None else (*rim.camera_image.centre_px, rim.camera_image.radius_px), rim.is_accepted, f"{file.name}: {rim.confidence:.2f}") for file, image, rim in zip(files, images, rims, strict=True)]
     return save_figure(detected_rims(drawn), figure)
 
 
-def _row(name: str, rim: FoundRim) -> tuple[str, ...]:
+def _row(name: str, rim: MirrorOutline) -> tuple[str, ...]:
     (u, v), (a, b) = rim.centre_px, rim.semi_axes_px
-    camera = "-" if rim.inner is None else f"{rim.inner.radius_px:.1f}"
+    camera = "-" if rim.camera_image is None else f"{rim.camera_image.radius_px:.1f}"
     return (name, f"{u:.2f}, {v:.2f}", f"{a:.2f}, {b:.2f}", f"{rim.angle_deg:.1f}", camera, f"{rim.confidence:.3f}")
