@@ -127,7 +127,7 @@ def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> f
 
 def turned(page: Any, count: int) -> str:
     """Return the frame time of the 3-D view during rotation."""
-    page.locator(".groups label").filter(has_text="In space").click()
+    page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{SPACE}?.frames > 0 && {SPACE}.rays.length > 0")
     page.evaluate(TURN, 10)
     found, width, height = page.evaluate(TURN, count)
@@ -141,7 +141,7 @@ def turned(page: Any, count: int) -> str:
 def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray, float]:
     """Return the times (count,) from a change of the first mirror slider to the drawn plots, and
     the processor time of the page."""
-    choice = page.get_by_label("Kind of mirror")
+    choice = page.get_by_label("Type of mirror")
     if choice.input_value() != kind:
         choice.select_option(kind)
         page.wait_for_function(

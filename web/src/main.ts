@@ -28,7 +28,7 @@ function watchServer(look: Look, tabs: Tabs): void {
         const there = await api.isThere();
         banner(there ? null : AWAY, "server");
         if (there && wasAway) {
-          say("The server is back.");
+          say("The server is available again.");
           if (!look.sensor.camera) await look.begin().catch(fail);
           tabs.show();
         }

@@ -92,7 +92,7 @@ export class ProjectMenu {
     const name = `${(picture?.name ?? "project").replace(/\.\w+$/, "")}${ENDING}`;
     save(new Blob([JSON.stringify(project)], { type: "application/json" }), name);
     say(
-      `${name} holds what is seen${picture ? `, ${picture.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`,
+      `${name} contains the view${picture ? `, ${picture.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`,
     );
   }
 
@@ -105,12 +105,12 @@ export class ProjectMenu {
     const own = identity ? await keptPicture(identity) : undefined;
     if (!own && feed.moves)
       throw new api.Refused(
-        `${feed.name} moves and lies in no file of this browser: a project holds pictures and video files. Take a snapshot of it, or open its file.`,
+        `Projects contain images and video files; ${feed.name} is a live source. Save a snapshot, or open a file.`,
       );
     const blob = own?.blob ?? (await fileOf(feed)).picture;
     if (blob.size > MOST_BYTES)
       throw new api.Refused(
-        `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; a project holds up to ${MOST_BYTES >> 20} MB. Copy the link instead, and hand on the file with it.`,
+        `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; the maximum in a project is ${MOST_BYTES >> 20} MB. Copy the link instead, and share the file separately.`,
       );
     return {
       blob,
@@ -129,7 +129,7 @@ export class ProjectMenu {
       await keepPicture(await identityOf(blob, name), { blob, name });
       if (!(await keptPicture(await identityOf(blob, name))))
         throw new api.Refused(
-          `This browser keeps nothing between pages, as private windows do, so that it cannot hold ${name}.`,
+          `This browser cannot store ${name}; private windows do not support projects.`,
         );
     }
     if (project.sensor) {
@@ -150,12 +150,10 @@ export class ProjectMenu {
 function projectIn(text: string): Project {
   const found = parsed(text) as Partial<Project> | null | undefined;
   if (found?.kind !== KIND || typeof found.state !== "string")
-    throw new api.Refused(
-      `This is no project file; valid are files that Save project wrote, ending in ${ENDING}.`,
-    );
+    throw new api.Refused(`The file must be a project file (${ENDING}) written by Save project.`);
   if (found.version !== VERSION)
     throw new api.Refused(
-      `This project file is of version ${String(found.version)}; this studio reads version ${VERSION}. A newer omnimirror opens it.`,
+      `The project file has version ${String(found.version)}; this version of omnimirror supports version ${VERSION}. Update omnimirror.`,
     );
   return { picture: null, sensor: null, bench: null, ...found } as Project;
 }

@@ -144,7 +144,8 @@ export class Tabs {
     name: string,
     open: (look: Look) => Promise<void>,
   ): Promise<void> {
-    if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
+    if (!this.look)
+      return say("The tab Look requires WebGL2, which this browser does not support.");
     this.store.set({ tab: "look", source: "" });
     await this.look.sensor.load(file, name, "mirror", true);
     await open(this.look);

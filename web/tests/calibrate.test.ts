@@ -104,8 +104,8 @@ test("a rim is the middle of those that are sure, if most are", () => {
 });
 
 test("it is said why none can begin", () => {
-  expect(whyNot(12, 1)).toBe("One picture is still to be looked at.");
-  expect(whyNot(2, 0)).toContain("in 2 pictures yet; 3 are the fewest");
+  expect(whyNot(12, 1)).toBe("One image has not been processed yet.");
+  expect(whyNot(2, 0)).toContain("in 2 images; at least 3 are required");
   expect(whyNot(3, 0)).toBeNull();
 });
 

@@ -76,7 +76,7 @@ describe("addresses", () => {
 
   test("one that was cut off is said to be", () =>
     expect(fromAddress(inAddress(DESIGN).slice(0, -9), PARTS)).toBe(
-      "The design of the address cannot be read: it is cut off or changed.",
+      "The design in the address is invalid: the link is incomplete or was changed.",
     ));
 
   test("one that is too long for an address is in none", () =>
@@ -87,42 +87,51 @@ describe("what is no design says what it lacks", () => {
   test("a whole one lacks nothing", () => expect(lacking(DESIGN, PARTS)).toBeNull());
 
   test.each<[unknown, string]>([
-    [null, "it is no design"],
-    [[], "it is no design"],
-    ["sphere", "it is no design"],
-    [{}, "it has no tables of a sensor"],
-    [changed((d) => delete d.tables.lens), "it lacks [lens]"],
-    [changed((d) => (d.tables.mirror.kind = "spher")), "mirror.kind is none of sphere, polynomial"],
-    [changed((d) => delete d.tables.mirror.radius_mm), "it lacks mirror.radius_mm"],
-    [changed((d) => (d.tables.mirror.radius_mm = "25")), 'mirror.radius_mm = "25" is no number'],
+    [null, "it must be a design"],
+    [[], "it must be a design"],
+    ["sphere", "it must be a design"],
+    [{}, "it must contain the tables of a sensor"],
+    [changed((d) => delete d.tables.lens), "[lens] is missing"],
+    [
+      changed((d) => (d.tables.mirror.kind = "spher")),
+      "mirror.kind must be one of sphere, polynomial",
+    ],
+    [changed((d) => delete d.tables.mirror.radius_mm), "mirror.radius_mm is missing"],
+    [
+      changed((d) => (d.tables.mirror.radius_mm = "25")),
+      'mirror.radius_mm must be a number; got "25"',
+    ],
     [
       changed((d) => (d.tables.mirror = { kind: "polynomial", coefficients: [1, null] })),
-      "mirror.coefficients = [1,null] is no list of numbers",
+      "mirror.coefficients must be a list of numbers; got [1,null]",
     ],
-    [changed((d) => (d.tables.lens.k1 = {})), "lens.k1 = {} is no number"],
-    [changed((d) => delete d.tables.mount), "it lacks mount.mirror_distance_mm"],
-    [changed((d) => (d.tables.mount = 3)), "mount = 3 is no table"],
+    [changed((d) => (d.tables.lens.k1 = {})), "lens.k1 must be a number; got {}"],
+    [changed((d) => delete d.tables.mount), "mount.mirror_distance_mm is missing"],
+    [changed((d) => (d.tables.mount = 3)), "mount must be a table; got 3"],
     [
       changed((d) => (d.tables.mirror_pose = { decentre_x_mm: "far" })),
-      "mirror_pose is no table of numbers",
+      "mirror_pose must be a table of numbers",
     ],
     [
       changed((d) => (d.tables.secondary = { kind: "flat", radius_mm: 5 })),
-      "it lacks secondary.z_mm",
+      "secondary.z_mm is missing",
     ],
-    [changed((d) => (d.distance = "far")), 'the distance of its objects is "far"'],
-    [changed((d) => (d.tables.name = 7)), "name = 7 is no text"],
-    [changed((d) => (d.requirements.field = [])), "its requirements lack [field]"],
-    [changed((d) => (d.requirements.field = {})), "its requirements lack field.omega_max_deg"],
-    [changed((d) => (d.requirements.limit = {})), "its requirements have limits that are no list"],
+    [changed((d) => (d.distance = "far")), 'the object distance must be positive; got "far"'],
+    [changed((d) => (d.tables.name = 7)), "name must be a text; got 7"],
+    [changed((d) => (d.requirements.field = [])), "[field] of the requirements is missing"],
+    [
+      changed((d) => (d.requirements.field = {})),
+      "field.omega_max_deg of the requirements is missing",
+    ],
+    [changed((d) => (d.requirements.limit = {})), "the limits of the requirements must be a list"],
     [
       changed((d) => (d.requirements.limit = [{ quantity: "beauty" }])),
-      'its requirements limit "beauty", which is no quantity',
+      'the requirements contain an unknown quantity, "beauty"',
     ],
   ])("%j", (found, said) => {
     expect(lacking(found, PARTS)).toBe(said);
     expect(fromAddress(JSON.stringify(found), PARTS)).toBe(
-      `The design of the address is not whole: ${said}.`,
+      `The design in the address is invalid: ${said}.`,
     );
   });
 

@@ -182,7 +182,7 @@ test("rays are read in words, and those that meet nothing are none", () => {
   expect(rays[0].nodes[rays[0].mirror]).toEqual([0, 0, 0]);
   expect(rays.map((ray) => ray.isForward)).toEqual([true, false, false]);
   expect(rays[1].words).toBe(
-    "Field angle 30.0° · meets the mirror at x 0, y 2.000, z 0.5000 mm · angle of incidence 11.00° · pixel 5.0, 6.0 · hidden by the housing",
+    "Field angle 30.0° · mirror point x 0, y 2.000, z 0.5000 mm · angle of incidence 11.00° · pixel 5.0, 6.0 · obstructed by the housing",
   );
 });
 

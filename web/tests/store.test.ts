@@ -84,7 +84,7 @@ test("a link that was entered changes what is seen, keeps the design, and says w
   pages.push("#mode=cube&pan=7");
   follow();
   expect(store.state).toMatchObject({ pan: 7, design: "{}", tab: "look" });
-  expect(store.trouble).toContain("mode = cube");
+  expect(store.trouble).toContain("got cube");
   follow(); // the other event of the same change
   expect(entered).toBe(1);
 });

@@ -193,7 +193,7 @@ def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, serv
       bench.answers.ask(0, { tables: "no tables" });
     })""")
     assert sent == 1  # rejected by the server
-    assert "cannot answer about this design" in page.locator(".trouble").inner_text()
+    assert "cannot evaluate this design" in page.locator(".trouble").inner_text()
     enter(page, "F-number", "5.6")
     page.wait_for_function("document.querySelector('.trouble').hidden")
     assert page.locator("#banner").is_hidden()
@@ -218,7 +218,7 @@ def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
     assert state(page)["pan"] == 30
     page.go_back()
     page.wait_for_function("window.omnimirror.look.feed === null")
-    assert page.get_by_text("Drop a picture or video here").is_visible()
+    assert page.get_by_text("Drop an image or video here").is_visible()
     page.go_forward()
     page.wait_for_function("window.omnimirror.look.feed?.name === 'one.png'")
     page.go_forward()
@@ -239,7 +239,7 @@ def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
 
     elsewhere = open_page(browser, link)
     assert elsewhere.get_by_text("Drop one.png here").is_visible()
-    assert elsewhere.get_by_text("links hold the view, not the picture").is_visible()
+    assert elsewhere.get_by_text("links contain the view, not the image").is_visible()
     assert elsewhere.evaluate("window.omnimirror.look.feed") is None
     drop(elsewhere, pictures / "one.png")
     assert state(elsewhere)["rim"] == [150, 140, 120]  # the same image, with the view of the link
@@ -271,18 +271,18 @@ def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, se
         assert entry in said
     assert "422" not in said
     assert (state(page)["pan"], state(page)["mode"]) == (20, "panorama")
-    page.get_by_role("button", name="Put this away").click()
+    page.get_by_role("button", name="Close").click()
     assert page.locator("#banner").is_hidden()
     go(page, "sensor=nope")
     assert "no camera 'nope'" in banner(page)
     page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-spherical'")
     go(page, "source=server:nope")
     page.wait_for_function(
-        "document.querySelector('#banner').textContent.includes('server does not offer')"
+        "document.querySelector('#banner').textContent.includes('not available on this server')"
     )
-    assert "does not answer" not in page.locator("#banner").inner_text()
+    assert "does not respond" not in page.locator("#banner").inner_text()
     go(page, "source=kept")
-    assert page.get_by_text("a picture that it does not name").is_visible()
+    assert page.get_by_text("an unnamed image").is_visible()
     assert page.problems == []
     page.context.close()
 
@@ -316,7 +316,7 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
         page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-hyperboloidal'")
         assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
     page.locator("#sensor").select_option("paper-equidistant")  # not loaded before
-    assert "does not answer" in banner(page)
+    assert "does not respond" in banner(page)
     assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
     assert state(page)["sensor"] == "paper-hyperboloidal"
     page.locator("#looks label").filter(has_text="down").click()

@@ -63,14 +63,14 @@ def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_
 ):
     write_image(tmp_path / "mine.png", np.full((300, 400, 3), 90, np.uint8))
     page = open_page(browser, address)
-    for name in ("Calibrate", "Restore", "Find circle", "Find level", "Load…"):
+    for name in ("Calibrate", "Restore", "Detect circle", "Find level", "Load…"):
         assert not page.get_by_role("button", name=name, exact=True).is_visible(), name
     assert page.get_by_text("pip install omnimirror").is_visible()
     drop(page, tmp_path / "mine.png")
-    page.get_by_role("button", name="Most of a ball").click()
+    page.get_by_role("button", name="A mirror dome").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:260'")
     assert page.get_by_text("is a guess: fit the circle").is_visible()
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
     page.get_by_label("Radius").fill("120")
     page.get_by_label("Radius").press("Enter")
     page.wait_for_function("window.omnimirror.look.camera.circle.radius === 120")
@@ -125,7 +125,7 @@ def opened(browser, address):
 def test_what_it_does_not_know_is_refused_with_a_sentence(tmp_path):
     with pytest.raises(
         om.base.errors.InvalidParameter,
-        match=r"sensors holds 'paper-sperical'; it is valid with exact",
+        match=r"sensors must contain names from exact.*; got 'paper-sperical'",
     ):
         page_alone(["paper-sperical"])
     assert "HTML" in fails("studio", "--page", tmp_path / "look.png")

@@ -166,7 +166,7 @@ def test_best_focus_is_that_of_the_evaluation(bench, design):
             "lens",
             "k1",
             0.1,
-            "k1 = 0.1: this page, which does without a server, knows ideal lenses alone",
+            "k1 = 0.1: this page runs without a server and supports ideal lenses only",
         ),
         ("mirror", "kind", "cone", "knows no mirror cone; it knows sphere"),
     ],
@@ -186,10 +186,10 @@ def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
     for name in (
         "Calibrate",
         "Download",
-        "Look through it",
+        "Use as camera",
         "Open sensor…",
         "Optimise",
-        "Try errors",
+        "Set errors",
     ):
         assert not page.get_by_text(name, exact=True).first.is_visible(), name
     page.get_by_role("button", name="Pin", exact=True).click()

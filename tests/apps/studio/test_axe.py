@@ -25,12 +25,12 @@ def asked(page, folder) -> None:
 
 
 def by_hand(page, folder) -> None:
-    page.get_by_role("button", name="Set its edge by hand").click()
+    page.get_by_role("button", name="Fit it manually").click()
     page.wait_for_selector("#overlay .handle")
 
 
 def beside(page, folder) -> None:
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
     look(page, beside=True, fit="whole")
 
 

@@ -221,7 +221,7 @@ def test_a_lens_becomes_a_table_of_itself_and_one_of_surfaces_needs_its_file(cli
         om.evaluate(sensor, omega, focus_mm=focus).h_px, abs=0.01
     )
     refused = post(client, "change", to="surfaces", **asked)
-    assert "comes from its .zmx file" in refused.json()["detail"]
+    assert "requires a .zmx file" in refused.json()["detail"]
 
 
 def test_the_best_focus_is_that_of_the_evaluation(client):
@@ -468,7 +468,7 @@ def test_a_form_error_is_said_not_to_be_in_the_plots(client):
     formed = replace(sensor, mirror_form=MirrorForm((5,), (0.5,)))
     (header, blocks), (_, same) = ask(client, question(formed), question(sensor))
     assert header["trouble"] is None
-    assert header["remark"].startswith("The file tells a form error of the mirror")
+    assert header["remark"].startswith("The file contains a form error of the mirror")
     assert header["facts"]["not_optimised"].endswith(
         "this sensor has a form error or an imager that leans."
     )
@@ -486,14 +486,14 @@ def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(clie
     assert "decentred by 1.7 and -0.9 mm, tilted by 0.8 and 0°" in header["remark"]
     assert there["remark"] is None
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
-    assert "place" in header["facts"]["not_optimised"]
+    assert "aligned" in header["facts"]["not_optimised"]
     change = {"what": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
     focused = post(client, "change", tables=tables_of(sensor), **change)
     assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
     for kind in ("table", "report"):
         refused = post(client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None)
         assert refused.status_code == 400
-        assert "in their places" in refused.json()["detail"]
+        assert "requires an aligned mirror" in refused.json()["detail"]
         assert "()" not in refused.json()["detail"]  # no Python
 
 
@@ -518,7 +518,7 @@ def test_a_sensor_is_designed_from_requirements(client):
         news = socket.receive_json()
         while news["state"] == "running":
             news = socket.receive_json()
-    assert news["sentence"] == "Everything is met."
+    assert news["sentence"] == "All requirements are met."
     assert news["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
     assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
 

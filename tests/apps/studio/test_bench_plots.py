@@ -82,8 +82,8 @@ def test_where_nothing_differs_that_is_said_and_drawn_in_the_middle(bench):  # n
     def plot(title: str):
         return bench.locator("figure.plot").filter(has_text=title)
 
-    plot("Image height").get_by_text("the same as the pinned").wait_for()
-    plot("Blur in the image").get_by_text("this less the pinned").wait_for()
+    plot("Image height").get_by_text("identical to the pinned design").wait_for()
+    plot("Blur in the image").get_by_text("current minus pinned").wait_for()
     _, differs = plotted(bench, "Image height")
     np.testing.assert_allclose(differs, 0.0, atol=2e-3)
     drawing = ElementTree.fromstring(saved(bench, "Save Image height as SVG"))
@@ -107,12 +107,12 @@ COVERED = """() => {
 @pytest.mark.full
 def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies_over_it(bench):  # noqa: F811
     first = sensor_on(bench)
-    bench.get_by_label("Make least").select_option("worst_blur_deg")
-    bench.get_by_label("Free form").select_option("polynomial")
+    bench.get_by_label("Minimise").select_option("worst_blur_deg")
+    bench.get_by_label("Freeform").select_option("polynomial")
     bench.get_by_label("Terms", exact=True).fill("3")
     bench.get_by_label("Starts").fill("1")
     bench.get_by_role("button", name="Optimise").click()
-    bench.locator("#said", has_text="what was before is pinned").wait_for()
+    bench.locator("#said", has_text="the previous design is pinned").wait_for()
     for width in (900, 1280, 2560):
         bench.set_viewport_size({"width": width, "height": 800})
         assert bench.evaluate(COVERED) == []

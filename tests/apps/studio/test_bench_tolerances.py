@@ -140,7 +140,7 @@ def test_what_is_none_is_refused_in_a_sentence(client, path, body, words):
 
 
 def opened(page):
-    page.get_by_role("button", name="Try errors").click()
+    page.get_by_role("button", name="Set errors").click()
     page.wait_for_function(AT_REST)
 
 
@@ -161,7 +161,7 @@ def test_a_slider_moves_the_picture_and_a_calibration_takes_it_back(bench):  # n
     assert drawn.mirror_pose.decentre_x_mm == pytest.approx(0.1)
     lines = bench.locator("svg.moved").first.locator("line")
     assert lines.count() == len(evaluator.field)
-    bench.get_by_role("button", name="Without errors").click()
+    bench.get_by_role("button", name="Reset errors").click()
     bench.wait_for_function(f"{LAST}.motion_px[0] < 1e-6")
 
 
@@ -178,10 +178,10 @@ def test_tolerances_say_the_yield_and_bars_of_errors(bench):  # noqa: F811
     assert "of 4096 built" in before
     assert bench.locator("svg.tornado rect").count() == 3 * 14
     assert "Imager shift" in bench.locator("svg.tornado").get_attribute("aria-label")
-    bench.get_by_label("Shop").select_option("coarse")
+    bench.get_by_label("Tolerance grade").select_option("coarse")
     bench.wait_for_function(AT_REST)
     assert float(verdict.text_content().split()[0]) < float(before.split()[0])
-    bench.get_by_label("Calibrated", exact=True).select_option("none")
+    bench.get_by_label("Calibration", exact=True).select_option("none")
     bench.wait_for_function(AT_REST)
     assert verdict.text_content().startswith("0.0 %")
 
@@ -197,7 +197,7 @@ def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
     bench.wait_for_function(AT_REST)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 0
     assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
-    bench.get_by_role("button", name="Leave errors").click()
+    bench.get_by_role("button", name="Close errors").click()
     assert bench.locator("figure.tolerances").is_hidden()
 
 
@@ -215,9 +215,9 @@ def tried(page):
 def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
     opened(bench)
     at_first = tried(bench)
-    for title, choice in (("Shop", "fine"), ("Calibrated", "affine"), ("Focused", "rms")):
+    for title, choice in (("Tolerance grade", "fine"), ("Calibration", "affine"), ("Focus", "rms")):
         bench.get_by_label(title, exact=True).select_option(choice)
-    bench.get_by_role("spinbutton", name="At most").fill("0.75")
+    bench.get_by_role("spinbutton", name="Maximum").fill("0.75")
     bench.get_by_label("Mirror tilt x", exact=True).fill("0.123")
     tolerance = bench.get_by_label(re.compile("Tolerance of Mirror tilt x"))
     tolerance.fill("0.3")
@@ -241,11 +241,11 @@ def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
         page.evaluate(
             "location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')"
         )
-        page.get_by_text("cannot have the error Mirror nonsense").wait_for()
+        page.get_by_text("do not apply to this sensor: Mirror nonsense").wait_for()
         assert page.get_by_label("Mirror tilt x", exact=True).input_value() == "0"
         page.evaluate("location.hash = location.hash.replace('fine', 'finest')")
-        page.get_by_text("The errors of the address cannot be read").wait_for()
-        page.get_by_role("button", name="Leave errors").click()
+        page.get_by_text("The errors in the address are invalid").wait_for()
+        page.get_by_role("button", name="Close errors").click()
         page.wait_for_function("!location.hash.includes('errors')")
 
 

@@ -140,9 +140,9 @@ def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
         (
             b"no picture",
             {},
-            "here.png is not a picture that can be read; valid are PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM",
+            "here.png must be an image in a supported format (PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM)",
         ),
-        (b"", {}, "the file is empty"),
+        (b"", {}, "the uploaded file is empty"),
         (
             BLANK,
             {"columns": 1},
@@ -179,7 +179,7 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
     async def both() -> BoardSeen:
         lookers, ask = BoardDetectorPool(), BoardLook(**ASKED, name="here.png")
         try:
-            with pytest.raises(InvalidParameter, match=r"looking at here\.png was cut off"):
+            with pytest.raises(InvalidParameter, match=r"detection in here\.png was interrupted"):
                 await lookers.look(ask, png(0), Gone())
             assert lookers._idle == []  # its process has ended too
             return await lookers.look(ask, BLANK, Stays())
@@ -236,7 +236,7 @@ def test_corners_that_cannot_be_are_refused(wrong, client, seen):
     }
     answer = client.post("/api/calibrate/together", json=ask | {"candidate": None})
     assert answer.status_code == 400
-    assert answer.json()["detail"].startswith("what is told of 0.png cannot be")
+    assert answer.json()["detail"].startswith("the detection in 0.png is invalid")
 
 
 def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
@@ -317,7 +317,7 @@ def test_a_board_without_an_extent_is_refused(client, news):
             "/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0)
         )
         assert answer.status_code == 400
-        assert "0.png is none" in answer.json()["detail"]
+        assert "0.png must be larger than 0" in answer.json()["detail"]
 
 
 def performed(ask: dict, seen: list[BoardSeen], steps: int = 10**6) -> list:

@@ -58,7 +58,7 @@ def page(browser, server):
     page.on("pageerror", lambda e: problems.append(str(e)))
     page.add_init_script(CAMERA_OF_PICTURES)
     page.goto(f"{server}#tab=calibrate")
-    page.get_by_text("Drop pictures of a board here").wait_for()
+    page.get_by_text("Drop images of a target here").wait_for()
     for name, value in (("Columns", 7), ("Rows", 5), ("Square, mm", 40)):
         page.get_by_label(name, exact=True).fill(str(value))
     page.get_by_label("Model").select_option("unified")
@@ -119,15 +119,15 @@ def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(pa
     page.locator("#calibrate .headline").wait_for()
     assert page.evaluate(f"{TAB}.found") == found
     page.locator("#calibrate .shots button").nth(2).click()
-    page.get_by_text("straightened: its corners lie at most").wait_for()
+    page.get_by_text("maximum deviation of corners").wait_for()
     assert (
-        page.get_by_alt_text("The board, straightened").evaluate(
+        page.get_by_alt_text("Undistorted target").evaluate(
             "(i) => i.decode().then(() => i.naturalWidth)"
         )
         > 200
     )
     assert page.locator("#calibrate .whole .residuals").get_attribute("d").count("L") == 35
-    button(page, "Look through it").click()
+    button(page, "Use as camera").click()
     page.wait_for_function(
         "window.omnimirror.look.feed?.name === 'view_2.png' || window.omnimirror.look.feed?.name === 'view 2.png'"
     )
@@ -147,12 +147,12 @@ def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(
     assert page.get_by_label("Columns", exact=True).input_value() == "7"
     assert [s["name"] for s in page.evaluate(f"{TAB}.shots.all")] == [p.name for p in files[:3]]
     page.locator("#calibrate .shots button").first.click()
-    button(page, "Take it out").click()
+    button(page, "Remove image").click()
     page.locator("#calibrate .headline").wait_for(state="detached")
     assert page.evaluate(f"{TAB}.shots.all.length") == 2
     button(page, "Clear").click()
     page.reload()
-    page.get_by_text("Drop pictures of a board here").wait_for()
+    page.get_by_text("Drop images of a target here").wait_for()
 
 
 SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # never completes
@@ -171,7 +171,7 @@ def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_t
     page.get_by_label("Square, mm").blur()
     page.wait_for_function(f"{TAB}.shots.waiting === 0")
     page.locator("#calibrate .shots button").first.click()
-    button(page, "Take it out").click()
+    button(page, "Remove image").click()
     page.set_input_files("#calibrate-files", files[3])
     page.wait_for_function(f"{TAB}.shots.all.length === 3")
     page.reload()
@@ -207,17 +207,17 @@ def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_
 def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, tmp_path):
     assert begin(page).is_disabled()
     reason = page.locator(f"#{begin(page).get_attribute('aria-describedby')}")
-    assert "found in no picture yet; 3 are the fewest" in reason.inner_text()
+    assert "detected in no image; at least 3 are required" in reason.inner_text()
     (tmp_path / "dark.png").write_bytes(BLANK)
     (tmp_path / "notes.png").write_text("no picture")
     page.set_input_files(
         "#calibrate-files", [files[0], tmp_path / "dark.png", tmp_path / "notes.png"]
     )
     page.locator("#calibrate .shots").get_by_text(
-        "notes.png is not a picture that can be read"
+        "notes.png must be an image in a supported format"
     ).wait_for()
     page.locator("#calibrate .shots").get_by_text("The picture is blank").wait_for()
-    page.get_by_text("found in one picture yet; 3 are the fewest").wait_for()
+    page.get_by_text("detected in one image; at least 3 are required").wait_for()
     page.get_by_label("Columns", exact=True).fill("6")
     page.keyboard.press("Tab")
     page.locator("#calibrate .shots").get_by_text(
@@ -225,8 +225,8 @@ def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, 
     ).wait_for()
     page.get_by_label("Columns", exact=True).fill("0")
     page.keyboard.press("Tab")
-    page.get_by_text("A board has 2 to 200 columns and rows").wait_for()
-    assert reason.inner_text() == "Say first which board it is."
+    page.get_by_text("Columns and rows must be 2 to 200").wait_for()
+    assert reason.inner_text() == "Specify the target first."
 
 
 @pytest.mark.full
@@ -246,7 +246,7 @@ def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_wha
     assert page.evaluate(f"{TAB}.found") is None
     assert begin(page).is_enabled()
     page.get_by_label("Model").select_option("auto")
-    page.evaluate(press, "Stop, and keep what is found")
+    page.evaluate(press, "Stop and keep the result")
     found = calibrate(page)
     assert not found["is_complete"]
     page.get_by_text("It was stopped before the end").wait_for()
@@ -273,10 +273,10 @@ def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
     assert page.evaluate(taken) == 2
     wanted = page.locator("#calibrate .live path.wanted").get_attribute("d")
     assert wanted.count("Z") > 8  # uncovered parts of the field
-    button(page, "Take a picture").click()
+    button(page, "Capture image").click()
     page.wait_for_function(f"{TAB}.shots.all.length === 3")
     assert advice.inner_text()
-    button(page, "Close the webcam").click()
+    button(page, "Close webcam").click()
     assert page.locator("#calibrate video").count() == 0
     stored = [photograph(n).picture for n in (0, 4)]
     assert [om.find_board(p, BOARD).used for p in stored] == [True, True]
@@ -317,8 +317,8 @@ def test_the_rim_of_a_photographed_mirror_is_found_and_begun_at(page):
     for name, value in (("Columns", 11), ("Rows", 7), ("Square, mm", 30)):
         page.get_by_label(name, exact=True).fill(str(value))
     add(page, [KAIDAN / "KaidanOmni12.jpg"])
-    page.get_by_text("The mirror's rim: 22").wait_for()
-    assert page.get_by_label("Begin at the rim").is_checked()
+    page.get_by_text("Mirror rim: radius 22").wait_for()
+    assert page.get_by_label("Use the mirror rim").is_checked()
     code = page.locator("#calibrate .command code").inner_text()
     assert "--rim-radius-px 22" in code
     page.locator("#calibrate .shots button").first.click()
@@ -359,7 +359,7 @@ def test_axe_finds_nothing_serious_in_a_result_and_nothing_lies_beside_windows_o
     add(page, files)
     calibrate(page)
     page.locator("#calibrate .shots button").nth(1).click()
-    page.get_by_text("straightened: its corners lie at most").wait_for()
+    page.get_by_text("maximum deviation of corners").wait_for()
     assert serious(page) == {}
     for width in (360, 900, 2560):
         page.set_viewport_size({"width": width, "height": 800})

@@ -19,7 +19,7 @@ window.asked = 0;
 window.answer = 'granted';
 DeviceOrientationEvent.requestPermission = () => { window.asked++; return Promise.resolve(window.answer); };
 """
-NAME = "Turn the phone"
+NAME = "Follow device"
 
 
 def turned(page, alpha: float, beta: float, gamma: float) -> list[float]:
@@ -72,7 +72,7 @@ def test_safari_is_asked_and_may_refuse(phone):
     page = phone(f"{ASKED} window.answer = 'denied';")
     button = page.get_by_role("button", name=NAME)
     button.click()
-    page.get_by_text("Motion was refused.").wait_for()
+    page.get_by_text("Access to motion sensors was denied.").wait_for()
     assert button.get_attribute("aria-pressed") == "false"
     page.evaluate("window.answer = 'granted'")
     pressed(page, 0, 120, 0)
@@ -84,7 +84,7 @@ def test_safari_is_asked_and_may_refuse(phone):
 @pytest.mark.parametrize(
     ("prepare", "reason"),
     [
-        ("delete window.DeviceOrientationEvent;", "This device does not tell how it is turned."),
+        ("delete window.DeviceOrientationEvent;", "This device does not report its orientation."),
         (
             "Object.defineProperty(window, 'isSecureContext', { value: false });",
             "or over https, only.",

@@ -79,7 +79,7 @@ def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, 
 def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
     """Points on the horizon of a tilted image are dragged to the line, twice ahead and to the
     right."""
-    button = page.get_by_role("button", name="Drag the horizon")
+    button = page.get_by_role("button", name="Drag horizon")
     button.click()
     page.wait_for_selector("#horizon:visible")
     truth = leaning(**LEAN)
@@ -105,7 +105,7 @@ def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
     words = shlex.split(command(page, *SIZE))
     assert f"--level={state['pitch']:g},{state['roll']:g}" in words
     page.wait_for_function("location.hash.includes('pitch=')")
-    page.get_by_role("button", name="Plumb").click()
+    page.get_by_role("button", name="Reset tilt").click()
     page.wait_for_function("window.omnimirror.store.state.pitch === 0")
     settled(page)
     assert mount_of(page) == (0, 0)
@@ -114,7 +114,7 @@ def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
 
 
 def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
-    page.get_by_role("button", name="Drag the horizon").click()
+    page.get_by_role("button", name="Drag horizon").click()
     look(page, mode="perspective", tilt=10.0, hfov=60.0)
     page.wait_for_function("""() => {
       const view = document.querySelector("#view").getBoundingClientRect();
@@ -140,7 +140,7 @@ def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
         pytest.approx(LEAN["pitch"], abs=0.3),
         pytest.approx(LEAN["roll"], abs=0.3),
     )
-    page.get_by_role("status").filter(has_text="upright edges").wait_for()
+    page.get_by_role("status").filter(has_text="vertical edges").wait_for()
 
 
 def test_where_too_little_stands_upright_no_level_is_found(page):
@@ -149,4 +149,4 @@ def test_where_too_little_stands_upright_no_level_is_found(page):
         "window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'"
     )
     page.get_by_role("button", name="Find level").click()
-    page.get_by_role("status").filter(has_text="Too little stands upright").wait_for()
+    page.get_by_role("status").filter(has_text="too few vertical edges").wait_for()

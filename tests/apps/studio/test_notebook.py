@@ -50,10 +50,13 @@ def test_pictures_are_taken_from_files(tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ({"picture": np.zeros((8, 8), np.uint8)}, "8 x 8 px, and the camera's have 256 x 256"),
+        (
+            {"picture": np.zeros((8, 8), np.uint8)},
+            "must have 256 x 256 px, the image size of the camera; got 8 x 8 px",
+        ),
         ({"picture": [1, 2]}, "a picture of list is not valid"),
-        ({"camera": "paper-spherical"}, "is no camera"),
-        ({"height_px": 5}, "outside 120 to 4000"),
+        ({"camera": "paper-spherical"}, "camera must be a sensor or a camera"),
+        ({"height_px": 5}, "height_px must be between 120 and 4000; got 5"),
     ],
 )
 def test_what_cannot_be_shown_is_refused(words, sentence):

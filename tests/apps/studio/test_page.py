@@ -58,7 +58,7 @@ def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(
     browser, server, room, coarse_room
 ):
     page = open_page(browser, server)
-    assert page.get_by_text("Drop a picture or video here").is_visible()
+    assert page.get_by_text("Drop an image or video here").is_visible()
     page.get_by_role("button", name="Try the demo room").click()
     page.wait_for_function("window.omnimirror.look.feed")
     assert page.locator("#view").is_visible()
@@ -139,7 +139,7 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
     write_image(tmp_path / "other.png", pattern((500, 400)))
     page = open_page(browser, server, 1000, 900, device_scale_factor=1)
     drop(page, tmp_path / "other.png")
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
     page.wait_for_selector("#overlay .handle")
     place = "([u, v]) => { const p = new DOMPoint(u, v).matrixTransform(document.querySelector('#overlay').getScreenCTM()); return [p.x, p.y]; }"  # noqa: E501
     page.mouse.move(*page.evaluate(place, [249.5, 199.5]))
@@ -166,11 +166,11 @@ def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
     write_image(tmp_path / "off.png", disc.astype(np.uint8))
     page = open_page(browser, server, 1000, 900)
     drop(page, tmp_path / "off.png")
-    page.get_by_text("The mirror was found in it").wait_for()
+    page.get_by_text("The mirror was detected").wait_for()
     look(page, rim=None)
     page.get_by_text("is a guess: fit the circle").wait_for()
-    page.get_by_role("button", name="Find circle").click()
-    page.get_by_text("Circle found, 9").wait_for()
+    page.get_by_role("button", name="Detect circle").click()
+    page.get_by_text("Circle detected; confidence 9").wait_for()
     assert state(page)["rim"] == [
         pytest.approx(390, abs=0.5),
         pytest.approx(215, abs=0.5),
@@ -187,7 +187,7 @@ def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server,
     drop(page, tmp_path / "other.png")
     page.get_by_text("is a guess: fit the circle").wait_for()
     small = page.locator("#overlay").bounding_box()["width"]
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
     page.wait_for_selector("#overlay .handle")
     assert page.locator("#overlay").bounding_box()["width"] > 1.5 * small
     centre = page.get_by_role("slider", name="Centre of the circle")
@@ -198,7 +198,7 @@ def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server,
     page.wait_for_function("window.omnimirror.store.state.rim?.join() === '250.5,189.5,191'")
     page.wait_for_selector("#overlay [aria-valuetext='191.0 px']")
     page.get_by_text("is a guess").wait_for(state="detached")
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
     assert page.locator("#overlay").bounding_box()["width"] == pytest.approx(small)
     page.context.close()
 
@@ -220,7 +220,7 @@ def test_the_files_that_a_command_names_are_there_or_offered(
     page.wait_for_selector("#command:visible")
     assert "once circle.png is saved" in page.locator("#command-title").inner_text()
     with page.expect_download() as saved:
-        page.get_by_role("button", name="Save picture").click()
+        page.get_by_role("button", name="Save image").click()
     saved.value.save_as(tmp_path / saved.value.suggested_filename)
     look(page, mode="perspective", hfov=60)
     line = command(page, 96, 72)
@@ -235,7 +235,7 @@ def test_the_files_that_a_command_names_are_there_or_offered(
     page.get_by_role(
         "button", name="Save sensor file"
     ).wait_for()  # the same sensor with a smaller imager
-    assert page.get_by_role("button", name="Save picture").is_hidden()
+    assert page.get_by_role("button", name="Save image").is_hidden()
     page.context.close()
 
 
@@ -338,7 +338,7 @@ def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server
     (tmp_path / "notes.png").write_text("no picture")
     page.set_input_files("#file", tmp_path / "notes.png")
     page.wait_for_selector("#banner:visible")
-    assert "notes.png is not a picture" in page.locator("#banner").inner_text()
+    assert "notes.png must be an image" in page.locator("#banner").inner_text()
     assert page.evaluate("window.omnimirror.look.feed.name") == room.name
     (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
     page.set_input_files("#calibration", tmp_path / "bad.toml")
@@ -354,7 +354,7 @@ def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server
     assert page.problems == []
     page.evaluate("Promise.reject(new RangeError('nobody handles this')), null")
     page.wait_for_function(
-        "document.querySelector('#banner').textContent.includes('Something went wrong')"
+        "document.querySelector('#banner').textContent.includes('An internal error occurred')"
     )
     page.context.close()
 
@@ -405,7 +405,7 @@ def test_the_page_keeps_its_own_policy(browser, server):
     said = []
     page.on("console", lambda m: said.append(m.text))
     page.goto(server)
-    page.get_by_text("Field -90").wait_for()
+    page.get_by_text("Elevation -90").wait_for()
     assert [text for text in said if "Content Security Policy" in text] == []
     context.close()
 
@@ -420,7 +420,7 @@ def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
         assert header.bounding_box()["height"] < 100  # two rows
         if mode == "panorama":
             drop(page, room)
-            page.get_by_role("button", name="Fit the circle").click()
+            page.get_by_role("button", name="Fit circle").click()
     look(page, sensor="ball:300")
     page.wait_for_selector("#ball-row:visible")
     look(page, tab="design")
@@ -454,7 +454,7 @@ def test_axe_finds_nothing_serious(is_empty, scheme, browser, server, room):
     page = open_page(browser, server, color_scheme=scheme)
     if not is_empty:
         drop(page, room)
-        page.get_by_role("button", name="Fit the circle").click()
+        page.get_by_role("button", name="Fit circle").click()
     page.add_script_tag(path=AXE)
     found = page.evaluate(
         "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"

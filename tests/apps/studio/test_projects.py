@@ -35,7 +35,7 @@ def project(browser, server, tmp_path_factory):
     page.wait_for_function("window.omnimirror.store.state.sensor.startsWith('file:')")
     drop(page, folder / "hall.png")
     look(page, **STATE)
-    page.get_by_role("button", name="Keep view").click()
+    page.get_by_role("button", name="Store view").click()
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_selector("#bench .compare tbody td")
     page.get_by_role("button", name="Pin", exact=True).click()

@@ -86,7 +86,7 @@ def test_given_and_restored_stand_beside_each_other(browser, server, picture, re
     page.wait_for_selector("#restore[aria-disabled=false]")
     restore.click()
     page.locator("#wiper").wait_for(state="visible")
-    page.get_by_label("Line between the picture").fill("0.25")
+    page.get_by_label("Divider between the original").fill("0.25")
     page.wait_for_function("window.omnimirror.store.state.wipe === 0.25")
     script = f"""() => {{
       const canvas = window.omnimirror.look.drawn();
@@ -110,6 +110,6 @@ def test_given_and_restored_stand_beside_each_other(browser, server, picture, re
     look(page, sensor="ball:300")
     page.wait_for_function("document.querySelector('#wiper').hidden")
     restore.click(force=True)
-    page.get_by_role("status").filter(has_text="known of sensors whose mirror").wait_for()
+    page.get_by_role("status").filter(has_text="requires a sensor with known mirror").wait_for()
     assert page.problems == []
     page.context.close()

@@ -45,7 +45,7 @@ def bench(browser, server):
 
 
 def opened(page) -> None:
-    page.locator(".groups label").filter(has_text="In space").click()
+    page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
     settled(page)
 
@@ -89,7 +89,7 @@ def test_it_is_fetched_when_it_is_opened_and_kept_open(bench):
     bench.reload()
     drawn(bench)
     bench.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
-    bench.locator(".groups label").filter(has_text="In space").click()
+    bench.locator(".groups label").filter(has_text="3-D view").click()
     assert bench.locator(".space").is_hidden()
 
 
@@ -157,7 +157,7 @@ def test_it_follows_the_sliders_and_keeps_what_is_read(bench):
     assert bench.locator(".space output").inner_text() != before
     assert bench.evaluate(ORBIT) == orbit
     upright = bench.evaluate(f"{VIEW}.rays.length")
-    bench.get_by_label("Rays all round").check()
+    bench.get_by_label("All azimuths").check()
     assert bench.evaluate(f"{VIEW}.rays.length") == 6 * upright
     bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
     bench.wait_for_function(f"{VIEW}.rays[0].nodes.length === 4")  # via the second mirror
@@ -246,8 +246,8 @@ def test_a_browser_without_webgl2_is_told_so(browser, server):
     page = context.new_page()
     page.goto(f"{server}#tab=design")
     drawn(page)
-    page.locator(".groups label").filter(has_text="In space").click()
-    page.get_by_text("The 3-D view needs WebGL2, which this browser does not offer.").wait_for()
+    page.locator(".groups label").filter(has_text="3-D view").click()
+    page.get_by_text("The 3-D view requires WebGL2, which this browser does not support.").wait_for()
     context.close()
 
 

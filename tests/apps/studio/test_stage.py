@@ -121,12 +121,12 @@ def test_a_panorama_is_whole_or_fills_the_stage(page):
     fill = page.get_by_role("button", name="Fill")
     assert fill.get_attribute("aria-disabled") == "true"
     fill.click(force=True)
-    page.get_by_role("status").filter(has_text="A dome is round").wait_for()
+    page.get_by_role("status").filter(has_text="A dome is circular").wait_for()
     assert state(page)["fit"] == "fill"
 
 
 def test_the_picture_stands_beside_the_view(page):
-    page.get_by_role("button", name="Picture beside").click()
+    page.get_by_role("button", name="Raw image").click()
     page.wait_for_function(
         "document.querySelector('#frame').contains(document.querySelector('#circle'))"
     )
@@ -137,16 +137,16 @@ def test_the_picture_stands_beside_the_view(page):
     x, y, width, height = boxes["circle"]
     page.mouse.dblclick(x + 0.5 * width + 0.3 * min(width, height), y + 0.5 * height)
     page.wait_for_function("window.omnimirror.store.state.pan !== 0")
-    page.get_by_role("button", name="Picture beside").click()
+    page.get_by_role("button", name="Raw image").click()
     page.wait_for_function(
         "document.querySelector('#raw-place').contains(document.querySelector('#circle'))"
     )
 
 
 def test_views_are_kept_shown_together_and_moved_each_by_itself(page, folder):
-    page.get_by_role("button", name="Keep view").click()
+    page.get_by_role("button", name="Store view").click()
     look(page, mode="perspective", pan=40, tilt=-10, hfov=60)
-    page.get_by_role("button", name="Keep view").click()
+    page.get_by_role("button", name="Store view").click()
     name = page.get_by_label("Name of this view")
     name.fill("Door")
     name.press("Enter")
@@ -171,7 +171,7 @@ def test_views_are_kept_shown_together_and_moved_each_by_itself(page, folder):
     page.wait_for_function("location.hash.includes('all=true')")
     settled(page, 2)
     check_cell(page, folder, 1)
-    page.get_by_role("button", name="Forget Door").click()
+    page.get_by_role("button", name="Remove Door").click()
     assert json.loads(state(page)["views"]) == [{"name": "Panorama"}]
     page.get_by_role("button", name="All views").click()
     settled(page)
@@ -348,5 +348,5 @@ def test_a_button_that_cannot_be_pressed_says_why(browser, server):
     snapshot = page.get_by_role("button", name="Snapshot")
     assert snapshot.get_attribute("aria-disabled") == "true"
     snapshot.click(force=True)
-    page.get_by_role("status").filter(has_text="Open a picture first.").wait_for()
+    page.get_by_role("status").filter(has_text="Open an image first.").wait_for()
     page.context.close()

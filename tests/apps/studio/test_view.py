@@ -148,7 +148,7 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(
     if optics == "fisheye":
         # Not `check`, which reads the state immediately: the page names the previous camera until
         # the other is loaded.
-        page.get_by_label("a fisheye").click()
+        page.get_by_label("fisheye", exact=True).click()
         page.wait_for_function(
             "window.omnimirror.look.sensor.camera.model.options.includes('fisheye')"
         )

@@ -13,7 +13,7 @@ interface Question {
 const RETRY_MS = 1000;
 const LATEST_RETRY_MS = 8000;
 const MOST_FAILURES = 2;
-const UNANSWERABLE = "The studio's server cannot answer about this design";
+const UNANSWERABLE = "The server of the studio cannot evaluate this design";
 const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, or too long for one
 
 /** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */

@@ -153,14 +153,14 @@ export class Bench {
   tryErrors(text: string): void {
     if (!this.tolerances.goTo(text))
       this.host.banner(
-        "The errors of the address cannot be read: they are cut off or changed.",
+        "The errors in the address are invalid: the link is incomplete or was changed.",
         "bench",
       );
   }
 
   /** Say that the address is none of a design, and have that of what is shown. */
   misled(sentence: string): void {
-    this.host.banner(`${sentence} What the bench shows is ${nameOf(this.history.now)}.`, "bench");
+    this.host.banner(`${sentence} The design bench displays ${nameOf(this.history.now)}.`, "bench");
     this.kept();
   }
 
@@ -201,7 +201,9 @@ export class Bench {
     if (!isFull) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
     this.take(
       sensor,
-      isFull ? "Found" : "Found; what was before is pinned, and plots show the difference",
+      isFull
+        ? "Search complete"
+        : "Search complete; the previous design is pinned, and plots display the difference",
     );
     this.pinsChanged();
     this.desk.compareBy(!isFull);
@@ -277,7 +279,7 @@ export class Bench {
 
   pin(): void {
     if (this.pins.length >= MOST_PINS)
-      return this.host.say(`${MOST_PINS} designs are pinned already; unpin one first.`);
+      return this.host.say(`${MOST_PINS} designs can be pinned; unpin one first.`);
     const same = this.pins.filter((p) => p.name.startsWith(nameOf(this.history.now))).length;
     this.pins = [
       ...this.pins,
@@ -286,7 +288,7 @@ export class Bench {
         design: this.history.now,
       },
     ];
-    this.host.say("Pinned: change the design, and compare");
+    this.host.say("Pinned; plots compare it with the current design");
     this.pinsChanged();
   }
 
@@ -331,7 +333,7 @@ export class Bench {
     return wishOf(design, {
       section: desk.shows("Section"),
       squares: desk.shows("Squares"),
-      space: desk.shows("In space"),
+      space: desk.shows("3-D view"),
     });
   }
 

@@ -20,7 +20,7 @@ import type { Found } from "./found";
 export const alone = heldBy<BenchAlone>("bench-alone");
 const answerer = alone && new Answerer(alone);
 
-const WITH_THE_PROGRAM = "takes the program: pip install omnimirror.";
+const WITH_THE_PROGRAM = "requires the program: pip install omnimirror.";
 
 export const benchStart = async (): Promise<BenchStart> => (alone ? alone.start : api.benchStart());
 
@@ -29,7 +29,7 @@ export async function bundled(name: string): Promise<BenchSensor> {
   const found = alone.start.sensors.indexOf(name);
   if (found < 0)
     throw new api.Refused(
-      `This page, which does without a server, holds no ${name}; it holds ${alone.start.sensors.join(", ")}.`,
+      `${name} requires a server; this page contains ${alone.start.sensors.join(", ")}.`,
     );
   return alone.sensors[found];
 }
@@ -55,7 +55,7 @@ export async function openFile(file: Blob, name: string): Promise<Opened> {
 }
 
 export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
-  if (alone) throw new api.Refused(`Files of a design: that ${WITH_THE_PROGRAM}`);
+  if (alone) throw new api.Refused(`Downloading files of a design ${WITH_THE_PROGRAM}`);
   return api.download(asked);
 }
 

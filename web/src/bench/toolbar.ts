@@ -84,7 +84,7 @@ export class Toolbar {
           "button",
           {
             type: "button",
-            title: "A sensor file, or a requirement file",
+            title: "Open a sensor file or a requirement file",
             "data-computes": "",
             onclick: () => this.file.click(),
           },
@@ -94,7 +94,7 @@ export class Toolbar {
         this.file,
       ),
       nav(
-        "Keep the design",
+        "Export the design",
         "keep",
         h("button", { type: "button", onclick: () => bench.pin() }, "Pin"),
         this.menu,
@@ -106,7 +106,7 @@ export class Toolbar {
             "data-computes": "",
             onclick: () => background(this.look()),
           },
-          "Look through it",
+          "Use as camera",
         ),
       ),
     );
@@ -119,14 +119,8 @@ export class Toolbar {
   }
 
   show(): void {
-    allow(
-      this.undo,
-      this.bench.history.canUndo ? null : "Nothing was changed yet that could be undone.",
-    );
-    allow(
-      this.redo,
-      this.bench.history.canRedo ? null : "Nothing was undone that could be done again.",
-    );
+    allow(this.undo, this.bench.history.canUndo ? null : "There is no change to undo.");
+    allow(this.redo, this.bench.history.canRedo ? null : "There is no change to redo.");
     this.requirements.hidden = this.bench.history.now.requirements === null;
   }
 
@@ -135,13 +129,13 @@ export class Toolbar {
     await this.try(async () => {
       await checkReadable(file, name);
       const { sensor, requirements } = await supply.openFile(file, name);
-      if (sensor) this.bench.take(sensor, `${name} is on the bench`);
+      if (sensor) this.bench.take(sensor, `${name} loaded`);
       if (!requirements) return;
       this.bench.takeRequirements(requirements);
       this.host.say(
         requirements.mirror
-          ? `${name}: the design is judged by it; Design from requirements makes one`
-          : `${name}: the design is judged by it`,
+          ? `${name}: requirements loaded; Design from requirements searches for a design`
+          : `${name}: requirements loaded`,
       );
     });
   }
@@ -150,7 +144,7 @@ export class Toolbar {
     this.menu.open = false;
     const { tables, distance } = this.bench.history.now;
     if (this.summary.getAttribute("aria-busy") === "true")
-      return this.host.say("One file at a time; the last one is still being made");
+      return this.host.say("The previous file is still being written");
     const asked: Download = { tables, kind, object_distance_mm: distance };
     const stop = this.telling(asked);
     try {
@@ -170,10 +164,11 @@ export class Toolbar {
       this.summary.setAttribute("aria-busy", String(isBusy));
     };
     let isMade = false;
-    busy(true, "Making the file…");
+    busy(true, "Writing the file…");
     const timer = setInterval(async () => {
       const now = await api.making(asked).catch(() => null);
-      if (now && !isMade) busy(true, `Making it: ${Math.round(100 * now.share)} %`, now.sentence);
+      if (now && !isMade)
+        busy(true, `Writing the file: ${Math.round(100 * now.share)} %`, now.sentence);
     }, ASKED_EVERY_MS);
     return () => {
       isMade = true;

@@ -53,7 +53,7 @@ export class Calibrate {
   private readonly state = h("div", { className: "plots state" });
   private readonly next = h("section", {
     className: "next",
-    "aria-label": "What to take next",
+    "aria-label": "Recommended next image",
     hidden: true,
   });
   private readonly results = h("div", { className: "results" });
@@ -96,7 +96,7 @@ export class Calibrate {
       report: () => this.report,
       look: () => background(this.look()),
     });
-    const [boards, cameras, runs] = [panel("The board"), panel("The camera"), panel("Calibration")];
+    const [boards, cameras, runs] = [panel("Target"), panel("Camera"), panel("Calibration")];
     this.board = new BoardPanel(
       boards,
       start.families,
@@ -113,7 +113,7 @@ export class Calibrate {
     this.commandRow = h(
       "div",
       { className: "command" },
-      h("span", { className: "words" }, "The same from the command line"),
+      h("span", { className: "words" }, "Equivalent command"),
       this.command,
       h(
         "button",
@@ -128,7 +128,7 @@ export class Calibrate {
     this.state.append(this.coverage, this.next);
     const desk = h(
       "section",
-      { className: "desk", tabIndex: -1, "aria-label": "Pictures and results" },
+      { className: "desk", tabIndex: -1, "aria-label": "Images and results" },
       this.invitation,
       this.webcam.element,
       this.results,
@@ -139,7 +139,7 @@ export class Calibrate {
       this.commandRow,
     );
     host.place.append(
-      h("aside", { "aria-label": "Board, camera and calibration" }, boards, cameras, runs),
+      h("aside", { "aria-label": "Target, camera and calibration" }, boards, cameras, runs),
       desk,
     );
     this.show();
@@ -155,7 +155,7 @@ export class Calibrate {
     const lost = await this.shots.restore();
     if (lost.length)
       this.host.banner(
-        `The page was left before the browser had kept ${lost.join(", ")}; add ${lost.length > 1 ? "them" : "it"} again.`,
+        `The page was closed before ${lost.join(", ")} ${lost.length > 1 ? "were" : "was"} stored; add ${lost.length > 1 ? "them" : "it"} again.`,
         "calibrate",
       );
     const result = await keptResult(this.keys);
@@ -177,7 +177,7 @@ export class Calibrate {
           await framesOf(file, file.name, MOST_SHOTS - this.shots.all.length, take);
         else if (!(await take(file, file.name, null))) {
           refusals.push(
-            `${MOST_SHOTS} pictures are as many as are taken here; ${file.name} and what came after it were left out.`,
+            `${MOST_SHOTS} images is the maximum; ${file.name} and the following files were ignored.`,
           );
           break;
         }
@@ -351,7 +351,7 @@ export class Calibrate {
     this.run.show(
       this.board.board
         ? whyNot(this.shots.found.length, this.shots.waiting)
-        : "Say first which board it is.",
+        : "Specify the target first.",
     );
     this.gallery.show(all, this.chosen);
     this.single.show(this.chosen, this.camera.isMirror ? this.camera.rim : null, this.found);
@@ -406,11 +406,11 @@ export class Calibrate {
     return h(
       "div",
       { className: "invitation" },
-      h("h2", {}, "Drop pictures of a board here"),
+      h("h2", {}, "Drop images of a target here"),
       h(
         "p",
         {},
-        "Ten to twenty of one board, held all around the mirror, near the rim and tilted; or a video. They stay on this machine.",
+        "10 to 20 images of one target, distributed over the field and tilted, or a video. They remain on this machine.",
       ),
       h(
         "p",
@@ -418,7 +418,7 @@ export class Calibrate {
         h(
           "button",
           { type: "button", className: "primary", onclick: () => this.toolbar.open() },
-          "Choose pictures…",
+          "Choose images…",
         ),
         h(
           "button",

@@ -66,7 +66,7 @@ async function event(
       const fail = (): void =>
         reject(
           new Refused(
-            `${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${shellWord(fileWord(name))}`,
+            `${name} is not supported by this browser; use the command line: omnimirror calibrate ${shellWord(fileWord(name))}`,
           ),
         );
       video.addEventListener(kind, () => resolve(), once);

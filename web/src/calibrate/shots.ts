@@ -168,7 +168,7 @@ export class Shots {
       if (this.all.includes(shot)) background(keepSeen(shot.key, shot.seen));
     } catch (e) {
       if (e instanceof api.Refused) shot.trouble = e.message;
-      else if (e instanceof api.Away) shot.trouble = "The studio's server does not answer.";
+      else if (e instanceof api.Away) shot.trouble = "The server of the studio does not respond.";
       else if (!controller.signal.aborted) this.hands.fail(e);
     }
     this.looking.delete(shot);

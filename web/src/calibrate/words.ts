@@ -19,7 +19,7 @@ const MOST_NAMED = 40; // files on a command line; of more the folder is named
 /** How a kind of model is called. */
 export function modelWords(kind: string): string {
   const named: Record<string, string> = {
-    auto: "The best of all",
+    auto: "Automatic selection",
     unified: "unified sphere",
     "enhanced-unified": "enhanced unified",
     sensor: "mirror sensor",
@@ -44,9 +44,9 @@ export function stateWords(seen: BoardSeen, reason: string | null): string {
 /** Why no calibration can begin; null where it can. */
 export function whyNot(found: number, waiting: number): string | null {
   if (waiting)
-    return `${waiting === 1 ? "One picture is" : `${waiting} pictures are`} still to be looked at.`;
+    return `${waiting === 1 ? "One image has" : `${waiting} images have`} not been processed yet.`;
   if (found < FEWEST)
-    return `The board is found in ${found === 0 ? "no picture" : found === 1 ? "one picture" : `${found} pictures`} yet; ${FEWEST} are the fewest, 10 to 20 are usual.`;
+    return `The target was detected in ${found === 0 ? "no image" : found === 1 ? "one image" : `${found} images`}; at least ${FEWEST} are required, 10 to 20 are recommended.`;
   return null;
 }
 

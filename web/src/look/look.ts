@@ -255,7 +255,7 @@ export class Look {
   private showDoubt(camera: Camera, feed: Feed): void {
     const isGuess = camera.isMoved && !this.store.state.rim;
     const doubt = isGuess
-      ? ". Where the mirror lies in it is a guess: fit the circle, or choose the sensor that took it"
+      ? ". The position of the mirror is a guess: fit the circle, or select the sensor of this image"
       : "";
     put(
       "picture-words",
@@ -270,7 +270,7 @@ export class Look {
     byId("save-sensor").hidden = !sensor || !this.sources.hasServer;
     const files = [feed.made && feed.name, sensor].filter(Boolean).join(" and ");
     const once = files ? `, once ${files} ${feed.made && sensor ? "are" : "is"} saved` : "";
-    put("command-title", `The same from the command line${once}`);
+    put("command-title", `Equivalent command${once}`);
   }
 
   /** While it moves, a view is drawn quickly; once it rests, with care. */
@@ -356,10 +356,10 @@ export class Look {
 
   private lookAtPixel(pixel: Pixel): void {
     const direction = this.camera?.backproject(pixel);
-    if (!direction) return say("The sensor sees nothing there.");
+    if (!direction) return say("This point is outside the field of view of the sensor.");
     this.store.set(panTiltOf(direction));
     if (this.store.state.mode !== "perspective")
-      say("Shown in the middle; Perspective looks straight there.");
+      say("Centred horizontally; select Perspective to centre the point in both directions.");
   }
 
   /** Look at what is at a place of the view, given in parts of its width and height. */
@@ -389,5 +389,5 @@ export class Look {
 function problemOf({ model }: Camera, feed: Feed): string | null {
   if (model.is_adjustable || hasSize(model, [feed.width, feed.height])) return null;
   const [w, h] = model.image_size;
-  return `${feed.name} is ${feed.width} × ${feed.height} px, and ${model.name} belongs to pictures of ${w} × ${h}. Choose the sensor that took it.`;
+  return `${feed.name} has ${feed.width} × ${feed.height} px, but ${model.name} requires images of ${w} × ${h} px. Select the sensor of this image.`;
 }

@@ -14,9 +14,9 @@ import { Playback } from "./feeds/playback";
 import { Webcams } from "./feeds/webcams";
 import * as supply from "./supply";
 
-const INVITATION = "Drop a picture or video here";
+const INVITATION = "Drop an image or video here";
 const INVITATION_MORE =
-  "One taken with a curved mirror, a mirror ball or a fisheye. It stays on this machine.";
+  "Captured with a curved mirror, a mirror ball or a fisheye lens. It remains on this machine.";
 
 /** What the sources need of the tab around them. */
 interface Hands {
@@ -75,7 +75,7 @@ export class Sources {
     if (file) return this.openFile(file.blob, file.name, false);
     this.invite(
       `Drop ${name} here`,
-      "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.",
+      "The file belongs to this page and is in the same folder. Browsers do not permit pages opened from disk to read it automatically.",
     );
   }
 
@@ -116,7 +116,7 @@ export class Sources {
 
   async openRoom(turns = true): Promise<void> {
     await this.open(
-      "Simulating the picture of a room",
+      "Rendering an image of a room",
       () => roomOf(this.store.state.sensor),
       "room",
       false,
@@ -137,7 +137,7 @@ export class Sources {
     if (!name)
       return fail(
         new api.Refused(
-          `The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`,
+          `The address requires ${id}, which is not available on this server. Open an image, or select an available source.`,
         ),
       );
     this.heard = source;
@@ -160,13 +160,15 @@ export class Sources {
   private async feedOfServer(source: string, signal: AbortSignal): Promise<Feed> {
     const id = source.replace(/^server:/, "");
     const option = this.options.find((o) => o.value === id);
-    if (!option) throw new api.Refused(`This server does not offer ${id}.`);
+    if (!option) throw new api.Refused(`${id} is not available on this server.`);
     const name = option.textContent ?? id;
     const told = (state: StreamState | null): void => {
       const fine = state?.state === "playing";
       if (source === this.heard)
         banner(
-          fine ? null : (state?.sentence ?? `${NO_ANSWER} ${name} goes on when it is back.`),
+          fine
+            ? null
+            : (state?.sentence ?? `${NO_ANSWER} ${name} resumes when the connection is restored.`),
           "picture",
         );
     };
@@ -218,7 +220,7 @@ export class Sources {
     if (this.feed) this.close();
     const [kind, rest] = [source.split(":", 1)[0], source.slice(source.indexOf(":") + 1)];
     if (kind === "room")
-      return this.open("Simulating the picture of a room", () => roomOf(sensor), "room", true);
+      return this.open("Rendering an image of a room", () => roomOf(sensor), "room", true);
     if (kind === "server") return this.openServer(rest, true);
     if (kind === "webcam") return this.openWebcam(rest, true);
     const identity = identityIn(source);
@@ -226,7 +228,7 @@ export class Sources {
       return source
         ? fail(
             new api.Refused(
-              `source = ${source} of the address is not understood; open a picture instead.`,
+              `The address contains an invalid source, ${source}; open an image instead.`,
             ),
           )
         : undefined;
@@ -238,10 +240,10 @@ export class Sources {
         source,
         true,
       );
-    const name = identity.name || "its picture";
+    const name = identity.name || "its image";
     this.invite(
       `Drop ${name} here`,
-      `This link is a view of ${identity.name || "a picture that it does not name"}, which this browser does not hold: links hold the view, not the picture.`,
+      `This link is a view of ${identity.name || "an unnamed image"}, which is not stored in this browser; links contain the view, not the image.`,
     );
   }
 
@@ -298,7 +300,7 @@ export class Sources {
     if (Math.max(feed.width, feed.height) > largest) {
       feed.close();
       throw new api.Refused(
-        `${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`,
+        `${feed.name} is ${feed.width} × ${feed.height} px; the maximum of this graphics card is ${largest} px per side.`,
       );
     }
     if (this.feed && this.feed !== feed) this.hands.give(this.shown, this.feed);
@@ -325,7 +327,7 @@ export class Sources {
     this.hands.changed();
     banner(null, "picture");
     this.showWhether(false);
-    byId("picture-words").textContent = "None yet.";
+    byId("picture-words").textContent = "No image.";
     this.invite(INVITATION, INVITATION_MORE);
   }
 
@@ -340,7 +342,7 @@ export class Sources {
     byId("empty").hidden = hasPicture;
     if (!hasPicture) byId("view").hidden = byId("command").hidden = true;
     for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]"))
-      allow(element, hasPicture ? null : "Open a picture first.");
+      allow(element, hasPicture ? null : "Open an image first.");
   }
 }
 

@@ -35,7 +35,7 @@ export async function room(id: string): Promise<Blob> {
   const { room: address, entry } = held(id);
   if (!address)
     throw new api.Refused(
-      `This page holds no picture of a room by ${entry.name}; choose a sensor, or open a picture.`,
+      `This page contains no image of a room for ${entry.name}; select a sensor, or open an image.`,
     );
   return blob(address);
 }
@@ -44,7 +44,7 @@ function held(id: string): CameraAlone {
   const found = alone!.cameras.find((c) => c.entry.id === id);
   if (!found)
     throw new api.Refused(
-      `This page, which does without a server, holds no ${id.startsWith("file:") ? "files of sensors" : id}; choose one of its sensors.`,
+      `${id.startsWith("file:") ? "A sensor file" : id} requires a server; select one of the sensors of this page.`,
     );
   return found;
 }

@@ -50,7 +50,7 @@ export class Toolbar {
           ? document.exitFullscreen()
           : byId("stage")
               .requestFullscreen()
-              .catch(() => say("This browser does not show it on the full screen.")),
+              .catch(() => say("This browser does not support full screen.")),
       ),
     );
     byId("copy-command").addEventListener("click", () =>
@@ -92,9 +92,9 @@ export class Toolbar {
       .filter(Boolean)
       .join(" and ");
     const rest = missing
-      ? `. It holds the view, not ${missing}: elsewhere it asks for the file`
+      ? `. It contains the view, not ${missing}; other browsers request the file`
       : source.startsWith("webcam:")
-        ? ". It opens the webcam of whoever opens it"
+        ? ". It opens the webcam of the recipient"
         : "";
     await copy(location.href, "Link", rest);
   }
@@ -103,7 +103,7 @@ export class Toolbar {
     const canvas = this.hands.drawn(); // what is drawn is gone once the browser has shown it
     if (!canvas) return;
     const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-    if (!png) return say("The browser made no picture.");
+    if (!png) return say("The browser could not create the image.");
     const texts = {
       Software: "omnimirror studio",
       Comment: this.hands.commands(),

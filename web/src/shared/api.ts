@@ -184,7 +184,7 @@ async function ask(url: string, init?: RequestInit): Promise<Response> {
   if (answer.ok) return answer;
   const body = (await answer.json().catch(() => null)) as { detail?: unknown } | null;
   throw new Refused(
-    sentenceOf(body?.detail) ?? `The studio's server cannot do that (it answers ${answer.status}).`,
+    sentenceOf(body?.detail) ?? `The request failed (HTTP status ${answer.status}).`,
   );
 }
 
@@ -199,11 +199,14 @@ function sentenceOf(detail: unknown): string | null {
   if (typeof detail === "string") return detail;
   const [first] = Array.isArray(detail) ? (detail as Wrong[]) : [];
   if (!first?.msg) return null;
-  const entry = first.loc?.at(-1) ?? "the question";
+  const entry = first.loc?.at(-1) ?? "the request";
   const value = ["string", "number", "boolean"].includes(typeof first.input)
-    ? ` = ${String(first.input).slice(0, 60)}`
+    ? `; got ${String(first.input).slice(0, 60)}`
     : "";
-  return `${entry}${value} is not valid: ${first.msg.replace(/^Input should be/, "it should be")}.`;
+  const condition = first.msg.replace(/^Input should be/, "must be");
+  return condition.startsWith("must")
+    ? `${entry} ${condition}${value}.`
+    : `${entry}: ${condition}${value}.`;
 }
 
 /** Work that the server does for the page: its news come over a socket, and closing that ends it. */

@@ -17,7 +17,7 @@ const FIRST_FRAME_MS = 10_000; // of a camera that was opened
 /** A camera of this machine; `lost` is told when it goes. */
 export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
   if (!navigator.mediaDevices)
-    throw new Refused("Browsers give cameras to pages of this machine, or over https, only.");
+    throw new Refused("Browsers permit camera access only for local pages and over https.");
   let stream: MediaStream;
   try {
     const exact = id ? { deviceId: { exact: id } } : {};
@@ -29,10 +29,10 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
     if (name === "OverconstrainedError" && id) return openedAgain(id, lost);
     if (name === "NotAllowedError")
       throw new Refused(
-        "The camera was refused. Allow it for this page in the browser's address bar, and try again.",
+        "Camera access was denied. Allow it for this page in the address bar of the browser, and try again.",
       );
-    if (name === "NotFoundError") throw new Refused("There is no camera at this machine.");
-    throw new Refused("The camera cannot be opened; another program may be using it.");
+    if (name === "NotFoundError") throw new Refused("No camera is connected to this machine.");
+    throw new Refused("The camera could not be opened; another program may be using it.");
   }
   const video = Object.assign(document.createElement("video"), {
     srcObject: stream,
@@ -49,7 +49,7 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
   }
   const track = stream.getVideoTracks()[0];
   const name = track.label || "webcam";
-  track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
+  track.onended = () => lost(`${name} was disconnected. Connect it again, and press Webcam.`);
   const device = track.getSettings().deviceId ?? "";
   put(
     [locals],
@@ -112,7 +112,7 @@ export async function checkReadable(file: Blob, name: string): Promise<void> {
     await file.slice(0, 1).arrayBuffer();
   } catch {
     throw new Refused(
-      `${name} cannot be read. Check that it is a file and no folder, that it still exists and that you may read it; then open it again.`,
+      `${name} cannot be read. Check that the file exists, is not a folder and is readable; then open it again.`,
     );
   }
 }

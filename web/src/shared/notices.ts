@@ -35,7 +35,7 @@ function line(subject: Subject, text: string): HTMLElement {
     type: "button",
     textContent: "×",
   });
-  away.setAttribute("aria-label", "Put this away");
+  away.setAttribute("aria-label", "Close");
   away.addEventListener("click", () => banner(null, subject));
   made.append(Object.assign(document.createElement("span"), { textContent: text }), away);
   return made;
@@ -51,7 +51,7 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
     await navigator.clipboard.writeText(text);
     say(`${what} copied${more}`);
   } catch {
-    say(`The browser does not let pages copy; here it is: ${text}`);
+    say(`The browser does not permit copying. Copy manually: ${text}`);
   }
 }
 

@@ -35,7 +35,7 @@ export function raysOf(table: Columns): Ray[] {
       omega: at("omega_deg", index),
       isHidden,
       isForward: at("turn_deg", index) % HALF_TURN === 0,
-      words: `Field angle ${fixed(at("omega_deg", index), 1)}° · meets the mirror at ${["x", "y", "z"].map((axis) => `${axis} ${words(near0(at(`${axis}_mm`, index)), 4)}`).join(", ")} mm · angle of incidence ${fixed(at("incidence_deg", index), 2)}° · pixel ${fixed(at("u_px", index), 1)}, ${fixed(at("v_px", index), 1)}${isHidden ? " · hidden by the housing" : ""}`,
+      words: `Field angle ${fixed(at("omega_deg", index), 1)}° · mirror point ${["x", "y", "z"].map((axis) => `${axis} ${words(near0(at(`${axis}_mm`, index)), 4)}`).join(", ")} mm · angle of incidence ${fixed(at("incidence_deg", index), 2)}° · pixel ${fixed(at("u_px", index), 1)}, ${fixed(at("v_px", index), 1)}${isHidden ? " · obstructed by the housing" : ""}`,
     };
   }).filter((ray) => Number.isFinite(ray.omega) && ray.nodes.length > 1);
 }

@@ -30,7 +30,7 @@ const [SIDE, ABOVE] = [
 const ROOM_ABOVE = 0.32; // radians from which a room is seen at least
 const ROOM_SHARE = 0.62; // of the distance from which all of a room is seen: its near walls may be cut
 const KEYS =
-  "Arrow keys turn it, with Shift they move it; plus and minus enlarge it; Page Up and Page Down read rays.";
+  "Arrow keys rotate, with Shift pan; plus and minus zoom; Page Up and Page Down select rays.";
 
 /** A sensor in space: its parts, its rays, and the room around it; drawn when something has changed. */
 export class SpaceView {
@@ -42,7 +42,7 @@ export class SpaceView {
   readonly canvas: HTMLCanvasElement;
   private readonly drawing: Drawing;
   private readonly readout = h("output", { className: "readout" });
-  private readonly around = h("input", { type: "checkbox", name: "Rays all round" });
+  private readonly around = h("input", { type: "checkbox", name: "All azimuths" });
   private found: Answered | null = null;
   private bounds: [Vec3, Vec3] = [
     [0, 0, 0],
@@ -57,7 +57,7 @@ export class SpaceView {
     this.canvas = gl.canvas as HTMLCanvasElement;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", `The sensor in space. ${KEYS}`);
+    this.canvas.setAttribute("aria-label", `3-D view of the sensor. ${KEYS}`);
     this.drawing = new Drawing(gl);
     const look = {
       orbit: () => this.orbit,
@@ -73,22 +73,18 @@ export class SpaceView {
     const button = (text: string, title: string, act: () => void): HTMLElement =>
       h("button", { type: "button", className: "small", title, onclick: act }, text);
     const buttons = [
-      button("Sensor", "All of the sensor (Home)", () => this.fit()),
-      button("From the side", "Level with it", () => this.fit(SIDE)),
-      button("From above", "Straight down on it", () => this.fit(ABOVE)),
-      button("Room", "All of the room around it", () => this.fitRoom()),
-      h("label", { className: "check" }, this.around, " Rays all round"),
-      button("‹ Ray", "Read the ray before (Page Up)", () => this.step(-1)),
-      button("Ray ›", "Read the next ray (Page Down)", () => this.step(1)),
+      button("Sensor", "Complete sensor (Home)", () => this.fit()),
+      button("From the side", "Horizontal view", () => this.fit(SIDE)),
+      button("From above", "Vertical view", () => this.fit(ABOVE)),
+      button("Room", "Complete room", () => this.fitRoom()),
+      h("label", { className: "check" }, this.around, " All azimuths"),
+      button("‹ Ray", "Previous ray (Page Up)", () => this.step(-1)),
+      button("Ray ›", "Next ray (Page Down)", () => this.step(1)),
     ];
     host.place.replaceChildren(
       this.canvas,
       this.readout,
-      h(
-        "div",
-        { className: "row", role: "group", "aria-label": "How it is looked at" },
-        ...buttons,
-      ),
+      h("div", { className: "row", role: "group", "aria-label": "Viewpoint" }, ...buttons),
     );
     new ResizeObserver(() => this.due()).observe(this.canvas);
   }
@@ -116,11 +112,11 @@ export class SpaceView {
     const angles = this.rays.map((ray) => ray.omega);
     this.canvas.setAttribute(
       "aria-label",
-      `The sensor in space: ${names.join(", ")}, ${add(high, low, -1)
+      `3-D view of the sensor: ${names.join(", ")}, ${add(high, low, -1)
         .map((mm) => words(mm, 3))
         .join(
           " by ",
-        )} mm, with ${this.rays.length} rays of field angles from ${words(Math.min(...angles), 3)}° to ${words(Math.max(...angles), 4)}°. ${KEYS}`,
+        )} mm, ${this.rays.length} rays with field angles from ${words(Math.min(...angles), 3)}° to ${words(Math.max(...angles), 4)}°. ${KEYS}`,
     );
   }
 
@@ -183,7 +179,7 @@ export class SpaceView {
 
   private drawLines(): void {
     this.readout.textContent =
-      this.picked?.words ?? "Click a ray to read it; drag to turn, with Shift to move.";
+      this.picked?.words ?? "Click a ray to display its values; drag to rotate, with Shift to pan.";
     const [hidden, ray, ink, soft] = ["bad", "accent", "ink", "soft"].map((name) => inkOf(name));
     const of = (each: Ray): Line[] => {
       const isPicked = each === this.picked;

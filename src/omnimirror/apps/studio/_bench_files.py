@@ -53,7 +53,7 @@ def opened(name: str, data: bytes) -> Opened:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SpecError(
-            f"{name} is not a text file; valid are sensor files and requirement files"
+            f"{name} must be a sensor file or a requirement file; got a file that is not UTF-8 text"
         ) from None
     tables = parse_toml(text, name)
     where = SourceLocator(text, name)
@@ -115,7 +115,7 @@ def downloaded(
     if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
         what = OF_ONE_MERIDIAN[asked.kind]
         raise InvalidParameter(
-            f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there"
+            f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first"
         )
     return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
 
@@ -144,8 +144,8 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
     width, height = sensor.imager.size
     if max(width, height) > MOST_ACROSS:
         raise InvalidParameter(
-            f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, "
-            "and omnimirror demo makes larger ones"
+            f"the imager of a report must have at most {MOST_ACROSS} px per side; got {width} x {height} px; "
+            "omnimirror demo supports larger imagers"
         )
     with tempfile.TemporaryDirectory() as folder:
         data = write_demo(sensor, folder, progress=tell).read_bytes()

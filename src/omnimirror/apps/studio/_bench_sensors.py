@@ -60,7 +60,9 @@ from .bench_messages import (
 
 # -- Slider metadata of the bench, from the parameter descriptions of the parts --------------------
 
-DISTANCE = Parameter("mm", 1e-3, 1e7, "from the lens's principal point to the mirror's vertex (m)")
+DISTANCE = Parameter(
+    "mm", 1e-3, 1e7, "distance from the principal point of the lens to the mirror vertex (m)"
+)
 
 
 @cache
@@ -146,7 +148,7 @@ AROUND = 10.0  # distance from the mirror to a plane or cylinder, in rim radii
 FOCUS_DIGITS = 3  # decimals of the focus distance in mm, finer than lenses can be set
 TABLE_ROWS = 9
 THETA_DEG = 12.0  # default viewing angle of the lens, deg
-NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has) ")
+NAMED = re.compile(r"(\w+)(?:\[\d+\])? (?:=|has|must) ")
 """First entry that an error message names."""
 
 
@@ -199,27 +201,29 @@ def remark_on(sensor: Sensor) -> str | None:
         return None
     if pose.is_axial:
         return (
-            "The file tells a form error of the mirror, or how the imager leans. The picture of the room is taken so; "
-            "cross-section, plots and requirements are those of the sensor without."
+            "The file contains a form error of the mirror or a tilt of the imager. Only the image of the room includes "
+            "them; cross-section, plots and requirements are those of the ideal sensor."
         )
     shift, tilt = (
         f"{a:g} and {b:g}"
         for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
     )
     return (
-        f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken "
-        "so; cross-section, plots and requirements are those of the same mirror in its place."
+        f"The mirror is misaligned: decentred by {shift} mm, tilted by {tilt}°. Only the image of the room includes "
+        "this; cross-section, plots and requirements are those of the aligned mirror."
     )
 
 
 def why_not_optimised(sensor: Sensor) -> str | None:
     """Return the reason for which the mirror cannot be optimised; None if it can."""
     if sensor.secondary is not None:
-        return "Mirrors are optimised one at a time, and this sensor has two."
+        return "Optimisation requires a sensor with one mirror; this sensor has two."
     if not sensor.mirror_pose.is_axial:
-        return "Mirrors are optimised in their place, and this one is decentred or tilted."
+        return "Optimisation requires an aligned mirror; this one is decentred or tilted."
     if not sensor.is_ideal_but_for_pose:
-        return "Mirrors are optimised as they are meant, and this sensor has a form error or an imager that leans."
+        return (
+            "Optimisation requires an ideal sensor; this one has a form error or a tilted imager."
+        )
     return None
 
 
@@ -263,7 +267,7 @@ def changed(change: Change) -> Sensor:
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
     if kind not in MIRRORS:
-        raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
+        raise InvalidParameter(f"mirror must be one of {', '.join(MIRRORS)}; got {kind!r}")
     mounted = recast(sensor, kind)
     distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
     return replace(
@@ -364,7 +368,9 @@ def _as_table(sensor: Sensor) -> TabulatedLens:
     """Return the lens as a table that extends slightly beyond the rim."""
     lens = sensor.lens
     if not isinstance(lens, GaussianLens):
-        raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
+        raise InvalidParameter(
+            "a lens table requires a lens with an entrance pupil; choose perspective first"
+        )
     angles = np.linspace(
         0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS
     )
@@ -394,10 +400,10 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
         return replace(sensor, lens=_as_table(sensor))
     if kind == "surfaces":
         raise InvalidParameter(
-            "a lens by its surfaces comes from its .zmx file, named in a sensor file; open that"
+            "a lens defined by surfaces requires a .zmx file; open a sensor file that references it"
         )
     if kind != "perspective":
-        raise InvalidParameter(f"there is no lens {kind!r}; valid are {', '.join(LENSES)}")
+        raise InvalidParameter(f"lens must be one of {', '.join(LENSES)}; got {kind!r}")
     mirror = _for_theta(sensor.mirror, THETA_DEG)
     distance = M / np.tan(np.radians(THETA_DEG)) - float(mirror.sag(M))
     focal = 1 / (np.tan(np.radians(THETA_DEG)) / height + 1 / distance)
@@ -460,7 +466,7 @@ def _profile(sensor: Sensor, x_mm: float, z_mm: float) -> Sensor:
     rim = sensor.mirror.rim_radius_mm
     if not CLEAR * rim <= x_mm <= rim * (1 + 1e-9):
         raise InvalidParameter(
-            f"the profile is held {x_mm:g} mm from the axis; it can be held from {CLEAR * rim:.4g} to {rim:g} mm"
+            f"the profile can be dragged from {CLEAR * rim:.4g} to {rim:g} mm from the axis; got {x_mm:g} mm"
         )
     before = spline_like(sensor)
     slopes, held = np.array(before.slopes), min(x_mm / rim, 1.0)
@@ -487,12 +493,12 @@ def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
     first, last = (low + share * (high - low) for share in (CLEAR, 1 - CLEAR))
     if not first <= omega_deg <= last:
         raise InvalidParameter(
-            f"the mapping is held at {omega_deg:g} deg; it can be held from {first:.4g} to {last:.4g} deg"
+            f"the mapping can be dragged from {first:.4g} to {last:.4g} deg; got {omega_deg:g} deg"
         )
     rim_px = sensor.rim_radius_px
     if not 0 < height_px < rim_px:
         raise InvalidParameter(
-            f"the mapping is pulled to {height_px:.4g} px; it can be pulled to 0 to {rim_px:.4g} px"
+            f"the image height must be between 0 and {rim_px:.4g} px; got {height_px:.4g} px"
         )
     table = mapping_like(sensor)
     omega, tau = np.array(table.omega_deg), np.array(table.height) / table.height[-1]
@@ -532,6 +538,6 @@ def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> 
     against = side * beam < 0
     most = float(np.min(steps[against] / np.abs(beam[against])))
     raise InvalidParameter(
-        f"pulled by {pulled:+.3g} of the rim's image height at {omega_deg:.4g} deg, the mapping would not grow with "
-        f"the field angle; it can be pulled by less than {side * most:+.3g}"
+        f"the image height must increase with the field angle; a change of {pulled:+.3g} times the image height of the "
+        f"rim at {omega_deg:.4g} deg violates this; the limit is {side * most:+.3g}"
     )

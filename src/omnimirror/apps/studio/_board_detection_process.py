@@ -63,7 +63,7 @@ def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
     except OmnimirrorError as e:
         return Problem(detail=str(e))
     except MemoryError:
-        return Problem(detail=f"{ask.name} takes more memory than the server has")
+        return Problem(detail=f"{ask.name} requires more memory than the server has")
 
 
 def answer_all(questions: BinaryIO) -> None:

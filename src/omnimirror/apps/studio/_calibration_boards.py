@@ -56,7 +56,7 @@ def taken(seen: BoardSeen, board: Board) -> Detection:
     good = good and bool(np.all((ids >= 0) & (ids < board.corner_count)))
     if not (good and np.all((corners >= -0.5) & (corners <= size - 0.5))):
         raise InvalidParameter(
-            f"what is told of {seen.name} cannot be: its corners are not those of a board of {board}"
+            f"the detection in {seen.name} is invalid: its corners do not match a board of {board}"
         )
     blur = math.nan if seen.blur_px is None else seen.blur_px
     return Detection(
@@ -243,8 +243,8 @@ def straightened(ask: StraightAsk, data: bytes) -> bytes:
     screen = BoardScreen(ask.place)
     if not np.all((screen.sides_mm > 0) & (screen.sides_mm < LARGEST_MM)):
         raise InvalidParameter(
-            f"the board in {ask.place.picture} is none: its corners lie from {ask.place.low_mm} to "
-            f"{ask.place.high_mm} mm"
+            f"the board in {ask.place.picture} must be larger than 0 and smaller than {LARGEST_MM:g} mm; "
+            f"its corners extend from {ask.place.low_mm} to {ask.place.high_mm} mm"
         )
     picture = eight_bits(picture_in(data, ask.name))
     camera = parse_camera(ask.camera_file, source="the camera")

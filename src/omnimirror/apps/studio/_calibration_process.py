@@ -36,6 +36,12 @@ from .calibration_messages import (
 )
 
 Tell = Callable[[CalibrationNews], None]
+LABELS = {
+    "say --flipped": 'select "Camera driver flips images left to right"',
+    "--flipped": '"Camera driver flips images left to right"',
+    "--optics": '"Optics"',
+}
+"""Labels of the page for command-line options in messages."""
 
 
 def perform(
@@ -54,7 +60,7 @@ def perform(
         )
         tell(
             CalibrationNews(
-                state="reported", sentence="The report is made.", report=_report(found, ask.command)
+                state="reported", sentence="Report complete.", report=_report(found, ask.command)
             )
         )
     except OmnimirrorError as e:
@@ -100,9 +106,9 @@ def _calibrated(
 
 def _plain(sentence: str) -> str:
     """Convert a message of the command line to the labels of the page."""
-    return sentence.replace("say --flipped", "say that the driver reverses them").replace(
-        "--optics", "kind of camera"
-    )
+    for option, label in LABELS.items():
+        sentence = sentence.replace(option, label)
+    return sentence
 
 
 def _report(found: Calibration, command: str) -> str:

@@ -356,7 +356,7 @@ def title_of(camera: AnyCamera) -> str:
     if isinstance(camera, OCam):
         return f"OCamCalib, {camera.optics}"
     if isinstance(camera, MirrorBall):
-        return f"a ball seen from afar, field {camera.field_deg:g}°"
+        return f"mirror ball imaged from a large distance, field {camera.field_deg:g}°"
     return f"calibrated {camera.optics}, {camera.KIND.replace('-', ' ')} model"
 
 

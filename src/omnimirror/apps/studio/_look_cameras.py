@@ -142,7 +142,7 @@ class Cameras:
         camera = self.find(wanted.id).camera
         if not isinstance(camera, Sensor) or camera.symmetry is None:
             raise InvalidParameter(
-                f"the circle of {wanted.id!r} cannot be moved; it can of aligned mirror sensors"
+                f"the image circle can be fitted for aligned mirror sensors only; got {wanted.id!r}"
             )
         return fitted(camera, wanted)
 
@@ -151,7 +151,7 @@ def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
     """Return the sensor with its rim imaged on a given circle, by a change of the pixel pitch."""
     if not np.isfinite([*wanted.centre_px, wanted.rim_radius_px]).all():
         raise InvalidParameter(
-            f"a circle at {wanted.centre_px} of radius {wanted.rim_radius_px} is none"
+            f"centre and radius of the circle must be finite; got {wanted.centre_px}, {wanted.rim_radius_px}"
         )
     width, height = wanted.image_size
     u, v = wanted.centre_px
@@ -168,13 +168,14 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SpecError(
-            f"{name} is not a text file; valid are sensor files, camera files and OCamCalib's calib_results.txt"
+            f"{name} must be a sensor file, a camera file or calib_results.txt of OCamCalib; got a file that is not "
+            "UTF-8 text"
         ) from None
     id = f"file:{hashlib.sha256(data + f'{name} {optics}'.encode()).hexdigest()[:16]}"
     if is_ocam_text(text):
         if optics not in get_args(Optics):
             raise InvalidParameter(
-                f"optics = {optics!r} is not one of {', '.join(get_args(Optics))}"
+                f"optics must be one of {', '.join(get_args(Optics))}; got {optics!r}"
             )
         kind: Literal["mirror", "fisheye"] = "fisheye" if optics == "fisheye" else "mirror"
         camera = parse_ocam(text, name, kind)

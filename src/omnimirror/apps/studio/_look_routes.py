@@ -123,8 +123,8 @@ def room_picture(known: Known) -> bytes:
     width, height = known.camera.image_size
     if width * height > MOST_PIXELS:
         raise OmnimirrorError(
-            f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are "
-            f"{MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more"
+            f"the image of {known.name} must have at most {MOST_PIXELS // 10**6} million pixels; got {width} x "
+            f"{height} px; omnimirror simulate supports larger images"
         )
     return encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
@@ -204,9 +204,9 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         try:
             shown = await asyncio.to_thread(studio.sources.find, id)
         except KeyError:
-            raise HTTPException(404, f"there is no picture {id!r} here") from None
+            raise HTTPException(404, f"unknown image {id!r}") from None
         if shown.kind != "picture":
-            raise HTTPException(404, f"{shown.name} is no picture")
+            raise HTTPException(404, f"{shown.name} must be an image; got a {shown.kind} source")
         path = Path(shown.place)
         return _png(await studio.unpacked.run(path, lambda: shown_picture(path)))
 
@@ -255,7 +255,7 @@ def _add_streams(app: FastAPI, studio: Studio) -> None:
         try:
             shown = studio.sources.find(id)
         except KeyError:
-            ended = StreamState(state="ended", sentence=f"there is no stream {id!r} here")
+            ended = StreamState(state="ended", sentence=f"unknown stream {id!r}")
             await socket.send_text(ended.model_dump_json())
             await socket.close()
             return
@@ -268,7 +268,8 @@ def _known(cameras: Cameras, id: str) -> Known:
         return cameras.find(id)
     except KeyError:
         raise HTTPException(
-            404, f"there is no camera {id!r}; it may have been forgotten: load it again"
+            404,
+            f"unknown camera {id!r}; if it was uploaded before a restart of the server, load it again",
         ) from None
 
 

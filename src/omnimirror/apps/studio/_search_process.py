@@ -91,11 +91,11 @@ def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
 
 def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
     if task.requirements is None:
-        raise InvalidParameter("there are no requirements to design from")
+        raise InvalidParameter("requirements must be given for a design from requirements")
     asked = requirements_for(task.requirements, in_place(sensor))
     made = design_sensor(asked, lambda words: tell(_news("running", words)))
     missed = [row.label for row in made.rows if not row.is_met]
-    words = f"Not everything can be met: {', '.join(missed)}." if missed else "Everything is met."
+    words = f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."
     tell(_news("done", words, 1.0, None, made.sensor))
 
 

@@ -153,7 +153,7 @@ def _symmetric_cameras(sensors: Sequence[str] | None) -> list[Known]:
         known = [cameras.find(name) for name in (everything if sensors is None else sensors)]
     except KeyError as e:
         raise InvalidParameter(
-            f"sensors holds {e.args[0]!r}; it is valid with {', '.join(everything)}"
+            f"sensors must contain names from {', '.join(everything)}; got {e.args[0]!r}"
         ) from None
     return [each for each in known if each.camera.symmetry is not None]
 

@@ -46,7 +46,7 @@ async def collected(request: Request) -> bytes:
     """
     data = await request.body()
     if not data:
-        raise MediaError("the file is empty")
+        raise MediaError("the uploaded file is empty")
     return data
 
 
@@ -130,12 +130,10 @@ def _checked_kind(data: bytes, name: str) -> str:
         is_huge = True
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
         raise MediaError(
-            f"{name} is not a picture that can be read; valid are {', '.join(KINDS)}"
+            f"{name} must be an image in a supported format ({', '.join(KINDS)})"
         ) from None
     if is_huge:
-        raise MediaError(
-            f"{name} unfolds to too many pixels; at most {MOST_UNPACKED >> 20} MB of them are valid"
-        )
+        raise MediaError(f"the decoded pixels of {name} must take at most {MOST_UNPACKED >> 20} MB")
     return KINDS[kind]
 
 

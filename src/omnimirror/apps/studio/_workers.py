@@ -98,7 +98,7 @@ class Workers:
         """
         if self._running >= self.most:
             raise InvalidParameter(
-                f"{self.most} {self.what} are running already; wait for one of them, or cancel it"
+                f"the limit of {self.most} simultaneous {self.what} is reached; wait or cancel one"
             )
         self._running += 1
         process = begun(self.module)
@@ -154,9 +154,7 @@ class BoardDetectorPool:
             Unreadable image or invalid board.
         """
         if self._asked >= MAX_QUEUED_JOBS:
-            raise ServerBusy(
-                "more pictures are looked at than can be waited for; try again in a while"
-            )
+            raise ServerBusy("too many board detections are queued; try again later")
         self._asked += 1
         if self._letting_go is not None:
             self._letting_go.cancel()
@@ -191,7 +189,7 @@ class BoardDetectorPool:
             else:
                 ended(looker)  # also ends the thread that waits for its answer
         if not answer:
-            raise InvalidParameter(f"looking at {ask.name} was cut off; try again")
+            raise InvalidParameter(f"the board detection in {ask.name} was interrupted; try again")
         return answer
 
 

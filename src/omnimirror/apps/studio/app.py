@@ -82,11 +82,11 @@ def api(studio: Studio) -> FastAPI:
     @app.exception_handler(OSError)
     async def no_room(request: Request, error: OSError) -> Response:
         reason = error.strerror or type(error).__name__
-        return _problem(507, f"the server cannot write or read what this needs: {reason}")
+        return _problem(507, f"the server could not read or write a file: {reason}")
 
     @app.exception_handler(MemoryError)
     async def no_memory(request: Request, error: MemoryError) -> Response:
-        return _problem(507, "this needs more memory than the server has")
+        return _problem(507, "the request requires more memory than the server has")
 
     @app.exception_handler(ClientDisconnect)
     async def gone(request: Request, error: ClientDisconnect) -> Response:
@@ -162,7 +162,7 @@ def serve(
     bound = listening.getsockname()[1]
     query = f"?token={studio.token}" if studio.token else ""
     addresses = [f"http://{name}:{bound}/{query}" for name in server_addresses(host)]
-    tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
+    tell(f"omnimirror studio at {' or '.join(addresses)} (press Ctrl-C to stop)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
     run_server(create_app(studio), listening)

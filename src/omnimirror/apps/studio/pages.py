@@ -143,7 +143,7 @@ def viewer_of(
     InvalidParameter
         The image size differs from that of the camera.
     """
-    _check_size(camera, (image.shape[1], image.shape[0]), "picture")
+    _check_size(camera, (image.shape[1], image.shape[0]), "image")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
     if (
         path is not None
@@ -198,12 +198,12 @@ def video_viewer_of(
     kind = VIDEO_KINDS.get(path.suffix.lower())
     if kind is None:
         raise MediaError(
-            f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}"
+            f"{path} must be a video format that browsers support ({', '.join(VIDEO_KINDS)})"
         )
     video = VideoReader(path, with_sound=False, stored_orientation=stored_orientation)
     if video.codec not in CODECS:
         raise MediaError(
-            f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}"
+            f"the video codec of {path} must be one of {', '.join(CODECS)}; got {video.codec}"
         )
     if video.rotation_deg:
         raise MediaError(
@@ -220,7 +220,7 @@ def _check_size(camera: AnyCamera, size: tuple[int, int], what: str) -> None:
     if size != camera.image_size:
         width, height = camera.image_size
         raise InvalidParameter(
-            f"the {what} has {size[0]} x {size[1]} px, and the camera's have {width} x {height}"
+            f"the {what} must have {width} x {height} px, the image size of the camera; got {size[0]} x {size[1]} px"
         )
 
 
@@ -230,7 +230,7 @@ def _beside(path: Path, page: Path) -> str:
         relative = os.path.relpath(path.resolve(), page.resolve().parent)
     except ValueError:  # different drive
         raise InvalidParameter(
-            f"{path} and {page} are on different drives; put them beside each other"
+            f"{path} and {page} must be on the same drive; move one of them"
         ) from None
     return quote(Path(relative).as_posix())
 
@@ -350,11 +350,13 @@ def show(
     """
     if not isinstance(camera, AnyCamera):
         raise InvalidParameter(
-            f"camera = {shown(camera)} is no camera; load_sensor and load_camera give some"
+            f"camera must be a sensor or a camera, for example from load_sensor; got {shown(camera)}"
         )
     height = number("height_px", height_px)
     if not LOWEST_PX <= height <= HIGHEST_PX:
-        raise InvalidParameter(f"height_px = {height:g} is outside {LOWEST_PX} to {HIGHEST_PX}")
+        raise InvalidParameter(
+            f"height_px must be between {LOWEST_PX} and {HIGHEST_PX}; got {height:g}"
+        )
     path = Path(picture) if isinstance(picture, str | Path) else None
     image = (
         read_image(picture, stored_orientation=stored_orientation)

@@ -13,7 +13,7 @@ const NEAR_OBJECTS = 5; // rim radii
 const TELECENTRIC_LENS = 2.5; // a telecentric lens stands anywhere: drawn so many rim radii away
 const LENS_HALF_WIDTH = 0.18; // of the rim radius
 const ROUNDS = 8; // in which mirror points of field angles are found, each some hundred times nearer
-const AT_ONCE = "Designs are optimised with the program: pip install omnimirror.";
+const AT_ONCE = "Optimisation requires the program: pip install omnimirror.";
 
 type Columned = Table & { columns: string[] };
 type Places = Pick<Table, "name"> & { x: ArrayLike<number>; z: ArrayLike<number> };
@@ -78,10 +78,7 @@ export class Answerer {
 }
 
 const unusable = (): Trouble =>
-  new Trouble(
-    ["mirror"],
-    "the lens does not see this mirror one to one: it looks past it, or sees field angles twice",
-  );
+  new Trouble(["mirror"], "the lens must image each field angle of the mirror exactly once");
 
 const spread = (from: number, to: number, count: number): number[] =>
   Array.from({ length: count }, (_, i) => from + ((to - from) * i) / (count - 1));

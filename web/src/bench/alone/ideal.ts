@@ -72,7 +72,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   if (foreign)
     throw new Trouble(
       ["lens", foreign],
-      `${foreign} = ${String(lens[foreign])}: this page, which does without a server, knows ideal lenses alone`,
+      `${foreign} = ${String(lens[foreign])}: this page runs without a server and supports ideal lenses only`,
     );
   const isTelecentric = lens.kind === "orthographic";
   if (!isTelecentric) within("mount", parts.mount, mount);
@@ -80,7 +80,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   if (!isTelecentric && number(lens, "focus_distance_mm") <= f)
     throw new Trouble(
       ["lens", "focus_distance_mm"],
-      `focus_distance_mm = ${number(lens, "focus_distance_mm")} is not beyond the focal length; it is valid above focal_length_mm = ${f}`,
+      `focus_distance_mm = ${number(lens, "focus_distance_mm")} must be greater than focal_length_mm = ${f}`,
     );
   const ideal: Ideal = {
     rim: number(mirror, "rim_radius_mm"),
@@ -95,7 +95,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   if (ideal.rim >= end)
     throw new Trouble(
       ["mirror", "rim_radius_mm"],
-      `rim_radius_mm = ${ideal.rim} is not valid: this mirror ends ${end.toPrecision(5)} mm from its axis`,
+      `rim_radius_mm = ${ideal.rim} must be less than ${end.toPrecision(5)} mm, the maximum radius of this mirror`,
     );
   return ideal;
 }
@@ -109,7 +109,7 @@ function partOf(section: string, parts: PartOf[], table: Tables): PartOf {
   if (!found)
     throw new Trouble(
       [section, "kind"],
-      `this page, which does without a server, knows no ${section} ${String(table.kind)}; it knows ${parts.map((p) => p.kind).join(", ")}`,
+      `${section} ${String(table.kind)} requires a server; this page supports ${parts.map((p) => p.kind).join(", ")}`,
     );
   return found;
 }
@@ -126,5 +126,8 @@ function within(section: string, part: PartOf, table: Tables): void {
 function check(section: string, { name, low, high, unit }: ParameterOf, value: number): void {
   if (value >= low && value <= high) return;
   const of = unit ? ` ${unit}` : "";
-  throw new Trouble([section, name], `${name} = ${value}${of} is outside ${low} to ${high}${of}`);
+  throw new Trouble(
+    [section, name],
+    `${name} must be between ${low} and ${high}${of}; got ${value}${of}`,
+  );
 }

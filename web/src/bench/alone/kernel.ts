@@ -137,7 +137,7 @@ export class Kernel {
   private write(name: Name, values: ArrayLike<number>): void {
     if (values.length > ROOM[name])
       throw new RangeError(
-        `${values.length} numbers do not fit into ${name}, which holds ${ROOM[name]}`,
+        `${values.length} numbers exceed the capacity of ${name}, ${ROOM[name]}`,
       );
     new Float64Array(this.exports.memory.buffer, this.places[name], values.length).set(values);
   }

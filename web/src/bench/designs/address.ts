@@ -15,9 +15,9 @@ export function inAddress(design: Design): string {
 export function fromAddress(text: string, parts: BenchStart): Design | string {
   const found = parsed(text);
   if (found === undefined)
-    return "The design of the address cannot be read: it is cut off or changed.";
+    return "The design in the address is invalid: the link is incomplete or was changed.";
   const missing = lacking(found, parts);
   return missing === null
     ? designOf(found as Tables)
-    : `The design of the address is not whole: ${missing}.`;
+    : `The design in the address is invalid: ${missing}.`;
 }

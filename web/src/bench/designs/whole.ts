@@ -8,10 +8,10 @@ type Parts = Pick<
 
 /** What keeps a text or an object from being a design that the bench can hold, in words; null where nothing does. */
 export function lacking(found: unknown, parts: Parts): string | null {
-  if (!isTable(found)) return "it is no design";
-  if (!isTable(found.tables)) return "it has no tables of a sensor";
+  if (!isTable(found)) return "it must be a design";
+  if (!isTable(found.tables)) return "it must contain the tables of a sensor";
   if (!isNumberOrNull(found.distance))
-    return `the distance of its objects is ${short(found.distance)}`;
+    return `the object distance must be positive; got ${short(found.distance)}`;
   return (
     ofSensor(found.tables, found.follows === true, parts) ??
     ofRequirements(found.requirements ?? null, parts)
@@ -28,15 +28,15 @@ export const designOf = (found: Tables): Design => ({
 
 function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null {
   for (const name of ["mirror", "lens", "imager"])
-    if (!isTable(tables[name])) return `it lacks [${name}]`;
-  if (!isTable(tables.mount ?? {})) return `mount = ${short(tables.mount)} is no table`;
+    if (!isTable(tables[name])) return `[${name}] is missing`;
+  if (!isTable(tables.mount ?? {})) return `mount must be a table; got ${short(tables.mount)}`;
   if (tables.name !== undefined && typeof tables.name !== "string")
-    return `name = ${short(tables.name)} is no text`;
+    return `name must be a text; got ${short(tables.name)}`;
   const distance = (tables.mount as Tables | undefined)?.mirror_distance_mm as unknown;
   if (!isNumberOrNull(distance))
-    return `mount.mirror_distance_mm = ${short(distance)} is no number`;
+    return `mount.mirror_distance_mm must be a number; got ${short(distance)}`;
   if (tables.lens.kind === "perspective" && !follows && typeof distance !== "number")
-    return "it lacks mount.mirror_distance_mm";
+    return "mount.mirror_distance_mm is missing";
   const kinds: [string, PartOf[]][] = [
     ["mirror", parts.mirrors],
     ["lens", parts.lenses],
@@ -46,7 +46,7 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
     pose !== undefined &&
     !(isTable(pose) && Object.values(pose).every((v) => Number.isFinite(v)))
   )
-    return "mirror_pose is no table of numbers";
+    return "mirror_pose must be a table of numbers";
   if (tables.secondary !== undefined) kinds.push(["secondary", parts.secondaries]);
   for (const [name, known] of kinds) {
     const part = isTable(tables[name])
@@ -54,7 +54,7 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
       : undefined;
     const problem = part
       ? ofPart(name, part, tables[name] as Tables)
-      : `${name}.kind is none of ${known.map((p) => p.kind).join(", ")}`;
+      : `${name}.kind must be one of ${known.map((p) => p.kind).join(", ")}`;
     if (problem) return problem;
   }
   return (
@@ -67,9 +67,9 @@ function ofPart(section: string, part: PartOf, table: Tables): string | null {
   for (const p of part.parameters) {
     const value = table[p.name] as unknown;
     if (value === undefined || value === null) {
-      if (!p.is_optional) return `it lacks ${section}.${p.name}`;
+      if (!p.is_optional) return `${section}.${p.name} is missing`;
     } else if (!isOf(p, value))
-      return `${section}.${p.name} = ${short(value)} is no ${p.choices.length ? "choice" : p.is_list ? "list of numbers" : "number"}`;
+      return `${section}.${p.name} must be a ${p.choices.length ? "choice" : p.is_list ? "list of numbers" : "number"}; got ${short(value)}`;
   }
   return null;
 }
@@ -83,17 +83,17 @@ function isOf(p: ParameterOf, value: unknown): boolean {
 function ofRequirements(requirements: unknown, parts: Parts): string | null {
   if (requirements === null) return null;
   if (!isTable(requirements) || !isTable(requirements.field))
-    return "its requirements lack [field]";
+    return "[field] of the requirements is missing";
   if (!Number.isFinite(requirements.field.omega_max_deg))
-    return "its requirements lack field.omega_max_deg";
+    return "field.omega_max_deg of the requirements is missing";
   const limits = (requirements.limit ?? []) as unknown;
-  if (!Array.isArray(limits)) return "its requirements have limits that are no list";
+  if (!Array.isArray(limits)) return "the limits of the requirements must be a list";
   const unknown = limits.find(
     (l) => !isTable(l) || !parts.quantities.some((q) => q.name === l.quantity),
   ) as unknown;
   return unknown === undefined
     ? null
-    : `its requirements limit ${short(isTable(unknown) ? unknown.quantity : unknown)}, which is no quantity`;
+    : `the requirements contain an unknown quantity, ${short(isTable(unknown) ? unknown.quantity : unknown)}`;
 }
 
 const isTable = (value: unknown): value is Tables =>

@@ -69,7 +69,7 @@ export class LimitLines implements Over {
       const said = `${line.title} ${SIGNS[line.side]} ${words(line.value)}`;
       place(element, from, top, line.value, said);
       element.style.width = `${Math.max(24, to - from)}px`;
-      element.title = `${said}: drag it up or down`;
+      element.title = `${said}: drag up or down`;
       element.setAttribute(
         "aria-label",
         `${line.title}, ${line.side === "at_least" ? "at least" : "at most"}`,

@@ -111,7 +111,7 @@ export class Field {
     this.meets.textContent = parts
       ? parts.length
         ? `All requirements are met at ${parts.join(" and ")}${unit && ` ${unit}`}.`
-        : "At no place of the slider that was looked at are all requirements met."
+        : "No sampled value of the slider meets all requirements."
       : "";
     this.slider.title = this.meets.textContent;
     this.mark();
@@ -202,7 +202,7 @@ export class Field {
     this.marked = marked.join();
     const isMoved = Math.abs(this.value - this.first) > 1e-6 * Math.max(Math.abs(this.first), 1e-3);
     reveal(this.back, isMoved);
-    this.back.title = `Back to ${words(this.first)}, as it came`;
+    this.back.title = `Reset to ${words(this.first)}`;
     this.back.setAttribute("aria-label", this.back.title);
   }
 }

@@ -21,7 +21,7 @@ const FAR: ParameterOf = {
   unit: "mm",
   low: 1,
   high: 1e7,
-  description: "from the mirror to the objects",
+  description: "distance between the mirror and the objects",
   choices: [],
   is_list: false,
   is_whole: false,
@@ -57,14 +57,14 @@ export class Form {
       parts.lenses.map((p) => p.kind),
       (kind) => hands.change("lens", kind),
     );
-    this.mirror.setAttribute("aria-label", "Kind of mirror");
-    this.lens.setAttribute("aria-label", "Kind of lens");
+    this.mirror.setAttribute("aria-label", "Type of mirror");
+    this.lens.setAttribute("aria-label", "Type of lens");
     if (alone)
       for (const kind of [this.mirror, this.lens])
         Object.assign(kind, {
           disabled: true,
           title:
-            "Another kind for the same rim takes the program; here, start from a sensor that has it.",
+            "Changing the type requires the program; on this page, start from a sensor of that type.",
         });
     this.follows.addEventListener("change", () =>
       this.settled({ ...hands.now(), follows: this.follows.checked }),
@@ -147,7 +147,7 @@ export class Form {
         ...this.distance(design),
       ]),
       ...(tables.mirror_pose
-        ? [this.section("Out of its place", this.pose(tables.mirror_pose as Tables))]
+        ? [this.section("Misalignment", this.pose(tables.mirror_pose as Tables))]
         : []),
       ...(tables.secondary
         ? [this.section("Second mirror", this.second(tables.secondary as Tables))]
@@ -235,10 +235,10 @@ export class Form {
       {
         type: "button",
         disabled: values.length < 2,
-        title: values.length < 2 ? "One coefficient has to stay." : "",
+        title: values.length < 2 ? "At least one coefficient is required." : "",
         onclick: () => set(now().slice(0, -1)),
       },
-      "Remove the last",
+      "Remove the last coefficient",
     );
     return [...fields, h("div", { className: "row" }, more, less)];
   }
@@ -254,7 +254,7 @@ export class Form {
       if (numbers.some(Number.isNaN))
         return this.complain({
           path: [],
-          sentence: `${label(p.name)}: numbers with commas between them`,
+          sentence: `${label(p.name)}: comma-separated numbers`,
         });
       this.last = `${section}.${p.name}`;
       this.settled(withEntry(this.hands.now(), section, p.name, numbers));
@@ -283,10 +283,7 @@ export class Form {
     const field = this.number("mount.mirror_distance_mm", p, "Distance", value);
     const isMapped = "theta_max_deg" in design.tables.mirror && !design.tables.secondary;
     field.classList.toggle("led", design.follows);
-    return [
-      field,
-      ...(isMapped ? [check(this.follows, "Lens stands where the mapping needs it")] : []),
-    ];
+    return [field, ...(isMapped ? [check(this.follows, "Lens position follows the mapping")] : [])];
   }
 
   private second(table: Tables): HTMLElement[] {
@@ -312,7 +309,7 @@ export class Form {
       h(
         "div",
         { className: "row" },
-        h("button", { type: "button", onclick: back }, "Put the mirror in its place"),
+        h("button", { type: "button", onclick: back }, "Align the mirror"),
       ),
     ];
   }
@@ -342,7 +339,7 @@ export class Form {
         {
           type: "button",
           onclick: () => this.hands.change("focus", "worst_floored_area_deg2"),
-          title: "Where the worst floored blur area is least",
+          title: "Minimise the maximum floored blur area",
         },
         "Best focus",
       ),
@@ -350,7 +347,7 @@ export class Form {
   }
 
   private objects(design: Design): HTMLElement[] {
-    const far = check(this.infinite, "Infinitely far away");
+    const far = check(this.infinite, "At infinity");
     return design.distance === null
       ? [far]
       : [this.number(DISTANCE, FAR, "Object distance", design.distance), far];

@@ -101,7 +101,7 @@ export class RequirementsPanel {
     if (design.requirements === null) {
       this.verdict.hidden = true;
       this.body.append(
-        h("p", { className: "words" }, "None yet. Add one, or open a requirement file."),
+        h("p", { className: "words" }, "No requirements. Add one, or open a requirement file."),
       );
       return;
     }
@@ -125,9 +125,9 @@ export class RequirementsPanel {
       h(
         "div",
         { className: "line" },
-        h("span", { className: "what" }, "Field up to"),
+        h("span", { className: "what" }, "Maximum field angle"),
         this.number(
-          "Field up to, degrees",
+          "Maximum field angle, degrees",
           () => field().omega_max_deg as number,
           (v) => setField({ omega_max_deg: v ?? 135 }),
         ),
@@ -140,13 +140,13 @@ export class RequirementsPanel {
         { className: "line" },
         h("span", { className: "unit" }, "from"),
         this.number(
-          "Nearest object, mm",
+          "Minimum object distance, mm",
           () => distances()[0],
           (v) => setField({ object_distance_mm: [v ?? 1e12, Math.max(v ?? 1e12, distances()[1])] }),
         ),
         h("span", { className: "unit" }, "to"),
         this.number(
-          "Farthest object, mm; empty is infinite",
+          "Maximum object distance, mm; empty for infinity",
           () => distances()[1],
           (v) => setField({ object_distance_mm: [Math.min(distances()[0], v ?? 1e12), v ?? 1e12] }),
         ),
@@ -201,9 +201,9 @@ export class RequirementsPanel {
               ? null
               : [0, this.hands.now().requirements!.field.omega_max_deg as number],
           }),
-        title: "For a part of the field only, or for all of it",
+        title: "Switch between a part of the field and the whole field",
       },
-      limit.omega_deg ? "whole field" : "part of field",
+      limit.omega_deg ? "full field" : "partial field",
     );
     return h(
       "div",
@@ -245,13 +245,13 @@ export class RequirementsPanel {
             { className: "line" },
             h("span", { className: "unit" }, "Ω from"),
             this.number(
-              "Field angle from, degrees",
+              "Minimum field angle, degrees",
               () => now()?.omega_deg?.[0],
               (v) => set({ omega_deg: [v ?? 0, now().omega_deg![1]] }),
             ),
             h("span", { className: "unit" }, "to"),
             this.number(
-              "Field angle to, degrees",
+              "Maximum field angle of the limit, degrees",
               () => now()?.omega_deg?.[1],
               (v) => set({ omega_deg: [now().omega_deg![0], v ?? 135] }),
             ),

@@ -35,11 +35,11 @@ export class WorkPanel {
     "label",
     {
       className: "check",
-      title: "Among mirrors that keep them the best is sought; where none does, it is said",
+      title: "Search among mirrors that meet the limits; report if none does",
       hidden: true,
     },
     this.keeps,
-    "Keep the limits of the requirements",
+    "Enforce the limits of the requirements",
   );
   private readonly begin = h(
     "button",
@@ -56,7 +56,7 @@ export class WorkPanel {
     {
       type: "button",
       hidden: true,
-      onclick: () => this.stop("Cancelled; the design is as it was."),
+      onclick: () => this.stop("Cancelled; the design is unchanged."),
     },
     "Cancel",
   );
@@ -83,8 +83,8 @@ export class WorkPanel {
     );
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
-      labelled("Make least", this.merit),
-      labelled("Free form", this.shape),
+      labelled("Minimise", this.merit),
+      labelled("Freeform", this.shape),
       h(
         "div",
         { className: "two" },
@@ -121,7 +121,7 @@ export class WorkPanel {
       starts: Number(this.starts.value),
       keeps_limits: this.keeps.checked,
     };
-    const cutOff = () => this.stop("The search was cut off; the design is as it was.");
+    const cutOff = () => this.stop("The search was interrupted; the design is unchanged.");
     this.task.begin("api/bench/work", [task], (news) => this.told(news), cutOff);
     this.running(true);
     this.said.textContent = "Starting…";

@@ -348,7 +348,7 @@ export class ChartView {
   }
 
   private nameOf({ of: d }: Curves): string {
-    return this.isDifference ? `${this.drawn[0].name} less ${d.name}` : d.name;
+    return this.isDifference ? `${this.drawn[0].name} minus ${d.name}` : d.name;
   }
 
   private moved(u: uPlot): void {
@@ -395,13 +395,11 @@ export class ChartView {
   private note(): string {
     const { columns } = this.chart;
     const lines =
-      columns.length > 1
-        ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`)
-        : [];
+      columns.length > 1 ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "solid"}`) : [];
     const what = this.isSame
-      ? ["the same as the pinned"]
+      ? ["identical to the pinned design"]
       : this.isDifference
-        ? ["this less the pinned"]
+        ? ["current minus pinned"]
         : [];
     return [...what, ...lines].join(", ");
   }

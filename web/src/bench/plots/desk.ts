@@ -21,17 +21,17 @@ const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
 const DESCRIBED_MS = 400; // after which charts that rest are put into words
 
 /** Kinds of plots, each shown or not. */
-const COMPUTED = ["In space", "Picture"]; // by the server alone
+const COMPUTED = ["3-D view", "Image"]; // by the server alone
 const LIMITS = "Limits"; // quantities that requirements limit, and no other plot shows
 const GROUPS = [
-  "In space",
+  "3-D view",
   "Section",
   ...new Set(PLOTS.map((p) => p.group)),
   LIMITS,
   "Squares",
-  "Picture",
+  "Image",
 ].filter((group) => !(alone && COMPUTED.includes(group)));
-const CLOSED = ["In space"]; // until they are opened
+const CLOSED = ["3-D view"]; // until they are opened
 
 /** What changes the design by hand, on its plots; a page without a server bends nothing. */
 interface DeskHands extends PinHands {
@@ -85,7 +85,7 @@ export class Desk {
     ];
     this.element = h(
       "section",
-      { className: "desk", tabIndex: -1, "aria-label": "What the design does" },
+      { className: "desk", tabIndex: -1, "aria-label": "Plots of the design" },
       ...all,
     );
     this.cursor.listen((omega) => place.classList.toggle("reading", omega !== null));
@@ -109,7 +109,7 @@ export class Desk {
     for (const chart of this.charts)
       if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
     reveal(this.difference.closest("label")!, this.drawn.length > 1);
-    if (this.shows("In space")) this.space.show(this.drawn);
+    if (this.shows("3-D view")) this.space.show(this.drawn);
     if (this.shows("Section")) this.section.show(this.drawn);
     if (this.shows("Squares")) this.squares.show(this.drawn);
     clearTimeout(this.describing);
@@ -132,12 +132,12 @@ export class Desk {
 
   /** Show the picture that the design takes. */
   showPicture(design: Design): void {
-    if (this.shows("Picture")) this.picture.show(design);
+    if (this.shows("Image")) this.picture.show(design);
   }
 
   /** Say why the design cannot be, over the plots of the one before. */
   troubled(sentence: string): void {
-    const before = this.drawn.length ? "The plots are those of the last design that can be." : "";
+    const before = this.drawn.length ? "The plots are those of the last valid design." : "";
     this.trouble.textContent = `${sentence.replace(/^./, (c) => c.toUpperCase())}. ${before}`;
     this.trouble.hidden = false;
     this.place.classList.add("stale");
@@ -219,11 +219,11 @@ export class Desk {
   private grouped(): [string, HTMLElement][] {
     const charts = this.charts.map((c): [string, HTMLElement] => [c.chart.group, c.element]);
     return [
-      ["In space", this.space.element],
+      ["3-D view", this.space.element],
       ["Section", this.section.element],
       ...charts,
       ["Squares", this.squares.element],
-      ["Picture", this.picture.element],
+      ["Image", this.picture.element],
     ];
   }
 
@@ -244,7 +244,7 @@ export class Desk {
       {
         className: "difference",
         hidden: true,
-        title: "Plot by how much the design in hand exceeds each pinned one",
+        title: "Plot the difference between the current design and each pinned design",
       },
       this.difference,
       h("span", {}, "Difference"),
@@ -252,7 +252,7 @@ export class Desk {
     return h(
       "fieldset",
       { className: "groups" },
-      h("legend", { className: "hidden" }, "Plots shown"),
+      h("legend", { className: "hidden" }, "Displayed plots"),
       ...boxes,
       difference,
     );

@@ -20,7 +20,7 @@ export class PictureView {
     this.element = h(
       "figure",
       { className: "plot wide pictures" },
-      h("figcaption", {}, h("span", {}, "What it would see of a room"), this.note),
+      h("figcaption", {}, h("span", {}, "Rendered image of a room"), this.note),
       h("div", { className: "pair" }, this.circle, this.panorama),
     );
   }
@@ -48,8 +48,8 @@ export class PictureView {
   private async fetch(design: Design, size: typeof COARSE): Promise<void> {
     try {
       const { picture, panorama } = await api.taken({ tables: design.tables, ...size });
-      put(this.circle, picture, `Simulated picture of a room taken by ${nameOf(design)}`);
-      put(this.panorama, panorama, "Its panorama");
+      put(this.circle, picture, `Rendered image of a room for ${nameOf(design)}`);
+      put(this.panorama, panorama, "Panorama of the room");
       this.note.textContent = size === FINE ? "" : "preview";
     } catch (e) {
       this.note.textContent = e instanceof api.Refused ? e.message : "";

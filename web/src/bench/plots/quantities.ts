@@ -14,7 +14,7 @@ interface Plot {
 export const PLOTS: Plot[] = [
   { group: "Mapping", columns: ["h_px"], places: 1 },
   { group: "Mapping", columns: ["dh_domega_px_per_deg"], places: 3 },
-  { group: "Viewpoints", columns: ["viewpoint_z_mm"], places: 2 },
+  { group: "Viewpoint", columns: ["viewpoint_z_mm"], places: 2 },
   { group: "Area and aspect", columns: ["area_px2"], places: 2 },
   { group: "Area and aspect", columns: ["aspect"], places: 3 },
   { group: "Blur", columns: ["blur_t_px", "blur_s_px"], places: 2, title: "Blur in the image" },

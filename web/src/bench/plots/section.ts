@@ -88,11 +88,11 @@ export class SectionView {
     const [near, far] = f.depth_of_field_mm;
     this.whole.setAttribute(
       "aria-label",
-      `Cross-section: mirror of rim radius ${words(f.rim_radius_mm)} mm, lens ${words(f.mirror_distance_mm)} mm away, chief rays every 15° up to ${words(f.field_deg[1])}°.`,
+      `Cross-section: mirror with rim radius ${words(f.rim_radius_mm)} mm, lens at ${words(f.mirror_distance_mm)} mm, chief rays every 15° up to ${words(f.field_deg[1])}°.`,
     );
     this.close.setAttribute(
       "aria-label",
-      `Virtual images: tangential and sagittal, of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm about ${words(f.focus_mm)} mm.`,
+      `Tangential and sagittal virtual images of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm around ${words(f.focus_mm)} mm.`,
     );
   }
 

@@ -7,7 +7,7 @@ import type { Drawn } from "./charts";
 import type { Cursor } from "./cursor";
 
 const SCRIPT = import.meta.env.DEV ? "/src/space/begin.ts" : "./space.js";
-const WITHOUT = "The 3-D view needs WebGL2, which this browser does not offer.";
+const WITHOUT = "The 3-D view requires WebGL2, which this browser does not support.";
 
 /** The design in hand in space: a script of its own, which is fetched when it is wanted first. */
 export class SpacePlot {
@@ -24,11 +24,11 @@ export class SpacePlot {
       h(
         "figcaption",
         {},
-        h("span", {}, "In space"),
+        h("span", {}, "3-D view"),
         h(
           "span",
           { className: "quiet" },
-          "chief rays every 15° of the field, in the room of the picture",
+          "chief rays every 15° of the field, in the room of the rendered image",
         ),
       ),
       this.place,

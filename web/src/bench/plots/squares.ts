@@ -34,11 +34,11 @@ export class SquaresView {
     const caption = h(
       "figcaption",
       {},
-      h("span", {}, "Squares of 15° with their blur"),
+      h("span", {}, "Squares of 15° with blur"),
       h(
         "span",
         { className: "quiet" },
-        "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal",
+        "spots magnified 10 times; left: in the image, along its radius; right: in object space, tangential × sagittal",
       ),
       files("the squares", () => this.save(), ["svg"]),
     );
@@ -66,7 +66,7 @@ export class SquaresView {
     );
     this.image.setAttribute(
       "aria-label",
-      `Images of squares of 15° along the image radius of ${words(this.first!.found.facts!.rim_radius_px)} pixels, with their blur.`,
+      `Images of squares of 15° along the image radius of ${words(this.first!.found.facts!.rim_radius_px)} px, with their blur.`,
     );
     this.object.setAttribute(
       "aria-label",

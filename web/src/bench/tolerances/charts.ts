@@ -24,7 +24,7 @@ export class ToleranceCharts {
       class: "moved",
       role: "img",
       viewBox: "-1 -1 2 2",
-      "aria-label": "Motion of the picture",
+      "aria-label": "Image displacement",
     }),
   );
   private readonly captions = [
@@ -34,7 +34,7 @@ export class ToleranceCharts {
   private readonly bars = svg("svg", {
     class: "tornado",
     role: "img",
-    "aria-label": "What each error does alone",
+    "aria-label": "Effect of each error",
   });
   private readonly legend = h("p", { className: "legend" });
   private found: YieldOf | null = null;
@@ -60,19 +60,19 @@ export class ToleranceCharts {
       h(
         "figcaption",
         {},
-        h("span", {}, "Built with errors"),
+        h("span", {}, "Sensor with errors"),
         h(
           "span",
           { className: "quiet" },
-          "where objects all over the field are shown, and what each error does alone at its tolerance",
+          "displacement of objects over the field, and effect of each error at its tolerance",
         ),
       ),
       h(
         "div",
         { className: "three" },
         part("As built", this.captions[0], this.maps[0]),
-        part("Once calibrated", this.captions[1], this.maps[1]),
-        part("Each error alone", null, this.bars, this.legend),
+        part("After calibration", this.captions[1], this.maps[1]),
+        part("Individual errors", null, this.bars, this.legend),
       ),
     );
     new ResizeObserver(() => this.drawBars()).observe(this.element);
@@ -113,7 +113,7 @@ export class ToleranceCharts {
     const side = MARGIN * radius;
     place.setAttribute("viewBox", `${-side} ${-side} ${2 * side} ${2 * side}`);
     place.replaceChildren(svg("circle", { class: "rim", r: radius, cx: 0, cy: 0 }));
-    if (largest === null) caption.textContent = `${moved.lost} of ${n} objects are lost`;
+    if (largest === null) caption.textContent = `${moved.lost} of ${n} objects are not imaged`;
     else {
       for (let i = 0; i < n; i++) {
         const [x, y] = [places[i], places[n + i]];
@@ -126,7 +126,7 @@ export class ToleranceCharts {
     }
     place.setAttribute(
       "aria-label",
-      `Motion of ${n} objects in the picture${after && `, ${after}`}: ${caption.textContent}.`,
+      `Displacement of ${n} objects in the image${after && `, ${after}`}: ${caption.textContent}.`,
     );
   }
 
@@ -195,11 +195,11 @@ export class ToleranceCharts {
       .slice(0, 5)
       .map(
         (row) =>
-          `${errorWords(row.name)} ${row.motion_px[depths[0]] === null ? "loses objects" : `${words(row.motion_px[depths[0]], 3)} pixels`}`,
+          `${errorWords(row.name)} ${row.motion_px[depths[0]] === null ? "objects are not imaged" : `${words(row.motion_px[depths[0]], 3)} pixels`}`,
       );
     this.bars.setAttribute(
       "aria-label",
-      `Largest motion of the picture by each error alone at its tolerance, the worst first: ${told.join("; ")}.`,
+      `Maximum image displacement due to each error at its tolerance, in descending order: ${told.join("; ")}.`,
     );
   }
 }

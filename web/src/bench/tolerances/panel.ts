@@ -17,8 +17,8 @@ import { FOCUSES, GRADES, MEASURES, textOf, type Trying, tryingIn } from "./tryi
 import { calibrationWords, capital, errorWords, held, meritName, sizeWords } from "./words";
 
 const QUANTITIES: Record<(typeof MEASURES)[number], string> = {
-  motion_px: "Motion, px",
-  direction_error_deg: "Direction, °",
+  motion_px: "Displacement, px",
+  direction_error_deg: "Direction error, °",
   straightness_deg: "Straightness, °",
   blur_px: "Blur, px",
 };
@@ -30,8 +30,8 @@ const USUAL: Record<string, number> = {
 const MORE_BLUR = 1.2; // times that without errors, as a start
 const FOCUS: Record<(typeof FOCUSES)[number], string> = {
   none: "as designed",
-  rms: "anew, least rms",
-  worst: "anew, least worst",
+  rms: "refocused, minimum RMS",
+  worst: "refocused, minimum maximum",
 };
 const TRIALS = 4096;
 const SEED = 0;
@@ -68,19 +68,19 @@ export class TolerancesPanel {
   private readonly begin = h(
     "button",
     { type: "button", "aria-expanded": "false", onclick: () => this.toggle() },
-    "Try errors",
+    "Set errors",
   );
   private readonly body = h("div", { className: "tolerance-body", hidden: true });
   private readonly grade = select(
-    "Shop",
+    "Tolerance grade",
     GRADES.map((g) => [g, g]),
     () => this.grades(),
   );
-  private readonly after = select("Calibrated", [["none", calibrationWords("none")]], () =>
+  private readonly after = select("Calibration", [["none", calibrationWords("none")]], () =>
     this.judged(),
   );
-  private readonly focus = select("Focused", Object.entries(FOCUS), () => this.asked());
-  private readonly quantity = select("A good one keeps", Object.entries(QUANTITIES), () =>
+  private readonly focus = select("Focus", Object.entries(FOCUS), () => this.asked());
+  private readonly quantity = select("Requirement", Object.entries(QUANTITIES), () =>
     this.chosen(),
   );
   private readonly limit = h("input", {
@@ -88,7 +88,7 @@ export class TolerancesPanel {
     min: "0",
     step: "any",
     value: "0.5",
-    "aria-label": "At most",
+    "aria-label": "Maximum",
   });
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly facts = h("ul", { className: "others" });
@@ -112,8 +112,8 @@ export class TolerancesPanel {
     const row = h(
       "div",
       { className: "row" },
-      h("button", { type: "button", onclick: () => this.draw() }, "Build one"),
-      h("button", { type: "button", onclick: () => this.none() }, "Without errors"),
+      h("button", { type: "button", onclick: () => this.draw() }, "Random sensor"),
+      h("button", { type: "button", onclick: () => this.none() }, "Reset errors"),
     );
     const most = h(
       "div",
@@ -191,7 +191,7 @@ export class TolerancesPanel {
     );
     if (strange.length)
       this.hands.say(
-        `This sensor cannot have the error ${strange.map(errorWords).join(", ")}: left out.`,
+        `Ignored errors that do not apply to this sensor: ${strange.map(errorWords).join(", ")}.`,
       );
     this.grade.input.value = trying.grade;
     this.focus.input.value = trying.focus;
@@ -209,7 +209,7 @@ export class TolerancesPanel {
   private toggle(): void {
     this.body.hidden = this.charts.element.hidden = this.isOpen;
     this.begin.setAttribute("aria-expanded", String(this.isOpen));
-    this.begin.textContent = this.isOpen ? "Leave errors" : "Try errors";
+    this.begin.textContent = this.isOpen ? "Close errors" : "Set errors";
     if (this.isOpen) return this.follow();
     this.tables = this.last = null;
     this.hands.keep("");
@@ -369,13 +369,16 @@ export class TolerancesPanel {
     const lines: [string, string][] = [
       ["Motion", pair(moved.motion_px, " px")],
       ["Direction", pair(moved.direction_error_deg, "°")],
-      ["Blur", `${words(moved.blur_px[1], 3)} px; ${words(moved.blur_px[0], 3)} without errors`],
+      [
+        "Blur",
+        `${words(moved.blur_px[1], 3)} px (${words(moved.blur_px[0], 3)} px without errors)`,
+      ],
     ];
     if (moved.straightness_deg.some((v) => v !== null))
       lines.splice(2, 0, ["Straightness", pair(moved.straightness_deg, "°")]);
     this.facts.replaceChildren(
       ...lines.map(([name, text]) =>
-        h("li", {}, h("b", {}, name), h("span", {}, moved.lost ? "objects are lost" : text)),
+        h("li", {}, h("b", {}, name), h("span", {}, moved.lost ? "objects are not imaged" : text)),
       ),
     );
   }
@@ -384,7 +387,7 @@ export class TolerancesPanel {
     if (!this.isOpen) return;
     this.problem.hidden = true;
     const percent = (share: number): string => fixed(100 * share, 1);
-    this.verdict.textContent = `${percent(found.share)} % good, ${percent(found.low)} to ${percent(found.high)} %, of ${found.trials} built`;
+    this.verdict.textContent = `${percent(found.share)} % yield (95 % interval ${percent(found.low)} to ${percent(found.high)} %), ${found.trials} simulated sensors`;
     this.verdict.classList.toggle("missed", found.share < 0.5);
     this.charts.showYield(found, this.all!.calibrations);
   }

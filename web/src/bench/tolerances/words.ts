@@ -7,7 +7,7 @@ const CALIBRATIONS: Record<string, string> = {
   none: "as built",
   "principal-point": "principal point",
   affine: "affine",
-  pose: "mirror's pose",
+  pose: "mirror pose",
   radial: "radial mapping",
 };
 export const calibrationWords = (name: string): string => CALIBRATIONS[name] ?? name;

@@ -5,7 +5,7 @@ import { COUNTED, printCommand } from "../words";
 const KINDS: [BoardAsked["kind"], string][] = [
   ["chessboard", "Chessboard"],
   ["charuco", "ChArUco board"],
-  ["aprilgrid", "April grid"],
+  ["aprilgrid", "AprilGrid"],
 ];
 
 /** Which board the pictures show. */
@@ -57,20 +57,25 @@ export class BoardPanel {
     );
     const markers = field("Markers", this.family);
     const marker = field("Marker, mm", this.marker);
-    const spacing = field("Gap over side", this.spacing);
-    const legacy = h("label", { className: "check" }, this.legacy, "Laid out as before OpenCV 4.6");
+    const spacing = field("Gap / tag size", this.spacing);
+    const legacy = h(
+      "label",
+      { className: "check" },
+      this.legacy,
+      "Legacy layout (before OpenCV 4.6)",
+    );
     [this.ofMarkers, this.ofCharuco, this.ofApril] = [[markers], [marker, legacy], [spacing]];
     const print = h(
       "details",
       { className: "more" },
-      h("summary", {}, "Print one"),
+      h("summary", {}, "Print a target"),
       h(
         "div",
         {},
         h(
           "p",
           { className: "words" },
-          "This writes it true to scale. Print it at 100 %, glue it to something flat, and measure a square.",
+          "This command writes the target to scale. Print it at 100 %, mount it on a flat plate, and measure a square.",
         ),
         this.command,
         h(
@@ -80,7 +85,7 @@ export class BoardPanel {
             className: "small",
             onclick: () => copy(this.command.textContent ?? ""),
           },
-          "Copy the command",
+          "Copy command",
         ),
       ),
     );
@@ -156,7 +161,7 @@ export class BoardPanel {
     this.problem.hidden = board !== null;
     this.problem.textContent = board
       ? ""
-      : "A board has 2 to 200 columns and rows, and squares wider than 0 mm.";
+      : "Columns and rows must be 2 to 200; the square size must be greater than 0 mm.";
     for (const input of [this.columns, this.rows, this.square])
       input.setAttribute("aria-invalid", String(!input.checkValidity()));
     if (board) this.command.textContent = printCommand(board);

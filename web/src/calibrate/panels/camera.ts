@@ -18,13 +18,13 @@ type Sought = Pick<
 export type Rim = { centre: [number, number]; radius: number };
 
 const OPTICS: [Sought["optics"], string][] = [
-  ["mirror", "A mirror"],
-  ["fisheye", "A fisheye"],
+  ["mirror", "Mirror"],
+  ["fisheye", "Fisheye"],
 ];
 const LOOKS: [Sought["camera_looks"], string][] = [
   ["up", "up"],
   ["down", "down"],
-  ["forward", "ahead"],
+  ["forward", "forward"],
 ];
 
 /** What is known of the camera beforehand. */
@@ -48,32 +48,27 @@ export class CameraPanel {
       "label",
       { className: "check" },
       this.useRim,
-      "Begin at the rim, and end the field there",
+      "Use the mirror rim as initial value and as limit of the field",
     );
     const more = h(
       "details",
       { className: "more" },
-      h("summary", {}, "More about the camera"),
+      h("summary", {}, "More options"),
       h(
         "div",
         {},
-        field("Camera looks", this.looks),
+        field("Optical axis points", this.looks),
         h(
           "label",
           { className: "check" },
           this.flipped,
-          "The driver reverses its pictures left to right",
+          "Camera driver flips images left to right",
         ),
-        h(
-          "label",
-          { className: "check" },
-          this.flat,
-          "Take the board as perfectly flat and square",
-        ),
+        h("label", { className: "check" }, this.flat, "Assume a perfectly flat and square target"),
       ),
     );
     place.append(
-      field("Seen through", this.optics),
+      field("Optics", this.optics),
       field("Model", this.model),
       this.rimRow,
       this.rimWords,
@@ -121,9 +116,9 @@ export class CameraPanel {
     if (isNew) this.useRim.checked = true;
     this.rimRow.hidden = rim === null;
     this.rimWords.textContent = rim
-      ? `The mirror's rim: ${words(rim.radius)} px about ${words(rim.centre[0])}, ${words(rim.centre[1])}.`
+      ? `Mirror rim: radius ${words(rim.radius)} px, centre ${words(rim.centre[0])}, ${words(rim.centre[1])} px.`
       : tried
-        ? "No rim of a mirror is seen for sure; the search begins in the middle of the picture."
+        ? "No reliable mirror rim was detected; the initial centre is the image centre."
         : "";
   }
 

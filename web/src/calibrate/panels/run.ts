@@ -8,7 +8,7 @@ import type {
 } from "../../shared/messages";
 
 const STOP = "stop";
-const STOPPING = "Ending with the best camera found until now…";
+const STOPPING = "Stopping with the best camera so far…";
 
 /** What is calibrated from, and who is told. */
 interface Hands {
@@ -30,7 +30,7 @@ export class RunPanel {
   private readonly enough = h(
     "button",
     { type: "button", hidden: true, onclick: () => this.end() },
-    "Stop, and keep what is found",
+    "Stop and keep the result",
   );
   private readonly cancel = h(
     "button",
@@ -66,7 +66,7 @@ export class RunPanel {
 
   /** What is under way belongs to pictures that are no more. */
   forget(): void {
-    if (this.task.isUnderWay) this.over("The pictures changed; begin again.");
+    if (this.task.isUnderWay) this.over("The images changed; start the calibration again.");
     else this.said.textContent = "";
   }
 
@@ -77,8 +77,8 @@ export class RunPanel {
     const cutOff = () =>
       this.over(
         this.hasFound
-          ? "Done; the report could not be made."
-          : "The calibration was cut off; begin again.",
+          ? "Calibration complete; the report could not be written."
+          : "The calibration was interrupted; start it again.",
       );
     this.task.begin(
       "api/calibrate/work",
@@ -99,7 +99,7 @@ export class RunPanel {
       this.hands.found(news.found!);
       this.enough.hidden = true;
       this.bar.removeAttribute("value");
-      this.said.textContent = "Done. Writing the report…";
+      this.said.textContent = "Calibration complete. Writing the report…";
     } else if (news.state === "reported") {
       this.over("Done.");
       this.hands.reported(news.report!);

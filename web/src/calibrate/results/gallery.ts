@@ -12,7 +12,7 @@ interface Item {
 
 /** All pictures, small, each with what was found in it. */
 export class Gallery {
-  readonly element = h("ul", { className: "shots", "aria-label": "Pictures" });
+  readonly element = h("ul", { className: "shots", "aria-label": "Images" });
   private readonly items = new Map<Shot, Item>();
 
   constructor(private readonly choose: (shot: Shot) => void) {}
@@ -50,7 +50,7 @@ export class Gallery {
 
 function fill(button: HTMLElement, shot: Shot, isChosen: boolean): void {
   const reason = shot.trouble ?? shot.reason;
-  const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Looking…");
+  const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Detecting…");
   const picture = h(
     "span",
     { className: "thumbnail" },

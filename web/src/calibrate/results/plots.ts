@@ -42,7 +42,7 @@ export function coveragePlot(
       class: "field",
       viewBox: viewBox(size),
       role: "img",
-      "aria-label": `Coverage of the field: ${filled} of its ${all} parts hold ${shown.enough} corners or more.`,
+      "aria-label": `Coverage of the field: ${filled} of ${all} cells contain at least ${shown.enough} corners.`,
     },
     svg("rect", { class: "frame", x: -0.5, y: -0.5, width: size[0], height: size[1] }),
     ...cells,
@@ -54,7 +54,7 @@ export function coveragePlot(
     );
   return figure(
     "Coverage",
-    `${filled} of ${all} parts of the field hold ${shown.enough} corners or more`,
+    `${filled} of ${all} cells of the field contain at least ${shown.enough} corners`,
     drawing,
   );
 }
@@ -69,7 +69,7 @@ export function residualPlot(found: CalibrationFound): HTMLElement {
       class: "field",
       viewBox: viewBox(found.image_size),
       role: "img",
-      "aria-label": `Residuals of ${all.length} corners over the picture, ${px(found.rms_px)} on the average.`,
+      "aria-label": `Residuals of ${all.length} corners in the image, RMS ${px(found.rms_px)}.`,
     },
     svg("rect", {
       class: "frame",
@@ -80,7 +80,7 @@ export function residualPlot(found: CalibrationFound): HTMLElement {
     }),
     svg("path", { class: "residuals", d: arrows(all, times) }),
   );
-  return figure("Residuals over the picture", `${times} times as long`, drawing);
+  return figure("Residuals in the image", `magnified ${times} times`, drawing);
 }
 
 /** The same along and across the radius. */
@@ -105,7 +105,7 @@ export function radiusPlot(found: CalibrationFound): HTMLElement {
       class: "scatter",
       viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
       role: "img",
-      "aria-label": `Residuals against the distance from the centre, to ${words(outer, 3)} px: at most ${words(high, 2)} px along or across the radius.`,
+      "aria-label": `Residuals against the radius, up to ${words(outer, 3)} px: maximum ${words(high, 2)} px, radial or tangential.`,
     },
     svg("path", {
       class: "axis",
@@ -121,15 +121,15 @@ export function radiusPlot(found: CalibrationFound): HTMLElement {
         share ? (share < 1 ? "middle" : "end") : "start",
       ),
     ),
-    label("px from the centre", [(LEFT + WIDTH) / 2, HEIGHT - 2], "middle"),
+    label("radius, px", [(LEFT + WIDTH) / 2, HEIGHT - 2], "middle"),
   );
   const legend = h(
     "span",
     { className: "quiet" },
     h("i", { className: "along" }),
-    "along the radius ",
+    "radial ",
     h("i", { className: "across" }),
-    "across it",
+    "tangential",
   );
   return h(
     "figure",

@@ -12,10 +12,10 @@ export function resultsOf(found: CalibrationFound): HTMLElement[] {
   const numbers: [string, string][] = [
     ["Model", modelWords(found.kind)],
     ["RMS", px(found.rms_px)],
-    ["RMS, left out", px(found.held_out_rms_px)],
-    ["Pictures", `${used} of ${found.pictures.length}`],
+    ["RMS, held out", px(found.held_out_rms_px)],
+    ["Images", `${used} of ${found.pictures.length}`],
     ["Corners used", `${found.corners - found.outliers.length} of ${found.corners}`],
-    ["Took", `${words(found.seconds, 2)} s`],
+    ["Duration", `${words(found.seconds, 2)} s`],
   ];
   return [
     h(
@@ -57,7 +57,7 @@ function pictures(found: CalibrationFound, choose: (picture: string) => void): H
     p.held_out_rms_px === null ? "–" : words(p.held_out_rms_px, 3),
     p.used ? "used" : (p.reason ?? "not used"),
   ]);
-  return table("Pictures", ["picture", "corners", "RMS, px", "left out, px", ""], rows);
+  return table("Images", ["picture", "corners", "RMS, px", "held out, px", ""], rows);
 }
 
 function parameters(found: CalibrationFound): HTMLElement {
@@ -67,11 +67,7 @@ function parameters(found: CalibrationFound): HTMLElement {
     p.sigma === null ? "fixed" : `± ${words(p.sigma, 2)}`,
     p.unit,
   ]);
-  return table(
-    "Parameters, each with its standard deviation",
-    ["", "value", "sigma", "unit"],
-    rows,
-  );
+  return table("Parameters with standard deviations", ["", "value", "sigma", "unit"], rows);
 }
 
 function models(found: CalibrationFound): HTMLElement {
@@ -82,19 +78,15 @@ function models(found: CalibrationFound): HTMLElement {
     m.held_out_rms_px === null ? "–" : words(m.held_out_rms_px, 3),
     m.why,
   ]);
-  return table(
-    "Models that were compared",
-    ["model", "parameters", "RMS, px", "left out, px", ""],
-    rows,
-  );
+  return table("Compared models", ["model", "parameters", "RMS, px", "held out, px", ""], rows);
 }
 
 function outliers(found: CalibrationFound): HTMLElement {
   const shown = found.outliers.slice(0, MOST_OUTLIERS);
-  if (!shown.length) return h("p", { className: "words" }, "No corner was left out.");
+  if (!shown.length) return h("p", { className: "words" }, "There are no outliers.");
   const made = table(
-    "Corners that were left out",
-    ["picture", "corner", "off by, px"],
+    "Outliers",
+    ["picture", "corner", "residual, px"],
     shown.map((o) => [o.picture, String(o.corner), words(o.residual_px, 3)]),
   );
   if (shown.length < found.outliers.length)
@@ -102,7 +94,7 @@ function outliers(found: CalibrationFound): HTMLElement {
       h(
         "p",
         { className: "words" },
-        `and ${found.outliers.length - shown.length} more, which the report names.`,
+        `and ${found.outliers.length - shown.length} more, listed in the report.`,
       ),
     );
   return made;

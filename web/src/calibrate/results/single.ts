@@ -19,14 +19,14 @@ interface Hands {
 export class Single {
   readonly element = h("section", {
     className: "plot single",
-    "aria-label": "The chosen picture",
+    "aria-label": "Selected image",
     hidden: true,
   });
   private readonly title = h("b", {});
   private readonly words = h("p", { className: "words" });
   private readonly image = h("img", {});
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
-  private readonly straight = h("img", { alt: "The board, straightened" });
+  private readonly straight = h("img", { alt: "Undistorted target" });
   private readonly straightFigure: HTMLElement;
   private readonly straightWords = h("figcaption", {});
   private readonly again: HTMLElement;
@@ -38,7 +38,7 @@ export class Single {
     this.again = h(
       "button",
       { type: "button", className: "small", onclick: () => this.shot && hands.retry(this.shot) },
-      "Look again",
+      "Detect again",
     );
     const bar = h(
       "div",
@@ -48,7 +48,7 @@ export class Single {
       h(
         "button",
         { type: "button", className: "small", onclick: () => this.shot && hands.remove(this.shot) },
-        "Take it out",
+        "Remove image",
       ),
     );
     this.straightFigure = h("figure", { hidden: true }, this.straight, this.straightWords);
@@ -74,10 +74,10 @@ export class Single {
     const reason = shot.trouble ?? outcome?.reason ?? shot.reason;
     const state = shot.seen
       ? stateWords(shot.seen, reason)
-      : (shot.trouble ?? "Looking for the board…");
+      : (shot.trouble ?? "Detecting the target…");
     const times = outcome?.rms_px ? timesFor(outcome.rms_px, ARROW_PX) : 1;
     this.words.textContent = outcome?.used
-      ? `${state}, ${px(outcome.rms_px)} off on the average; drawn ${times} times as long.`
+      ? `${state}, RMS residual ${px(outcome.rms_px)}; residuals magnified ${times} times.`
       : state;
     this.draw(shot, rim, outcome?.used ? arrows(outcome.residuals, times) : "");
     if (shot !== this.shot || found !== this.shown) background(this.straighten(shot, found));
@@ -87,7 +87,7 @@ export class Single {
 
   private load(shot: Shot): void {
     URL.revokeObjectURL(this.address);
-    this.image.alt = `The picture ${shot.name}`;
+    this.image.alt = `Image ${shot.name}`;
     this.address = URL.createObjectURL(shot.blob);
     this.image.onerror = () => {
       if (shot === this.shot) this.image.src = shot.thumbnail; // of a kind that browsers do not read
@@ -123,7 +123,7 @@ export class Single {
     this.straight.hidden = true;
     if (!found || !place) return;
     const off = found.pictures.find((p) => p.name === shot.name)?.off_straight_px ?? null;
-    this.straightWords.textContent = "Straightening the board…";
+    this.straightWords.textContent = "Undistorting the target…";
     try {
       const made = await api.straight(
         { camera_file: found.camera_file, place, name: shot.name },
@@ -133,7 +133,7 @@ export class Single {
       URL.revokeObjectURL(this.straight.src);
       this.straight.src = URL.createObjectURL(made);
       this.straight.hidden = false;
-      this.straightWords.textContent = `The board, straightened: its corners lie at most ${px(off, 2)} off straight lines.`;
+      this.straightWords.textContent = `Undistorted target: maximum deviation of corners from straight lines ${px(off, 2)}.`;
     } catch (e) {
       if (e instanceof api.Refused) this.straightWords.textContent = e.message;
       else this.hands.fail(e);

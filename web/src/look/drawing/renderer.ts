@@ -38,7 +38,7 @@ export class Renderer {
     });
     if (!gl)
       throw new NoWebGL(
-        "This browser does not offer WebGL2, which draws the view. Try a current Firefox, Chrome or Safari.",
+        "The view requires WebGL2, which this browser does not support. Use a current Firefox, Chrome or Safari.",
       );
     this.gl = gl;
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
@@ -175,7 +175,7 @@ export class Renderer {
   coordinates(view: View): Float32Array {
     const { gl } = this;
     if (!gl.getExtension("EXT_color_buffer_float"))
-      throw new NoWebGL("this browser draws no floating numbers");
+      throw new NoWebGL("this browser does not support floating-point textures");
     const { width, height } = view;
     const [texture, frame] = [gl.createTexture(), gl.createFramebuffer()];
     gl.activeTexture(gl.TEXTURE0);
@@ -267,7 +267,7 @@ export class Renderer {
       const logs = (gl.getAttachedShaders(this.program) ?? []).map((shader) =>
         gl.getShaderInfoLog(shader),
       );
-      throw new NoWebGL(`The graphics driver refused the shader: ${logs.join(" ")}`);
+      throw new NoWebGL(`The graphics driver rejected the shader: ${logs.join(" ")}`);
     }
     this.places.clear();
     this.camera = this.restored = null;

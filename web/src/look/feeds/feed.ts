@@ -39,7 +39,8 @@ const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiply
 /** A picture file; what the browser does not read, the server does. */
 export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
   const bitmap = await createImageBitmap(blob, DECODING).catch(async () => {
-    if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
+    if (!hasServer)
+      throw new api.Refused(`${name} is not an image in a format that this browser supports.`);
     return createImageBitmap(await api.convert(blob, name), DECODING);
   });
   return {
@@ -80,7 +81,7 @@ export async function addressFeed(
   } catch {
     release(video);
     throw new api.Refused(
-      `${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${shellWord(fileWord(name))}`,
+      `${name} is not a video in a format that this browser supports. The server can play it: omnimirror view ${shellWord(fileWord(name))}`,
     );
   }
   return { ...ofVideo(video, name, after), video };
@@ -183,7 +184,7 @@ export async function fileOf(
   context.imageSmoothingQuality = "high";
   context.drawImage(feed.picture, 0, 0, canvas.width, canvas.height);
   const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-  if (!picture) throw new Error("The browser made no copy of the picture.");
+  if (!picture) throw new Error("The browser could not copy the image.");
   return { picture, scale };
 }
 

@@ -32,7 +32,7 @@ export class Recorder {
       typeof MediaRecorder === "undefined"
         ? undefined
         : KINDS.find((k) => MediaRecorder.isTypeSupported(k));
-    if (!kind) return say("This browser does not record canvases.");
+    if (!kind) return say("This browser does not support recording.");
     const pieces: Blob[] = [];
     const stream = this.view.captureStream(30);
     const release = (): void => stream.getTracks().forEach((track) => track.stop());

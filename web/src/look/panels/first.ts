@@ -20,25 +20,25 @@ interface Answer {
 const TAKEN_BY: readonly Answer[] = [
   {
     answer: "A mirror ball",
-    seen: "a whole ball; who took it stands in the middle",
+    seen: "a complete sphere; the photographer is in the centre",
     sensor: "ball:340",
     looks: "forward",
   },
   {
-    answer: "Most of a ball",
-    seen: "as hangs under a shop's ceiling",
+    answer: "A mirror dome",
+    seen: "for example on the ceiling of a shop",
     sensor: "ball:260",
     looks: "up",
   },
   {
-    answer: "A bulging mirror",
-    seen: "as at street corners and driveways",
+    answer: "A convex mirror",
+    seen: "for example at street corners and driveways",
     sensor: "ball:160",
     looks: "forward",
   },
   {
     answer: "A panorama mirror",
-    seen: "screwed to a lens, a hole or the lens in its middle",
+    seen: "attached to a lens, with a hole or the lens in the centre",
     sensor: "exact-equidistant",
     looks: "up",
   },
@@ -99,23 +99,23 @@ export class FirstLook {
       {
         type: "button",
         className: "small",
-        "aria-label": "Put this away",
+        "aria-label": "Close",
         onclick: () => this.done(),
       },
       "×",
     );
     const where = found?.is_sure
-      ? h("p", {}, `The mirror was found in it, ${percent(found.confidence)} sure.`)
+      ? h("p", {}, `The mirror was detected; confidence ${percent(found.confidence)}.`)
       : h(
           "p",
           {},
           found
-            ? "Where the mirror ends is not clear in this picture. "
-            : "Where the mirror ends is a guess so far. ",
+            ? "The mirror outline in this image is uncertain. "
+            : "The mirror outline is a guess. ",
           h(
             "button",
             { type: "button", className: "small", onclick: () => this.byHand() },
-            "Set its edge by hand",
+            "Fit it manually",
           ),
         );
     const answers = TAKEN_BY.map((given) =>
@@ -129,13 +129,13 @@ export class FirstLook {
     const file = h(
       "button",
       { type: "button", onclick: () => this.fromFile() },
-      "A camera I have a file of",
-      h("small", {}, "a sensor or calibration file"),
+      "A camera with a file",
+      h("small", {}, "sensor file or calibration file"),
     );
     const question = this.isKnown
       ? []
       : [
-          h("h2", { id: "ask-title" }, "What took this picture?"),
+          h("h2", { id: "ask-title" }, "Which camera captured this image?"),
           h("div", { className: "answers" }, ...answers, ...(alone ? [] : [file])),
         ];
     this.card.replaceChildren(close, where, ...question);

@@ -7,11 +7,10 @@ import { aimOf, type Orientation } from "../geometry/turning";
 
 const WAIT_MS = 1500; // for the first word of a device that can tell
 const STEEP_DEG = 80; // from which it does not turn sideways: a device that lies flat has no direction there
-const NOT_TOLD = "This device does not tell how it is turned.";
+const NOT_TOLD = "This device does not report its orientation.";
 const REFUSED =
-  "Motion was refused. Allow it for this page in the browser's settings, and try again.";
-const NOT_SAFE =
-  "Browsers tell how a device is turned to pages of this machine, or over https, only.";
+  "Access to motion sensors was denied. Allow it for this page in the browser settings, and try again.";
+const NOT_SAFE = "Browsers report the device orientation only to local pages and over https.";
 
 /** Safari asks, and only if somebody pressed something. */
 type Asking = { requestPermission?: () => Promise<"granted" | "denied"> };

@@ -49,15 +49,15 @@ export class LevelPanel {
       this.finder,
       isKnown
         ? null
-        : "Levels are found of mirror balls, and of sensors whose mirror is in its place; drag the horizon.",
+        : "Automatic levelling requires a mirror ball or a sensor with an aligned mirror; drag the horizon instead.",
     );
   }
 
   /** Have upright edges of the picture tell how the sensor leaned; unasked only what is sure counts. */
   async find(isAsked = true): Promise<void> {
-    if (!this.seen) return say("Open a picture first.");
+    if (!this.seen) return say("Open an image first.");
     const { camera, feed } = this.seen;
-    busy("Looking for what stands upright…");
+    busy("Detecting vertical edges…");
     try {
       const { picture, scale } = await fileOf(feed, LOOKED_AT);
       const found = await api.level(askOf(camera, feed.name, scale), picture);
@@ -65,14 +65,14 @@ export class LevelPanel {
       const isSure = found && (isAsked || found.is_sure);
       if (!found || !isSure)
         return isAsked
-          ? say("Too little stands upright in it to tell; drag the horizon instead.")
+          ? say("The image has too few vertical edges; drag the horizon instead.")
           : undefined;
       await this.sensor().want({
         pitch: +found.pitch_deg.toFixed(2),
         roll: +found.roll_deg.toFixed(2),
       });
       say(
-        `It leaned ${fixed(found.pitch_deg, 1)}° and ${fixed(found.roll_deg, 1)}°, give or take ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, by ${found.upright} upright edges`,
+        `Pitch ${fixed(found.pitch_deg, 1)}°, roll ${fixed(found.roll_deg, 1)}°, standard error ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, from ${found.upright} vertical edges`,
       );
     } catch (e) {
       if (isAsked) fail(e);

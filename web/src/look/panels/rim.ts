@@ -47,7 +47,7 @@ export class RimPanel {
   /** Have the server find the mirror in what is shown, and take its circle where that is sure; null where it could not look. */
   async find(feed: Feed): Promise<RimFound | null> {
     this.finder.disabled = true;
-    busy("Looking for the mirror…");
+    busy("Detecting the mirror…");
     try {
       const found = (!feed.moves && this.found.get(feed)) || (await lookedAt(feed));
       this.found.set(feed, found);
@@ -65,13 +65,13 @@ export class RimPanel {
   }
 
   private async findHere(): Promise<void> {
-    if (!this.feed) return say("Open a picture first.");
+    if (!this.feed) return say("Open an image first.");
     const found = await this.find(this.feed);
     if (found)
       say(
         found.is_sure
-          ? `Circle found, ${percent(found.confidence)} sure`
-          : "No mirror was found for sure. Fit its circle by hand.",
+          ? `Circle detected; confidence ${percent(found.confidence)}`
+          : "No reliable mirror outline was detected. Fit the circle manually.",
       );
   }
 
@@ -87,7 +87,9 @@ export class RimPanel {
         rim[1] - found.centre_px[1],
         rim[2] - found.radius_px,
       ) < 0.1;
-    return isFound ? `. The mirror was found by itself, ${percent(found.confidence)} sure` : "";
+    return isFound
+      ? `. Mirror detected automatically, confidence ${percent(found.confidence)}`
+      : "";
   }
 
   /** The camera with the circle that the state, or else the size of the picture, asks for. */

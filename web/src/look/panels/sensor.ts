@@ -45,14 +45,14 @@ export class SensorPanel {
     const looks = [
       ["up", "up"],
       ["down", "down"],
-      ["forward", "ahead"],
+      ["forward", "forward"],
     ] as const;
     this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) =>
       background(this.want({ looks: value, pitch: null, roll: null })),
     ); // a lean is one of the way that it looks
     const optics = [
-      ["mirror", "a mirror"],
-      ["fisheye", "a fisheye"],
+      ["mirror", "mirror"],
+      ["fisheye", "fisheye"],
     ] as const;
     this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) =>
       background(this.loadAgain(value)),
@@ -131,7 +131,7 @@ export class SensorPanel {
       return true;
     }
     if (this.camera) this.show(this.camera); // until then, all names what is shown
-    busy("Fetching the sensor…");
+    busy("Loading the sensor…");
     try {
       const [camera, show] = await Promise.all([this.fetch(wanted), this.hands.prepare(wanted)]);
       if (number !== this.asked) return false;
@@ -225,7 +225,7 @@ export class SensorPanel {
 
   private show({ model }: Camera): void {
     byId("sensor-words").textContent =
-      `${model.title.replace(/\.$/, "")}. Field ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}° of elevation.`;
+      `${model.title.replace(/\.$/, "")}. Elevation ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}°.`;
     this.select.value = model.id;
     if (this.select.value !== model.id) this.add(model);
     this.showLooks(model.mount.camera_looks);
@@ -267,7 +267,7 @@ export class SensorPanel {
 type Optics = NonNullable<Kept["optics"]>;
 
 const ELSEWHERE =
-  "This link looks through a sensor file that this browser does not hold: links hold the view, not the file. Load it with Load…";
+  "This link requires a sensor file that is not stored in this browser; links contain the view, not the file. Select the file with Load…";
 const isSame = (a: Chosen, b: Chosen): boolean => CHOSEN.every((key) => a[key] === b[key]);
 const CHOSEN = ["sensor", "looks", "forward", "flipped", "pitch", "roll"] as const;
 const AS_IN_FILE = {

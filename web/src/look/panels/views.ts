@@ -259,8 +259,8 @@ export class ViewsPanel {
         "button",
         {
           type: "button",
-          "aria-label": `Forget ${name}`,
-          title: "Forget this view",
+          "aria-label": `Remove ${name}`,
+          title: "Remove this view",
           onclick: () => this.drop(i),
         },
         "×",

@@ -54,7 +54,7 @@ export class WipePanel {
     });
     this.line.style.left = `${100 * wipe}%`;
     if (document.activeElement !== this.slider) this.slider.value = String(wipe);
-    this.slider.setAttribute("aria-valuetext", `${Math.round(100 * wipe)} % as given`);
+    this.slider.setAttribute("aria-valuetext", `${Math.round(100 * wipe)} % original`);
   }
 
   private forget(): void {
@@ -66,7 +66,7 @@ export class WipePanel {
 
   private async restore(camera: Camera, feed: Feed, by: string): Promise<void> {
     const asked = (this.asked = { feed, by });
-    busy("Taking the blur out of the picture…");
+    busy("Removing the blur…");
     try {
       const { model, circle, size } = camera;
       const distance = this.store.state.distance;
@@ -99,12 +99,10 @@ export class WipePanel {
 }
 
 function reasonAgainst({ model }: Camera, feed: Feed): string | null {
-  if (feed.moves) return "Pictures are restored one at a time, not while they move.";
+  if (feed.moves) return "Restoration requires a still image.";
   if (model.kind !== "sensor")
-    return "What blur there is, is known of sensors whose mirror and lens are known; choose one.";
-  return model.tables.lattice
-    ? "The mirror of this sensor is out of its place; only of one in its place is the blur known."
-    : null;
+    return "Restoration requires a sensor with known mirror and lens; select one.";
+  return model.tables.lattice ? "Restoration requires a sensor with an aligned mirror." : null;
 }
 
 const nameOf = ({ model, circle, size }: Camera, distance: number): string =>
