@@ -46,7 +46,7 @@ KINDS = (
 )
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PICTURES = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
-EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
+EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
 MOVE = """async (count) => {
   const { bench } = window.omnimirror.tabs;
   const slider = document.querySelector("#bench input[type=range]");

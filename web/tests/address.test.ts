@@ -1,4 +1,4 @@
-/** Links: what the address holds comes back, and what cannot be is left out and said. */
+/** Links restore the state; invalid entries are ignored and reported. */
 import { describe, expect, test } from "vitest";
 import { fromHash, toHash } from "../src/shared/address";
 import { differing, INITIAL, limited, type State } from "../src/shared/state";
@@ -30,7 +30,7 @@ test.each(STATES)("%j comes back", (change) => {
 test("what is as at first is not in the address", () => {
   expect(toHash(INITIAL)).toBe("");
   expect(toHash({ ...INITIAL, pan: 12 })).toBe("#pan=12");
-  expect(toHash({ ...INITIAL, design: "{}", tab: "look" })).toBe(""); // the design is of the other tab
+  expect(toHash({ ...INITIAL, design: "{}", tab: "look" })).toBe(""); // the design belongs to another tab
 });
 
 test("an address is the same with and without its #", () =>
@@ -62,7 +62,9 @@ describe("what cannot be is left out, and said", () => {
   });
 
   test("all of it at once", () =>
-    expect(fromHash("#mode=cube&hfov=0").trouble).toMatch(/hfov must be .*; got 0; mode must be .*; got cube/));
+    expect(fromHash("#mode=cube&hfov=0").trouble).toMatch(
+      /hfov must be .*; got 0; mode must be .*; got cube/,
+    ));
   test("of something endless only the beginning", () =>
     expect(fromHash(`#mode=${"x".repeat(500)}`).trouble!.length).toBeLessThan(200));
   test("entries that no page ever had are nobody's trouble", () =>

@@ -1,4 +1,4 @@
-/** What is asked of the server, and how its refusals and its silence are told. */
+/** Requests to the server, its rejections, and missing responses. */
 import { afterEach, expect, test, vi } from "vitest";
 import * as api from "../src/shared/api";
 import { unpack } from "../src/shared/framing";
@@ -92,7 +92,7 @@ test("a file has the name that the server gives it", async () => {
   expect((await api.download(asked)).name).toBe("design");
 });
 
-/** As omnimirror.apps.studio._http_messages writes them: length, JSON padded with blanks, bytes. */
+/** Binary message like omnimirror.apps.studio._http_messages: length, padded JSON, bytes. */
 function framed(header: unknown, ...parts: Uint8Array<ArrayBuffer>[]): ArrayBuffer {
   const text = new TextEncoder().encode(JSON.stringify(header));
   const padded = Math.ceil(text.length / 4) * 4;

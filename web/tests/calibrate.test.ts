@@ -1,4 +1,4 @@
-/** Calibrating, as far as the page computes: against formulas of a line. */
+/** Computations of the tab Calibrate, compared with simple formulas. */
 import { describe, expect, test } from "vitest";
 import {
   arrows,
@@ -148,7 +148,7 @@ test("cells lie where their corners are counted", () => {
     const [u, v] = numbers(path.slice(path.indexOf("L")));
     const [x, y] = [u - 50, v - 40];
     expect(Math.hypot(x, y)).toBeCloseTo(COVERAGE.radii_px[ring + 1], 1);
-    const off = Math.atan2(y, x) - (sector * Math.PI) / 2 + Math.PI / 4; // its first edge, an eighth of a turn before its middle
+    const off = Math.atan2(y, x) - (sector * Math.PI) / 2 + Math.PI / 4; // its first edge, 22.5 deg before its centre
     expect(Math.cos(off)).toBeCloseTo(1, 3);
   }
 });

@@ -1,4 +1,4 @@
-/** The command lines of views, word by word; that they give the same pictures is examined in a browser. */
+/** Command lines of views; tests in a browser compare the images. */
 import { execFileSync } from "node:child_process";
 import { expect, test } from "vitest";
 import { commandOf, fittedName, needsFile } from "../src/look/command";

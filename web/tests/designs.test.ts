@@ -1,4 +1,4 @@
-/** Designs of the bench: in addresses, undone and redone, and what is no design. */
+/** Designs of the bench: address, undo history, validation. */
 import { beforeEach, describe, expect, test, vi } from "vitest";
 import { fromAddress, inAddress } from "../src/bench/designs/address";
 import { History, placed, withEntry, type Design, type Tables } from "../src/bench/designs/design";
@@ -191,7 +191,7 @@ describe("undoing", () => {
     history.complete(complete);
     expect(history.settle()).toBe(false);
     expect(history.now.tables.mount.mirror_distance_mm).toBe(161.5);
-    expect(placed(DESIGN, { mirror_distance_mm: 161.5 } as Facts)).toBe(DESIGN); // which does not follow
+    expect(placed(DESIGN, { mirror_distance_mm: 161.5 } as Facts)).toBe(DESIGN); // without follows
   });
 
   test("one number of a list changes, and the design before stays as it was", () => {
@@ -223,13 +223,13 @@ describe("what the browser keeps", () => {
     const history = new History(DESIGN);
     history.now = withEntry(DESIGN, "mirror", "radius_mm", 30);
     history.settle();
-    keep(history, [{ name: "pinned", design: DESIGN }], ["Picture"]);
+    keep(history, [{ name: "pinned", design: DESIGN }], ["Image"]);
     expect(kept(PARTS)).toEqual({
       design: history.now,
       past: [DESIGN],
       future: [],
       pins: [{ name: "pinned", design: DESIGN }],
-      switched: ["Picture"],
+      switched: ["Image"],
     });
     vi.stubGlobal("sessionStorage", shelf());
     keep(new History(DESIGN), [], []);

@@ -1,4 +1,4 @@
-/** Numbers, units and names as people read them, and the sliders that set them. */
+/** Numbers, units and names as displayed, and slider scales. */
 import { expect, test } from "vitest";
 import { label, unitWords } from "../src/bench/labels";
 import { scaleOf } from "../src/bench/panels/scale";

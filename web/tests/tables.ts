@@ -6,7 +6,7 @@ import made from "./fixtures/cameras.json";
 
 type Pairs = [number[], number[] | null][];
 
-/** A camera of the fixtures, and what Python computes of it: pixels of directions and of points, directions of pixels. */
+/** Camera of the fixtures with values computed by Python: pixels of directions and points, directions of pixels. */
 export interface Given {
   camera: Camera;
   far: Pairs;
@@ -24,7 +24,7 @@ export function given(name: keyof typeof made): Given {
 
 export const vector = (v: number[]): Vec3 => v as unknown as Vec3;
 
-/** The angle between two vectors, radians. */
+/** Angle between two vectors, radians. */
 export function between(a: readonly number[], b: readonly number[]): number {
   const cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
   return Math.atan2(Math.hypot(...cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2]);

@@ -23,7 +23,7 @@ from .pictures import pattern
 from .test_page import AXE
 
 PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
-EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
+EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
 WITHOUT_PICTURES = f"""
 if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
 """  # rendering them would use all processors

@@ -3,7 +3,7 @@ import { unpack } from "../shared/framing";
 import type { Answer, Ask } from "../shared/messages";
 import type { Found, Table, Wish } from "./found";
 
-/** A question, when it was asked first, and how often a connection ended over it. */
+/** Request with the time of its first transmission and its number of failed connections. */
 interface Question {
   wish: Wish;
   asked: number;
@@ -14,9 +14,9 @@ const RETRY_MS = 1000;
 const LATEST_RETRY_MS = 8000;
 const MOST_FAILURES = 2;
 const UNANSWERABLE = "The server of the studio cannot evaluate this design";
-const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, or too long for one
+const REFUSALS = [1003, 1007, 1009]; // close codes for invalid and oversized messages
 
-/** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
+/** One connection for all evaluation requests: one is active, and only the newest of the others is kept. */
 export class Answers {
   private socket: WebSocket | null = null;
   private readonly waiting = new Map<number, Question>();
@@ -32,13 +32,13 @@ export class Answers {
     this.connect();
   }
 
-  /** Ask about a design; an older question of the same slot that still waits is forgotten. */
+  /** Request an evaluation; replaces a pending request of the same slot. */
   ask(slot: number, wish: Wish): void {
     this.waiting.set(slot, { wish, asked: performance.now(), failures: 0 });
     this.next();
   }
 
-  /** Whether something that was asked of a slot has not been answered yet. */
+  /** Whether a request of a slot is pending. */
   isAsked(slot: number): boolean {
     return this.waiting.has(slot) || this.onItsWay?.slot === slot;
   }
@@ -66,7 +66,7 @@ export class Answers {
     this.socket = socket;
   }
 
-  /** What becomes of a question whose connection ended: asked again, but not for ever. Tells whether the end was about it. */
+  /** Repeat a request after a failed connection, up to a limit; return whether the request caused the failure. */
   private unanswered({ code }: CloseEvent): boolean {
     const { onItsWay } = this;
     this.onItsWay = null;
@@ -96,7 +96,7 @@ export class Answers {
   }
 }
 
-/** The answer where there is none. */
+/** Response without an evaluation. */
 const NOTHING: Omit<Found, "slot" | "asked"> = {
   number: 0,
   trouble: { path: [], sentence: UNANSWERABLE },
@@ -113,7 +113,7 @@ type Sent = Question & { slot: number };
 
 const noneTo = ({ slot, asked }: Sent): Found => ({ ...NOTHING, slot, asked });
 
-/** Read an answer; one that cannot be read counts as none, so that the next question is sent. */
+/** Decode a response; an invalid one counts as missing, and the next request is sent. */
 function answerTo(question: Sent | null, data: ArrayBuffer): Found {
   try {
     return read(data, question?.asked ?? 0);

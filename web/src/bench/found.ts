@@ -1,14 +1,14 @@
 import type { Answer, Ask } from "../shared/messages";
 import type { Design } from "./designs/design";
 
-/** What was answered about a design: words, and blocks of numbers by their names. */
+/** Evaluation of a design: header, and blocks of numbers by name. */
 export interface Found extends Answer {
   block: (name: string) => Table | null;
-  /** When the question was asked, for whoever measures. */
+  /** Time of the request, for benchmarks. */
   asked: number;
 }
 
-/** Named columns of numbers; not a number where there is nothing. */
+/** Named columns of numbers; NaN where undefined. */
 export interface Table {
   name: string;
   rows: number;
@@ -17,7 +17,7 @@ export interface Table {
 
 export type Wish = Omit<Ask, "number" | "slot">;
 
-/** The question about a design, and which plots need more than the curves. */
+/** Evaluation request of a design, with the plots that require more than curves. */
 export const wishOf = (
   design: Design,
   plots: Pick<Ask, "section" | "squares" | "space">,
@@ -30,6 +30,6 @@ export const wishOf = (
   bend: null,
 });
 
-/** Blocks whose names begin so. */
+/** Blocks with a name prefix. */
 export const blocksLike = (found: Found, start: string): Table[] =>
   found.blocks.filter((b) => b.name.startsWith(start)).map((b) => found.block(b.name)!);

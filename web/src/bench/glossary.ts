@@ -2,7 +2,7 @@ import { h } from "../shared/dom";
 import type { QuantityOf } from "../shared/messages";
 import { explained, symbolOf } from "./labels";
 
-/** The page's own words; those of quantities come from the vocabulary. */
+/** Terms of the page; quantities are explained by the server. */
 const TERMS: [term: string, meaning: string][] = [
   [
     "Θ",
@@ -42,7 +42,7 @@ const TERMS: [term: string, meaning: string][] = [
   ["Pin", "stores the design for comparison, drawn in another colour and line style"],
 ];
 
-/** What the words of the bench mean, for who asks. */
+/** Glossary of the bench. */
 export function glossary(vocabulary: QuantityOf[], shown: string[]): HTMLElement {
   const quantities = vocabulary
     .filter((q) => shown.includes(q.name))

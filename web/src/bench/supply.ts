@@ -1,4 +1,4 @@
-/** What the bench asks: of the server, or of the page itself where it does without. */
+/** Requests of the bench: to the server, or to the page itself. */
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
 import type {
@@ -16,7 +16,7 @@ import { AnswersAlone } from "./alone/answers";
 import { Answers } from "./answers";
 import type { Found } from "./found";
 
-/** What the page holds of all that a server would be asked for; null where there is one. */
+/** Data of a page without a server; null if there is a server. */
 export const alone = heldBy<BenchAlone>("bench-alone");
 const answerer = alone && new Answerer(alone);
 
@@ -34,18 +34,18 @@ export async function bundled(name: string): Promise<BenchSensor> {
   return alone.sensors[found];
 }
 
-/** Another kind of part, or another focus; a page that does without a server offers the focus alone. */
+/** Another type of part, or another focus; a page without a server supports the focus only. */
 export async function change(asked: Change): Promise<BenchSensor> {
   if (!answerer) return api.change(asked);
   const focus =
-    Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than a lens can be set
+    Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than the setting accuracy of lenses
   return {
     tables: { ...asked.tables, lens: { ...asked.tables.lens, focus_distance_mm: focus } },
     follows: false,
   };
 }
 
-/** By how much requirements are missed, wherever sliders stand; a page that does without a server knows of none. */
+/** Violation of requirements along all sliders; not available without a server. */
 export const slides = async (asked: SlidesAsk): Promise<SlidesOf | null> =>
   alone ? null : api.slides(asked);
 
@@ -59,7 +59,7 @@ export async function download(asked: Download): Promise<{ blob: Blob; name: str
   return api.download(asked);
 }
 
-/** Who answers about designs. */
+/** Evaluator of designs. */
 export const answers = (
   answered: (found: Found) => void,
   away: (isAway: boolean) => void,

@@ -7,7 +7,7 @@ import type { Design, Tables } from "./designs/design";
 import type { Host } from "./host";
 import * as supply from "./supply";
 
-const ASKED_EVERY_MS = 400; // how far a file is
+const ASKED_EVERY_MS = 400; // interval of progress requests, ms
 const FILES: [Download["kind"], string][] = [
   ["sensor", "Sensor file (TOML)"],
   ["report", "Report (HTML)"],
@@ -16,7 +16,7 @@ const FILES: [Download["kind"], string][] = [
   ["sag", "Sag table (CSV)"],
 ];
 
-/** What the toolbar needs of the bench. */
+/** Interface of the bench for the toolbar. */
 interface Hands {
   sensors: readonly string[];
   history: { now: Design; canUndo: boolean; canRedo: boolean };
@@ -28,7 +28,7 @@ interface Hands {
   fail: (e: unknown) => void;
 }
 
-/** What stands in the page's header while the bench is shown. */
+/** Toolbar of the bench in the page header. */
 export class Toolbar {
   private readonly undo = h("button", {
     type: "button",
@@ -124,7 +124,7 @@ export class Toolbar {
     this.requirements.hidden = this.bench.history.now.requirements === null;
   }
 
-  /** Open a sensor file, or a requirement file. */
+  /** Open a sensor file or a requirement file. */
   async open(file: Blob, name: string): Promise<void> {
     await this.try(async () => {
       await checkReadable(file, name);
@@ -157,7 +157,7 @@ export class Toolbar {
     }
   }
 
-  /** Say how far a file is, until it is there: a report takes some seconds. */
+  /** Display the progress of a file; reports take several seconds. */
   private telling(asked: Download): () => void {
     const busy = (isBusy: boolean, words: string, title = ""): void => {
       Object.assign(this.summary, { textContent: words, title });
@@ -220,7 +220,7 @@ export class Toolbar {
     }
   }
 
-  /** Files dropped while the bench is shown are the bench's. */
+  /** Files dropped on the bench are opened by the bench. */
   private bindDropping(): void {
     document.addEventListener(
       "drop",

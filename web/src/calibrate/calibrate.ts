@@ -24,17 +24,17 @@ import { MOST_SHOTS, type Shot, Shots } from "./shots";
 import { Toolbar } from "./toolbar";
 import { calibrateCommand, rimOf, whyNot } from "./words";
 
-/** What the browser keeps of the panels. */
+/** Stored state of the panels. */
 interface Settings {
   board: NonNullable<BoardPanel["board"]>;
   sought: CameraPanel["sought"];
   rim: Rim | null;
 }
 
-const LOOKED_AT_FOR_RIM = 3; // pictures
+const LOOKED_AT_FOR_RIM = 3; // number of images
 const TOGETHER_MS = 150;
 
-/** The tab: pictures of a board, what is found in them, and the camera that they tell. */
+/** Tab Calibrate: images of a target, detections, and the estimated camera. */
 export class Calibrate {
   readonly shots: Shots;
   readonly webcam: WebcamPane;
@@ -145,7 +145,7 @@ export class Calibrate {
     this.show();
   }
 
-  /** Begin with what the browser kept. */
+  /** Restore the stored state. */
   async begin(): Promise<void> {
     const kept = keptSettings<Settings>();
     if (kept?.board && kept.sought) {
@@ -164,7 +164,7 @@ export class Calibrate {
     this.show();
   }
 
-  /** Take pictures, or the frames of a video. */
+  /** Add images, or the frames of a video. */
   async add(files: readonly File[]): Promise<void> {
     this.host.banner(null, "calibrate");
     const take = (picture: Blob, name: string, time: number | null): Promise<boolean> =>
@@ -214,7 +214,7 @@ export class Calibrate {
     if (this.chosen) this.single.element.scrollIntoView({ block: "nearest" });
   }
 
-  // -- what is known changes ------------------------------------------------------------------------
+  // -- changes of the input -------------------------------------------------------------------------
 
   private boardChanged(): void {
     if (!this.board.board) return this.show();
@@ -229,7 +229,7 @@ export class Calibrate {
     this.keep();
   }
 
-  /** A result is that of its pictures. */
+  /** A result is valid for its images only. */
   private drop(): void {
     this.run.forget();
     if (!this.found) return;
@@ -244,7 +244,7 @@ export class Calibrate {
     this.timer = window.setTimeout(() => background(this.compare()), TOGETHER_MS);
   }
 
-  /** Ask what the pictures are together. */
+  /** Request the joint analysis of the images. */
   private async compare(): Promise<void> {
     const looked = this.shots.all.filter((s) => s.seen !== null);
     const number = ++this.asked;
@@ -275,7 +275,7 @@ export class Calibrate {
     });
   }
 
-  /** Look for the mirror's rim in the first pictures that show the board. */
+  /** Detect the mirror rim in the first images with a target. */
   private async findRim(): Promise<void> {
     const looked = this.shots.found.slice(0, LOOKED_AT_FOR_RIM);
     if (
@@ -291,11 +291,11 @@ export class Calibrate {
       this.changed();
       this.keep();
     } catch (e) {
-      if (!(e instanceof api.Refused)) this.fail(e); // one without a rim calibrates as well
+      if (!(e instanceof api.Refused)) this.fail(e); // calibration does not require a rim
     }
   }
 
-  // -- calibrating ------------------------------------------------------------------------------------
+  // -- calibration ----------------------------------------------------------------------------------
 
   private given(): { ask: CalibrationAsk; pictures: BoardSeen[] } | null {
     const { board } = this.board;
@@ -322,7 +322,7 @@ export class Calibrate {
     this.keep();
   }
 
-  /** Look through the camera that was found, at the chosen picture or the first that was used. */
+  /** Open the selected image, or the first used one, with the calibrated camera in the tab Look. */
   private async look(): Promise<void> {
     const { found } = this;
     const shot =
@@ -341,7 +341,7 @@ export class Calibrate {
     }
   }
 
-  // -- showing ------------------------------------------------------------------------------------------
+  // -- display --------------------------------------------------------------------------------------
 
   private show(): void {
     const { all } = this.shots;
@@ -363,7 +363,7 @@ export class Calibrate {
   private drawCoverage(): void {
     const shown = this.found?.coverage ?? this.together?.coverage ?? null;
     const used = this.shots.found;
-    if (!used.length && this.shots.waiting) return; // they are looked at anew; were this to go, a press below would miss its picture
+    if (!used.length && this.shots.waiting) return; // buttons are not recreated during detection, so that a press is not lost
     this.coverage.hidden = !shown || !used.length;
     if (shown && used.length)
       this.coverage.replaceChildren(

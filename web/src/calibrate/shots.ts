@@ -13,15 +13,15 @@ import {
 } from "./kept";
 import { unlike } from "./words";
 
-/** A picture of the board, and what is known of it. */
+/** Image of the target with its detection. */
 export interface Shot extends Listed {
   blob: Blob;
-  /** A small picture of it; "" where the browser does not read it. */
+  /** Thumbnail; "" if the browser does not support the format. */
   thumbnail: string;
   seen: BoardSeen | null;
-  /** Why it could not be looked at. */
+  /** Reason for a failed detection. */
   trouble: string | null;
-  /** Why it is not used: by itself, and then beside the others, which may tell that a part of a board is one. */
+  /** Reasons against its use: of the image itself, and of the joint analysis. */
   reason: string | null;
 }
 
@@ -32,18 +32,18 @@ const THUMBNAIL_PX = 240;
 interface Hands {
   board: () => BoardAsked | null;
   changed: () => void;
-  /** All that can be looked at was. */
+  /** Called when all detections are complete. */
   settled: () => void;
   fail: (e: unknown) => void;
 }
 
-/** The pictures, each looked at in its turn, and kept by the browser. */
+/** Images of the calibration, with a queue for detections and browser storage. */
 export class Shots {
   all: Shot[] = [];
-  /** The board that was looked for last. */
+  /** Target of the last detections. */
   private lookedFor = "";
   private readonly looking = new Map<Shot, AbortController>();
-  /** What the browser kept and has not given back yet. */
+  /** Images that are still being restored. */
   private coming: Listed[] = [];
 
   constructor(private readonly hands: Hands) {}
@@ -60,7 +60,7 @@ export class Shots {
     return this.all.reduce((sum, s) => sum + s.blob.size, 0);
   }
 
-  /** The pictures of the last time; the names of those that the page was left too soon after to be kept. */
+  /** Restore the stored images; return the names of those that were not stored in time. */
   async restore(): Promise<string[]> {
     const lost: string[] = [];
     this.coming = keptList();
@@ -87,7 +87,7 @@ export class Shots {
     return lost;
   }
 
-  /** Take a picture; false where there are enough. */
+  /** Add an image; false if the maximum is reached. */
   async add(blob: Blob, name: string, time: number | null = null): Promise<boolean> {
     if (this.all.length >= MOST_SHOTS) return false;
     const shot: Shot = {
@@ -104,7 +104,7 @@ export class Shots {
     this.told();
     background(keepPicture(shot.key, blob));
     shot.thumbnail = await thumbnailOf(blob, name);
-    if (!this.all.includes(shot)) URL.revokeObjectURL(shot.thumbnail); // removed meanwhile
+    if (!this.all.includes(shot)) URL.revokeObjectURL(shot.thumbnail); // removed in the meantime
     this.hands.changed();
     this.go();
     return true;
@@ -122,7 +122,7 @@ export class Shots {
     for (const shot of [...this.all]) this.remove(shot);
   }
 
-  /** Look at all of them anew, if the board is another one; whether it is. */
+  /** Repeat all detections if the target changed; return whether it did. */
   again(): boolean {
     if (JSON.stringify(this.hands.board()) === this.lookedFor) return false;
     for (const controller of this.looking.values()) controller.abort();
@@ -132,14 +132,14 @@ export class Shots {
     return true;
   }
 
-  /** Look again at one that could not be looked at. */
+  /** Repeat a failed detection. */
   retry(shot: Shot): void {
     Object.assign(shot, { seen: null, trouble: null });
     this.told();
     this.go();
   }
 
-  /** Begin as many looks as may be under way. */
+  /** Start detections up to the limit. */
   private go(): void {
     const board = this.hands.board();
     if (!board) return;
@@ -203,6 +203,6 @@ async function thumbnailOf(blob: Blob, name: string): Promise<string> {
     );
     return small ? URL.createObjectURL(small) : "";
   } catch {
-    return ""; // the server says what is wrong with it
+    return ""; // the server reports the error
   }
 }

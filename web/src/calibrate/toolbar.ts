@@ -11,7 +11,7 @@ interface Hands {
   look: () => void;
 }
 
-/** What stands in the page's header while the tab is shown; files dropped then are the tab's. */
+/** Toolbar of the tab in the page header; files dropped on the tab are added to the images. */
 export class Toolbar {
   private readonly file = h("input", {
     type: "file",

@@ -1,4 +1,4 @@
-/** What is said of boards and pictures, and the command line that does the same. */
+/** Texts about targets and images, and the equivalent command line. */
 import type {
   BoardAsked,
   BoardSeen,
@@ -14,9 +14,9 @@ export const COUNTED: Record<BoardAsked["kind"], string> = {
   aprilgrid: "Tags",
 };
 const FEWEST = 3;
-const MOST_NAMED = 40; // files on a command line; of more the folder is named
+const MOST_NAMED = 40; // maximum number of files on a command line; more are replaced by their folder
 
-/** How a kind of model is called. */
+/** Displayed name of a camera model. */
 export function modelWords(kind: string): string {
   const named: Record<string, string> = {
     auto: "Automatic selection",
@@ -29,19 +29,19 @@ export function modelWords(kind: string): string {
   return named[kind] ?? kind.replaceAll("-", " ");
 }
 
-/** The kinds of models that can be what was photographed through. */
+/** Camera models applicable to the optics. */
 export const modelsFor = (start: CalibrateStart, optics: CalibrationAsk["optics"]): string[] => [
   "auto",
   ...start.models.filter((kind) => optics === "mirror" || !start.mirrors_only.includes(kind)),
 ];
 
-/** What is to be said of a picture that was looked at. */
+/** Status text of an image. */
 export function stateWords(seen: BoardSeen, reason: string | null): string {
   if (reason) return `${reason[0].toUpperCase()}${reason.slice(1)}`;
   return seen.ids.length === 1 ? "1 corner" : `${seen.ids.length} corners`;
 }
 
-/** Why no calibration can begin; null where it can. */
+/** Reason against a calibration; null if it is possible. */
 export function whyNot(found: number, waiting: number): string | null {
   if (waiting)
     return `${waiting === 1 ? "One image has" : `${waiting} images have`} not been processed yet.`;
@@ -50,14 +50,14 @@ export function whyNot(found: number, waiting: number): string | null {
   return null;
 }
 
-/** Names that nothing else has. */
+/** Unique name. */
 export function unlike(name: string, taken: ReadonlySet<string>): string {
   let unique = name;
   for (let count = 2; taken.has(unique); count++) unique = `${name} (${count})`;
   return unique;
 }
 
-/** The rim that several pictures of one camera show: the middle of those that are sure. */
+/** Median of the reliable rims of several images; null if there are too few. */
 export function rimOf(
   found: readonly RimFound[],
 ): { centre: [number, number]; radius: number } | null {
@@ -79,7 +79,7 @@ const word = (text: string): string =>
   /^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`;
 const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
-/** What names a board on the command line. */
+/** Command-line options of a target. */
 function boardOptions(board: BoardAsked): string[] {
   const { kind, columns, rows, square_mm, marker_mm, spacing, family, legacy } = board;
   return [
@@ -95,11 +95,11 @@ function boardOptions(board: BoardAsked): string[] {
   ];
 }
 
-/** The command that prints the board. */
+/** Command that writes the target. */
 export const printCommand = (board: BoardAsked): string =>
   ["omnimirror", "board", ...boardOptions(board), "-o", "board.pdf"].map(word).join(" ");
 
-/** The command that makes the same calibration of files. */
+/** Equivalent calibration command. */
 export function calibrateCommand(
   names: readonly string[],
   ask: Omit<CalibrationAsk, "command" | "pictures">,
@@ -126,6 +126,6 @@ export function calibrateCommand(
     .join(" ");
 }
 
-/** A number of pixels with its unit. */
+/** Format a number of pixels with its unit. */
 export const px = (value: number | null, digits = 3): string =>
   value === null ? "–" : `${words(value, digits)} px`;

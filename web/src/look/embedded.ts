@@ -1,7 +1,7 @@
 import { heldBy } from "../shared/dom";
 import type { Embedded } from "../shared/messages";
 
-/** What a page of one picture holds; null in any other. */
+/** Embedded data of a page with one image; null in other pages. */
 export const embedded = (): Embedded | null => heldBy("embedded");
 
 const bytesOf = (base64: string): Uint8Array<ArrayBuffer> =>
@@ -9,7 +9,7 @@ const bytesOf = (base64: string): Uint8Array<ArrayBuffer> =>
 
 export const floats = (base64: string): Float32Array => new Float32Array(bytesOf(base64).buffer);
 
-/** What an address holds inside. */
+/** Content of a data URL. */
 export function blob(address: string): Blob {
   const comma = address.indexOf(",");
   return new Blob([bytesOf(address.slice(comma + 1))], {

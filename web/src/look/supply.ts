@@ -1,11 +1,11 @@
-/** Where cameras and rooms come from: the server, or the page itself where it does without. */
+/** Cameras and rendered rooms, from the server or the page itself. */
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
 import type { Alone, CameraAlone, CameraAsk, CameraShown, Start } from "../shared/messages";
 import { blob, floats } from "./embedded";
 import { standing } from "./geometry/mounts";
 
-/** What the page holds of all that a server would be asked for; null where there is one. */
+/** Data of a page without a server; null if there is a server. */
 export const alone = heldBy<Alone>("alone");
 
 export async function start(): Promise<Start> {

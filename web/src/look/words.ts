@@ -1,6 +1,6 @@
 import { byId, h } from "../shared/dom";
 
-/** What the words of this tab mean, and where they stand. */
+/** Glossary of the tab, with selectors of the explained elements. */
 const WORDS: readonly (readonly [term: string, meaning: string, place: string])[] = [
   [
     "Panorama",
@@ -78,7 +78,7 @@ const WORDS: readonly (readonly [term: string, meaning: string, place: string])[
   ["Elevation", "angle above the horizon; −90° is the nadir", "#sensor-words"],
 ];
 
-/** Explain each word to whoever points at it, and all of them in a list. */
+/** Set tooltips, and fill the glossary. */
 export function explainWords(): void {
   for (const [, meaning, place] of WORDS)
     for (const element of document.querySelectorAll<HTMLElement>(place))

@@ -1,6 +1,6 @@
 import { FITS, INITIAL, limited, LOOKS, MODES, RANGES, type State, TABS, viewsIn } from "./state";
 
-/** The part of an address after its #, with what of the state is not as at first; "" where all is. */
+/** Fragment of the address with the state that differs from the default; "" if there is none. */
 export function toHash(s: State): string {
   const parts = new URLSearchParams();
   for (const [key, value] of Object.entries(s)) {
@@ -20,7 +20,7 @@ export function toHash(s: State): string {
   return text && `#${text}`;
 }
 
-/** The state of an address. Entries that are none are left out, and said. */
+/** Parse the state of an address. Invalid entries are ignored and reported. */
 export function fromHash(hash: string): { state: State; trouble: string | null } {
   const parts = new URLSearchParams(hash.replace(/^#/, ""));
   const s: State = { ...INITIAL };

@@ -35,21 +35,21 @@ import type {
 } from "./messages";
 import { AWAY } from "./texts";
 
-/** Something the server refused, in its own sentence. */
+/** Request rejected by the server, with its message. */
 export class Refused extends Error {
   override readonly name = "Refused";
 }
 
-/** The server does not answer. */
+/** The server does not respond. */
 export class Away extends Error {
   override readonly name = "Away";
 }
 
-/** Whether a failure was foreseen: its message is for users. By name, as each script of the page has classes of its own. */
+/** Whether an error has a message for users. Checked by name, because each script has its own classes. */
 export const isForeseen = (e: unknown): e is Error =>
   e instanceof Error && (e.name === "Refused" || e.name === "Away");
 
-// -- what both tabs ask ---------------------------------------------------------------------------
+// -- common requests ------------------------------------------------------------------------------
 
 export const isThere = async (): Promise<boolean> =>
   ask("health").then(
@@ -57,11 +57,11 @@ export const isThere = async (): Promise<boolean> =>
     () => false,
   );
 
-/** The address of one of the server's sockets. */
+/** URL of a WebSocket of the server. */
 export const socketAddress = (path: string): string =>
   new URL(path, document.baseURI).href.replace(/^http/, "ws");
 
-// -- looking --------------------------------------------------------------------------------------
+// -- tab Look -------------------------------------------------------------------------------------
 
 export const start = (): Promise<Start> => got("api/start");
 
@@ -92,7 +92,7 @@ export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise
 export const sensorFile = async (asked: SensorFile): Promise<string> =>
   (await posted("api/sensor-file", asked)).text();
 
-// -- designing ------------------------------------------------------------------------------------
+// -- tab Design -----------------------------------------------------------------------------------
 
 export const benchStart = (): Promise<BenchStart> => got("api/bench");
 export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
@@ -112,11 +112,11 @@ export async function download(asked: Download): Promise<{ blob: Blob; name: str
   return { blob: await answer.blob(), name };
 }
 
-/** How far such a file is; null before it is begun, and when it is there. */
+/** Progress of a file export; null before its start and after its end. */
 export const making = (asked: Download): Promise<FileUnderWay | null> =>
   json(posted("api/bench/making", asked));
 
-/** The picture that a design takes of a room, and its panorama. */
+/** Rendered image of a room for a design, and its panorama. */
 export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
   const data = await (await posted("api/bench/picture", asked)).arrayBuffer();
   const { header, start } = unpack<Taken>(data);
@@ -130,7 +130,7 @@ export const errors = (asked: ErrorsAsk): Promise<ErrorsOf> =>
   json(posted("api/bench/errors", asked));
 export const yields = (asked: YieldAsk): Promise<YieldOf> => json(posted("api/bench/yield", asked));
 
-/** A sensor with errors: numbers, the places of objects, and by calibrations how far they have gone. */
+/** As-built sensor: header, object positions, and displacements by calibration. */
 export async function built(
   asked: BuiltAsk,
 ): Promise<Built & { places: Float32Array; left: Float32Array[] }> {
@@ -141,7 +141,7 @@ export async function built(
   return { ...header, places: pairs(0), left: header.motion_px.map((_, k) => pairs(k + 1)) };
 }
 
-// -- calibrating ----------------------------------------------------------------------------------
+// -- tab Calibrate --------------------------------------------------------------------------------
 
 export const calibrateStart = (): Promise<CalibrateStart> => got("api/calibrate");
 export const look = (picture: Blob, asked: BoardLook, signal: AbortSignal): Promise<BoardSeen> =>
@@ -151,7 +151,7 @@ export const together = (asked: TogetherAsk): Promise<Together> =>
 export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob> =>
   (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
 
-// -- how it is asked ------------------------------------------------------------------------------
+// -- implementation -------------------------------------------------------------------------------
 
 type Query = Record<string, unknown>;
 
@@ -167,7 +167,7 @@ const posted = (path: string, body: unknown): Promise<Response> =>
     body: JSON.stringify(body),
   });
 
-/** An address with what is asked; what is null or undefined is not. */
+/** URL with a query; null and undefined values are omitted. */
 function to(path: string, query: Query): string {
   const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
   return given.length
@@ -175,10 +175,10 @@ function to(path: string, query: Query): string {
     : path;
 }
 
-/** Ask the server; what it refuses is thrown as its sentence. */
+/** Send a request; a rejection throws its message. */
 async function ask(url: string, init?: RequestInit): Promise<Response> {
   const answer = await fetch(url, init).catch((e: unknown) => {
-    if (e instanceof DOMException && e.name === "AbortError") throw e; // who asked does not want it any more
+    if (e instanceof DOMException && e.name === "AbortError") throw e; // cancelled by the caller
     throw new Away(AWAY);
   });
   if (answer.ok) return answer;
@@ -188,7 +188,7 @@ async function ask(url: string, init?: RequestInit): Promise<Response> {
   );
 }
 
-/** What is wrong with an entry of a question, as the server's framework says it. */
+/** Validation error of a request entry, as reported by the framework of the server. */
 interface Wrong {
   loc?: (string | number)[];
   msg?: string;
@@ -209,7 +209,7 @@ function sentenceOf(detail: unknown): string | null {
     : `${entry}: ${condition}${value}.`;
 }
 
-/** Work that the server does for the page: its news come over a socket, and closing that ends it. */
+/** Long-running task of the server; closing its socket cancels it. */
 export class ServerTask<News> {
   private socket: WebSocket | null = null;
 
@@ -217,7 +217,7 @@ export class ServerTask<News> {
     return this.socket !== null;
   }
 
-  /** Send what is asked, and hear of it until it ends; `cutOff` where the server has gone. */
+  /** Send requests and receive messages until the end; `cutOff` is called if the connection fails. */
   begin(path: string, asked: unknown[], told: (news: News) => void, cutOff: () => void): void {
     this.end();
     const socket = (this.socket = new WebSocket(socketAddress(path)));
@@ -226,7 +226,7 @@ export class ServerTask<News> {
     socket.onclose = () => this.socket === socket && cutOff();
   }
 
-  /** Say a word to it. */
+  /** Send a message to the task. */
   tell(word: string): void {
     this.socket?.send(word);
   }

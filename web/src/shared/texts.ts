@@ -1,4 +1,4 @@
-/** What the page says of itself and of its server, each in one wording. */
+/** Messages about the page and its server that are used in several places. */
 
 const ANEW = "reload the page.";
 

@@ -1,10 +1,10 @@
-/** What the evaluator takes, from the tables of a sensor file; what it does not know is said. */
+/** Input of the evaluator from the tables of a sensor file; unsupported entries raise an error. */
 import { Refused } from "../../shared/api";
 import type { BenchStart, ParameterOf, PartOf } from "../../shared/messages";
 import type { Tables } from "../designs/design";
 import type { Ideal } from "./kernel";
 
-/** Something that cannot be, and the entry it is about. */
+/** Error with the entry that it concerns. */
 export class Trouble extends Refused {
   constructor(
     readonly path: string[],
@@ -25,7 +25,7 @@ const bare = (radius: number, constant: number): Mirror => ({
   first: 2,
 });
 
-/** By mirrors/conics_and_aspheres.py and mirrors/conics_and_aspheres.py. */
+/** Conversions of optics/mirrors/conics_and_aspheres.py. */
 const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   sphere: (t) => bare(number(t, "radius_mm"), 0),
   paraboloid: (t) => bare(number(t, "vertex_radius_mm"), -1),
@@ -46,7 +46,7 @@ const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   "even-polynomial": (t) => ({ conic: null, coefficients: ofRim(t, 1), first: 1 }),
 };
 
-/** Coefficients of powers of x over the normalisation radius N, in units of that, as those of x over the rim radius M. */
+/** Coefficients of powers of x / N, in units of the normalisation radius N, converted to the rim radius M. */
 function ofRim(table: Tables, first: number): number[] {
   const N = number(table, "normalization_radius_mm", 1);
   const M = number(table, "rim_radius_mm");
@@ -55,7 +55,7 @@ function ofRim(table: Tables, first: number): number[] {
   );
 }
 
-/** A design as the evaluator takes it; thrown where a number is outside what its part allows. */
+/** Input of the evaluator for a design; throws if a number is outside its valid range. */
 export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   const { mirror, lens, imager, mount } = tables;
   within("mirror", partOf("mirror", parts.mirrors, mirror), mirror);
@@ -100,7 +100,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   return ideal;
 }
 
-/** Distance from the axis at which a conic ends, mm. */
+/** Maximum radius of a conic, mm. */
 const reach = ({ conic }: Ideal): number =>
   conic && conic.constant > -1 ? conic.radius / Math.sqrt(1 + conic.constant) : Infinity;
 
@@ -122,7 +122,7 @@ function within(section: string, part: PartOf, table: Tables): void {
   }
 }
 
-/** As parameters.py says it. */
+/** Same message as base/parameters.py. */
 function check(section: string, { name, low, high, unit }: ParameterOf, value: number): void {
   if (value >= low && value <= high) return;
   const of = unit ? ` ${unit}` : "";

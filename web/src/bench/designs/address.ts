@@ -3,15 +3,15 @@ import { parsed } from "../../shared/storage";
 import type { Design, Tables } from "./design";
 import { designOf, lacking } from "./whole";
 
-const LONGEST = 6000; // of a design in the address; longer ones are only kept
+const LONGEST = 6000; // maximum length in the address; longer designs are stored only
 
-/** The design as the address holds it; "" where it is too long. */
+/** Encode a design for the address; "" if it is too long. */
 export function inAddress(design: Design): string {
   const text = JSON.stringify(design);
   return text.length > LONGEST ? "" : text;
 }
 
-/** The design of an address, or what it lacks, in a sentence. */
+/** Decode a design of an address, or return an error message. */
 export function fromAddress(text: string, parts: BenchStart): Design | string {
   const found = parsed(text);
   if (found === undefined)

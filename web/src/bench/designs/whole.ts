@@ -6,7 +6,7 @@ type Parts = Pick<
   "mirrors" | "secondaries" | "lenses" | "imager" | "place" | "quantities"
 >;
 
-/** What keeps a text or an object from being a design that the bench can hold, in words; null where nothing does. */
+/** Return the reason for which a text or object is not a valid design; null if it is valid. */
 export function lacking(found: unknown, parts: Parts): string | null {
   if (!isTable(found)) return "it must be a design";
   if (!isTable(found.tables)) return "it must contain the tables of a sensor";
@@ -18,7 +18,7 @@ export function lacking(found: unknown, parts: Parts): string | null {
   );
 }
 
-/** The design of an object that lacks nothing. */
+/** Convert a valid object to a design. */
 export const designOf = (found: Tables): Design => ({
   tables: found.tables as Tables,
   follows: found.follows === true,

@@ -9,7 +9,7 @@ import { handle, place } from "./handle";
 
 type Side = "at_least" | "at_most";
 
-/** A limit of one side, as it is drawn: which of the requirements it is, and of what. */
+/** One side of a limit: index of the requirement and quantity. */
 interface Line {
   limit: number;
   side: Side;
@@ -19,16 +19,16 @@ interface Line {
   isMet: boolean;
 }
 
-/** Sets a side of a limit, and settles on it. */
+/** Set one side of a limit, and commit it. */
 export interface LimitHands {
   set: (limit: number, side: Side, value: number) => void;
   settle: () => void;
 }
 
 const SIGNS: Record<Side, string> = { at_least: "≥", at_most: "≤" };
-const FINE_PX = 0.2; // to which a value is rounded that was dragged
+const FINE_PX = 0.2; // rounding of dragged values
 
-/** The limits of one quantity as lines over its plot, dragged up and down. */
+/** Limits of one quantity as draggable lines in its plot. */
 export class LimitLines implements Over {
   isHeld = false;
   private lines: Line[] = [];
@@ -38,7 +38,7 @@ export class LimitLines implements Over {
 
   constructor(private readonly hands: LimitHands) {}
 
-  /** Take the limits of the requirements whose values stand in a column of the plot. */
+  /** Select the limits whose quantity is a column of the plot. */
   take(lines: Line[]): void {
     this.lines = lines;
     if (lines.length === this.elements.length) return;
@@ -115,7 +115,7 @@ export class LimitLines implements Over {
   }
 }
 
-/** The lines of the limits whose judgement has a name, which is the column of their values too. */
+/** Lines of the limits of a named result, which is also the name of their column. */
 export function linesOf(
   requirements: Tables | null,
   rows: readonly JudgementOf[],

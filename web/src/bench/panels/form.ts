@@ -6,7 +6,7 @@ import { alone } from "../supply";
 import { Field } from "./field";
 import type { Missed } from "./met";
 
-/** What the form needs of the bench. */
+/** Interface of the bench for the form. */
 interface Hands {
   now: () => Design;
   edit: (design: Design) => void;
@@ -14,8 +14,8 @@ interface Hands {
   change: (what: "mirror" | "lens" | "focus", to: string) => void;
 }
 
-const MOST_FIELDS = 16; // of a list; longer ones are a text
-const DISTANCE = "distance"; // of the objects: no number of the sensor
+const MOST_FIELDS = 16; // maximum number of list elements with individual fields
+const DISTANCE = "distance"; // object distance, not a parameter of the sensor
 const FAR: ParameterOf = {
   name: DISTANCE,
   unit: "mm",
@@ -29,7 +29,7 @@ const FAR: ParameterOf = {
   default: null,
 };
 
-/** Sliders and number fields, made from what the parts say of themselves. */
+/** Sliders and number fields generated from the metadata of the parts. */
 export class Form {
   private readonly fields = new Map<string, Field>();
   private readonly defaults = new Map<string, number>();
@@ -75,7 +75,7 @@ export class Form {
     place.append(this.problem, this.body);
   }
 
-  /** Take a design for the one to which fields lead back. */
+  /** Set the initial design. */
   begin(design: Design): void {
     this.show(design);
     for (const [key, field] of this.fields) {
@@ -84,7 +84,7 @@ export class Form {
     }
   }
 
-  /** Show a design; fields are made anew only where there are others than before. */
+  /** Display a design; fields are recreated only if their set changes. */
   show(design: Design): void {
     const shape = this.shapeOf(design);
     if (shape !== this.shape) {
@@ -102,7 +102,7 @@ export class Form {
     this.infinite.checked = design.distance === null;
   }
 
-  /** Say why the design cannot be, beside the field it is about, or the one that was changed last. */
+  /** Display the error of a design at its field, or at the last changed field. */
   complain(trouble: Trouble | null): void {
     const key =
       trouble &&
@@ -116,7 +116,7 @@ export class Form {
     write(this.problem, isOfNoField ? trouble.sentence : "");
   }
 
-  /** The numbers that sliders which are seen stand for, and values along each. */
+  /** Entries of the visible sliders with sample values. */
   slides(): Slide[] {
     const seen = [...this.fields].filter(
       ([key, field]) => key !== DISTANCE && !field.element.closest("details:not([open])"),
@@ -124,12 +124,12 @@ export class Form {
     return seen.map(([key, field]) => ({ path: key.split("."), values: field.along }));
   }
 
-  /** Mark where on each of those sliders the requirements are met, by how much they are missed along it. */
+  /** Mark the feasible ranges of those sliders. */
   showMet(slides: readonly Slide[], missed: readonly (readonly Missed[])[]): void {
     slides.forEach(({ path }, i) => this.fields.get(path.join("."))?.showMet(missed[i]));
   }
 
-  /** Forget where requirements are met; but the slider that is moved keeps its own, as long as they are the same. */
+  /** Remove the marks; an active slider keeps its own if the requirements are unchanged. */
   forgetMet(isAsked: boolean): void {
     for (const [key, field] of this.fields) if (isAsked || key !== this.last) field.showMet(null);
   }
@@ -191,7 +191,7 @@ export class Form {
       : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
   }
 
-  /** What is seldom changed, folded away. */
+  /** Rarely used parameters, collapsed. */
   private more(section: string, fields: HTMLElement[]): HTMLElement {
     const details = h(
       "details",
@@ -295,7 +295,7 @@ export class Form {
     ];
   }
 
-  /** How the mirror stands out of its place, and back into it. */
+  /** Misalignment of the mirror, and a button that resets it. */
   private pose(table: Tables): HTMLElement[] {
     const fields = this.parts.pose.parameters.flatMap((p) =>
       this.entry("mirror_pose", p, table[p.name] ?? 0),
@@ -353,7 +353,7 @@ export class Form {
       : [this.number(DISTANCE, FAR, "Object distance", design.distance), far];
   }
 
-  /** What decides which fields there are. */
+  /** Properties of a design that determine the set of fields. */
   private shapeOf({ tables, follows, distance }: Design): string {
     const of = (part: PartOf, table: Tables): unknown =>
       part.parameters.map((p) =>

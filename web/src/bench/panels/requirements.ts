@@ -13,11 +13,11 @@ interface Hands {
 }
 
 const USUAL: Limit = { quantity: "total_blur_px", at_most: 5 };
-const CYCLES = 0.25; // per pixel, where a limit of the MTF begins
-const ROUNDING = 1e-6; // relative; a margin this small is none
-const INFINITE = 1e11; // mm; beyond it a distance is shown as infinite
+const CYCLES = 0.25; // default frequency of an MTF limit, cycles per pixel
+const ROUNDING = 1e-6; // relative margin below which a requirement is only just met
+const INFINITE = 1e11; // distance in mm above which infinity is displayed
 
-/** What the design must do, and whether it does. */
+/** Requirements with their results. */
 export class RequirementsPanel {
   private readonly body = h("div", {});
   private readonly verdict = h("p", { className: "verdict", role: "status" });
@@ -43,7 +43,7 @@ export class RequirementsPanel {
     );
   }
 
-  /** Bring them into view. */
+  /** Scroll them into view. */
   reveal(): void {
     this.place.scrollIntoView({ block: "start" });
   }
@@ -68,7 +68,7 @@ export class RequirementsPanel {
     }
   }
 
-  /** Say of each requirement whether it is met, by how much, and where it is worst. */
+  /** Display the result of each requirement: met or not, margin, critical field angle. */
   judge(rows: JudgementOf[], trouble: string | null): void {
     reveal(this.problem, trouble !== null);
     write(this.problem, trouble ?? "");
@@ -312,7 +312,7 @@ const spanOf = (value: unknown): [number, number] =>
       ? [value, value]
       : [1e12, 1e12];
 
-/** Met or not, by a sign and in words. */
+/** Result as symbol and text. */
 function verdictOf(row: JudgementOf): HTMLElement[] {
   const unit = unitWords(row.unit);
   const isJust =

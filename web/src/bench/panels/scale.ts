@@ -1,7 +1,7 @@
 import type { ParameterOf } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 
-/** Between a slider's place, 0 to 1, and a value. */
+/** Mapping between slider position, 0 to 1, and value. */
 export interface Scale {
   low: number;
   high: number;
@@ -10,9 +10,9 @@ export interface Scale {
 }
 
 const REACH = 2.5;
-const WIDEST = 400; // a range that a slider shows whole
+const WIDEST = 400; // range displayed completely
 
-/** A slider around a value: the whole range where that is short, factors of what is positive, or some to either side. */
+/** Slider scale around a value: complete range if short, logarithmic for positive values, or an interval around the value. */
 export function scaleOf(p: ParameterOf, value: number): Scale {
   if (p.high - p.low <= WIDEST) return even(p.low, p.high, p);
   if (p.low > 0 && value > 0) {
@@ -38,7 +38,7 @@ function even(low: number, high: number, p: ParameterOf): Scale {
   };
 }
 
-/** No finer than a slider can be set. */
+/** Round to the resolution of a slider. */
 function rounded(value: number, p: ParameterOf, span = Math.abs(value)): number {
   if (p.is_whole) return Math.round(value);
   if (span === 0) return value;

@@ -11,7 +11,7 @@ interface Hands {
   take: (found: BenchSensor) => void;
 }
 
-/** Searches that take time: the best mirror by a merit, a sensor from requirements. */
+/** Long-running searches: mirror optimisation, and design from requirements. */
 export class WorkPanel {
   private readonly task = new ServerTask<News>();
   private readonly merit: HTMLSelectElement;
@@ -99,7 +99,7 @@ export class WorkPanel {
     );
   }
 
-  /** Offer what can be done with a design; `reason` says why its mirror cannot be optimised. */
+  /** Enable the searches for a design; `reason` is set if its mirror cannot be optimised. */
   show(design: Design, reason: string | null): void {
     reveal(this.design, Boolean(design.requirements?.mirror));
     reveal(this.keepsLabel, limitsOf(design.requirements).length > 0);

@@ -28,13 +28,13 @@ const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
   ["Length", "mm", (f) => words(f.length_mm)],
 ];
 
-/** What can be done with a pinned design. */
+/** Actions of a pinned design. */
 export interface PinHands {
   take: (index: number) => void;
   drop: (index: number) => void;
 }
 
-/** The design in hand and the pinned ones, number by number: the legend of all plots. */
+/** Table of the current and the pinned designs; also the legend of all plots. */
 export class CompareTable {
   readonly element: HTMLElement;
   private readonly body = h("tbody", {});
@@ -55,7 +55,7 @@ export class CompareTable {
     );
   }
 
-  /** Rows stay as long as there are as many, and so does the focus on one of their buttons. */
+  /** Rows are reused, so that their buttons keep the focus. */
   show(drawn: Drawn[]): void {
     if (drawn.length !== this.rows.length) {
       this.rows = drawn.map((_, i) => new Row(i, this.hands));
@@ -65,7 +65,7 @@ export class CompareTable {
   }
 }
 
-/** One design: which line it is, its name, what can be done with it if it is pinned, and its numbers. */
+/** One design: line style, name, actions if it is pinned, and values. */
 class Row {
   readonly element: HTMLTableRowElement;
   private readonly name = h("th", { scope: "row" });

@@ -18,11 +18,11 @@ import { SpacePlot } from "./space";
 import { SquaresView } from "./squares";
 
 const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
-const DESCRIBED_MS = 400; // after which charts that rest are put into words
+const DESCRIBED_MS = 400; // idle time after which descriptions of charts are updated
 
-/** Kinds of plots, each shown or not. */
-const COMPUTED = ["3-D view", "Image"]; // by the server alone
-const LIMITS = "Limits"; // quantities that requirements limit, and no other plot shows
+/** Groups of plots that can be hidden. */
+const COMPUTED = ["3-D view", "Image"]; // computed by the server only
+const LIMITS = "Limits"; // limited quantities without another plot
 const GROUPS = [
   "3-D view",
   "Section",
@@ -31,22 +31,22 @@ const GROUPS = [
   "Squares",
   "Image",
 ].filter((group) => !(alone && COMPUTED.includes(group)));
-const CLOSED = ["3-D view"]; // until they are opened
+const CLOSED = ["3-D view"]; // collapsed initially
 
-/** What changes the design by hand, on its plots; a page without a server bends nothing. */
+/** Direct manipulation of the plots; not available in pages without a server. */
 interface DeskHands extends PinHands {
   bending: BendHands;
   limits: LimitHands;
-  /** Other plots are wanted. */
+  /** Called if the set of displayed plots changes. */
   chosen: () => void;
 }
 
-/** What lies on the bench's desk: the table of designs, and the plots of what they do. */
+/** Main area of the bench: table of designs and plots. */
 export class Desk {
   readonly element: HTMLElement;
-  /** Kinds of plots that are not as they are at first. */
+  /** Groups of plots that differ from the default. */
   switched: string[] = [];
-  /** Whether plots are of what the design in hand has more than the pinned ones. */
+  /** Whether differences to the pinned designs are plotted. */
   private isDifference = false;
   private readonly difference = h("input", { type: "checkbox", name: "Difference" });
   private readonly cursor = new Cursor();
@@ -64,7 +64,7 @@ export class Desk {
   private drawn: Drawn[] = [];
   private describing = 0;
 
-  /** The vocabularies say what columns are called, and what requirements limit. */
+  /** Set the vocabularies of columns and limited quantities. */
   constructor(
     private readonly place: HTMLElement,
     vocabulary: QuantityOf[],
@@ -96,7 +96,7 @@ export class Desk {
     return GROUPS.includes(group) && this.switched.includes(group) === CLOSED.includes(group);
   }
 
-  /** Draw the design in hand and the pinned ones, as far as they have been answered. */
+  /** Draw the current and the pinned designs that have been evaluated. */
   show(design: Design, pins: readonly Pin[], found: readonly (Found | null)[]): void {
     const names = [nameOf(design), ...pins.map((pin) => pin.name)];
     this.drawn = names.flatMap((name, i) =>
@@ -104,7 +104,7 @@ export class Desk {
     );
     this.compare.show(this.drawn);
     this.place.classList.toggle("many", this.drawn.length > 1);
-    this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // lines of the table, for which plots make room
+    this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // number of table rows, for which plots reserve space
     this.showLimits(design, found[0]);
     for (const chart of this.charts)
       if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
@@ -120,22 +120,22 @@ export class Desk {
     );
   }
 
-  /** Take the page's colours, which are others in the dark. */
+  /** Update the colours after a change of the colour scheme. */
   recolour(): void {
     this.inks = INKS.map(colour);
   }
 
-  /** Put a figure before all plots. */
+  /** Insert a figure before all plots. */
   lead(figure: HTMLElement): void {
     this.element.querySelector(".plots")!.prepend(figure);
   }
 
-  /** Show the picture that the design takes. */
+  /** Update the rendered image. */
   showPicture(design: Design): void {
     if (this.shows("Image")) this.picture.show(design);
   }
 
-  /** Say why the design cannot be, over the plots of the one before. */
+  /** Display the error of an invalid design above the plots of the previous one. */
   troubled(sentence: string): void {
     const before = this.drawn.length ? "The plots are those of the last valid design." : "";
     this.trouble.textContent = `${sentence.replace(/^./, (c) => c.toUpperCase())}. ${before}`;
@@ -143,7 +143,7 @@ export class Desk {
     this.place.classList.add("stale");
   }
 
-  /** Say what of the sensor the plots do not show; null where they show all. */
+  /** Display a remark on properties that the plots do not include; null if complete. */
   remarked(sentence: string | null): void {
     this.place.classList.remove("stale");
     reveal(this.trouble, false);
@@ -151,7 +151,7 @@ export class Desk {
     write(this.remark, sentence ?? "");
   }
 
-  /** Show the plots that are wanted, and no others. */
+  /** Show the selected plots only. */
   showGroups(): void {
     for (const [group, element] of this.grouped()) element.hidden = !this.shows(group);
     for (const box of this.element.querySelectorAll<HTMLInputElement>(
@@ -163,7 +163,7 @@ export class Desk {
     }
   }
 
-  /** A chart, with what lies over it. */
+  /** Chart with its overlays. */
   private charted(chart: Chart): ChartView {
     const lines = new LimitLines(this.hands.limits);
     const isMapping = chart.columns[0].name === "h_px" && !alone;
@@ -189,7 +189,7 @@ export class Desk {
     return found;
   }
 
-  /** Draw limits where their quantity is plotted, and plot those that are not. */
+  /** Draw limits in the plot of their quantity, and add plots for the others. */
   private showLimits({ requirements }: Design, found: Found | null | undefined): void {
     const rows = found?.rows ?? [];
     const limits = limitsOf(requirements);
@@ -258,7 +258,7 @@ export class Desk {
     );
   }
 
-  /** Plot differences to the pinned designs, or all designs as they are. */
+  /** Plot differences to the pinned designs, or all designs. */
   compareBy(isDifference: boolean): void {
     this.isDifference = this.difference.checked = isDifference;
     for (const chart of this.charts)

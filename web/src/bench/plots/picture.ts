@@ -7,7 +7,7 @@ const IDLE_MS = 400;
 const COARSE = { width_px: 224, samples: 1 };
 const FINE = { width_px: 640, samples: 2 };
 
-/** The picture of a room that the design takes, and its panorama: coarse at once, finer when nothing moves. */
+/** Rendered image of a room and its panorama: low resolution during changes, then full resolution. */
 export class PictureView {
   readonly element: HTMLElement;
   private readonly circle = h("img", { alt: "", hidden: true });
@@ -31,7 +31,7 @@ export class PictureView {
     if (!this.isTaking) background(this.take());
   }
 
-  /** One picture at a time, of what is newest then. */
+  /** Render one image at a time, always of the newest design. */
   private async take(): Promise<void> {
     this.isTaking = true;
     let design: Design;

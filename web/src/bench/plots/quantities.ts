@@ -1,13 +1,13 @@
-/** Which quantities are plotted against the field angle, and together with which. */
+/** Quantities plotted over the field angle, and their grouping. */
 import type { QuantityOf } from "../../shared/messages";
 import { explained, symbolOf, unitWords } from "../labels";
 
-/** One plot over the field angle: in which group, of which columns, with how many decimals. */
+/** Plot over the field angle: group, columns, decimals. */
 interface Plot {
   group: string;
   columns: string[];
   places: number;
-  /** Where there is more than one column; the others are drawn dashed. */
+  /** Labels of several columns; all but the first are dashed. */
   title?: string;
 }
 
@@ -22,11 +22,11 @@ export const PLOTS: Plot[] = [
   { group: "Blur", columns: ["floored_area_deg2"], places: 3 },
 ];
 
-/** A plot with the words of the vocabulary. */
+/** Plot with texts from the vocabulary. */
 export interface Chart {
   title: string;
   group: string;
-  /** Which block of numbers holds its columns. */
+  /** Block of numbers with its columns. */
   block: "curves" | "limits";
   unit: string;
   columns: { name: string; symbol: string; dashed: boolean }[];
@@ -34,7 +34,7 @@ export interface Chart {
   hint: string;
 }
 
-/** The plots, called as the vocabulary calls their columns. */
+/** Plots with the titles of their columns. */
 export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
   PLOTS.map(({ group, columns, places, title }) => {
     const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
@@ -50,7 +50,7 @@ export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
     };
   });
 
-/** The plot of a quantity that is limited; its column may be called otherwise, as by a spatial frequency. */
+/** Plot of a limited quantity; its column name can contain a spatial frequency. */
 export const chartOf = (quantity: QuantityOf, column: string): Chart => ({
   title: column.replace(quantity.name, quantity.title),
   group: "Limits",

@@ -3,20 +3,20 @@ import type { Built, YieldOf } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { calibrationWords, enlargement, errorWords, sizeWords } from "./words";
 
-/** What a built sensor does: numbers, where objects were, and by calibrations where they went. */
+/** As-built sensor: values, object positions, and displacements by calibration. */
 export interface Moved extends Built {
   places: Float32Array;
   left: Float32Array[];
 }
 
-const LONGEST = 0.16; // of the picture's radius, a motion as it is drawn
+const LONGEST = 0.16; // drawn length of the maximum displacement, relative to the image radius
 const MARGIN = 1.2;
 const MOST_BARS = 14;
-const SMALLEST = 1e-4; // of the widest bar: scales are logarithmic
+const SMALLEST = 1e-4; // minimum relative length of a bar on the logarithmic scale
 const [ROW, BAR] = [19, 13]; // px
 const DEPTHS = ["none", "affine", "pose"];
 
-/** How errors move the picture, what a calibration leaves of that, and what each error does alone. */
+/** Displacement due to errors, residual after a calibration, and effect of each error. */
 export class ToleranceCharts {
   readonly element: HTMLElement;
   private readonly maps = [0, 1].map(() =>
@@ -78,7 +78,7 @@ export class ToleranceCharts {
     new ResizeObserver(() => this.drawBars()).observe(this.element);
   }
 
-  /** Draw where objects went, and what a calibration leaves of it. */
+  /** Draw displacements before and after calibration. */
   showMoved(moved: Moved, calibrations: readonly string[], after: string): void {
     const deep = Math.max(calibrations.indexOf(after), 0);
     [0, deep].forEach((depth, k) =>
@@ -92,7 +92,7 @@ export class ToleranceCharts {
     );
   }
 
-  /** Draw what each error does alone. */
+  /** Draw the effect of each error (tornado chart). */
   showYield(found: YieldOf, calibrations: readonly string[]): void {
     this.found = found;
     this.calibrations = calibrations;

@@ -27,7 +27,7 @@ const USUAL: Record<string, number> = {
   direction_error_deg: 0.1,
   straightness_deg: 0.05,
 };
-const MORE_BLUR = 1.2; // times that without errors, as a start
+const MORE_BLUR = 1.2; // default limit as a multiple of the value without errors
 const FOCUS: Record<(typeof FOCUSES)[number], string> = {
   none: "as designed",
   rms: "refocused, minimum RMS",
@@ -35,19 +35,19 @@ const FOCUS: Record<(typeof FOCUSES)[number], string> = {
 };
 const TRIALS = 4096;
 const SEED = 0;
-const DIGITS = 4; // of an error that chance draws: so many stand in the address too
+const DIGITS = 4; // decimals of random errors, which are part of the address
 
-/** What the panel needs of the bench. */
+/** Interface of the bench for the panel. */
 interface Hands {
   now: () => Design;
-  /** Show the sensor with its errors, whose picture is wanted. */
+  /** Render the image of the sensor with errors. */
   show: (design: Design) => void;
-  /** Keep what is tried, as a text; "" where nothing is. */
+  /** Store the errors as text; "" for none. */
   keep: (text: string) => void;
   say: (sentence: string) => void;
 }
 
-/** Sliders of all errors that a sensor can have, and how many sensors will be good that keep tolerances. */
+/** Sliders of all error sources of a sensor, and the predicted yield for given tolerances. */
 export class TolerancesPanel {
   readonly charts = new ToleranceCharts();
   private readonly errors = new Newest(
@@ -100,7 +100,7 @@ export class TolerancesPanel {
   private tolerances = new Map<string, number>();
   private readonly rows = new Map<string, ErrorRow>();
   private last: Moved | null = null;
-  /** What is to be tried as soon as the errors are known. */
+  /** Errors to be set when the error sources are loaded. */
   private wanted: Trying | null = null;
 
   constructor(
@@ -140,19 +140,19 @@ export class TolerancesPanel {
     return !this.body.hidden;
   }
 
-  /** Another design is on the bench, or the same. */
+  /** Set the current design. */
   follow(): void {
     const { tables } = this.hands.now();
     if (this.isOpen && tables !== this.tables) this.errors.ask({ tables });
   }
 
-  /** The design whose picture is to be seen: with errors, where some are tried of this one. */
+  /** Design to be rendered: with errors, if errors of this design are set. */
   pictured(design: Design): Design {
     const tables = this.isOpen && design.tables === this.tables ? this.last?.tables : null;
     return tables ? { ...design, tables } : design;
   }
 
-  /** Try what a text of the address says; "" leaves errors. Tells whether the text is one of errors. */
+  /** Set the errors of an address; "" closes the panel. Returns whether the text is valid. */
   goTo(text: string): boolean {
     if (text === this.text) return true;
     const trying = text ? tryingIn(text) : null;
@@ -163,7 +163,7 @@ export class TolerancesPanel {
     return true;
   }
 
-  /** What is tried, as a text for the address. */
+  /** Errors as text for the address. */
   private get text(): string {
     if (!this.isOpen || !this.all) return "";
     const usual = held(this.all.errors, this.gradeChosen);
@@ -182,7 +182,7 @@ export class TolerancesPanel {
     });
   }
 
-  /** Take what is wanted, as far as the sensor on the bench can have these errors. */
+  /** Set the requested errors that apply to the current sensor. */
   private take(trying: Trying): void {
     this.wanted = null;
     const { calibrations, errors } = this.all!;
@@ -282,7 +282,7 @@ export class TolerancesPanel {
     this.askYield();
   }
 
-  /** A sensor as it might come from the shop. */
+  /** Draw random errors within the tolerances. */
   private draw(): void {
     for (const [name, tolerance] of this.tolerances)
       this.values.set(name, Number(((2 * Math.random() - 1) * tolerance).toPrecision(DIGITS)));
@@ -300,7 +300,7 @@ export class TolerancesPanel {
     for (const [name, row] of this.rows) row.set(this.numbersOf(name));
   }
 
-  /** Another quantity is limited: by what is usual of it. */
+  /** Select another limited quantity with its default limit. */
   private chosen(): void {
     const quantity = this.quantity.input.value;
     const blur = this.last?.blur_px[0] ?? 10;
@@ -398,7 +398,7 @@ export class TolerancesPanel {
   }
 }
 
-/** A choice with its title; `offer` offers others. */
+/** Selection with its title; `offer` replaces the options. */
 function select(
   title: string,
   all: readonly (readonly [string, string])[],

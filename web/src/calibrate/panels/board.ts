@@ -8,7 +8,7 @@ const KINDS: [BoardAsked["kind"], string][] = [
   ["aprilgrid", "AprilGrid"],
 ];
 
-/** Which board the pictures show. */
+/** Target of the images. */
 export class BoardPanel {
   private readonly kind = h(
     "select",
@@ -114,7 +114,7 @@ export class BoardPanel {
     this.show();
   }
 
-  /** The board; null where what is entered is none. */
+  /** Target; null if the entries are invalid. */
   get board(): BoardAsked | null {
     const inputs = [this.columns, this.rows, this.square, this.marker, this.spacing];
     if (inputs.some((input) => !input.checkValidity()) || !(this.square.valueAsNumber > 0))

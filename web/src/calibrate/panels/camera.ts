@@ -14,7 +14,7 @@ type Sought = Pick<
   | "flat_board"
 >;
 
-/** The rim that was found in the pictures. */
+/** Rim detected in the images. */
 export type Rim = { centre: [number, number]; radius: number };
 
 const OPTICS: [Sought["optics"], string][] = [
@@ -27,7 +27,7 @@ const LOOKS: [Sought["camera_looks"], string][] = [
   ["forward", "forward"],
 ];
 
-/** What is known of the camera beforehand. */
+/** Prior knowledge of the camera. */
 export class CameraPanel {
   private readonly optics = select(OPTICS);
   private readonly model = select([]);
@@ -109,7 +109,7 @@ export class CameraPanel {
     this.useRim.checked = sought.rim_radius_px !== null;
   }
 
-  /** Offer the rim that was found; null where none was. */
+  /** Display the detected rim; null if there is none. */
   showRim(rim: Rim | null, tried = 0): void {
     const isNew = rim !== null && this.rim === null;
     this.rim = rim;

@@ -10,14 +10,14 @@ import type {
 const STOP = "stop";
 const STOPPING = "Stopping with the best camera so far…";
 
-/** What is calibrated from, and who is told. */
+/** Input of a calibration, and its callbacks. */
 interface Hands {
   given: () => { ask: CalibrationAsk; pictures: BoardSeen[] } | null;
   found: (found: CalibrationFound) => void;
   reported: (report: string) => void;
 }
 
-/** Beginning a calibration, saying how far it is, and ending it early. */
+/** Control of a calibration: start, progress, early stop. */
 export class RunPanel {
   private readonly task = new ServerTask<CalibrationNews>();
   private hasFound = false;
@@ -57,14 +57,14 @@ export class RunPanel {
     );
   }
 
-  /** Offer to begin, or say why not. */
+  /** Enable the start, or display the reason against it. */
   show(reason: string | null): void {
     this.reason.textContent = reason ?? "";
     this.reason.hidden = reason === null;
     this.begin.disabled = this.task.isUnderWay || reason !== null;
   }
 
-  /** What is under way belongs to pictures that are no more. */
+  /** Cancel a calibration whose images changed. */
   forget(): void {
     if (this.task.isUnderWay) this.over("The images changed; start the calibration again.");
     else this.said.textContent = "";
@@ -107,7 +107,7 @@ export class RunPanel {
       this.over(`${news.sentence[0].toUpperCase()}${news.sentence.slice(1).replace(/\.?$/, ".")}`);
   }
 
-  /** Have it end with what it has found. */
+  /** Stop with the best camera so far. */
   private end(): void {
     this.task.tell(STOP);
     this.enough.disabled = true;

@@ -5,20 +5,20 @@ import type { BoardAsked, BoardSeen, Together } from "../../shared/messages";
 import { openedWebcam, videoInputs } from "../../shared/media";
 import { cellsOf, crosses, movedBy } from "../drawing";
 
-const STILL = 0.008; // of the picture's longer side, between two looks
-const REST_MS = 120; // between two looks
-const PAUSE_MS = 700; // after an answer that failed
+const STILL = 0.008; // maximum displacement of a motionless target, relative to the longer image side
+const REST_MS = 120; // ms between two detections
+const PAUSE_MS = 700; // ms after a failed request
 
 interface Hands {
   board: () => BoardAsked | null;
-  /** What the pictures are together with what the camera sees now. */
+  /** Joint analysis of the images and the current webcam frame. */
   together: (candidate: BoardSeen) => Promise<Together>;
   take: (picture: Blob) => Promise<boolean>;
   closed: () => void;
   fail: (e: unknown) => void;
 }
 
-/** A camera that runs: what of the board it sees, where to hold it next, and pictures that it takes. */
+/** Live webcam: detected corners, recommended position, and automatic capture. */
 export class WebcamPane {
   readonly element: HTMLElement;
   private readonly stage = h("div", { className: "live" });
@@ -115,7 +115,7 @@ export class WebcamPane {
     this.which.hidden = cameras.length < 2;
   }
 
-  /** Look again and again, one frame at a time. */
+  /** Detect the target repeatedly, one frame at a time. */
   private async run(number: number): Promise<void> {
     while (number === this.number) {
       try {
@@ -177,7 +177,7 @@ export class WebcamPane {
   }
 }
 
-/** Where to hold the board next. */
+/** Recommended next position of the target. */
 const advice = ({ advice: all }: Together): string =>
   all.find((sentence) => !sentence.startsWith("Capture more")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));

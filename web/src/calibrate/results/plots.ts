@@ -5,7 +5,7 @@ import { arrows, byRadius, cellsOf, coveredIn, dots, timesFor } from "../drawing
 import type { Rim } from "../panels/camera";
 import { px } from "../words";
 
-const ARROW = 0.02; // of the picture's longer side, of a residual of usual size
+const ARROW = 0.02; // length of a typical residual, relative to the longer image side
 const [WIDTH, HEIGHT, LEFT, BOTTOM, TOP] = [420, 240, 46, 34, 8];
 
 const figure = (title: string, note: string, drawing: Element): HTMLElement =>
@@ -21,7 +21,7 @@ const figure = (title: string, note: string, drawing: Element): HTMLElement =>
     drawing,
   );
 
-/** How corners are spread over the field: the fuller a part, the darker. */
+/** Distribution of corners over the field; darker cells contain more corners. */
 export function coveragePlot(
   shown: CoverageShown,
   size: readonly [number, number],
@@ -59,7 +59,7 @@ export function coveragePlot(
   );
 }
 
-/** From each corner to where the camera sees it, over the picture. */
+/** Residual vectors in the image. */
 export function residualPlot(found: CalibrationFound): HTMLElement {
   const all = found.pictures.flatMap((p) => p.residuals);
   const times = timesFor(found.rms_px, ARROW * Math.max(...found.image_size));
@@ -83,7 +83,7 @@ export function residualPlot(found: CalibrationFound): HTMLElement {
   return figure("Residuals in the image", `magnified ${times} times`, drawing);
 }
 
-/** The same along and across the radius. */
+/** Radial and tangential residuals. */
 export function radiusPlot(found: CalibrationFound): HTMLElement {
   const rows = byRadius(
     found.pictures.flatMap((p) => p.residuals),

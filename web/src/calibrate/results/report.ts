@@ -6,7 +6,7 @@ import { radiusPlot, residualPlot } from "./plots";
 
 const MOST_OUTLIERS = 40;
 
-/** What a calibration found: its numbers, and how far corners lie off. */
+/** Result of a calibration: values and residuals. */
 export function resultsOf(found: CalibrationFound): HTMLElement[] {
   const used = found.pictures.filter((p) => p.used).length;
   const numbers: [string, string][] = [
@@ -32,7 +32,7 @@ export function resultsOf(found: CalibrationFound): HTMLElement[] {
   ];
 }
 
-/** What became of every picture, parameter, model and corner. */
+/** Tables of images, parameters, models and outliers. */
 export const tablesOf = (
   found: CalibrationFound,
   choose: (picture: string) => void,
@@ -43,7 +43,7 @@ export const tablesOf = (
   outliers(found),
 ];
 
-/** Sentences one below the other. */
+/** Messages as a list. */
 export const list = (className: string, sentences: readonly string[]): HTMLElement =>
   h("ul", { className, hidden: !sentences.length }, ...sentences.map((s) => h("li", {}, s)));
 
@@ -57,7 +57,7 @@ function pictures(found: CalibrationFound, choose: (picture: string) => void): H
     p.held_out_rms_px === null ? "–" : words(p.held_out_rms_px, 3),
     p.used ? "used" : (p.reason ?? "not used"),
   ]);
-  return table("Images", ["picture", "corners", "RMS, px", "held out, px", ""], rows);
+  return table("Images", ["image", "corners", "RMS, px", "held out, px", ""], rows);
 }
 
 function parameters(found: CalibrationFound): HTMLElement {

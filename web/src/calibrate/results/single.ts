@@ -7,7 +7,7 @@ import type { Rim } from "../panels/camera";
 import type { Shot } from "../shots";
 import { px, stateWords } from "../words";
 
-const ARROW_PX = 12; // of a residual of usual size, in the picture
+const ARROW_PX = 12; // length of a typical residual in the image
 
 interface Hands {
   remove: (shot: Shot) => void;
@@ -15,7 +15,7 @@ interface Hands {
   fail: (e: unknown) => void;
 }
 
-/** One picture, large: its corners, the rim, how far corners lie off; and the board straightened. */
+/** Selected image: corners, rim, residuals, and the undistorted target. */
 export class Single {
   readonly element = h("section", {
     className: "plot single",
@@ -90,7 +90,7 @@ export class Single {
     this.image.alt = `Image ${shot.name}`;
     this.address = URL.createObjectURL(shot.blob);
     this.image.onerror = () => {
-      if (shot === this.shot) this.image.src = shot.thumbnail; // of a kind that browsers do not read
+      if (shot === this.shot) this.image.src = shot.thumbnail; // for formats that browsers do not support
     };
     this.image.src = this.address;
   }
@@ -116,7 +116,7 @@ export class Single {
     );
   }
 
-  /** The board as it is read, by the camera that was found. */
+  /** Target undistorted with the calibrated camera. */
   private async straighten(shot: Shot, found: CalibrationFound | null): Promise<void> {
     const place = found?.places.find((p) => p.picture === shot.name);
     this.straightFigure.hidden = !place;

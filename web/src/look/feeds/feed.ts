@@ -6,37 +6,37 @@ import { fileWord, shellWord } from "../../shared/shell";
 import type { Picture } from "../drawing/renderer";
 import type { Camera } from "../geometry/camera";
 
-/** A picture or something that moves: what is looked at. */
+/** Source of the view: an image, a video or a stream. */
 export interface Feed {
   name: string;
-  /** How the command line calls it. */
+  /** Name on the command line. */
   source: string;
   picture: Picture;
   width: number;
   height: number;
-  /** Whether there may be a new picture at any time. */
+  /** Whether new frames can arrive. */
   moves: boolean;
-  /** Of one that moves: calls once, when there is. */
+  /** Calls back once at the next frame. */
   next?: (then: () => void) => void;
-  /** A video that can be stopped. */
+  /** Video that can be paused. */
   video?: HTMLVideoElement;
-  /** Its file, of a picture that was made here and lies nowhere yet. */
+  /** File of a rendered image that is not stored yet. */
   made?: Blob;
-  /** A camera, as the browser calls it. */
+  /** Device id of a webcam. */
   device?: string;
   close(): void;
 }
 
-/** A picture, and the camera that took it. */
+/** Image and its camera. */
 export interface Seen {
   feed: Feed;
   camera: Camera;
 }
 
-const RETRY_MS = 1500; // after a connection was lost
+const RETRY_MS = 1500; // delay after a lost connection, ms
 const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 
-/** A picture file; what the browser does not read, the server does. */
+/** Image file; formats that the browser does not support are converted by the server. */
 export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
   const bitmap = await createImageBitmap(blob, DECODING).catch(async () => {
     if (!hasServer)
@@ -54,7 +54,7 @@ export async function pictureFeed(blob: Blob, name: string, hasServer: boolean):
   };
 }
 
-/** A video file, again and again. */
+/** Video file, played in a loop. */
 export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
   const address = URL.createObjectURL(blob);
   const after = (): void => URL.revokeObjectURL(address);
@@ -64,7 +64,7 @@ export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
   });
 }
 
-/** A video at an address, again and again. */
+/** Video at a URL, played in a loop. */
 export async function addressFeed(
   address: string,
   name: string,
@@ -87,13 +87,13 @@ export async function addressFeed(
   return { ...ofVideo(video, name, after), video };
 }
 
-/** A camera of this machine. */
+/** Webcam. */
 export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
   const { video, name, device } = await openedWebcam(id, lost);
   return { ...ofVideo(video, name), device };
 }
 
-/** Open a video, camera or stream of the server: the newest frame whenever the last one is drawn; `signal` gives it up before its first frame. */
+/** Open a video, camera or stream of the server; the newest frame is requested after the previous one is drawn. `signal` cancels it before the first frame. */
 export function streamFeed(
   id: string,
   name: string,
@@ -104,8 +104,8 @@ export function streamFeed(
     let feed: Feed | null = null;
     let closed = false;
     let isNew = (): void => {};
-    let last = ""; // what the server said of its end
-    let isSkipping = false; // while frames cannot be decoded
+    let last = ""; // last state reported by the server
+    let isSkipping = false; // displayed while frames cannot be decoded
     let socket: WebSocket;
     let retry: ReturnType<typeof setTimeout> | undefined;
     const connect = (): void => {
@@ -170,7 +170,7 @@ export function streamFeed(
 
 const cancelled = (): DOMException => new DOMException("Another source was opened.", "AbortError");
 
-/** What a feed shows now, as a file of at most so many pixels a side, and how many of the feed's each of them is. */
+/** Current frame as a file with a maximum size, and the scale factor from it to the feed. */
 export async function fileOf(
   feed: Feed,
   longest = Infinity,
@@ -195,7 +195,7 @@ function ofVideo(video: HTMLVideoElement, name: string, after = (): void => {}):
   };
   const next = (then: () => void): void => {
     if ("requestVideoFrameCallback" in video) video.requestVideoFrameCallback(then);
-    else requestAnimationFrame(then); // in older browsers, which do not tell
+    else requestAnimationFrame(then); // not reported by older browsers
   };
   return {
     name,

@@ -9,7 +9,7 @@ const KINDS = [
   "video/webm",
 ];
 
-/** Records the view while its button is pressed. */
+/** Record the view as a video. */
 export class Recorder {
   private running: MediaRecorder | null = null;
 
@@ -22,7 +22,7 @@ export class Recorder {
     );
   }
 
-  /** Whether the view must be drawn again and again, for browsers record changes alone. */
+  /** Whether the view must be redrawn continuously, because browsers record changes only. */
   get isRunning(): boolean {
     return this.running !== null;
   }

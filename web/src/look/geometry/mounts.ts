@@ -3,14 +3,14 @@ import { clamp } from "../../shared/numbers";
 import { releaned, turned } from "./lean";
 import { RAD, type Vec3 } from "./vectors";
 
-/** Away from where the camera looks: what it is turned about, clockwise in its picture. */
+/** Axis opposite to the viewing direction of the camera; positive rotation is clockwise in its image. */
 const BEHIND: Record<MountOf["camera_looks"], Vec3> = {
   up: [0, 0, -1],
   down: [0, 0, 1],
   forward: [-1, 0, 0],
 };
 
-/** A camera, standing as asked: of those that stand plumb, the top of the picture forward, turned and leaned. */
+/** Camera with the requested mount: select the orientation, then rotate and tilt it. */
 export function standing(
   plumb: readonly CameraShown[],
   own: MountOf,
@@ -42,7 +42,7 @@ export function standing(
   };
 }
 
-/** The elevations that a field about an axis reaches, and the pole that the axis is nearer to. */
+/** Range of elevations of a field about an axis, and the pole closer to the axis. */
 function fieldOf(
   axis: Vec3,
   { tables }: CameraShown,

@@ -9,7 +9,7 @@ import { alone } from "../supply";
 import { hasSize, percent, type RimPanel } from "./rim";
 import type { SensorPanel } from "./sensor";
 
-/** What takes such pictures, in plain words, the sensor that stands for it, and which way the camera looks then. */
+/** Camera types for the first question: description, sensor, and orientation. */
 interface Answer {
   answer: string;
   seen: string;
@@ -44,16 +44,16 @@ const TAKEN_BY: readonly Answer[] = [
   },
 ];
 
-/** What the card needs of the tab. */
+/** Interface of the tab for the card. */
 interface Hands {
   rim: RimPanel;
   sensor: () => SensorPanel;
   feed: () => Feed | null;
-  /** Have it stand plumb, if that can be told. */
+  /** Level the camera automatically, if reliable. */
   level: () => Promise<void>;
 }
 
-/** The first look at a picture: its mirror is found by itself, and who opened it is asked once what took it. */
+/** First steps with a new image: detect the mirror, and request the type of camera once. */
 export class FirstLook {
   private readonly card = byId("ask");
   private isKnown: boolean;
@@ -72,12 +72,12 @@ export class FirstLook {
     });
   }
 
-  /** Say that the camera was told from the beginning. */
+  /** The camera was given initially. */
   known(): void {
     this.isKnown = true;
   }
 
-  /** Find the mirror in a picture whose circle nobody has said. */
+  /** Detect the mirror in an image without a known circle. */
   async look(feed: Feed): Promise<void> {
     const { camera } = this.hands.sensor();
     if (
@@ -147,7 +147,7 @@ export class FirstLook {
     this.done();
     await this.hands.sensor().choose(sensor, rim, looks);
     if (rim && !alone)
-      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // once it is drawn through the new camera
+      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // after the first frame with the new camera
   }
 
   private fromFile(): void {
@@ -166,6 +166,6 @@ export class FirstLook {
   }
 }
 
-/** Whether a picture is of the size that a sensor's own pictures have; balls have none. */
+/** Whether an image has the size of the images of a sensor; not applicable to mirror balls. */
 const isOwn = ({ model }: Camera, feed: Feed): boolean =>
   model.kind !== "ball" && hasSize(model, [feed.width, feed.height]);

@@ -7,10 +7,10 @@ import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
 
-const LOOKED_AT = 1440; // px of the longer side, in which a rim is found as well as in more
-const GUESS = 0.48; // of the shorter side of a picture whose circle is not known
+const LOOKED_AT = 1440; // px, longer side of the analysed image; larger images do not improve the detection
+const GUESS = 0.48; // guessed radius, relative to the shorter image side
 
-/** Fitting the circle of a camera to the picture, by numbers and by dragging. */
+/** Fit of the image circle by numbers or dragging. */
 export class RimPanel {
   private readonly button = byId<HTMLButtonElement>("adjust");
   private readonly finder = byId<HTMLButtonElement>("find-rim");
@@ -44,7 +44,7 @@ export class RimPanel {
     this.store.set({ rim: [round(u), round(v), round(radius)] });
   }
 
-  /** Have the server find the mirror in what is shown, and take its circle where that is sure; null where it could not look. */
+  /** Detect the mirror on the server, and use its circle if reliable; null if the request failed. */
   async find(feed: Feed): Promise<RimFound | null> {
     this.finder.disabled = true;
     busy("Detecting the mirror…");
@@ -75,7 +75,7 @@ export class RimPanel {
       );
   }
 
-  /** How the circle of a picture came about, in words. */
+  /** Origin of the circle as text. */
   words(feed: Feed): string {
     const { rim } = this.store.state;
     const found = this.found.get(feed);
@@ -92,7 +92,7 @@ export class RimPanel {
       : "";
   }
 
-  /** The camera with the circle that the state, or else the size of the picture, asks for. */
+  /** Camera with the circle of the state, or of the image size. */
   fit(camera: Camera, feed: Feed | null, rim = this.store.state.rim): Camera {
     const size = feed ? ([feed.width, feed.height] as const) : camera.model.image_size;
     if (!camera.model.is_adjustable) return camera;
@@ -121,7 +121,7 @@ export class RimPanel {
   }
 }
 
-/** The mirror in what a feed shows now, in its own pixels. */
+/** Detect the mirror in the current frame, in pixels of the feed. */
 async function lookedAt(feed: Feed): Promise<RimFound> {
   const { picture, scale } = await fileOf(feed, LOOKED_AT);
   const found = await api.rim(picture, feed.name);
@@ -131,6 +131,6 @@ async function lookedAt(feed: Feed): Promise<RimFound> {
 
 export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
 
-/** Whether a camera's pictures have a size. */
+/** Whether the images of a camera have a given size. */
 export const hasSize = ({ image_size }: CameraShown, [w, h]: readonly [number, number]): boolean =>
   image_size[0] === w && image_size[1] === h;

@@ -8,13 +8,13 @@ import type { Camera } from "../geometry/camera";
 
 const HALF = 0.5;
 
-/** The picture as it was given beside itself without the blur that mirror and lens left in it, and the line between them. */
+/** Restored image next to the original, with a movable divider. */
 export class WipePanel {
   private readonly button = byId<HTMLButtonElement>("restore");
   private readonly place = byId("wiper");
   private readonly line = byId("wipe-line");
   private readonly slider = byId<HTMLInputElement>("wipe");
-  /** What was restored, or is being: of which picture, through which camera. */
+  /** Completed or active restoration: image and camera. */
   private asked: { feed: Feed; by: string } | null = null;
   picture: ImageBitmap | null = null;
 
@@ -28,12 +28,12 @@ export class WipePanel {
     this.slider.addEventListener("input", () => store.set({ wipe: Number(this.slider.value) }));
   }
 
-  /** Where the line stands, as a share of the width; null where nothing is restored. */
+  /** Position of the divider, relative to the width; null without restoration. */
   get share(): number | null {
     return this.picture ? this.store.state.wipe : null;
   }
 
-  /** Follow what is shown: restore it where that is wanted, and lay the line over the canvas. */
+  /** Update the restoration and the position of the divider. */
   follow(camera: Camera, feed: Feed, canvas: HTMLElement): void {
     const { wipe } = this.store.state;
     const reason = reasonAgainst(camera, feed);
