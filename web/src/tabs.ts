@@ -8,7 +8,7 @@ import type { Host as CalibrateHost } from "./calibrate/host";
 import type { Look } from "./look/look";
 import { isForeseen } from "./shared/api";
 import { byId, heldBy } from "./shared/dom";
-import type { BenchAlone } from "./shared/messages";
+import type { StandaloneBench } from "./shared/messages";
 import { banner, copy, report, say } from "./shared/notices";
 import type { State } from "./shared/state";
 import type { Store } from "./shared/store";
@@ -31,7 +31,7 @@ interface Script {
 
 /** Load a script; null on failure. A page without a server contains that of the bench. */
 async function fetched(name: Fetched): Promise<Script | null> {
-  const held = name === "bench" ? heldBy<BenchAlone>("bench-alone")?.script : null;
+  const held = name === "bench" ? heldBy<StandaloneBench>("bench-alone")?.script : null;
   const own = held && URL.createObjectURL(new Blob([held], { type: "text/javascript" }));
   const address = own || (import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`);
   try {

@@ -22,9 +22,14 @@ import {
   whyNot,
 } from "../src/calibrate/words";
 import { pack, unpack } from "../src/shared/framing";
-import type { BoardAsked, BoardSeen, CoverageShown, RimFound } from "../src/shared/messages";
+import type {
+  BoardSpec,
+  BoardDetection,
+  CoverageInfo,
+  DetectedOutline,
+} from "../src/shared/messages";
 
-const BOARD: BoardAsked = {
+const BOARD: BoardSpec = {
   kind: "chessboard",
   columns: 11,
   rows: 7,
@@ -89,7 +94,7 @@ test("pictures have names of their own", () => {
 });
 
 test("a rim is the middle of those that are sure, if most are", () => {
-  const rim = (u: number, radius_px: number, is_sure = true): RimFound => ({
+  const rim = (u: number, radius_px: number, is_sure = true): DetectedOutline => ({
     centre_px: [u, 100],
     radius_px,
     confidence: is_sure ? 0.9 : 0.2,
@@ -121,14 +126,14 @@ test("a fisheye is not offered what only mirrors are", () => {
 });
 
 test("what was found is said, or why not", () => {
-  const seen = { ids: [1, 2, 3] } as BoardSeen;
+  const seen = { ids: [1, 2, 3] } as BoardDetection;
   expect([stateWords(seen, null), stateWords(seen, "the picture is blank")]).toEqual([
     "3 corners",
     "The picture is blank",
   ]);
 });
 
-const COVERAGE: CoverageShown = {
+const COVERAGE: CoverageInfo = {
   centre_px: [50, 40],
   radii_px: [0, 10, 20],
   counts: [

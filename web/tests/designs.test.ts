@@ -4,9 +4,9 @@ import { fromAddress, inAddress } from "../src/bench/designs/address";
 import { History, placed, withEntry, type Design, type Tables } from "../src/bench/designs/design";
 import { keep, kept } from "../src/bench/designs/kept";
 import { lacking } from "../src/bench/designs/whole";
-import type { BenchStart, Facts, ParameterOf, PartOf } from "../src/shared/messages";
+import type { BenchStart, DesignSummary, ParameterInfo, PartInfo } from "../src/shared/messages";
 
-const number = (name: string, more: Partial<ParameterOf> = {}): ParameterOf => ({
+const number = (name: string, more: Partial<ParameterInfo> = {}): ParameterInfo => ({
   name,
   unit: "mm",
   low: 0,
@@ -19,7 +19,7 @@ const number = (name: string, more: Partial<ParameterOf> = {}): ParameterOf => (
   default: null,
   ...more,
 });
-const part = (kind: string, ...parameters: ParameterOf[]): PartOf => ({ kind, parameters });
+const part = (kind: string, ...parameters: ParameterInfo[]): PartInfo => ({ kind, parameters });
 
 const PARTS = {
   mirrors: [
@@ -187,11 +187,11 @@ describe("undoing", () => {
 
   test("what the server completes is no step of its own", () => {
     const history = new History({ ...DESIGN, follows: true });
-    const complete = placed(history.now, { mirror_distance_mm: 161.5 } as Facts);
+    const complete = placed(history.now, { mirror_distance_mm: 161.5 } as DesignSummary);
     history.complete(complete);
     expect(history.settle()).toBe(false);
     expect(history.now.tables.mount.mirror_distance_mm).toBe(161.5);
-    expect(placed(DESIGN, { mirror_distance_mm: 161.5 } as Facts)).toBe(DESIGN); // without follows
+    expect(placed(DESIGN, { mirror_distance_mm: 161.5 } as DesignSummary)).toBe(DESIGN); // without follows
   });
 
   test("one number of a list changes, and the design before stays as it was", () => {

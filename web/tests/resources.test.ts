@@ -136,14 +136,14 @@ test("a video that is released loads nothing any more", () => {
 
 // -- streams --------------------------------------------------------------------------------------
 
-interface Opened {
+interface ImportedFile {
   states: (StreamState | null)[];
   feed: Promise<Feed>;
   giveUp: () => void;
 }
 
 /** Open a stream whose frames are valid or invalid. */
-function openStream(): Opened {
+function openStream(): ImportedFile {
   const bitmaps = { width: 4, height: 3, close: () => {} };
   vi.stubGlobal("createImageBitmap", ({ frame }: { frame: string }) =>
     frame === "good" ? Promise.resolve({ ...bitmaps }) : Promise.reject(new DOMException("no")),

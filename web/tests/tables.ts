@@ -1,4 +1,4 @@
-import type { CameraShown } from "../src/shared/messages";
+import type { CameraInfo } from "../src/shared/messages";
 import { Camera } from "../src/look/geometry/camera";
 import { floats } from "../src/look/embedded";
 import type { Vec3 } from "../src/look/geometry/vectors";
@@ -16,7 +16,7 @@ export interface Given {
 
 export function given(name: keyof typeof made): Given {
   const { model, tables, far, near, back } = made[name] as unknown as {
-    model: CameraShown;
+    model: CameraInfo;
     tables: string;
   } & Omit<Given, "camera">;
   return { camera: new Camera(model, floats(tables)), far, near, back };

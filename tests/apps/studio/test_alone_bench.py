@@ -11,7 +11,7 @@ import omnimirror as om
 from omnimirror.apps.studio import _standalone_page, page_alone
 from omnimirror.apps.studio._bench_evaluation import answer
 from omnimirror.apps.studio._standalone_page import KERNEL, bench_alone
-from omnimirror.apps.studio.bench_messages import Ask
+from omnimirror.apps.studio.bench_messages import DesignRequest
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 
 from .browser import open_page
@@ -82,7 +82,7 @@ def sensor_of(design: str) -> om.Sensor:
     return parse_sensor(design) if "\n" in design else om.load_sensor(design)
 
 
-def question(sensor: om.Sensor, **changes) -> Ask:
+def question(sensor: om.Sensor, **changes) -> DesignRequest:
     plain = {
         "slot": 0,
         "number": 1,
@@ -90,16 +90,16 @@ def question(sensor: om.Sensor, **changes) -> Ask:
         "follows": False,
         "object_distance_mm": None,
     }
-    return Ask.model_validate(
+    return DesignRequest.model_validate(
         {**plain, "section": True, "squares": True, "requirements": None, **changes}
     )
 
 
-def answered(bench, asked: Ask) -> dict:
+def answered(bench, asked: DesignRequest) -> dict:
     return json.loads(bench.evaluate(ASKED, asked.model_dump()))
 
 
-def served(asked: Ask) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
+def served(asked: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
     """Return the response of the server, computed by the Python evaluation."""
     data = answer(asked)
     length = int.from_bytes(data[:4], "little")

@@ -17,7 +17,7 @@ from omnimirror.apps.studio._bench_evaluation import (
 )
 from omnimirror.apps.studio._bench_sensors import in_place
 from omnimirror.apps.studio._http_messages import unframed
-from omnimirror.apps.studio.bench_messages import Answer, Ask
+from omnimirror.apps.studio.bench_messages import DesignRequest, DesignResponse
 from omnimirror.cameras.frames import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
@@ -142,8 +142,8 @@ def test_it_is_answered_where_it_is_asked(wanted):
         "requirements": None,
     }
     tables = om.optics.sensor_files.tables_of(SENSORS["decentred"])
-    ask = Ask(**plain, section=False, squares=False, space=wanted, tables=tables)
-    told, values = unframed(answer(ask), Answer)
+    ask = DesignRequest(**plain, section=False, squares=False, space=wanted, tables=tables)
+    told, values = unframed(answer(ask), DesignResponse)
     names = [block.name for block in told.blocks]
     assert ("rays" in names) == ("room" in names) == ("part mirror" in names) == wanted
     assert len(values) == 4 * sum(block.rows * len(block.columns) for block in told.blocks)

@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 import omnimirror as om
 from omnimirror.apps.studio._http_messages import unframed
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import Built
+from omnimirror.apps.studio.bench_messages import AsBuiltResult
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
@@ -58,7 +58,7 @@ def test_errors_are_those_of_the_sensor_but_for_the_finest_forms(client):
 
 def test_a_built_sensor_is_told_as_its_trial(client):
     answer = asked("built", client, values=VALUES, refocus="none")
-    header, data = unframed(answer.content, Built)
+    header, data = unframed(answer.content, AsBuiltResult)
     evaluator = TrialEvaluator.of(SPH)
     merits, moved = evaluator.evaluate_with_motions(
         {name: np.array([value]) for name, value in VALUES.items()}
@@ -106,7 +106,7 @@ def test_sensors_that_are_built_one_by_one_are_told_too(client):
     covered = tables_of(replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))))
     assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_quick"]
     body = {"tables": covered, "values": {"cover.decentre_x_mm": 0.5}, "refocus": "none"}
-    header, _ = unframed(client.post("/api/bench/built", json=body).content, Built)
+    header, _ = unframed(client.post("/api/bench/built", json=body).content, AsBuiltResult)
     assert header.lost == 0
     assert 0 < header.motion_px[0] < 5
     assert header.straightness_deg == (None,) * len(CALIBRATIONS)

@@ -24,11 +24,11 @@ from omnimirror.apps.studio._calibration_process import perform
 from omnimirror.apps.studio._workers import BoardDetectorPool
 from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.calibration_messages import (
-    BoardAsked,
-    BoardLook,
-    BoardSeen,
-    CalibrationAsk,
-    TogetherAsk,
+    BoardDetection,
+    BoardDetectionRequest,
+    BoardSpec,
+    CalibrationRequest,
+    MultiImageRequest,
 )
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.targets.board_detection import compared
@@ -58,7 +58,7 @@ def client():
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[BoardSeen]:
+def seen() -> list[BoardDetection]:
     return [
         told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(WHOLE)
     ]
@@ -176,8 +176,8 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
         async def receive(self):
             await asyncio.Event().wait()
 
-    async def both() -> BoardSeen:
-        lookers, ask = BoardDetectorPool(), BoardLook(**ASKED, name="here.png")
+    async def both() -> BoardDetection:
+        lookers, ask = BoardDetectorPool(), BoardDetectionRequest(**ASKED, name="here.png")
         try:
             with pytest.raises(InvalidParameter, match=r"detection in here\.png was interrupted"):
                 await lookers.look(ask, png(0), Gone())
@@ -194,8 +194,8 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
 
 def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):
     small = told(om.find_board(photograph(1).picture[:400], BOARD, name="small.png"))
-    ask = TogetherAsk(
-        board=BoardAsked(**ASKED),
+    ask = MultiImageRequest(
+        board=BoardSpec(**ASKED),
         pictures=(*seen, small),
         centre_px=CAMERA.centre_px,
         radius_px=200.0,
@@ -320,10 +320,10 @@ def test_a_board_without_an_extent_is_refused(client, news):
         assert "0.png must be larger than 0" in answer.json()["detail"]
 
 
-def performed(ask: dict, seen: list[BoardSeen], steps: int = 10**6) -> list:
+def performed(ask: dict, seen: list[BoardDetection], steps: int = 10**6) -> list:
     """Return the messages of a calibration that is stopped after several steps."""
     said = []
-    perform(CalibrationAsk(**ask), seen, said.append, lambda: len(said) > steps)
+    perform(CalibrationRequest(**ask), seen, said.append, lambda: len(said) > steps)
     return said
 
 

@@ -17,7 +17,7 @@ import omnimirror as om
 from omnimirror.apps.studio import _http_messages
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import api, create_app
-from omnimirror.apps.studio.bench_messages import Trouble
+from omnimirror.apps.studio.bench_messages import ApiError
 from omnimirror.base.files import MOST_NESTED
 from omnimirror.interop.http_server import request_bodies
 from omnimirror.optics.sensor_files import tables_of
@@ -411,12 +411,12 @@ def test_what_is_not_json_is_refused_with_its_reason(body, sentence):
         ({"sentence": "no"}, "path must be given"),
         ({"path": [], "sentence": "no", "more": 1}, "more is unknown; remove it"),
         ({"path": [], "sentence": 3}, "sentence must be a valid string; got 3"),
-        ([], "the body must be a valid dictionary or instance of Trouble; got []"),
+        ([], "the body must be a valid dictionary or instance of ApiError; got []"),
     ],
 )
 def test_an_entry_that_is_not_valid_is_named(message, sentence):
     with pytest.raises(request_bodies.InvalidMessage) as refused:
-        request_bodies.parse_message(json.dumps(message), Trouble)
+        request_bodies.parse_message(json.dumps(message), ApiError)
     assert str(refused.value) == sentence
 
 
@@ -451,20 +451,22 @@ class Socket:
 def test_a_message_of_a_socket_is_text_or_the_end():
     text = '{"path": [], "sentence": "no"}'
     received = in_a_loop(
-        request_bodies.receive_message(Socket({"type": "websocket.receive", "text": text}), Trouble)
+        request_bodies.receive_message(
+            Socket({"type": "websocket.receive", "text": text}), ApiError
+        )
     )
-    assert received == Trouble(path=(), sentence="no")
+    assert received == ApiError(path=(), sentence="no")
     with pytest.raises(request_bodies.InvalidMessage, match="must be JSON text; got a binary one"):
         in_a_loop(
             request_bodies.receive_message(
-                Socket({"type": "websocket.receive", "bytes": b"{}"}), Trouble
+                Socket({"type": "websocket.receive", "bytes": b"{}"}), ApiError
             )
         )
     for message, code in (({}, 1005), ({"code": 1001, "reason": "gone"}, 1001)):
         with pytest.raises(WebSocketDisconnect) as ended:
             in_a_loop(
                 request_bodies.receive_message(
-                    Socket({"type": "websocket.disconnect", **message}), Trouble
+                    Socket({"type": "websocket.disconnect", **message}), ApiError
                 )
             )
         assert (ended.value.code, ended.value.reason) == (code, message.get("reason") or "")
@@ -479,14 +481,14 @@ def test_the_reason_of_a_closed_socket_fits_a_frame_and_ends_with_a_whole_charac
 
 @pytest.mark.parametrize("sentence", ["", "a", "ab", "abc", "ö" * 300])
 def test_a_framed_message_is_read_by_the_documented_layout(sentence):
-    message, parts = Trouble(path=("lens",), sentence=sentence), (b"\x00\x01", b"", b"file")
+    message, parts = ApiError(path=("lens",), sentence=sentence), (b"\x00\x01", b"", b"file")
     data = _http_messages.framed(message, *parts)
     (length,) = struct.unpack("<I", data[:4])
     assert length % 4 == 0
     assert json.loads(data[4 : 4 + length]) == {"path": ["lens"], "sentence": sentence}
     assert len(data[4 : 4 + length].rstrip()) > length - 4
     assert data[4 + length :] == b"".join(parts)
-    assert _http_messages.unframed(data, Trouble) == (message, b"".join(parts))
+    assert _http_messages.unframed(data, ApiError) == (message, b"".join(parts))
 
 
 @pytest.mark.parametrize("size", range(5))
@@ -495,4 +497,4 @@ def test_a_frame_without_a_message_is_refused(size):
         request_bodies.InvalidMessage,
         match="length of a JSON message" if size < 4 else "must be JSON",
     ):
-        _http_messages.unframed(bytes(size), Trouble)
+        _http_messages.unframed(bytes(size), ApiError)

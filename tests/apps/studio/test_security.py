@@ -35,7 +35,7 @@ from omnimirror.apps.studio._bench_files import coarser
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio._server_state import Sources, Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import Task
+from omnimirror.apps.studio.bench_messages import SearchTask
 from omnimirror.base.errors import MediaError
 from omnimirror.interop.http_server import limits, server
 from omnimirror.interop.http_server.auth import AccessGuard, is_loopback
@@ -110,7 +110,7 @@ def answers(client: TestClient, tables: dict) -> list[str]:
         "starts": 1,
     }
     perform(
-        Task(**search, **on, **distance, requirements=wanted or None),
+        SearchTask(**search, **on, **distance, requirements=wanted or None),
         lambda news: said.append(news.sentence),
     )
     return said
@@ -368,7 +368,7 @@ def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatc
         return cv2.imencode(suffix, np.tile(pixel, (rows, 40, 1)))[1].tobytes()
 
     assert _uploads.browser_picture(file(30), "fits").startswith(b"\x89PNG")
-    with pytest.raises(MediaError, match="the decoded pixels of .* must take at most"):
+    with pytest.raises(MediaError, match=r"the decoded pixels of .* must take at most"):
         _uploads.browser_picture(file(31), "large")
 
 
@@ -389,7 +389,7 @@ def test_a_small_file_of_a_huge_picture_takes_little_memory():
     )
     tables = struct.pack("<3H2x", 16, 16, 16) + struct.pack(f"<{side}I", *[lists] * side)
     tables += struct.pack(f"<{side}I", *[len(row)] * side)
-    with pytest.raises(MediaError, match="decoded pixels of .* must take at most 256 MB"):
+    with pytest.raises(MediaError, match=r"decoded pixels of .* must take at most 256 MB"):
         _uploads.browser_picture(head + tags + tables + row, "bomb.tif")
 
 

@@ -247,7 +247,9 @@ def test_a_browser_without_webgl2_is_told_so(browser, server):
     page.goto(f"{server}#tab=design")
     drawn(page)
     page.locator(".groups label").filter(has_text="3-D view").click()
-    page.get_by_text("The 3-D view requires WebGL2, which this browser does not support.").wait_for()
+    page.get_by_text(
+        "The 3-D view requires WebGL2, which this browser does not support."
+    ).wait_for()
     context.close()
 
 

@@ -1,6 +1,6 @@
 import { socketAddress } from "../shared/api";
 import { unpack } from "../shared/framing";
-import type { Answer, Ask } from "../shared/messages";
+import type { DesignResponse, DesignRequest } from "../shared/messages";
 import type { Found, Table, Wish } from "./found";
 
 /** Request with the time of its first transmission and its number of failed connections. */
@@ -91,7 +91,7 @@ export class Answers {
     if (!question) return;
     this.waiting.delete(slot);
     this.onItsWay = { slot, ...question };
-    const ask: Ask = { slot, number: ++this.number, ...question.wish };
+    const ask: DesignRequest = { slot, number: ++this.number, ...question.wish };
     this.socket.send(JSON.stringify(ask));
   }
 }
@@ -125,7 +125,7 @@ function answerTo(question: Sent | null, data: ArrayBuffer): Found {
 }
 
 function read(data: ArrayBuffer, asked: number): Found {
-  const { header, start } = unpack<Answer>(data);
+  const { header, start } = unpack<DesignResponse>(data);
   const tables = new Map<string, Table>();
   let at = start;
   for (const { name, columns, rows } of header.blocks) {

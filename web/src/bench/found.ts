@@ -1,8 +1,8 @@
-import type { Answer, Ask } from "../shared/messages";
+import type { DesignResponse, DesignRequest } from "../shared/messages";
 import type { Design } from "./designs/design";
 
 /** Evaluation of a design: header, and blocks of numbers by name. */
-export interface Found extends Answer {
+export interface Found extends DesignResponse {
   block: (name: string) => Table | null;
   /** Time of the request, for benchmarks. */
   asked: number;
@@ -15,12 +15,12 @@ export interface Table {
   column: (name: string) => Float32Array;
 }
 
-export type Wish = Omit<Ask, "number" | "slot">;
+export type Wish = Omit<DesignRequest, "number" | "slot">;
 
 /** Evaluation request of a design, with the plots that require more than curves. */
 export const wishOf = (
   design: Design,
-  plots: Pick<Ask, "section" | "squares" | "space">,
+  plots: Pick<DesignRequest, "section" | "squares" | "space">,
 ): Wish => ({
   tables: design.tables,
   follows: design.follows,

@@ -1,5 +1,5 @@
 import { h } from "../shared/dom";
-import type { QuantityOf } from "../shared/messages";
+import type { QuantityInfo } from "../shared/messages";
 import { explained, symbolOf } from "./labels";
 
 /** Terms of the page; quantities are explained by the server. */
@@ -43,7 +43,7 @@ const TERMS: [term: string, meaning: string][] = [
 ];
 
 /** Glossary of the bench. */
-export function glossary(vocabulary: QuantityOf[], shown: string[]): HTMLElement {
+export function glossary(vocabulary: QuantityInfo[], shown: string[]): HTMLElement {
   const quantities = vocabulary
     .filter((q) => shown.includes(q.name))
     .map((q): [string, string] => [`${q.title}, ${symbolOf(q)}`, explained(q)]);

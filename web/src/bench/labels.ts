@@ -1,5 +1,5 @@
 /** Displayed names of units, parameters and quantities. */
-import type { QuantityOf } from "../shared/messages";
+import type { QuantityInfo } from "../shared/messages";
 
 const UNITS: Record<string, string> = { deg: "°", um: "µm", deg2: "deg²", "px/deg": "px/°" };
 export const unitWords = (unit: string): string => UNITS[unit] ?? unit;
@@ -18,16 +18,16 @@ export const label = (name: string): string => {
 };
 
 /** Title of a quantity with its unit. */
-export const quantityWords = ({ title, unit }: QuantityOf): string =>
+export const quantityWords = ({ title, unit }: QuantityInfo): string =>
   unit ? `${title}, ${unitWords(unit)}` : title;
 
 const SUBSCRIPTS: Record<string, string> = { s: "ₛ", t: "ₜ", v: "ᵥ" };
 
 /** Symbol of a quantity; the part after an underscore is a subscript. */
-export const symbolOf = ({ symbol }: QuantityOf): string => lowered(symbol);
+export const symbolOf = ({ symbol }: QuantityInfo): string => lowered(symbol);
 
 /** Meaning of a quantity, and its equation in the paper. */
-export const explained = ({ meaning, equation }: QuantityOf): string =>
+export const explained = ({ meaning, equation }: QuantityInfo): string =>
   equation ? `${meaning} (${lowered(equation)})` : meaning;
 
 const lowered = (formula: string): string =>

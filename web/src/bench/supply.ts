@@ -2,14 +2,14 @@
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
 import type {
-  BenchAlone,
+  StandaloneBench,
   BenchSensor,
   BenchStart,
-  Change,
-  Download,
-  Opened,
-  SlidesAsk,
-  SlidesOf,
+  DesignChange,
+  FileRequest,
+  ImportedFile,
+  SliderRequest,
+  SliderViolations,
 } from "../shared/messages";
 import { Answerer } from "./alone/answer";
 import { AnswersAlone } from "./alone/answers";
@@ -17,7 +17,7 @@ import { Answers } from "./answers";
 import type { Found } from "./found";
 
 /** Data of a page without a server; null if there is a server. */
-export const alone = heldBy<BenchAlone>("bench-alone");
+export const alone = heldBy<StandaloneBench>("bench-alone");
 const answerer = alone && new Answerer(alone);
 
 const WITH_THE_PROGRAM = "requires the program: pip install omnimirror.";
@@ -35,7 +35,7 @@ export async function bundled(name: string): Promise<BenchSensor> {
 }
 
 /** Another type of part, or another focus; a page without a server supports the focus only. */
-export async function change(asked: Change): Promise<BenchSensor> {
+export async function change(asked: DesignChange): Promise<BenchSensor> {
   if (!answerer) return api.change(asked);
   const focus =
     Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than the setting accuracy of lenses
@@ -46,15 +46,15 @@ export async function change(asked: Change): Promise<BenchSensor> {
 }
 
 /** Violation of requirements along all sliders; not available without a server. */
-export const slides = async (asked: SlidesAsk): Promise<SlidesOf | null> =>
+export const slides = async (asked: SliderRequest): Promise<SliderViolations | null> =>
   alone ? null : api.slides(asked);
 
-export async function openFile(file: Blob, name: string): Promise<Opened> {
+export async function openFile(file: Blob, name: string): Promise<ImportedFile> {
   if (alone) throw new api.Refused(`Opening ${name} ${WITH_THE_PROGRAM}`);
   return api.openFile(file, name);
 }
 
-export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
+export async function download(asked: FileRequest): Promise<{ blob: Blob; name: string }> {
   if (alone) throw new api.Refused(`Downloading files of a design ${WITH_THE_PROGRAM}`);
   return api.download(asked);
 }

@@ -2,13 +2,13 @@ import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { allow, h, save } from "../shared/dom";
 import { checkReadable } from "../shared/media";
-import type { BenchSensor, Download } from "../shared/messages";
+import type { BenchSensor, FileRequest } from "../shared/messages";
 import type { Design, Tables } from "./designs/design";
 import type { Host } from "./host";
 import * as supply from "./supply";
 
 const ASKED_EVERY_MS = 400; // interval of progress requests, ms
-const FILES: [Download["kind"], string][] = [
+const FILES: [FileRequest["kind"], string][] = [
   ["sensor", "Sensor file (TOML)"],
   ["report", "Report (HTML)"],
   ["drawing", "Drawing (PDF)"],
@@ -140,12 +140,12 @@ export class Toolbar {
     });
   }
 
-  async download(kind: Download["kind"]): Promise<void> {
+  async download(kind: FileRequest["kind"]): Promise<void> {
     this.menu.open = false;
     const { tables, distance } = this.bench.history.now;
     if (this.summary.getAttribute("aria-busy") === "true")
       return this.host.say("The previous file is still being written");
-    const asked: Download = { tables, kind, object_distance_mm: distance };
+    const asked: FileRequest = { tables, kind, object_distance_mm: distance };
     const stop = this.telling(asked);
     try {
       await this.try(async () => {
@@ -158,7 +158,7 @@ export class Toolbar {
   }
 
   /** Display the progress of a file; reports take several seconds. */
-  private telling(asked: Download): () => void {
+  private telling(asked: FileRequest): () => void {
     const busy = (isBusy: boolean, words: string, title = ""): void => {
       Object.assign(this.summary, { textContent: words, title });
       this.summary.setAttribute("aria-busy", String(isBusy));

@@ -2,11 +2,11 @@ import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { h } from "../shared/dom";
 import type {
-  BoardSeen,
-  CalibrateStart,
-  CalibrationAsk,
-  CalibrationFound,
-  Together,
+  BoardDetection,
+  CalibrationOptions,
+  CalibrationRequest,
+  CalibrationResult,
+  MultiImageSummary,
 } from "../shared/messages";
 import { checkReadable, isVideo } from "../shared/media";
 import { framesOf } from "./frames";
@@ -38,9 +38,9 @@ const TOGETHER_MS = 150;
 export class Calibrate {
   readonly shots: Shots;
   readonly webcam: WebcamPane;
-  found: CalibrationFound | null = null;
+  found: CalibrationResult | null = null;
   report: string | null = null;
-  together: Together | null = null;
+  together: MultiImageSummary | null = null;
   private chosen: Shot | null = null;
   private readonly board: BoardPanel;
   private readonly camera: CameraPanel;
@@ -66,7 +66,7 @@ export class Calibrate {
 
   constructor(
     private readonly host: Host,
-    start: CalibrateStart,
+    start: CalibrationOptions,
   ) {
     const fail = (e: unknown): void => this.fail(e);
     this.shots = new Shots({
@@ -263,7 +263,7 @@ export class Calibrate {
     this.show();
   }
 
-  private asTogether(candidate: BoardSeen | null): Promise<Together> {
+  private asTogether(candidate: BoardDetection | null): Promise<MultiImageSummary> {
     const { rim } = this.camera;
     const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
     return api.together({
@@ -297,7 +297,7 @@ export class Calibrate {
 
   // -- calibration ----------------------------------------------------------------------------------
 
-  private given(): { ask: CalibrationAsk; pictures: BoardSeen[] } | null {
+  private given(): { ask: CalibrationRequest; pictures: BoardDetection[] } | null {
     const { board } = this.board;
     const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
     if (!board || !pictures.length) return null;
@@ -307,7 +307,7 @@ export class Calibrate {
     };
   }
 
-  private calibrated(found: CalibrationFound): void {
+  private calibrated(found: CalibrationResult): void {
     this.found = found;
     this.report = null;
     this.drawResults();

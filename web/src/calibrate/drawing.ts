@@ -1,5 +1,5 @@
 /** Shapes drawn in images and plots: SVG paths in image pixels. */
-import type { CoverageShown } from "../shared/messages";
+import type { CoverageInfo } from "../shared/messages";
 
 type Pair = readonly [number, number];
 
@@ -47,7 +47,7 @@ interface Cell {
 }
 
 /** Cells of the corner counts; sectors are numbered clockwise from the right. */
-export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: CoverageShown): Cell[] {
+export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: CoverageInfo): Cell[] {
   const half = Math.PI / counts[0].length;
   const place = (radius: number, angle: number): string =>
     at(u + radius * Math.cos(angle), v + radius * Math.sin(angle));
@@ -70,7 +70,7 @@ export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: Coverage
 }
 
 /** Number of covered cells, and total number. */
-export function coveredIn({ counts, enough }: CoverageShown): [number, number] {
+export function coveredIn({ counts, enough }: CoverageInfo): [number, number] {
   const all = counts.flat();
   return [all.filter((count) => count >= enough).length, all.length];
 }

@@ -2,7 +2,7 @@
  * Browser storage of the tab. Small data are stored synchronously, so that a reload never loses them. Images,
  * detections and the camera are stored asynchronously, under the keys of the image list.
  */
-import type { BoardSeen, CalibrationFound } from "../shared/messages";
+import type { BoardDetection, CalibrationResult } from "../shared/messages";
 import { locals, parsed, put, sessions, shelve, shelved, taken, unshelve } from "../shared/storage";
 
 /** Image with its storage key. */
@@ -16,7 +16,7 @@ export interface Listed {
 /** Camera with the images of its calibration. */
 interface Result {
   of: string[];
-  found: CalibrationFound;
+  found: CalibrationResult;
   report: string | null;
 }
 
@@ -57,9 +57,9 @@ export const keepList = (list: Listed[]): void =>
 export const keptPicture = (key: string): Promise<Blob | undefined> => shelved(name(key, ""));
 export const keepPicture = (key: string, picture: Blob): Promise<unknown> =>
   shelve(name(key, ""), picture);
-export const keptSeen = (key: string): Promise<BoardSeen | undefined> =>
+export const keptSeen = (key: string): Promise<BoardDetection | undefined> =>
   shelved(name(key, " seen"));
-export const keepSeen = (key: string, seen: BoardSeen): Promise<unknown> =>
+export const keepSeen = (key: string, seen: BoardDetection): Promise<unknown> =>
   shelve(name(key, " seen"), seen);
 
 /** Camera of exactly these images, stored with the first of them. */
@@ -70,7 +70,7 @@ export async function keptResult(keys: string[]): Promise<Result | null> {
 
 export async function keepResult(
   keys: string[],
-  camera: CalibrationFound | null,
+  camera: CalibrationResult | null,
   report: string | null,
 ): Promise<void> {
   if (keys.length)

@@ -1,6 +1,6 @@
 import { background } from "../shared/background";
 import * as api from "../shared/api";
-import type { BoardAsked, BoardSeen } from "../shared/messages";
+import type { BoardSpec, BoardDetection } from "../shared/messages";
 import {
   forget,
   keepList,
@@ -18,7 +18,7 @@ export interface Shot extends Listed {
   blob: Blob;
   /** Thumbnail; "" if the browser does not support the format. */
   thumbnail: string;
-  seen: BoardSeen | null;
+  seen: BoardDetection | null;
   /** Reason for a failed detection. */
   trouble: string | null;
   /** Reasons against its use: of the image itself, and of the joint analysis. */
@@ -30,7 +30,7 @@ const AT_ONCE = 2;
 const THUMBNAIL_PX = 240;
 
 interface Hands {
-  board: () => BoardAsked | null;
+  board: () => BoardSpec | null;
   changed: () => void;
   /** Called when all detections are complete. */
   settled: () => void;
@@ -151,7 +151,7 @@ export class Shots {
     }
   }
 
-  private async look(shot: Shot, board: BoardAsked): Promise<void> {
+  private async look(shot: Shot, board: BoardSpec): Promise<void> {
     const controller = new AbortController();
     this.looking.set(shot, controller);
     this.hands.changed();

@@ -1,12 +1,12 @@
 import { h, save } from "../shared/dom";
-import type { CalibrationFound } from "../shared/messages";
+import type { CalibrationResult } from "../shared/messages";
 import type { Host } from "./host";
 
 interface Hands {
   add: (files: readonly File[]) => void;
   webcam: () => void;
   clear: () => void;
-  found: () => CalibrationFound | null;
+  found: () => CalibrationResult | null;
   report: () => string | null;
   look: () => void;
 }

@@ -1,14 +1,14 @@
 /** Texts about targets and images, and the equivalent command line. */
 import type {
-  BoardAsked,
-  BoardSeen,
-  CalibrateStart,
-  CalibrationAsk,
-  RimFound,
+  BoardSpec,
+  BoardDetection,
+  CalibrationOptions,
+  CalibrationRequest,
+  DetectedOutline,
 } from "../shared/messages";
 import { words } from "../shared/numbers";
 
-export const COUNTED: Record<BoardAsked["kind"], string> = {
+export const COUNTED: Record<BoardSpec["kind"], string> = {
   chessboard: "Inner corners",
   charuco: "Squares",
   aprilgrid: "Tags",
@@ -30,13 +30,16 @@ export function modelWords(kind: string): string {
 }
 
 /** Camera models applicable to the optics. */
-export const modelsFor = (start: CalibrateStart, optics: CalibrationAsk["optics"]): string[] => [
+export const modelsFor = (
+  start: CalibrationOptions,
+  optics: CalibrationRequest["optics"],
+): string[] => [
   "auto",
   ...start.models.filter((kind) => optics === "mirror" || !start.mirrors_only.includes(kind)),
 ];
 
 /** Status text of an image. */
-export function stateWords(seen: BoardSeen, reason: string | null): string {
+export function stateWords(seen: BoardDetection, reason: string | null): string {
   if (reason) return `${reason[0].toUpperCase()}${reason.slice(1)}`;
   return seen.ids.length === 1 ? "1 corner" : `${seen.ids.length} corners`;
 }
@@ -59,11 +62,11 @@ export function unlike(name: string, taken: ReadonlySet<string>): string {
 
 /** Median of the reliable rims of several images; null if there are too few. */
 export function rimOf(
-  found: readonly RimFound[],
+  found: readonly DetectedOutline[],
 ): { centre: [number, number]; radius: number } | null {
   const sure = found.filter((rim) => rim.is_sure);
   if (!sure.length || sure.length * 2 < found.length) return null;
-  const middle = (value: (rim: RimFound) => number): number => {
+  const middle = (value: (rim: DetectedOutline) => number): number => {
     const sorted = sure.map(value).sort((a, b) => a - b);
     const half = Math.floor(sorted.length / 2);
     return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
@@ -80,7 +83,7 @@ const word = (text: string): string =>
 const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
 /** Command-line options of a target. */
-function boardOptions(board: BoardAsked): string[] {
+function boardOptions(board: BoardSpec): string[] {
   const { kind, columns, rows, square_mm, marker_mm, spacing, family, legacy } = board;
   return [
     "--board",
@@ -96,13 +99,13 @@ function boardOptions(board: BoardAsked): string[] {
 }
 
 /** Command that writes the target. */
-export const printCommand = (board: BoardAsked): string =>
+export const printCommand = (board: BoardSpec): string =>
   ["omnimirror", "board", ...boardOptions(board), "-o", "board.pdf"].map(word).join(" ");
 
 /** Equivalent calibration command. */
 export function calibrateCommand(
   names: readonly string[],
-  ask: Omit<CalibrationAsk, "command" | "pictures">,
+  ask: Omit<CalibrationRequest, "command" | "pictures">,
 ): string {
   const pictures = names.length > MOST_NAMED || !names.length ? ["boards"] : names.map(file);
   return [

@@ -1,8 +1,8 @@
 import { heldBy } from "../shared/dom";
-import type { Embedded } from "../shared/messages";
+import type { EmbeddedImage } from "../shared/messages";
 
 /** Embedded data of a page with one image; null in other pages. */
-export const embedded = (): Embedded | null => heldBy("embedded");
+export const embedded = (): EmbeddedImage | null => heldBy("embedded");
 
 const bytesOf = (base64: string): Uint8Array<ArrayBuffer> =>
   Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));

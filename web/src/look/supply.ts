@@ -1,14 +1,20 @@
 /** Cameras and rendered rooms, from the server or the page itself. */
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
-import type { Alone, CameraAlone, CameraAsk, CameraShown, Start } from "../shared/messages";
+import type {
+  StandalonePage,
+  StandaloneCamera,
+  CameraRequest,
+  CameraInfo,
+  PageStart,
+} from "../shared/messages";
 import { blob, floats } from "./embedded";
 import { standing } from "./geometry/mounts";
 
 /** Data of a page without a server; null if there is a server. */
-export const alone = heldBy<Alone>("alone");
+export const alone = heldBy<StandalonePage>("alone");
 
-export async function start(): Promise<Start> {
+export async function start(): Promise<PageStart> {
   if (!alone) return api.start();
   return {
     version: alone.version,
@@ -20,8 +26,8 @@ export async function start(): Promise<Start> {
 }
 
 export async function camera(
-  asked: CameraAsk,
-): Promise<{ model: CameraShown; tables: Float32Array }> {
+  asked: CameraRequest,
+): Promise<{ model: CameraInfo; tables: Float32Array }> {
   if (!alone) return api.camera(asked);
   const found = held(asked.id);
   return {
@@ -40,7 +46,7 @@ export async function room(id: string): Promise<Blob> {
   return blob(address);
 }
 
-function held(id: string): CameraAlone {
+function held(id: string): StandaloneCamera {
   const found = alone!.cameras.find((c) => c.entry.id === id);
   if (!found)
     throw new api.Refused(

@@ -2,36 +2,36 @@ import { pack, unpack } from "./framing";
 import type {
   BenchSensor,
   BenchStart,
-  BoardLook,
-  BoardSeen,
-  Built,
-  BuiltAsk,
-  CalibrateStart,
-  CameraAsk,
-  CameraShown,
-  Change,
-  Download,
-  ErrorsAsk,
-  ErrorsOf,
-  FileUnderWay,
-  LevelAsk,
-  LevelFound,
-  Opened,
-  PictureAsk,
-  RequirementFile,
-  RestoreAsk,
-  RimFound,
+  BoardDetectionRequest,
+  BoardDetection,
+  AsBuiltResult,
+  AsBuiltRequest,
+  CalibrationOptions,
+  CameraRequest,
+  CameraInfo,
+  DesignChange,
+  FileRequest,
+  ErrorSourcesRequest,
+  ErrorSourceList,
+  FileProgress,
+  LevelRequest,
+  EstimatedTilt,
+  ImportedFile,
+  RenderRequest,
+  RequirementFileRequest,
+  RestoreRequest,
+  DetectedOutline,
   SensorEntry,
-  SensorFile,
-  SlidesAsk,
-  SlidesOf,
-  Start,
-  StraightAsk,
-  Taken,
-  Together,
-  TogetherAsk,
-  YieldAsk,
-  YieldOf,
+  SensorFileRequest,
+  SliderRequest,
+  SliderViolations,
+  PageStart,
+  BoardViewRequest,
+  RenderHeader,
+  MultiImageSummary,
+  MultiImageRequest,
+  YieldRequest,
+  YieldResult,
 } from "./messages";
 import { AWAY } from "./texts";
 
@@ -63,14 +63,14 @@ export const socketAddress = (path: string): string =>
 
 // -- tab Look -------------------------------------------------------------------------------------
 
-export const start = (): Promise<Start> => got("api/start");
+export const start = (): Promise<PageStart> => got("api/start");
 
 export async function camera(
-  asked: CameraAsk,
-): Promise<{ model: CameraShown; tables: Float32Array }> {
+  asked: CameraRequest,
+): Promise<{ model: CameraInfo; tables: Float32Array }> {
   const { id, image_flipped } = asked;
   const [model, tables] = await Promise.all([
-    got<CameraShown>("api/camera", { ...asked }),
+    got<CameraInfo>("api/camera", { ...asked }),
     ask(to("api/camera/tables", { id, image_flipped })).then((answer) => answer.arrayBuffer()),
   ]);
   return { model, tables: new Float32Array(tables) };
@@ -81,31 +81,31 @@ export const picture = async (id: string): Promise<Blob> =>
   (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> =>
   (await handedUp("api/pictures", file, { name })).blob();
-export const rim = (picture: Blob, name: string): Promise<RimFound> =>
+export const rim = (picture: Blob, name: string): Promise<DetectedOutline> =>
   json(handedUp("api/rim", picture, { name }));
-export const level = (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> =>
+export const level = (asked: LevelRequest, picture: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
-export const restored = async (asked: RestoreAsk, picture: Blob): Promise<Blob> =>
+export const restored = async (asked: RestoreRequest, picture: Blob): Promise<Blob> =>
   (await ask("api/restore", { method: "POST", body: pack(asked, picture) })).blob();
 export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
   json(handedUp("api/sensors", file, { name, optics }));
-export const sensorFile = async (asked: SensorFile): Promise<string> =>
+export const sensorFile = async (asked: SensorFileRequest): Promise<string> =>
   (await posted("api/sensor-file", asked)).text();
 
 // -- tab Design -----------------------------------------------------------------------------------
 
 export const benchStart = (): Promise<BenchStart> => got("api/bench");
 export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
-export const change = (asked: Change): Promise<BenchSensor> =>
+export const change = (asked: DesignChange): Promise<BenchSensor> =>
   json(posted("api/bench/change", asked));
-export const slides = (asked: SlidesAsk): Promise<SlidesOf> =>
+export const slides = (asked: SliderRequest): Promise<SliderViolations> =>
   json(posted("api/bench/slides", asked));
-export const openFile = (file: Blob, name: string): Promise<Opened> =>
+export const openFile = (file: Blob, name: string): Promise<ImportedFile> =>
   json(handedUp("api/bench/open", file, { name }));
-export const requirements = async (file: RequirementFile): Promise<Blob> =>
+export const requirements = async (file: RequirementFileRequest): Promise<Blob> =>
   (await posted("api/bench/requirements", file)).blob();
 
-export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
+export async function download(asked: FileRequest): Promise<{ blob: Blob; name: string }> {
   const answer = await posted("api/bench/file", asked);
   const name =
     /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
@@ -113,29 +113,30 @@ export async function download(asked: Download): Promise<{ blob: Blob; name: str
 }
 
 /** Progress of a file export; null before its start and after its end. */
-export const making = (asked: Download): Promise<FileUnderWay | null> =>
+export const making = (asked: FileRequest): Promise<FileProgress | null> =>
   json(posted("api/bench/making", asked));
 
 /** Rendered image of a room for a design, and its panorama. */
-export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
+export async function taken(asked: RenderRequest): Promise<{ picture: Blob; panorama: Blob }> {
   const data = await (await posted("api/bench/picture", asked)).arrayBuffer();
-  const { header, start } = unpack<Taken>(data);
+  const { header, start } = unpack<RenderHeader>(data);
   const middle = start + header.picture_bytes;
   const jpeg = (from: number, to: number): Blob =>
     new Blob([data.slice(from, to)], { type: "image/jpeg" });
   return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
 }
 
-export const errors = (asked: ErrorsAsk): Promise<ErrorsOf> =>
+export const errors = (asked: ErrorSourcesRequest): Promise<ErrorSourceList> =>
   json(posted("api/bench/errors", asked));
-export const yields = (asked: YieldAsk): Promise<YieldOf> => json(posted("api/bench/yield", asked));
+export const yields = (asked: YieldRequest): Promise<YieldResult> =>
+  json(posted("api/bench/yield", asked));
 
 /** As-built sensor: header, object positions, and displacements by calibration. */
 export async function built(
-  asked: BuiltAsk,
-): Promise<Built & { places: Float32Array; left: Float32Array[] }> {
+  asked: AsBuiltRequest,
+): Promise<AsBuiltResult & { places: Float32Array; left: Float32Array[] }> {
   const data = await (await posted("api/bench/built", asked)).arrayBuffer();
-  const { header, start } = unpack<Built>(data);
+  const { header, start } = unpack<AsBuiltResult>(data);
   const pairs = (k: number): Float32Array =>
     new Float32Array(data, start + 8 * header.objects * k, 2 * header.objects);
   return { ...header, places: pairs(0), left: header.motion_px.map((_, k) => pairs(k + 1)) };
@@ -143,12 +144,16 @@ export async function built(
 
 // -- tab Calibrate --------------------------------------------------------------------------------
 
-export const calibrateStart = (): Promise<CalibrateStart> => got("api/calibrate");
-export const look = (picture: Blob, asked: BoardLook, signal: AbortSignal): Promise<BoardSeen> =>
+export const calibrateStart = (): Promise<CalibrationOptions> => got("api/calibrate");
+export const look = (
+  picture: Blob,
+  asked: BoardDetectionRequest,
+  signal: AbortSignal,
+): Promise<BoardDetection> =>
   json(ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal }));
-export const together = (asked: TogetherAsk): Promise<Together> =>
+export const together = (asked: MultiImageRequest): Promise<MultiImageSummary> =>
   json(posted("api/calibrate/together", asked));
-export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob> =>
+export const straight = async (asked: BoardViewRequest, picture: Blob): Promise<Blob> =>
   (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
 
 // -- implementation -------------------------------------------------------------------------------
@@ -210,7 +215,7 @@ function sentenceOf(detail: unknown): string | null {
 }
 
 /** Long-running task of the server; closing its socket cancels it. */
-export class ServerTask<News> {
+export class ServerTask<TaskStatus> {
   private socket: WebSocket | null = null;
 
   get isUnderWay(): boolean {
@@ -218,11 +223,16 @@ export class ServerTask<News> {
   }
 
   /** Send requests and receive messages until the end; `cutOff` is called if the connection fails. */
-  begin(path: string, asked: unknown[], told: (news: News) => void, cutOff: () => void): void {
+  begin(
+    path: string,
+    asked: unknown[],
+    told: (news: TaskStatus) => void,
+    cutOff: () => void,
+  ): void {
     this.end();
     const socket = (this.socket = new WebSocket(socketAddress(path)));
     socket.onopen = () => asked.forEach((message) => socket.send(JSON.stringify(message)));
-    socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as News);
+    socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as TaskStatus);
     socket.onclose = () => this.socket === socket && cutOff();
   }
 

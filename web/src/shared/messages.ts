@@ -1,95 +1,67 @@
 // Made by web/message_types.py from the server's messages; not to be edited.
 
-/** Data of a page without a server for arbitrary images. */
-export interface Alone {
-  version: string;
-  cameras: CameraAlone[];
+/** Error message with the entry that it concerns, if any. */
+export interface ApiError {
+  path: string[];
+  sentence: string;
 }
 
-/** Evaluation of a design; followed by float32 values block by block, non-finite if undefined. */
-export interface Answer {
-  slot: number;
-  number: number;
-  trouble: Trouble | null;
-  /** what of the sensor the plots do not show */
-  remark: string | null;
-  facts: Facts | null;
-  rows: JudgementOf[];
-  requirements_trouble: string | null;
-  blocks: Block[];
-  /** the design as it was bent */
-  bent: BenchSensor | null;
-}
-
-/** Evaluation request for a design. */
-export interface Ask {
-  /** which of the designs shown */
-  slot: number;
-  number: number;
+/** Sensor with errors. */
+export interface AsBuiltRequest {
   tables: Record<string, any>;
-  follows: boolean;
-  /** null: infinite */
-  object_distance_mm: number | null;
-  section: boolean;
-  squares: boolean;
-  /** its parts and rays in three dimensions */
-  space: boolean;
-  requirements: Record<string, any> | null;
-  /** of which it is answered as it is bent by hand */
-  bend: Bend | null;
+  values: Record<string, any>;
+  refocus: "none" | "rms" | "worst";
 }
 
-/** Bench data of a page without a server. */
-export interface BenchAlone {
-  start: BenchStart;
-  /** in the order of their names in start */
-  sensors: BenchSensor[];
-  /** how a best focus is looked for, as the compiled evaluator takes it */
-  search: number[];
-  /** the compiled evaluator, WebAssembly in base64 */
-  kernel: string;
-  /** of the bench */
-  script: string;
+/** Effect of errors; followed by float32 values: x, y px of objects, and residuals dx, dy px for
+each calibration. */
+export interface AsBuiltResult {
+  objects: number;
+  /** number of objects that are not imaged */
+  lost: number;
+  /** image radius without errors */
+  radius_px: number;
+  /** maximum displacement after each calibration */
+  motion_px: (number | null)[];
+  direction_error_deg: (number | null)[];
+  straightness_deg: (number | null)[];
+  /** nominal and as-built value */
+  blur_px: [number | null, number | null];
+  /** nominal and as-built value */
+  focus_mm: [number | null, number | null];
+  /** sensor with errors; null if it is invalid */
+  tables: Record<string, any> | null;
 }
 
 /** Sensor on the bench. */
 export interface BenchSensor {
   tables: Record<string, any>;
-  /** whether the lens stands where the mirror's mapping needs it */
+  /** whether the lens position follows the mapping of the mirror */
   follows: boolean;
 }
 
 /** Initial data of the bench. */
 export interface BenchStart {
-  mirrors: PartOf[];
-  secondaries: PartOf[];
-  lenses: PartOf[];
-  imager: PartOf;
-  /** of a second mirror */
-  place: PartOf;
-  /** how far the mirror stands */
-  mount: PartOf;
-  /** how far the mirror is out of its place */
-  pose: PartOf;
-  /** what plots can show against the field angle */
-  columns: QuantityOf[];
-  /** what a requirement can limit */
-  quantities: QuantityOf[];
-  /** those of which a limit says at which spatial frequency */
+  mirrors: PartInfo[];
+  secondaries: PartInfo[];
+  lenses: PartInfo[];
+  imager: PartInfo;
+  /** position of a second mirror */
+  place: PartInfo;
+  /** mirror distance */
+  mount: PartInfo;
+  /** misalignment of the mirror */
+  pose: PartInfo;
+  /** quantities that can be plotted over the field angle */
+  columns: QuantityInfo[];
+  /** quantities that requirements can limit */
+  quantities: QuantityInfo[];
+  /** quantities whose limits specify a spatial frequency */
   of_frequency: string[];
-  merits: QuantityOf[];
-  /** free forms in which a mirror can be sought */
+  merits: QuantityInfo[];
+  /** freeform parametrisations for mirror optimisation */
   shapes: string[];
   sensors: string[];
-}
-
-/** Manual deformation of a design curve through a point. */
-export interface Bend {
-  of: "profile" | "mapping";
-  /** where it is held: distance from the axis, mm, or field angle, deg */
-  at: number;
-  /** where it is pulled: height of the profile, mm, or image height, px */
-  to: number;
 }
 
 /** Block of float32 values: named columns of equal length, stored column by column. */
@@ -99,52 +71,8 @@ export interface Block {
   rows: number;
 }
 
-/** Calibration board with the parameters of :class:`omnimirror.Board`. */
-export interface BoardAsked {
-  kind: "chessboard" | "charuco" | "aprilgrid";
-  columns: number;
-  rows: number;
-  square_mm: number;
-  marker_mm: number | null;
-  spacing: number;
-  family: string | null;
-  legacy: boolean;
-}
-
-/** Board detection request for one image. */
-export interface BoardLook {
-  kind: "chessboard" | "charuco" | "aprilgrid";
-  columns: number;
-  rows: number;
-  square_mm: number;
-  marker_mm: number | null;
-  spacing: number;
-  family: string | null;
-  legacy: boolean;
-  name: string;
-  /** as for pictures of a camera that runs */
-  quick: boolean;
-}
-
-/** Pose of a board, used for its dewarped image. */
-export interface BoardPlace {
-  picture: string;
-  /** from the board's frame to the world's */
-  rotation: number[];
-  shift_mm: [number, number, number];
-  /** the board's first corner */
-  low_mm: [number, number];
-  high_mm: [number, number];
-  /** how much is shown about the corners */
-  margin_mm: number;
-  /** as fine as the picture is there */
-  px_per_mm: number;
-  /** whether the board's Y points up */
-  is_upwards: boolean;
-}
-
 /** Board detection in an image, or the reason for its failure. */
-export interface BoardSeen {
+export interface BoardDetection {
   name: string;
   image_size: [number, number];
   ids: number[];
@@ -155,50 +83,74 @@ export interface BoardSeen {
   is_reversed: boolean | null;
   begins_white: boolean | null;
   is_part: boolean;
-  /** of a frame of a video */
+  /** time of a video frame */
   time_s: number | null;
 }
 
-/** Effect of errors; followed by float32 values: x, y px of objects, and residuals dx, dy px for
-each calibration. */
-export interface Built {
-  objects: number;
-  /** objects that are not shown */
-  lost: number;
-  /** of the picture without errors */
-  radius_px: number;
-  /** the largest, by calibrations */
-  motion_px: (number | null)[];
-  direction_error_deg: (number | null)[];
-  straightness_deg: (number | null)[];
-  /** meant and built */
-  blur_px: [number | null, number | null];
-  /** meant and built */
-  focus_mm: [number | null, number | null];
-  /** the sensor with its errors, if there can be one */
-  tables: Record<string, any> | null;
+/** Board detection request for one image. */
+export interface BoardDetectionRequest {
+  kind: "chessboard" | "charuco" | "aprilgrid";
+  columns: number;
+  rows: number;
+  square_mm: number;
+  marker_mm: number | null;
+  spacing: number;
+  family: string | null;
+  legacy: boolean;
+  name: string;
+  /** fast detection for live cameras */
+  quick: boolean;
 }
 
-/** Sensor with errors. */
-export interface BuiltAsk {
-  tables: Record<string, any>;
-  values: Record<string, any>;
-  refocus: "none" | "rms" | "worst";
+/** Pose of a board, used for its dewarped image. */
+export interface BoardPose {
+  picture: string;
+  /** rotation from the board frame to the world frame */
+  rotation: number[];
+  shift_mm: [number, number, number];
+  /** first corner of the board */
+  low_mm: [number, number];
+  high_mm: [number, number];
+  /** margin around the corners */
+  margin_mm: number;
+  /** resolution of the image at the board */
+  px_per_mm: number;
+  /** whether the y axis of the board points up */
+  is_upwards: boolean;
+}
+
+/** Calibration board with the parameters of :class:`omnimirror.Board`. */
+export interface BoardSpec {
+  kind: "chessboard" | "charuco" | "aprilgrid";
+  columns: number;
+  rows: number;
+  square_mm: number;
+  marker_mm: number | null;
+  spacing: number;
+  family: string | null;
+  legacy: boolean;
+}
+
+/** Dewarp request for an image of a board; the image follows. */
+export interface BoardViewRequest {
+  camera_file: string;
+  place: BoardPose;
+  name: string;
 }
 
 /** Initial data of the tab. */
-export interface CalibrateStart {
-  /** kinds that can be estimated, simple ones first */
+export interface CalibrationOptions {
+  /** camera models, in increasing complexity */
   models: string[];
-  /** those that no fisheye is */
+  /** models for mirrors only */
   mirrors_only: string[];
-  /** of markers */
+  /** marker families */
   families: string[];
 }
 
 /** Calibration request; followed by one message per image with its detection. */
-export interface CalibrationAsk {
-  board: BoardAsked;
+export interface CalibrationRequest {
+  board: BoardSpec;
   pictures: number;
   model: string;
   optics: "mirror" | "fisheye";
@@ -207,12 +159,12 @@ export interface CalibrationAsk {
   centre_px: [number, number] | null;
   rim_radius_px: number | null;
   flat_board: boolean;
-  /** that does the same, for the report */
+  /** equivalent command line for the report */
   command: string;
 }
 
 /** Result of a camera calibration. */
-export interface CalibrationFound {
+export interface CalibrationResult {
   kind: string;
   summary: string;
   rms_px: number;
@@ -221,61 +173,40 @@ export interface CalibrationFound {
   seconds: number;
   is_complete: boolean;
   image_size: [number, number];
-  pictures: PictureOutcome[];
-  parameters: ParameterFound[];
-  models: ModelTried[];
-  outliers: OutlierFound[];
+  pictures: ImageResult[];
+  parameters: ParameterEstimate[];
+  models: ModelComparisonRow[];
+  outliers: OutlierCorner[];
   notes: string[];
   advice: string[];
-  coverage: CoverageShown;
-  places: BoardPlace[];
+  coverage: CoverageInfo;
+  places: BoardPose[];
   camera_file: string;
 }
 
 /** Progress of a calibration: status, estimated camera, report, or error. */
-export interface CalibrationNews {
+export interface CalibrationStatus {
   state: "running" | "done" | "reported" | "failed";
   sentence: string;
   share: number | null;
-  found: CalibrationFound | null;
+  found: CalibrationResult | null;
   report: string | null;
 }
 
-/** Camera of a page without a server, for any mount. */
-export interface CameraAlone {
-  entry: SensorEntry;
-  /** plumb, with the top of the picture forward: each way to look, reversed left to right and not */
-  standing: CameraShown[];
-  /** float32 values, little-endian, in base64 */
-  tables: string;
-  /** the picture that it takes of a room, in its address; none if empty */
-  room: string;
-}
-
-/** Camera request with an optional mount; missing values are those of the camera file. */
-export interface CameraAsk {
-  id: string;
-  camera_looks: "up" | "down" | "forward" | null;
-  forward_azimuth_deg: number | null;
-  image_flipped: boolean | null;
-  pitch_deg: number | null;
-  roll_deg: number | null;
-}
-
 /** Description of a camera for interactive views. */
-export interface CameraShown {
+export interface CameraInfo {
   id: string;
   name: string;
   title: string;
   kind: "sensor" | "ocam" | "ball";
-  /** what names it on the command line */
+  /** command-line options of the camera */
   options: string[];
-  mount: MountOf;
-  mount_in_file: MountOf;
+  mount: MountInfo;
+  mount_in_file: MountInfo;
   image_size: [number, number];
   /** image of the axis */
   centre_px: [number, number];
-  /** image radius of the end of the field; its mean where it is no circle */
+  /** image radius of the field boundary, or its mean if it is not circular */
   rim_radius_px: number;
   axis: [number, number, number];
   right: [number, number, number];
@@ -285,13 +216,42 @@ export interface CameraShown {
   pixels_per_degree: number;
   pole: "nadir" | "zenith";
   is_picture_reversed: boolean;
-  /** whether its circle may be moved to fit a picture */
+  /** whether its circle can be fitted to an image */
   is_adjustable: boolean;
   tables: TableLayout;
 }
 
+/** Camera request with an optional mount; missing values are those of the camera file. */
+export interface CameraRequest {
+  id: string;
+  camera_looks: "up" | "down" | "forward" | null;
+  forward_azimuth_deg: number | null;
+  image_flipped: boolean | null;
+  pitch_deg: number | null;
+  roll_deg: number | null;
+}
+
+/** Distribution of corners over the image: rings of equal area, sectors from the right clockwise
+(via the bottom). */
+export interface CoverageInfo {
+  centre_px: [number, number];
+  radii_px: number[];
+  counts: number[][];
+  /** recommended minimum number of corners per cell */
+  enough: number;
+}
+
+/** Manual deformation of a design curve through a point. */
+export interface CurveEdit {
+  of: "profile" | "mapping";
+  /** position of the handle: distance from the axis, mm, or field angle, deg */
+  at: number;
+  /** new value at the handle: height of the profile, mm, or image height, px */
+  to: number;
+}
+
 /** Change of the kind of mirror or lens, or refocus by a merit. */
-export interface Change {
+export interface DesignChange {
   tables: Record<string, any>;
   what: "mirror" | "lens" | "focus";
   to: string;
@@ -299,74 +259,46 @@ export interface Change {
   object_distance_mm: number | null;
 }
 
-/** Distribution of corners over the image: rings of equal area, sectors from the right clockwise
-(via the bottom). */
-export interface CoverageShown {
-  centre_px: [number, number];
-  radii_px: number[];
-  counts: number[][];
-  /** corners that a cell should have */
-  enough: number;
-}
-
-/** Download request for a file of a design. */
-export interface Download {
+/** Evaluation request for a design. */
+export interface DesignRequest {
+  /** index of the displayed design */
+  slot: number;
+  number: number;
   tables: Record<string, any>;
-  kind: "sensor" | "table" | "sag" | "drawing" | "report";
+  follows: boolean;
+  /** null: infinite */
   object_distance_mm: number | null;
+  section: boolean;
+  squares: boolean;
+  /** whether to return parts and rays for the 3-D view */
+  space: boolean;
+  requirements: Record<string, any> | null;
+  /** manual deformation applied before the evaluation */
+  bend: CurveEdit | null;
 }
 
-/** Data embedded in a page without a server. */
-export interface Embedded {
-  camera: CameraShown;
-  /** float32 values, little-endian, in base64 */
-  tables: string;
-  /** address of the picture or video: with it inside, or of a file beside the page */
-  media: string;
-  is_video: boolean;
-  name: string;
-}
-
-/** Effect of a single error at its tolerance: largest motion in px for each calibration, and the
-limited merit. */
-export interface ErrorAlone {
-  name: string;
-  tolerance: number;
-  motion_px: (number | null)[];
-  merit: number | null;
-}
-
-/** Error source of a sensor with its typical manufacturing tolerance. */
-export interface ErrorOf {
-  name: string;
-  unit: string;
-  meaning: string;
-  group: string;
-  coarse: number;
-  medium: number;
-  fine: number;
-}
-
-/** Request for the error sources of a sensor. */
-export interface ErrorsAsk {
-  tables: Record<string, any>;
-}
-
-/** Error sources of a sensor and names of the calibration models. */
-export interface ErrorsOf {
-  errors: ErrorOf[];
-  calibrations: string[];
-  /** whether sensors are traced by the thousand */
-  is_quick: boolean;
+/** Evaluation of a design; followed by float32 values block by block, non-finite if undefined. */
+export interface DesignResponse {
+  slot: number;
+  number: number;
+  trouble: ApiError | null;
+  /** properties of the sensor that the plots do not include */
+  remark: string | null;
+  facts: DesignSummary | null;
+  rows: RequirementResult[];
+  requirements_trouble: string | null;
+  blocks: Block[];
+  /** deformed design */
+  bent: BenchSensor | null;
 }
 
 /** Scalar properties of a design. */
-export interface Facts {
+export interface DesignSummary {
   name: string;
   field_deg: [number, number];
   rim_radius_mm: number;
   rim_radius_px: number;
-  /** largest circle that the imager holds */
+  /** radius of the largest circle inscribed in the imager */
   imager_radius_px: number;
   mirror_distance_mm: number | null;
   focus_mm: number;
@@ -377,15 +309,77 @@ export interface Facts {
   worst_blur_px: number | null;
   worst_floored_area_deg2: number | null;
   resolution_px_per_deg: [number, number | null];
-  /** why its mirror cannot be optimised, if it cannot */
+  /** reason for which the mirror cannot be optimised; null if it can */
   not_optimised: string | null;
 }
 
+/** Detected mirror outline in an image. */
+export interface DetectedOutline {
+  centre_px: [number, number];
+  radius_px: number;
+  confidence: number;
+  is_sure: boolean;
+}
+
+/** Data embedded in a page without a server. */
+export interface EmbeddedImage {
+  camera: CameraInfo;
+  /** float32 values, little-endian, in base64 */
+  tables: string;
+  /** URL of the image or video: a data URL, or a file next to the page */
+  media: string;
+  is_video: boolean;
+  name: string;
+}
+
+/** Error source of a sensor with its typical manufacturing tolerance. */
+export interface ErrorSourceInfo {
+  name: string;
+  unit: string;
+  meaning: string;
+  group: string;
+  coarse: number;
+  medium: number;
+  fine: number;
+}
+
+/** Error sources of a sensor and names of the calibration models. */
+export interface ErrorSourceList {
+  errors: ErrorSourceInfo[];
+  calibrations: string[];
+  /** whether ray tracing is vectorised over sensors */
+  is_quick: boolean;
+}
+
+/** Request for the error sources of a sensor. */
+export interface ErrorSourcesRequest {
+  tables: Record<string, any>;
+}
+
+/** Tilt of the camera of an image, estimated from vertical edges. */
+export interface EstimatedTilt {
+  pitch_deg: number;
+  roll_deg: number;
+  /** standard error of the vertical direction */
+  sigma_deg: number;
+  /** number of vertical edges */
+  upright: number;
+  /** whether it is reliable enough for automatic use */
+  is_sure: boolean;
+}
+
 /** Progress of a file export. */
-export interface FileUnderWay {
+export interface FileProgress {
   sentence: string;
-  /** how much is done */
+  /** completed fraction */
   share: number;
+}
+
+/** Download request for a file of a design. */
+export interface FileRequest {
+  tables: Record<string, any>;
+  kind: "sensor" | "table" | "sag" | "drawing" | "report";
+  object_distance_mm: number | null;
 }
 
 /** Status of the server. */
@@ -394,46 +388,39 @@ export interface Health {
   version: string;
 }
 
-/** Requirement with its achieved value. */
-export interface JudgementOf {
+/** Calibration result of one image. */
+export interface ImageResult {
   name: string;
-  unit: string;
-  at_least: number | null;
-  at_most: number | null;
-  reached: number | null;
-  margin: number | null;
-  is_met: boolean;
-  /** where the worst value is */
-  omega_deg: number | null;
-  part_deg: [number, number] | null;
-  /** which of the limits it is */
-  limit: number | null;
+  found: number;
+  used: boolean;
+  reason: string | null;
+  rms_px: number | null;
+  /** RMS in a fit without this image (cross-validation) */
+  held_out_rms_px: number | null;
+  /** maximum deviation of corners from straight lines on the undistorted board */
+  off_straight_px: number | null;
+  /** corner u, v and residual du, dv, px */
+  residuals: [number, number, number, number][];
+}
+
+/** Imported file: a sensor or requirements. */
+export interface ImportedFile {
+  sensor: BenchSensor | null;
+  requirements: Record<string, any> | null;
 }
 
 /** Levelling request; the image follows, and the image circle may be fitted to it. */
-export interface LevelAsk {
+export interface LevelRequest {
   id: string;
-  mount: MountOf;
+  mount: MountInfo;
   image_size: [number, number];
   centre_px: [number, number];
   rim_radius_px: number;
   name: string;
 }
 
-/** Tilt of the camera of an image, estimated from vertical edges. */
-export interface LevelFound {
-  pitch_deg: number;
-  roll_deg: number;
-  /** standard error of the plumb line */
-  sigma_deg: number;
-  /** edges that stand upright */
-  upright: number;
-  /** it may be taken unasked */
-  is_sure: boolean;
-}
-
 /** Camera model of the model comparison. */
-export interface ModelTried {
+export interface ModelComparisonRow {
   kind: string;
   parameters: number;
   rms_px: number;
@@ -442,7 +429,7 @@ export interface ModelTried {
 }
 
 /** Mount of a camera. */
-export interface MountOf {
+export interface MountInfo {
   camera_looks: "up" | "down" | "forward";
   forward_azimuth_deg: number;
   image_flipped: boolean;
@@ -450,41 +437,57 @@ export interface MountOf {
   roll_deg: number;
 }
 
-/** Progress of a task. */
-export interface News {
-  state: "running" | "done" | "failed";
-  sentence: string;
-  /** how much is done */
-  share: number | null;
-  /** the merit by now */
-  value: number | null;
-  sensor: BenchSensor | null;
+/** Analysis request for several images of one camera. */
+export interface MultiImageRequest {
+  board: BoardSpec;
+  pictures: BoardDetection[];
+  /** centre of the field; null: image centre */
+  centre_px: [number, number] | null;
+  /** radius of the field; null: distance of the farthest corner */
+  radius_px: number | null;
+  /** detection in the current frame of a live camera */
+  candidate: BoardDetection | null;
 }
 
-/** Imported file: a sensor or requirements. */
-export interface Opened {
-  sensor: BenchSensor | null;
-  requirements: Record<string, any> | null;
+/** Joint analysis of images of one camera. */
+export interface MultiImageSummary {
+  /** reason for the rejection of each image; null if used */
+  reasons: (string | null)[];
+  coverage: CoverageInfo | null;
+  advice: string[];
+  /** reason against the candidate; null if it adds information */
+  not_new: string | null;
 }
 
 /** Outlier corner. */
-export interface OutlierFound {
+export interface OutlierCorner {
   picture: string;
   corner: number;
   residual_px: number;
 }
 
+/** Initial data of the page. */
+export interface PageStart {
+  version: string;
+  sources: Source[];
+  sensors: SensorEntry[];
+  /** initial source */
+  source: string | null;
+  /** initial camera */
+  sensor: string | null;
+}
+
 /** Estimated parameter of the camera or the board. */
-export interface ParameterFound {
+export interface ParameterEstimate {
   name: string;
   value: number;
-  /** null: it was fixed */
+  /** standard deviation; null for fixed parameters */
   sigma: number | null;
   unit: string;
 }
 
 /** Metadata of a parameter for its slider, number field and tooltip. */
-export interface ParameterOf {
+export interface ParameterInfo {
   name: string;
   unit: string;
   low: number;
@@ -494,36 +497,14 @@ export interface ParameterOf {
   is_list: boolean;
   is_whole: boolean;
   is_optional: boolean;
-  /** of an optional number, where it is a number */
+  /** default of an optional number; null if it has none */
   default: number | null;
 }
 
 /** Selectable part with its parameters in order. */
-export interface PartOf {
+export interface PartInfo {
   kind: string;
-  parameters: ParameterOf[];
-}
-
-/** Request for a rendered image of the room and its panorama. */
-export interface PictureAsk {
-  tables: Record<string, any>;
-  width_px: number;
-  samples: number;
-}
-
-/** Calibration result of one image. */
-export interface PictureOutcome {
-  name: string;
-  found: number;
-  used: boolean;
-  reason: string | null;
-  rms_px: number | null;
-  /** in a fit that was made without it */
-  held_out_rms_px: number | null;
-  /** how far its corners lie off the lines of the straightened board */
-  off_straight_px: number | null;
-  /** corner u, v, and how far it lies off */
-  residuals: [number, number, number, number][];
+  parameters: ParameterInfo[];
 }
 
 /** Error response with the reason. */
@@ -532,7 +513,7 @@ export interface Problem {
 }
 
 /** Quantity of the vocabulary of plots, requirements and optimiser. */
-export interface QuantityOf {
+export interface QuantityInfo {
   name: string;
   symbol: string;
   unit: string;
@@ -541,70 +522,116 @@ export interface QuantityOf {
   equation: string;
 }
 
+/** Header of two JPEG files: image and panorama. */
+export interface RenderHeader {
+  picture_bytes: number;
+  panorama_bytes: number;
+}
+
+/** Request for a rendered image of the room and its panorama. */
+export interface RenderRequest {
+  tables: Record<string, any>;
+  width_px: number;
+  samples: number;
+}
+
 /** Export request for a requirement file of a sensor. */
-export interface RequirementFile {
+export interface RequirementFileRequest {
   requirements: Record<string, any>;
   tables: Record<string, any>;
 }
 
+/** Requirement with its achieved value. */
+export interface RequirementResult {
+  name: string;
+  unit: string;
+  at_least: number | null;
+  at_most: number | null;
+  reached: number | null;
+  margin: number | null;
+  is_met: boolean;
+  /** field angle of the critical value */
+  omega_deg: number | null;
+  part_deg: [number, number] | null;
+  /** index of the limit */
+  limit: number | null;
+}
+
 /** Restoration request; the image follows, and the image circle of the sensor may be fitted to
 it. */
-export interface RestoreAsk {
+export interface RestoreRequest {
   id: string;
-  mount: MountOf;
+  mount: MountInfo;
   image_size: [number, number];
   centre_px: [number, number];
   rim_radius_px: number;
   name: string;
-  /** of what is seen; none: far away */
+  /** object distance; null: infinite */
   object_distance_mm: number | null;
 }
 
-/** Detected mirror outline in an image. */
-export interface RimFound {
-  centre_px: [number, number];
-  radius_px: number;
-  confidence: number;
-  is_sure: boolean;
+/** Long-running task: mirror optimisation or design from requirements. */
+export interface SearchTask {
+  what: "optimise" | "design";
+  tables: Record<string, any>;
+  requirements: Record<string, any> | null;
+  /** null: infinite */
+  object_distance_mm: number | null;
+  merit: string;
+  /** freeform parametrisation of the mirror */
+  shape: string;
+  /** whether the optimised mirror must meet the limits of the requirements */
+  keeps_limits: boolean;
+  terms: number;
+  starts: number;
 }
 
 /** Selectable camera. */
 export interface SensorEntry {
   id: string;
   name: string;
-  /** what it is, in a line */
+  /** one-line description */
   title: string;
   kind: "sensor" | "ocam" | "ball";
-  mount: MountOf;
+  mount: MountInfo;
 }
 
 /** Sensor file request: a known sensor with its image circle fitted to an image. */
-export interface SensorFile {
+export interface SensorFileRequest {
   id: string;
-  mount: MountOf;
+  mount: MountInfo;
   image_size: [number, number];
   centre_px: [number, number];
   rim_radius_px: number;
 }
 
+/** Effect of a single error at its tolerance: largest motion in px for each calibration, and the
+limited merit. */
+export interface SingleErrorEffect {
+  name: string;
+  tolerance: number;
+  motion_px: (number | null)[];
+  merit: number | null;
+}
+
+/** Request for the feasible ranges of sliders. */
+export interface SliderRequest {
+  tables: Record<string, any>;
+  follows: boolean;
+  requirements: Record<string, any>;
+  slides: SliderValues[];
+}
+
 /** Number of a design with its candidate values. */
-export interface Slide {
-  /** table, entry, and which of a list */
+export interface SliderValues {
+  /** table, entry, and index in a list */
   path: string[];
   values: number[];
 }
 
-/** Request for the feasible ranges of sliders. */
-export interface SlidesAsk {
-  tables: Record<string, any>;
-  follows: boolean;
-  requirements: Record<string, any>;
-  slides: Slide[];
-}
-
 /** Relative violation of each requirement, negative if satisfied; null for an invalid design. */
-export interface SlidesOf {
-  /** of each slide at each value */
+export interface SliderViolations {
+  /** violations by slider and value */
   missed: ((number[] | null)[])[];
 }
 
@@ -613,26 +640,38 @@ export interface Source {
   id: string;
   name: string;
   kind: "picture" | "video" | "live";
-  /** how the command line names it, from where the server was started */
+  /** path for the command line, relative to the working directory of the server */
   command: string;
 }
 
-/** Initial data of the page. */
-export interface Start {
-  version: string;
-  sources: Source[];
-  sensors: SensorEntry[];
-  /** the source to open first */
-  source: string | null;
-  /** the camera to begin with */
-  sensor: string | null;
+/** Bench data of a page without a server. */
+export interface StandaloneBench {
+  start: BenchStart;
+  /** sensors in the order of their names in start */
+  sensors: BenchSensor[];
+  /** parameters of the focus search of the compiled evaluator */
+  search: number[];
+  /** compiled evaluator, WebAssembly in base64 */
+  kernel: string;
+  /** script of the bench */
+  script: string;
 }
 
-/** Dewarp request for an image of a board; the image follows. */
-export interface StraightAsk {
-  camera_file: string;
-  place: BoardPlace;
-  name: string;
+/** Camera of a page without a server, for any mount. */
+export interface StandaloneCamera {
+  entry: SensorEntry;
+  /** models without tilt, with the image top forward: each orientation, flipped and not flipped */
+  standing: CameraInfo[];
+  /** float32 values, little-endian, in base64 */
+  tables: string;
+  /** rendered image of a room as a data URL; empty if there is none */
+  room: string;
+}
+
+/** Data of a page without a server for arbitrary images. */
+export interface StandalonePage {
+  version: string;
+  cameras: StandaloneCamera[];
 }
 
 /** State of a stream; frames are sent separately as binary messages. */
@@ -645,82 +684,43 @@ export interface StreamState {
 export interface TableLayout {
   /** sin(Omega/2) of the first radius */
   first: number;
-  /** sin(Omega/2) of the last radius, or where the lattice ends */
+  /** sin(Omega/2) of the last radius, or of the lattice boundary */
   last: number;
-  /** about where along the axis near things are seen from */
+  /** approximate viewpoint for near objects along the axis */
   eye_mm: number;
-  /** image radii, px, at even steps of sin(Omega/2) */
+  /** number of image radii, px, at equidistant sin(Omega/2) */
   radii: number;
-  /** origins of rays, mm: so many from the axis, then so many along it */
+  /** number of ray origins, mm: distances from the axis, then positions along it */
   origins: number;
-  /** side of a lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth */
+  /** side length of the lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth */
   lattice: number;
-  /** sin(Omega/2) where the field ends, at even steps of the azimuth */
+  /** number of boundary values sin(Omega/2) at equidistant azimuths */
   limits: number;
-  /** side of a lattice, over the same disk, of where rays start: mm along axis, right, down */
+  /** side length of the lattice of ray origins over the same disk: mm along axis, right, down */
   starts: number;
 }
 
-/** Header of two JPEG files: image and panorama. */
-export interface Taken {
-  picture_bytes: number;
-  panorama_bytes: number;
-}
-
-/** Long-running task: mirror optimisation or design from requirements. */
-export interface Task {
-  what: "optimise" | "design";
-  tables: Record<string, any>;
-  requirements: Record<string, any> | null;
-  /** null: infinite */
-  object_distance_mm: number | null;
-  merit: string;
-  /** the free form in which the mirror is sought */
-  shape: string;
-  /** whether an optimised mirror keeps the limits of the requirements */
-  keeps_limits: boolean;
-  terms: number;
-  starts: number;
-}
-
-/** Joint analysis of images of one camera. */
-export interface Together {
-  /** why each of them is not used */
-  reasons: (string | null)[];
-  coverage: CoverageShown | null;
-  advice: string[];
-  /** why the candidate adds nothing; null where it does */
-  not_new: string | null;
-}
-
-/** Analysis request for several images of one camera. */
-export interface TogetherAsk {
-  board: BoardAsked;
-  pictures: BoardSeen[];
-  /** of the field; null: the middle of the picture */
-  centre_px: [number, number] | null;
-  /** of the field; null: that of the farthest corner */
-  radius_px: number | null;
-  /** what a camera sees now */
-  candidate: BoardSeen | null;
+/** Progress of a task. */
+export interface TaskStatus {
+  state: "running" | "done" | "failed";
+  sentence: string;
+  /** completed fraction */
+  share: number | null;
+  /** current merit */
+  value: number | null;
+  sensor: BenchSensor | null;
 }
 
 /** Error source with its tolerance. */
-export interface ToleranceOf {
+export interface ToleranceValue {
   name: string;
   tolerance: number;
 }
 
-/** Error message with the entry that it concerns, if any. */
-export interface Trouble {
-  path: string[];
-  sentence: string;
-}
-
 /** Request for a yield prediction. */
-export interface YieldAsk {
+export interface YieldRequest {
   tables: Record<string, any>;
-  errors: ToleranceOf[];
+  errors: ToleranceValue[];
   refocus: "none" | "rms" | "worst";
   merit: string;
   limit: number;
@@ -729,15 +729,15 @@ export interface YieldAsk {
 }
 
 /** Predicted yield with its 0.95 confidence interval. */
-export interface YieldOf {
+export interface YieldResult {
   trials: number;
   lost: number;
   share: number;
   low: number;
   high: number;
   median: number | null;
-  /** within which 95 % stay */
+  /** 95 % quantile */
   most: number | null;
-  /** the worst first */
-  rows: ErrorAlone[];
+  /** in descending order */
+  rows: SingleErrorEffect[];
 }

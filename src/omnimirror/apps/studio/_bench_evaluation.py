@@ -46,9 +46,16 @@ from ._bench_sensors import (
     why_not_optimised,
 )
 from ._http_messages import framed
-from .bench_messages import Answer, Ask, BlockValues, Facts, columns_of, distance_of
+from .bench_messages import (
+    BlockValues,
+    DesignRequest,
+    DesignResponse,
+    DesignSummary,
+    columns_of,
+    distance_of,
+)
 
-# -- 3-D view of a design: profiles of its parts about their axes, traced chief rays, and the surrounding room
+# -- 3-D view: parts, chief rays and the surrounding room ------------------------------------------
 #
 # Coordinates are in mm in the world frame, with the origin at the nominal mirror vertex.
 
@@ -119,8 +126,7 @@ def _blocks_of(part: TurnedPart, world: Array) -> Iterator[BlockValues]:
     yield columns_of(f"frame {part.name}", ("x", "y", "z", "origin"), frame.T)
 
 
-# -- parts
-# -----------------------------------------------------------------------------------------------
+# -- Parts -----------------------------------------------------------------------------------------
 
 
 def _parts(sensor: Sensor) -> Iterator[TurnedPart]:
@@ -203,8 +209,7 @@ def _wall(shell: Shell, base_mm: float, back_mm: float, outer_mm: float) -> Turn
     )
 
 
-# -- rays
-# ------------------------------------------------------------------------------------------------
+# -- Rays ------------------------------------------------------------------------------------------
 
 
 class _Legs(NamedTuple):
@@ -307,7 +312,7 @@ def _stopped_after(standing: Obstructions, points: Array, towards: Array) -> Arr
     return way
 
 
-# -- Evaluation of a design as one binary message: curves, cross-section, grid squares and requirements
+# -- Curves, cross-section, squares and requirements -----------------------------------------------
 
 CURVES = (
     "omega_deg",
@@ -352,7 +357,7 @@ class EvaluatedSensor:
     """Evaluation for distant objects, regardless of the requested object distance."""
 
 
-def answer(ask: Ask) -> bytes:
+def answer(ask: DesignRequest) -> bytes:
     """Evaluate the design of a request; an invalid design yields a message with the error."""
     try:
         stands = sensor_on_bench(ask.tables, ask.follows)
@@ -381,12 +386,12 @@ def answer(ask: Ask) -> bytes:
     return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
-def _answer(ask: Ask, **told: object) -> Answer:
+def _answer(ask: DesignRequest, **told: object) -> DesignResponse:
     empty = dict.fromkeys(("trouble", "remark", "facts", "requirements_trouble", "bent")) | {
         "rows": (),
         "blocks": (),
     }
-    return Answer(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
+    return DesignResponse(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:
@@ -404,12 +409,12 @@ def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> BlockValu
     return columns_of(name, columns, np.stack([getattr(result, column) for column in columns]))
 
 
-def _facts(design: EvaluatedSensor, not_optimised: str | None) -> Facts:
+def _facts(design: EvaluatedSensor, not_optimised: str | None) -> DesignSummary:
     sensor, e = design.curve.sensor, design.curve
     near, far = e.depth_of_field_mm
     blurs = np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px))
     resolution = np.minimum(e.dh_domega_px_per_deg, e.width_px_per_deg)
-    return Facts(
+    return DesignSummary(
         name=sensor.name,
         field_deg=sensor.field_deg,
         rim_radius_mm=sensor.mirror.rim_radius_mm,

@@ -23,7 +23,7 @@ from ._bench_requirements import lens_table, requirements_for
 from ._bench_sensors import in_place, on_bench, sensor_on_bench
 from ._http_messages import framed
 from ._uploads import encoded, safe_name
-from .bench_messages import Download, Opened, PictureAsk, Taken, distance_of
+from .bench_messages import FileRequest, ImportedFile, RenderHeader, RenderRequest, distance_of
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
@@ -41,7 +41,7 @@ class File(NamedTuple):
     data: bytes
 
 
-def opened(name: str, data: bytes) -> Opened:
+def opened(name: str, data: bytes) -> ImportedFile:
     """Read an uploaded sensor file or requirement file (recognised by its ``[field]`` table).
 
     Raises
@@ -58,8 +58,8 @@ def opened(name: str, data: bytes) -> Opened:
     tables = parse_toml(text, name)
     where = SourceLocator(text, name)
     if "field" in tables:
-        return Opened(sensor=None, requirements=_checked(tables, where))
-    return Opened(sensor=on_bench(sensor_of(tables, where)), requirements=None)
+        return ImportedFile(sensor=None, requirements=_checked(tables, where))
+    return ImportedFile(sensor=on_bench(sensor_of(tables, where)), requirements=None)
 
 
 def _checked(tables: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 
 
 def downloaded(
-    asked: Download, tell: Callable[[str, float], None] = lambda what, share: None
+    asked: FileRequest, tell: Callable[[str, float], None] = lambda what, share: None
 ) -> File:
     """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
 
@@ -120,21 +120,21 @@ def downloaded(
     return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
 
 
-def _sensor_file(sensor: Sensor, asked: Download) -> File:
+def _sensor_file(sensor: Sensor, asked: FileRequest) -> File:
     return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
 
 
-def _table(sensor: Sensor, asked: Download) -> File:
+def _table(sensor: Sensor, asked: FileRequest) -> File:
     distance = distance_of(asked.object_distance_mm)
     result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
     return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
 
 
-def _sag(sensor: Sensor, asked: Download) -> File:
+def _sag(sensor: Sensor, asked: FileRequest) -> File:
     return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
 
 
-def _drawing(sensor: Sensor, asked: Download) -> File:
+def _drawing(sensor: Sensor, asked: FileRequest) -> File:
     return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
 
 
@@ -152,7 +152,7 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
-KINDS: dict[str, Callable[[Sensor, Download], File]] = {
+KINDS: dict[str, Callable[[Sensor, FileRequest], File]] = {
     "sensor": _sensor_file,
     "table": _table,
     "sag": _sag,
@@ -186,7 +186,7 @@ def _stem(sensor: Sensor) -> str:
 # -- images ----------------------------------------------------------------------------------------
 
 
-def taken(ask: PictureAsk) -> bytes:
+def taken(ask: RenderRequest) -> bytes:
     """Render the image of the room and its panorama at a reduced imager resolution.
 
     Raises
@@ -205,7 +205,7 @@ def taken(ask: PictureAsk) -> bytes:
         view = views.panorama(sensor, (MOST_ACROSS, None))
     panorama = Dewarper(sensor, view)(picture)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
-    return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
+    return framed(RenderHeader(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
 
 
 def coarser(sensor: Sensor, longest_px: int) -> Sensor:

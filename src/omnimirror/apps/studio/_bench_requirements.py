@@ -17,9 +17,16 @@ from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
 from ._bench_sensors import in_place, sensor_on_bench
-from .bench_messages import BlockValues, JudgementOf, Slide, SlidesAsk, SlidesOf, columns_of
+from .bench_messages import (
+    BlockValues,
+    RequirementResult,
+    SliderRequest,
+    SliderValues,
+    SliderViolations,
+    columns_of,
+)
 
-# -- Requirement checks of arbitrary sensors on the bench, independent of the requirements of their design
+# -- Requirement checks ----------------------------------------------------------------------------
 
 DIGITS = 6
 CHECK_ANGLES = 181  # field angles at which limits are evaluated while a slider moves
@@ -56,7 +63,7 @@ class Judged:
     """Result of a requirement check: achieved values or an error message, and the limited
     quantities."""
 
-    rows: tuple[JudgementOf, ...] = ()
+    rows: tuple[RequirementResult, ...] = ()
     trouble: str | None = None
     curves: tuple[BlockValues, ...] = ()
     """One block, "limits": limited quantities over the field, named after their rows."""
@@ -101,9 +108,9 @@ def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
     return columns_of("limits", tuple(columns), np.stack(list(columns.values())))
 
 
-def _told(row: Judgement, limit: int) -> JudgementOf:
+def _told(row: Judgement, limit: int) -> RequirementResult:
     reached = float(row.reached) if np.isfinite(row.reached) else None
-    return JudgementOf(
+    return RequirementResult(
         name=row.name,
         unit=row.unit,
         at_least=row.at_least,
@@ -117,13 +124,13 @@ def _told(row: Judgement, limit: int) -> JudgementOf:
     )
 
 
-# -- Feasible ranges of sliders with respect to the requirements -----------------------------------
+# -- Feasible ranges of sliders --------------------------------------------------------------------
 
 SLIDER_ANGLES = 61
 """Field angles at which limits are evaluated; slider tracks are only a few hundred pixels long."""
 
 
-def slid(asked: SlidesAsk) -> SlidesOf:
+def slid(asked: SliderRequest) -> SliderViolations:
     """Return the relative violation of each requirement for every value of each number, one number
     at a time.
 
@@ -133,14 +140,14 @@ def slid(asked: SlidesAsk) -> SlidesOf:
         Invalid requirements.
     """
     requirements_for(asked.requirements, in_place(sensor_on_bench(asked.tables, asked.follows)))
-    return SlidesOf(
+    return SliderViolations(
         missed=tuple(
             tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides
         )
     )
 
 
-def _missed(asked: SlidesAsk, slide: Slide, value: float) -> tuple[float, ...] | None:
+def _missed(asked: SliderRequest, slide: SliderValues, value: float) -> tuple[float, ...] | None:
     is_distance = slide.path == ("mount", "mirror_distance_mm")
     try:
         sensor = in_place(

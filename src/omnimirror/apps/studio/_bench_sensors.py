@@ -47,18 +47,18 @@ from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
 from ...optics.toml_validation import EntryError, NoFile
 from .bench_messages import (
+    ApiError,
     BenchSensor,
     BenchStart,
-    Bend,
-    Change,
-    ParameterOf,
-    PartOf,
-    QuantityOf,
-    Trouble,
+    CurveEdit,
+    DesignChange,
+    ParameterInfo,
+    PartInfo,
+    QuantityInfo,
     distance_of,
 )
 
-# -- Slider metadata of the bench, from the parameter descriptions of the parts --------------------
+# -- Slider metadata -------------------------------------------------------------------------------
 
 DISTANCE = Parameter(
     "mm", 1e-3, 1e7, "distance from the principal point of the lens to the mirror vertex (m)"
@@ -87,7 +87,7 @@ def bench_start() -> BenchStart:
         lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
         imager=part_of("imager", Imager),
         place=part_of("place", Secondary),
-        mount=PartOf(kind="mount", parameters=(distance,)),
+        mount=PartInfo(kind="mount", parameters=(distance,)),
         pose=part_of("mirror_pose", MirrorPose),
         columns=tuple(map(_quantity, quantities.PER_ANGLE)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
@@ -100,8 +100,8 @@ def bench_start() -> BenchStart:
     )
 
 
-def _quantity(q: Quantity) -> QuantityOf:
-    return QuantityOf(
+def _quantity(q: Quantity) -> QuantityInfo:
+    return QuantityInfo(
         name=q.name,
         symbol=q.symbol,
         unit=q.unit,
@@ -111,7 +111,7 @@ def _quantity(q: Quantity) -> QuantityOf:
     )
 
 
-def part_of(kind: str, cls: type[Any]) -> PartOf:
+def part_of(kind: str, cls: type[Any]) -> PartInfo:
     """Describe a part from the metadata of its class."""
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
@@ -119,12 +119,12 @@ def part_of(kind: str, cls: type[Any]) -> PartOf:
     found = [
         _parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()
     ]
-    return PartOf(kind=kind, parameters=tuple(found))
+    return PartInfo(kind=kind, parameters=tuple(found))
 
 
-def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterOf:
+def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterInfo:
     inner = typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint
-    return ParameterOf(
+    return ParameterInfo(
         name=name,
         unit=p.unit,
         low=p.low,
@@ -138,7 +138,7 @@ def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterOf:
     )
 
 
-# -- Sensors on the bench: tables of a sensor file, errors by entry, and conversion between kinds of parts
+# -- Tables of a sensor file, and conversion between types of parts --------------------------------
 
 NODES = 25  # samples of a profile, spline or table derived from another mirror
 SLOPES = 13
@@ -161,9 +161,9 @@ class Form(NoFile):
         return EntryError((path[0], named[1]) if named and len(path) == 1 else path, message)
 
 
-def trouble_of(error: OmnimirrorError) -> Trouble:
+def trouble_of(error: OmnimirrorError) -> ApiError:
     """Return the message of an error with the entry that it concerns."""
-    return Trouble(path=getattr(error, "path", ()), sentence=str(error))
+    return ApiError(path=getattr(error, "path", ()), sentence=str(error))
 
 
 def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
@@ -237,7 +237,7 @@ def on_bench(sensor: Sensor) -> BenchSensor:
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
 
 
-def changed(change: Change) -> Sensor:
+def changed(change: DesignChange) -> Sensor:
     """Return the sensor with another kind of mirror or lens, or at its best focus.
 
     A new mirror keeps the radius and viewing angle of the rim, and the field if its kind can reach
@@ -430,13 +430,13 @@ def _focused(sensor: Sensor, object_distance_mm: float) -> Sensor:
     return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
 
 
-# -- Manual shape editing: moves one point of a profile or mapping and deforms its neighbourhood smoothly
+# -- Manual shape editing --------------------------------------------------------------------------
 
 CLEAR = 0.02
 """Minimum distance from fixed curve ends, relative to the rim radius or the field."""
 
 
-def bent(sensor: Sensor, bend: Bend) -> Sensor:
+def bent(sensor: Sensor, bend: CurveEdit) -> Sensor:
     """Deform the mirror so that its profile or mapping passes through a given point.
 
     Deformations minimise curvature: the profile bends as a rod clamped at the vertex, the mapping
@@ -453,7 +453,7 @@ def bent(sensor: Sensor, bend: Bend) -> Sensor:
     --------
     >>> import omnimirror as om
     >>> sphere = om.load_sensor("paper-spherical")
-    >>> flatter = bent(sphere, Bend(of="profile", at=30.0, to=9.9))
+    >>> flatter = bent(sphere, CurveEdit(of="profile", at=30.0, to=9.9))
     >>> round(float(flatter.mirror.sag(30.0)), 9), round(float(sphere.mirror.sag(30.0)), 3)
     (9.9, 10.01)
     """

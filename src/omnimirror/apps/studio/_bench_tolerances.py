@@ -33,14 +33,14 @@ from ._bench_evaluation import finite
 from ._bench_sensors import in_place, sensor_on_bench
 from ._http_messages import framed
 from .bench_messages import (
-    Built,
-    BuiltAsk,
-    ErrorAlone,
-    ErrorOf,
-    ErrorsAsk,
-    ErrorsOf,
-    YieldAsk,
-    YieldOf,
+    AsBuiltRequest,
+    AsBuiltResult,
+    ErrorSourceInfo,
+    ErrorSourceList,
+    ErrorSourcesRequest,
+    SingleErrorEffect,
+    YieldRequest,
+    YieldResult,
 )
 
 LAST_ZERNIKE = 11
@@ -51,12 +51,12 @@ STRAIGHTNESS = tuple(after("straightness_deg", depth) for depth in CALIBRATIONS)
 KEPT = 8  # cached evaluators, one per sensor and set of requirements
 
 
-def errors_known(ask: ErrorsAsk) -> ErrorsOf:
+def errors_known(ask: ErrorSourcesRequest) -> ErrorSourceList:
     """Return the error sources of the sensor of given tables."""
     sensor = in_place(sensor_on_bench(ask.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
     known = tuple(
-        ErrorOf(
+        ErrorSourceInfo(
             name=k.name,
             unit=k.unit,
             meaning=k.meaning,
@@ -65,7 +65,7 @@ def errors_known(ask: ErrorsAsk) -> ErrorsOf:
         )
         for k in kinds
     )
-    return ErrorsOf(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
+    return ErrorSourceList(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
 
 
 def _has_slider(name: str) -> bool:
@@ -73,7 +73,7 @@ def _has_slider(name: str) -> bool:
     return start != "mirror.zernike" or int(number) <= LAST_ZERNIKE
 
 
-def built(ask: BuiltAsk) -> bytes:
+def built(ask: AsBuiltRequest) -> bytes:
     """Return the image motion of a sensor with errors and its residuals after calibrations.
 
     Raises
@@ -101,7 +101,7 @@ def built(ask: BuiltAsk) -> bytes:
     straight: list[float | None] = (
         [of[name][1] for name in STRAIGHTNESS] if is_quick else [None] * len(CALIBRATIONS)
     )
-    header = Built(
+    header = AsBuiltResult(
         objects=len(evaluator.field),
         lost=int(merits[1, -1]),
         radius_px=meant.rim_radius_px,
@@ -126,7 +126,7 @@ def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, An
         return None
 
 
-def yielded(ask: YieldAsk) -> YieldOf:
+def yielded(ask: YieldRequest) -> YieldResult:
     """Return the effect of each error and the predicted yield.
 
     Raises
@@ -146,7 +146,9 @@ def yielded(ask: YieldAsk) -> YieldOf:
     return _told_yield(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
 
 
-def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tuple[ErrorAlone, ...]:
+def _alone(
+    evaluator: TrialEvaluator, tolerances: Tolerances, merit: str
+) -> tuple[SingleErrorEffect, ...]:
     """Return the effects of all errors, each evaluated at plus and minus its tolerance."""
     sizes = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
     if not sizes:
@@ -163,7 +165,7 @@ def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tup
             each: _worst(each, pair[:, evaluator.names.index(each)]) for each in (*names, merit)
         }
         rows.append(
-            ErrorAlone(
+            SingleErrorEffect(
                 name=name,
                 tolerance=size,
                 motion_px=tuple(worst[n] for n in names),
@@ -180,10 +182,12 @@ def _worst(name: str, values: Array) -> float | None:
     return finite(float(values.min() if is_lower_limit(name) else values.max()))
 
 
-def _told_yield(statistics: YieldStatistics, merit: str, rows: tuple[ErrorAlone, ...]) -> YieldOf:
+def _told_yield(
+    statistics: YieldStatistics, merit: str, rows: tuple[SingleErrorEffect, ...]
+) -> YieldResult:
     of = statistics.yields
     median, most = (finite(statistics.quantile(merit, share)) for share in (0.5, 0.95))
-    return YieldOf(
+    return YieldResult(
         trials=statistics.trials,
         lost=statistics.lost,
         share=of.value,

@@ -25,18 +25,18 @@ from ...optics.sensor_files import parse_camera
 from ._board_detection_process import board_of
 from ._uploads import eight_bits, encoded, picture_in
 from .calibration_messages import (
-    BoardPlace,
-    BoardSeen,
-    CoverageShown,
-    StraightAsk,
-    Together,
-    TogetherAsk,
+    BoardDetection,
+    BoardPose,
+    BoardViewRequest,
+    CoverageInfo,
+    MultiImageRequest,
+    MultiImageSummary,
 )
 
-# -- Conversion of board detections between messages and the calibration engine --------------------
+# -- Conversion and joint analysis of detections ---------------------------------------------------
 
 
-def taken(seen: BoardSeen, board: Board) -> Detection:
+def taken(seen: BoardDetection, board: Board) -> Detection:
     """Convert the message of one image to a detection, if usable.
 
     Raises
@@ -74,7 +74,7 @@ def taken(seen: BoardSeen, board: Board) -> Detection:
     )
 
 
-def together(ask: TogetherAsk) -> Together:
+def together(ask: MultiImageRequest) -> MultiImageSummary:
     """Analyse images of one camera together: consistency, field coverage and the recommended next
     image.
 
@@ -87,7 +87,7 @@ def together(ask: TogetherAsk) -> Together:
     detections = compared([taken(seen, board) for seen in ask.pictures], board)
     used = [d for d in detections if d.used]
     spread = _coverage(used, ask) if used else None
-    return Together(
+    return MultiImageSummary(
         reasons=tuple(d.reason for d in detections),
         coverage=coverage_shown(spread) if spread else None,
         advice=recommendations(spread, len(used)) if spread else (),
@@ -97,16 +97,16 @@ def together(ask: TogetherAsk) -> Together:
     )
 
 
-def _coverage(used: list[Detection], ask: TogetherAsk) -> Coverage:
+def _coverage(used: list[Detection], ask: MultiImageRequest) -> Coverage:
     width, height = used[0].image_size
     centre = ((width - 1) / 2, (height - 1) / 2) if ask.centre_px is None else ask.centre_px
     sightings = [Sighting(d.name, d.corners_px, np.zeros((len(d.ids), 3))) for d in used]
     return coverage(sightings, centre, ask.radius_px)
 
 
-def coverage_shown(spread: Coverage) -> CoverageShown:
+def coverage_shown(spread: Coverage) -> CoverageInfo:
     """Convert a coverage to a message."""
-    return CoverageShown(
+    return CoverageInfo(
         centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])),
         radii_px=tuple(float(r) for r in spread.radii_px),
         counts=tuple(tuple(int(c) for c in ring) for ring in spread.counts),
@@ -114,7 +114,7 @@ def coverage_shown(spread: Coverage) -> CoverageShown:
     )
 
 
-# -- Dewarped frontal view of a calibration board, a visual check of the calibration ---------------
+# -- Dewarped frontal view -------------------------------------------------------------------------
 
 MARGIN = 1.5  # margin around the board, squares
 FINER = 2.5  # pixels of the view per pixel of the image
@@ -135,7 +135,7 @@ class BoardScreen:
     Examples
     --------
     >>> rotation = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    >>> place = BoardPlace(
+    >>> place = BoardPose(
     ...     picture="a", rotation=rotation, shift_mm=(0, 0, 500), low_mm=(0, 0), high_mm=(40, 20), margin_mm=10,
     ...     px_per_mm=2.0, is_upwards=False,
     ... )
@@ -144,7 +144,7 @@ class BoardScreen:
     ((121, 81), array([[  0.,   0., 500.]]))
     """
 
-    place: BoardPlace
+    place: BoardPose
 
     @property
     def sides_mm(self) -> Array:
@@ -176,12 +176,12 @@ class BoardScreen:
         return f"the board in {self.place.picture}"
 
 
-def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPlace:
+def place_of(sighting: Sighting, model: CameraModel, board: Board) -> BoardPose:
     """Return the pose of an observed board in the world frame."""
     assert sighting.motion is not None
     to_world = model.mount.rotation()
     low, high = board.points_mm.min(axis=0), board.points_mm.max(axis=0)
-    return BoardPlace(
+    return BoardPose(
         picture=sighting.name,
         rotation=tuple(float(x) for x in (to_world @ sighting.motion.rotation).ravel()),
         shift_mm=tuple(float(x) for x in to_world @ sighting.motion.shift_mm),  # type: ignore[arg-type]
@@ -232,7 +232,7 @@ def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> flo
     return worst
 
 
-def straightened(ask: StraightAsk, data: bytes) -> bytes:
+def straightened(ask: BoardViewRequest, data: bytes) -> bytes:
     """Render the frontal view of a board as JPEG.
 
     Raises

@@ -25,17 +25,17 @@ from ._board_detection_process import board_of
 from ._calibration_boards import coverage_shown, off_straight_px, place_of, taken
 from .calibration_messages import (
     STOP,
-    BoardSeen,
-    CalibrationAsk,
-    CalibrationFound,
-    CalibrationNews,
-    ModelTried,
-    OutlierFound,
-    ParameterFound,
-    PictureOutcome,
+    BoardDetection,
+    CalibrationRequest,
+    CalibrationResult,
+    CalibrationStatus,
+    ImageResult,
+    ModelComparisonRow,
+    OutlierCorner,
+    ParameterEstimate,
 )
 
-Tell = Callable[[CalibrationNews], None]
+Tell = Callable[[CalibrationStatus], None]
 LABELS = {
     "say --flipped": 'select "Camera driver flips images left to right"',
     "--flipped": '"Camera driver flips images left to right"',
@@ -45,7 +45,10 @@ LABELS = {
 
 
 def perform(
-    ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop: Callable[[], bool]
+    ask: CalibrationRequest,
+    pictures: Iterable[BoardDetection],
+    tell: Tell,
+    stop: Callable[[], bool],
 ) -> None:
     """Calibrate a camera and send progress, camera and report, or an error."""
     try:
@@ -54,17 +57,17 @@ def perform(
             ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop
         )
         tell(
-            CalibrationNews(
+            CalibrationStatus(
                 state="done", sentence=found.summary, share=1.0, found=found_message(found)
             )
         )
         tell(
-            CalibrationNews(
+            CalibrationStatus(
                 state="reported", sentence="Report complete.", report=_report(found, ask.command)
             )
         )
     except OmnimirrorError as e:
-        tell(CalibrationNews(state="failed", sentence=_plain(str(e))))
+        tell(CalibrationStatus(state="failed", sentence=_plain(str(e))))
 
 
 def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
@@ -79,7 +82,7 @@ def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
 
 
 def _calibrated(
-    ask: CalibrationAsk,
+    ask: CalibrationRequest,
     detections: Sequence[Detection],
     board: Board,
     tell: Tell,
@@ -87,7 +90,9 @@ def _calibrated(
 ) -> Calibration:
     def progress(what: str, share: float) -> None:
         tell(
-            CalibrationNews(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share)
+            CalibrationStatus(
+                state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share
+            )
         )
 
     return calibrate_camera(
@@ -120,11 +125,11 @@ def _report(found: Calibration, command: str) -> str:
 # -- messages --------------------------------------------------------------------------------------
 
 
-def found_message(found: Calibration) -> CalibrationFound:
+def found_message(found: Calibration) -> CalibrationResult:
     """Convert a calibration to a message."""
     fit = found.adjustment
     used = {p.name for p in found.pictures if p.used}
-    return CalibrationFound(
+    return CalibrationResult(
         kind=found.model.KIND,
         summary=found.summary,
         rms_px=found.rms_px,
@@ -135,14 +140,14 @@ def found_message(found: Calibration) -> CalibrationFound:
         image_size=fit.model.image_size,
         pictures=_pictures(found),
         parameters=tuple(
-            ParameterFound(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit)
+            ParameterEstimate(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit)
             for p in found.parameters
         ),
         models=tuple(
-            ModelTried(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
+            ModelComparisonRow(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
             for c in sorted(found.candidates, key=lambda c: c.rms_px)
         ),
-        outliers=tuple(OutlierFound(**o._asdict()) for o in found.outliers),
+        outliers=tuple(OutlierCorner(**o._asdict()) for o in found.outliers),
         notes=found.notes,
         advice=found.advice,
         coverage=coverage_shown(found.coverage),
@@ -153,7 +158,7 @@ def found_message(found: Calibration) -> CalibrationFound:
     )
 
 
-def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
+def _pictures(found: Calibration) -> tuple[ImageResult, ...]:
     fit = found.adjustment
     slices = dict(zip((s.name for s in fit.sightings), fit.question.stack.slices, strict=True))
     sightings = {s.name: s for s in fit.sightings}
@@ -172,7 +177,7 @@ def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
                     float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))
                 )
         told.append(
-            PictureOutcome(
+            ImageResult(
                 name=picture.name,
                 found=picture.found,
                 used=picture.used,
@@ -193,8 +198,8 @@ def finite(value: float) -> float | None:
 
 def main(given: TextIO) -> None:
     """Run the calibration of the input."""
-    ask = CalibrationAsk.model_validate_json(given.readline())
-    pictures = [BoardSeen.model_validate_json(given.readline()) for _ in range(ask.pictures)]
+    ask = CalibrationRequest.model_validate_json(given.readline())
+    pictures = [BoardDetection.model_validate_json(given.readline()) for _ in range(ask.pictures)]
     stopping = threading.Event()
 
     def listen() -> None:

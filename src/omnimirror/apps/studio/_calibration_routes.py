@@ -17,14 +17,14 @@ from ._uploads import collected
 from ._workers import BoardDetectorPool, Worker, Workers, relay, while_open
 from .calibration_messages import (
     STOP,
-    BoardLook,
-    BoardSeen,
-    CalibrateStart,
-    CalibrationAsk,
-    CalibrationNews,
-    StraightAsk,
-    Together,
-    TogetherAsk,
+    BoardDetection,
+    BoardDetectionRequest,
+    BoardViewRequest,
+    CalibrationOptions,
+    CalibrationRequest,
+    CalibrationStatus,
+    MultiImageRequest,
+    MultiImageSummary,
 )
 
 if TYPE_CHECKING:
@@ -46,24 +46,26 @@ def add_calibrate(app: FastAPI, studio: Studio) -> None:
 
 def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
     @app.get("/api/calibrate")
-    def start() -> CalibrateStart:
+    def start() -> CalibrationOptions:
         """Return the available options."""
         from ...calibration.estimation.model_sequence import KINDS
         from ...calibration.sensor_model import SensorModel
         from ...calibration.targets.boards import families
 
-        return CalibrateStart(
+        return CalibrationOptions(
             models=tuple(KINDS), mirrors_only=(SensorModel.KIND,), families=tuple(families())
         )
 
     @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
-    async def look(request: Request, ask: Annotated[BoardLook, Query()]) -> BoardSeen:
+    async def look(
+        request: Request, ask: Annotated[BoardDetectionRequest, Query()]
+    ) -> BoardDetection:
         """Return the corners of a board in an image, or the reason for the failed detection."""
         data = await collected(request)
         return await lookers.look(ask, data, request)
 
     @app.post("/api/calibrate/together")
-    def pictures_together(ask: TogetherAsk) -> Together:
+    def pictures_together(ask: MultiImageRequest) -> MultiImageSummary:
         """Return the consistency and field coverage of images, and the recommended next image."""
         return together(ask)
 
@@ -79,7 +81,7 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
         """Return a dewarped board as JPEG; the request header precedes the image."""
         from ._calibration_boards import straightened  # deferred import: requires the dewarper
 
-        ask, picture = unframed(await collected(request), StraightAsk)
+        ask, picture = unframed(await collected(request), BoardViewRequest)
         made = await studio.unpacked.run(request, lambda: straightened(ask, picture))
         return Response(made, media_type="image/jpeg")
 
@@ -94,18 +96,18 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        ask = await receive_message(socket, CalibrationAsk)
+        ask = await receive_message(socket, CalibrationRequest)
         async with workers.one() as worker:
             worker.tell(ask.model_dump_json())
             for _ in range(ask.pictures):
-                seen = await receive_message(socket, BoardSeen)
+                seen = await receive_message(socket, BoardDetection)
                 await asyncio.to_thread(worker.tell, seen.model_dump_json())
             await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
     except InvalidMessage as e:
         await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
-        await socket.send_text(CalibrationNews(state="failed", sentence=str(e)).model_dump_json())
+        await socket.send_text(CalibrationStatus(state="failed", sentence=str(e)).model_dump_json())
     await socket.close()
 
 

@@ -20,9 +20,9 @@ from ...optics.housing import Tube
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import AnyCamera
 from ...optics.tracing.reflection import RayEndpoints
-from .look_messages import CameraShown, Kind, MountOf, TableLayout
+from .look_messages import CameraInfo, Kind, MountInfo, TableLayout
 
-# -- Adaptive interpolation on a square lattice from few exact values, with extrapolation beyond the boundary
+# -- Adaptive interpolation on a square lattice ----------------------------------------------------
 
 Exact = Callable[[Array], Array]
 """Function that returns values (n, m) at points (n, 2); rows of NaN outside the domain."""
@@ -235,7 +235,7 @@ def _next(
         return np.where(np.isnan(old), total / told, old)
 
 
-# -- Camera projection as lookup tables for the GPU, accurate to a few 0.001 px --------------------
+# -- Camera tables ---------------------------------------------------------------------------------
 #
 # A rotationally symmetric camera is tabulated over sin(Omega/2), as in
 # :mod:`omnimirror.dewarp.radial_table`, with fewer entries. Other cameras are sampled on a
@@ -310,11 +310,11 @@ def camera_tables(camera: AnyCamera) -> CameraTables:
 @lru_cache(maxsize=64)
 def camera_model(
     id: str, name: str, title: str, options: tuple[str, ...], camera: AnyCamera
-) -> CameraShown:
+) -> CameraInfo:
     """Return the description of a camera for the page, without its tables."""
     seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
-    return CameraShown(
+    return CameraInfo(
         id=id,
         name=name,
         title=title,
@@ -360,9 +360,9 @@ def title_of(camera: AnyCamera) -> str:
     return f"calibrated {camera.optics}, {camera.KIND.replace('-', ' ')} model"
 
 
-def mount_message(mount: Mount) -> MountOf:
+def mount_message(mount: Mount) -> MountInfo:
     """Convert a mount to a message."""
-    return MountOf(
+    return MountInfo(
         camera_looks=mount.camera_looks,
         forward_azimuth_deg=mount.forward_azimuth_deg,
         image_flipped=mount.image_flipped,
@@ -371,8 +371,7 @@ def mount_message(mount: Mount) -> MountOf:
     )
 
 
-# -- cameras without rotational symmetry
-# ------------------------------------------------------------
+# -- Cameras without rotational symmetry -----------------------------------------------------------
 
 
 def _lattice_tables(camera: AnyCamera) -> CameraTables:

@@ -26,7 +26,7 @@ from ...optics.sensor_files import (
     parse_camera,
 )
 from ._camera_tables import camera_model, kind_of, mount_message, title_of
-from .look_messages import CameraShown, SensorEntry, SensorFile
+from .look_messages import CameraInfo, SensorEntry, SensorFileRequest
 
 BALL = re.compile(r"ball:(\d{1,3}(?:\.\d{1,3})?)")
 BALL_FIELD_DEG = 340.0
@@ -58,7 +58,7 @@ class Known:
         """Return the camera with another mount."""
         return replace(self.camera, mount=mount)
 
-    def model(self, mount: Mount | None = None) -> CameraShown:
+    def model(self, mount: Mount | None = None) -> CameraInfo:
         """Return the description of the camera for the page, with its own or another mount."""
         camera = self.camera if mount is None else self.standing(mount)
         model = camera_model(self.id, self.name, self.title, self.options, camera)
@@ -114,7 +114,7 @@ class Cameras:
             self._uploaded.popitem(last=False)
         return known
 
-    def file_of(self, wanted: SensorFile) -> str:
+    def file_of(self, wanted: SensorFileRequest) -> str:
         """Return the sensor file of a sensor with its image circle fitted to an image.
 
         Raises
@@ -126,7 +126,7 @@ class Cameras:
         """
         return format_sensor(self.fitted(wanted))
 
-    def looking(self, wanted: SensorFile) -> Sensor | MirrorBall:
+    def looking(self, wanted: SensorFileRequest) -> Sensor | MirrorBall:
         """Return the sensor or mirror ball with its image circle fitted to an image."""
         camera = self.find(wanted.id).camera
         if isinstance(camera, MirrorBall):
@@ -136,7 +136,7 @@ class Cameras:
             )
         return self.fitted(wanted)
 
-    def fitted(self, wanted: SensorFile) -> Sensor:
+    def fitted(self, wanted: SensorFileRequest) -> Sensor:
         """Return the sensor with its image circle fitted to an image; raises the errors of
         ``file_of``."""
         camera = self.find(wanted.id).camera
@@ -147,7 +147,7 @@ class Cameras:
         return fitted(camera, wanted)
 
 
-def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
+def fitted(sensor: Sensor, wanted: SensorFileRequest) -> Sensor:
     """Return the sensor with its rim imaged on a given circle, by a change of the pixel pitch."""
     if not np.isfinite([*wanted.centre_px, wanted.rim_radius_px]).all():
         raise InvalidParameter(

@@ -24,15 +24,15 @@ from ._look_cameras import Cameras, Known
 from ._server_state import Stream
 from ._uploads import browser_picture, collected, eight_bits, encoded, picture_in, safe_name
 from .look_messages import (
-    CameraAsk,
-    CameraShown,
-    LevelAsk,
-    LevelFound,
-    RestoreAsk,
-    RimFound,
+    CameraInfo,
+    CameraRequest,
+    DetectedOutline,
+    EstimatedTilt,
+    LevelRequest,
+    PageStart,
+    RestoreRequest,
     SensorEntry,
-    SensorFile,
-    Start,
+    SensorFileRequest,
     StreamState,
 )
 
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
     from ._server_state import Studio
 
 
-# -- Images served as 8-bit PNG: files of the server, and rendered rooms ---------------------------
+# -- Images ----------------------------------------------------------------------------------------
 
 MOST_PIXELS = 4096 * 4096
 """Maximum size of a rendered image; rendering takes 60 bytes per pixel."""
 RIMS_KEPT = 256
 """Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
 
-_rims: dict[bytes, RimFound] = {}
+_rims: dict[bytes, DetectedOutline] = {}
 """Cached mirror outlines by image digest."""
 
 
@@ -56,7 +56,7 @@ def shown_picture(path: Path) -> bytes:
     return encoded(eight_bits(read_image(path)), ".png")
 
 
-def rim_in(data: bytes, name: str) -> RimFound:
+def rim_in(data: bytes, name: str) -> DetectedOutline:
     """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
     from ...calibration.rim import find_rim
 
@@ -64,7 +64,7 @@ def rim_in(data: bytes, name: str) -> RimFound:
     found = _rims.get(key)
     if found is None:
         rim = find_rim(eight_bits(picture_in(data, name)))
-        found = RimFound(
+        found = DetectedOutline(
             centre_px=rim.centre_px,
             radius_px=rim.radius_px,
             confidence=rim.confidence,
@@ -76,7 +76,7 @@ def rim_in(data: bytes, name: str) -> RimFound:
     return found
 
 
-def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
+def level_of(camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes) -> EstimatedTilt | None:
     """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
     from ...calibration.levelling import level_in
 
@@ -84,7 +84,7 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
     level = level_in(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
     if level is None:
         return None
-    return LevelFound(
+    return EstimatedTilt(
         pitch_deg=level.pitch_deg,
         roll_deg=level.roll_deg,
         sigma_deg=level.sigma_deg,
@@ -93,7 +93,7 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
     )
 
 
-def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes) -> bytes:
+def restored_picture(sensor: Sensor, ask: RestoreRequest, data: bytes) -> bytes:
     """Restore an uploaded image: remove the optical blur of its sensor.
 
     Raises
@@ -129,7 +129,7 @@ def room_picture(known: Known) -> bytes:
     return encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
 
-# -- HTTP and WebSocket routes of the Look tab: cameras as tables, images, streams -----------------
+# -- Routes ----------------------------------------------------------------------------------------
 
 
 def add_look(app: FastAPI, studio: Studio) -> None:
@@ -143,10 +143,10 @@ def add_look(app: FastAPI, studio: Studio) -> None:
 
 def _add_start(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/start")
-    def start() -> Start:
+    def start() -> PageStart:
         """Return the available sources and cameras."""
         first = next(iter(studio.sources.given), None)
-        return Start(
+        return PageStart(
             version=__version__,
             sources=tuple(shown.message for shown in studio.sources.list()),
             sensors=tuple(studio.cameras.entries()),
@@ -157,7 +157,7 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
 
 def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
     @app.get("/api/camera")
-    def camera(ask: Annotated[CameraAsk, Query()]) -> CameraShown:
+    def camera(ask: Annotated[CameraRequest, Query()]) -> CameraInfo:
         """Return a camera with its own or the requested mount."""
         known = _known(cameras, ask.id)
         stands = known.entry.mount.model_dump() | ask.model_dump(exclude={"id"}, exclude_none=True)
@@ -185,7 +185,7 @@ def _add_files(app: FastAPI, cameras: Cameras) -> None:
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
 
     @app.post("/api/sensor-file", response_class=PlainTextResponse)
-    def sensor_file(wanted: SensorFile) -> str:
+    def sensor_file(wanted: SensorFileRequest) -> str:
         """Return the file of a sensor with its image circle fitted to an image."""
         _known(cameras, wanted.id)
         return cameras.file_of(wanted)
@@ -221,15 +221,15 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         )
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
-    async def rim(request: Request, name: FileName = "picture") -> RimFound:
+    async def rim(request: Request, name: FileName = "picture") -> DetectedOutline:
         """Return the mirror outline in an image with its confidence."""
         data = await collected(request)
         return await studio.unpacked.run(request, lambda: rim_in(data, safe_name(name)))
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
-    async def level(request: Request) -> LevelFound | None:
+    async def level(request: Request) -> EstimatedTilt | None:
         """Estimate the camera tilt of an image; the request header precedes the image."""
-        ask, picture = unframed(await collected(request), LevelAsk)
+        ask, picture = unframed(await collected(request), LevelRequest)
         _known(studio.cameras, ask.id)
         camera = studio.cameras.looking(ask)
         return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
@@ -239,7 +239,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
     )
     async def restore(request: Request) -> Response:
         """Restore an image; the request header precedes the image."""
-        ask, picture = unframed(await collected(request), RestoreAsk)
+        ask, picture = unframed(await collected(request), RestoreRequest)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
         return _png(

@@ -18,7 +18,7 @@ from ._uploads import encoded
 from ._workers import BoardDetectorPool
 from .look_messages import Source, StreamState
 
-# -- Sources that the server may serve: its given sources and the files of given folders -----------
+# -- Sources ---------------------------------------------------------------------------------------
 
 MOST_LISTED = 2000
 
@@ -119,7 +119,7 @@ def _listed(id: str, place: str, is_live: bool) -> Shown:
     return Shown(id, path.name, kind_of_file(path) or "picture", place)
 
 
-# -- Videos, cameras and streams for any number of pages, decoded and encoded once -----------------
+# -- Streams ---------------------------------------------------------------------------------------
 #
 # A page requests a frame after it has drawn the previous one and receives the newest; intermediate
 # frames are dropped. A slow page therefore accumulates no delay and does not slow down other pages.
@@ -226,7 +226,7 @@ class Streams:
                 del self._running[stream.shown.id]
 
 
-# -- State of a studio server, with queues for long-running requests -------------------------------
+# -- State and job queues --------------------------------------------------------------------------
 
 
 @dataclass

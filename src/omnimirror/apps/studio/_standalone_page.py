@@ -27,11 +27,11 @@ from ._bench_sensors import bench_start, on_bench
 from ._camera_tables import camera_tables
 from ._look_cameras import Cameras, Known
 from ._uploads import encoded
-from .bench_messages import BenchAlone, BenchSensor, PartOf
-from .look_messages import Alone, CameraAlone
+from .bench_messages import BenchSensor, PartInfo, StandaloneBench
+from .look_messages import StandaloneCamera, StandalonePage
 from .pages import base64_of, inside, page_holding, script_text
 
-# -- Bench data of a page without a server: parts, sensors, and the script with the compiled evaluator
+# -- Design bench without a server -----------------------------------------------------------------
 
 KERNEL = Path(__file__).with_name("kernel.wasm")
 """Compiled design evaluator, built by native/wasm/build.sh."""
@@ -46,7 +46,7 @@ LENSES = {
 """Ideal lenses and their parameters."""
 
 
-def bench_alone() -> BenchAlone:
+def bench_alone() -> StandaloneBench:
     """Return the bench for analytic mirrors with ideal lenses; the compiled evaluator in the page
     computes all values.
 
@@ -66,7 +66,7 @@ def bench_alone() -> BenchAlone:
         "sensors": tuple(known),
     }
     only = start.model_copy(update=parts)
-    return BenchAlone(
+    return StandaloneBench(
         start=only,
         sensors=tuple(known.values()),
         search=tuple(map(float, FOCUS_SEARCH)),
@@ -88,13 +88,13 @@ def is_known(sensor: BenchSensor) -> bool:
     )
 
 
-def _bare_lens(lens: PartOf) -> PartOf:
+def _bare_lens(lens: PartInfo) -> PartInfo:
     return lens.model_copy(
         update={"parameters": tuple(p for p in lens.parameters if p.name in LENSES[lens.kind])}
     )
 
 
-# -- Page that dewarps images of the bundled sensors without a server, from disk or any web server
+# -- Page without a server -------------------------------------------------------------------------
 
 BALLS = ("ball:260", "ball:160")
 """Mirror balls offered by the page in addition to the first sensor."""
@@ -141,7 +141,7 @@ def page_alone(
         if progress is not None:
             progress(number + 1, len(known))
     return page_holding(
-        alone=Alone(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone()
+        alone=StandalonePage(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone()
     )
 
 
@@ -158,7 +158,7 @@ def _symmetric_cameras(sensors: Sequence[str] | None) -> list[Known]:
     return [each for each in known if each.camera.symmetry is not None]
 
 
-def _standalone_camera(known: Known) -> CameraAlone:
+def _standalone_camera(known: Known) -> StandaloneCamera:
     ways = product(get_args(CameraLooks), (False, True))
     is_ball = known.entry.kind == "ball"
     room = (
@@ -168,7 +168,7 @@ def _standalone_camera(known: Known) -> CameraAlone:
             take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY
         )
     )
-    return CameraAlone(
+    return StandaloneCamera(
         entry=known.entry,
         standing=tuple(known.model(Mount(looks, image_flipped=flipped)) for looks, flipped in ways),
         tables=base64_of(camera_tables(known.camera).values.astype("<f4").tobytes()),

@@ -14,12 +14,13 @@ from fastapi import Request, WebSocket, WebSocketDisconnect
 from ...base.errors import InvalidParameter
 from ...interop.http_server.limits import MAX_QUEUED_JOBS, ServerBusy
 from . import _board_detection_process
-from .calibration_messages import BoardLook, BoardSeen
+from .calibration_messages import BoardDetection, BoardDetectionRequest
 from .messages import Problem
 
-# -- Worker processes for long-running tasks; they do not delay interactive requests and can be cancelled at any time
+# -- Worker processes ------------------------------------------------------------------------------
 #
-# A worker reads its task from standard input and writes its progress, one message per line.
+# Workers do not delay interactive requests and can be cancelled at any time. A worker reads its task
+# from standard input and writes its progress, one message per line.
 
 
 def begun(module: str) -> subprocess.Popen[bytes]:
@@ -127,7 +128,7 @@ async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any])
         listening.cancel()
 
 
-# -- Board detection in uploaded images by worker processes, because one image can take seconds ----
+# -- Pool of board detection processes -------------------------------------------------------------
 
 MOST_AT_ONCE = 2
 IDLE_S = 60.0
@@ -143,7 +144,9 @@ class BoardDetectorPool:
         self._asked = 0
         self._letting_go: asyncio.TimerHandle | None = None
 
-    async def look(self, ask: BoardLook, data: bytes, request: Request) -> BoardSeen:
+    async def look(
+        self, ask: BoardDetectionRequest, data: bytes, request: Request
+    ) -> BoardDetection:
         """Detect the board in an image; a disconnect of the client cancels the search.
 
         Raises
@@ -167,14 +170,14 @@ class BoardDetectorPool:
                 self._letting_go = asyncio.get_running_loop().call_later(IDLE_S, self.close)
         if answer.startswith(b'{"detail"'):
             raise InvalidParameter(Problem.model_validate_json(answer).detail)
-        return BoardSeen.model_validate_json(answer)
+        return BoardDetection.model_validate_json(answer)
 
     def close(self) -> None:
         """Terminate the idle processes."""
         while self._idle:
             ended(self._idle.pop())
 
-    async def _answer(self, ask: BoardLook, data: bytes, request: Request) -> bytes:
+    async def _answer(self, ask: BoardDetectionRequest, data: bytes, request: Request) -> bytes:
         looker = self._idle.pop() if self._idle else begun(_board_detection_process.__name__)
         asked = asyncio.create_task(asyncio.to_thread(_asked, looker, ask, data))
         gone = asyncio.create_task(_gone(request))
@@ -193,7 +196,7 @@ class BoardDetectorPool:
         return answer
 
 
-def _asked(looker: subprocess.Popen[bytes], ask: BoardLook, data: bytes) -> bytes:
+def _asked(looker: subprocess.Popen[bytes], ask: BoardDetectionRequest, data: bytes) -> bytes:
     assert looker.stdin is not None
     assert looker.stdout is not None
     with suppress(OSError, ValueError):  # terminated in the meantime

@@ -32,7 +32,7 @@ from ._server_state import Studio
 from .messages import Health, Problem
 from .pages import SCRIPTS, PageFile, page_text, script_text
 
-# -- ASGI application of the studio: the page and the routes of its tabs ---------------------------
+# -- ASGI application ------------------------------------------------------------------------------
 
 PICTURES = (
     "/api/pictures",
@@ -129,7 +129,7 @@ def _add_script(app: FastAPI, name: str) -> None:
         return file.answer(request)
 
 
-# -- Studio server process, run until Ctrl-C -------------------------------------------------------
+# -- Server ----------------------------------------------------------------------------------------
 
 
 def serve(

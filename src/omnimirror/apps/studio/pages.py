@@ -29,7 +29,7 @@ from ...optics.sensor import Sensor
 from ...optics.sensor_files import AnyCamera
 from ._camera_tables import camera_model, camera_tables, title_of
 from ._uploads import eight_bits, encoded
-from .look_messages import Embedded
+from .look_messages import EmbeddedImage
 from .messages import Message
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 
-# -- Static files of the page, compressed and cached by the browser --------------------------------
+# -- Static files ----------------------------------------------------------------------------------
 
 PAGE = Path(__file__).parent / "page" / "index.html"
 SCRIPTS = ("bench.js", "space.js", "calibrate.js")
@@ -103,7 +103,7 @@ def _takes_gzip(accepted: str) -> bool:
     return False
 
 
-# -- Self-contained page with an image or video and its camera; works from disk without server or installation
+# -- Self-contained page with an image or video ----------------------------------------------------
 
 PLACE = "<!--embedded-->"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
@@ -238,7 +238,7 @@ def _beside(path: Path, page: Path) -> str:
 def _page_with(
     camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool
 ) -> str:
-    shown = Embedded(
+    shown = EmbeddedImage(
         camera=camera_model(name, name, title_of(camera), options, camera),
         tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()),
         media=media,
@@ -268,7 +268,7 @@ def base64_of(data: bytes) -> str:
     return base64.b64encode(data).decode()
 
 
-# -- Interactive views in notebooks: the page without a server, in a frame -------------------------
+# -- Notebooks -------------------------------------------------------------------------------------
 
 LOWEST_PX, HIGHEST_PX = 120, 4000
 

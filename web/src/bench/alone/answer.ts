@@ -1,8 +1,8 @@
 /** Evaluation of a design like apps/studio/_bench_evaluation.py: curves, cross-section, squares. */
-import type { Ask, BenchAlone, Facts } from "../../shared/messages";
+import type { DesignRequest, StandaloneBench, DesignSummary } from "../../shared/messages";
 import type { Tables } from "../designs/design";
 import type { Found, Table } from "../found";
-import { idealOf, Trouble } from "./ideal";
+import { idealOf, InvalidDesign } from "./ideal";
 import { type Columns, type Ideal, Kernel, WAVELENGTH_NM } from "./kernel";
 
 const NODES = 361; // samples of a curve
@@ -22,29 +22,34 @@ type Places = Pick<Table, "name"> & { x: ArrayLike<number>; z: ArrayLike<number>
 export class Answerer {
   private readonly kernel: Kernel;
 
-  constructor(private readonly held: BenchAlone) {
+  constructor(private readonly held: StandaloneBench) {
     this.kernel = new Kernel(held.kernel, held.search);
   }
 
   /** Return the response to a request; an invalid design yields an error message. */
-  answer(ask: Ask, asked: number): Found {
+  answer(ask: DesignRequest, asked: number): Found {
     try {
       return found(ask, asked, ...this.computed(ask));
     } catch (e) {
-      if (!(e instanceof Trouble)) throw e;
+      if (!(e instanceof InvalidDesign)) throw e;
       return found(ask, asked, [], null, e);
     }
   }
 
   /** Distance that minimises the maximum floored area, mm. */
-  bestFocus(tables: Ask["tables"], object: number | null): number {
+  bestFocus(tables: DesignRequest["tables"], object: number | null): number {
     const ideal = idealOf(tables, this.held.start);
     const best = this.kernel.evaluate(ideal, spread(0, 1, NODES), object, null);
     if (!best.isUsable) throw unusable();
     return best.focus;
   }
 
-  private computed({ tables, object_distance_mm, section, squares }: Ask): [Columned[], Facts] {
+  private computed({
+    tables,
+    object_distance_mm,
+    section,
+    squares,
+  }: DesignRequest): [Columned[], DesignSummary] {
     const ideal = idealOf(tables, this.held.start);
     const { focus_distance_mm: focus } = tables.lens;
     const at = (fractions: ArrayLike<number>, object = object_distance_mm): Columns =>
@@ -77,8 +82,8 @@ export class Answerer {
   }
 }
 
-const unusable = (): Trouble =>
-  new Trouble(["mirror"], "the lens must image each field angle of the mirror exactly once");
+const unusable = (): InvalidDesign =>
+  new InvalidDesign(["mirror"], "the lens must image each field angle of the mirror exactly once");
 
 const spread = (from: number, to: number, count: number): number[] =>
   Array.from({ length: count }, (_, i) => from + ((to - from) * i) / (count - 1));
@@ -106,7 +111,7 @@ function fractionsOf(
   return fractions;
 }
 
-function factsOf(tables: Ask["tables"], ideal: Ideal, curve: Columns): Facts {
+function factsOf(tables: DesignRequest["tables"], ideal: Ideal, curve: Columns): DesignSummary {
   const { lens, mount, imager } = tables;
   const isTelecentric = ideal.magnification > 0;
   const { least, largest } = {
@@ -173,7 +178,7 @@ function sectionOf(
   field: Field,
   marks: { fractions: number[]; mark: Columns },
   profile: Float64Array,
-  { depth_of_field_mm, focus_mm }: Facts,
+  { depth_of_field_mm, focus_mm }: DesignSummary,
 ): Places[] {
   const { rim } = ideal;
   const isTelecentric = ideal.magnification > 0;
@@ -264,11 +269,11 @@ function tableOf(name: string, columns: Record<string, ArrayLike<number>>): Colu
 }
 
 function found(
-  ask: Ask,
+  ask: DesignRequest,
   asked: number,
   tables: Columned[],
-  facts: Facts | null,
-  trouble: Trouble | null = null,
+  facts: DesignSummary | null,
+  trouble: InvalidDesign | null = null,
 ): Found {
   const { slot, number } = ask;
   const blocks = tables.map(({ name, rows, columns }) => ({ name, rows, columns }));

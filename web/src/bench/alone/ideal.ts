@@ -1,11 +1,11 @@
 /** Input of the evaluator from the tables of a sensor file; unsupported entries raise an error. */
 import { Refused } from "../../shared/api";
-import type { BenchStart, ParameterOf, PartOf } from "../../shared/messages";
+import type { BenchStart, ParameterInfo, PartInfo } from "../../shared/messages";
 import type { Tables } from "../designs/design";
 import type { Ideal } from "./kernel";
 
 /** Error with the entry that it concerns. */
-export class Trouble extends Refused {
+export class InvalidDesign extends Refused {
   constructor(
     readonly path: string[],
     sentence: string,
@@ -70,7 +70,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
       ),
   );
   if (foreign)
-    throw new Trouble(
+    throw new InvalidDesign(
       ["lens", foreign],
       `${foreign} = ${String(lens[foreign])}: this page runs without a server and supports ideal lenses only`,
     );
@@ -78,7 +78,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   if (!isTelecentric) within("mount", parts.mount, mount);
   const f = number(lens, "focal_length_mm", 1);
   if (!isTelecentric && number(lens, "focus_distance_mm") <= f)
-    throw new Trouble(
+    throw new InvalidDesign(
       ["lens", "focus_distance_mm"],
       `focus_distance_mm = ${number(lens, "focus_distance_mm")} must be greater than focal_length_mm = ${f}`,
     );
@@ -93,7 +93,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   };
   const end = reach(ideal);
   if (ideal.rim >= end)
-    throw new Trouble(
+    throw new InvalidDesign(
       ["mirror", "rim_radius_mm"],
       `rim_radius_mm = ${ideal.rim} must be less than ${end.toPrecision(5)} mm, the maximum radius of this mirror`,
     );
@@ -104,17 +104,17 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
 const reach = ({ conic }: Ideal): number =>
   conic && conic.constant > -1 ? conic.radius / Math.sqrt(1 + conic.constant) : Infinity;
 
-function partOf(section: string, parts: PartOf[], table: Tables): PartOf {
+function partOf(section: string, parts: PartInfo[], table: Tables): PartInfo {
   const found = parts.find((p) => p.kind === table.kind);
   if (!found)
-    throw new Trouble(
+    throw new InvalidDesign(
       [section, "kind"],
       `${section} ${String(table.kind)} requires a server; this page supports ${parts.map((p) => p.kind).join(", ")}`,
     );
   return found;
 }
 
-function within(section: string, part: PartOf, table: Tables): void {
+function within(section: string, part: PartInfo, table: Tables): void {
   for (const p of part.parameters) {
     const value = table[p.name];
     for (const v of Array.isArray(value) ? (value as number[]) : [value])
@@ -123,10 +123,10 @@ function within(section: string, part: PartOf, table: Tables): void {
 }
 
 /** Same message as base/parameters.py. */
-function check(section: string, { name, low, high, unit }: ParameterOf, value: number): void {
+function check(section: string, { name, low, high, unit }: ParameterInfo, value: number): void {
   if (value >= low && value <= high) return;
   const of = unit ? ` ${unit}` : "";
-  throw new Trouble(
+  throw new InvalidDesign(
     [section, name],
     `${name} must be between ${low} and ${high}${of}; got ${value}${of}`,
   );

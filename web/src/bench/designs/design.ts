@@ -1,4 +1,4 @@
-import type { Facts } from "../../shared/messages";
+import type { DesignSummary } from "../../shared/messages";
 
 /** Parsed TOML; the server checks its entries. */
 // eslint-disable-next-line @typescript-eslint/no-explicit-any
@@ -107,7 +107,7 @@ export function withEntry(
 }
 
 /** Return the design with the lens distance computed by the server. */
-export function placed(design: Design, facts: Facts): Design {
+export function placed(design: Design, facts: DesignSummary): Design {
   const distance = facts.mirror_distance_mm;
   const own = design.tables.mount?.mirror_distance_mm as number | undefined;
   if (!design.follows || distance === null || own === distance) return design;

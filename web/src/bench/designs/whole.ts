@@ -1,4 +1,4 @@
-import type { BenchStart, ParameterOf, PartOf } from "../../shared/messages";
+import type { BenchStart, ParameterInfo, PartInfo } from "../../shared/messages";
 import type { Design, Tables } from "./design";
 
 type Parts = Pick<
@@ -37,7 +37,7 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
     return `mount.mirror_distance_mm must be a number; got ${short(distance)}`;
   if (tables.lens.kind === "perspective" && !follows && typeof distance !== "number")
     return "mount.mirror_distance_mm is missing";
-  const kinds: [string, PartOf[]][] = [
+  const kinds: [string, PartInfo[]][] = [
     ["mirror", parts.mirrors],
     ["lens", parts.lenses],
   ];
@@ -63,7 +63,7 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
   );
 }
 
-function ofPart(section: string, part: PartOf, table: Tables): string | null {
+function ofPart(section: string, part: PartInfo, table: Tables): string | null {
   for (const p of part.parameters) {
     const value = table[p.name] as unknown;
     if (value === undefined || value === null) {
@@ -74,7 +74,7 @@ function ofPart(section: string, part: PartOf, table: Tables): string | null {
   return null;
 }
 
-function isOf(p: ParameterOf, value: unknown): boolean {
+function isOf(p: ParameterInfo, value: unknown): boolean {
   if (p.choices.length) return p.choices.includes(value as string);
   if (p.is_list) return Array.isArray(value) && value.every((v) => Number.isFinite(v));
   return Number.isFinite(value);

@@ -1,4 +1,4 @@
-import type { Bend } from "../../shared/messages";
+import type { CurveEdit } from "../../shared/messages";
 import type { Design } from "../designs/design";
 import type { BendHands } from "./handle";
 
@@ -6,7 +6,7 @@ import type { BendHands } from "./handle";
 interface Hands {
   /** Current design in editable form. */
   now: () => Design;
-  ask: (from: Design, bend: Bend) => void;
+  ask: (from: Design, bend: CurveEdit) => void;
   isAsked: () => boolean;
   /** Commit the result. */
   settle: () => void;
@@ -23,7 +23,7 @@ export class Bending implements BendHands {
     return this.from !== null;
   }
 
-  bend(bend: Bend): void {
+  bend(bend: CurveEdit): void {
     this.from ??= this.hands.now();
     this.isHeld = true;
     this.hands.ask(this.from, bend);

@@ -1,9 +1,9 @@
 import { h } from "../../shared/dom";
-import type { Bend } from "../../shared/messages";
+import type { CurveEdit } from "../../shared/messages";
 
 /** Deform the mirror until the handle is released. */
 export interface BendHands {
-  bend: (bend: Bend) => void;
+  bend: (bend: CurveEdit) => void;
   letGo: () => void;
 }
 

@@ -1,5 +1,5 @@
 import { h, reveal } from "../../shared/dom";
-import type { JudgementOf, QuantityOf } from "../../shared/messages";
+import type { RequirementResult, QuantityInfo } from "../../shared/messages";
 import { clamp, words } from "../../shared/numbers";
 import type { Tables } from "../designs/design";
 import { unitWords } from "../labels";
@@ -118,9 +118,9 @@ export class LimitLines implements Over {
 /** Lines of the limits of a named result, which is also the name of their column. */
 export function linesOf(
   requirements: Tables | null,
-  rows: readonly JudgementOf[],
+  rows: readonly RequirementResult[],
   name: string,
-  vocabulary: readonly QuantityOf[],
+  vocabulary: readonly QuantityInfo[],
 ): Line[] {
   return limitsOf(requirements).flatMap((limit, i) => {
     const row = rows.find((r) => r.limit === i);
@@ -141,7 +141,7 @@ export function linesOf(
 
 function titleOf(
   { quantity, cycles_per_px: cycles }: Limit,
-  vocabulary: readonly QuantityOf[],
+  vocabulary: readonly QuantityInfo[],
 ): string {
   const { title, unit } = vocabulary.find((q) => q.name === quantity)!;
   return `${title}${cycles ? ` at ${words(cycles)} cycles/px` : ""}${unit ? `, ${unitWords(unit)},` : ""}`;

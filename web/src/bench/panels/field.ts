@@ -1,5 +1,5 @@
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { ParameterOf } from "../../shared/messages";
+import type { ParameterInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { unitWords } from "../labels";
 import { metSpans, type Missed, placesWith, type Span } from "./met";
@@ -24,7 +24,7 @@ export class Field {
 
   /** `changed` receives each value, `settled` the final value of a slider or field. */
   constructor(
-    private readonly p: ParameterOf,
+    private readonly p: ParameterInfo,
     title: string,
     private value: number,
     private readonly changed: (value: number) => void,

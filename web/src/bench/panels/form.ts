@@ -1,5 +1,11 @@
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchStart, ParameterOf, PartOf, Slide, Trouble } from "../../shared/messages";
+import type {
+  BenchStart,
+  ParameterInfo,
+  PartInfo,
+  SliderValues,
+  ApiError,
+} from "../../shared/messages";
 import { type Design, nameOf, type Tables, withEntry } from "../designs/design";
 import { label } from "../labels";
 import { alone } from "../supply";
@@ -16,7 +22,7 @@ interface Hands {
 
 const MOST_FIELDS = 16; // maximum number of list elements with individual fields
 const DISTANCE = "distance"; // object distance, not a parameter of the sensor
-const FAR: ParameterOf = {
+const FAR: ParameterInfo = {
   name: DISTANCE,
   unit: "mm",
   low: 1,
@@ -103,7 +109,7 @@ export class Form {
   }
 
   /** Display the error of a design at its field, or at the last changed field. */
-  complain(trouble: Trouble | null): void {
+  complain(trouble: ApiError | null): void {
     const key =
       trouble &&
       ([...this.fields.keys()].find(
@@ -117,7 +123,7 @@ export class Form {
   }
 
   /** Entries of the visible sliders with sample values. */
-  slides(): Slide[] {
+  slides(): SliderValues[] {
     const seen = [...this.fields].filter(
       ([key, field]) => key !== DISTANCE && !field.element.closest("details:not([open])"),
     );
@@ -125,7 +131,7 @@ export class Form {
   }
 
   /** Mark the feasible ranges of those sliders. */
-  showMet(slides: readonly Slide[], missed: readonly (readonly Missed[])[]): void {
+  showMet(slides: readonly SliderValues[], missed: readonly (readonly Missed[])[]): void {
     slides.forEach(({ path }, i) => this.fields.get(path.join("."))?.showMet(missed[i]));
   }
 
@@ -170,10 +176,10 @@ export class Form {
     return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
   }
 
-  private of(section: string, part: PartOf, table: Tables): HTMLElement[] {
-    const isUsual = (p: ParameterOf): boolean =>
+  private of(section: string, part: PartInfo, table: Tables): HTMLElement[] {
+    const isUsual = (p: ParameterInfo): boolean =>
       p.is_optional && p.default !== null && (table[p.name] ?? p.default) === p.default;
-    const made = (all: ParameterOf[]): HTMLElement[] =>
+    const made = (all: ParameterInfo[]): HTMLElement[] =>
       all.flatMap((p) => this.entry(section, p, table[p.name] ?? p.default));
     const more = made(part.parameters.filter(isUsual));
     return [
@@ -182,7 +188,7 @@ export class Form {
     ];
   }
 
-  private entry(section: string, p: ParameterOf, value: unknown): HTMLElement[] {
+  private entry(section: string, p: ParameterInfo, value: unknown): HTMLElement[] {
     if (p.choices.length)
       return [this.words(section, p, (value as string | undefined) ?? p.choices[0])];
     if (value === undefined || value === null) return [];
@@ -205,7 +211,7 @@ export class Form {
     return details;
   }
 
-  private number(key: string, p: ParameterOf, title: string, value: number): HTMLElement {
+  private number(key: string, p: ParameterInfo, title: string, value: number): HTMLElement {
     const changed = (v: number): void => {
       this.last = key;
       this.hands.edit(changedAt(this.hands.now(), key, v));
@@ -216,7 +222,7 @@ export class Form {
     return field.element;
   }
 
-  private list(section: string, p: ParameterOf, values: number[]): HTMLElement[] {
+  private list(section: string, p: ParameterInfo, values: number[]): HTMLElement[] {
     if (values.length > MOST_FIELDS) return [this.text(section, p, values)];
     const fields = values.map((v, i) =>
       this.number(`${section}.${p.name}.${i}`, p, `${label(p.name).replace(/s$/, "")} ${i + 1}`, v),
@@ -243,7 +249,7 @@ export class Form {
     return [...fields, h("div", { className: "row" }, more, less)];
   }
 
-  private text(section: string, p: ParameterOf, values: number[]): HTMLElement {
+  private text(section: string, p: ParameterInfo, values: number[]): HTMLElement {
     const id = unique();
     const area = h("textarea", { id, rows: 4, spellcheck: false, value: values.join(", ") });
     area.addEventListener("change", () => {
@@ -268,7 +274,7 @@ export class Form {
     );
   }
 
-  private words(section: string, p: ParameterOf, value: string): HTMLElement {
+  private words(section: string, p: ParameterInfo, value: string): HTMLElement {
     const select = choice(p.choices, (to) =>
       this.settled(withEntry(this.hands.now(), section, p.name, to)),
     );
@@ -355,7 +361,7 @@ export class Form {
 
   /** Properties of a design that determine the set of fields. */
   private shapeOf({ tables, follows, distance }: Design): string {
-    const of = (part: PartOf, table: Tables): unknown =>
+    const of = (part: PartInfo, table: Tables): unknown =>
       part.parameters.map((p) =>
         Array.isArray(table[p.name])
           ? (table[p.name] as number[]).length
@@ -389,7 +395,8 @@ export class Form {
   }
 }
 
-const kindOf = (all: PartOf[], table: Tables): PartOf => all.find((p) => p.kind === table.kind)!;
+const kindOf = (all: PartInfo[], table: Tables): PartInfo =>
+  all.find((p) => p.kind === table.kind)!;
 
 function valueAt(design: Design, key: string): number | undefined {
   if (key === DISTANCE) return design.distance ?? undefined;

@@ -1,5 +1,5 @@
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchStart, Facts, JudgementOf } from "../../shared/messages";
+import type { BenchStart, DesignSummary, RequirementResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
 import { type Limit, limitsOf, withLimits } from "../designs/requirements";
@@ -7,7 +7,7 @@ import { label, quantityWords, unitWords } from "../labels";
 
 interface Hands {
   now: () => Design;
-  facts: () => Facts | null;
+  facts: () => DesignSummary | null;
   edit: (design: Design) => void;
   settle: () => void;
 }
@@ -69,7 +69,7 @@ export class RequirementsPanel {
   }
 
   /** Display the result of each requirement: met or not, margin, critical field angle. */
-  judge(rows: JudgementOf[], trouble: string | null): void {
+  judge(rows: RequirementResult[], trouble: string | null): void {
     reveal(this.problem, trouble !== null);
     write(this.problem, trouble ?? "");
     for (const mark of this.marks.values()) mark.replaceChildren();
@@ -313,7 +313,7 @@ const spanOf = (value: unknown): [number, number] =>
       : [1e12, 1e12];
 
 /** Result as symbol and text. */
-function verdictOf(row: JudgementOf): HTMLElement[] {
+function verdictOf(row: RequirementResult): HTMLElement[] {
   const unit = unitWords(row.unit);
   const isJust =
     row.is_met &&

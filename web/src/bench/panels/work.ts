@@ -1,6 +1,6 @@
 import { ServerTask } from "../../shared/api";
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchSensor, BenchStart, News, Task } from "../../shared/messages";
+import type { BenchSensor, BenchStart, TaskStatus, SearchTask } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design } from "../designs/design";
 import { limitsOf } from "../designs/requirements";
@@ -13,7 +13,7 @@ interface Hands {
 
 /** Long-running searches: mirror optimisation, and design from requirements. */
 export class WorkPanel {
-  private readonly task = new ServerTask<News>();
+  private readonly task = new ServerTask<TaskStatus>();
   private readonly merit: HTMLSelectElement;
   private readonly shape: HTMLSelectElement;
   private readonly terms = h("input", {
@@ -108,9 +108,9 @@ export class WorkPanel {
     this.begin.disabled = this.task.isUnderWay || reason !== null;
   }
 
-  private start(what: Task["what"]): void {
+  private start(what: SearchTask["what"]): void {
     const { tables, requirements, distance } = this.hands.now();
-    const task: Task = {
+    const task: SearchTask = {
       what,
       tables,
       requirements,
@@ -127,7 +127,7 @@ export class WorkPanel {
     this.said.textContent = "Starting…";
   }
 
-  private told(news: News): void {
+  private told(news: TaskStatus): void {
     if (news.state === "running") {
       if (news.share === null) this.bar.removeAttribute("value");
       else this.bar.value = news.share;

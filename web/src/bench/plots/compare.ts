@@ -1,9 +1,9 @@
 import { h, svg, write } from "../../shared/dom";
-import type { Facts } from "../../shared/messages";
+import type { DesignSummary } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { dashes, type Drawn } from "./charts";
 
-const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
+const COLUMNS: [title: string, unit: string, value: (f: DesignSummary) => string][] = [
   ["Field", "°", (f) => `${words(f.field_deg[0])} – ${words(f.field_deg[1], 5)}`],
   [
     "Rim radius",

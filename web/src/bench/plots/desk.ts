@@ -1,5 +1,5 @@
 import { colour, h, reveal, write } from "../../shared/dom";
-import type { QuantityOf } from "../../shared/messages";
+import type { QuantityInfo } from "../../shared/messages";
 import type { Found } from "../found";
 import { type Design, nameOf, type Pin } from "../designs/design";
 import { limitsOf } from "../designs/requirements";
@@ -67,8 +67,8 @@ export class Desk {
   /** Set the vocabularies of columns and limited quantities. */
   constructor(
     private readonly place: HTMLElement,
-    vocabulary: QuantityOf[],
-    private readonly limitable: QuantityOf[],
+    vocabulary: QuantityInfo[],
+    private readonly limitable: QuantityInfo[],
     private readonly hands: DeskHands,
   ) {
     this.section = new SectionView(this.cursor, alone ? null : hands.bending);

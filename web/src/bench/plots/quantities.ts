@@ -1,5 +1,5 @@
 /** Quantities plotted over the field angle, and their grouping. */
-import type { QuantityOf } from "../../shared/messages";
+import type { QuantityInfo } from "../../shared/messages";
 import { explained, symbolOf, unitWords } from "../labels";
 
 /** Plot over the field angle: group, columns, decimals. */
@@ -35,7 +35,7 @@ export interface Chart {
 }
 
 /** Plots with the titles of their columns. */
-export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
+export const chartsOf = (vocabulary: QuantityInfo[]): Chart[] =>
   PLOTS.map(({ group, columns, places, title }) => {
     const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
     const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
@@ -51,7 +51,7 @@ export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
   });
 
 /** Plot of a limited quantity; its column name can contain a spatial frequency. */
-export const chartOf = (quantity: QuantityOf, column: string): Chart => ({
+export const chartOf = (quantity: QuantityInfo, column: string): Chart => ({
   title: column.replace(quantity.name, quantity.title),
   group: "Limits",
   block: "limits",

@@ -1,10 +1,10 @@
 import { h, svg } from "../../shared/dom";
-import type { Built, YieldOf } from "../../shared/messages";
+import type { AsBuiltResult, YieldResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { calibrationWords, enlargement, errorWords, sizeWords } from "./words";
 
 /** As-built sensor: values, object positions, and displacements by calibration. */
-export interface Moved extends Built {
+export interface Moved extends AsBuiltResult {
   places: Float32Array;
   left: Float32Array[];
 }
@@ -37,7 +37,7 @@ export class ToleranceCharts {
     "aria-label": "Effect of each error",
   });
   private readonly legend = h("p", { className: "legend" });
-  private found: YieldOf | null = null;
+  private found: YieldResult | null = null;
   private calibrations: readonly string[] = [];
 
   constructor() {
@@ -93,7 +93,7 @@ export class ToleranceCharts {
   }
 
   /** Draw the effect of each error (tornado chart). */
-  showYield(found: YieldOf, calibrations: readonly string[]): void {
+  showYield(found: YieldResult, calibrations: readonly string[]): void {
     this.found = found;
     this.calibrations = calibrations;
     this.drawBars();

@@ -1,12 +1,12 @@
 import * as api from "../../shared/api";
 import { h, unique } from "../../shared/dom";
 import type {
-  BuiltAsk,
-  ErrorOf,
-  ErrorsAsk,
-  ErrorsOf,
-  YieldAsk,
-  YieldOf,
+  AsBuiltRequest,
+  ErrorSourceInfo,
+  ErrorSourcesRequest,
+  ErrorSourceList,
+  YieldRequest,
+  YieldResult,
 } from "../../shared/messages";
 import { fixed, words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
@@ -51,17 +51,17 @@ interface Hands {
 export class TolerancesPanel {
   readonly charts = new ToleranceCharts();
   private readonly errors = new Newest(
-    (asked: ErrorsAsk) => api.errors(asked),
+    (asked: ErrorSourcesRequest) => api.errors(asked),
     (found, asked) => this.known(found, asked),
     (sentence) => this.fail(sentence),
   );
   private readonly built = new Newest(
-    (asked: BuiltAsk) => api.built(asked),
+    (asked: AsBuiltRequest) => api.built(asked),
     (moved, asked) => this.moved(moved, asked),
     (sentence) => this.fail(sentence),
   );
   private readonly yields = new Newest(
-    (asked: YieldAsk) => api.yields(asked),
+    (asked: YieldRequest) => api.yields(asked),
     (found) => this.good(found),
     (sentence) => this.fail(sentence),
   );
@@ -94,7 +94,7 @@ export class TolerancesPanel {
   private readonly facts = h("ul", { className: "others" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private readonly groups = h("div", { className: "groups-of-errors" });
-  private all: ErrorsOf | null = null;
+  private all: ErrorSourceList | null = null;
   private tables: Tables | null = null;
   private values = new Map<string, number>();
   private tolerances = new Map<string, number>();
@@ -216,7 +216,7 @@ export class TolerancesPanel {
     this.hands.show(this.hands.now());
   }
 
-  private known(found: ErrorsOf, { tables }: ErrorsAsk): void {
+  private known(found: ErrorSourceList, { tables }: ErrorSourcesRequest): void {
     if (!this.isOpen) return;
     const isOther =
       JSON.stringify(found.errors.map((e) => e.name)) !==
@@ -241,7 +241,7 @@ export class TolerancesPanel {
     return this.grade.input.value as Trying["grade"];
   }
 
-  private build(errors: readonly ErrorOf[]): void {
+  private build(errors: readonly ErrorSourceInfo[]): void {
     this.rows.clear();
     const groups = new Map<string, HTMLElement>();
     for (const error of errors) {
@@ -318,8 +318,8 @@ export class TolerancesPanel {
     this.askYield();
   }
 
-  private get refocus(): BuiltAsk["refocus"] {
-    return this.focus.input.value as BuiltAsk["refocus"];
+  private get refocus(): AsBuiltRequest["refocus"] {
+    return this.focus.input.value as AsBuiltRequest["refocus"];
   }
 
   private askBuilt(): void {
@@ -352,7 +352,7 @@ export class TolerancesPanel {
     });
   }
 
-  private moved(moved: Moved, { tables }: BuiltAsk): void {
+  private moved(moved: Moved, { tables }: AsBuiltRequest): void {
     if (!this.isOpen || tables !== this.tables) return;
     this.problem.hidden = true;
     this.last = moved;
@@ -383,7 +383,7 @@ export class TolerancesPanel {
     );
   }
 
-  private good(found: YieldOf): void {
+  private good(found: YieldResult): void {
     if (!this.isOpen) return;
     this.problem.hidden = true;
     const percent = (share: number): string => fixed(100 * share, 1);

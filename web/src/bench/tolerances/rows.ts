@@ -1,5 +1,5 @@
 import { h, unique } from "../../shared/dom";
-import type { ErrorOf } from "../../shared/messages";
+import type { ErrorSourceInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { unitWords } from "../labels";
 import { partAndError } from "./words";
@@ -20,7 +20,7 @@ export class ErrorRow {
   private readonly tolerance: HTMLInputElement;
 
   constructor(
-    private readonly error: ErrorOf,
+    private readonly error: ErrorSourceInfo,
     private of: { value: number; tolerance: number },
     private readonly hands: RowHands,
   ) {

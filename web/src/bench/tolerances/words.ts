@@ -1,4 +1,4 @@
-import type { ErrorOf } from "../../shared/messages";
+import type { ErrorSourceInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { label } from "../labels";
 
@@ -48,6 +48,6 @@ export function enlargement(largest: number, most: number): number {
 
 /** Tolerances of a tolerance grade. */
 export const held = (
-  errors: readonly ErrorOf[],
+  errors: readonly ErrorSourceInfo[],
   grade: "coarse" | "medium" | "fine",
 ): Map<string, number> => new Map(errors.map((e) => [e.name, e[grade]]));

@@ -1,8 +1,8 @@
 import { h, unique } from "../../shared/dom";
-import type { BoardAsked } from "../../shared/messages";
+import type { BoardSpec } from "../../shared/messages";
 import { COUNTED, printCommand } from "../words";
 
-const KINDS: [BoardAsked["kind"], string][] = [
+const KINDS: [BoardSpec["kind"], string][] = [
   ["chessboard", "Chessboard"],
   ["charuco", "ChArUco board"],
   ["aprilgrid", "AprilGrid"],
@@ -115,11 +115,11 @@ export class BoardPanel {
   }
 
   /** Target; null if the entries are invalid. */
-  get board(): BoardAsked | null {
+  get board(): BoardSpec | null {
     const inputs = [this.columns, this.rows, this.square, this.marker, this.spacing];
     if (inputs.some((input) => !input.checkValidity()) || !(this.square.valueAsNumber > 0))
       return null;
-    const kind = this.kind.value as BoardAsked["kind"];
+    const kind = this.kind.value as BoardSpec["kind"];
     return {
       kind,
       columns: this.columns.valueAsNumber,
@@ -132,7 +132,7 @@ export class BoardPanel {
     };
   }
 
-  take(board: BoardAsked): void {
+  take(board: BoardSpec): void {
     this.kind.value = board.kind;
     [this.columns.value, this.rows.value, this.square.value, this.spacing.value] = [
       board.columns,
@@ -152,7 +152,7 @@ export class BoardPanel {
   }
 
   private show(): void {
-    const kind = this.kind.value as BoardAsked["kind"];
+    const kind = this.kind.value as BoardSpec["kind"];
     this.counted.textContent = COUNTED[kind];
     for (const part of this.ofMarkers) part.hidden = kind === "chessboard";
     for (const part of this.ofCharuco) part.hidden = kind !== "charuco";

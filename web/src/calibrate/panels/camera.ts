@@ -1,10 +1,10 @@
 import { h, unique } from "../../shared/dom";
-import type { CalibrateStart, CalibrationAsk } from "../../shared/messages";
+import type { CalibrationOptions, CalibrationRequest } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { modelsFor, modelWords } from "../words";
 
 type Sought = Pick<
-  CalibrationAsk,
+  CalibrationRequest,
   | "model"
   | "optics"
   | "camera_looks"
@@ -41,7 +41,7 @@ export class CameraPanel {
 
   constructor(
     place: HTMLElement,
-    private readonly start: CalibrateStart,
+    private readonly start: CalibrationOptions,
     changed: () => void,
   ) {
     this.rimRow = h(

@@ -1,10 +1,10 @@
 import { ServerTask } from "../../shared/api";
 import { h, unique } from "../../shared/dom";
 import type {
-  BoardSeen,
-  CalibrationAsk,
-  CalibrationFound,
-  CalibrationNews,
+  BoardDetection,
+  CalibrationRequest,
+  CalibrationResult,
+  CalibrationStatus,
 } from "../../shared/messages";
 
 const STOP = "stop";
@@ -12,14 +12,14 @@ const STOPPING = "Stopping with the best camera so far…";
 
 /** Input of a calibration, and its callbacks. */
 interface Hands {
-  given: () => { ask: CalibrationAsk; pictures: BoardSeen[] } | null;
-  found: (found: CalibrationFound) => void;
+  given: () => { ask: CalibrationRequest; pictures: BoardDetection[] } | null;
+  found: (found: CalibrationResult) => void;
   reported: (report: string) => void;
 }
 
 /** Control of a calibration: start, progress, early stop. */
 export class RunPanel {
-  private readonly task = new ServerTask<CalibrationNews>();
+  private readonly task = new ServerTask<CalibrationStatus>();
   private hasFound = false;
   private readonly reason = h("p", { className: "words", id: unique() });
   private readonly begin = h(
@@ -90,7 +90,7 @@ export class RunPanel {
     this.said.textContent = "Starting…";
   }
 
-  private told(news: CalibrationNews): void {
+  private told(news: CalibrationStatus): void {
     if (news.state === "running") {
       this.bar.value = news.share ?? 0;
       if (!this.enough.disabled) this.said.textContent = `${news.sentence}…`;

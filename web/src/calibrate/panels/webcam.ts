@@ -1,7 +1,7 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
-import type { BoardAsked, BoardSeen, Together } from "../../shared/messages";
+import type { BoardSpec, BoardDetection, MultiImageSummary } from "../../shared/messages";
 import { openedWebcam, videoInputs } from "../../shared/media";
 import { cellsOf, crosses, movedBy } from "../drawing";
 
@@ -10,9 +10,9 @@ const REST_MS = 120; // ms between two detections
 const PAUSE_MS = 700; // ms after a failed request
 
 interface Hands {
-  board: () => BoardAsked | null;
+  board: () => BoardSpec | null;
   /** Joint analysis of the images and the current webcam frame. */
-  together: (candidate: BoardSeen) => Promise<Together>;
+  together: (candidate: BoardDetection) => Promise<MultiImageSummary>;
   take: (picture: Blob) => Promise<boolean>;
   closed: () => void;
   fail: (e: unknown) => void;
@@ -31,7 +31,7 @@ export class WebcamPane {
   });
   private video: HTMLVideoElement | null = null;
   private close = (): void => {};
-  private before: BoardSeen | null = null;
+  private before: BoardDetection | null = null;
   private wanted = false;
   private number = 0;
   private looking = new AbortController();
@@ -161,7 +161,7 @@ export class WebcamPane {
     this.say((await this.hands.take(frame)) ? words : "The maximum number of images is reached.");
   }
 
-  private draw(seen: BoardSeen, { coverage }: Together): void {
+  private draw(seen: BoardDetection, { coverage }: MultiImageSummary): void {
     const [width, height] = seen.image_size;
     this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
     const size = Math.max(width, height) / 140;
@@ -178,7 +178,7 @@ export class WebcamPane {
 }
 
 /** Recommended next position of the target. */
-const advice = ({ advice: all }: Together): string =>
+const advice = ({ advice: all }: MultiImageSummary): string =>
   all.find((sentence) => !sentence.startsWith("Capture more")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 

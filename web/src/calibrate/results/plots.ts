@@ -1,5 +1,5 @@
 import { h, svg } from "../../shared/dom";
-import type { CalibrationFound, CoverageShown } from "../../shared/messages";
+import type { CalibrationResult, CoverageInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { arrows, byRadius, cellsOf, coveredIn, dots, timesFor } from "../drawing";
 import type { Rim } from "../panels/camera";
@@ -23,7 +23,7 @@ const figure = (title: string, note: string, drawing: Element): HTMLElement =>
 
 /** Distribution of corners over the field; darker cells contain more corners. */
 export function coveragePlot(
-  shown: CoverageShown,
+  shown: CoverageInfo,
   size: readonly [number, number],
   corners: readonly (readonly [number, number])[],
   rim: Rim | null,
@@ -60,7 +60,7 @@ export function coveragePlot(
 }
 
 /** Residual vectors in the image. */
-export function residualPlot(found: CalibrationFound): HTMLElement {
+export function residualPlot(found: CalibrationResult): HTMLElement {
   const all = found.pictures.flatMap((p) => p.residuals);
   const times = timesFor(found.rms_px, ARROW * Math.max(...found.image_size));
   const drawing = svg(
@@ -84,7 +84,7 @@ export function residualPlot(found: CalibrationFound): HTMLElement {
 }
 
 /** Radial and tangential residuals. */
-export function radiusPlot(found: CalibrationFound): HTMLElement {
+export function radiusPlot(found: CalibrationResult): HTMLElement {
   const rows = byRadius(
     found.pictures.flatMap((p) => p.residuals),
     found.coverage.centre_px,

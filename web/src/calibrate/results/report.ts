@@ -1,5 +1,5 @@
 import { h } from "../../shared/dom";
-import type { CalibrationFound } from "../../shared/messages";
+import type { CalibrationResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { modelWords, px } from "../words";
 import { radiusPlot, residualPlot } from "./plots";
@@ -7,7 +7,7 @@ import { radiusPlot, residualPlot } from "./plots";
 const MOST_OUTLIERS = 40;
 
 /** Result of a calibration: values and residuals. */
-export function resultsOf(found: CalibrationFound): HTMLElement[] {
+export function resultsOf(found: CalibrationResult): HTMLElement[] {
   const used = found.pictures.filter((p) => p.used).length;
   const numbers: [string, string][] = [
     ["Model", modelWords(found.kind)],
@@ -34,7 +34,7 @@ export function resultsOf(found: CalibrationFound): HTMLElement[] {
 
 /** Tables of images, parameters, models and outliers. */
 export const tablesOf = (
-  found: CalibrationFound,
+  found: CalibrationResult,
   choose: (picture: string) => void,
 ): HTMLElement[] => [
   pictures(found, choose),
@@ -47,7 +47,7 @@ export const tablesOf = (
 export const list = (className: string, sentences: readonly string[]): HTMLElement =>
   h("ul", { className, hidden: !sentences.length }, ...sentences.map((s) => h("li", {}, s)));
 
-function pictures(found: CalibrationFound, choose: (picture: string) => void): HTMLElement {
+function pictures(found: CalibrationResult, choose: (picture: string) => void): HTMLElement {
   const name = (picture: string): HTMLElement =>
     h("button", { type: "button", className: "link", onclick: () => choose(picture) }, picture);
   const rows = found.pictures.map((p) => [
@@ -60,7 +60,7 @@ function pictures(found: CalibrationFound, choose: (picture: string) => void): H
   return table("Images", ["image", "corners", "RMS, px", "held out, px", ""], rows);
 }
 
-function parameters(found: CalibrationFound): HTMLElement {
+function parameters(found: CalibrationResult): HTMLElement {
   const rows = found.parameters.map((p) => [
     p.name.replaceAll("_", " "),
     words(p.value, 6),
@@ -70,7 +70,7 @@ function parameters(found: CalibrationFound): HTMLElement {
   return table("Parameters with standard deviations", ["", "value", "sigma", "unit"], rows);
 }
 
-function models(found: CalibrationFound): HTMLElement {
+function models(found: CalibrationResult): HTMLElement {
   const rows = found.models.map((m) => [
     m.kind === found.kind ? h("b", {}, modelWords(m.kind)) : modelWords(m.kind),
     String(m.parameters),
@@ -81,7 +81,7 @@ function models(found: CalibrationFound): HTMLElement {
   return table("Compared models", ["model", "parameters", "RMS, px", "held out, px", ""], rows);
 }
 
-function outliers(found: CalibrationFound): HTMLElement {
+function outliers(found: CalibrationResult): HTMLElement {
   const shown = found.outliers.slice(0, MOST_OUTLIERS);
   if (!shown.length) return h("p", { className: "words" }, "There are no outliers.");
   const made = table(

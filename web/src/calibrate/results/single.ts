@@ -1,7 +1,7 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
-import type { CalibrationFound } from "../../shared/messages";
+import type { CalibrationResult } from "../../shared/messages";
 import { arrows, crosses, timesFor } from "../drawing";
 import type { Rim } from "../panels/camera";
 import type { Shot } from "../shots";
@@ -32,7 +32,7 @@ export class Single {
   private readonly again: HTMLElement;
   private shot: Shot | null = null;
   private address = "";
-  private shown: CalibrationFound | null = null;
+  private shown: CalibrationResult | null = null;
 
   constructor(private readonly hands: Hands) {
     this.again = h(
@@ -61,7 +61,7 @@ export class Single {
     this.element.append(bar, h("div", { className: "pair" }, raw, this.straightFigure));
   }
 
-  show(shot: Shot | null, rim: Rim | null, found: CalibrationFound | null): void {
+  show(shot: Shot | null, rim: Rim | null, found: CalibrationResult | null): void {
     this.element.hidden = shot === null;
     if (!shot) {
       this.shot = null;
@@ -117,7 +117,7 @@ export class Single {
   }
 
   /** Target undistorted with the calibrated camera. */
-  private async straighten(shot: Shot, found: CalibrationFound | null): Promise<void> {
+  private async straighten(shot: Shot, found: CalibrationResult | null): Promise<void> {
     const place = found?.places.find((p) => p.picture === shot.name);
     this.straightFigure.hidden = !place;
     this.straight.hidden = true;

@@ -1,4 +1,4 @@
-import type { CameraShown } from "../../shared/messages";
+import type { CameraInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 import { type Lean, releaned } from "./lean";
 import { dot, type Pixel, sum, times, type Vec3 } from "./vectors";
@@ -19,7 +19,7 @@ export class Camera {
   readonly scale: number;
 
   constructor(
-    readonly model: CameraShown,
+    readonly model: CameraInfo,
     readonly tables: Float32Array,
     readonly circle: Circle = circleOf(model),
     readonly size: readonly [number, number] = model.image_size,
@@ -208,7 +208,7 @@ export class Camera {
 }
 
 /** Nominal circle of a camera. */
-export function circleOf(model: CameraShown): Circle {
+export function circleOf(model: CameraInfo): Circle {
   return { u: model.centre_px[0], v: model.centre_px[1], radius: model.rim_radius_px };
 }
 

@@ -2,7 +2,7 @@ import { background } from "../../shared/background";
 import { byId, h } from "../../shared/dom";
 import { INITIAL, type Looks } from "../../shared/state";
 import type { Store } from "../../shared/store";
-import type { RimFound } from "../../shared/messages";
+import type { DetectedOutline } from "../../shared/messages";
 import type { Feed } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
 import { alone } from "../supply";
@@ -10,14 +10,14 @@ import { hasSize, percent, type RimPanel } from "./rim";
 import type { SensorPanel } from "./sensor";
 
 /** Camera types for the first question: description, sensor, and orientation. */
-interface Answer {
+interface DesignResponse {
   answer: string;
   seen: string;
   sensor: string;
   looks: Looks;
 }
 
-const TAKEN_BY: readonly Answer[] = [
+const TAKEN_BY: readonly DesignResponse[] = [
   {
     answer: "A mirror ball",
     seen: "a complete sphere; the photographer is in the centre",
@@ -93,7 +93,7 @@ export class FirstLook {
     if (found && feed === this.hands.feed() && !(this.isKnown && found.is_sure)) this.ask(found);
   }
 
-  private ask(found: RimFound | null): void {
+  private ask(found: DetectedOutline | null): void {
     const close = h(
       "button",
       {
@@ -142,7 +142,7 @@ export class FirstLook {
     this.card.hidden = false;
   }
 
-  private async answered({ sensor, looks }: Answer): Promise<void> {
+  private async answered({ sensor, looks }: DesignResponse): Promise<void> {
     const { rim } = this.store.state;
     this.done();
     await this.hands.sensor().choose(sensor, rim, looks);

@@ -1,7 +1,7 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { byId } from "../../shared/dom";
-import type { CameraShown, RimFound } from "../../shared/messages";
+import type { CameraInfo, DetectedOutline } from "../../shared/messages";
 import { busy, fail, say } from "../../shared/notices";
 import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
@@ -15,7 +15,7 @@ export class RimPanel {
   private readonly button = byId<HTMLButtonElement>("adjust");
   private readonly finder = byId<HTMLButtonElement>("find-rim");
   private feed: Feed | null = null;
-  private readonly found = new WeakMap<Feed, RimFound>();
+  private readonly found = new WeakMap<Feed, DetectedOutline>();
   private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) =>
     byId<HTMLInputElement>(id),
   );
@@ -45,7 +45,7 @@ export class RimPanel {
   }
 
   /** Detect the mirror on the server, and use its circle if reliable; null if the request failed. */
-  async find(feed: Feed): Promise<RimFound | null> {
+  async find(feed: Feed): Promise<DetectedOutline | null> {
     this.finder.disabled = true;
     busy("Detecting the mirror…");
     try {
@@ -122,7 +122,7 @@ export class RimPanel {
 }
 
 /** Detect the mirror in the current frame, in pixels of the feed. */
-async function lookedAt(feed: Feed): Promise<RimFound> {
+async function lookedAt(feed: Feed): Promise<DetectedOutline> {
   const { picture, scale } = await fileOf(feed, LOOKED_AT);
   const found = await api.rim(picture, feed.name);
   const [u, v] = found.centre_px.map((c) => (c + 0.5) * scale - 0.5);
@@ -132,5 +132,5 @@ async function lookedAt(feed: Feed): Promise<RimFound> {
 export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
 
 /** Whether the images of a camera have a given size. */
-export const hasSize = ({ image_size }: CameraShown, [w, h]: readonly [number, number]): boolean =>
+export const hasSize = ({ image_size }: CameraInfo, [w, h]: readonly [number, number]): boolean =>
   image_size[0] === w && image_size[1] === h;
