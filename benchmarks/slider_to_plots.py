@@ -30,7 +30,7 @@ from omnimirror.apps.studio._bench_files import taken
 from omnimirror.apps.studio._bench_sensors import changed, on_bench
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import Ask, BenchSensor, Change, PictureAsk
+from omnimirror.apps.studio.bench_messages import DesignRequest, BenchSensor, DesignChange, RenderRequest
 from omnimirror.base.files import write_text
 from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.optics.sensor_files import tables_of
@@ -96,7 +96,7 @@ def serving() -> Iterator[str]:
 
 def server_ms(sensor: BenchSensor, runs: int) -> float:
     """Return the median processor time of a response in the server, ms."""
-    ask = Ask(
+    ask = DesignRequest(
         slot=0,
         number=0,
         tables=sensor.tables,
@@ -116,7 +116,7 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
 
 def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> float:
     """Return the median time of a response with an image of a room, ms."""
-    ask = PictureAsk(tables=sensor.tables, width_px=width_px, samples=samples)
+    ask = RenderRequest(tables=sensor.tables, width_px=width_px, samples=samples)
     times = []
     for _ in range(runs):
         begin = time.perf_counter()
@@ -169,7 +169,7 @@ def main() -> None:
     first = tables_of(om.load_sensor("paper-spherical"))
     sensors = {
         kind: on_bench(
-            changed(Change(tables=first, what="mirror", to=kind, object_distance_mm=None))
+            changed(DesignChange(tables=first, what="mirror", to=kind, object_distance_mm=None))
         )
         for kind in KINDS
     }

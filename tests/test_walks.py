@@ -76,11 +76,11 @@ def scene_to_picture() -> None:
 def slider_to_plot() -> None:
     from omnimirror.apps.studio._bench_evaluation import answer
     from omnimirror.apps.studio._bench_sensors import on_bench
-    from omnimirror.apps.studio.bench_messages import Ask
+    from omnimirror.apps.studio.bench_messages import DesignRequest
 
     sensor = on_bench(om.load_sensor("paper-spherical"))
     answer(
-        Ask(
+        DesignRequest(
             slot=0,
             number=0,
             tables=sensor.tables,

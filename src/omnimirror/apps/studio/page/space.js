@@ -17,10 +17,10 @@ void main() {
   if (dot(n, v) < 0.0) n = -n;
   float facing = dot(n, v);
   vec3 dull = ink.rgb * (0.5 + 0.35 * facing + 0.15 * n.z);
-  float up = reflect(-v, n).z; // what it mirrors: a dim floor, a light horizon, a lighter sky
+  float up = reflect(-v, n).z; // reflected environment: dim floor, light horizon, lighter sky
   float light = 0.25 + 0.45 * smoothstep(-0.1, 0.9, up) + 0.5 * exp(-16.0 * up * up) + 0.2 * (1.0 - facing);
   vec3 bright = mix(ink.rgb * 0.45, mix(ink.rgb, vec3(1), 0.85), min(light, 1.0));
-  float edge = 0.22 * pow(1.0 - facing, 3.0); // clear walls are seen most where one looks along them
+  float edge = 0.22 * pow(1.0 - facing, 3.0); // transparent walls are most visible at grazing angles
   colour = ink.a < 0.2 ? vec4(ink.rgb, ink.a + edge) : vec4(mix(dull, bright, shine), ink.a);
 }`,l=`#version 300 es
 in vec3 a, b;
