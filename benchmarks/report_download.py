@@ -25,7 +25,9 @@ SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")
 
 def once(name: str) -> tuple[float, float, int]:
     """Return wall-clock seconds, core seconds and bytes of a report."""
-    asked = FileRequest(tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None)
+    asked = FileRequest(
+        tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None
+    )
     wall, cores = time.perf_counter(), time.process_time()
     made = downloaded(asked)
     return time.perf_counter() - wall, time.process_time() - cores, len(made.data)

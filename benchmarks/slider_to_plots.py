@@ -30,7 +30,12 @@ from omnimirror.apps.studio._bench_files import taken
 from omnimirror.apps.studio._bench_sensors import changed, on_bench
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import DesignRequest, BenchSensor, DesignChange, RenderRequest
+from omnimirror.apps.studio.bench_messages import (
+    BenchSensor,
+    DesignChange,
+    DesignRequest,
+    RenderRequest,
+)
 from omnimirror.base.files import write_text
 from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.optics.sensor_files import tables_of
