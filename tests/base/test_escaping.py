@@ -595,7 +595,7 @@ CAMERAS = (
 @pytest.mark.parametrize("name", EVERYDAY)
 def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
     """Reports, cards and the page of an image: names create no elements, attributes or scripts."""
-    from omnimirror.apps.studio.pages import viewer_of
+    from omnimirror.apps.studio.pages import image_viewer
     from omnimirror.optics.sensor import sensor_card
 
     def pages(text: str) -> list[str]:
@@ -610,7 +610,9 @@ def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
         with (tmp_path / "comparison.csv").open(newline="") as file:
             rows = list(csv.reader(file))
         assert not any(re.match(r"[=+@\t\r]", cell) for cell in rows[0])
-        view = viewer_of(sensor, text, ("--sensor", text), None, np.zeros((144, 160, 3), np.uint8))
+        view = image_viewer(
+            sensor, text, ("--sensor", text), None, np.zeros((144, 160, 3), np.uint8)
+        )
         files = (tmp_path / "demo" / "report.html", tmp_path / "comparison.html")
         return [*(file.read_text("utf-8") for file in files), sensor_card(sensor), view]
 

@@ -352,7 +352,7 @@ ELSEWHERE = {
     "FoundRim",
     "Front",
     "LineCalibration",
-    "LookAround",
+    "InteractiveView",
     "OmnimirrorError",
     "Motion",
     "Optimum",

@@ -21,7 +21,7 @@ import type { Store } from "./shared/store";
 const KIND = "omnimirror project";
 const VERSION = 1;
 const ENDING = ".omnimirror";
-const MOST_BYTES = 256 << 20; // maximum size of an embedded image
+const MAX_BYTES = 256 << 20; // maximum size of an embedded image
 const BENCH = "omnimirror-bench";
 
 /** Content of a project file: the state, and the image and sensor that it requires. */
@@ -108,9 +108,9 @@ export class ProjectMenu {
         `Projects contain images and video files; ${feed.name} is a live source. Save a snapshot, or open a file.`,
       );
     const blob = own?.blob ?? (await fileOf(feed)).picture;
-    if (blob.size > MOST_BYTES)
+    if (blob.size > MAX_BYTES)
       throw new api.Refused(
-        `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; the maximum in a project is ${MOST_BYTES >> 20} MB. Copy the link instead, and share the file separately.`,
+        `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; the maximum in a project is ${MAX_BYTES >> 20} MB. Copy the link instead, and share the file separately.`,
       );
     return {
       blob,

@@ -62,7 +62,7 @@ def no_rooms(monkeypatch) -> None:
     content."""
     monkeypatch.setattr(
         _look_routes,
-        "room_picture",
+        "render_room",
         lambda known: encoded(pattern(known.camera.image_size), ".png"),
     )
 

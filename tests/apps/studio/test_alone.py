@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import _standalone_page, page_alone
+from omnimirror.apps.studio import _standalone_page, standalone_page
 from omnimirror.apps.studio._look_cameras import Cameras
 from omnimirror.cameras.frames import Mount
 from omnimirror.io import read_image, write_image
@@ -26,7 +26,7 @@ def address(tmp_path_factory) -> str:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
         patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=15.0))
-        path.write_text(page_alone(SENSORS), encoding="utf-8")
+        path.write_text(standalone_page(SENSORS), encoding="utf-8")
     return path.as_uri()
 
 
@@ -127,5 +127,5 @@ def test_what_it_does_not_know_is_refused_with_a_sentence(tmp_path):
         om.base.errors.InvalidParameter,
         match=r"sensors must contain names from exact.*; got 'paper-sperical'",
     ):
-        page_alone(["paper-sperical"])
+        standalone_page(["paper-sperical"])
     assert "HTML" in fails("studio", "--page", tmp_path / "look.png")

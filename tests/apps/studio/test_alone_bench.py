@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import _standalone_page, page_alone
+from omnimirror.apps.studio import _standalone_page, standalone_page
 from omnimirror.apps.studio._bench_evaluation import answer
 from omnimirror.apps.studio._standalone_page import KERNEL, bench_alone
 from omnimirror.apps.studio.bench_messages import DesignRequest
@@ -64,7 +64,7 @@ def address(tmp_path_factory) -> str:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
         patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=40.0))
-        path.write_text(page_alone(["paper-spherical"]), encoding="utf-8")
+        path.write_text(standalone_page(["paper-spherical"]), encoding="utf-8")
     return path.as_uri()
 
 

@@ -427,7 +427,7 @@ def test_designs_are_told_apart_without_their_colours(bench):
 def test_a_design_is_looked_through(bench, monkeypatch):
     monkeypatch.setattr(
         _look_routes,
-        "room_picture",
+        "render_room",
         lambda known: encoded(pattern(known.camera.image_size), ".png"),
     )
     slide(bench, "Radius", 0.55)

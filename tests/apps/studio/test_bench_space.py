@@ -15,7 +15,7 @@ from omnimirror.apps.studio._bench_evaluation import (
     answer,
     space_blocks,
 )
-from omnimirror.apps.studio._bench_sensors import in_place
+from omnimirror.apps.studio._bench_sensors import aligned_sensor
 from omnimirror.apps.studio._http_messages import unframed
 from omnimirror.apps.studio.bench_messages import DesignRequest, DesignResponse
 from omnimirror.cameras.frames import Mount
@@ -43,7 +43,7 @@ SENSORS = {
 
 
 def blocks_of(sensor: om.Sensor) -> dict[str, np.ndarray]:
-    straight = in_place(sensor)
+    straight = aligned_sensor(sensor)
     heights = om.evaluate(
         straight, straight.field_deg[0] + np.linspace(0, 0.99, 7) * np.ptp(straight.field_deg)
     ).h_px

@@ -175,7 +175,7 @@ def test_tolerances_say_the_yield_and_bars_of_errors(bench):  # noqa: F811
     opened(bench)
     verdict = bench.locator(".tolerance-body .verdict")
     before = verdict.text_content()
-    assert "of 4096 built" in before
+    assert "4096 simulated sensors" in before
     assert bench.locator("svg.tornado rect").count() == 3 * 14
     assert "Imager shift" in bench.locator("svg.tornado").get_attribute("aria-label")
     bench.get_by_label("Tolerance grade").select_option("coarse")

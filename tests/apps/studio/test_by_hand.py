@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_requirements import requirements_for, slid
+from omnimirror.apps.studio._bench_requirements import requirements_for, slider_violations
 from omnimirror.apps.studio._bench_sensors import bent, sensor_on_bench, why_not_optimised
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio.bench_messages import CurveEdit, SearchTask, SliderRequest, SliderValues
@@ -71,7 +71,7 @@ def test_sliders_are_met_where_the_requirements_are_judged_so():
     asked = SliderRequest(
         tables=tables_of(sphere), follows=False, requirements=ASKED, slides=(slide,)
     )
-    ((*missed,),) = slid(asked).missed
+    ((*missed,),) = slider_violations(asked).missed
     assert max(missed[0]) > 0 > max(missed[-1])
     for value, shares in zip(values, missed, strict=True):
         tables = tables_of(sphere) | {"lens": tables_of(sphere)["lens"] | {"f_number": value}}

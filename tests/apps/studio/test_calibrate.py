@@ -177,14 +177,14 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
             await asyncio.Event().wait()
 
     async def both() -> BoardDetection:
-        lookers, ask = BoardDetectorPool(), BoardDetectionRequest(**ASKED, name="here.png")
+        board_detectors, ask = BoardDetectorPool(), BoardDetectionRequest(**ASKED, name="here.png")
         try:
             with pytest.raises(InvalidParameter, match=r"detection in here\.png was interrupted"):
-                await lookers.look(ask, png(0), Gone())
-            assert lookers._idle == []  # its process has ended too
-            return await lookers.look(ask, BLANK, Stays())
+                await board_detectors.look(ask, png(0), Gone())
+            assert board_detectors._idle == []  # its process has ended too
+            return await board_detectors.look(ask, BLANK, Stays())
         finally:
-            lookers.close()
+            board_detectors.close()
 
     with ThreadPoolExecutor(
         1
@@ -290,7 +290,7 @@ def test_a_straightened_board_is_a_board_with_square_squares(number, client, new
     off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
     assert off < 1.0
     outcome = found["pictures"][number]
-    assert 0 < outcome["off_straight_px"] < 0.5
+    assert 0 < outcome["line_deviation_px"] < 0.5
 
 
 def test_what_is_no_question_with_a_picture_is_refused(client):

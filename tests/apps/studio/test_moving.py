@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import pages, video_viewer_of
+from omnimirror.apps.studio import pages, video_viewer
 from omnimirror.apps.studio._server_state import Sources, Studio
 from tests.commands import fails, omnimirror
 from tests.io.synthetic import make_video
@@ -110,13 +110,13 @@ def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
 def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(
     browser, film, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(pages, "LARGEST_INSIDE", 100)
+    monkeypatch.setattr(pages, "MAX_EMBEDDED_BYTES", 100)
     beside = tmp_path / "my rides" / film.name
     beside.parent.mkdir()
     beside.write_bytes(film.read_bytes())
     camera = om.MirrorBall((31.5, 23.5), 23.0, 280.0, (64, 48))
     page_file = tmp_path / "ride.html"
-    page_file.write_text(video_viewer_of(camera, "ball", ("--ball", BALL), beside, page_file))
+    page_file.write_text(video_viewer(camera, "ball", ("--ball", BALL), beside, page_file))
     assert '"media":"my%20rides/ride.mp4"' in page_file.read_text()
     page = open_page(browser, page_file.as_uri())
     page.get_by_text("Drop ride.mp4 here").wait_for()

@@ -51,14 +51,14 @@ def test_pictures_are_taken_from_files(tmp_path):
     ("words", "sentence"),
     [
         (
-            {"picture": np.zeros((8, 8), np.uint8)},
+            {"image": np.zeros((8, 8), np.uint8)},
             "must have 256 x 256 px, the image size of the camera; got 8 x 8 px",
         ),
-        ({"picture": [1, 2]}, "a picture of list is not valid"),
+        ({"image": [1, 2]}, "a picture of list is not valid"),
         ({"camera": "paper-spherical"}, "camera must be a sensor or a camera"),
         ({"height_px": 5}, "height_px must be between 120 and 4000; got 5"),
     ],
 )
 def test_what_cannot_be_shown_is_refused(words, sentence):
     with pytest.raises(om.base.errors.InvalidParameter, match=sentence):
-        om.show(**{"picture": np.zeros((256, 256), np.uint8), "camera": SENSOR} | words)
+        om.show(**{"image": np.zeros((256, 256), np.uint8), "camera": SENSOR} | words)

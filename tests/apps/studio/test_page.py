@@ -47,7 +47,7 @@ def room(tmp_path_factory) -> Path:
 def coarse_room(monkeypatch) -> None:
     """Render the demo room with one sample per pixel."""
     taken = lambda known: om.take_picture(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
-    monkeypatch.setattr(_look_routes, "room_picture", lambda known: encoded(taken(known), ".png"))
+    monkeypatch.setattr(_look_routes, "render_room", lambda known: encoded(taken(known), ".png"))
 
 
 def state(page) -> dict:
@@ -218,7 +218,7 @@ def test_the_files_that_a_command_names_are_there_or_offered(
 ):
     page = open_page(browser, f"{server}#source=room")
     page.wait_for_selector("#command:visible")
-    assert "once circle.png is saved" in page.locator("#command-title").inner_text()
+    assert "save circle.png first" in page.locator("#command-title").inner_text()
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save image").click()
     saved.value.save_as(tmp_path / saved.value.suggested_filename)

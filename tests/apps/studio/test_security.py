@@ -362,7 +362,7 @@ def test_what_comes_too_slowly_is_given_up(monkeypatch):
 def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatch):
     """Exact to the byte: an image of maximum size is read, and one with another row is rejected
     beforehand."""
-    monkeypatch.setattr(_uploads, "MOST_UNPACKED", 40 * 30 * pixel.nbytes)
+    monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", 40 * 30 * pixel.nbytes)
 
     def file(rows: int) -> bytes:
         return cv2.imencode(suffix, np.tile(pixel, (rows, 40, 1)))[1].tobytes()
@@ -430,9 +430,9 @@ def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkey
     with Image.open(BytesIO(data)) as stored:
         channels = 4 if stored.mode == "P" else len(stored.getbands())
     size = 10 * 6 * channels * (2 if kind == "PPM" else 1)
-    monkeypatch.setattr(_uploads, "MOST_UNPACKED", size)
+    monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", size)
     assert _uploads.picture_in(data, "a").shape[:2] == (6, 10)
-    monkeypatch.setattr(_uploads, "MOST_UNPACKED", size - 1)
+    monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", size - 1)
     with pytest.raises(MediaError, match="pixels of a must take at most"):
         _uploads.picture_in(data, "a")
 
@@ -765,14 +765,14 @@ def test_a_browser_is_led_to_an_address_without_the_token(browser):
 @pytest.mark.parametrize("path", ["/", "/bench.js", "/space.js", "/calibrate.js"])
 def test_the_page_is_sent_once_and_squeezed(path, client):
     whole = client.get(path, headers={"accept-encoding": "identity"})
-    squeezed = client.get(path, headers={"accept-encoding": "gzip"})
+    compressed = client.get(path, headers={"accept-encoding": "gzip"})
     assert "content-encoding" not in whole.headers
-    assert squeezed.headers["content-encoding"] == "gzip"
-    assert int(squeezed.headers["content-length"]) < 0.45 * int(whole.headers["content-length"])
-    assert squeezed.content == whole.content  # decompressed by the client
-    assert squeezed.headers["cache-control"] == "no-cache"
-    assert squeezed.headers["vary"] == "accept-encoding"
-    again = client.get(path, headers={"if-none-match": squeezed.headers["etag"]})
+    assert compressed.headers["content-encoding"] == "gzip"
+    assert int(compressed.headers["content-length"]) < 0.45 * int(whole.headers["content-length"])
+    assert compressed.content == whole.content  # decompressed by the client
+    assert compressed.headers["cache-control"] == "no-cache"
+    assert compressed.headers["vary"] == "accept-encoding"
+    again = client.get(path, headers={"if-none-match": compressed.headers["etag"]})
     assert (again.status_code, again.content) == (304, b"")
     assert "default-src 'none'" in again.headers["content-security-policy"]
     assert client.get(path, headers={"if-none-match": '"other"'}).status_code == 200

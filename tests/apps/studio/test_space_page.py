@@ -24,7 +24,7 @@ PIXELS = f"""() => {{
   return {{ size: [canvas.width, canvas.height], values: ({BASE64})(data) }};
 }}"""
 ORBIT = f"JSON.stringify({VIEW}.orbit)"
-MOST_IN_ALL = 300_000  # bytes, compressed, without the 3-D view
+MAX_TOTAL = 300_000  # bytes, compressed, without the 3-D view
 
 
 @pytest.fixture
@@ -257,4 +257,4 @@ def test_the_page_is_light_without_it():
     import gzip
 
     parts = [path for path in PAGE.iterdir() if path.name != "space.js"]
-    assert sum(len(gzip.compress(path.read_bytes(), 9)) for path in parts) < MOST_IN_ALL
+    assert sum(len(gzip.compress(path.read_bytes(), 9)) for path in parts) < MAX_TOTAL

@@ -12,7 +12,7 @@ interface Question {
 
 const RETRY_MS = 1000;
 const LATEST_RETRY_MS = 8000;
-const MOST_FAILURES = 2;
+const MAX_FAILURES = 2;
 const UNANSWERABLE = "The server of the studio cannot evaluate this design";
 const REFUSALS = [1003, 1007, 1009]; // close codes for invalid and oversized messages
 
@@ -72,7 +72,7 @@ export class Answers {
     this.onItsWay = null;
     if (!onItsWay) return false;
     const failures = onItsWay.failures + 1;
-    const isRefused = REFUSALS.includes(code) || failures >= MOST_FAILURES;
+    const isRefused = REFUSALS.includes(code) || failures >= MAX_FAILURES;
     if (isRefused) this.answered(noneTo(onItsWay));
     else if (!this.waiting.has(onItsWay.slot))
       this.waiting.set(onItsWay.slot, { ...onItsWay, failures });

@@ -20,7 +20,7 @@ import { TolerancesPanel } from "./tolerances/panel";
 import { Toolbar } from "./toolbar";
 
 const OWN = "design";
-const MOST_PINS = 4;
+const MAX_PINS = 4;
 const MARKED_MS = 500; // idle time after which slider marks are requested
 
 /** Parts of requirements that determine the plotted quantities. */
@@ -197,7 +197,7 @@ export class Bench {
   private takeFound(sensor: BenchSensor): void {
     const before = this.history.now;
     const isFull =
-      this.pins.length >= MOST_PINS || this.pins.some((p) => p.design.tables === before.tables);
+      this.pins.length >= MAX_PINS || this.pins.some((p) => p.design.tables === before.tables);
     if (!isFull) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
     this.take(
       sensor,
@@ -278,8 +278,8 @@ export class Bench {
   // -- pinned designs -------------------------------------------------------------------------------
 
   pin(): void {
-    if (this.pins.length >= MOST_PINS)
-      return this.host.say(`${MOST_PINS} designs can be pinned; unpin one first.`);
+    if (this.pins.length >= MAX_PINS)
+      return this.host.say(`${MAX_PINS} designs can be pinned; unpin one first.`);
     const same = this.pins.filter((p) => p.name.startsWith(nameOf(this.history.now))).length;
     this.pins = [
       ...this.pins,

@@ -20,7 +20,7 @@ import { Gallery } from "./results/gallery";
 import { coveragePlot } from "./results/plots";
 import { list, resultsOf, tablesOf } from "./results/report";
 import { Single } from "./results/single";
-import { MOST_SHOTS, type Shot, Shots } from "./shots";
+import { MAX_SHOTS, type Shot, Shots } from "./shots";
 import { Toolbar } from "./toolbar";
 import { calibrateCommand, rimOf, whyNot } from "./words";
 
@@ -174,10 +174,10 @@ export class Calibrate {
       try {
         await checkReadable(file, file.name);
         if (isVideo(file, file.name))
-          await framesOf(file, file.name, MOST_SHOTS - this.shots.all.length, take);
+          await framesOf(file, file.name, MAX_SHOTS - this.shots.all.length, take);
         else if (!(await take(file, file.name, null))) {
           refusals.push(
-            `${MOST_SHOTS} images is the maximum; ${file.name} and the following files were ignored.`,
+            `${MAX_SHOTS} images is the maximum; ${file.name} and the following files were ignored.`,
           );
           break;
         }

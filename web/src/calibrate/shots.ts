@@ -25,7 +25,7 @@ export interface Shot extends Listed {
   reason: string | null;
 }
 
-export const MOST_SHOTS = 100;
+export const MAX_SHOTS = 100;
 const AT_ONCE = 2;
 const THUMBNAIL_PX = 240;
 
@@ -89,7 +89,7 @@ export class Shots {
 
   /** Add an image; false if the maximum is reached. */
   async add(blob: Blob, name: string, time: number | null = null): Promise<boolean> {
-    if (this.all.length >= MOST_SHOTS) return false;
+    if (this.all.length >= MAX_SHOTS) return false;
     const shot: Shot = {
       key: `${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 8)}`,
       name: unlike(name, new Set(this.all.map((s) => s.name))),

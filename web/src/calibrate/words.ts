@@ -13,13 +13,13 @@ export const COUNTED: Record<BoardSpec["kind"], string> = {
   charuco: "Squares",
   aprilgrid: "Tags",
 };
-const FEWEST = 3;
-const MOST_NAMED = 40; // maximum number of files on a command line; more are replaced by their folder
+const MIN_IMAGES = 3;
+const MAX_NAMED = 40; // maximum number of files on a command line; more are replaced by their folder
 
 /** Displayed name of a camera model. */
 export function modelWords(kind: string): string {
   const named: Record<string, string> = {
-    auto: "Automatic selection",
+    auto: "Automatic",
     unified: "unified sphere",
     "enhanced-unified": "enhanced unified",
     sensor: "mirror sensor",
@@ -48,8 +48,8 @@ export function stateWords(seen: BoardDetection, reason: string | null): string 
 export function whyNot(found: number, waiting: number): string | null {
   if (waiting)
     return `${waiting === 1 ? "One image has" : `${waiting} images have`} not been processed yet.`;
-  if (found < FEWEST)
-    return `The target was detected in ${found === 0 ? "no image" : found === 1 ? "one image" : `${found} images`}; at least ${FEWEST} are required, 10 to 20 are recommended.`;
+  if (found < MIN_IMAGES)
+    return `The target was detected in ${found === 0 ? "no image" : found === 1 ? "one image" : `${found} images`}; at least ${MIN_IMAGES} are required, 10 to 20 are recommended.`;
   return null;
 }
 
@@ -107,7 +107,7 @@ export function calibrateCommand(
   names: readonly string[],
   ask: Omit<CalibrationRequest, "command" | "pictures">,
 ): string {
-  const pictures = names.length > MOST_NAMED || !names.length ? ["boards"] : names.map(file);
+  const pictures = names.length > MAX_NAMED || !names.length ? ["boards"] : names.map(file);
   return [
     "omnimirror",
     "calibrate",

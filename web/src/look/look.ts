@@ -269,7 +269,7 @@ export class Look {
     byId("save-picture").hidden = !feed.made;
     byId("save-sensor").hidden = !sensor || !this.sources.hasServer;
     const files = [feed.made && feed.name, sensor].filter(Boolean).join(" and ");
-    const once = files ? `, once ${files} ${feed.made && sensor ? "are" : "is"} saved` : "";
+    const once = files ? ` (save ${files} first)` : "";
     put("command-title", `Equivalent command${once}`);
   }
 

@@ -5,7 +5,7 @@ import { arranged, type Cell, within } from "./geometry/arrangement";
 import { aspectOf, type View, viewOf } from "./geometry/views";
 
 const NARROW = matchMedia("(max-width: 899px), (max-height: 479px)");
-const MOST_DOTS = 2; // canvas pixels per CSS pixel, maximum
+const MAX_DOTS = 2; // canvas pixels per CSS pixel, maximum
 
 /** Effective state: the default of `fit` depends on the size of the page. */
 export const asShown = (s: State): State =>
@@ -35,7 +35,7 @@ export function lay(
   canvas: HTMLCanvasElement,
   room: { width: number; height: number },
 ): Laid {
-  const dots = Math.min(devicePixelRatio, MOST_DOTS);
+  const dots = Math.min(devicePixelRatio, MAX_DOTS);
   const pixels = (side: number): number => Math.max(2, Math.floor(side * dots));
   const through = seen.map((one) => one?.camera ?? shown);
   const aspects = states.map((s, i) => aspectOf(s, through[i]));

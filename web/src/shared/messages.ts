@@ -398,7 +398,7 @@ export interface ImageResult {
   /** RMS in a fit without this image (cross-validation) */
   held_out_rms_px: number | null;
   /** maximum deviation of corners from straight lines on the undistorted board */
-  off_straight_px: number | null;
+  line_deviation_px: number | null;
   /** corner u, v and residual du, dv, px */
   residuals: [number, number, number, number][];
 }

@@ -117,13 +117,13 @@ export interface KeptView extends ViewOf {
   of?: RenderHeader;
 }
 
-const MOST_VIEWS = 16;
+const MAX_VIEWS = 16;
 export const LONGEST_NAME = 40;
 
 /** Parse stored views; null if invalid. */
 export function viewsIn(text: string): KeptView[] | null {
   const found = text ? parsed(text) : [];
-  if (!Array.isArray(found) || found.length > MOST_VIEWS) return null;
+  if (!Array.isArray(found) || found.length > MAX_VIEWS) return null;
   const views = found.map((entry) => viewIn(entry as Record<string, unknown> | null));
   return views.every((view) => view !== null) ? views : null;
 }
@@ -172,7 +172,7 @@ export function textOf(views: readonly KeptView[]): string {
     ...told(view),
     ...(of && { of: { sensor: of.sensor, ...told(of) } }),
   });
-  return views.length ? JSON.stringify(views.slice(0, MOST_VIEWS).map(entry)) : "";
+  return views.length ? JSON.stringify(views.slice(0, MAX_VIEWS).map(entry)) : "";
 }
 
 export const ofTaken = (s: RenderHeader): RenderHeader =>

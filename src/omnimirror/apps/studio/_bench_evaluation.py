@@ -35,14 +35,14 @@ from ...optics.tracing.shell_transmission import let_out, pose_of
 from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
 from ...simulation.scenes.surfaces import intersect_boxes
-from ._bench_requirements import Judged, judged_by
+from ._bench_requirements import CheckResult, check_evaluation
 from ._bench_sensors import (
+    aligned_sensor,
+    api_error_of,
     bent,
-    in_place,
     on_bench,
     remark_on,
     sensor_on_bench,
-    trouble_of,
     why_not_optimised,
 )
 from ._http_messages import framed
@@ -130,7 +130,7 @@ def _blocks_of(part: TurnedPart, world: Array) -> Iterator[BlockValues]:
 
 
 def _parts(sensor: Sensor) -> Iterator[TurnedPart]:
-    straight = in_place(sensor)
+    straight = aligned_sensor(sensor)
     yield from _bodies(sensor, straight)
     yield from _lens(straight)
     standing = sensor.obstructions
@@ -236,7 +236,7 @@ def _space_rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
     pixels = sensor.image_plane.pixels(sensor.imager.pitch_mm * places)
     pixels[~inside_image(pixels, sensor.image_size)] = np.nan
     legs = _legs(sensor, pixels)
-    wall, end, outside, is_hidden = _ways_out(sensor, legs, world)
+    wall, end, outside, is_hidden = _exit_points(sensor, legs, world)
     cosines = -outside[:, 2], np.abs((legs.before * legs.normals).sum(axis=1))
     omega, incidence = np.degrees(
         np.arccos(np.clip(cosines, -1, 1))
@@ -268,14 +268,16 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
         lens, towards = mirror.over(lens), towards * (1, 1, -1)
     if sensor.lens.TELECENTRIC:  # at an arbitrary axial position
         lens = (
-            lens + ((lens_height(in_place(sensor)) - lens[:, 2]) / towards[:, 2])[:, None] * towards
+            lens
+            + ((lens_height(aligned_sensor(sensor)) - lens[:, 2]) / towards[:, 2])[:, None]
+            * towards
         )
     lens = np.where(found.valid[:, None], lens, np.nan)
     unit = before / np.linalg.norm(before, axis=1, keepdims=True)
     return _Legs(lens, second, found.points, unit, found.directions, found.normals)
 
 
-def _ways_out(
+def _exit_points(
     sensor: Sensor, legs: _Legs, world: Array
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return the exit points from a cover and the end points of rays (n, 3) in the world frame,
@@ -297,12 +299,12 @@ def _ways_out(
     far = np.full(len(points), AWAY * sensor.mirror.rim_radius_mm)
     inside = ((start >= ROOM.low) & (start <= ROOM.high)).all(axis=1)
     far[inside] = intersect_boxes(ROOM, SOLIDS, start[inside], direction[inside]).distance
-    stopped = _stopped_after(standing, points, towards)
+    stopped = _distance_to_disc(standing, points, towards)
     far = np.where(is_hidden, np.where(np.isfinite(stopped), stopped, 0.0), far)
     return wall, start + far[:, None] * direction, towards, is_hidden
 
 
-def _stopped_after(standing: Obstructions, points: Array, towards: Array) -> Array:
+def _distance_to_disc(standing: Obstructions, points: Array, towards: Array) -> Array:
     """Return the path length (n,), mm, to the first opaque disc; infinite without intersection."""
     way = np.full(len(points), np.inf)
     for disc in standing.discs:
@@ -363,7 +365,7 @@ def answer(ask: DesignRequest) -> bytes:
         stands = sensor_on_bench(ask.tables, ask.follows)
         if ask.bend is not None:
             stands = bent(stands, ask.bend)
-        sensor = in_place(stands)
+        sensor = aligned_sensor(stands)
         design = _evaluated(sensor, distance_of(ask.object_distance_mm))
         facts = _facts(design, why_not_optimised(stands))
         blocks = [_block("curves", CURVES, design.curve)]
@@ -371,8 +373,12 @@ def answer(ask: DesignRequest) -> bytes:
         blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
         blocks += space_blocks(stands, design.marks.h_px) if ask.space else []
     except OmnimirrorError as e:
-        return framed(_answer(ask, trouble=trouble_of(e)))
-    judged = judged_by(ask.requirements, design.curve) if ask.requirements is not None else Judged()
+        return framed(_answer(ask, trouble=api_error_of(e)))
+    judged = (
+        check_evaluation(ask.requirements, design.curve)
+        if ask.requirements is not None
+        else CheckResult()
+    )
     blocks += judged.curves
     told = _answer(
         ask,

@@ -20,14 +20,14 @@ from ...optics.sensor import Sensor
 from ...optics.sensor_files import format_sensor, sensor_of, tables_of
 from ...optics.toml_validation import SourceLocator
 from ._bench_requirements import lens_table, requirements_for
-from ._bench_sensors import in_place, on_bench, sensor_on_bench
+from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench
 from ._http_messages import framed
 from ._uploads import encoded, safe_name
 from .bench_messages import FileRequest, ImportedFile, RenderHeader, RenderRequest, distance_of
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
-MOST_ACROSS = 4096
+MAX_SIDE_PX = 4096
 """Maximum width of a panorama and maximum longer side of the imager in a report, pixels."""
 VERY_FAR = 1e12
 """Finite stand-in for an infinite distance in JSON, mm."""
@@ -88,7 +88,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
     SpecError
         Invalid requirements.
     """
-    sensor = in_place(sensor)
+    sensor = aligned_sensor(sensor)
     requirements = requirements_for(tables, sensor)
     imager = tables_of(sensor)["imager"]
     rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
@@ -142,9 +142,9 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
     from ..reports import write_demo
 
     width, height = sensor.imager.size
-    if max(width, height) > MOST_ACROSS:
+    if max(width, height) > MAX_SIDE_PX:
         raise InvalidParameter(
-            f"the imager of a report must have at most {MOST_ACROSS} px per side; got {width} x {height} px; "
+            f"the imager of a report must have at most {MAX_SIDE_PX} px per side; got {width} x {height} px; "
             "omnimirror demo supports larger imagers"
         )
     with tempfile.TemporaryDirectory() as folder:
@@ -201,8 +201,8 @@ def taken(ask: RenderRequest) -> bytes:
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
     picture = take_picture(sensor, Room(), samples=ask.samples)
     view = views.panorama(sensor)
-    if view.size[0] > MOST_ACROSS:  # narrow vertical field
-        view = views.panorama(sensor, (MOST_ACROSS, None))
+    if view.size[0] > MAX_SIDE_PX:  # narrow vertical field
+        view = views.panorama(sensor, (MAX_SIDE_PX, None))
     panorama = Dewarper(sensor, view)(picture)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
     return framed(RenderHeader(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)

@@ -16,7 +16,7 @@ from ...design.requirement_files import lens_like, requirements_of
 from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
-from ._bench_sensors import in_place, sensor_on_bench
+from ._bench_sensors import aligned_sensor, sensor_on_bench
 from .bench_messages import (
     BlockValues,
     RequirementResult,
@@ -59,7 +59,7 @@ def lens_table(sensor: Sensor) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Judged:
+class CheckResult:
     """Result of a requirement check: achieved values or an error message, and the limited
     quantities."""
 
@@ -69,7 +69,7 @@ class Judged:
     """One block, "limits": limited quantities over the field, named after their rows."""
 
 
-def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
+def check_evaluation(tables: dict[str, Any], curve: Evaluation) -> CheckResult:
     """Check an evaluated sensor against requirements from tables, with limits at the same field
     angles."""
     sensor = curve.sensor
@@ -78,9 +78,9 @@ def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
         rows = rows_of(tables, requirements, sensor, CHECK_ANGLES)
         curves = limit_curves(requirements, curve)
     except OmnimirrorError as e:
-        return Judged(trouble=str(e))
+        return CheckResult(trouble=str(e))
     first = len(rows) - len(requirements.limits)
-    return Judged(tuple(_told(row, i - first) for i, row in enumerate(rows)), None, (curves,))
+    return CheckResult(tuple(_told(row, i - first) for i, row in enumerate(rows)), None, (curves,))
 
 
 def rows_of(
@@ -130,7 +130,7 @@ SLIDER_ANGLES = 61
 """Field angles at which limits are evaluated; slider tracks are only a few hundred pixels long."""
 
 
-def slid(asked: SliderRequest) -> SliderViolations:
+def slider_violations(asked: SliderRequest) -> SliderViolations:
     """Return the relative violation of each requirement for every value of each number, one number
     at a time.
 
@@ -139,7 +139,9 @@ def slid(asked: SliderRequest) -> SliderViolations:
     OmnimirrorError
         Invalid requirements.
     """
-    requirements_for(asked.requirements, in_place(sensor_on_bench(asked.tables, asked.follows)))
+    requirements_for(
+        asked.requirements, aligned_sensor(sensor_on_bench(asked.tables, asked.follows))
+    )
     return SliderViolations(
         missed=tuple(
             tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides
@@ -150,7 +152,7 @@ def slid(asked: SliderRequest) -> SliderViolations:
 def _missed(asked: SliderRequest, slide: SliderValues, value: float) -> tuple[float, ...] | None:
     is_distance = slide.path == ("mount", "mirror_distance_mm")
     try:
-        sensor = in_place(
+        sensor = aligned_sensor(
             sensor_on_bench(
                 _with(asked.tables, slide.path, value), asked.follows and not is_distance
             )

@@ -13,11 +13,11 @@ from ...base.escaping import http_attachment
 from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
 from ...optics.sensor_files import load_sensor
 from ._bench_files import SLOW_KINDS, File, downloaded, opened, requirement_file, taken
-from ._bench_requirements import slid
+from ._bench_requirements import slider_violations
 from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
 from ._http_messages import BYTES, FILE_BODY, FileName
 from ._uploads import collected, safe_name
-from ._workers import Workers, relay, while_open
+from ._workers import Workers, relay, serve_socket
 from .bench_messages import (
     AsBuiltRequest,
     BenchSensor,
@@ -42,7 +42,7 @@ from .bench_messages import (
 if TYPE_CHECKING:
     from ._server_state import Studio
 
-MOST_SEARCHES = 2
+MAX_SEARCHES = 2
 """Maximum number of simultaneous searches."""
 
 
@@ -51,7 +51,7 @@ def add_bench(app: FastAPI, studio: Studio) -> None:
     _add_questions(app, studio)
     _add_files(app, studio)
     _add_tolerances(app, studio)
-    _add_sockets(app, Workers("omnimirror.apps.studio._search_process", MOST_SEARCHES, "searches"))
+    _add_sockets(app, Workers("omnimirror.apps.studio._search_process", MAX_SEARCHES, "searches"))
 
 
 def _add_questions(app: FastAPI, studio: Studio) -> None:
@@ -72,7 +72,9 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/slides")
     async def slides(asked: SliderRequest) -> SliderViolations:
         """Return the relative violation of the requirements along all sliders."""
-        return await studio.slid.run(asked.model_dump_json(), lambda: slid(asked))
+        return await studio.slider_violations.run(
+            asked.model_dump_json(), lambda: slider_violations(asked)
+        )
 
     @app.post("/api/bench/change")
     def change(asked: DesignChange) -> BenchSensor:
@@ -132,10 +134,10 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
     def errors(asked: ErrorSourcesRequest) -> ErrorSourceList:
         """Return the error sources of a sensor."""
         from ._bench_tolerances import (
-            errors_known,
+            list_error_sources,
         )  # deferred import: requires the tolerancing modules
 
-        return errors_known(asked)
+        return list_error_sources(asked)
 
     @app.post("/api/bench/built", response_class=Response, responses={200: BYTES})
     async def as_built(asked: AsBuiltRequest) -> Response:
@@ -148,9 +150,9 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/yield")
     async def yields(asked: YieldRequest) -> YieldResult:
         """Return the predicted yield and the effect of each error source."""
-        from ._bench_tolerances import yielded
+        from ._bench_tolerances import predict_yield
 
-        return await studio.toleranced.run(asked.model_dump_json(), lambda: yielded(asked))
+        return await studio.toleranced.run(asked.model_dump_json(), lambda: predict_yield(asked))
 
 
 def _add_sockets(app: FastAPI, workers: Workers) -> None:
@@ -164,7 +166,7 @@ def _add_sockets(app: FastAPI, workers: Workers) -> None:
     @app.websocket("/api/bench/work")
     async def work(socket: WebSocket) -> None:
         """Run one task and send its progress; closing the socket cancels it."""
-        await while_open(socket, lambda socket: _work(socket, workers))
+        await serve_socket(socket, lambda socket: _work(socket, workers))
 
 
 async def _answer_newest(socket: WebSocket) -> None:

@@ -161,7 +161,7 @@ class Form(NoFile):
         return EntryError((path[0], named[1]) if named and len(path) == 1 else path, message)
 
 
-def trouble_of(error: OmnimirrorError) -> ApiError:
+def api_error_of(error: OmnimirrorError) -> ApiError:
     """Return the message of an error with the entry that it concerns."""
     return ApiError(path=getattr(error, "path", ()), sentence=str(error))
 
@@ -188,7 +188,7 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     )
 
 
-def in_place(sensor: Sensor) -> Sensor:
+def aligned_sensor(sensor: Sensor) -> Sensor:
     """Return the sensor with mirror and cover aligned to the lens axis, for rotationally symmetric
     quantities."""
     return sensor if sensor.is_axial else sensor.aligned()
@@ -249,7 +249,7 @@ def changed(change: DesignChange) -> Sensor:
         Unknown kind, or a kind that does not support this field.
     """
     stands, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
-    sensor = in_place(stands)
+    sensor = aligned_sensor(stands)
     if change.what == "focus":
         best = best_focus(sensor, change.to, object_distance_mm=distance)
         made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))

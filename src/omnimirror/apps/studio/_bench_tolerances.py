@@ -30,7 +30,7 @@ from ...manufacturing.tolerancing.trial_images import Refocus
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
 from ._bench_evaluation import finite
-from ._bench_sensors import in_place, sensor_on_bench
+from ._bench_sensors import aligned_sensor, sensor_on_bench
 from ._http_messages import framed
 from .bench_messages import (
     AsBuiltRequest,
@@ -48,12 +48,12 @@ LAST_ZERNIKE = 11
 SLOW_TRIALS = 60
 """Trials of sensors that require sequential tracing, limited to keep the response time at seconds."""
 STRAIGHTNESS = tuple(after("straightness_deg", depth) for depth in CALIBRATIONS)
-KEPT = 8  # cached evaluators, one per sensor and set of requirements
+MAX_EVALUATORS = 8  # cached evaluators, one per sensor and set of requirements
 
 
-def errors_known(ask: ErrorSourcesRequest) -> ErrorSourceList:
+def list_error_sources(ask: ErrorSourcesRequest) -> ErrorSourceList:
     """Return the error sources of the sensor of given tables."""
-    sensor = in_place(sensor_on_bench(ask.tables))
+    sensor = aligned_sensor(sensor_on_bench(ask.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
     known = tuple(
         ErrorSourceInfo(
@@ -81,13 +81,15 @@ def built(ask: AsBuiltRequest) -> bytes:
     OmnimirrorError
         Invalid sensor, or an error source that does not apply to it.
     """
-    meant = in_place(sensor_on_bench(ask.tables))
+    meant = aligned_sensor(sensor_on_bench(ask.tables))
     check_error_names(meant, ask.values)
     values = {name: value for name, value in ask.values.items() if value} or {
         "imager.shift_x_px": 0.0
     }
     is_quick = is_vectorised(meant, values)
-    evaluator = _judge(_told(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ())
+    evaluator = _cached_evaluator(
+        _cache_key(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ()
+    )
     merits, moved = evaluator.evaluate_with_motions(
         {name: np.array([0.0, value]) for name, value in values.items()}
     )
@@ -126,7 +128,7 @@ def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, An
         return None
 
 
-def yielded(ask: YieldRequest) -> YieldResult:
+def predict_yield(ask: YieldRequest) -> YieldResult:
     """Return the effect of each error and the predicted yield.
 
     Raises
@@ -135,15 +137,17 @@ def yielded(ask: YieldRequest) -> YieldResult:
         Invalid sensor, inapplicable error source, or invalid limit.
     """
     check_limits({ask.merit: ask.limit})
-    sensor = in_place(sensor_on_bench(ask.tables))
+    sensor = aligned_sensor(sensor_on_bench(ask.tables))
     errors = {error.name: Tolerance(error.tolerance) for error in ask.errors}
     tolerances = Tolerances(sensor, errors)
-    evaluator = _judge(_told(ask.tables), ask.refocus, select_requirement_merits([ask.merit]))
+    evaluator = _cached_evaluator(
+        _cache_key(ask.tables), ask.refocus, select_requirement_merits([ask.merit])
+    )
     trials = ask.trials if is_vectorised(sensor, errors) else min(ask.trials, SLOW_TRIALS)
     statistics = simulate_trials(
         evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed
     )
-    return _told_yield(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
+    return _yield_result(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
 
 
 def _alone(
@@ -182,7 +186,7 @@ def _worst(name: str, values: Array) -> float | None:
     return finite(float(values.min() if is_lower_limit(name) else values.max()))
 
 
-def _told_yield(
+def _yield_result(
     statistics: YieldStatistics, merit: str, rows: tuple[SingleErrorEffect, ...]
 ) -> YieldResult:
     of = statistics.yields
@@ -199,12 +203,12 @@ def _told_yield(
     )
 
 
-def _told(tables: Mapping[str, Any]) -> str:
+def _cache_key(tables: Mapping[str, Any]) -> str:
     """Serialise tables as a cache key."""
     return json.dumps(tables, sort_keys=True)
 
 
-@lru_cache(maxsize=KEPT)
-def _judge(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
+@lru_cache(maxsize=MAX_EVALUATORS)
+def _cached_evaluator(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
     """Return the cached trial evaluator of a sensor; its set-up takes longer than a trial."""
-    return TrialEvaluator.of(in_place(sensor_on_bench(json.loads(tables))), refocus, required)
+    return TrialEvaluator.of(aligned_sensor(sensor_on_bench(json.loads(tables))), refocus, required)

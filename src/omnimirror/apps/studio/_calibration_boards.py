@@ -118,9 +118,9 @@ def coverage_shown(spread: Coverage) -> CoverageInfo:
 
 MARGIN = 1.5  # margin around the board, squares
 FINER = 2.5  # pixels of the view per pixel of the image
-LONGEST_PX = 1200
-LARGEST_MM = 1e5
-LEAST_OF_LINE = 3  # minimum number of corners for a straightness residual
+MAX_VIEW_PX = 1200
+MAX_BOARD_MM = 1e5
+MIN_LINE_CORNERS = 3  # minimum number of corners for a straightness residual
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class BoardScreen:
 
     @property
     def _px_per_mm(self) -> float:
-        return float(min(self.place.px_per_mm, (LONGEST_PX - 1) / self.sides_mm.max()))
+        return float(min(self.place.px_per_mm, (MAX_VIEW_PX - 1) / self.sides_mm.max()))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -212,7 +212,7 @@ def on_board_mm(sighting: Sighting, model: CameraModel, board: Board) -> Array:
     return np.where(rays.valid[:, None], met, np.nan)
 
 
-def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> float:
+def line_deviation_px(sighting: Sighting, model: CameraModel, board: Board) -> float:
     """Return the largest distance of a corner from the best-fit line of its row or column on the
     dewarped board.
 
@@ -224,7 +224,7 @@ def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> flo
     for axis in (0, 1):
         for at in np.unique(points[:, axis]):
             line = met[(points[:, axis] == at) & np.isfinite(met).all(axis=1)]
-            if len(line) >= LEAST_OF_LINE:
+            if len(line) >= MIN_LINE_CORNERS:
                 from_middle = line - line.mean(axis=0)
                 worst = max(
                     worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max())
@@ -232,7 +232,7 @@ def off_straight_px(sighting: Sighting, model: CameraModel, board: Board) -> flo
     return worst
 
 
-def straightened(ask: BoardViewRequest, data: bytes) -> bytes:
+def render_board_view(ask: BoardViewRequest, data: bytes) -> bytes:
     """Render the frontal view of a board as JPEG.
 
     Raises
@@ -241,9 +241,9 @@ def straightened(ask: BoardViewRequest, data: bytes) -> bytes:
         Unreadable image, invalid camera or board, or an image of another size than the camera's.
     """
     screen = BoardScreen(ask.place)
-    if not np.all((screen.sides_mm > 0) & (screen.sides_mm < LARGEST_MM)):
+    if not np.all((screen.sides_mm > 0) & (screen.sides_mm < MAX_BOARD_MM)):
         raise InvalidParameter(
-            f"the board in {ask.place.picture} must be larger than 0 and smaller than {LARGEST_MM:g} mm; "
+            f"the board in {ask.place.picture} must be larger than 0 and smaller than {MAX_BOARD_MM:g} mm; "
             f"its corners extend from {ask.place.low_mm} to {ask.place.high_mm} mm"
         )
     picture = eight_bits(picture_in(data, ask.name))

@@ -22,7 +22,7 @@ from ...calibration.targets.frame_selection import selected_frames
 from ...cameras.frames import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
-from ._calibration_boards import coverage_shown, off_straight_px, place_of, taken
+from ._calibration_boards import coverage_shown, line_deviation_px, place_of, taken
 from .calibration_messages import (
     STOP,
     BoardDetection,
@@ -171,7 +171,7 @@ def _pictures(found: Calibration) -> tuple[ImageResult, ...]:
             where = slices[picture.name]
             both = np.hstack([pixels[where], fit.residuals[where]])[seen[where]]
             rows = tuple(tuple(row) for row in np.round(both, 4).tolist())
-            off = finite(off_straight_px(sightings[picture.name], found.model, found.board))
+            off = finite(line_deviation_px(sightings[picture.name], found.model, found.board))
             if found.held_out is not None:
                 held = finite(
                     float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))
@@ -184,7 +184,7 @@ def _pictures(found: Calibration) -> tuple[ImageResult, ...]:
                 reason=picture.reason,
                 rms_px=picture.rms_px,
                 held_out_rms_px=held,
-                off_straight_px=off,
+                line_deviation_px=off,
                 residuals=rows,
             )
         )

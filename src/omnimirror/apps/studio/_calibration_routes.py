@@ -14,7 +14,7 @@ from ...interop.http_server.request_bodies import InvalidMessage, close_invalid,
 from ._calibration_boards import together
 from ._http_messages import BYTES, FILE_BODY, unframed
 from ._uploads import collected
-from ._workers import BoardDetectorPool, Worker, Workers, relay, while_open
+from ._workers import BoardDetectorPool, Worker, Workers, relay, serve_socket
 from .calibration_messages import (
     STOP,
     BoardDetection,
@@ -30,21 +30,21 @@ from .calibration_messages import (
 if TYPE_CHECKING:
     from ._server_state import Studio
 
-MOST_CALIBRATIONS = 2
+MAX_CALIBRATIONS = 2
 """Maximum number of simultaneous calibrations."""
 
 
 def add_calibrate(app: FastAPI, studio: Studio) -> None:
     """Register the routes of calibration."""
-    _add_questions(app, studio.lookers)
+    _add_questions(app, studio.board_detectors)
     _add_straight(app, studio)
     _add_socket(
         app,
-        Workers("omnimirror.apps.studio._calibration_process", MOST_CALIBRATIONS, "calibrations"),
+        Workers("omnimirror.apps.studio._calibration_process", MAX_CALIBRATIONS, "calibrations"),
     )
 
 
-def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
+def _add_questions(app: FastAPI, board_detectors: BoardDetectorPool) -> None:
     @app.get("/api/calibrate")
     def start() -> CalibrationOptions:
         """Return the available options."""
@@ -62,7 +62,7 @@ def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
     ) -> BoardDetection:
         """Return the corners of a board in an image, or the reason for the failed detection."""
         data = await collected(request)
-        return await lookers.look(ask, data, request)
+        return await board_detectors.look(ask, data, request)
 
     @app.post("/api/calibrate/together")
     def pictures_together(ask: MultiImageRequest) -> MultiImageSummary:
@@ -79,10 +79,10 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
     )
     async def straight(request: Request) -> Response:
         """Return a dewarped board as JPEG; the request header precedes the image."""
-        from ._calibration_boards import straightened  # deferred import: requires the dewarper
+        from ._calibration_boards import render_board_view  # deferred import: requires the dewarper
 
         ask, picture = unframed(await collected(request), BoardViewRequest)
-        made = await studio.unpacked.run(request, lambda: straightened(ask, picture))
+        made = await studio.unpacked.run(request, lambda: render_board_view(ask, picture))
         return Response(made, media_type="image/jpeg")
 
 
@@ -91,7 +91,7 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
     async def work(socket: WebSocket) -> None:
         """Run one calibration: request, detections, then progress messages; closing the socket
         cancels it."""
-        await while_open(socket, lambda socket: _work(socket, workers))
+        await serve_socket(socket, lambda socket: _work(socket, workers))
 
 
 async def _work(socket: WebSocket, workers: Workers) -> None:

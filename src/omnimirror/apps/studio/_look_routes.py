@@ -20,7 +20,7 @@ from ...io import read_image
 from ...optics.sensor import Sensor
 from ._camera_tables import camera_tables
 from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
-from ._look_cameras import Cameras, Known
+from ._look_cameras import Cameras, NamedCamera
 from ._server_state import Stream
 from ._uploads import browser_picture, collected, eight_bits, encoded, picture_in, safe_name
 from .look_messages import (
@@ -42,21 +42,21 @@ if TYPE_CHECKING:
 
 # -- Images ----------------------------------------------------------------------------------------
 
-MOST_PIXELS = 4096 * 4096
+MAX_PIXELS = 4096 * 4096
 """Maximum size of a rendered image; rendering takes 60 bytes per pixel."""
-RIMS_KEPT = 256
+MAX_CACHED_OUTLINES = 256
 """Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
 
 _rims: dict[bytes, DetectedOutline] = {}
 """Cached mirror outlines by image digest."""
 
 
-def shown_picture(path: Path) -> bytes:
+def read_as_png(path: Path) -> bytes:
     """Return an image of the server."""
     return encoded(eight_bits(read_image(path)), ".png")
 
 
-def rim_in(data: bytes, name: str) -> DetectedOutline:
+def detect_outline(data: bytes, name: str) -> DetectedOutline:
     """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
     from ...calibration.rim import find_rim
 
@@ -70,13 +70,15 @@ def rim_in(data: bytes, name: str) -> DetectedOutline:
             confidence=rim.confidence,
             is_sure=rim.is_sure,
         )
-        if len(_rims) >= RIMS_KEPT:
+        if len(_rims) >= MAX_CACHED_OUTLINES:
             _rims.clear()
         _rims[key] = found
     return found
 
 
-def level_of(camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes) -> EstimatedTilt | None:
+def estimate_tilt(
+    camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes
+) -> EstimatedTilt | None:
     """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
     from ...calibration.levelling import level_in
 
@@ -93,7 +95,7 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes) -> Est
     )
 
 
-def restored_picture(sensor: Sensor, ask: RestoreRequest, data: bytes) -> bytes:
+def restore_image(sensor: Sensor, ask: RestoreRequest, data: bytes) -> bytes:
     """Restore an uploaded image: remove the optical blur of its sensor.
 
     Raises
@@ -109,7 +111,7 @@ def restored_picture(sensor: Sensor, ask: RestoreRequest, data: bytes) -> bytes:
 
 
 @lru_cache(maxsize=8)
-def room_picture(known: Known) -> bytes:
+def render_room(known: NamedCamera) -> bytes:
     """Render the image of a room by a camera.
 
     Raises
@@ -121,9 +123,9 @@ def room_picture(known: Known) -> bytes:
     from ...simulation.scenes.room import Room
 
     width, height = known.camera.image_size
-    if width * height > MOST_PIXELS:
+    if width * height > MAX_PIXELS:
         raise OmnimirrorError(
-            f"the image of {known.name} must have at most {MOST_PIXELS // 10**6} million pixels; got {width} x "
+            f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million pixels; got {width} x "
             f"{height} px; omnimirror simulate supports larger images"
         )
     return encoded(take_picture(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
@@ -196,7 +198,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
     async def room(id: str) -> Response:
         """Return the rendered image of a room by a camera."""
         known = _known(studio.cameras, id)
-        return _png(await studio.simulated.run(known, lambda: room_picture(known)))
+        return _png(await studio.simulated.run(known, lambda: render_room(known)))
 
     @app.get("/api/picture", response_class=Response, responses={200: PNG})
     async def picture(id: str) -> Response:
@@ -208,7 +210,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         if shown.kind != "picture":
             raise HTTPException(404, f"{shown.name} must be an image; got a {shown.kind} source")
         path = Path(shown.place)
-        return _png(await studio.unpacked.run(path, lambda: shown_picture(path)))
+        return _png(await studio.unpacked.run(path, lambda: read_as_png(path)))
 
     @app.post(
         "/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
@@ -224,15 +226,15 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
     async def rim(request: Request, name: FileName = "picture") -> DetectedOutline:
         """Return the mirror outline in an image with its confidence."""
         data = await collected(request)
-        return await studio.unpacked.run(request, lambda: rim_in(data, safe_name(name)))
+        return await studio.unpacked.run(request, lambda: detect_outline(data, safe_name(name)))
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
     async def level(request: Request) -> EstimatedTilt | None:
         """Estimate the camera tilt of an image; the request header precedes the image."""
         ask, picture = unframed(await collected(request), LevelRequest)
         _known(studio.cameras, ask.id)
-        camera = studio.cameras.looking(ask)
-        return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
+        camera = studio.cameras.with_circle(ask)
+        return await studio.unpacked.run(request, lambda: estimate_tilt(camera, ask, picture))
 
     @app.post(
         "/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
@@ -243,7 +245,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
         return _png(
-            await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture))
+            await studio.simulated.run(request, lambda: restore_image(sensor, ask, picture))
         )
 
 
@@ -263,7 +265,7 @@ def _add_streams(app: FastAPI, studio: Studio) -> None:
             await _serve(socket, watched)
 
 
-def _known(cameras: Cameras, id: str) -> Known:
+def _known(cameras: Cameras, id: str) -> NamedCamera:
     try:
         return cameras.find(id)
     except KeyError:

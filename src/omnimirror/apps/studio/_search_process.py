@@ -21,7 +21,7 @@ from ...optics.housing import Housing
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ._bench_requirements import requirements_for
-from ._bench_sensors import in_place, on_bench, sensor_on_bench, why_not_optimised
+from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench, why_not_optimised
 from .bench_messages import SearchTask, TaskStatus, distance_of
 
 Tell = Callable[[TaskStatus], None]
@@ -92,7 +92,7 @@ def _optimise(task: SearchTask, sensor: Sensor, tell: Tell) -> None:
 def _design(task: SearchTask, sensor: Sensor, tell: Tell) -> None:
     if task.requirements is None:
         raise InvalidParameter("requirements must be given for a design from requirements")
-    asked = requirements_for(task.requirements, in_place(sensor))
+    asked = requirements_for(task.requirements, aligned_sensor(sensor))
     made = design_sensor(asked, lambda words: tell(_news("running", words)))
     missed = [row.label for row in made.rows if not row.is_met]
     words = f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."

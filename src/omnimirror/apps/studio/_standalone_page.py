@@ -25,11 +25,11 @@ from ...simulation.rendering import SHOWN_SAMPLES, take_picture
 from ...simulation.scenes.room import Room
 from ._bench_sensors import bench_start, on_bench
 from ._camera_tables import camera_tables
-from ._look_cameras import Cameras, Known
+from ._look_cameras import Cameras, NamedCamera
 from ._uploads import encoded
 from .bench_messages import BenchSensor, PartInfo, StandaloneBench
 from .look_messages import StandaloneCamera, StandalonePage
-from .pages import base64_of, inside, page_holding, script_text
+from .pages import base64_of, inside, page_with_messages, script_text
 
 # -- Design bench without a server -----------------------------------------------------------------
 
@@ -101,7 +101,7 @@ BALLS = ("ball:260", "ball:160")
 JPEG_QUALITY = 85
 
 
-def page_alone(
+def standalone_page(
     sensors: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None
 ) -> str:
     """Return a self-contained page that dewarps images dropped on it.
@@ -130,9 +130,9 @@ def page_alone(
 
     Examples
     --------
-    >>> from omnimirror.apps.studio import page_alone
+    >>> from omnimirror.apps.studio import standalone_page
     >>> from pathlib import Path
-    >>> _ = Path("look.html").write_text(page_alone(["paper-spherical"]), encoding="utf-8")  # doctest: +SKIP
+    >>> _ = Path("look.html").write_text(standalone_page(["paper-spherical"]), encoding="utf-8")  # doctest: +SKIP
     """
     known = _symmetric_cameras(sensors)
     cameras = []
@@ -140,12 +140,12 @@ def page_alone(
         cameras.append(_standalone_camera(each))
         if progress is not None:
             progress(number + 1, len(known))
-    return page_holding(
+    return page_with_messages(
         alone=StandalonePage(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone()
     )
 
 
-def _symmetric_cameras(sensors: Sequence[str] | None) -> list[Known]:
+def _symmetric_cameras(sensors: Sequence[str] | None) -> list[NamedCamera]:
     """Return the rotationally symmetric cameras; their tables take a few kilobytes each."""
     cameras = Cameras()
     everything = [*(entry.id for entry in cameras.entries()), *BALLS]
@@ -158,7 +158,7 @@ def _symmetric_cameras(sensors: Sequence[str] | None) -> list[Known]:
     return [each for each in known if each.camera.symmetry is not None]
 
 
-def _standalone_camera(known: Known) -> StandaloneCamera:
+def _standalone_camera(known: NamedCamera) -> StandaloneCamera:
     ways = product(get_args(CameraLooks), (False, True))
     is_ball = known.entry.kind == "ball"
     room = (

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
     from starlette.requests import Request
 
-MOST_UNPACKED = 256 << 20
+MAX_DECODED_BYTES = 256 << 20
 """Maximum size of a decoded image in memory, bytes."""
 STRIP = 256
 """Rows per conversion step."""
@@ -125,7 +125,7 @@ def _checked_kind(data: bytes, name: str) -> str:
             )  # Pillow warns of large or damaged images; both are rejected below
             with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
                 kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
-        is_huge = unpacked > MOST_UNPACKED
+        is_huge = unpacked > MAX_DECODED_BYTES
     except Image.DecompressionBombError:
         is_huge = True
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
@@ -133,7 +133,9 @@ def _checked_kind(data: bytes, name: str) -> str:
             f"{name} must be an image in a supported format ({', '.join(KINDS)})"
         ) from None
     if is_huge:
-        raise MediaError(f"the decoded pixels of {name} must take at most {MOST_UNPACKED >> 20} MB")
+        raise MediaError(
+            f"the decoded pixels of {name} must take at most {MAX_DECODED_BYTES >> 20} MB"
+        )
     return KINDS[kind]
 
 

@@ -23,7 +23,7 @@ from .messages import Problem
 # from standard input and writes its progress, one message per line.
 
 
-def begun(module: str) -> subprocess.Popen[bytes]:
+def start_process(module: str) -> subprocess.Popen[bytes]:
     """Start a module as a process that is isolated from Ctrl-C at the server."""
     return subprocess.Popen(
         [sys.executable, "-m", module],
@@ -33,7 +33,7 @@ def begun(module: str) -> subprocess.Popen[bytes]:
     )
 
 
-def ended(process: subprocess.Popen[bytes]) -> None:
+def terminate(process: subprocess.Popen[bytes]) -> None:
     """Terminate a process and close its pipes."""
     process.kill()
     process.wait()  # short, because the process is killed
@@ -42,7 +42,7 @@ def ended(process: subprocess.Popen[bytes]) -> None:
             stream.close()  # type: ignore[union-attr]
 
 
-async def while_open(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
+async def serve_socket(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
     """Serve a socket until either side closes it."""
     await socket.accept()
     with suppress(WebSocketDisconnect, RuntimeError, OSError):
@@ -102,12 +102,12 @@ class Workers:
                 f"the limit of {self.most} simultaneous {self.what} is reached; wait or cancel one"
             )
         self._running += 1
-        process = begun(self.module)
+        process = start_process(self.module)
         try:
             yield Worker(process)
         finally:
             self._running -= 1
-            ended(process)
+            terminate(process)
 
 
 async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any]) -> None:
@@ -130,7 +130,7 @@ async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any])
 
 # -- Pool of board detection processes -------------------------------------------------------------
 
-MOST_AT_ONCE = 2
+MAX_SIMULTANEOUS = 2
 IDLE_S = 60.0
 """Idle time after which a worker process is terminated, s."""
 
@@ -139,7 +139,7 @@ class BoardDetectorPool:
     """Pool of board detection processes, each with one image at a time; started on demand."""
 
     def __init__(self) -> None:
-        self._turn = asyncio.Semaphore(MOST_AT_ONCE)
+        self._turn = asyncio.Semaphore(MAX_SIMULTANEOUS)
         self._idle: list[subprocess.Popen[bytes]] = []
         self._asked = 0
         self._letting_go: asyncio.TimerHandle | None = None
@@ -175,12 +175,14 @@ class BoardDetectorPool:
     def close(self) -> None:
         """Terminate the idle processes."""
         while self._idle:
-            ended(self._idle.pop())
+            terminate(self._idle.pop())
 
     async def _answer(self, ask: BoardDetectionRequest, data: bytes, request: Request) -> bytes:
-        looker = self._idle.pop() if self._idle else begun(_board_detection_process.__name__)
+        looker = (
+            self._idle.pop() if self._idle else start_process(_board_detection_process.__name__)
+        )
         asked = asyncio.create_task(asyncio.to_thread(_asked, looker, ask, data))
-        gone = asyncio.create_task(_gone(request))
+        gone = asyncio.create_task(_disconnected(request))
         answer = b""
         try:
             await asyncio.wait({asked, gone}, return_when=asyncio.FIRST_COMPLETED)
@@ -190,7 +192,7 @@ class BoardDetectorPool:
             if answer:
                 self._idle.append(looker)
             else:
-                ended(looker)  # also ends the thread that waits for its answer
+                terminate(looker)  # also ends the thread that waits for its answer
         if not answer:
             raise InvalidParameter(f"the board detection in {ask.name} was interrupted; try again")
         return answer
@@ -207,7 +209,7 @@ def _asked(looker: subprocess.Popen[bytes], ask: BoardDetectionRequest, data: by
     return b""
 
 
-async def _gone(request: Request) -> None:
+async def _disconnected(request: Request) -> None:
     """Wait until the client disconnects."""
     while (await request.receive())["type"] != "http.disconnect":
         continue

@@ -62,7 +62,7 @@ def api(studio: Studio) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         yield
         studio.streams.close()
-        studio.lookers.close()
+        studio.board_detectors.close()
 
     app = FastAPI(
         title="omnimirror studio",

@@ -61,7 +61,7 @@ class PageFile:
 
     Examples
     --------
-    >>> len(PageFile("a" * 9999, "text/html").squeezed) < 200
+    >>> len(PageFile("a" * 9999, "text/html").compressed) < 200
     True
     """
 
@@ -71,7 +71,7 @@ class PageFile:
         self.tag = f'W/"{hashlib.sha256(self.data).hexdigest()[:20]}"'
 
     @cached_property
-    def squeezed(self) -> bytes:
+    def compressed(self) -> bytes:
         """Compressed text, computed once."""
         return gzip.compress(self.data, 9, mtime=0)
 
@@ -83,17 +83,17 @@ class PageFile:
         kept = request.headers.get("if-none-match", "")
         if self.tag in [tag.strip() for tag in kept.split(",")]:
             return Response(status_code=304, headers=headers)
-        if not _takes_gzip(request.headers.get("accept-encoding", "")):
+        if not _accepts_gzip(request.headers.get("accept-encoding", "")):
             return Response(self.data, media_type=self.kind, headers=headers)
         return Response(
-            self.squeezed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"}
+            self.compressed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"}
         )
 
 
-def _takes_gzip(accepted: str) -> bool:
+def _accepts_gzip(accepted: str) -> bool:
     """Check if a browser accepts gzip.
 
-    >>> [_takes_gzip(a) for a in ("gzip, deflate, br", "br", "gzip;q=0", "identity;q=1, gzip;q=0.5")]
+    >>> [_accepts_gzip(a) for a in ("gzip, deflate, br", "br", "gzip;q=0", "identity;q=1, gzip;q=0.5")]
     [True, False, False, True]
     """
     for way in accepted.split(","):
@@ -111,11 +111,11 @@ KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 VIDEO_KINDS = {".mp4": "video/mp4", ".m4v": "video/mp4", ".mov": "video/mp4", ".webm": "video/webm"}
 CODECS = ("h264", "hevc", "vp8", "vp9", "av1")
 """Video codecs supported by browsers."""
-LARGEST_INSIDE = 64 << 20
+MAX_EMBEDDED_BYTES = 64 << 20
 """Maximum size of an embedded video, bytes; a larger video remains a separate file."""
 
 
-def viewer_of(
+def image_viewer(
     camera: AnyCamera,
     name: str,
     options: tuple[str, ...],
@@ -159,7 +159,7 @@ def viewer_of(
     )
 
 
-def video_viewer_of(
+def video_viewer(
     camera: AnyCamera,
     name: str,
     options: tuple[str, ...],
@@ -177,7 +177,7 @@ def video_viewer_of(
     Parameters
     ----------
     camera, name, options
-        See :func:`viewer_of`.
+        See :func:`image_viewer`.
     path
         Video file.
     page
@@ -211,8 +211,8 @@ def video_viewer_of(
             f"apply it; got {video.rotation_deg} deg"
         )
     _check_size(camera, video.size, "video")
-    is_small = path.stat().st_size <= LARGEST_INSIDE
-    media = inside(read_bytes(path, LARGEST_INSIDE), kind) if is_small else _beside(path, page)
+    is_small = path.stat().st_size <= MAX_EMBEDDED_BYTES
+    media = inside(read_bytes(path, MAX_EMBEDDED_BYTES), kind) if is_small else _beside(path, page)
     return _page_with(camera, name, options, media, path.name, is_video=True)
 
 
@@ -245,10 +245,10 @@ def _page_with(
         is_video=is_video,
         name=file,
     )
-    return page_holding(embedded=shown)
+    return page_with_messages(embedded=shown)
 
 
-def page_holding(**messages: Message) -> str:
+def page_with_messages(**messages: Message) -> str:
     """Return the page with embedded messages, identified by their names (with hyphens)."""
     held = "".join(
         f'<script type="application/json" id="{name.replace("_", "-")}">'
@@ -270,11 +270,11 @@ def base64_of(data: bytes) -> str:
 
 # -- Notebooks -------------------------------------------------------------------------------------
 
-LOWEST_PX, HIGHEST_PX = 120, 4000
+MIN_HEIGHT_PX, MAX_HEIGHT_PX = 120, 4000
 
 
 @dataclass(frozen=True)
-class LookAround:
+class InteractiveView:
     """Interactive page, displayed as the last expression of a notebook cell.
 
     Attributes
@@ -286,7 +286,7 @@ class LookAround:
 
     Examples
     --------
-    >>> LookAround("<p>", 300)._repr_html_()
+    >>> InteractiveView("<p>", 300)._repr_html_()
     '<iframe srcdoc="&lt;p&gt;" style="width: 100%; height: 300px; border: 0" allow="fullscreen; gyroscope"></iframe>'
     """
 
@@ -310,18 +310,18 @@ class LookAround:
 
 
 def show(
-    picture: str | Path | NDArray[Any],
+    image: str | Path | NDArray[Any],
     camera: AnyCamera,
     *,
     height_px: int = 480,
     stored_orientation: bool = False,
-) -> LookAround:
+) -> InteractiveView:
     """Display interactive views of an image in a notebook: pan, tilt and zoom, panoramas and other
     projections.
 
     Parameters
     ----------
-    picture : (h, w), (h, w, 3) or (h, w, 4) array, or a file
+    image : (h, w), (h, w, 3) or (h, w, 4) array, or a file
         Image; colours are RGB.
     camera
         Camera of the image: a sensor, a calibrated camera or a mirror ball.
@@ -332,7 +332,7 @@ def show(
 
     Returns
     -------
-    LookAround
+    InteractiveView
         Page that a notebook displays as the last expression of a cell; ``save`` writes it to a
         file.
 
@@ -353,18 +353,18 @@ def show(
             f"camera must be a sensor or a camera, for example from load_sensor; got {shown(camera)}"
         )
     height = number("height_px", height_px)
-    if not LOWEST_PX <= height <= HIGHEST_PX:
+    if not MIN_HEIGHT_PX <= height <= MAX_HEIGHT_PX:
         raise InvalidParameter(
-            f"height_px must be between {LOWEST_PX} and {HIGHEST_PX}; got {height:g}"
+            f"height_px must be between {MIN_HEIGHT_PX} and {MAX_HEIGHT_PX}; got {height:g}"
         )
-    path = Path(picture) if isinstance(picture, str | Path) else None
-    image = (
-        read_image(picture, stored_orientation=stored_orientation)
-        if isinstance(picture, str | Path)
-        else picture
+    path = Path(image) if isinstance(image, str | Path) else None
+    pixels = (
+        read_image(image, stored_orientation=stored_orientation)
+        if isinstance(image, str | Path)
+        else image
     )
-    check_picture(image)
+    check_picture(pixels)
     name = camera.name if isinstance(camera, Sensor) else camera.KIND
-    return LookAround(
-        viewer_of(camera, name, ("--sensor", f"{name}.toml"), path, image), round(height)
+    return InteractiveView(
+        image_viewer(camera, name, ("--sensor", f"{name}.toml"), path, pixels), round(height)
     )

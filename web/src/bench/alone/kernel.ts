@@ -54,16 +54,16 @@ const NAMES = [
   "floored_area_deg2",
   "z_mm",
 ] as const;
-const MOST_ANGLES = 400;
-const MOST_TERMS = 16;
+const MAX_ANGLES = 400;
+const MAX_TERMS = 16;
 const ROOM = {
-  coefficients: MOST_TERMS,
+  coefficients: MAX_TERMS,
   numbers: 7,
-  basis: 3 * MOST_TERMS * MOST_ANGLES,
-  fractions: MOST_ANGLES,
-  near: MOST_ANGLES,
+  basis: 3 * MAX_TERMS * MAX_ANGLES,
+  fractions: MAX_ANGLES,
+  near: MAX_ANGLES,
   search: 6,
-  columns: NAMES.length * MOST_ANGLES,
+  columns: NAMES.length * MAX_ANGLES,
   results: 2,
 };
 type Name = keyof typeof ROOM;

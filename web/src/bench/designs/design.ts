@@ -22,7 +22,7 @@ export interface Pin {
   design: Design;
 }
 
-const MOST_UNDONE = 100;
+const MAX_UNDONE = 100;
 
 /** Current design with its undo history. */
 export class History {
@@ -51,7 +51,7 @@ export class History {
   settle(): boolean {
     const isNew = JSON.stringify(this.now) !== JSON.stringify(this.settled);
     if (isNew) {
-      this.past = [...this.past, this.settled].slice(-MOST_UNDONE);
+      this.past = [...this.past, this.settled].slice(-MAX_UNDONE);
       this.future = [];
     }
     this.settled = this.now;

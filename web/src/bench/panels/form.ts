@@ -20,7 +20,7 @@ interface Hands {
   change: (what: "mirror" | "lens" | "focus", to: string) => void;
 }
 
-const MOST_FIELDS = 16; // maximum number of list elements with individual fields
+const MAX_FIELDS = 16; // maximum number of list elements with individual fields
 const DISTANCE = "distance"; // object distance, not a parameter of the sensor
 const FAR: ParameterInfo = {
   name: DISTANCE,
@@ -148,7 +148,7 @@ export class Form {
     this.body.replaceChildren(
       this.section("Mirror", [
         this.name(design),
-        labelled("Kind", this.mirror),
+        labelled("Type", this.mirror),
         ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror),
         ...this.distance(design),
       ]),
@@ -159,7 +159,7 @@ export class Form {
         ? [this.section("Second mirror", this.second(tables.secondary as Tables))]
         : []),
       this.section("Lens", [
-        labelled("Kind", this.lens),
+        labelled("Type", this.lens),
         ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens),
         this.focus(),
       ]),
@@ -223,7 +223,7 @@ export class Form {
   }
 
   private list(section: string, p: ParameterInfo, values: number[]): HTMLElement[] {
-    if (values.length > MOST_FIELDS) return [this.text(section, p, values)];
+    if (values.length > MAX_FIELDS) return [this.text(section, p, values)];
     const fields = values.map((v, i) =>
       this.number(`${section}.${p.name}.${i}`, p, `${label(p.name).replace(/s$/, "")} ${i + 1}`, v),
     );

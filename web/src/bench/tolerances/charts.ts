@@ -11,7 +11,7 @@ export interface Moved extends AsBuiltResult {
 
 const LONGEST = 0.16; // drawn length of the maximum displacement, relative to the image radius
 const MARGIN = 1.2;
-const MOST_BARS = 14;
+const MAX_BARS = 14;
 const SMALLEST = 1e-4; // minimum relative length of a bar on the logarithmic scale
 const [ROW, BAR] = [19, 13]; // px
 const DEPTHS = ["none", "affine", "pose"];
@@ -132,7 +132,7 @@ export class ToleranceCharts {
 
   private drawBars(): void {
     if (!this.found || this.element.hidden) return;
-    const rows = this.found.rows.slice(0, MOST_BARS);
+    const rows = this.found.rows.slice(0, MAX_BARS);
     const width = Math.max(240, this.bars.getBoundingClientRect().width);
     const left = Math.min(190, 0.46 * width);
     const depths = DEPTHS.map((name) => this.calibrations.indexOf(name));

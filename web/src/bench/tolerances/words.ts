@@ -31,7 +31,7 @@ export const errorWords = (name: string): string => partAndError(name).join(" ")
 export const capital = (text: string): string => text.replace(/^./, (c) => c.toUpperCase());
 
 const STEPS = [1, 2, 5, 10];
-const MOST_TIMES = 1000;
+const MAX_TIMES = 1000;
 const NOTHING = 5e-4; // px or degrees: resolution of displayed values
 
 /** Format a number of px or degrees. */
@@ -41,7 +41,7 @@ export const sizeWords = (value: number | null | undefined, unit: string): strin
 /** Magnification of displacements, 1, 2, 5, ... 1000, for a given maximum length. */
 export function enlargement(largest: number, most: number): number {
   let times = 1;
-  for (let power = 1; power < MOST_TIMES; power *= 10)
+  for (let power = 1; power < MAX_TIMES; power *= 10)
     for (const step of STEPS) if (step * power * largest <= most) times = step * power;
   return times;
 }

@@ -90,7 +90,7 @@ export class BoardPanel {
       ),
     );
     place.append(
-      field("Kind", this.kind),
+      field("Type", this.kind),
       size,
       field("Square, mm", this.square),
       markers,

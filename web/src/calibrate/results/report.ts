@@ -4,7 +4,7 @@ import { words } from "../../shared/numbers";
 import { modelWords, px } from "../words";
 import { radiusPlot, residualPlot } from "./plots";
 
-const MOST_OUTLIERS = 40;
+const MAX_OUTLIERS = 40;
 
 /** Result of a calibration: values and residuals. */
 export function resultsOf(found: CalibrationResult): HTMLElement[] {
@@ -82,7 +82,7 @@ function models(found: CalibrationResult): HTMLElement {
 }
 
 function outliers(found: CalibrationResult): HTMLElement {
-  const shown = found.outliers.slice(0, MOST_OUTLIERS);
+  const shown = found.outliers.slice(0, MAX_OUTLIERS);
   if (!shown.length) return h("p", { className: "words" }, "There are no outliers.");
   const made = table(
     "Outliers",

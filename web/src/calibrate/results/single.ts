@@ -122,7 +122,7 @@ export class Single {
     this.straightFigure.hidden = !place;
     this.straight.hidden = true;
     if (!found || !place) return;
-    const off = found.pictures.find((p) => p.name === shot.name)?.off_straight_px ?? null;
+    const off = found.pictures.find((p) => p.name === shot.name)?.line_deviation_px ?? null;
     this.straightWords.textContent = "Undistorting the target…";
     try {
       const made = await api.straight(

@@ -16,8 +16,8 @@ interface Identity {
 }
 
 const PICTURES = "pictures";
-const MOST_PICTURES = 8;
-const MOST_BYTES = 1 << 29; // maximum total size of all images except the last
+const MAX_PICTURES = 8;
+const MAX_BYTES = 1 << 29; // maximum total size of all images except the last
 const WHOLE_BYTES = 1 << 26; // longer files are identified by their length and samples
 const PIECES = 16;
 const PIECE_BYTES = 1 << 20;
@@ -31,10 +31,10 @@ export async function keepPicture({ id }: Identity, value: Kept): Promise<void> 
   const before = ((await shelved<Listed[]>(PICTURES)) ?? []).filter((p) => p.id !== id);
   const all = [...before, { id, bytes: value.blob.size }];
   const newest = all
-    .slice(-MOST_PICTURES)
+    .slice(-MAX_PICTURES)
     .filter(
       (_, i, some) =>
-        i === some.length - 1 || some.slice(i).reduce((sum, q) => sum + q.bytes, 0) < MOST_BYTES,
+        i === some.length - 1 || some.slice(i).reduce((sum, q) => sum + q.bytes, 0) < MAX_BYTES,
     );
   for (const gone of all.filter((p) => !newest.includes(p))) await unshelve(`picture ${gone.id}`);
   await shelve(PICTURES, newest);

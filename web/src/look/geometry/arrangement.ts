@@ -7,7 +7,7 @@ export interface Cell {
 }
 
 const WIDE = 1.9; // aspect ratio above which a view gets its own row
-const MOST_WIDE = 0.6; // height of all such rows together, relative to the stage
+const MAX_WIDE = 0.6; // height of all such rows together, relative to the stage
 const GAP = 6; // px
 
 /** Largest centred rectangle with a given aspect ratio; null uses the complete area. */
@@ -60,7 +60,7 @@ function inRows(rows: (number | null)[][], width: number, height: number): Cell[
   const wide = rows.filter(isLow);
   const others = rows.length - wide.length;
   const asked = wide.reduce((sum, [aspect]) => sum + width / aspect!, 0);
-  const less = Math.min(1, ((others ? MOST_WIDE : 1) * room) / (asked || 1));
+  const less = Math.min(1, ((others ? MAX_WIDE : 1) * room) / (asked || 1));
   const rest = others ? (room - less * asked) / others : 0;
   let top = others ? 0 : (room - less * asked) / 2;
   return rows.flatMap((row) => {

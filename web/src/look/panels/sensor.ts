@@ -22,7 +22,7 @@ interface Hands {
   prepare: (wanted: State) => Promise<(() => void) | null>;
 }
 
-const MOST_HAD = 16; // number of cached cameras; several MB each without rotational symmetry
+const MAX_CACHED = 16; // number of cached cameras; several MB each without rotational symmetry
 
 /** Selection and mount of a sensor, and its calibration file. */
 export class SensorPanel {
@@ -170,7 +170,7 @@ export class SensorPanel {
     const camera = this.had.get(name) ?? (await this.fetchAnew(wanted));
     this.had.delete(name);
     this.had.set(name, camera); // most recently used last
-    if (this.had.size > MOST_HAD) this.had.delete(this.had.keys().next().value!);
+    if (this.had.size > MAX_CACHED) this.had.delete(this.had.keys().next().value!);
     return camera;
   }
 

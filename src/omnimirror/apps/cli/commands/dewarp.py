@@ -100,7 +100,7 @@ def write_viewer(
     sources: tuple[str, ...], output: Path, options: CameraOptions, orientation: OrientationOptions
 ) -> None:
     """Write an HTML viewer of one image or video."""
-    from ...studio import video_viewer_of, viewer_of
+    from ...studio import image_viewer, video_viewer
 
     is_film = is_video(sources[0]) and Path(sources[0]).is_file()
     if len(sources) > 1 or (is_video(sources[0]) and not is_film) or not is_one_picture(sources[0]):
@@ -113,13 +113,13 @@ def write_viewer(
     is_stored = orientation.stored_orientation
     if is_film:
         camera = options.drawing(options.camera(_size_of_video(sources[0], is_stored)))
-        text = video_viewer_of(
+        text = video_viewer(
             camera, name, words, Path(sources[0]), output, stored_orientation=is_stored
         )
     else:
         (picture,) = orientation.read([Path(sources[0])])
         camera = options.drawing(options.camera((picture.shape[1], picture.shape[0])))
-        text = viewer_of(camera, name, words, Path(sources[0]), picture)
+        text = image_viewer(camera, name, words, Path(sources[0]), picture)
     write_text(output, text)
     say(f"{output}: open it in a browser to look around in {sources[0]}")
 

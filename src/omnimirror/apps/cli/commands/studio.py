@@ -103,7 +103,7 @@ def _write_page(path: Path) -> None:
     """Write the standalone page."""
     from rich.console import Console
 
-    from ...studio import page_alone
+    from ...studio import standalone_page
 
     if path.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(
@@ -111,6 +111,8 @@ def _write_page(path: Path) -> None:
         )
     with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
         task = bar.add_task("simulating rooms", total=None)
-        text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
+        text = standalone_page(
+            progress=lambda done, all_: bar.update(task, completed=done, total=all_)
+        )
     write_text(path, text)
     say(f"{path}: open it in a browser, or put it on a web server, and drop pictures on it")

@@ -15,7 +15,7 @@ from .._declarations import DocumentedCommand, takes
 from .studio import ServerOptions, run_studio
 
 if TYPE_CHECKING:
-    from ...studio._look_cameras import Known
+    from ...studio._look_cameras import NamedCamera
     from ...studio._server_state import Studio
 
 
@@ -63,10 +63,10 @@ def _is_live(source: str) -> bool:
     return live
 
 
-def _known(source: str, options: CameraOptions) -> Known:
+def _known(source: str, options: CameraOptions) -> NamedCamera:
     """Return the camera of the options; the page adds its mounting to the command line."""
     from ...studio._camera_tables import title_of
-    from ...studio._look_cameras import Known
+    from ...studio._look_cameras import NamedCamera
 
     size = (1024, 1024)
     if options.ball is not None and not is_video(source):
@@ -74,4 +74,4 @@ def _known(source: str, options: CameraOptions) -> Known:
         size = (width, height)
     name, words = options.words()
     camera = options.camera(size)
-    return Known("given", name, title_of(camera), words, camera)
+    return NamedCamera("given", name, title_of(camera), words, camera)
