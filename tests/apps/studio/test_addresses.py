@@ -113,9 +113,7 @@ GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
         ('{"tables":{"mirror":', "cannot be read"),
     ],
 )
-def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(
-    design, lacks, browser, server
-):
+def test_invalid_design_in_address_is_reported_and_bench_works(design, lacks, browser, server):
     page = bench_at(browser, f"{server}#tab=design&design={quote(design)}")
     said = banner(page)
     assert lacks in said
@@ -133,7 +131,7 @@ def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(
     page.context.close()
 
 
-def test_a_second_link_is_followed_and_a_broken_one_changes_nothing(browser, server):
+def test_links_replace_design_unless_invalid(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
     design = page.evaluate(f"JSON.parse(JSON.stringify({NOW}))")
     design["tables"]["mirror"]["radius_mm"] = 55.0
@@ -181,7 +179,7 @@ def test_two_tabs_keep_their_own_designs_and_what_each_can_undo(browser, server)
 
 
 @pytest.mark.full
-def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, server):
+def test_request_that_closes_connection_is_repeated_a_limited_number_of_times(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
     sent = page.evaluate("""() => new Promise((resolve) => {
       const { bench } = window.omnimirror.tabs;
@@ -204,7 +202,7 @@ def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, serv
 # --------------------------------------------------------------------------------------------
 
 
-def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
+def test_back_and_forward_restore_tabs_views_and_images(page, pictures):
     drop(page, pictures / "one.png")
     look(page, pan=30)
     look(page, mode="dome")
@@ -226,7 +224,7 @@ def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
 
 
 @pytest.mark.full
-def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
+def test_link_displays_its_own_image_only(page, browser, server, pictures):
     drop(page, pictures / "one.png")
     look(page, mode="perspective", rim=[150.0, 140.0, 120.0])
     page.wait_for_function("location.hash.includes('rim')")
@@ -287,7 +285,7 @@ def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, se
     page.context.close()
 
 
-def test_a_page_with_a_sensor_that_is_none_is_whole(browser, server):
+def test_page_with_unknown_sensor_works(browser, server):
     page = open_page(browser, f"{server}#sensor=file:0123456789abcdef")
     assert "does not hold" in banner(page)
     assert page.evaluate("window.omnimirror.look.sensor.camera.model.id") == "paper-spherical"
@@ -363,7 +361,7 @@ def test_the_first_page_of_a_telephone_has_its_buttons_in_reach(browser, server)
 
 
 @pytest.mark.full
-def test_pictures_alike_but_for_one_pixel_are_two(page, tmp_path):
+def test_images_that_differ_in_one_pixel_have_different_identities(page, tmp_path):
     picture = np.full((64, 64, 3), 90, np.uint8)
     found = set()
     for i in range(3):

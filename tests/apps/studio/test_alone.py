@@ -30,7 +30,7 @@ def address(tmp_path_factory) -> str:
     return path.as_uri()
 
 
-def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, address, tmp_path):
+def test_demo_room_without_server_matches_command_line(browser, address, tmp_path):
     page = open_page(
         browser,
         f"{address}#mode=perspective&pan=60&tilt=20&hfov=50&looks=down&forward=30&pitch=8&roll=-4",
@@ -58,7 +58,7 @@ def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, a
     page.context.close()
 
 
-def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_a_server(
+def test_page_without_server_requests_camera_type_and_hides_server_functions(
     browser, address, tmp_path
 ):
     write_image(tmp_path / "mine.png", np.full((300, 400, 3), 90, np.uint8))
@@ -91,7 +91,7 @@ def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_
     ids=str,
 )
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_a_sensor_stands_as_asked(opened, sensor, mount):
+def test_page_without_server_applies_requested_mount(opened, sensor, mount):
     """The page rotates the camera itself; the view is compared with the Python camera."""
     wanted = Cameras().find(sensor).model(mount)
     state = {
@@ -122,7 +122,7 @@ def opened(browser, address):
     page.context.close()
 
 
-def test_what_it_does_not_know_is_refused_with_a_sentence(tmp_path):
+def test_page_without_server_rejects_unknown_sensor(tmp_path):
     with pytest.raises(
         om.base.errors.InvalidParameter,
         match=r"sensors must contain names from exact.*; got 'paper-sperical'",

@@ -171,7 +171,7 @@ def test_best_focus_is_that_of_the_evaluation(bench, design):
         ("mirror", "kind", "cone", "knows no mirror cone; it knows sphere"),
     ],
 )
-def test_what_cannot_be_is_said_beside_its_field(bench, section, entry, value, words):
+def test_error_is_displayed_next_to_its_field(bench, section, entry, value, words):
     asked = question(om.load_sensor("paper-spherical"))
     asked.tables[section][entry] = value
     found = answered(bench, asked)
@@ -210,7 +210,7 @@ def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
 
 @pytest.mark.full
 @pytest.mark.parametrize("width", [360, 1280])
-def test_axe_finds_nothing_serious_on_it(browser, address, width):
+def test_accessibility_without_server(browser, address, width):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     page = open_page(

@@ -172,7 +172,7 @@ def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
     )
 
 
-def test_undo_redo_and_a_reload_lose_nothing(bench):
+def test_undo_redo_and_reload_preserve_state(bench):
     first = sensor_on(bench)
     slide(bench, "Radius", 0.6)
     second = sensor_on(bench)
@@ -200,7 +200,7 @@ def test_undo_redo_and_a_reload_lose_nothing(bench):
     assert sensor_on(bench) == first
 
 
-def test_what_cannot_be_is_said_beside_its_field_and_the_last_plots_stay(bench):
+def test_error_is_displayed_next_to_its_field_and_plots_remain(bench):
     before = plotted(bench, "Image height")
     enter(bench, "Rim radius", "60")
     field = bench.locator(".field").filter(has=bench.get_by_label("Rim radius", exact=True))
@@ -215,7 +215,7 @@ def test_what_cannot_be_is_said_beside_its_field_and_the_last_plots_stay(bench):
 
 
 @pytest.mark.long
-def test_pinned_designs_are_compared_taken_back_and_unpinned(bench):
+def test_pinned_designs_are_compared_loaded_and_unpinned(bench):
     first = sensor_on(bench)
     bench.get_by_role("button", name="Pin", exact=True).click()
     slide(bench, "Focal length", 0.65)
@@ -352,7 +352,7 @@ def test_a_mirror_is_optimised_cancelled_and_undone(bench):
 
 
 @pytest.mark.full
-def test_a_misaligned_sensor_is_opened_said_to_be_and_put_in_its_place(bench, tmp_path):
+def test_misaligned_sensor_is_opened_reported_and_aligned(bench, tmp_path):
     pose = MirrorPose(decentre_x_mm=1.7, tilt_y_deg=-0.5)
     save_sensor(
         replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml"
@@ -410,7 +410,7 @@ def test_labels_of_the_section_do_not_lie_on_each_other(width, bench):
 
 
 @pytest.mark.full
-def test_designs_are_told_apart_without_their_colours(bench):
+def test_designs_are_distinguishable_without_colour(bench):
     for value in ("12", "13"):
         bench.get_by_role("button", name="Pin", exact=True).click()
         enter(bench, "Focal length", value)
@@ -480,7 +480,7 @@ def test_the_bench_keeps_the_policy_of_the_page(browser, server):
 
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.full)])
-def test_axe_finds_nothing_serious_at_the_bench(scheme, bench):
+def test_accessibility_of_bench(scheme, bench):
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")
     bench.emulate_media(color_scheme=scheme)

@@ -33,7 +33,7 @@ MADE = """() => {
 }"""
 
 
-def test_a_slider_that_moves_makes_no_elements_anew(bench):  # noqa: F811
+def test_moving_slider_reuses_elements(bench):  # noqa: F811
     """New elements would require style and layout by the browser at every step."""
     enter(bench, "F-number", "4.1")  # a pinned design, and a mark at the previous slider position
     before = bench.locator("#bench .strip").first.inner_html()
@@ -44,7 +44,7 @@ def test_a_slider_that_moves_makes_no_elements_anew(bench):  # noqa: F811
     assert bench.locator("#bench .strip").first.inner_html() != before
 
 
-def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F811
+def test_differences_to_pinned_designs_are_plotted_and_saved(bench):  # noqa: F811
     first = sensor_on(bench)
     assert bench.get_by_label("Difference").is_hidden()
     bench.get_by_role("button", name="Pin", exact=True).click()
@@ -73,7 +73,7 @@ def test_differences_to_what_is_pinned_are_plotted_and_saved(bench):  # noqa: F8
 
 
 @pytest.mark.full
-def test_where_nothing_differs_that_is_said_and_drawn_in_the_middle(bench):  # noqa: F811
+def test_zero_difference_is_labelled_and_centred(bench):  # noqa: F811
     bench.get_by_role("button", name="Pin", exact=True).click()
     enter(bench, "F-number", "5.6")  # changes blur only
     bench.locator(".compare tbody tr").nth(1).wait_for()

@@ -83,7 +83,7 @@ def test_rays_lead_where_their_pixels_look(name):
 @pytest.mark.parametrize(
     "name", [name for name, sensor in SENSORS.items() if sensor.housing.shell is None]
 )
-def test_rays_are_reflected_where_they_are_said_to(name):
+def test_rays_satisfy_reflection_law(name):
     sensor = SENSORS[name]
     rays = rays_of(sensor)
     on_mirror = np.stack([rays["x_mm"], rays["y_mm"], rays["z_mm"]], axis=-1)
@@ -98,7 +98,7 @@ def test_rays_are_reflected_where_they_are_said_to(name):
     np.testing.assert_allclose(np.cos(2 * np.radians(rays["incidence_deg"])), between, atol=1e-9)
 
 
-def test_what_the_housing_hides_is_what_the_sensor_says():
+def test_obscuration_matches_sensor():
     sensor = SENSORS["dome"]
     rays = rays_of(sensor)
     hidden = np.any(
@@ -133,7 +133,7 @@ def test_parts_stand_where_they_are():
 
 
 @pytest.mark.parametrize("wanted", [False, True])
-def test_it_is_answered_where_it_is_asked(wanted):
+def test_3d_view_is_returned_on_request(wanted):
     plain = {
         "slot": 0,
         "number": 1,

@@ -56,7 +56,7 @@ def test_errors_are_those_of_the_sensor_but_for_the_finest_forms(client):
     assert found["errors"][0]["medium"] == first.typical_tolerances["medium"]
 
 
-def test_a_built_sensor_is_told_as_its_trial(client):
+def test_as_built_sensor_matches_trial(client):
     answer = asked("built", client, values=VALUES, refocus="none")
     header, data = unframed(answer.content, AsBuiltResult)
     evaluator = TrialEvaluator.of(SPH)
@@ -102,7 +102,7 @@ def test_the_yield_is_that_of_tolerances(client):
 
 
 @pytest.mark.full
-def test_sensors_that_are_built_one_by_one_are_told_too(client):
+def test_sensors_with_sequential_tracing(client):
     covered = tables_of(replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))))
     assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_quick"]
     body = {"tables": covered, "values": {"cover.decentre_x_mm": 0.5}, "refocus": "none"}
@@ -126,7 +126,7 @@ def test_sensors_that_are_built_one_by_one_are_told_too(client):
         ("errors", {"tables": {}}, "mirror"),
     ],
 )
-def test_what_is_none_is_refused_in_a_sentence(client, path, body, words):
+def test_invalid_tolerance_requests_are_rejected(client, path, body, words):
     plain = {
         "errors": [{"name": "lens.k1", "tolerance": 0.1}],
         "refocus": "none",
@@ -144,7 +144,7 @@ def opened(page):
     page.wait_for_function(AT_REST)
 
 
-def test_a_slider_moves_the_picture_and_a_calibration_takes_it_back(bench):  # noqa: F811 - a fixture
+def test_error_slider_displaces_image_and_calibration_compensates(bench):  # noqa: F811 - a fixture
     opened(bench)
     assert bench.evaluate(f"{LAST}.motion_px")[0] < 1e-6
     slider = bench.get_by_role("slider", name="Mirror decentre x")
@@ -171,7 +171,7 @@ def parse_sensor_tables(tables):
     return parse_sensor(tomli_w.dumps(tables))
 
 
-def test_tolerances_say_the_yield_and_bars_of_errors(bench):  # noqa: F811
+def test_tolerances_display_yield_and_tornado_chart(bench):  # noqa: F811
     opened(bench)
     verdict = bench.locator(".tolerance-body .verdict")
     before = verdict.text_content()
@@ -251,7 +251,7 @@ def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
 
 @pytest.mark.full
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious_in_tolerances(scheme, bench):  # noqa: F811
+def test_accessibility_of_tolerances(scheme, bench):  # noqa: F811
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")
     bench.emulate_media(color_scheme=scheme)

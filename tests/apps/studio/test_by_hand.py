@@ -54,7 +54,7 @@ def test_a_mapping_goes_through_the_point_to_which_it_is_pulled(name):
         np.testing.assert_allclose(moved.field_deg, sensor.field_deg, atol=1e-4)
 
 
-def test_what_cannot_be_bent_is_said():
+def test_infeasible_deformations_are_rejected():
     sphere = om.load_sensor("paper-spherical")
     with pytest.raises(OmnimirrorError, match="the image height must increase"):
         bent(sphere, CurveEdit(of="mapping", at=68.0, to=500.0))
@@ -146,7 +146,7 @@ def test_limits_stand_in_the_plots_and_are_dragged(bench):  # noqa: F811
 
 
 @pytest.mark.full
-def test_a_bar_under_a_slider_says_where_requirements_are_met(bench):  # noqa: F811
+def test_slider_displays_feasible_range(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)
     enter(bench, "total_blur_px at most", "8.5")
@@ -158,7 +158,7 @@ def test_a_bar_under_a_slider_says_where_requirements_are_met(bench):  # noqa: F
         assert ("All" in bench.locator("#bench .verdict").first.inner_text()) == is_met
 
 
-def test_a_search_keeps_the_limits_of_the_requirements_where_it_is_asked_to():
+def test_search_enforces_limits_on_request():
     wanted = {
         "field": {"omega_max_deg": 130.0},
         "limit": [{"quantity": "resolution_px_per_deg", "at_least": 3.0}],

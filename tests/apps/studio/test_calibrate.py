@@ -100,7 +100,7 @@ def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
     }
 
 
-def test_a_picture_that_is_handed_up_shows_its_corners(client):
+def test_board_detection_in_uploaded_image(client):
     found = look(client, png(0)).json()
     expected = om.find_board(photograph(0).picture, BOARD)
     np.testing.assert_array_equal(found["ids"], expected.ids)
@@ -115,7 +115,7 @@ def test_a_picture_that_is_handed_up_shows_its_corners(client):
 
 
 @pytest.mark.full
-def test_of_a_board_that_is_seen_in_part_the_corners_that_are_seen_are_told(client):
+def test_partial_board_returns_visible_corners(client):
     found = look(client, png(WHOLE)).json()
     off = np.nanmin(
         np.linalg.norm(found["corners_px"] - photograph(WHOLE).corners_px[:, None], axis=2), axis=0
@@ -125,7 +125,7 @@ def test_of_a_board_that_is_seen_in_part_the_corners_that_are_seen_are_told(clie
 
 
 @pytest.mark.parametrize("kind", ["GIF", "PPM"])
-def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
+def test_image_formats_of_calibration_datasets(kind, client):
     """OCamCalib sets contain GIFs; machine-vision programs write PGM."""
     file = io.BytesIO()
     Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
@@ -155,19 +155,19 @@ def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
         ),
     ],
 )
-def test_what_cannot_be_looked_at_is_refused_in_a_sentence(data, more, sentence, client):
+def test_invalid_detection_requests_are_rejected(data, more, sentence, client):
     answer = look(client, data, **more)
     assert (answer.status_code, answer.json()["detail"]) == (400, sentence)
 
 
-def test_of_a_picture_without_the_board_it_is_said_why(client):
+def test_image_without_board_returns_reason(client):
     assert look(client, BLANK).json()["reason"] == "the picture is blank"
     other = look(client, png(0), columns=6).json()["reason"]
     assert other == "a board of 7 x 5 corners was found, and one of 6 x 5 corners was looked for"
 
 
 @pytest.mark.full
-def test_who_goes_ends_the_look_and_the_next_one_is_answered():
+def test_disconnect_cancels_detection():
     class Gone:
         async def receive(self):
             return {"type": "http.disconnect"}
@@ -192,7 +192,7 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
         assert apart.submit(asyncio.run, both()).result().reason == "the picture is blank"
 
 
-def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):
+def test_joint_analysis_of_images(seen):
     small = told(om.find_board(photograph(1).picture[:400], BOARD, name="small.png"))
     ask = MultiImageRequest(
         board=BoardSpec(**ASKED),
@@ -261,14 +261,14 @@ def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
     assert {p["name"] for p in found["parameters"]} >= {"xi"}
 
 
-def test_the_report_has_everything_inside_and_nothing_of_the_page_gets_out_in_it(news):
+def test_report_is_self_contained_and_escaped(news):
     report = news[-1]["report"]
     assert report.lstrip().startswith("<!doctype html>")
     assert "omnimirror &lt;here&gt;" in report
 
 
 @pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.full)])
-def test_a_straightened_board_is_a_board_with_square_squares(number, client, news):
+def test_undistorted_board_is_regular(number, client, news):
     """Corners detected in the view form a lattice, unlike those in the image."""
     found = news[-2]["found"]
     place = next(p for p in found["places"] if p["picture"] == f"{number}.png")
@@ -293,7 +293,7 @@ def test_a_straightened_board_is_a_board_with_square_squares(number, client, new
     assert 0 < outcome["line_deviation_px"] < 0.5
 
 
-def test_what_is_no_question_with_a_picture_is_refused(client):
+def test_invalid_framed_requests_are_rejected(client):
     short, empty = "the body must be the length of a JSON message", "camera_file must be given"
     sentences = {
         b"abc": short,
@@ -335,7 +335,7 @@ def test_one_that_is_stopped_keeps_what_it_found(seen):
     assert performed(ASK, seen, -1)[-1].sentence == "stopped before a camera was found"
 
 
-def test_why_there_is_no_camera_is_said_with_the_pictures_names(seen):
+def test_failed_calibration_reports_image_names(seen):
     blank = told(om.find_board(np.full((480, 480), 90, np.uint8), BOARD, name="dark.png"))
     *_, failed = performed(ASK, [*seen[:2], blank])
     assert failed.state == "failed"
@@ -356,7 +356,7 @@ def test_frames_of_a_video_that_show_the_same_are_not_used_twice(seen):
     assert all("much as" in p.reason for p in done.found.pictures if not p.used)
 
 
-def test_what_is_no_calibration_closes_the_socket(client):
+def test_invalid_calibration_request_closes_socket(client):
     from starlette.websockets import WebSocketDisconnect
 
     with client.websocket_connect("ws://127.0.0.1/api/calibrate/work") as socket:

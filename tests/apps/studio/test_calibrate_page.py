@@ -100,7 +100,7 @@ def downloaded(page, name: str) -> str:
     return Path(download.value.path()).read_text()
 
 
-def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(page, files):
+def test_calibration_workflow_with_reload(page, files):
     add(page, files[:3])
     corners = page.locator("#calibrate .shots path.corners")
     assert corners.count() == 3
@@ -138,7 +138,7 @@ def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(pa
 
 
 @pytest.mark.full
-def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(page, files):
+def test_reload_restores_result_and_changes_discard_it(page, files):
     add(page, files[:3])
     found = calibrate(page)
     page.reload()
@@ -194,7 +194,7 @@ CHANGED = """() => {
 
 
 @pytest.mark.full
-def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_it(page, files):
+def test_press_after_field_change_is_not_lost(page, files):
     """Leaving the field starts a new detection in all images, between press and release."""
     add(page, files[:3])
     page.wait_for_function(f"{TAB}.together !== null")
@@ -204,7 +204,7 @@ def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_
 
 
 @pytest.mark.full
-def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, tmp_path):
+def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_path):
     assert begin(page).is_disabled()
     reason = page.locator(f"#{begin(page).get_attribute('aria-describedby')}")
     assert "detected in no image; at least 3 are required" in reason.inner_text()
@@ -253,7 +253,7 @@ def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_wha
 
 
 @pytest.mark.long
-def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
+def test_webcam_captures_new_positions_only(page):
     button(page, "Use the webcam").click()
     page.locator("#calibrate video").wait_for()
     taken = f"{TAB}.shots.found.length"
@@ -291,7 +291,7 @@ DRAWN_LATE = """() => {
 }"""
 
 
-def test_a_video_gives_pictures(page, tmp_path):
+def test_video_frames_are_added(page, tmp_path):
     """Also if the browser cannot draw a frame immediately after a seek, as under load."""
     page.evaluate(DRAWN_LATE)
     path = tmp_path / "ride.webm"
@@ -348,14 +348,12 @@ def axe(page) -> None:
 
 
 @pytest.mark.full
-def test_axe_finds_nothing_serious(page, axe):
+def test_accessibility(page, axe):
     assert serious(page) == {}
 
 
 @pytest.mark.full
-def test_axe_finds_nothing_serious_in_a_result_and_nothing_lies_beside_windows_of_any_width(
-    page, axe, files
-):
+def test_accessibility_of_result_and_no_horizontal_overflow(page, axe, files):
     add(page, files)
     calibrate(page)
     page.locator("#calibrate .shots button").nth(1).click()

@@ -39,7 +39,7 @@ def state(page) -> dict:
     return page.evaluate("window.omnimirror.store.state")
 
 
-def test_the_mirror_is_found_and_what_took_it_is_asked_once(page, folder):
+def test_mirror_is_detected_and_camera_type_requested_once(page, folder):
     """A user's ball in two clicks: its file, and the answer."""
     drop(page, folder / "ball.png")
     page.get_by_text("The mirror was detected").wait_for()
@@ -73,7 +73,7 @@ def test_another_camera_keeps_the_circle_that_was_found(page, folder):
     page.get_by_text("Mirror detected automatically,").wait_for(state="detached")
 
 
-def test_where_it_is_not_clear_it_is_asked(page, folder):
+def test_uncertain_outline_is_reported(page, folder):
     drop(page, folder / "waves.png")
     page.get_by_text("The mirror outline in this image is uncertain").wait_for()
     assert state(page)["rim"] is None

@@ -126,7 +126,7 @@ def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
 
 
 @pytest.mark.full
-def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
+def test_tilt_is_estimated_from_vertical_edges(page, tmp_path):
     """Room image of a tilted sensor, compared with the simulated tilt."""
     write_image(
         tmp_path / "leaned.png", om.take_picture(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1)
@@ -143,7 +143,7 @@ def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
     page.get_by_role("status").filter(has_text="vertical edges").wait_for()
 
 
-def test_where_too_little_stands_upright_no_level_is_found(page):
+def test_too_few_vertical_edges(page):
     look(page, sensor="paper-hyperboloidal")
     page.wait_for_function(
         "window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'"

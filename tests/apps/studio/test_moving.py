@@ -172,7 +172,7 @@ def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, ser
 
 
 @pytest.mark.full
-def test_a_refused_webcam_is_said_and_the_picture_stays(browser_without_camera, server, film):
+def test_denied_webcam_is_reported_and_image_remains(browser_without_camera, server, film):
     page = open_page(browser_without_camera, f"{server}#sensor=ball:280")
     page.set_input_files("#file", film)
     shows(page, "ride.mp4")
@@ -184,7 +184,7 @@ def test_a_refused_webcam_is_said_and_the_picture_stays(browser_without_camera, 
     page.context.close()
 
 
-def test_what_is_recorded_is_a_video_of_the_view(browser, server, film, tmp_path):
+def test_recording_is_video_of_view(browser, server, film, tmp_path):
     page = open_page(
         browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40", 420, 380
     )
@@ -251,7 +251,7 @@ def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
 
 
 @pytest.mark.full
-def test_a_stream_that_breaks_is_said_to_be_lost_and_comes_back(browser, tmp_path):
+def test_lost_stream_is_reported_and_reopened(browser, tmp_path):
     transport = make_video(tmp_path / "a.ts", 100, with_sound=False).read_bytes()
     half = transport[: len(transport) // 2]
     with (

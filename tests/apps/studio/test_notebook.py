@@ -42,7 +42,7 @@ def test_it_is_a_page_of_its_own_too(tmp_path):
     assert (tmp_path / "look.html").read_text() == shown.page
 
 
-def test_pictures_are_taken_from_files(tmp_path):
+def test_show_accepts_files(tmp_path):
     om.write_image(tmp_path / "a.png", np.full((256, 256, 3), 7, np.uint8))
     assert om.show(tmp_path / "a.png", SENSOR).page == om.show(str(tmp_path / "a.png"), SENSOR).page
 

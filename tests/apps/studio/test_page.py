@@ -240,9 +240,7 @@ def test_the_files_that_a_command_names_are_there_or_offered(
 
 
 @pytest.mark.full
-def test_a_picture_that_the_server_shows_is_named_from_where_it_was_started(
-    browser, tmp_path, monkeypatch
-):
+def test_server_images_have_relative_paths(browser, tmp_path, monkeypatch):
     (tmp_path / "room").mkdir()
     write_image(tmp_path / "room" / "circle.png", pattern((1024, 1024)))
     monkeypatch.chdir(tmp_path)
@@ -279,9 +277,7 @@ def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown
 
 @pytest.mark.full
 @pytest.mark.parametrize("distance", [None, 400])
-def test_a_view_that_shrinks_the_picture_is_that_of_the_command_line(
-    distance, browser, server, room, tmp_path
-):
+def test_minified_view_matches_command_line(distance, browser, server, room, tmp_path):
     page = open_page(browser, server)
     drop(page, room)
     (tmp_path / "circle.png").write_bytes(room.read_bytes())
@@ -294,9 +290,7 @@ def test_a_view_that_shrinks_the_picture_is_that_of_the_command_line(
     page.context.close()
 
 
-def test_a_snapshot_carries_the_command_that_gives_the_same_picture(
-    browser, server, room, tmp_path
-):
+def test_snapshot_contains_equivalent_command(browser, server, room, tmp_path):
     page = open_page(browser, f"{server}#mode=perspective&pan=35&tilt=-12&hfov=45")
     drop(page, room)
     page.wait_for_selector("#view:visible")
@@ -318,7 +312,7 @@ def test_a_snapshot_carries_the_command_that_gives_the_same_picture(
 
 @pytest.mark.full
 @pytest.mark.parametrize("mode", ["panorama", "perspective", "dome", "planet", "ground", "mosaic"])
-def test_the_command_shown_for_each_view_writes_the_same_picture(mode, browser, server, tmp_path):
+def test_displayed_commands_reproduce_views(mode, browser, server, tmp_path):
     page = open_page(browser, f"{server}#mode={mode}&pan=35&tilt=-12&hfov=70&zoom=1.5&distance=800")
     write_image(tmp_path / "circle.png", pattern((1024, 1024)))
     drop(page, tmp_path / "circle.png")
@@ -332,7 +326,7 @@ def test_the_command_shown_for_each_view_writes_the_same_picture(mode, browser, 
     page.context.close()
 
 
-def test_what_is_not_understood_is_said_and_what_was_there_stays(browser, server, room, tmp_path):
+def test_invalid_files_are_reported_and_image_remains(browser, server, room, tmp_path):
     page = open_page(browser, server)
     drop(page, room)
     (tmp_path / "notes.png").write_text("no picture")
@@ -380,7 +374,7 @@ def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_
     page.context.close()
 
 
-def test_a_viewer_of_what_is_no_picture_is_refused(tmp_path):
+def test_viewer_rejects_invalid_image(tmp_path):
     write_image(tmp_path / "small.png", np.zeros((8, 8, 3), np.uint8))
     sensor = ("--sensor", "paper-spherical")
     assert "1024 x 1024" in fails(
@@ -411,7 +405,7 @@ def test_the_page_keeps_its_own_policy(browser, server):
 
 
 @pytest.mark.full
-def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
+def test_narrow_page_has_no_overflow(browser, server, room):
     page = open_page(browser, server, 360, 740, device_scale_factor=1)
     header = page.locator("header")
     for mode in ("panorama", "perspective", "ground", "mosaic"):
@@ -448,7 +442,7 @@ def test_nothing_sticks_out_of_a_narrow_page(browser, server, room):
         pytest.param(False, "dark", id="with a picture, dark"),
     ],
 )
-def test_axe_finds_nothing_serious(is_empty, scheme, browser, server, room):
+def test_accessibility(is_empty, scheme, browser, server, room):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     page = open_page(browser, server, color_scheme=scheme)

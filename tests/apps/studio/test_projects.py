@@ -74,7 +74,7 @@ def test_a_project_shows_the_same_pixels_elsewhere(project, browser, server):
     page.context.close()
 
 
-def test_what_is_no_project_is_refused_in_a_sentence(browser, server, tmp_path):
+def test_invalid_project_files_are_rejected(browser, server, tmp_path):
     page = open_page(browser, server, 900, 700)
     for text, said in (
         ("[mirror]", "This is no project file"),

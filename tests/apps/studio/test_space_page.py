@@ -145,7 +145,7 @@ def test_a_ray_is_clicked_and_read_in_all_plots(bench):
 
 
 @pytest.mark.full
-def test_it_follows_the_sliders_and_keeps_what_is_read(bench):
+def test_3d_view_follows_sliders_and_keeps_selected_ray(bench):
     opened(bench)
     bench.get_by_role("button", name="Ray ›").click()
     bench.get_by_role("button", name="Ray ›").click()
@@ -223,7 +223,7 @@ def test_it_turns_moves_and_enlarges_by_mouse_fingers_and_keys(bench):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (360, "dark")])
-def test_axe_finds_nothing_serious_in_space(width, scheme, bench):
+def test_accessibility_of_3d_view(width, scheme, bench):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     bench.set_viewport_size({"width": width, "height": 800})
@@ -238,7 +238,7 @@ def test_axe_finds_nothing_serious_in_space(width, scheme, bench):
     assert bench.evaluate("document.scrollingElement.scrollWidth") <= width
 
 
-def test_a_browser_without_webgl2_is_told_so(browser, server):
+def test_missing_webgl2_is_reported(browser, server):
     context = browser.new_context(bypass_csp=True)
     context.add_init_script(
         WITHOUT_PICTURES + "HTMLCanvasElement.prototype.getContext = () => null;"
