@@ -112,7 +112,7 @@ def photographer(visit: Visit) -> None:
     visit.see("the question what took it")
     visit.press(visit.page.get_by_role("button", name="A mirror ball"))
     visit.until("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
-    visit.page.get_by_role("status").filter(has_text="upright edges").wait_for()
+    visit.page.get_by_role("status").filter(has_text="vertical edges").wait_for()
     visit.see("the own picture straight and level")
     visit.press(visit.page.locator("#modes label").filter(has_text="Perspective"))
     visit.drag(0.3)
@@ -130,10 +130,10 @@ def student(visit: Visit) -> None:
     visit.choose("Start from a bundled sensor", "paper-hyperboloidal")
     visit.page.locator(".compare tbody tr").nth(1).wait_for()
     visit.see("its hyperboloid over it in all plots")
-    visit.press(visit.page.locator(".groups label").filter(has_text="In space"))
+    visit.press(visit.page.locator(".groups label").filter(has_text="3-D view"))
     visit.until("window.omnimirror.tabs.bench.desk.space?.view?.frames > 0")
     visit.see("its rays in space")
-    visit.button("Look through it")
+    visit.button("Use as camera")
     visit.until("window.omnimirror.store.state.tab === 'look' && window.omnimirror.look.feed")
     visit.see("a room seen through it")
 
@@ -144,9 +144,7 @@ def integrator(visit: Visit) -> None:
     visit.button("All views")
     visit.until(f"window.omnimirror.look.laid.places.length === {CAMERAS} && {SEEN}")
     visit.see("four cameras side by side")
-    (*_, last) = visit.page.evaluate(
-        "window.omnimirror.look.laid.places.map((p) => [p.left, p.top, p.width, p.height])"
-    )
+    (*_, last) = visit.page.evaluate("window.omnimirror.look.laid.places.map((p) => [p.left, p.top, p.width, p.height])")
     box = visit.page.locator("#view").bounding_box()
     visit.page.mouse.click(box["x"] + last[0] + last[2] / 2, box["y"] + last[1] + last[3] / 2)
     visit.presses += 1
@@ -165,11 +163,11 @@ def engineer(visit: Visit) -> None:
     visit.page.get_by_role("button", name="Design from requirements").wait_for()
     visit.see("the requirements, and how far the sphere is from them")
     visit.button("Design from requirements")
-    visit.page.get_by_text("Everything is met").wait_for()
+    visit.page.get_by_text("All requirements are met").wait_for()
     visit.see("a design that meets them")
     visit.button("Pin")
     visit.see("the design pinned")
-    visit.button("Try errors")
+    visit.button("Set errors")
     visit.page.wait_for_selector("svg.tornado rect")
     visit.see("what each error does")
 
@@ -181,9 +179,7 @@ Person: TypeAlias = "Callable[[Visit], None]"
 def prepare(folder: Path) -> None:
     """Write the input files: a photographed mirror ball, recordings of four cameras, and a
     requirement file."""
-    ball = om.MirrorBall(
-        (819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0)
-    )
+    ball = om.MirrorBall((819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0))
     write_image(folder / "ball.png", om.render_image(ball, om.Room(), samples=2))
     sensor = om.load_sensor("paper-spherical")
     for number in range(1, CAMERAS + 1):
@@ -204,25 +200,13 @@ def film(path: Path, picture: np.ndarray) -> None:
         out.mux(stream.encode())
 
 
-def visited(
-    browser: Browser,
-    address: str,
-    person,
-    folder: Path,
-    pictures: Path | None,
-    screen: str,
-    theme: str,
-) -> Visit:
+def visited(browser: Browser, address: str, person, folder: Path, pictures: Path | None, screen: str, theme: str) -> Visit:
     """Run the session of one user."""
     width, height = SCREENS[screen]
     where = pictures / person.__name__ / f"{screen}-{theme}" if pictures else None
     if where:
         where.mkdir(parents=True, exist_ok=True)
-    options = {
-        "viewport": {"width": width, "height": height},
-        "color_scheme": theme,
-        "bypass_csp": True,
-    }
+    options = {"viewport": {"width": width, "height": height}, "color_scheme": theme, "bypass_csp": True}
     page = browser.new_context(**options, permissions=["clipboard-write"]).new_page()
     page.set_default_timeout(120_000)
     visit = Visit(page, folder, where)
@@ -236,19 +220,11 @@ def visited(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument(
-        "--pictures",
-        type=Path,
-        help="folder for screenshots of each step, on all screens and in both themes",
-    )
+    parser.add_argument("--pictures", type=Path, help="folder for screenshots of each step, on all screens and in both themes")
     parser.add_argument("--people", nargs="*", default=[person.__name__ for person in PEOPLE])
     arguments = parser.parse_args()
     load = other_load()
-    executable = (
-        os.environ.get("CHROMIUM")
-        or shutil.which("chromium")
-        or shutil.which("chromium-headless-shell")
-    )
+    executable = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
     rows = []
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
@@ -268,19 +244,8 @@ def main() -> None:
                         visited(browser, address, person, folder, arguments.pictures, screen, theme)
         version = browser.version
         browser.close()
-    head = (
-        f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} without a graphics "
-        f"card.{load}"
-    )
-    lines = [
-        "# First minutes",
-        "",
-        head,
-        "",
-        "| who | sees | presses | s |",
-        "|---|---|---|---|",
-        *rows,
-    ]
+    head = f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} without a graphics card.{load}"
+    lines = ["# First minutes", "", head, "", "| who | sees | presses | s |", "|---|---|---|---|", *rows]
     write_text(arguments.out / "first_minutes.md", "\n".join(lines) + "\n")
 
 

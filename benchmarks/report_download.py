@@ -16,7 +16,7 @@ from circumstances import circumstances
 
 import omnimirror as om
 from omnimirror.apps.studio._bench_files import downloaded
-from omnimirror.apps.studio.bench_messages import Download
+from omnimirror.apps.studio.bench_messages import FileRequest
 from omnimirror.base.files import write_text
 from omnimirror.optics.sensor_files import tables_of
 
@@ -25,7 +25,9 @@ SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")
 
 def once(name: str) -> tuple[float, float, int]:
     """Return wall-clock seconds, core seconds and bytes of a report."""
-    asked = Download(tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None)
+    asked = FileRequest(
+        tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None
+    )
     wall, cores = time.perf_counter(), time.process_time()
     made = downloaded(asked)
     return time.perf_counter() - wall, time.process_time() - cores, len(made.data)

@@ -30,7 +30,12 @@ from omnimirror.apps.studio._bench_files import taken
 from omnimirror.apps.studio._bench_sensors import changed, on_bench
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import Ask, BenchSensor, Change, PictureAsk
+from omnimirror.apps.studio.bench_messages import (
+    BenchSensor,
+    DesignChange,
+    DesignRequest,
+    RenderRequest,
+)
 from omnimirror.base.files import write_text
 from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.optics.sensor_files import tables_of
@@ -46,7 +51,7 @@ KINDS = (
 )
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PICTURES = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
-EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
+EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
 MOVE = """async (count) => {
   const { bench } = window.omnimirror.tabs;
   const slider = document.querySelector("#bench input[type=range]");
@@ -96,7 +101,7 @@ def serving() -> Iterator[str]:
 
 def server_ms(sensor: BenchSensor, runs: int) -> float:
     """Return the median processor time of a response in the server, ms."""
-    ask = Ask(
+    ask = DesignRequest(
         slot=0,
         number=0,
         tables=sensor.tables,
@@ -116,7 +121,7 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
 
 def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> float:
     """Return the median time of a response with an image of a room, ms."""
-    ask = PictureAsk(tables=sensor.tables, width_px=width_px, samples=samples)
+    ask = RenderRequest(tables=sensor.tables, width_px=width_px, samples=samples)
     times = []
     for _ in range(runs):
         begin = time.perf_counter()
@@ -127,7 +132,7 @@ def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> f
 
 def turned(page: Any, count: int) -> str:
     """Return the frame time of the 3-D view during rotation."""
-    page.locator(".groups label").filter(has_text="In space").click()
+    page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{SPACE}?.frames > 0 && {SPACE}.rays.length > 0")
     page.evaluate(TURN, 10)
     found, width, height = page.evaluate(TURN, count)
@@ -141,7 +146,7 @@ def turned(page: Any, count: int) -> str:
 def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray, float]:
     """Return the times (count,) from a change of the first mirror slider to the drawn plots, and
     the processor time of the page."""
-    choice = page.get_by_label("Kind of mirror")
+    choice = page.get_by_label("Type of mirror")
     if choice.input_value() != kind:
         choice.select_option(kind)
         page.wait_for_function(
@@ -169,7 +174,7 @@ def main() -> None:
     first = tables_of(om.load_sensor("paper-spherical"))
     sensors = {
         kind: on_bench(
-            changed(Change(tables=first, what="mirror", to=kind, object_distance_mm=None))
+            changed(DesignChange(tables=first, what="mirror", to=kind, object_distance_mm=None))
         )
         for kind in KINDS
     }

@@ -226,14 +226,14 @@ def command_line() -> None:
     (PAGES / "reference" / "commands.md").write_text("\n".join(lines))
 
 
-def page_alone() -> None:
+def standalone_page() -> None:
     """Write the studio without a server, embedded in pages."""
-    (PAGES / "straighten.html").write_text(studio.page_alone(), encoding="utf-8")
+    (PAGES / "straighten.html").write_text(studio.standalone_page(), encoding="utf-8")
 
 
 if __name__ == "__main__":
     copied()
-    page_alone()
+    standalone_page()
     reference()
     command_line()
     print(f"{len(list(PAGES.rglob('*.md')))} pages in {PAGES.relative_to(ROOT)}")

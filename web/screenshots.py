@@ -75,7 +75,7 @@ def shot(
 
 
 def fit_the_circle(page: Page) -> None:
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
 
 
 def sheet(pictures: list[Image.Image], columns: int, width: int) -> Image.Image:

@@ -37,7 +37,7 @@ AT_REST = """() => {
 def compare_two(page: Any) -> None:
     """Pin the paper's sphere, make the exact equidistant mirror, ask two things of it, and read at 75 degrees."""
     page.get_by_role("button", name="Pin", exact=True).click()
-    page.get_by_label("Kind of mirror").select_option("equidistant")
+    page.get_by_label("Type of mirror").select_option("equidistant")
     page.wait_for_function(
         "window.omnimirror.tabs.bench.history.now.tables.mirror.kind === 'equidistant'"
     )
@@ -59,7 +59,7 @@ def compare_two(page: Any) -> None:
 
 def try_errors(page: Any) -> None:
     """Put the mirror out of its place, with what a calibration of its pose leaves beside it."""
-    page.get_by_role("button", name="Try errors").click()
+    page.get_by_role("button", name="Set errors").click()
     page.wait_for_function(AT_REST)
     for name, value in VALUES.items():
         page.get_by_label(name, exact=True).fill(value)
@@ -83,7 +83,7 @@ def look_in_space(page: Any) -> None:
         page.wait_for_function(
             "window.omnimirror.tabs.bench.history.now.tables.name === 'sphere-in-dome'"
         )
-    page.locator(".groups label").filter(has_text="In space").click()
+    page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{SPACE}?.rays.length > 0")
     page.evaluate(f"{SPACE}.read({SPACE}.rays.find((ray) => ray.index === 7))")
     page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")

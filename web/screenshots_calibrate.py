@@ -47,7 +47,7 @@ def calibrated(browser: Browser, address: str, paths: list[Path], scheme: str) -
     page.locator("#calibrate aside").get_by_role("button", name="Calibrate", exact=True).click()
     page.wait_for_function("window.omnimirror.tabs.calibrate.report !== null")
     page.locator("#calibrate .shots button").first.click()
-    page.get_by_text(re.compile("straightened: its corners")).wait_for()
+    page.get_by_text(re.compile("maximum deviation of corners")).wait_for()
     page.evaluate(
         "document.activeElement.blur(); document.querySelector('#calibrate .desk').scrollTo(0, 0)"
     )

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .apps.reports.comparison import write_comparison as write_comparison
     from .apps.reports.tolerances import write_tolerances as write_tolerances
     from .apps.reproduction import reproduce_paper as reproduce_paper
-    from .apps.studio.pages import LookAround as LookAround
+    from .apps.studio.pages import InteractiveView as InteractiveView
     from .apps.studio.pages import show as show
     from .base.errors import OmnimirrorError as OmnimirrorError
     from .calibration.conversion import convert as convert
@@ -335,7 +335,7 @@ _HOMES = {
     "dewarp_images": "dewarp.image_folders",
     "Restoration": "dewarp.restoration.deblurring",
     "dewarp_video": "dewarp.video_files",
-    "LookAround": "apps.studio.pages",
+    "InteractiveView": "apps.studio.pages",
     "show": "apps.studio.pages",
     "Tolerance": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",

@@ -493,7 +493,7 @@ CAMERAS = (om.KannalaBrandt((170.0, 170.0), (319.5, 239.5), (640, 480), k1=0.01)
 @pytest.mark.parametrize("name", EVERYDAY)
 def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
     """Reports, cards and the page of an image: names create no elements, attributes or scripts."""
-    from omnimirror.apps.studio.pages import viewer_of
+    from omnimirror.apps.studio.pages import image_viewer
     from omnimirror.optics.sensor import sensor_card
 
     def pages(text: str) -> list[str]:
@@ -506,7 +506,7 @@ def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
         with (tmp_path / "comparison.csv").open(newline="") as file:
             rows = list(csv.reader(file))
         assert not any(re.match(r"[=+@\t\r]", cell) for cell in rows[0])
-        view = viewer_of(sensor, text, ("--sensor", text), None, np.zeros((144, 160, 3), np.uint8))
+        view = image_viewer(sensor, text, ("--sensor", text), None, np.zeros((144, 160, 3), np.uint8))
         files = (tmp_path / "demo" / "report.html", tmp_path / "comparison.html")
         return [*(file.read_text("utf-8") for file in files), sensor_card(sensor), view]
 

@@ -129,7 +129,7 @@ ELSEWHERE = {
     "MirrorOutline",
     "Front",
     "PlumbLineCalibration",
-    "LookAround",
+    "InteractiveView",
     "OmnimirrorError",
     "RigidTransform",
     "Optimum",

@@ -14,12 +14,12 @@ const HEARTBEAT_MS = 3000;
 
 declare global {
   interface Window {
-    /** For tests, and for whoever scripts the page. */
+    /** For tests and scripts. */
     omnimirror?: { look: Look; store: Store; tabs: Tabs };
   }
 }
 
-/** Tell when the server goes, and go on when it is back. */
+/** Report an unavailable server, and resume when it is available again. */
 function watchServer(look: Look, tabs: Tabs): void {
   let wasAway = false;
   const beat = async (): Promise<void> => {
@@ -28,7 +28,7 @@ function watchServer(look: Look, tabs: Tabs): void {
         const there = await api.isThere();
         banner(there ? null : AWAY, "server");
         if (there && wasAway) {
-          say("The server is back.");
+          say("The server is available again.");
           if (!look.sensor.camera) await look.begin().catch(fail);
           tabs.show();
         }
@@ -41,7 +41,7 @@ function watchServer(look: Look, tabs: Tabs): void {
   setTimeout(() => background(beat()), HEARTBEAT_MS);
 }
 
-/** A button that cannot be pressed says why. */
+/** Display the reason of a disabled button when it is pressed. */
 function sayWhy(): void {
   const refuse = (e: Event): void => {
     const button = (e.target as Element).closest<HTMLElement>('button[aria-disabled="true"]');

@@ -21,22 +21,22 @@ import type { Store } from "./shared/store";
 const KIND = "omnimirror project";
 const VERSION = 1;
 const ENDING = ".omnimirror";
-const MOST_BYTES = 256 << 20; // of the picture; longer ones stay where they are
+const MAX_BYTES = 256 << 20; // maximum size of an embedded image
 const BENCH = "omnimirror-bench";
 
-/** What a project file holds: all that is seen, and what it is seen of. */
+/** Content of a project file: the state, and the image and sensor that it requires. */
 interface Project {
   kind: typeof KIND;
   version: number;
-  /** What of the state is not as at first, as an address has it. */
+  /** State that differs from the default, as in the address. */
   state: string;
   picture: { name: string; type: string; data: string } | null;
   sensor: { name: string; optics?: "mirror" | "fisheye"; isMade?: boolean; text: string } | null;
-  /** The bench: design, what was before it, pins. */
+  /** Design bench: design, history, pinned designs. */
   bench: string | null;
 }
 
-/** Keeping all that is seen in a file, and opening such a file: elsewhere it shows the same pixels. */
+/** Project files: save the complete state, and restore it anywhere with identical pixels. */
 export class ProjectMenu {
   private readonly menu = byId<HTMLDetailsElement>("project");
   private readonly file = byId<HTMLInputElement>("project-file");
@@ -66,7 +66,7 @@ export class ProjectMenu {
   }
 
   private async save(): Promise<void> {
-    this.store.leaving(); // a number that was typed and not yet entered
+    this.store.leaving(); // number in a field without a change event
     const { state } = this.store;
     const picture = await this.picture();
     const sensor = state.sensor.startsWith("file:") ? await kept(state.sensor) : undefined;
@@ -92,11 +92,11 @@ export class ProjectMenu {
     const name = `${(picture?.name ?? "project").replace(/\.\w+$/, "")}${ENDING}`;
     save(new Blob([JSON.stringify(project)], { type: "application/json" }), name);
     say(
-      `${name} holds what is seen${picture ? `, ${picture.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`,
+      `${name} contains the view${picture ? `, ${picture.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`,
     );
   }
 
-  /** The picture that is shown, under its identity; null where there is none, or one that every page has. */
+  /** Current image with its identity; null if there is none, or for the demo room. */
   private async picture(): Promise<{ blob: Blob; name: string; source: string } | null> {
     const { feed } = this.look;
     const { source } = this.store.state;
@@ -105,12 +105,12 @@ export class ProjectMenu {
     const own = identity ? await keptPicture(identity) : undefined;
     if (!own && feed.moves)
       throw new api.Refused(
-        `${feed.name} moves and lies in no file of this browser: a project holds pictures and video files. Take a snapshot of it, or open its file.`,
+        `Projects contain images and video files; ${feed.name} is a live source. Save a snapshot, or open a file.`,
       );
     const blob = own?.blob ?? (await fileOf(feed)).picture;
-    if (blob.size > MOST_BYTES)
+    if (blob.size > MAX_BYTES)
       throw new api.Refused(
-        `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; a project holds up to ${MOST_BYTES >> 20} MB. Copy the link instead, and hand on the file with it.`,
+        `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; the maximum in a project is ${MAX_BYTES >> 20} MB. Copy the link instead, and share the file separately.`,
       );
     return {
       blob,
@@ -129,7 +129,7 @@ export class ProjectMenu {
       await keepPicture(await identityOf(blob, name), { blob, name });
       if (!(await keptPicture(await identityOf(blob, name))))
         throw new api.Refused(
-          `This browser keeps nothing between pages, as private windows do, so that it cannot hold ${name}.`,
+          `This browser cannot store ${name}; private windows do not support projects.`,
         );
     }
     if (project.sensor) {
@@ -140,22 +140,20 @@ export class ProjectMenu {
       state.sensor = entry.id;
     }
     if (project.bench) put([sessions, locals], BENCH, project.bench);
-    this.store.leaving = () => {}; // the bench that is left would be kept in the place of the new one
+    this.store.leaving = () => {}; // the current bench must not overwrite the loaded one
     this.store.set(state);
     location.reload();
   }
 }
 
-/** The project of a file's text. */
+/** Parse a project file. */
 function projectIn(text: string): Project {
   const found = parsed(text) as Partial<Project> | null | undefined;
   if (found?.kind !== KIND || typeof found.state !== "string")
-    throw new api.Refused(
-      `This is no project file; valid are files that Save project wrote, ending in ${ENDING}.`,
-    );
+    throw new api.Refused(`The file must be a project file (${ENDING}) written by Save project.`);
   if (found.version !== VERSION)
     throw new api.Refused(
-      `This project file is of version ${String(found.version)}; this studio reads version ${VERSION}. A newer omnimirror opens it.`,
+      `The project file has version ${String(found.version)}; this version of omnimirror supports version ${VERSION}. Update omnimirror.`,
     );
   return { picture: null, sensor: null, bench: null, ...found } as Project;
 }

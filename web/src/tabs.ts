@@ -8,7 +8,7 @@ import type { Host as CalibrateHost } from "./calibrate/host";
 import type { Look } from "./look/look";
 import { isForeseen } from "./shared/api";
 import { byId, heldBy } from "./shared/dom";
-import type { BenchAlone } from "./shared/messages";
+import type { StandaloneBench } from "./shared/messages";
 import { banner, copy, report, say } from "./shared/notices";
 import type { State } from "./shared/state";
 import type { Store } from "./shared/store";
@@ -16,7 +16,7 @@ import { unfetched } from "./shared/texts";
 
 type Fetched = "bench" | "calibrate";
 
-/** Tabs that are fetched when they are wanted first: where they stand, what they are called, and their scripts. */
+/** Tabs whose scripts are loaded on first use: element and title. */
 const FETCHED: Partial<Record<State["tab"], { place: Fetched; title: string }>> = {
   design: { place: "bench", title: "The design bench" },
   calibrate: { place: "calibrate", title: "The calibration" },
@@ -24,14 +24,14 @@ const FETCHED: Partial<Record<State["tab"], { place: Fetched; title: string }>> 
 const PLACES = { look: "look", design: "bench", calibrate: "calibrate" } as const;
 const SHOWN = { look: "#stage", design: "#bench .desk", calibrate: "#calibrate .desk" } as const;
 
-/** What both scripts offer. */
+/** Interface of both scripts. */
 interface Script {
   begin: typeof beginBench & typeof beginCalibrate;
 }
 
-/** Fetch a script; null if it cannot be had. A page without a server contains that of the bench. */
+/** Load a script; null on failure. A page without a server contains that of the bench. */
 async function fetched(name: Fetched): Promise<Script | null> {
-  const held = name === "bench" ? heldBy<BenchAlone>("bench-alone")?.script : null;
+  const held = name === "bench" ? heldBy<StandaloneBench>("bench-alone")?.script : null;
   const own = held && URL.createObjectURL(new Blob([held], { type: "text/javascript" }));
   const address = own || (import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`);
   try {
@@ -43,7 +43,7 @@ async function fetched(name: Fetched): Promise<Script | null> {
   }
 }
 
-/** The tabs of the page; all but the first are fetched when they are wanted. */
+/** Tabs of the page; all but the first are loaded on first use. */
 export class Tabs {
   look: Look | null = null;
   bench: Bench | null = null;
@@ -54,7 +54,7 @@ export class Tabs {
     for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button"))
       button.addEventListener("click", () => store.set({ tab: button.value as State["tab"] }));
     document.querySelector(".skip")!.addEventListener("click", (e) => {
-      e.preventDefault(); // the address is that of what is seen
+      e.preventDefault(); // the fragment contains the state
       document.querySelector<HTMLElement>(SHOWN[store.state.tab])?.focus();
     });
     store.listen((s, changed) => {
@@ -97,7 +97,7 @@ export class Tabs {
     }
   }
 
-  /** Leave nothing of a tab that could not be made: the next one begins in its place. */
+  /** Remove the elements of a tab that failed to load, so that it can be retried. */
   private clear(tab: State["tab"], name: Fetched): void {
     byId(name).replaceChildren(byId(`${name}-busy`));
     for (const part of document.querySelectorAll(`header [data-tab="${tab}"]`)) part.remove();
@@ -138,13 +138,14 @@ export class Tabs {
     };
   }
 
-  /** Look through a camera that was made here, at something. */
+  /** Use a camera created by another tab. */
   private async lookThrough(
     file: Blob,
     name: string,
     open: (look: Look) => Promise<void>,
   ): Promise<void> {
-    if (!this.look) return say("Looking needs WebGL2, which this browser does not offer.");
+    if (!this.look)
+      return say("The tab Look requires WebGL2, which this browser does not support.");
     this.store.set({ tab: "look", source: "" });
     await this.look.sensor.load(file, name, "mirror", true);
     await open(this.look);

@@ -1,4 +1,4 @@
-/** What is asked of the server, and how its refusals and its silence are told. */
+/** Requests to the server, its rejections, and missing responses. */
 import { afterEach, expect, test, vi } from "vitest";
 import * as api from "../src/shared/api";
 import { unpack } from "../src/shared/framing";
@@ -61,14 +61,11 @@ test.each<[Response, string]>([
         input: "1e9",
       },
     ]),
-    "forward_azimuth_deg = 1e9 is not valid: it should be less than or equal to 360.",
+    "forward_azimuth_deg must be less than or equal to 360; got 1e9.",
   ],
-  [
-    refusal([{ loc: ["body"], msg: "Field required", input: { a: 1 } }]),
-    "body is not valid: Field required.",
-  ],
-  [new Response("<html>", { status: 502 }), "The studio's server cannot do that (it answers 502)."],
-  [refusal(undefined, 500), "The studio's server cannot do that (it answers 500)."],
+  [refusal([{ loc: ["body"], msg: "Field required", input: { a: 1 } }]), "body: Field required."],
+  [new Response("<html>", { status: 502 }), "The request failed (HTTP status 502)."],
+  [refusal(undefined, 500), "The request failed (HTTP status 500)."],
 ])("a refusal is told in its own sentence", async (answer, sentence) => {
   answering(answer);
   const error = await api.start().catch((e: unknown) => e);
@@ -95,7 +92,7 @@ test("a file has the name that the server gives it", async () => {
   expect((await api.download(asked)).name).toBe("design");
 });
 
-/** As omnimirror.apps.studio._http_messages writes them: length, JSON padded with blanks, bytes. */
+/** Binary message like omnimirror.apps.studio._http_messages: length, padded JSON, bytes. */
 function framed(header: unknown, ...parts: Uint8Array<ArrayBuffer>[]): ArrayBuffer {
   const text = new TextEncoder().encode(JSON.stringify(header));
   const padded = Math.ceil(text.length / 4) * 4;

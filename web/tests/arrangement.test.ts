@@ -1,4 +1,4 @@
-/** Several views on one stage: none over another, none beyond it, each as it wants to be; and the texts that keep them. */
+/** Several views on one stage: no overlap, within the stage, with their aspect ratios; and their encoding. */
 import { describe, expect, test } from "vitest";
 import { arranged } from "../src/look/geometry/arrangement";
 import { INITIAL, ofTaken, ofView, textOf, viewsIn } from "../src/shared/state";

@@ -1,4 +1,4 @@
-/** Calibrating, as far as the page computes: against formulas of a line. */
+/** Computations of the tab Calibrate, compared with simple formulas. */
 import { describe, expect, test } from "vitest";
 import {
   arrows,
@@ -22,9 +22,14 @@ import {
   whyNot,
 } from "../src/calibrate/words";
 import { pack, unpack } from "../src/shared/framing";
-import type { BoardAsked, BoardSeen, CoverageShown, RimFound } from "../src/shared/messages";
+import type {
+  BoardSpec,
+  BoardDetection,
+  CoverageInfo,
+  DetectedOutline,
+} from "../src/shared/messages";
 
-const BOARD: BoardAsked = {
+const BOARD: BoardSpec = {
   kind: "chessboard",
   columns: 11,
   rows: 7,
@@ -89,7 +94,7 @@ test("pictures have names of their own", () => {
 });
 
 test("a rim is the middle of those that are sure, if most are", () => {
-  const rim = (u: number, radius_px: number, is_sure = true): RimFound => ({
+  const rim = (u: number, radius_px: number, is_sure = true): DetectedOutline => ({
     centre_px: [u, 100],
     radius_px,
     confidence: is_sure ? 0.9 : 0.2,
@@ -104,8 +109,8 @@ test("a rim is the middle of those that are sure, if most are", () => {
 });
 
 test("it is said why none can begin", () => {
-  expect(whyNot(12, 1)).toBe("One picture is still to be looked at.");
-  expect(whyNot(2, 0)).toContain("in 2 pictures yet; 3 are the fewest");
+  expect(whyNot(12, 1)).toBe("One image has not been processed yet.");
+  expect(whyNot(2, 0)).toContain("in 2 images; at least 3 are required");
   expect(whyNot(3, 0)).toBeNull();
 });
 
@@ -121,14 +126,14 @@ test("a fisheye is not offered what only mirrors are", () => {
 });
 
 test("what was found is said, or why not", () => {
-  const seen = { ids: [1, 2, 3] } as BoardSeen;
+  const seen = { ids: [1, 2, 3] } as BoardDetection;
   expect([stateWords(seen, null), stateWords(seen, "the picture is blank")]).toEqual([
     "3 corners",
     "The picture is blank",
   ]);
 });
 
-const COVERAGE: CoverageShown = {
+const COVERAGE: CoverageInfo = {
   centre_px: [50, 40],
   radii_px: [0, 10, 20],
   counts: [
@@ -148,7 +153,7 @@ test("cells lie where their corners are counted", () => {
     const [u, v] = numbers(path.slice(path.indexOf("L")));
     const [x, y] = [u - 50, v - 40];
     expect(Math.hypot(x, y)).toBeCloseTo(COVERAGE.radii_px[ring + 1], 1);
-    const off = Math.atan2(y, x) - (sector * Math.PI) / 2 + Math.PI / 4; // its first edge, an eighth of a turn before its middle
+    const off = Math.atan2(y, x) - (sector * Math.PI) / 2 + Math.PI / 4; // its first edge, 22.5 deg before its centre
     expect(Math.cos(off)).toBeCloseTo(1, 3);
   }
 });

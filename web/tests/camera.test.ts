@@ -1,9 +1,9 @@
-/** The camera of the page against numbers of Python (fixtures/make.py) and against what can be said in a line. */
+/** Camera of the page compared with values computed by Python (fixtures/make.py) and with simple formulas. */
 import { describe, expect, test } from "vitest";
 import { Camera } from "../src/look/geometry/camera";
 import { between, given, vector } from "./tables";
 
-/** How near the page's tables come: those of the fixtures have a quarter, and a tenth, of the entries of the server's. */
+/** Tolerance of the tables: those of the fixtures have 1/4 and 1/10 of the entries of the server. */
 const NEAR_PX = { sphere: 0.01, ball: 0.002, decentred: 0.6 } as const;
 const NEAR_RAD = { sphere: 3e-5, ball: 1e-5, decentred: 2e-3 } as const;
 const NAMES = ["sphere", "ball", "decentred"] as const;

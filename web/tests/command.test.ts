@@ -1,10 +1,10 @@
-/** The command lines of views, word by word; that they give the same pictures is examined in a browser. */
+/** Command lines of views; tests in a browser compare the images. */
 import { execFileSync } from "node:child_process";
 import { expect, test } from "vitest";
 import { commandOf, fittedName, needsFile } from "../src/look/command";
 import type { Feed } from "../src/look/feeds/feed";
 import { Camera } from "../src/look/geometry/camera";
-import type { MountOf } from "../src/shared/messages";
+import type { MountInfo } from "../src/shared/messages";
 import { INITIAL, type State } from "../src/shared/state";
 import { fileWord, shellWord } from "../src/shared/shell";
 import { given } from "./tables";
@@ -14,7 +14,7 @@ const PICTURE = { source: "circle.png", moves: false } as Feed;
 
 const line = (change: Partial<State>, camera = sphere, feed = PICTURE): string =>
   commandOf({ ...INITIAL, ...change }, camera, feed, 240, 90);
-const standing = (mount: Partial<MountOf>): Camera =>
+const standing = (mount: Partial<MountInfo>): Camera =>
   new Camera({ ...sphere.model, mount: { ...sphere.model.mount, ...mount } }, sphere.tables);
 
 const START = "omnimirror dewarp circle.png --sensor sphere.toml";

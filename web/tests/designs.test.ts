@@ -1,12 +1,12 @@
-/** Designs of the bench: in addresses, undone and redone, and what is no design. */
+/** Designs of the bench: address, undo history, validation. */
 import { beforeEach, describe, expect, test, vi } from "vitest";
 import { fromAddress, inAddress } from "../src/bench/designs/address";
 import { History, placed, withEntry, type Design, type Tables } from "../src/bench/designs/design";
 import { keep, kept } from "../src/bench/designs/kept";
 import { lacking } from "../src/bench/designs/whole";
-import type { BenchStart, Facts, ParameterOf, PartOf } from "../src/shared/messages";
+import type { BenchStart, DesignSummary, ParameterInfo, PartInfo } from "../src/shared/messages";
 
-const number = (name: string, more: Partial<ParameterOf> = {}): ParameterOf => ({
+const number = (name: string, more: Partial<ParameterInfo> = {}): ParameterInfo => ({
   name,
   unit: "mm",
   low: 0,
@@ -19,7 +19,7 @@ const number = (name: string, more: Partial<ParameterOf> = {}): ParameterOf => (
   default: null,
   ...more,
 });
-const part = (kind: string, ...parameters: ParameterOf[]): PartOf => ({ kind, parameters });
+const part = (kind: string, ...parameters: ParameterInfo[]): PartInfo => ({ kind, parameters });
 
 const PARTS = {
   mirrors: [
@@ -76,7 +76,7 @@ describe("addresses", () => {
 
   test("one that was cut off is said to be", () =>
     expect(fromAddress(inAddress(DESIGN).slice(0, -9), PARTS)).toBe(
-      "The design of the address cannot be read: it is cut off or changed.",
+      "The design in the address is invalid: the link is incomplete or was changed.",
     ));
 
   test("one that is too long for an address is in none", () =>
@@ -87,42 +87,51 @@ describe("what is no design says what it lacks", () => {
   test("a whole one lacks nothing", () => expect(lacking(DESIGN, PARTS)).toBeNull());
 
   test.each<[unknown, string]>([
-    [null, "it is no design"],
-    [[], "it is no design"],
-    ["sphere", "it is no design"],
-    [{}, "it has no tables of a sensor"],
-    [changed((d) => delete d.tables.lens), "it lacks [lens]"],
-    [changed((d) => (d.tables.mirror.kind = "spher")), "mirror.kind is none of sphere, polynomial"],
-    [changed((d) => delete d.tables.mirror.radius_mm), "it lacks mirror.radius_mm"],
-    [changed((d) => (d.tables.mirror.radius_mm = "25")), 'mirror.radius_mm = "25" is no number'],
+    [null, "it must be a design"],
+    [[], "it must be a design"],
+    ["sphere", "it must be a design"],
+    [{}, "it must contain the tables of a sensor"],
+    [changed((d) => delete d.tables.lens), "[lens] is missing"],
+    [
+      changed((d) => (d.tables.mirror.kind = "spher")),
+      "mirror.kind must be one of sphere, polynomial",
+    ],
+    [changed((d) => delete d.tables.mirror.radius_mm), "mirror.radius_mm is missing"],
+    [
+      changed((d) => (d.tables.mirror.radius_mm = "25")),
+      'mirror.radius_mm must be a number; got "25"',
+    ],
     [
       changed((d) => (d.tables.mirror = { kind: "polynomial", coefficients: [1, null] })),
-      "mirror.coefficients = [1,null] is no list of numbers",
+      "mirror.coefficients must be a list of numbers; got [1,null]",
     ],
-    [changed((d) => (d.tables.lens.k1 = {})), "lens.k1 = {} is no number"],
-    [changed((d) => delete d.tables.mount), "it lacks mount.mirror_distance_mm"],
-    [changed((d) => (d.tables.mount = 3)), "mount = 3 is no table"],
+    [changed((d) => (d.tables.lens.k1 = {})), "lens.k1 must be a number; got {}"],
+    [changed((d) => delete d.tables.mount), "mount.mirror_distance_mm is missing"],
+    [changed((d) => (d.tables.mount = 3)), "mount must be a table; got 3"],
     [
       changed((d) => (d.tables.mirror_pose = { decentre_x_mm: "far" })),
-      "mirror_pose is no table of numbers",
+      "mirror_pose must be a table of numbers",
     ],
     [
       changed((d) => (d.tables.secondary = { kind: "flat", radius_mm: 5 })),
-      "it lacks secondary.z_mm",
+      "secondary.z_mm is missing",
     ],
-    [changed((d) => (d.distance = "far")), 'the distance of its objects is "far"'],
-    [changed((d) => (d.tables.name = 7)), "name = 7 is no text"],
-    [changed((d) => (d.requirements.field = [])), "its requirements lack [field]"],
-    [changed((d) => (d.requirements.field = {})), "its requirements lack field.omega_max_deg"],
-    [changed((d) => (d.requirements.limit = {})), "its requirements have limits that are no list"],
+    [changed((d) => (d.distance = "far")), 'the object distance must be positive; got "far"'],
+    [changed((d) => (d.tables.name = 7)), "name must be a text; got 7"],
+    [changed((d) => (d.requirements.field = [])), "[field] of the requirements is missing"],
+    [
+      changed((d) => (d.requirements.field = {})),
+      "field.omega_max_deg of the requirements is missing",
+    ],
+    [changed((d) => (d.requirements.limit = {})), "the limits of the requirements must be a list"],
     [
       changed((d) => (d.requirements.limit = [{ quantity: "beauty" }])),
-      'its requirements limit "beauty", which is no quantity',
+      'the requirements contain an unknown quantity, "beauty"',
     ],
   ])("%j", (found, said) => {
     expect(lacking(found, PARTS)).toBe(said);
     expect(fromAddress(JSON.stringify(found), PARTS)).toBe(
-      `The design of the address is not whole: ${said}.`,
+      `The design in the address is invalid: ${said}.`,
     );
   });
 
@@ -178,11 +187,11 @@ describe("undoing", () => {
 
   test("what the server completes is no step of its own", () => {
     const history = new History({ ...DESIGN, follows: true });
-    const complete = placed(history.now, { mirror_distance_mm: 161.5 } as Facts);
+    const complete = placed(history.now, { mirror_distance_mm: 161.5 } as DesignSummary);
     history.complete(complete);
     expect(history.settle()).toBe(false);
     expect(history.now.tables.mount.mirror_distance_mm).toBe(161.5);
-    expect(placed(DESIGN, { mirror_distance_mm: 161.5 } as Facts)).toBe(DESIGN); // which does not follow
+    expect(placed(DESIGN, { mirror_distance_mm: 161.5 } as DesignSummary)).toBe(DESIGN); // without follows
   });
 
   test("one number of a list changes, and the design before stays as it was", () => {
@@ -214,13 +223,13 @@ describe("what the browser keeps", () => {
     const history = new History(DESIGN);
     history.now = withEntry(DESIGN, "mirror", "radius_mm", 30);
     history.settle();
-    keep(history, [{ name: "pinned", design: DESIGN }], ["Picture"]);
+    keep(history, [{ name: "pinned", design: DESIGN }], ["Image"]);
     expect(kept(PARTS)).toEqual({
       design: history.now,
       past: [DESIGN],
       future: [],
       pins: [{ name: "pinned", design: DESIGN }],
-      switched: ["Picture"],
+      switched: ["Image"],
     });
     vi.stubGlobal("sessionStorage", shelf());
     keep(new History(DESIGN), [], []);

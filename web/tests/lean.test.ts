@@ -1,4 +1,4 @@
-/** Leaning and levelling against rotations that can be told in words. */
+/** Tilt and levelling compared with simple rotations. */
 import { expect, test } from "vitest";
 import { raised, releaned, type Lean } from "../src/look/geometry/lean";
 import { RAD, type Vec3 } from "../src/look/geometry/vectors";
@@ -48,11 +48,11 @@ test("lifting what is straight ahead pitches, what is to the right rolls, what i
 });
 
 test("a horizon that was dragged level in two places is level everywhere", () => {
-  // The sensor leaned; its file says plumb. What it sees on the horizon appears where a plumb sensor would see it.
+  // A tilted sensor whose file has no tilt: points of the horizon appear where an untilted sensor images them.
   const truth: Lean = { pitch: 7, roll: -5 };
   let lean: Lean = PLUMB;
   const tiltAt = (pan: number): { pan: number; tilt: number } => {
-    // A direction of the horizon, as the page shows it while it believes the lean.
+    // Direction of the horizon as displayed with an assumed tilt.
     const seen = releaned([Math.cos(pan * RAD), -Math.sin(pan * RAD), 0], truth, lean);
     return { pan: Math.atan2(-seen[1], seen[0]) / RAD, tilt: Math.asin(seen[2]) / RAD };
   };

@@ -1,4 +1,4 @@
-/** The one function of Node that tests use; its type package is not a dependency. */
+/** Function of Node used by tests; its type package is not a dependency. */
 declare module "node:child_process" {
   export function execFileSync(
     file: string,

@@ -1,9 +1,9 @@
-/** Numbers, units and names as people read them, and the sliders that set them. */
+/** Numbers, units and names as displayed, and slider scales. */
 import { expect, test } from "vitest";
 import { label, unitWords } from "../src/bench/labels";
 import { scaleOf } from "../src/bench/panels/scale";
 import { clamp, fixed, words, wrapped } from "../src/shared/numbers";
-import type { ParameterOf } from "../src/shared/messages";
+import type { ParameterInfo } from "../src/shared/messages";
 
 test.each<[number | null | undefined, number, string]>([
   [Math.PI, 4, "3.142"],
@@ -48,7 +48,11 @@ test("units are written as people write them", () =>
     "mm",
   ]));
 
-const parameter = (low: number, high: number, more: Partial<ParameterOf> = {}): ParameterOf => ({
+const parameter = (
+  low: number,
+  high: number,
+  more: Partial<ParameterInfo> = {},
+): ParameterInfo => ({
   name: "x",
   unit: "",
   low,

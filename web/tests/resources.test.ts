@@ -1,4 +1,4 @@
-/** Cameras, streams and connections are released when they fail or are closed, and failures are reported. */
+/** Release of cameras, streams and connections after failures, and reporting of errors. */
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Answers } from "../src/bench/answers";
 import type { Found, Wish } from "../src/bench/found";
@@ -68,7 +68,7 @@ class Track {
   getSettings = (): MediaTrackSettings => ({ deviceId: "a" });
 }
 
-/** A browser with a camera of a video and an audio track, whose video starts, fails or does neither. */
+/** Fake browser with a webcam (video and audio track) whose video starts, fails or does neither. */
 function withCamera(starts: "starts" | "fails" | "hangs"): { tracks: Track[]; video: () => Video } {
   const tracks = [new Track(), new Track()];
   const stream = { getTracks: () => tracks, getVideoTracks: () => tracks.slice(0, 1) };
@@ -136,14 +136,14 @@ test("a video that is released loads nothing any more", () => {
 
 // -- streams --------------------------------------------------------------------------------------
 
-interface Opened {
+interface ImportedFile {
   states: (StreamState | null)[];
   feed: Promise<Feed>;
   giveUp: () => void;
 }
 
-/** Open a stream whose frames say whether they can be decoded. */
-function openStream(): Opened {
+/** Open a stream whose frames are valid or invalid. */
+function openStream(): ImportedFile {
   const bitmaps = { width: 4, height: 3, close: () => {} };
   vi.stubGlobal("createImageBitmap", ({ frame }: { frame: string }) =>
     frame === "good" ? Promise.resolve({ ...bitmaps }) : Promise.reject(new DOMException("no")),
@@ -156,7 +156,7 @@ function openStream(): Opened {
   return { states, feed, giveUp: () => ending.abort() };
 }
 
-/** The server sends a frame; a screen's frame passes. */
+/** The server sends a frame; an animation frame passes. */
 async function receive(socket: Socket, frame: "good" | "bad"): Promise<void> {
   socket.onmessage({ data: { frame } });
   await vi.advanceTimersByTimeAsync(20);
@@ -229,7 +229,7 @@ test("what other views no longer need is given up while it is being opened", asy
   states = [];
   others.hold();
   expect(signals.map((s) => s.aborted)).toEqual([true]);
-  open({ close } as unknown as Feed); // of one that came nevertheless
+  open({ close } as unknown as Feed); // of a frame that arrives nevertheless
   await settled();
   expect(close).toHaveBeenCalledOnce();
 });
@@ -282,7 +282,7 @@ test("a question that fails unforeseen does not hold up the next", async () => {
 
 // -- failures -------------------------------------------------------------------------------------
 
-/** The page's banner: what is written in it. */
+/** Text of the banner. */
 function withBanner(): () => string[] {
   const element = (): Record<string, unknown> => ({
     setAttribute: () => {},
@@ -309,7 +309,7 @@ test.each<[string, object, string[]]>([
   ["error", { error: new RangeError("x") }, [WENT_WRONG]],
   ["error", { error: null, message: "ResizeObserver loop" }, []],
 ])("an %s that nothing handles is reported to the user (%#)", async (type, properties, lines) => {
-  vi.resetModules(); // the banner remembers what it says
+  vi.resetModules(); // the banner keeps its messages
   const { reportUnhandled: listen } = await import("../src/shared/notices");
   const said = withBanner();
   const page = new EventTarget();

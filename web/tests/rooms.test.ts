@@ -1,4 +1,4 @@
-/** The house's own rules: arrows downwards, no circles, nothing too large, nothing that nobody uses. */
+/** Structure of the code: no imports of higher layers, no cycles, no large files, no unused exports. */
 import { expect, test } from "vitest";
 
 const sources = import.meta.glob<string>("../src/**/*.ts", {
@@ -90,7 +90,7 @@ test("no file is too long", () => {
 
 test("all that is exported is used", () => {
   const all = [...files.values()].join("\n");
-  const handedOut = ["begin"]; // what the page fetches
+  const handedOut = ["begin"]; // entry points
   const unused = [...files].flatMap(([file, text]) => {
     const names = [
       ...text.matchAll(/^export (?:async )?(?:const|function|class|interface|type) (\w+)/gm),

@@ -1,4 +1,4 @@
-/** What the 3-D view computes: where things lie on the screen, turned profiles, and which ray is meant. */
+/** Computations of the 3-D view: screen positions, surfaces of revolution, selection of rays. */
 import { expect, test } from "vitest";
 import type { Columns } from "../src/space/host";
 import { axesOf, fitting, matrixOf, moved, nearer, type Orbit, turned } from "../src/space/orbit";
@@ -32,7 +32,7 @@ test("what is looked at stands in the middle, and what is higher is higher", () 
     onScreen(ORBIT, ORBIT.target.map((c, i) => c + 10 * right[i]) as unknown as Vec3),
     onScreen(ORBIT, ORBIT.target.map((c, i) => c + 10 * up[i]) as unknown as Vec3),
   ];
-  expect(a[0]).toBeCloseTo(b[1] / 2, 5); // a screen twice as wide as high
+  expect(a[0]).toBeCloseTo(b[1] / 2, 5); // aspect ratio 2
   expect(
     onScreen(ORBIT, ORBIT.target.map((c, i) => c + 50 * forward[i]) as unknown as Vec3)[2],
   ).toBeGreaterThan(onScreen(ORBIT, ORBIT.target)[2]);
@@ -44,7 +44,7 @@ test("turning keeps the distance, moving keeps the direction, and both keep up u
   expect(turned(ORBIT, 0, 9).above).toBeLessThan(Math.PI / 2);
   const aside = moved(ORBIT, 0.25, 0);
   expect(axesOf(aside).forward).toEqual(axesOf(ORBIT).forward);
-  expect(onScreen(aside, ORBIT.target, 1)[0]).toBeCloseTo(-0.5, 5); // a quarter of the screen's height
+  expect(onScreen(aside, ORBIT.target, 1)[0]).toBeCloseTo(-0.5, 5); // 1/4 of the screen height
   expect(nearer(ORBIT, 2).distance).toBe(200);
   expect(nearer(ORBIT, 1e30).distance).toBeGreaterThan(0);
 });
@@ -63,7 +63,7 @@ test("what is to be seen whole is: every corner of a box, on wide and tall scree
       }
 });
 
-/** The area of the triangles of a mesh. */
+/** Area of the triangles of a mesh. */
 function area(mesh: Float32Array): number {
   let sum = 0;
   for (let i = 0; i < mesh.length; i += 18) {
@@ -101,7 +101,7 @@ test("edges stay sharp, breaks stay open, and parts stand in their frames", () =
   const directions = new Set(
     Array.from({ length: cup.length / 6 }, (_, i) => Math.abs(Math.round(cup[6 * i + 5]))),
   );
-  expect([...directions].sort()).toEqual([0, 1]); // square to the axis or along it
+  expect([...directions].sort()).toEqual([0, 1]); // perpendicular or parallel to the axis
   const frame = frameOf(
     columns("frame", { x: [0, 1, 0], y: [-1, 0, 0], z: [0, 0, -1], origin: [7, 8, 9] }),
   );
@@ -128,7 +128,7 @@ test("a box has twelve edges, each along one axis", () => {
 
 const NODES = ["lens", "second", "mirror", "wall", "end"];
 
-/** Rays from the lens by a mirror point to an end; the mirror 100 mm over the lens. */
+/** Rays from the lens via a mirror point to an end; the mirror is 100 mm above the lens. */
 function table(ends: Vec3[]): Columns {
   const of: Record<string, number[]> = {
     omega_deg: [],
@@ -182,7 +182,7 @@ test("rays are read in words, and those that meet nothing are none", () => {
   expect(rays[0].nodes[rays[0].mirror]).toEqual([0, 0, 0]);
   expect(rays.map((ray) => ray.isForward)).toEqual([true, false, false]);
   expect(rays[1].words).toBe(
-    "Field angle 30.0° · meets the mirror at x 0, y 2.000, z 0.5000 mm · angle of incidence 11.00° · pixel 5.0, 6.0 · hidden by the housing",
+    "Field angle 30.0° · mirror point x 0, y 2.000, z 0.5000 mm · angle of incidence 11.00° · pixel 5.0, 6.0 · obstructed by the housing",
   );
 });
 
@@ -204,6 +204,6 @@ test("a click means the ray that passes nearest on the screen, and none where no
   const [x, y] = pixel([40, 2, 0]);
   expect(nearest(rays, matrix, size, [x, y + 4], 9)?.index).toBe(1);
   expect(nearest(rays, matrix, size, [x, y + 30], 9)).toBeNull();
-  const within = { ...look, distance: 50 }; // an end of the ray is behind the eye
+  const within = { ...look, distance: 50 }; // one end of the ray is behind the camera
   expect(nearest(rays, matrixOf(within, 2), size, [400, 200], 9)?.index).toBe(0);
 });

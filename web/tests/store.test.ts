@@ -1,4 +1,4 @@
-/** The state and the address follow each other. */
+/** State and address follow each other. */
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Store } from "../src/shared/store";
 
@@ -7,7 +7,7 @@ let leave: () => void;
 let follow: () => void;
 let kept: Map<string, string>;
 
-/** A browser, as far as the store knows one. */
+/** Fake browser as required by the store. */
 function browse(hash: string, way = "navigate"): void {
   pages = [hash];
   const location = {
@@ -64,7 +64,7 @@ test("another kind of view is another page of the history, and Back leads to whe
   store.set({ pan: 20 });
   store.set({ mode: "dome" });
   expect(pages).toEqual(["#pan=20", "#mode=dome&pan=20"]);
-  store.set({ source: "room" }, false); // nobody goes back from that
+  store.set({ source: "room" }, false); // without a history entry
   vi.runAllTimers();
   expect(pages).toEqual(["#pan=20", "#source=room&mode=dome&pan=20"]);
   pages.pop();
@@ -84,15 +84,15 @@ test("a link that was entered changes what is seen, keeps the design, and says w
   pages.push("#mode=cube&pan=7");
   follow();
   expect(store.state).toMatchObject({ pan: 7, design: "{}", tab: "look" });
-  expect(store.trouble).toContain("mode = cube");
-  follow(); // the other event of the same change
+  expect(store.trouble).toContain("got cube");
+  follow(); // second event of the same change
   expect(entered).toBe(1);
 });
 
 test("a reload brings back what was changed a moment before; a link that is opened does not", () => {
   browse("#pan=5");
   const store = new Store();
-  store.leaving = () => store.set({ tilt: 9 }); // a number that was typed and not yet entered
+  store.leaving = () => store.set({ tilt: 9 }); // number in a field without a change event
   store.set({ pan: 20 });
   leave();
   expect(pages).toEqual(["#pan=20&tilt=9"]);

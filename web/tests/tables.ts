@@ -1,4 +1,4 @@
-import type { CameraShown } from "../src/shared/messages";
+import type { CameraInfo } from "../src/shared/messages";
 import { Camera } from "../src/look/geometry/camera";
 import { floats } from "../src/look/embedded";
 import type { Vec3 } from "../src/look/geometry/vectors";
@@ -6,7 +6,7 @@ import made from "./fixtures/cameras.json";
 
 type Pairs = [number[], number[] | null][];
 
-/** A camera of the fixtures, and what Python computes of it: pixels of directions and of points, directions of pixels. */
+/** Camera of the fixtures with values computed by Python: pixels of directions and points, directions of pixels. */
 export interface Given {
   camera: Camera;
   far: Pairs;
@@ -16,7 +16,7 @@ export interface Given {
 
 export function given(name: keyof typeof made): Given {
   const { model, tables, far, near, back } = made[name] as unknown as {
-    model: CameraShown;
+    model: CameraInfo;
     tables: string;
   } & Omit<Given, "camera">;
   return { camera: new Camera(model, floats(tables)), far, near, back };
@@ -24,7 +24,7 @@ export function given(name: keyof typeof made): Given {
 
 export const vector = (v: number[]): Vec3 => v as unknown as Vec3;
 
-/** The angle between two vectors, radians. */
+/** Angle between two vectors, radians. */
 export function between(a: readonly number[], b: readonly number[]): number {
   const cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
   return Math.atan2(Math.hypot(...cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2]);

@@ -1,4 +1,4 @@
-/** Whither the back of a phone looks, in poses that can be told in words. */
+/** Direction of the back of a phone in simple poses. */
 import { expect, test } from "vitest";
 import { aimOf } from "../src/look/geometry/turning";
 

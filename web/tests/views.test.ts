@@ -1,11 +1,11 @@
-/** Views of the page against those of Python (fixtures/make.py): what their pixels look at. */
+/** Targets of view pixels compared with Python (fixtures/make.py). */
 import { describe, expect, test } from "vitest";
 import { aspectOf, targetIn, viewOf } from "../src/look/geometry/views";
 import { INITIAL, type State } from "../src/shared/state";
 import made from "./fixtures/views.json";
 import { between, given } from "./tables";
 
-const NEAR_RAD = 5e-6; // angles of the page's commands have four decimals
+const NEAR_RAD = 5e-6; // angles of commands have four decimals
 const NEAR_MM = 0.02;
 const { camera } = given("sphere");
 

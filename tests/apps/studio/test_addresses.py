@@ -62,7 +62,7 @@ def no_rooms(monkeypatch) -> None:
     content."""
     monkeypatch.setattr(
         _look_routes,
-        "room_picture",
+        "render_room",
         lambda known: encoded(pattern(known.camera.image_size), ".png"),
     )
 
@@ -113,9 +113,7 @@ GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
         ('{"tables":{"mirror":', "cannot be read"),
     ],
 )
-def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(
-    design, lacks, browser, server
-):
+def test_invalid_design_in_address_is_reported_and_bench_works(design, lacks, browser, server):
     page = bench_at(browser, f"{server}#tab=design&design={quote(design)}")
     said = banner(page)
     assert lacks in said
@@ -133,7 +131,7 @@ def test_a_broken_design_in_the_address_is_told_and_the_bench_is_whole(
     page.context.close()
 
 
-def test_a_second_link_is_followed_and_a_broken_one_changes_nothing(browser, server):
+def test_links_replace_design_unless_invalid(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
     design = page.evaluate(f"JSON.parse(JSON.stringify({NOW}))")
     design["tables"]["mirror"]["radius_mm"] = 55.0
@@ -181,7 +179,7 @@ def test_two_tabs_keep_their_own_designs_and_what_each_can_undo(browser, server)
 
 
 @pytest.mark.full
-def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, server):
+def test_request_that_closes_connection_is_repeated_a_limited_number_of_times(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
     sent = page.evaluate("""() => new Promise((resolve) => {
       const { bench } = window.omnimirror.tabs;
@@ -193,7 +191,7 @@ def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, serv
       bench.answers.ask(0, { tables: "no tables" });
     })""")
     assert sent == 1  # rejected by the server
-    assert "cannot answer about this design" in page.locator(".trouble").inner_text()
+    assert "cannot evaluate this design" in page.locator(".trouble").inner_text()
     enter(page, "F-number", "5.6")
     page.wait_for_function("document.querySelector('.trouble').hidden")
     assert page.locator("#banner").is_hidden()
@@ -204,7 +202,7 @@ def test_a_question_that_ends_the_connection_is_not_asked_for_ever(browser, serv
 # --------------------------------------------------------------------------------------------
 
 
-def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
+def test_back_and_forward_restore_tabs_views_and_images(page, pictures):
     drop(page, pictures / "one.png")
     look(page, pan=30)
     look(page, mode="dome")
@@ -218,7 +216,7 @@ def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
     assert state(page)["pan"] == 30
     page.go_back()
     page.wait_for_function("window.omnimirror.look.feed === null")
-    assert page.get_by_text("Drop a picture or video here").is_visible()
+    assert page.get_by_text("Drop an image or video here").is_visible()
     page.go_forward()
     page.wait_for_function("window.omnimirror.look.feed?.name === 'one.png'")
     page.go_forward()
@@ -226,7 +224,7 @@ def test_back_and_forward_lead_through_tabs_views_and_pictures(page, pictures):
 
 
 @pytest.mark.full
-def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
+def test_link_displays_its_own_image_only(page, browser, server, pictures):
     drop(page, pictures / "one.png")
     look(page, mode="perspective", rim=[150.0, 140.0, 120.0])
     page.wait_for_function("location.hash.includes('rim')")
@@ -239,7 +237,7 @@ def test_a_link_shows_its_own_picture_or_none(page, browser, server, pictures):
 
     elsewhere = open_page(browser, link)
     assert elsewhere.get_by_text("Drop one.png here").is_visible()
-    assert elsewhere.get_by_text("links hold the view, not the picture").is_visible()
+    assert elsewhere.get_by_text("links contain the view, not the image").is_visible()
     assert elsewhere.evaluate("window.omnimirror.look.feed") is None
     drop(elsewhere, pictures / "one.png")
     assert state(elsewhere)["rim"] == [150, 140, 120]  # the same image, with the view of the link
@@ -271,23 +269,23 @@ def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, se
         assert entry in said
     assert "422" not in said
     assert (state(page)["pan"], state(page)["mode"]) == (20, "panorama")
-    page.get_by_role("button", name="Put this away").click()
+    page.get_by_role("button", name="Close").click()
     assert page.locator("#banner").is_hidden()
     go(page, "sensor=nope")
     assert "no camera 'nope'" in banner(page)
     page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-spherical'")
     go(page, "source=server:nope")
     page.wait_for_function(
-        "document.querySelector('#banner').textContent.includes('server does not offer')"
+        "document.querySelector('#banner').textContent.includes('not available on this server')"
     )
-    assert "does not answer" not in page.locator("#banner").inner_text()
+    assert "does not respond" not in page.locator("#banner").inner_text()
     go(page, "source=kept")
-    assert page.get_by_text("a picture that it does not name").is_visible()
+    assert page.get_by_text("an unnamed image").is_visible()
     assert page.problems == []
     page.context.close()
 
 
-def test_a_page_with_a_sensor_that_is_none_is_whole(browser, server):
+def test_page_with_unknown_sensor_works(browser, server):
     page = open_page(browser, f"{server}#sensor=file:0123456789abcdef")
     assert "does not hold" in banner(page)
     assert page.evaluate("window.omnimirror.look.sensor.camera.model.id") == "paper-spherical"
@@ -316,7 +314,7 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
         page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-hyperboloidal'")
         assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
     page.locator("#sensor").select_option("paper-equidistant")  # not loaded before
-    assert "does not answer" in banner(page)
+    assert "does not respond" in banner(page)
     assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
     assert state(page)["sensor"] == "paper-hyperboloidal"
     page.locator("#looks label").filter(has_text="down").click()
@@ -363,7 +361,7 @@ def test_the_first_page_of_a_telephone_has_its_buttons_in_reach(browser, server)
 
 
 @pytest.mark.full
-def test_pictures_alike_but_for_one_pixel_are_two(page, tmp_path):
+def test_images_that_differ_in_one_pixel_have_different_identities(page, tmp_path):
     picture = np.full((64, 64, 3), 90, np.uint8)
     found = set()
     for i in range(3):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import _standalone_page, page_alone
+from omnimirror.apps.studio import _standalone_page, standalone_page
 from omnimirror.apps.studio._look_cameras import Cameras
 from omnimirror.cameras.frames import Mount
 from omnimirror.io import read_image, write_image
@@ -26,11 +26,11 @@ def address(tmp_path_factory) -> str:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
         patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=15.0))
-        path.write_text(page_alone(SENSORS), encoding="utf-8")
+        path.write_text(standalone_page(SENSORS), encoding="utf-8")
     return path.as_uri()
 
 
-def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, address, tmp_path):
+def test_demo_room_without_server_matches_command_line(browser, address, tmp_path):
     page = open_page(
         browser,
         f"{address}#mode=perspective&pan=60&tilt=20&hfov=50&looks=down&forward=30&pitch=8&roll=-4",
@@ -58,19 +58,19 @@ def test_the_demo_room_from_disk_is_what_the_command_line_straightens(browser, a
     page.context.close()
 
 
-def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_a_server(
+def test_page_without_server_requests_camera_type_and_hides_server_functions(
     browser, address, tmp_path
 ):
     write_image(tmp_path / "mine.png", np.full((300, 400, 3), 90, np.uint8))
     page = open_page(browser, address)
-    for name in ("Calibrate", "Restore", "Find circle", "Find level", "Load…"):
+    for name in ("Calibrate", "Restore", "Detect circle", "Find level", "Load…"):
         assert not page.get_by_role("button", name=name, exact=True).is_visible(), name
     assert page.get_by_text("pip install omnimirror").is_visible()
     drop(page, tmp_path / "mine.png")
-    page.get_by_role("button", name="Most of a ball").click()
+    page.get_by_role("button", name="A mirror dome").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:260'")
     assert page.get_by_text("is a guess: fit the circle").is_visible()
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
     page.get_by_label("Radius").fill("120")
     page.get_by_label("Radius").press("Enter")
     page.wait_for_function("window.omnimirror.look.camera.circle.radius === 120")
@@ -91,7 +91,7 @@ def test_a_picture_of_ones_own_is_asked_about_and_nothing_is_offered_that_needs_
     ids=str,
 )
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_a_sensor_stands_as_asked(opened, sensor, mount):
+def test_page_without_server_applies_requested_mount(opened, sensor, mount):
     """The page rotates the camera itself; the view is compared with the Python camera."""
     wanted = Cameras().find(sensor).model(mount)
     state = {
@@ -122,10 +122,10 @@ def opened(browser, address):
     page.context.close()
 
 
-def test_what_it_does_not_know_is_refused_with_a_sentence(tmp_path):
+def test_page_without_server_rejects_unknown_sensor(tmp_path):
     with pytest.raises(
         om.base.errors.InvalidParameter,
-        match=r"sensors holds 'paper-sperical'; it is valid with exact",
+        match=r"sensors must contain names from exact.*; got 'paper-sperical'",
     ):
-        page_alone(["paper-sperical"])
+        standalone_page(["paper-sperical"])
     assert "HTML" in fails("studio", "--page", tmp_path / "look.png")

@@ -25,12 +25,12 @@ def asked(page, folder) -> None:
 
 
 def by_hand(page, folder) -> None:
-    page.get_by_role("button", name="Set its edge by hand").click()
+    page.get_by_role("button", name="Fit it manually").click()
     page.wait_for_selector("#overlay .handle")
 
 
 def beside(page, folder) -> None:
-    page.get_by_role("button", name="Fit the circle").click()
+    page.get_by_role("button", name="Fit circle").click()
     look(page, beside=True, fit="whole")
 
 
@@ -71,7 +71,7 @@ STATES = (empty, asked, by_hand, beside, together, explained, designed, compared
 @pytest.mark.full
 @pytest.mark.parametrize("size", SIZES, ids=[str(w) for w, _ in SIZES])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious_in_any_state(scheme, size, browser, server, tmp_path):
+def test_accessibility_of_all_states(scheme, size, browser, server, tmp_path):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     write_image(tmp_path / "waves.png", pattern((500, 400)))

@@ -104,7 +104,7 @@ def test_rays_of_the_section_obey_the_law_of_reflection(client):
         assert to_object @ normal == pytest.approx(to_lens @ normal / np.linalg.norm(to_lens), abs=1e-5)
 
 
-def test_what_cannot_be_is_said_beside_its_entry(client):
+def test_error_contains_entry(client):
     sensor = om.load_sensor("paper-spherical")
     tables = tables_of(sensor)
     wrong = [
@@ -133,7 +133,7 @@ def test_the_newest_of_the_questions_that_wait_is_answered(client):
     assert len(numbers) < 35
 
 
-def test_a_lens_that_follows_stands_where_the_mapping_needs_it(client):
+def test_lens_position_follows_mapping(client):
     sensor = om.load_sensor("exact-equidistant")
     wider = replace(sensor, mirror=replace(sensor.mirror, omega_max_deg=120.0))
     (header, blocks), *_ = ask(client, question(wider, follows=True))
@@ -194,7 +194,7 @@ def test_a_lens_becomes_a_table_of_itself_and_one_of_surfaces_needs_its_file(cli
     focus = made.lens.focus_distance_mm
     assert om.evaluate(made, omega).h_px == pytest.approx(om.evaluate(sensor, omega, focus_mm=focus).h_px, abs=0.01)
     refused = post(client, "change", to="surfaces", **asked)
-    assert "comes from its .zmx file" in refused.json()["detail"]
+    assert "requires a .zmx file" in refused.json()["detail"]
 
 
 def test_the_best_focus_is_that_of_the_evaluation(client):
@@ -253,7 +253,7 @@ SPIES = (b'[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[ima
 
 
 @pytest.mark.parametrize("text", [b"\xff\xfe", b"[mirror", b"x = 1", b"[field]\nomega = 3", *SPIES])
-def test_files_that_are_none_are_refused_with_a_sentence(text, client):
+def test_invalid_files_are_rejected(text, client):
     answer = client.post("/api/bench/open", params={"name": "bad.toml"}, content=text)
     assert answer.status_code == 400
     assert "bad.toml" in answer.json()["detail"]
@@ -271,7 +271,7 @@ def test_no_question_makes_the_server_read_a_file(client):
 
 
 @pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])
-def test_tables_that_make_no_sense_are_refused_with_a_sentence(entry, client):
+def test_invalid_tables_are_rejected(entry, client):
     sensor = om.load_sensor("folded-spherical")
     wrong = [{**tables_of(sensor), section: entry} for section in ("name", "mirror", "lens", "mount", "secondary")]
     wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "kind": entry}}]
@@ -284,7 +284,7 @@ def test_tables_that_make_no_sense_are_refused_with_a_sentence(entry, client):
     assert all(header["requirements_trouble"] for header, _ in answers)
 
 
-def test_what_is_no_question_ends_the_connection_with_a_sentence(client):
+def test_invalid_request_closes_connection(client):
     for place in ("ask", "work"):
         with client.websocket_connect(f"ws://127.0.0.1/api/bench/{place}") as socket:
             socket.send_text("{}")
@@ -294,7 +294,7 @@ def test_what_is_no_question_ends_the_connection_with_a_sentence(client):
 
 
 @pytest.mark.full
-def test_the_preview_is_the_simulated_picture_made_small(client):
+def test_preview_is_reduced_simulated_image(client):
     sensor = om.load_sensor("paper-spherical")
     data = post(client, "picture", tables=tables_of(sensor), width_px=128, samples=1).content
     length = int.from_bytes(data[:4], "little")
@@ -331,7 +331,7 @@ def test_an_optimised_mirror_comes_with_news_on_the_way(client):
     assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(last["value"], rel=1e-3)
 
 
-def test_what_cannot_be_optimised_is_said_before_it_is_asked_for(client):
+def test_reason_against_optimisation_is_reported_in_advance(client):
     sensor = om.load_sensor("folded-spherical")
     ((header, _),) = ask(client, question(sensor))
     assert "has two" in header["facts"]["not_optimised"]
@@ -382,17 +382,17 @@ def misaligned() -> om.Sensor:
     return replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
 
 
-def test_a_form_error_is_said_not_to_be_in_the_plots(client):
+def test_remark_reports_form_error(client):
     sensor = om.load_sensor("paper-spherical")
     formed = replace(sensor, mirror_form=MirrorForm((5,), (0.5,)))
     (header, blocks), (_, same) = ask(client, question(formed), question(sensor))
     assert header["trouble"] is None
-    assert header["remark"].startswith("The file tells a form error of the mirror")
+    assert header["remark"].startswith("The file contains a form error of the mirror")
     assert header["facts"]["not_optimised"].endswith("this sensor has a form error or an imager that leans.")
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
 
 
-def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(client):
+def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
     sensor = misaligned()
     opened = client.post("/api/bench/open", params={"name": "m.toml"}, content=format_sensor(sensor)).json()
     assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
@@ -401,18 +401,18 @@ def test_a_misaligned_sensor_is_drawn_in_its_place_and_said_to_be_out_of_it(clie
     assert "decentred by 1.7 and -0.9 mm, tilted by 0.8 and 0°" in header["remark"]
     assert there["remark"] is None
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
-    assert "place" in header["facts"]["not_optimised"]
+    assert "aligned" in header["facts"]["not_optimised"]
     change = {"what": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
     focused = post(client, "change", tables=tables_of(sensor), **change)
     assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
     for kind in ("table", "report"):
         refused = post(client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None)
         assert refused.status_code == 400
-        assert "in their places" in refused.json()["detail"]
+        assert "requires an aligned mirror" in refused.json()["detail"]
         assert "()" not in refused.json()["detail"]  # no Python
 
 
-def test_the_picture_of_a_misaligned_sensor_is_taken_as_its_mirror_stands(client):
+def test_rendered_image_includes_misalignment(client):
     sizes = {"width_px": 64, "samples": 1}
     pictures = [post(client, "picture", tables=tables_of(sensor), **sizes).content for sensor in (misaligned(), misaligned().aligned())]
     assert pictures[0] != pictures[1]
@@ -426,12 +426,12 @@ def test_a_sensor_is_designed_from_requirements(client):
         news = socket.receive_json()
         while news["state"] == "running":
             news = socket.receive_json()
-    assert news["sentence"] == "Everything is met."
+    assert news["sentence"] == "All requirements are met."
     assert news["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
     assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
 
 
-def test_how_far_a_report_is_can_be_asked_while_it_is_made(client, monkeypatch):
+def test_report_progress(client, monkeypatch):
     reached, go_on = threading.Event(), threading.Event()
 
     def slowly(sensor, folder, on_progress):

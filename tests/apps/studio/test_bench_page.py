@@ -23,7 +23,7 @@ from .pictures import pattern
 from .test_page import AXE
 
 PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
-EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Picture"] }'
+EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
 WITHOUT_PICTURES = f"""
 if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
 """  # rendering them would use all processors
@@ -114,7 +114,7 @@ def enter(page, name: str, value: str) -> None:
 )
 def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
     if mirror != "sphere":
-        bench.get_by_label("Kind of mirror").select_option(mirror)
+        bench.get_by_label("Type of mirror").select_option(mirror)
         bench.wait_for_function(f"{NOW}.tables.mirror.kind === '{mirror.replace(' ', '-')}'")
     name = {"sphere": "Radius", "equidistant": "Ω max", "even polynomial": "Coefficient 1"}[mirror]
     before = bench.evaluate(f"JSON.stringify({NOW}.tables.mirror)")
@@ -172,7 +172,7 @@ def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
     )
 
 
-def test_undo_redo_and_a_reload_lose_nothing(bench):
+def test_undo_redo_and_reload_preserve_state(bench):
     first = sensor_on(bench)
     slide(bench, "Radius", 0.6)
     second = sensor_on(bench)
@@ -200,13 +200,13 @@ def test_undo_redo_and_a_reload_lose_nothing(bench):
     assert sensor_on(bench) == first
 
 
-def test_what_cannot_be_is_said_beside_its_field_and_the_last_plots_stay(bench):
+def test_error_is_displayed_next_to_its_field_and_plots_remain(bench):
     before = plotted(bench, "Image height")
     enter(bench, "Rim radius", "60")
     field = bench.locator(".field").filter(has=bench.get_by_label("Rim radius", exact=True))
     assert "valid below 49.9" in field.locator(".problem").inner_text()
     assert bench.get_by_label("Rim radius", exact=True).get_attribute("aria-invalid") == "true"
-    assert "last design that can be" in bench.locator(".trouble").inner_text()
+    assert "last valid design" in bench.locator(".trouble").inner_text()
     np.testing.assert_array_equal(plotted(bench, "Image height"), before)
     enter(bench, "Rim radius", "45")
     assert not field.locator(".problem").is_visible()
@@ -215,7 +215,7 @@ def test_what_cannot_be_is_said_beside_its_field_and_the_last_plots_stay(bench):
 
 
 @pytest.mark.long
-def test_pinned_designs_are_compared_taken_back_and_unpinned(bench):
+def test_pinned_designs_are_compared_loaded_and_unpinned(bench):
     first = sensor_on(bench)
     bench.get_by_role("button", name="Pin", exact=True).click()
     slide(bench, "Focal length", 0.65)
@@ -228,7 +228,7 @@ def test_pinned_designs_are_compared_taken_back_and_unpinned(bench):
     drawn_at = np.isfinite(old)
     expected = om.evaluate(first, np.minimum(omega[drawn_at], first.field_deg[1])).h_px
     np.testing.assert_allclose(old[drawn_at], expected, rtol=1e-5, atol=1e-3)
-    bench.get_by_role("button", name=re.compile("^Take")).click()
+    bench.get_by_role("button", name=re.compile("^Load")).click()
     settled(bench)
     assert sensor_on(bench) == first
     bench.get_by_role("button", name=re.compile("^Unpin")).click()
@@ -294,8 +294,8 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
     enter(bench, "total_blur_px at most", "10")
     assert f"✓ met by {10 - worst:.2f} px" in mark.inner_text()
     assert bench.get_by_text("All 3 met").is_visible()
-    bench.get_by_role("button", name="part of field").click()
-    enter(bench, "Field angle to, degrees", "60")
+    bench.get_by_role("button", name="partial field").click()
+    enter(bench, "Maximum field angle of the limit, degrees", "60")
     part = e.omega_deg <= 60
     worst = blur[part].max()
     assert f"✓ met by {10 - worst:.2f} px" in mark.inner_text()
@@ -305,7 +305,7 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
         "[lens]\ntheta_max_deg = 12\n[[limit]]\nquantity = 'aspect'\nat_least = 0.5\n"
     )
     bench.set_input_files("#bench-file", tmp_path / "wanted.toml")
-    farthest = bench.get_by_label("Farthest object, mm; empty is infinite")
+    farthest = bench.get_by_label("Maximum object distance, mm; empty for infinity")
     # An empty one existed before the file was opened.
     bench.wait_for_function(
         "[...document.querySelectorAll('#bench input')].some((input) => input.value === '12000')"
@@ -325,16 +325,16 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
 
 def test_a_mirror_is_optimised_cancelled_and_undone(bench):
     first = sensor_on(bench)
-    bench.get_by_label("Make least").select_option("worst_blur_deg")
+    bench.get_by_label("Minimise").select_option("worst_blur_deg")
     bench.get_by_label("Terms", exact=True).fill("24")
     bench.get_by_label("Starts").fill("8")
     bench.evaluate(CANCEL_AT_FIRST_STEP)
     bench.get_by_role("button", name="Optimise").click()
     bench.wait_for_function("window.seen")
     assert re.fullmatch(r"start 1 of 8, step \d+: 0\.\d+ (deg|°)", bench.evaluate("window.seen"))
-    assert bench.get_by_text("Cancelled; the design is as it was.").is_visible()
+    assert bench.get_by_text("Cancelled; the design is unchanged.").is_visible()
     assert sensor_on(bench) == first
-    bench.get_by_label("Free form").select_option("polynomial")
+    bench.get_by_label("Freeform").select_option("polynomial")
     bench.get_by_label("Terms", exact=True).fill("3")
     bench.get_by_label("Starts").fill("1")
     bench.get_by_role("button", name="Optimise").click()
@@ -352,27 +352,27 @@ def test_a_mirror_is_optimised_cancelled_and_undone(bench):
 
 
 @pytest.mark.full
-def test_a_misaligned_sensor_is_opened_said_to_be_and_put_in_its_place(bench, tmp_path):
+def test_misaligned_sensor_is_opened_reported_and_aligned(bench, tmp_path):
     pose = MirrorPose(decentre_x_mm=1.7, tilt_y_deg=-0.5)
     save_sensor(
         replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml"
     )
     before = plotted(bench, "Image height")
     bench.set_input_files("#bench-file", tmp_path / "mine.toml")
-    bench.get_by_text("The mirror is out of its place").wait_for()
+    bench.get_by_text("The mirror is misaligned").wait_for()
     assert "()" not in bench.locator(".desk").inner_text()  # no Python
     assert not np.array_equal(plotted(bench, "Image height"), before)
     optimise = bench.get_by_role("button", name="Optimise")
     assert optimise.is_disabled()
-    assert bench.get_by_text("in their place, and this one is decentred").is_visible()
+    assert bench.get_by_text("requires an aligned mirror; this one is decentred").is_visible()
     enter(bench, "Decentre x", "2")
     assert sensor_on(bench).mirror_pose.decentre_x_mm == 2
-    bench.get_by_role("button", name="Put the mirror in its place").click()
+    bench.get_by_role("button", name="Align the mirror").click()
     settled(bench)
     assert sensor_on(bench) == replace(
         om.load_sensor("paper-hyperboloidal"), name="design", notes=""
     )
-    assert bench.get_by_text("The mirror is out of its place").is_hidden()
+    assert bench.get_by_text("The mirror is misaligned").is_hidden()
     assert optimise.is_enabled()
 
 
@@ -410,7 +410,7 @@ def test_labels_of_the_section_do_not_lie_on_each_other(width, bench):
 
 
 @pytest.mark.full
-def test_designs_are_told_apart_without_their_colours(bench):
+def test_designs_are_distinguishable_without_colour(bench):
     for value in ("12", "13"):
         bench.get_by_role("button", name="Pin", exact=True).click()
         enter(bench, "Focal length", value)
@@ -427,12 +427,12 @@ def test_designs_are_told_apart_without_their_colours(bench):
 def test_a_design_is_looked_through(bench, monkeypatch):
     monkeypatch.setattr(
         _look_routes,
-        "room_picture",
+        "render_room",
         lambda known: encoded(pattern(known.camera.image_size), ".png"),
     )
     slide(bench, "Radius", 0.55)
     mine = sensor_on(bench)
-    bench.get_by_role("button", name="Look through it").click()
+    bench.get_by_role("button", name="Use as camera").click()
     bench.wait_for_function(
         "window.omnimirror.look.feed?.name === 'circle.png' && window.omnimirror.look.camera"
     )
@@ -451,7 +451,7 @@ def test_the_bench_goes_on_when_the_server_is_back(browser):
         drawn(page)
     page.locator("#bench").get_by_label("Radius", exact=True).fill("52")
     page.wait_for_function(
-        "document.querySelector('#banner').textContent.includes('does not answer')"
+        "document.querySelector('#banner').textContent.includes('does not respond')"
     )
     before = plotted(page, "Image height")
     with serving(Studio(), int(re.search(r":(\d+)/", address)[1])):
@@ -470,17 +470,17 @@ def test_the_bench_keeps_the_policy_of_the_page(browser, server):
     fetched = []
     page.on("request", lambda r: fetched.append(r.url))
     page.goto(server)
-    page.get_by_text("Field -90").wait_for()
+    page.get_by_text("Elevation -90").wait_for()
     assert not any("bench" in url for url in fetched)  # the bench does not delay the first paint
     page.get_by_role("button", name="Design", exact=True).click()
     drawn(page)
-    page.get_by_alt_text("Its panorama").wait_for()
+    page.get_by_alt_text("Panorama of the room").wait_for()
     assert [text for text in said if "Content Security Policy" in text] == []
     context.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.full)])
-def test_axe_finds_nothing_serious_at_the_bench(scheme, bench):
+def test_accessibility_of_bench(scheme, bench):
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")
     bench.emulate_media(color_scheme=scheme)

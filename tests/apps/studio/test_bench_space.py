@@ -15,9 +15,9 @@ from omnimirror.apps.studio._bench_evaluation import (
     answer,
     space_blocks,
 )
-from omnimirror.apps.studio._bench_sensors import in_place
+from omnimirror.apps.studio._bench_sensors import aligned_sensor
 from omnimirror.apps.studio._http_messages import unframed
-from omnimirror.apps.studio.bench_messages import Answer, Ask
+from omnimirror.apps.studio.bench_messages import DesignRequest, DesignResponse
 from omnimirror.cameras.frames import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
@@ -43,7 +43,7 @@ SENSORS = {
 
 
 def blocks_of(sensor: om.Sensor) -> dict[str, np.ndarray]:
-    straight = in_place(sensor)
+    straight = aligned_sensor(sensor)
     heights = om.evaluate(
         straight, straight.field_deg[0] + np.linspace(0, 0.99, 7) * np.ptp(straight.field_deg)
     ).h_px
@@ -83,7 +83,7 @@ def test_rays_lead_where_their_pixels_look(name):
 @pytest.mark.parametrize(
     "name", [name for name, sensor in SENSORS.items() if sensor.housing.shell is None]
 )
-def test_rays_are_reflected_where_they_are_said_to(name):
+def test_rays_satisfy_reflection_law(name):
     sensor = SENSORS[name]
     rays = rays_of(sensor)
     on_mirror = np.stack([rays["x_mm"], rays["y_mm"], rays["z_mm"]], axis=-1)
@@ -98,7 +98,7 @@ def test_rays_are_reflected_where_they_are_said_to(name):
     np.testing.assert_allclose(np.cos(2 * np.radians(rays["incidence_deg"])), between, atol=1e-9)
 
 
-def test_what_the_housing_hides_is_what_the_sensor_says():
+def test_obscuration_matches_sensor():
     sensor = SENSORS["dome"]
     rays = rays_of(sensor)
     hidden = np.any(
@@ -133,7 +133,7 @@ def test_parts_stand_where_they_are():
 
 
 @pytest.mark.parametrize("wanted", [False, True])
-def test_it_is_answered_where_it_is_asked(wanted):
+def test_3d_view_is_returned_on_request(wanted):
     plain = {
         "slot": 0,
         "number": 1,
@@ -142,8 +142,8 @@ def test_it_is_answered_where_it_is_asked(wanted):
         "requirements": None,
     }
     tables = om.optics.sensor_files.tables_of(SENSORS["decentred"])
-    ask = Ask(**plain, section=False, squares=False, space=wanted, tables=tables)
-    told, values = unframed(answer(ask), Answer)
+    ask = DesignRequest(**plain, section=False, squares=False, space=wanted, tables=tables)
+    told, values = unframed(answer(ask), DesignResponse)
     names = [block.name for block in told.blocks]
     assert ("rays" in names) == ("room" in names) == ("part mirror" in names) == wanted
     assert len(values) == 4 * sum(block.rows * len(block.columns) for block in told.blocks)

@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 import omnimirror as om
 from omnimirror.apps.studio._http_messages import unframed
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import Built
+from omnimirror.apps.studio.bench_messages import AsBuiltResult
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
@@ -56,9 +56,9 @@ def test_errors_are_those_of_the_sensor_but_for_the_finest_forms(client):
     assert found["errors"][0]["medium"] == first.typical_tolerances["medium"]
 
 
-def test_a_built_sensor_is_told_as_its_trial(client):
+def test_as_built_sensor_matches_trial(client):
     answer = asked("built", client, values=VALUES, refocus="none")
-    header, data = unframed(answer.content, Built)
+    header, data = unframed(answer.content, AsBuiltResult)
     evaluator = TrialEvaluator.of(SPH)
     merits, moved = evaluator.evaluate_with_motions(
         {name: np.array([value]) for name, value in VALUES.items()}
@@ -102,11 +102,11 @@ def test_the_yield_is_that_of_tolerances(client):
 
 
 @pytest.mark.full
-def test_sensors_that_are_built_one_by_one_are_told_too(client):
+def test_sensors_with_sequential_tracing(client):
     covered = tables_of(replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))))
     assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_quick"]
     body = {"tables": covered, "values": {"cover.decentre_x_mm": 0.5}, "refocus": "none"}
-    header, _ = unframed(client.post("/api/bench/built", json=body).content, Built)
+    header, _ = unframed(client.post("/api/bench/built", json=body).content, AsBuiltResult)
     assert header.lost == 0
     assert 0 < header.motion_px[0] < 5
     assert header.straightness_deg == (None,) * len(CALIBRATIONS)
@@ -126,7 +126,7 @@ def test_sensors_that_are_built_one_by_one_are_told_too(client):
         ("errors", {"tables": {}}, "mirror"),
     ],
 )
-def test_what_is_none_is_refused_in_a_sentence(client, path, body, words):
+def test_invalid_tolerance_requests_are_rejected(client, path, body, words):
     plain = {
         "errors": [{"name": "lens.k1", "tolerance": 0.1}],
         "refocus": "none",
@@ -140,11 +140,11 @@ def test_what_is_none_is_refused_in_a_sentence(client, path, body, words):
 
 
 def opened(page):
-    page.get_by_role("button", name="Try errors").click()
+    page.get_by_role("button", name="Set errors").click()
     page.wait_for_function(AT_REST)
 
 
-def test_a_slider_moves_the_picture_and_a_calibration_takes_it_back(bench):  # noqa: F811 - a fixture
+def test_error_slider_displaces_image_and_calibration_compensates(bench):  # noqa: F811 - a fixture
     opened(bench)
     assert bench.evaluate(f"{LAST}.motion_px")[0] < 1e-6
     slider = bench.get_by_role("slider", name="Mirror decentre x")
@@ -161,7 +161,7 @@ def test_a_slider_moves_the_picture_and_a_calibration_takes_it_back(bench):  # n
     assert drawn.mirror_pose.decentre_x_mm == pytest.approx(0.1)
     lines = bench.locator("svg.moved").first.locator("line")
     assert lines.count() == len(evaluator.field)
-    bench.get_by_role("button", name="Without errors").click()
+    bench.get_by_role("button", name="Reset errors").click()
     bench.wait_for_function(f"{LAST}.motion_px[0] < 1e-6")
 
 
@@ -171,17 +171,17 @@ def parse_sensor_tables(tables):
     return parse_sensor(tomli_w.dumps(tables))
 
 
-def test_tolerances_say_the_yield_and_bars_of_errors(bench):  # noqa: F811
+def test_tolerances_display_yield_and_tornado_chart(bench):  # noqa: F811
     opened(bench)
     verdict = bench.locator(".tolerance-body .verdict")
     before = verdict.text_content()
-    assert "of 4096 built" in before
+    assert "4096 simulated sensors" in before
     assert bench.locator("svg.tornado rect").count() == 3 * 14
     assert "Imager shift" in bench.locator("svg.tornado").get_attribute("aria-label")
-    bench.get_by_label("Shop").select_option("coarse")
+    bench.get_by_label("Tolerance grade").select_option("coarse")
     bench.wait_for_function(AT_REST)
     assert float(verdict.text_content().split()[0]) < float(before.split()[0])
-    bench.get_by_label("Calibrated", exact=True).select_option("none")
+    bench.get_by_label("Calibration", exact=True).select_option("none")
     bench.wait_for_function(AT_REST)
     assert verdict.text_content().startswith("0.0 %")
 
@@ -197,7 +197,7 @@ def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
     bench.wait_for_function(AT_REST)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 0
     assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
-    bench.get_by_role("button", name="Leave errors").click()
+    bench.get_by_role("button", name="Close errors").click()
     assert bench.locator("figure.tolerances").is_hidden()
 
 
@@ -215,9 +215,9 @@ def tried(page):
 def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
     opened(bench)
     at_first = tried(bench)
-    for title, choice in (("Shop", "fine"), ("Calibrated", "affine"), ("Focused", "rms")):
+    for title, choice in (("Tolerance grade", "fine"), ("Calibration", "affine"), ("Focus", "rms")):
         bench.get_by_label(title, exact=True).select_option(choice)
-    bench.get_by_role("spinbutton", name="At most").fill("0.75")
+    bench.get_by_role("spinbutton", name="Maximum").fill("0.75")
     bench.get_by_label("Mirror tilt x", exact=True).fill("0.123")
     tolerance = bench.get_by_label(re.compile("Tolerance of Mirror tilt x"))
     tolerance.fill("0.3")
@@ -241,17 +241,17 @@ def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
         page.evaluate(
             "location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')"
         )
-        page.get_by_text("cannot have the error Mirror nonsense").wait_for()
+        page.get_by_text("do not apply to this sensor: Mirror nonsense").wait_for()
         assert page.get_by_label("Mirror tilt x", exact=True).input_value() == "0"
         page.evaluate("location.hash = location.hash.replace('fine', 'finest')")
-        page.get_by_text("The errors of the address cannot be read").wait_for()
-        page.get_by_role("button", name="Leave errors").click()
+        page.get_by_text("The errors in the address are invalid").wait_for()
+        page.get_by_role("button", name="Close errors").click()
         page.wait_for_function("!location.hash.includes('errors')")
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious_in_tolerances(scheme, bench):  # noqa: F811
+def test_accessibility_of_tolerances(scheme, bench):  # noqa: F811
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")
     bench.emulate_media(color_scheme=scheme)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_requirements import requirements_for, slid
+from omnimirror.apps.studio._bench_requirements import requirements_for, slider_violations
 from omnimirror.apps.studio._bench_sensors import bent, sensor_on_bench, why_not_optimised
 from omnimirror.apps.studio._search_process import perform
-from omnimirror.apps.studio.bench_messages import Bend, Slide, SlidesAsk, Task
+from omnimirror.apps.studio.bench_messages import CurveEdit, SearchTask, SliderRequest, SliderValues
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.design.requirement_check import judge
 from omnimirror.optics.sensor_files import bundled_sensors, tables_of
@@ -32,7 +32,7 @@ def test_a_profile_goes_through_the_point_to_which_it_is_pulled(name):
     for share in (0.3, 0.75, 1.0):
         x = share * rim
         wanted = float(sensor.mirror.sag(x)) - 0.002 * rim
-        mirror = bent(sensor, Bend(of="profile", at=x, to=wanted)).mirror
+        mirror = bent(sensor, CurveEdit(of="profile", at=x, to=wanted)).mirror
         assert float(mirror.sag(x)) == pytest.approx(wanted, abs=1e-9)
         moved = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
         assert abs(moved[0]) < 1e-12
@@ -48,28 +48,30 @@ def test_a_mapping_goes_through_the_point_to_which_it_is_pulled(name):
     for share in (0.2, 0.5, 0.8):
         omega = low + share * (high - low)
         wanted = float(om.evaluate(sensor, [omega]).h_px[0]) * 1.02
-        moved = bent(sensor, Bend(of="mapping", at=omega, to=wanted))
+        moved = bent(sensor, CurveEdit(of="mapping", at=omega, to=wanted))
         assert om.evaluate(moved, [omega]).h_px[0] == pytest.approx(wanted, abs=0.02)
         assert moved.rim_radius_px == pytest.approx(sensor.rim_radius_px, abs=1e-4)
         np.testing.assert_allclose(moved.field_deg, sensor.field_deg, atol=1e-4)
 
 
-def test_what_cannot_be_bent_is_said():
+def test_infeasible_deformations_are_rejected():
     sphere = om.load_sensor("paper-spherical")
-    with pytest.raises(OmnimirrorError, match="it can be pulled by less than"):
-        bent(sphere, Bend(of="mapping", at=68.0, to=500.0))
-    with pytest.raises(OmnimirrorError, match=r"can be held from 0.8781 to 43.905 mm"):
-        bent(sphere, Bend(of="profile", at=0.1, to=1.0))
+    with pytest.raises(OmnimirrorError, match="the image height must increase"):
+        bent(sphere, CurveEdit(of="mapping", at=68.0, to=500.0))
+    with pytest.raises(OmnimirrorError, match=r"can be dragged from 0.8781 to 43.905 mm"):
+        bent(sphere, CurveEdit(of="profile", at=0.1, to=1.0))
     with pytest.raises(OmnimirrorError, match="this sensor has two"):
-        bent(om.load_sensor("folded-spherical"), Bend(of="profile", at=10.0, to=1.0))
+        bent(om.load_sensor("folded-spherical"), CurveEdit(of="profile", at=10.0, to=1.0))
 
 
 def test_sliders_are_met_where_the_requirements_are_judged_so():
     sphere = om.load_sensor("paper-spherical")
     values = tuple(np.linspace(2.0, 9.0, 9))
-    slide = Slide(path=("lens", "f_number"), values=values)
-    asked = SlidesAsk(tables=tables_of(sphere), follows=False, requirements=ASKED, slides=(slide,))
-    ((*missed,),) = slid(asked).missed
+    slide = SliderValues(path=("lens", "f_number"), values=values)
+    asked = SliderRequest(
+        tables=tables_of(sphere), follows=False, requirements=ASKED, slides=(slide,)
+    )
+    ((*missed,),) = slider_violations(asked).missed
     assert max(missed[0]) > 0 > max(missed[-1])
     for value, shares in zip(values, missed, strict=True):
         tables = tables_of(sphere) | {"lens": tables_of(sphere)["lens"] | {"f_number": value}}
@@ -144,7 +146,7 @@ def test_limits_stand_in_the_plots_and_are_dragged(bench):  # noqa: F811
 
 
 @pytest.mark.full
-def test_a_bar_under_a_slider_says_where_requirements_are_met(bench):  # noqa: F811
+def test_slider_displays_feasible_range(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)
     enter(bench, "total_blur_px at most", "8.5")
@@ -156,7 +158,7 @@ def test_a_bar_under_a_slider_says_where_requirements_are_met(bench):  # noqa: F
         assert ("All" in bench.locator("#bench .verdict").first.inner_text()) == is_met
 
 
-def test_a_search_keeps_the_limits_of_the_requirements_where_it_is_asked_to():
+def test_search_enforces_limits_on_request():
     wanted = {
         "field": {"omega_max_deg": 130.0},
         "limit": [{"quantity": "resolution_px_per_deg", "at_least": 3.0}],
@@ -165,7 +167,7 @@ def test_a_search_keeps_the_limits_of_the_requirements_where_it_is_asked_to():
     reached = []
     for keeps in (False, True):
         news = []
-        task = Task(
+        task = SearchTask(
             what="optimise",
             tables=sphere,
             requirements=wanted,

@@ -23,7 +23,7 @@ from omnimirror.apps.studio._calibration_boards import taken, together
 from omnimirror.apps.studio._calibration_process import perform
 from omnimirror.apps.studio._workers import BoardDetectorPool
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.calibration_messages import BoardAsked, BoardLook, BoardSeen, CalibrationAsk, TogetherAsk
+from omnimirror.apps.studio.calibration_messages import BoardDetection, BoardDetectionRequest, BoardSpec, CalibrationRequest, MultiImageRequest
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.targets.board_detection import compared
 from omnimirror.optics.sensor_files import parse_camera
@@ -41,7 +41,7 @@ def client():
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[BoardSeen]:
+def seen() -> list[BoardDetection]:
     return [told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(WHOLE)]
 
 
@@ -69,7 +69,7 @@ def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
     assert not loaded & {"fastapi", "starlette", "matplotlib", "omnimirror.calibration.estimation", "omnimirror.optics.sensor"}
 
 
-def test_a_picture_that_is_handed_up_shows_its_corners(client):
+def test_board_detection_in_uploaded_image(client):
     found = look(client, png(0)).json()
     expected = om.find_board(photograph(0).picture, BOARD)
     np.testing.assert_array_equal(found["ids"], expected.ids)
@@ -82,7 +82,7 @@ def test_a_picture_that_is_handed_up_shows_its_corners(client):
 
 
 @pytest.mark.full
-def test_of_a_board_that_is_seen_in_part_the_corners_that_are_seen_are_told(client):
+def test_partial_board_returns_visible_corners(client):
     found = look(client, png(WHOLE)).json()
     off = np.nanmin(np.linalg.norm(found["corners_px"] - photograph(WHOLE).corners_px[:, None], axis=2), axis=0)
     assert BOARD.corner_count / 2 < len(off) < BOARD.corner_count
@@ -90,7 +90,7 @@ def test_of_a_board_that_is_seen_in_part_the_corners_that_are_seen_are_told(clie
 
 
 @pytest.mark.parametrize("kind", ["GIF", "PPM"])
-def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
+def test_image_formats_of_calibration_datasets(kind, client):
     """OCamCalib sets contain GIFs; machine-vision programs write PGM."""
     file = io.BytesIO()
     Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
@@ -99,26 +99,21 @@ def test_a_picture_may_be_of_kinds_that_calibration_sets_come_in(kind, client):
 
 @pytest.mark.parametrize(
     ("data", "more", "sentence"),
-    [
-        (b"no picture", {}, "here.png is not a picture that can be read; valid are PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM"),
-        (b"", {}, "the file is empty"),
-        (BLANK, {"columns": 1}, "columns must be an integer between 2 and 200; got 1"),
-        (BLANK, {"marker_mm": 3}, "marker_mm requires kind = 'charuco'; got 'chessboard'"),
-    ],
+    [(b"no picture", {}, "here.png must be an image in a supported format (PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM)"), (b"", {}, "the uploaded file is empty"), (BLANK, {"columns": 1}, "columns must be an integer between 2 and 200; got 1"), (BLANK, {"marker_mm": 3}, "marker_mm requires kind = 'charuco'; got 'chessboard'")],
 )
-def test_what_cannot_be_looked_at_is_refused_in_a_sentence(data, more, sentence, client):
+def test_invalid_detection_requests_are_rejected(data, more, sentence, client):
     answer = look(client, data, **more)
     assert (answer.status_code, answer.json()["detail"]) == (400, sentence)
 
 
-def test_of_a_picture_without_the_board_it_is_said_why(client):
+def test_image_without_board_returns_reason(client):
     assert look(client, BLANK).json()["reason"] == "the image is blank"
     other = look(client, png(0), columns=6).json()["reason"]
     assert other == "a board of 7 x 5 corners was detected instead of 6 x 5 corners"
 
 
 @pytest.mark.full
-def test_who_goes_ends_the_look_and_the_next_one_is_answered():
+def test_disconnect_cancels_detection():
     class Gone:
         async def receive(self):
             return {"type": "http.disconnect"}
@@ -127,23 +122,23 @@ def test_who_goes_ends_the_look_and_the_next_one_is_answered():
         async def receive(self):
             await asyncio.Event().wait()
 
-    async def both() -> BoardSeen:
-        lookers, ask = BoardDetectorPool(), BoardLook(**ASKED, name="here.png")
+    async def both() -> BoardDetection:
+        board_detectors, ask = BoardDetectorPool(), BoardDetectionRequest(**ASKED, name="here.png")
         try:
-            with pytest.raises(InvalidParameter, match=r"looking at here\.png was cut off"):
-                await lookers.look(ask, png(0), Gone())
-            assert lookers._idle == []  # its process has ended too
-            return await lookers.look(ask, BLANK, Stays())
+            with pytest.raises(InvalidParameter, match=r"detection in here\.png was interrupted"):
+                await board_detectors.look(ask, png(0), Gone())
+            assert board_detectors._idle == []  # its process has ended too
+            return await board_detectors.look(ask, BLANK, Stays())
         finally:
-            lookers.close()
+            board_detectors.close()
 
     with ThreadPoolExecutor(1) as apart:  # a separate thread: page tests leave a running event loop in theirs
         assert apart.submit(asyncio.run, both()).result().reason == "the image is blank"
 
 
-def test_pictures_together_are_those_of_one_camera_and_cover_the_field(seen):
+def test_joint_analysis_of_images(seen):
     small = told(om.find_board(photograph(1).picture[:400], BOARD, name="small.png"))
-    ask = TogetherAsk(board=BoardAsked(**ASKED), pictures=(*seen, small), centre_px=CAMERA.centre_px, radius_px=200.0, candidate=seen[2])
+    ask = MultiImageRequest(board=BoardSpec(**ASKED), pictures=(*seen, small), centre_px=CAMERA.centre_px, radius_px=200.0, candidate=seen[2])
     answer = together(ask)
     assert answer.reasons[:-1] == (None,) * len(seen)
     assert answer.reasons[-1] == "its size of 480 x 400 px is not the 480 x 480 px of the others"
@@ -163,7 +158,7 @@ def test_corners_that_cannot_be_are_refused(wrong, client, seen):
     ask = {"board": ASKED, "pictures": [short.model_copy(update=wrong).model_dump()], "centre_px": None, "radius_px": None}
     answer = client.post("/api/calibrate/together", json=ask | {"candidate": None})
     assert answer.status_code == 400
-    assert answer.json()["detail"].startswith("what is told of 0.png cannot be")
+    assert answer.json()["detail"].startswith("the detection in 0.png is invalid")
 
 
 def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
@@ -184,14 +179,14 @@ def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
     assert {p["name"] for p in found["parameters"]} >= {"xi"}
 
 
-def test_the_report_has_everything_inside_and_nothing_of_the_page_gets_out_in_it(news):
+def test_report_is_self_contained_and_escaped(news):
     report = news[-1]["report"]
     assert report.lstrip().startswith("<!doctype html>")
     assert "omnimirror &lt;here&gt;" in report
 
 
 @pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.full)])
-def test_a_straightened_board_is_a_board_with_square_squares(number, client, news):
+def test_undistorted_board_is_regular(number, client, news):
     """Corners detected in the view form a lattice, unlike those in the image."""
     found = news[-2]["found"]
     place = next(p for p in found["places"] if p["picture"] == f"{number}.png")
@@ -207,10 +202,10 @@ def test_a_straightened_board_is_a_board_with_square_squares(number, client, new
     off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
     assert off < 1.0
     outcome = found["pictures"][number]
-    assert 0 < outcome["off_straight_px"] < 0.5
+    assert 0 < outcome["line_deviation_px"] < 0.5
 
 
-def test_what_is_no_question_with_a_picture_is_refused(client):
+def test_invalid_framed_requests_are_rejected(client):
     short, empty = "the body must be the length of a JSON message", "camera_file must be given"
     sentences = {b"abc": short, struct.pack("<I", 2) + b"{}": empty, struct.pack("<I", 999) + b"{}": empty}
     for data, sentence in sentences.items():
@@ -226,13 +221,13 @@ def test_a_board_without_an_extent_is_refused(client, news):
         header = json.dumps({"camera_file": found["camera_file"], "place": place, "name": "here.png"}).encode()
         answer = client.post("/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0))
         assert answer.status_code == 400
-        assert "0.png is none" in answer.json()["detail"]
+        assert "0.png must be larger than 0" in answer.json()["detail"]
 
 
-def performed(ask: dict, seen: list[BoardSeen], steps: int = 10**6) -> list:
+def performed(ask: dict, seen: list[BoardDetection], steps: int = 10**6) -> list:
     """Return the messages of a calibration that is stopped after several steps."""
     said = []
-    perform(CalibrationAsk(**ask), seen, said.append, lambda: len(said) > steps)
+    perform(CalibrationRequest(**ask), seen, said.append, lambda: len(said) > steps)
     return said
 
 
@@ -244,7 +239,7 @@ def test_one_that_is_stopped_keeps_what_it_found(seen):
     assert performed(ASK, seen, -1)[-1].sentence == "the calibration was stopped before the first fit"
 
 
-def test_why_there_is_no_camera_is_said_with_the_pictures_names(seen):
+def test_failed_calibration_reports_image_names(seen):
     blank = told(om.find_board(np.full((480, 480), 90, np.uint8), BOARD, name="dark.png"))
     *_, failed = performed(ASK, [*seen[:2], blank])
     assert failed.state == "failed"
@@ -261,7 +256,7 @@ def test_frames_of_a_video_that_show_the_same_are_not_used_twice(seen):
     assert all("is similar to" in p.reason for p in done.found.pictures if not p.used)
 
 
-def test_what_is_no_calibration_closes_the_socket(client):
+def test_invalid_calibration_request_closes_socket(client):
     from starlette.websockets import WebSocketDisconnect
 
     with client.websocket_connect("ws://127.0.0.1/api/calibrate/work") as socket:

@@ -49,16 +49,14 @@ def files(tmp_path) -> list[Path]:
 def page(browser, server):
     """The empty tab; page errors fail the test."""
     viewport = {"width": 1280, "height": 900}
-    context = browser.new_context(
-        viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE
-    )
+    context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     problems = []
     page.on("pageerror", lambda e: problems.append(str(e)))
     page.add_init_script(CAMERA_OF_PICTURES)
     page.goto(f"{server}#tab=calibrate")
-    page.get_by_text("Drop pictures of a board here").wait_for()
+    page.get_by_text("Drop images of a target here").wait_for()
     for name, value in (("Columns", 7), ("Rows", 5), ("Square, mm", 40)):
         page.get_by_label(name, exact=True).fill(str(value))
     page.get_by_label("Model").select_option("unified")
@@ -100,7 +98,7 @@ def downloaded(page, name: str) -> str:
     return Path(download.value.path()).read_text()
 
 
-def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(page, files):
+def test_calibration_workflow_with_reload(page, files):
     add(page, files[:3])
     corners = page.locator("#calibrate .shots path.corners")
     assert corners.count() == 3
@@ -119,18 +117,11 @@ def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(pa
     page.locator("#calibrate .headline").wait_for()
     assert page.evaluate(f"{TAB}.found") == found
     page.locator("#calibrate .shots button").nth(2).click()
-    page.get_by_text("straightened: its corners lie at most").wait_for()
-    assert (
-        page.get_by_alt_text("The board, straightened").evaluate(
-            "(i) => i.decode().then(() => i.naturalWidth)"
-        )
-        > 200
-    )
+    page.get_by_text("maximum deviation of corners").wait_for()
+    assert page.get_by_alt_text("Undistorted target").evaluate("(i) => i.decode().then(() => i.naturalWidth)") > 200
     assert page.locator("#calibrate .whole .residuals").get_attribute("d").count("L") == 35
-    button(page, "Look through it").click()
-    page.wait_for_function(
-        "window.omnimirror.look.feed?.name === 'view_2.png' || window.omnimirror.look.feed?.name === 'view 2.png'"
-    )
+    button(page, "Use as camera").click()
+    page.wait_for_function("window.omnimirror.look.feed?.name === 'view_2.png' || window.omnimirror.look.feed?.name === 'view 2.png'")
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id.startsWith('file:')")
     page.locator("#view").wait_for()
     centre = page.evaluate("window.omnimirror.look.sensor.camera.model.centre_px")
@@ -138,7 +129,7 @@ def test_from_pictures_to_a_camera_that_is_looked_through_also_after_a_reload(pa
 
 
 @pytest.mark.full
-def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(page, files):
+def test_reload_restores_result_and_changes_discard_it(page, files):
     add(page, files[:3])
     found = calibrate(page)
     page.reload()
@@ -147,21 +138,19 @@ def test_a_reload_keeps_pictures_and_result_and_what_changes_forgets_the_result(
     assert page.get_by_label("Columns", exact=True).input_value() == "7"
     assert [s["name"] for s in page.evaluate(f"{TAB}.shots.all")] == [p.name for p in files[:3]]
     page.locator("#calibrate .shots button").first.click()
-    button(page, "Take it out").click()
+    button(page, "Remove image").click()
     page.locator("#calibrate .headline").wait_for(state="detached")
     assert page.evaluate(f"{TAB}.shots.all.length") == 2
     button(page, "Clear").click()
     page.reload()
-    page.get_by_text("Drop pictures of a board here").wait_for()
+    page.get_by_text("Drop images of a target here").wait_for()
 
 
 SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # never completes
 
 
 @pytest.mark.full
-def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(
-    page, files
-):
+def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(page, files):
     add(page, files[:3])
     kept = page.evaluate(f"{TAB}.shots.all.map((s) => s.key)")
     page.reload()
@@ -171,13 +160,11 @@ def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_t
     page.get_by_label("Square, mm").blur()
     page.wait_for_function(f"{TAB}.shots.waiting === 0")
     page.locator("#calibrate .shots button").first.click()
-    button(page, "Take it out").click()
+    button(page, "Remove image").click()
     page.set_input_files("#calibrate-files", files[3])
     page.wait_for_function(f"{TAB}.shots.all.length === 3")
     page.reload()
-    page.get_by_text(
-        f"The page was left before the browser had kept {files[3].name}; add it again."
-    ).wait_for()
+    page.get_by_text(f"The page was left before the browser had kept {files[3].name}; add it again.").wait_for()
     assert page.evaluate(f"{TAB}.shots.all.map((s) => s.key)") == kept[1:]
     assert page.get_by_label("Square, mm").input_value() == "31"
 
@@ -194,7 +181,7 @@ CHANGED = """() => {
 
 
 @pytest.mark.full
-def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_it(page, files):
+def test_press_after_field_change_is_not_lost(page, files):
     """Leaving the field starts a new detection in all images, between press and release."""
     add(page, files[:3])
     page.wait_for_function(f"{TAB}.together !== null")
@@ -204,35 +191,27 @@ def test_a_picture_stays_under_the_pointer_that_leaves_a_changed_field_to_press_
 
 
 @pytest.mark.full
-def test_why_it_cannot_begin_and_why_a_picture_is_not_used_is_said(page, files, tmp_path):
+def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_path):
     assert begin(page).is_disabled()
     reason = page.locator(f"#{begin(page).get_attribute('aria-describedby')}")
-    assert "found in no picture yet; 3 are the fewest" in reason.inner_text()
+    assert "detected in no image; at least 3 are required" in reason.inner_text()
     (tmp_path / "dark.png").write_bytes(BLANK)
     (tmp_path / "notes.png").write_text("no picture")
-    page.set_input_files(
-        "#calibrate-files", [files[0], tmp_path / "dark.png", tmp_path / "notes.png"]
-    )
-    page.locator("#calibrate .shots").get_by_text(
-        "notes.png is not a picture that can be read"
-    ).wait_for()
+    page.set_input_files("#calibrate-files", [files[0], tmp_path / "dark.png", tmp_path / "notes.png"])
+    page.locator("#calibrate .shots").get_by_text("notes.png must be an image in a supported format").wait_for()
     page.locator("#calibrate .shots").get_by_text("The picture is blank").wait_for()
-    page.get_by_text("found in one picture yet; 3 are the fewest").wait_for()
+    page.get_by_text("detected in one image; at least 3 are required").wait_for()
     page.get_by_label("Columns", exact=True).fill("6")
     page.keyboard.press("Tab")
-    page.locator("#calibrate .shots").get_by_text(
-        "A board of 7 x 5 corners was detected instead of 6 x 5"
-    ).wait_for()
+    page.locator("#calibrate .shots").get_by_text("A board of 7 x 5 corners was detected instead of 6 x 5").wait_for()
     page.get_by_label("Columns", exact=True).fill("0")
     page.keyboard.press("Tab")
-    page.get_by_text("A board has 2 to 200 columns and rows").wait_for()
-    assert reason.inner_text() == "Say first which board it is."
+    page.get_by_text("Columns and rows must be 2 to 200").wait_for()
+    assert reason.inner_text() == "Specify the target first."
 
 
 @pytest.mark.full
-def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_what_it_found(
-    page, files
-):
+def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_what_it_found(page, files):
     add(page, files)
     press = """(name) => new MutationObserver((_, observer) => {
       const words = [...document.querySelectorAll("#calibrate aside .words")].map((e) => e.textContent);
@@ -246,14 +225,14 @@ def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_wha
     assert page.evaluate(f"{TAB}.found") is None
     assert begin(page).is_enabled()
     page.get_by_label("Model").select_option("auto")
-    page.evaluate(press, "Stop, and keep what is found")
+    page.evaluate(press, "Stop and keep the result")
     found = calibrate(page)
     assert not found["is_complete"]
     page.get_by_text("The calibration was stopped early").wait_for()
 
 
 @pytest.mark.long
-def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
+def test_webcam_captures_new_positions_only(page):
     button(page, "Use the webcam").click()
     page.locator("#calibrate video").wait_for()
     taken = f"{TAB}.shots.found.length"
@@ -261,22 +240,16 @@ def test_the_webcam_takes_pictures_that_are_new_and_no_others(page):
     for count, number in enumerate((0, 4), 1):
         page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(number)).decode())
         page.wait_for_function(f"{taken} === {count}")
-        page.wait_for_function(
-            "document.querySelector('#calibrate .live path.corners')?.getAttribute('d')"
-        )
-    page.evaluate(
-        "(picture) => window.show(picture)", base64.b64encode(png(0)).decode()
-    )  # already present
-    page.wait_for_function(
-        "document.querySelector('#calibrate .webcam .advice').textContent.includes('Hold')"
-    )
+        page.wait_for_function("document.querySelector('#calibrate .live path.corners')?.getAttribute('d')")
+    page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(0)).decode())  # already present
+    page.wait_for_function("document.querySelector('#calibrate .webcam .advice').textContent.includes('Hold')")
     assert page.evaluate(taken) == 2
     wanted = page.locator("#calibrate .live path.wanted").get_attribute("d")
     assert wanted.count("Z") > 8  # uncovered parts of the field
-    button(page, "Take a picture").click()
+    button(page, "Capture image").click()
     page.wait_for_function(f"{TAB}.shots.all.length === 3")
     assert advice.inner_text()
-    button(page, "Close the webcam").click()
+    button(page, "Close webcam").click()
     assert page.locator("#calibrate video").count() == 0
     stored = [photograph(n).picture for n in (0, 4)]
     assert [om.find_board(p, BOARD).used for p in stored] == [True, True]
@@ -291,7 +264,7 @@ DRAWN_LATE = """() => {
 }"""
 
 
-def test_a_video_gives_pictures(page, tmp_path):
+def test_video_frames_are_added(page, tmp_path):
     """Also if the browser cannot draw a frame immediately after a seek, as under load."""
     page.evaluate(DRAWN_LATE)
     path = tmp_path / "ride.webm"
@@ -317,8 +290,8 @@ def test_the_rim_of_a_photographed_mirror_is_found_and_begun_at(page):
     for name, value in (("Columns", 11), ("Rows", 7), ("Square, mm", 30)):
         page.get_by_label(name, exact=True).fill(str(value))
     add(page, [KAIDAN / "KaidanOmni12.jpg"])
-    page.get_by_text("The mirror's rim: 22").wait_for()
-    assert page.get_by_label("Begin at the rim").is_checked()
+    page.get_by_text("Mirror rim: radius 22").wait_for()
+    assert page.get_by_label("Use the mirror rim").is_checked()
     code = page.locator("#calibrate .command code").inner_text()
     assert "--rim-radius-px 22" in code
     page.locator("#calibrate .shots button").first.click()
@@ -331,12 +304,8 @@ def serious(page) -> dict:
     found = {}
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        said = page.evaluate(
-            "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
-        )
-        found |= {
-            v["id"]: v["nodes"][0]["html"] for v in said if v["impact"] in ("serious", "critical")
-        }
+        said = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
+        found |= {v["id"]: v["nodes"][0]["html"] for v in said if v["impact"] in ("serious", "critical")}
     return found
 
 
@@ -348,18 +317,16 @@ def axe(page) -> None:
 
 
 @pytest.mark.full
-def test_axe_finds_nothing_serious(page, axe):
+def test_accessibility(page, axe):
     assert serious(page) == {}
 
 
 @pytest.mark.full
-def test_axe_finds_nothing_serious_in_a_result_and_nothing_lies_beside_windows_of_any_width(
-    page, axe, files
-):
+def test_accessibility_of_result_and_no_horizontal_overflow(page, axe, files):
     add(page, files)
     calibrate(page)
     page.locator("#calibrate .shots button").nth(1).click()
-    page.get_by_text("straightened: its corners lie at most").wait_for()
+    page.get_by_text("maximum deviation of corners").wait_for()
     assert serious(page) == {}
     for width in (360, 900, 2560):
         page.set_viewport_size({"width": width, "height": 800})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio import _standalone_page, page_alone
+from omnimirror.apps.studio import _standalone_page, standalone_page
 from omnimirror.io import read_image, write_image
 from omnimirror.optics.mirrors import Sphere
 
@@ -84,7 +84,7 @@ def test_a_page_without_a_server_looks_and_designs(page, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
         patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=40.0))
-        (tmp_path / "look.html").write_text(page_alone(["paper-spherical"]), encoding="utf-8")
+        (tmp_path / "look.html").write_text(standalone_page(["paper-spherical"]), encoding="utf-8")
     page.go((tmp_path / "look.html").as_uri())
     page.wait(f"{LOOK}.sensor.camera")
     page.press("#try")

@@ -39,10 +39,10 @@ def state(page) -> dict:
     return page.evaluate("window.omnimirror.store.state")
 
 
-def test_the_mirror_is_found_and_what_took_it_is_asked_once(page, folder):
+def test_mirror_is_detected_and_camera_type_requested_once(page, folder):
     """A user's ball in two clicks: its file, and the answer."""
     drop(page, folder / "ball.png")
-    page.get_by_text("The mirror was found in it").wait_for()
+    page.get_by_text("The mirror was detected").wait_for()
     assert state(page)["rim"] == CIRCLE
     page.get_by_role("button", name="A mirror ball").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
@@ -52,7 +52,7 @@ def test_the_mirror_is_found_and_what_took_it_is_asked_once(page, folder):
         -180,
     )  # direction of the photographer
     assert page.locator("#ask").is_hidden()
-    page.get_by_text("The mirror was found by itself,").wait_for()
+    page.get_by_text("Mirror detected automatically,").wait_for()
     page.wait_for_function(
         "document.querySelector('#command-line').textContent.includes('--ball 39')"
     )
@@ -70,13 +70,13 @@ def test_another_camera_keeps_the_circle_that_was_found(page, folder):
     page.wait_for_function("window.omnimirror.store.state.rim")
     assert state(page)["rim"] == CIRCLE
     look(page, rim=[380.0, 215.0, 180.0])
-    page.get_by_text("The mirror was found by itself,").wait_for(state="detached")
+    page.get_by_text("Mirror detected automatically,").wait_for(state="detached")
 
 
-def test_where_it_is_not_clear_it_is_asked(page, folder):
+def test_uncertain_outline_is_reported(page, folder):
     drop(page, folder / "waves.png")
-    page.get_by_text("Where the mirror ends is not clear").wait_for()
+    page.get_by_text("The mirror outline in this image is uncertain").wait_for()
     assert state(page)["rim"] is None
-    page.get_by_role("button", name="Set its edge by hand").click()
+    page.get_by_role("button", name="Fit it manually").click()
     page.wait_for_selector("#overlay .handle")
     assert page.locator("#ask").is_hidden()

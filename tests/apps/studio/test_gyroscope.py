@@ -19,7 +19,7 @@ window.asked = 0;
 window.answer = 'granted';
 DeviceOrientationEvent.requestPermission = () => { window.asked++; return Promise.resolve(window.answer); };
 """
-NAME = "Turn the phone"
+NAME = "Follow device"
 
 
 def turned(page, alpha: float, beta: float, gamma: float) -> list[float]:
@@ -68,11 +68,11 @@ def test_the_view_turns_with_the_phone_until_it_is_pressed_again(phone):
 
 
 @pytest.mark.full
-def test_safari_is_asked_and_may_refuse(phone):
+def test_denied_motion_permission(phone):
     page = phone(f"{ASKED} window.answer = 'denied';")
     button = page.get_by_role("button", name=NAME)
     button.click()
-    page.get_by_text("Motion was refused.").wait_for()
+    page.get_by_text("Access to motion sensors was denied.").wait_for()
     assert button.get_attribute("aria-pressed") == "false"
     page.evaluate("window.answer = 'granted'")
     pressed(page, 0, 120, 0)
@@ -84,14 +84,14 @@ def test_safari_is_asked_and_may_refuse(phone):
 @pytest.mark.parametrize(
     ("prepare", "reason"),
     [
-        ("delete window.DeviceOrientationEvent;", "This device does not tell how it is turned."),
+        ("delete window.DeviceOrientationEvent;", "This device does not report its orientation."),
         (
             "Object.defineProperty(window, 'isSecureContext', { value: false });",
             "or over https, only.",
         ),
     ],
 )
-def test_it_says_why_it_cannot(prepare, reason, phone):
+def test_unavailable_orientation_is_explained(prepare, reason, phone):
     page = phone(prepare)
     button = page.get_by_role("button", name=NAME)
     assert button.get_attribute("aria-disabled") == "true"
@@ -102,7 +102,7 @@ def test_it_says_why_it_cannot(prepare, reason, phone):
 
 
 @pytest.mark.full
-def test_a_device_that_tells_nothing_is_given_up(phone):
+def test_device_without_orientation_events(phone):
     page = phone()
     page.get_by_role("button", name=NAME).click()
     page.wait_for_selector("#gyroscope[aria-disabled=true]")

@@ -79,7 +79,7 @@ def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, 
 def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
     """Points on the horizon of a tilted image are dragged to the line, twice ahead and to the
     right."""
-    button = page.get_by_role("button", name="Drag the horizon")
+    button = page.get_by_role("button", name="Drag horizon")
     button.click()
     page.wait_for_selector("#horizon:visible")
     truth = leaning(**LEAN)
@@ -95,17 +95,14 @@ def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
             page.mouse.move(*(np.array(start) + share * (np.array(end) - start)))
         page.mouse.up()
         settled(page)
-    assert mount_of(page) == (
-        pytest.approx(LEAN["pitch"], abs=0.1),
-        pytest.approx(LEAN["roll"], abs=0.1),
-    )
+    assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.1), pytest.approx(LEAN["roll"], abs=0.1))
     state = page.evaluate("window.omnimirror.store.state")
     assert (state["pan"], state["tilt"]) == (0, 0)
     assert float(page.locator("#pitch").input_value()) == state["pitch"]
     words = shlex.split(command(page, *SIZE))
     assert f"--level={state['pitch']:g},{state['roll']:g}" in words
     page.wait_for_function("location.hash.includes('pitch=')")
-    page.get_by_role("button", name="Plumb").click()
+    page.get_by_role("button", name="Reset tilt").click()
     page.wait_for_function("window.omnimirror.store.state.pitch === 0")
     settled(page)
     assert mount_of(page) == (0, 0)
@@ -114,7 +111,7 @@ def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
 
 
 def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
-    page.get_by_role("button", name="Drag the horizon").click()
+    page.get_by_role("button", name="Drag horizon").click()
     look(page, mode="perspective", tilt=10.0, hfov=60.0)
     page.wait_for_function("""() => {
       const view = document.querySelector("#view").getBoundingClientRect();
@@ -126,27 +123,20 @@ def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
 
 
 @pytest.mark.full
-def test_the_level_is_found_by_what_stands_upright(page, tmp_path):
+def test_tilt_is_estimated_from_vertical_edges(page, tmp_path):
     """Room image of a tilted sensor, compared with the simulated tilt."""
-    write_image(
-        tmp_path / "leaned.png", om.render_image(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1)
-    )
+    write_image(tmp_path / "leaned.png", om.render_image(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1))
     drop(page, tmp_path / "leaned.png")
     page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'leaned.png'")
     page.get_by_role("button", name="Find level").click()
     page.wait_for_function("window.omnimirror.store.state.pitch !== null")
     settled(page)
-    assert mount_of(page) == (
-        pytest.approx(LEAN["pitch"], abs=0.3),
-        pytest.approx(LEAN["roll"], abs=0.3),
-    )
-    page.get_by_role("status").filter(has_text="upright edges").wait_for()
+    assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.3), pytest.approx(LEAN["roll"], abs=0.3))
+    page.get_by_role("status").filter(has_text="vertical edges").wait_for()
 
 
-def test_where_too_little_stands_upright_no_level_is_found(page):
+def test_too_few_vertical_edges(page):
     look(page, sensor="paper-hyperboloidal")
-    page.wait_for_function(
-        "window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'"
-    )
+    page.wait_for_function("window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'")
     page.get_by_role("button", name="Find level").click()
-    page.get_by_role("status").filter(has_text="Too little stands upright").wait_for()
+    page.get_by_role("status").filter(has_text="too few vertical edges").wait_for()

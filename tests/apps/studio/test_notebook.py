@@ -42,20 +42,15 @@ def test_it_is_a_page_of_its_own_too(tmp_path):
     assert (tmp_path / "look.html").read_text() == shown.page
 
 
-def test_pictures_are_taken_from_files(tmp_path):
+def test_show_accepts_files(tmp_path):
     om.write_image(tmp_path / "a.png", np.full((256, 256, 3), 7, np.uint8))
     assert om.show(tmp_path / "a.png", SENSOR).page == om.show(str(tmp_path / "a.png"), SENSOR).page
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
-    [
-        ({"picture": np.zeros((8, 8), np.uint8)}, "8 x 8 px, and the camera's have 256 x 256"),
-        ({"picture": [1, 2]}, "the image must be an array of uint8"),
-        ({"camera": "paper-spherical"}, "is no camera"),
-        ({"height_px": 5}, "outside 120 to 4000"),
-    ],
+    [({"image": np.zeros((8, 8), np.uint8)}, "must have 256 x 256 px, the image size of the camera; got 8 x 8 px"), ({"image": [1, 2]}, "the image must be an array of uint8"), ({"camera": "paper-spherical"}, "camera must be a sensor or a camera"), ({"height_px": 5}, "height_px must be between 120 and 4000; got 5")],
 )
 def test_what_cannot_be_shown_is_refused(words, sentence):
     with pytest.raises(om.base.errors.InvalidParameter, match=sentence):
-        om.show(**{"picture": np.zeros((256, 256), np.uint8), "camera": SENSOR} | words)
+        om.show(**{"image": np.zeros((256, 256), np.uint8), "camera": SENSOR} | words)

@@ -35,7 +35,7 @@ def project(browser, server, tmp_path_factory):
     page.wait_for_function("window.omnimirror.store.state.sensor.startsWith('file:')")
     drop(page, folder / "hall.png")
     look(page, **STATE)
-    page.get_by_role("button", name="Keep view").click()
+    page.get_by_role("button", name="Store view").click()
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_selector("#bench .compare tbody td")
     page.get_by_role("button", name="Pin", exact=True).click()
@@ -74,7 +74,7 @@ def test_a_project_shows_the_same_pixels_elsewhere(project, browser, server):
     page.context.close()
 
 
-def test_what_is_no_project_is_refused_in_a_sentence(browser, server, tmp_path):
+def test_invalid_project_files_are_rejected(browser, server, tmp_path):
     page = open_page(browser, server, 900, 700)
     for text, said in (
         ("[mirror]", "This is no project file"),

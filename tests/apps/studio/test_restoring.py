@@ -22,21 +22,14 @@ from .browser import BASE64, _values, drop, look, open_page
 from .pictures import psnr, python_view
 
 SENSOR = om.load_sensor("paper-spherical")
-SMALL = replace(
-    SENSOR,
-    name="small",
-    imager=replace(SENSOR.imager, width_px=192, height_px=192, pixel_pitch_um=27.7),
-    lens=replace(SENSOR.lens, f_number=0.3),
-)
+SMALL = replace(SENSOR, name="small", imager=replace(SENSOR.imager, width_px=192, height_px=192, pixel_pitch_um=27.7), lens=replace(SENSOR.lens, f_number=0.3))
 """Strong blur, fast restoration."""
 
 
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
     rng = np.random.default_rng(3)
-    sharp = cv2.resize(
-        rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST
-    )
+    sharp = cv2.resize(rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST)
     return cv2.GaussianBlur(sharp, (0, 0), 1.6)
 
 
@@ -51,15 +44,7 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
     save_sensor(SMALL, tmp_path / "small.toml")
     with TestClient(create_app(), base_url="http://127.0.0.1") as client:
         entry = client.post("/api/sensors", content=(tmp_path / "small.toml").read_bytes()).json()
-        ask = {
-            "id": entry["id"],
-            "mount": entry["mount"],
-            "image_size": [192, 192],
-            "name": "p.png",
-            "centre_px": SMALL.imager.centre,
-            "rim_radius_px": SMALL.rim_radius_px,
-            "object_distance_mm": None,
-        }
+        ask = {"id": entry["id"], "mount": entry["mount"], "image_size": [192, 192], "name": "p.png", "centre_px": SMALL.imager.centre, "rim_radius_px": SMALL.rim_radius_px, "object_distance_mm": None}
         png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
 
         def asked(**change):
@@ -79,16 +64,10 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
         Image.fromarray(picture).save(stopped, "PNG", exif=exif)
         png = stopped.getvalue()
         answer = asked()
-        assert (
-            "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed"
-            in answer.headers["omnimirror-note"]
-        )
+        assert "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed" in answer.headers["omnimirror-note"]
         found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
         half = om.restore(replace(SMALL, lens=replace(SMALL.lens, f_number=0.6)), picture)
-        assert (
-            5 * np.abs(found.astype(int) - half).mean()
-            < np.abs(found.astype(int) - restored).mean()
-        )
+        assert 5 * np.abs(found.astype(int) - half).mean() < np.abs(found.astype(int) - restored).mean()
         converted = client.post("/api/pictures", content=png, params={"name": "p.png"}).content
         assert Image.open(io.BytesIO(converted)).getexif().get_ifd(0x8769)[0x829D] == 0.6
         assert asked(id="ball:300").status_code == 400
@@ -108,7 +87,7 @@ def test_given_and_restored_stand_beside_each_other(browser, server, picture, re
     page.wait_for_selector("#restore[aria-disabled=false]")
     restore.click()
     page.locator("#wiper").wait_for(state="visible")
-    page.get_by_label("Line between the picture").fill("0.25")
+    page.get_by_label("Divider between the original").fill("0.25")
     page.wait_for_function("window.omnimirror.store.state.wipe === 0.25")
     script = f"""() => {{
       const canvas = window.omnimirror.look.drawn();
@@ -132,6 +111,6 @@ def test_given_and_restored_stand_beside_each_other(browser, server, picture, re
     look(page, sensor="ball:300")
     page.wait_for_function("document.querySelector('#wiper').hidden")
     restore.click(force=True)
-    page.get_by_role("status").filter(has_text="known of sensors whose mirror").wait_for()
+    page.get_by_role("status").filter(has_text="requires a sensor with known mirror").wait_for()
     assert page.problems == []
     page.context.close()

@@ -24,7 +24,7 @@ PIXELS = f"""() => {{
   return {{ size: [canvas.width, canvas.height], values: ({BASE64})(data) }};
 }}"""
 ORBIT = f"JSON.stringify({VIEW}.orbit)"
-MOST_IN_ALL = 300_000  # bytes, compressed, without the 3-D view
+MAX_TOTAL = 300_000  # bytes, compressed, without the 3-D view
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def bench(browser, server):
 
 
 def opened(page) -> None:
-    page.locator(".groups label").filter(has_text="In space").click()
+    page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
     settled(page)
 
@@ -89,7 +89,7 @@ def test_it_is_fetched_when_it_is_opened_and_kept_open(bench):
     bench.reload()
     drawn(bench)
     bench.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
-    bench.locator(".groups label").filter(has_text="In space").click()
+    bench.locator(".groups label").filter(has_text="3-D view").click()
     assert bench.locator(".space").is_hidden()
 
 
@@ -145,7 +145,7 @@ def test_a_ray_is_clicked_and_read_in_all_plots(bench):
 
 
 @pytest.mark.full
-def test_it_follows_the_sliders_and_keeps_what_is_read(bench):
+def test_3d_view_follows_sliders_and_keeps_selected_ray(bench):
     opened(bench)
     bench.get_by_role("button", name="Ray ›").click()
     bench.get_by_role("button", name="Ray ›").click()
@@ -157,7 +157,7 @@ def test_it_follows_the_sliders_and_keeps_what_is_read(bench):
     assert bench.locator(".space output").inner_text() != before
     assert bench.evaluate(ORBIT) == orbit
     upright = bench.evaluate(f"{VIEW}.rays.length")
-    bench.get_by_label("Rays all round").check()
+    bench.get_by_label("All azimuths").check()
     assert bench.evaluate(f"{VIEW}.rays.length") == 6 * upright
     bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
     bench.wait_for_function(f"{VIEW}.rays[0].nodes.length === 4")  # via the second mirror
@@ -223,7 +223,7 @@ def test_it_turns_moves_and_enlarges_by_mouse_fingers_and_keys(bench):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (360, "dark")])
-def test_axe_finds_nothing_serious_in_space(width, scheme, bench):
+def test_accessibility_of_3d_view(width, scheme, bench):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     bench.set_viewport_size({"width": width, "height": 800})
@@ -238,7 +238,7 @@ def test_axe_finds_nothing_serious_in_space(width, scheme, bench):
     assert bench.evaluate("document.scrollingElement.scrollWidth") <= width
 
 
-def test_a_browser_without_webgl2_is_told_so(browser, server):
+def test_missing_webgl2_is_reported(browser, server):
     context = browser.new_context(bypass_csp=True)
     context.add_init_script(
         WITHOUT_PICTURES + "HTMLCanvasElement.prototype.getContext = () => null;"
@@ -246,8 +246,10 @@ def test_a_browser_without_webgl2_is_told_so(browser, server):
     page = context.new_page()
     page.goto(f"{server}#tab=design")
     drawn(page)
-    page.locator(".groups label").filter(has_text="In space").click()
-    page.get_by_text("The 3-D view needs WebGL2, which this browser does not offer.").wait_for()
+    page.locator(".groups label").filter(has_text="3-D view").click()
+    page.get_by_text(
+        "The 3-D view requires WebGL2, which this browser does not support."
+    ).wait_for()
     context.close()
 
 
@@ -255,4 +257,4 @@ def test_the_page_is_light_without_it():
     import gzip
 
     parts = [path for path in PAGE.iterdir() if path.name != "space.js"]
-    assert sum(len(gzip.compress(path.read_bytes(), 9)) for path in parts) < MOST_IN_ALL
+    assert sum(len(gzip.compress(path.read_bytes(), 9)) for path in parts) < MAX_TOTAL

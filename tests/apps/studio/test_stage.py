@@ -101,7 +101,7 @@ def test_a_view_that_fills_the_stage_is_that_of_its_command(mode, size, page, fo
     assert np.linalg.norm(found - wanted, axis=-1)[both].max() < NEAR
 
 
-def test_a_panorama_is_whole_or_fills_the_stage(page):
+def test_panorama_is_complete_or_fills_stage(page):
     settled(page)
     boxes = page.evaluate(HALVES)
     assert boxes["view"][3] < 0.8 * boxes["pane"][3]
@@ -121,12 +121,12 @@ def test_a_panorama_is_whole_or_fills_the_stage(page):
     fill = page.get_by_role("button", name="Fill")
     assert fill.get_attribute("aria-disabled") == "true"
     fill.click(force=True)
-    page.get_by_role("status").filter(has_text="A dome is round").wait_for()
+    page.get_by_role("status").filter(has_text="A dome is circular").wait_for()
     assert state(page)["fit"] == "fill"
 
 
-def test_the_picture_stands_beside_the_view(page):
-    page.get_by_role("button", name="Picture beside").click()
+def test_raw_image_next_to_view(page):
+    page.get_by_role("button", name="Raw image").click()
     page.wait_for_function(
         "document.querySelector('#frame').contains(document.querySelector('#circle'))"
     )
@@ -137,16 +137,16 @@ def test_the_picture_stands_beside_the_view(page):
     x, y, width, height = boxes["circle"]
     page.mouse.dblclick(x + 0.5 * width + 0.3 * min(width, height), y + 0.5 * height)
     page.wait_for_function("window.omnimirror.store.state.pan !== 0")
-    page.get_by_role("button", name="Picture beside").click()
+    page.get_by_role("button", name="Raw image").click()
     page.wait_for_function(
         "document.querySelector('#raw-place').contains(document.querySelector('#circle'))"
     )
 
 
-def test_views_are_kept_shown_together_and_moved_each_by_itself(page, folder):
-    page.get_by_role("button", name="Keep view").click()
+def test_stored_views_are_displayed_together(page, folder):
+    page.get_by_role("button", name="Store view").click()
     look(page, mode="perspective", pan=40, tilt=-10, hfov=60)
-    page.get_by_role("button", name="Keep view").click()
+    page.get_by_role("button", name="Store view").click()
     name = page.get_by_label("Name of this view")
     name.fill("Door")
     name.press("Enter")
@@ -171,7 +171,7 @@ def test_views_are_kept_shown_together_and_moved_each_by_itself(page, folder):
     page.wait_for_function("location.hash.includes('all=true')")
     settled(page, 2)
     check_cell(page, folder, 1)
-    page.get_by_role("button", name="Forget Door").click()
+    page.get_by_role("button", name="Remove Door").click()
     assert json.loads(state(page)["views"]) == [{"name": "Panorama"}]
     page.get_by_role("button", name="All views").click()
     settled(page)
@@ -200,7 +200,7 @@ def check_cell(page, folder, index: int) -> None:
 
 
 @pytest.mark.full
-def test_where_none_is_kept_all_around_is_shown(page):
+def test_all_views_without_stored_views(page):
     page.get_by_role("button", name="All views").click()
     settled(page, 5)
     names = [view["name"] for view in json.loads(state(page)["views"])]
@@ -249,7 +249,7 @@ def check_colours(page, folder, index: int) -> None:
     assert compared >= 8
 
 
-def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(browser, two, folder):
+def test_all_sources_side_by_side_with_own_sensors(browser, two, folder):
     page = open_page(browser, f"{two}#source=server%3Asource", 1000, 900, reduced_motion="reduce")
     page.wait_for_function("window.omnimirror.look.feed?.name === 'picture.png'")
     page.get_by_role("button", name="All views").click()
@@ -299,7 +299,7 @@ def test_all_pictures_of_a_server_stand_side_by_side_each_with_its_own_sensor(br
     page.context.close()
 
 
-def test_a_camera_that_cannot_be_had_says_so_in_its_place(browser, tmp_path):
+def test_unavailable_camera_is_reported_in_its_cell(browser, tmp_path):
     for name in ("here.png", "gone.png"):
         write_image(tmp_path / name, pattern((200, 200)))
     with serving(
@@ -329,7 +329,7 @@ def test_a_camera_that_cannot_be_had_says_so_in_its_place(browser, tmp_path):
         pytest.param((844, 390), id="across"),
     ],
 )
-def test_on_a_telephone_the_picture_comes_first(size, browser, rooms):  # noqa: F811
+def test_phone_displays_image_first(size, browser, rooms):  # noqa: F811
     page = open_page(browser, rooms, *size, has_touch=True)
     page.get_by_role("button", name="Try the demo room").tap()  # one of three
     page.wait_for_function("window.omnimirror.look.feed")
@@ -343,10 +343,10 @@ def test_on_a_telephone_the_picture_comes_first(size, browser, rooms):  # noqa: 
     page.context.close()
 
 
-def test_a_button_that_cannot_be_pressed_says_why(browser, server):
+def test_disabled_button_displays_reason(browser, server):
     page = open_page(browser, server, 1000, 700)
     snapshot = page.get_by_role("button", name="Snapshot")
     assert snapshot.get_attribute("aria-disabled") == "true"
     snapshot.click(force=True)
-    page.get_by_role("status").filter(has_text="Open a picture first.").wait_for()
+    page.get_by_role("status").filter(has_text="Open an image first.").wait_for()
     page.context.close()

@@ -129,9 +129,7 @@ def test_views_of_bundled_sensors_are_those_of_the_command_line(sensor, states, 
 
 @pytest.mark.full
 @pytest.mark.parametrize("looks", ["down", "forward"])
-def test_views_of_a_camera_that_stands_otherwise_in_a_reversed_picture_are_those_of_the_command_line(
-    looks, page, tmp_path
-):
+def test_flipped_and_rotated_camera_matches_command_line(looks, page, tmp_path):
     choose(page, "paper-spherical", looks=looks, forward=33, flipped=True)
     check(page, tmp_path, (1024, 1024))
 
@@ -148,7 +146,7 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(
     if optics == "fisheye":
         # Not `check`, which reads the state immediately: the page names the previous camera until
         # the other is loaded.
-        page.get_by_label("a fisheye").click()
+        page.get_by_label("fisheye", exact=True).click()
         page.wait_for_function(
             "window.omnimirror.look.sensor.camera.model.options.includes('fisheye')"
         )
@@ -205,9 +203,7 @@ def test_views_of_misaligned_sensors_are_those_of_the_command_line(pose, page, t
     "pose", [pytest.param("decentred and tilted", marks=pytest.mark.full), "far out"]
 )
 @pytest.mark.parametrize("states", [some("perspective", "near panorama"), ALL])
-def test_views_of_a_misaligned_sensor_that_looks_down_in_a_reversed_picture_are_those_of_the_command_line(
-    pose, states, page, tmp_path
-):
+def test_flipped_misaligned_sensor_matches_command_line(pose, states, page, tmp_path):
     path = tmp_path / f"{tmp_path.name}.toml"
     save_sensor(
         replace(
@@ -221,14 +217,12 @@ def test_views_of_a_misaligned_sensor_that_looks_down_in_a_reversed_picture_are_
     check(page, tmp_path, (1024, 1024), states)
 
 
-def test_views_of_a_mirror_ball_fitted_to_a_picture_are_those_of_the_command_line(page, tmp_path):
+def test_fitted_mirror_ball_matches_command_line(page, tmp_path):
     choose(page, "ball:280", looks="forward")
     check(page, tmp_path, (900, 700), rim=[470.25, 341.5, 300.0])
 
 
-def test_a_sensor_fitted_to_a_picture_is_saved_as_a_file_that_gives_the_same_view(
-    browser, server, tmp_path
-):
+def test_fitted_sensor_file_reproduces_view(browser, server, tmp_path):
     picture = pattern((640, 480))
     write_image(tmp_path / "picture.png", picture)
     page = open_page(browser, f"{server}#mode=perspective&pan=50&hfov=60")

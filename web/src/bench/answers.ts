@@ -1,9 +1,9 @@
 import { socketAddress } from "../shared/api";
 import { unpack } from "../shared/framing";
-import type { Answer, Ask } from "../shared/messages";
+import type { DesignResponse, DesignRequest } from "../shared/messages";
 import type { Found, Table, Wish } from "./found";
 
-/** A question, when it was asked first, and how often a connection ended over it. */
+/** Request with the time of its first transmission and its number of failed connections. */
 interface Question {
   wish: Wish;
   asked: number;
@@ -12,11 +12,11 @@ interface Question {
 
 const RETRY_MS = 1000;
 const LATEST_RETRY_MS = 8000;
-const MOST_FAILURES = 2;
-const UNANSWERABLE = "The studio's server cannot answer about this design";
-const REFUSALS = [1003, 1007, 1009]; // closing codes for what is no question, or too long for one
+const MAX_FAILURES = 2;
+const UNANSWERABLE = "The server of the studio cannot evaluate this design";
+const REFUSALS = [1003, 1007, 1009]; // close codes for invalid and oversized messages
 
-/** One connection for all questions about designs: one is on its way, and of those that wait the newest is asked. */
+/** One connection for all evaluation requests: one is active, and only the newest of the others is kept. */
 export class Answers {
   private socket: WebSocket | null = null;
   private readonly waiting = new Map<number, Question>();
@@ -32,13 +32,13 @@ export class Answers {
     this.connect();
   }
 
-  /** Ask about a design; an older question of the same slot that still waits is forgotten. */
+  /** Request an evaluation; replaces a pending request of the same slot. */
   ask(slot: number, wish: Wish): void {
     this.waiting.set(slot, { wish, asked: performance.now(), failures: 0 });
     this.next();
   }
 
-  /** Whether something that was asked of a slot has not been answered yet. */
+  /** Whether a request of a slot is pending. */
   isAsked(slot: number): boolean {
     return this.waiting.has(slot) || this.onItsWay?.slot === slot;
   }
@@ -66,13 +66,13 @@ export class Answers {
     this.socket = socket;
   }
 
-  /** What becomes of a question whose connection ended: asked again, but not for ever. Tells whether the end was about it. */
+  /** Repeat a request after a failed connection, up to a limit; return whether the request caused the failure. */
   private unanswered({ code }: CloseEvent): boolean {
     const { onItsWay } = this;
     this.onItsWay = null;
     if (!onItsWay) return false;
     const failures = onItsWay.failures + 1;
-    const isRefused = REFUSALS.includes(code) || failures >= MOST_FAILURES;
+    const isRefused = REFUSALS.includes(code) || failures >= MAX_FAILURES;
     if (isRefused) this.answered(noneTo(onItsWay));
     else if (!this.waiting.has(onItsWay.slot))
       this.waiting.set(onItsWay.slot, { ...onItsWay, failures });
@@ -91,12 +91,12 @@ export class Answers {
     if (!question) return;
     this.waiting.delete(slot);
     this.onItsWay = { slot, ...question };
-    const ask: Ask = { slot, number: ++this.number, ...question.wish };
+    const ask: DesignRequest = { slot, number: ++this.number, ...question.wish };
     this.socket.send(JSON.stringify(ask));
   }
 }
 
-/** The answer where there is none. */
+/** Response without an evaluation. */
 const NOTHING: Omit<Found, "slot" | "asked"> = {
   number: 0,
   trouble: { path: [], sentence: UNANSWERABLE },
@@ -113,7 +113,7 @@ type Sent = Question & { slot: number };
 
 const noneTo = ({ slot, asked }: Sent): Found => ({ ...NOTHING, slot, asked });
 
-/** Read an answer; one that cannot be read counts as none, so that the next question is sent. */
+/** Decode a response; an invalid one counts as missing, and the next request is sent. */
 function answerTo(question: Sent | null, data: ArrayBuffer): Found {
   try {
     return read(data, question?.asked ?? 0);
@@ -125,7 +125,7 @@ function answerTo(question: Sent | null, data: ArrayBuffer): Found {
 }
 
 function read(data: ArrayBuffer, asked: number): Found {
-  const { header, start } = unpack<Answer>(data);
+  const { header, start } = unpack<DesignResponse>(data);
   const tables = new Map<string, Table>();
   let at = start;
   for (const { name, columns, rows } of header.blocks) {

@@ -9,7 +9,7 @@ import tolerancesSheet from "./tolerances/tolerances.css?inline";
 
 const FIRST = "paper-spherical";
 
-/** Make the bench in its place: with the design of the address, the one that was kept, or the paper's. */
+/** Create the bench with the design of the address, the stored design, or the default. */
 export async function begin(host: Host): Promise<Bench> {
   for (const text of [uplotSheet, sheet, tolerancesSheet]) {
     const made = new CSSStyleSheet();

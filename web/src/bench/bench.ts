@@ -20,27 +20,27 @@ import { TolerancesPanel } from "./tolerances/panel";
 import { Toolbar } from "./toolbar";
 
 const OWN = "design";
-const MOST_PINS = 4;
-const MARKED_MS = 500; // after which sliders of a design that rests show where requirements are met
+const MAX_PINS = 4;
+const MARKED_MS = 500; // idle time after which slider marks are requested
 
-/** What of requirements decides which values of a design are plotted. */
+/** Parts of requirements that determine the plotted quantities. */
 const limitedBy = (requirements: Tables | null): string =>
   JSON.stringify([
     requirements?.field,
     limitsOf(requirements).map((l) => [l.quantity, l.cycles_per_px]),
   ]);
 
-/** The design bench: a design, what was found of it, and what asks, shows and changes it. */
+/** Design bench: current design, its evaluation, controls and plots. */
 export class Bench {
   history: History;
   pins: Pin[] = [];
   readonly desk: Desk;
   readonly sensors: readonly string[];
-  /** How long after its change each of the last designs was drawn, ms: for whoever measures. */
+  /** Time from change to drawing of the last designs, ms, for benchmarks. */
   latencies: number[] = [];
   private found: (Found | null)[] = [];
   private marking = 0;
-  /** Of what the requirements were for which pins were asked. */
+  /** Requirements for which the pinned designs were evaluated. */
   private limited = "";
   private readonly answers: ReturnType<typeof supply.answers>;
   private readonly bending: Bending;
@@ -120,7 +120,7 @@ export class Bench {
       (found) => this.answered(found),
       (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"),
     );
-    host.beforeLeaving(() => this.settle()); // as a number that was typed and not yet entered
+    host.beforeLeaving(() => this.settle()); // number in a field without a change event
     bindKeys({
       isShown: host.isShown,
       undo: () => this.undo(),
@@ -129,9 +129,9 @@ export class Bench {
     });
   }
 
-  // -- the design ---------------------------------------------------------------------------------
+  // -- current design -------------------------------------------------------------------------------
 
-  /** Try a design, as while a slider is held. */
+  /** Evaluate a design temporarily, while a slider is moved. */
   edit(design: Design): void {
     this.form.forgetMet(design.requirements !== this.history.now.requirements);
     this.history.now = design;
@@ -140,7 +140,7 @@ export class Bench {
     this.ask();
   }
 
-  /** Go to the design of another address; one that is not whole is told, and changes nothing. */
+  /** Load the design of another address; an invalid one is reported and ignored. */
   goTo(address: string): void {
     if (!address || address === inAddress(this.history.now)) return;
     const found = fromAddress(address, this.parts);
@@ -149,29 +149,29 @@ export class Bench {
     this.takeDesign(found);
   }
 
-  /** Try the errors of an address; "" is none. */
+  /** Set the errors of an address; "" for none. */
   tryErrors(text: string): void {
     if (!this.tolerances.goTo(text))
       this.host.banner(
-        "The errors of the address cannot be read: they are cut off or changed.",
+        "The errors in the address are invalid: the link is incomplete or was changed.",
         "bench",
       );
   }
 
-  /** Say that the address is none of a design, and have that of what is shown. */
+  /** Report an invalid address, and restore the address of the displayed design. */
   misled(sentence: string): void {
-    this.host.banner(`${sentence} What the bench shows is ${nameOf(this.history.now)}.`, "bench");
+    this.host.banner(`${sentence} The design bench displays ${nameOf(this.history.now)}.`, "bench");
     this.kept();
   }
 
-  /** What was a bundled sensor is one no more when something in it is changed. */
+  /** A changed bundled sensor loses its name. */
   private own(design: Design): Design {
     const { tables } = design;
     const now = this.history.now.tables;
     return tables === now || tables.name !== now.name ? design : this.unbundled(design);
   }
 
-  /** A design that may be changed: one of a bundled sensor under a name of its own. */
+  /** Editable design: a bundled sensor gets a new name. */
   private unbundled(design: Design): Design {
     const { tables } = design;
     return this.sensors.includes(tables.name as string)
@@ -179,13 +179,13 @@ export class Bench {
       : design;
   }
 
-  /** Settle on the design as it is. */
+  /** Commit the current state of the design. */
   settle(): void {
     if (this.history.settle()) this.kept();
     this.toolbar.show();
   }
 
-  /** Put another sensor on the bench; what is asked of it stays. */
+  /** Load another sensor; the requirements are kept. */
   take(sensor: BenchSensor, words: string): void {
     this.edit({ ...this.history.now, tables: sensor.tables, follows: sensor.follows });
     this.settle();
@@ -193,15 +193,17 @@ export class Bench {
     if (words) this.host.say(words);
   }
 
-  /** Put on the bench what a search has found, with what was there pinned beside it. */
+  /** Load the result of a search, and pin the previous design. */
   private takeFound(sensor: BenchSensor): void {
     const before = this.history.now;
     const isFull =
-      this.pins.length >= MOST_PINS || this.pins.some((p) => p.design.tables === before.tables);
+      this.pins.length >= MAX_PINS || this.pins.some((p) => p.design.tables === before.tables);
     if (!isFull) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
     this.take(
       sensor,
-      isFull ? "Found" : "Found; what was before is pinned, and plots show the difference",
+      isFull
+        ? "Search complete"
+        : "Search complete; the previous design is pinned, and plots display the difference",
     );
     this.pinsChanged();
     this.desk.compareBy(!isFull);
@@ -212,7 +214,7 @@ export class Bench {
     this.settle();
   }
 
-  /** Judge the design by other requirements, and show them. */
+  /** Replace the requirements, and display them. */
   takeRequirements(requirements: Tables): void {
     this.takeDesign({ ...this.history.now, requirements });
     this.requirements.reveal();
@@ -253,7 +255,7 @@ export class Bench {
     this.host.say(e.message);
   }
 
-  // -- by hand, on the plots --------------------------------------------------------------------------
+  // -- direct manipulation of plots -----------------------------------------------------------------
 
   private takeBent(sensor: BenchSensor): void {
     this.history.now = { ...this.history.now, tables: sensor.tables, follows: sensor.follows };
@@ -264,7 +266,7 @@ export class Bench {
   private settleBent(): void {
     this.form.begin(this.history.now);
     this.settle();
-    this.ask(); // what is shown may be said not to be, of a point that no mirror goes through
+    this.ask(); // an infeasible point can invalidate the displayed design
   }
 
   private setLimit(index: number, change: { at_least?: number; at_most?: number }): void {
@@ -273,11 +275,11 @@ export class Bench {
     this.edit({ ...this.history.now, requirements: withLimits(requirements!, limits) });
   }
 
-  // -- pins ---------------------------------------------------------------------------------------
+  // -- pinned designs -------------------------------------------------------------------------------
 
   pin(): void {
-    if (this.pins.length >= MOST_PINS)
-      return this.host.say(`${MOST_PINS} designs are pinned already; unpin one first.`);
+    if (this.pins.length >= MAX_PINS)
+      return this.host.say(`${MAX_PINS} designs can be pinned; unpin one first.`);
     const same = this.pins.filter((p) => p.name.startsWith(nameOf(this.history.now))).length;
     this.pins = [
       ...this.pins,
@@ -286,7 +288,7 @@ export class Bench {
         design: this.history.now,
       },
     ];
-    this.host.say("Pinned: change the design, and compare");
+    this.host.say("Pinned; plots compare it with the current design");
     this.pinsChanged();
   }
 
@@ -307,7 +309,7 @@ export class Bench {
     this.toolbar.show();
   }
 
-  /** Pins are judged by what is asked of the design in hand, so that their values stand in the same plots. */
+  /** Pinned designs are evaluated with the current requirements, so that their values share the plots. */
   private askPins(): void {
     const { requirements } = this.history.now;
     this.limited = limitedBy(requirements);
@@ -319,7 +321,7 @@ export class Bench {
     );
   }
 
-  // -- questions and answers ------------------------------------------------------------------------
+  // -- requests and responses -----------------------------------------------------------------------
 
   ask(): void {
     this.answers.ask(0, this.wish(this.history.now));
@@ -331,11 +333,11 @@ export class Bench {
     return wishOf(design, {
       section: desk.shows("Section"),
       squares: desk.shows("Squares"),
-      space: desk.shows("In space"),
+      space: desk.shows("3-D view"),
     });
   }
 
-  /** Begin, or begin anew with what the address holds. */
+  /** Start, or restart with the design of the address. */
   begin(): void {
     this.form.show(this.history.now);
     this.requirements.show(this.history.now);
@@ -355,7 +357,7 @@ export class Bench {
     if (found.slot === 0) this.settleFound(found);
     this.draw();
     this.bending.answered();
-    // charts draw in microtasks of their own, which were queued before this one
+    // charts draw in microtasks that were queued earlier
     if (found.slot === 0)
       queueMicrotask(
         () => (this.latencies = [...this.latencies.slice(-199), performance.now() - found.asked]),
@@ -384,7 +386,7 @@ export class Bench {
     this.tolerances.follow();
   }
 
-  /** Have sliders show where all requirements are met, once the design rests. */
+  /** Request the feasible ranges of sliders after an idle time. */
   private async markMet(): Promise<void> {
     const { now, isHeld } = this.history;
     if (isHeld || !now.requirements) return;
@@ -395,7 +397,7 @@ export class Bench {
       requirements: now.requirements,
       slides,
     };
-    const found = await supply.slides(asked).catch(() => null); // marks are a help, and no more
+    const found = await supply.slides(asked).catch(() => null); // marks are optional
     if (found && now === this.history.now) this.form.showMet(slides, found.missed);
   }
 
@@ -412,7 +414,7 @@ export class Bench {
     this.ask();
   }
 
-  // -- keeping ----------------------------------------------------------------------------------------
+  // -- storage --------------------------------------------------------------------------------------
 
   kept(): void {
     keep(this.history, this.pins, this.desk.switched);

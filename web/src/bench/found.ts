@@ -1,26 +1,26 @@
-import type { Answer, Ask } from "../shared/messages";
+import type { DesignResponse, DesignRequest } from "../shared/messages";
 import type { Design } from "./designs/design";
 
-/** What was answered about a design: words, and blocks of numbers by their names. */
-export interface Found extends Answer {
+/** Evaluation of a design: header, and blocks of numbers by name. */
+export interface Found extends DesignResponse {
   block: (name: string) => Table | null;
-  /** When the question was asked, for whoever measures. */
+  /** Time of the request, for benchmarks. */
   asked: number;
 }
 
-/** Named columns of numbers; not a number where there is nothing. */
+/** Named columns of numbers; NaN where undefined. */
 export interface Table {
   name: string;
   rows: number;
   column: (name: string) => Float32Array;
 }
 
-export type Wish = Omit<Ask, "number" | "slot">;
+export type Wish = Omit<DesignRequest, "number" | "slot">;
 
-/** The question about a design, and which plots need more than the curves. */
+/** Evaluation request of a design, with the plots that require more than curves. */
 export const wishOf = (
   design: Design,
-  plots: Pick<Ask, "section" | "squares" | "space">,
+  plots: Pick<DesignRequest, "section" | "squares" | "space">,
 ): Wish => ({
   tables: design.tables,
   follows: design.follows,
@@ -30,6 +30,6 @@ export const wishOf = (
   bend: null,
 });
 
-/** Blocks whose names begin so. */
+/** Blocks with a name prefix. */
 export const blocksLike = (found: Found, start: string): Table[] =>
   found.blocks.filter((b) => b.name.startsWith(start)).map((b) => found.block(b.name)!);

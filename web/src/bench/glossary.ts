@@ -1,49 +1,49 @@
 import { h } from "../shared/dom";
-import type { QuantityOf } from "../shared/messages";
+import type { QuantityInfo } from "../shared/messages";
 import { explained, symbolOf } from "./labels";
 
-/** The page's own words; those of quantities come from the vocabulary. */
+/** Terms of the page; quantities are explained by the server. */
 const TERMS: [term: string, meaning: string][] = [
-  ["Θ", "angle of the ray at the lens against its axis; Θ max is that of the rim"],
+  [
+    "Θ",
+    "viewing angle: angle between the ray at the lens and the optical axis; Θ max is that of the rim",
+  ],
   [
     "T, S",
-    "tangential (along the image radius) and sagittal (around it): a mirror focuses the two at different distances",
+    "tangential (along the image radius) and sagittal (perpendicular to it); the virtual images are at different distances (astigmatism)",
   ],
   [
     "T∞, T5M",
-    "virtual images of objects infinitely far away and at five rim radii M, tangential; S∞ and S5M the same, sagittal",
+    "tangential virtual images of objects at infinity and at five rim radii M; S∞ and S5M: sagittal",
   ],
-  ["Rim radius, M", "half the diameter of the mirror"],
+  ["Rim radius, M", "half of the mirror diameter"],
+  ["Object at ∞", "infinite object distance; plots are computed for the distance under Objects"],
+  ["Depth of field", "distances of virtual images between which the blur is less than one pixel"],
   [
-    "Object at ∞",
-    "what is looked at stands infinitely far away; the plots are of the distance under Objects",
-  ],
-  ["Depth of field", "between these distances of virtual images the blur stays below a pixel"],
-  [
-    "Free form",
-    "family of curves in which the mirror is sought; terms are how many numbers shape it",
+    "Freeform",
+    "parametrisation of the optimised mirror profile; terms: number of its coefficients",
   ],
   [
     "Starts",
-    "from how many first guesses the search is begun: more take longer, and miss the best less often",
+    "number of initial values of the search; more starts take longer and find the global optimum more reliably",
   ],
   [
-    "Rings on curves",
-    "drag one, or move it by the arrow keys: the mirror bends so that its profile, or its mapping, goes through it",
+    "Handles on curves",
+    "drag a handle or press arrow keys: the profile or the mapping of the mirror is deformed to pass through it",
   ],
   [
     "Dashed line in a plot",
-    "a limit of the requirements, on the side that is hatched; drag it to change the limit",
+    "limit of the requirements; the hatched side is not permitted; drag the line to change the limit",
   ],
-  ["Bar under a slider", "where on the slider all requirements are met, everything else as it is"],
   [
-    "Pin",
-    "keeps the design as it is, drawn in another colour and kind of line, while you change the one in hand",
+    "Bar under a slider",
+    "range of values for which all requirements are met, with the other parameters unchanged",
   ],
+  ["Pin", "stores the design for comparison, drawn in another colour and line style"],
 ];
 
-/** What the words of the bench mean, for who asks. */
-export function glossary(vocabulary: QuantityOf[], shown: string[]): HTMLElement {
+/** Glossary of the bench. */
+export function glossary(vocabulary: QuantityInfo[], shown: string[]): HTMLElement {
   const quantities = vocabulary
     .filter((q) => shown.includes(q.name))
     .map((q): [string, string] => [`${q.title}, ${symbolOf(q)}`, explained(q)]);
@@ -54,7 +54,7 @@ export function glossary(vocabulary: QuantityOf[], shown: string[]): HTMLElement
   return h(
     "details",
     { className: "glossary" },
-    h("summary", {}, "What the words mean"),
+    h("summary", {}, "Glossary"),
     h("dl", {}, ...terms),
   );
 }

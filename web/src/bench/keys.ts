@@ -1,4 +1,4 @@
-/** What keys do on the bench. */
+/** Keyboard actions of the bench. */
 interface Acts {
   isShown: () => boolean;
   undo: () => void;
@@ -6,7 +6,7 @@ interface Acts {
   save: () => void;
 }
 
-/** Ctrl+Z takes back, Ctrl+Shift+Z and Ctrl+Y do again, Ctrl+S saves. */
+/** Ctrl+Z: undo; Ctrl+Shift+Z and Ctrl+Y: redo; Ctrl+S: save. */
 export function bindKeys({ isShown, undo, redo, save }: Acts): void {
   document.addEventListener("keydown", (e) => {
     if (!isShown() || !(e.ctrlKey || e.metaKey)) return;

@@ -1,10 +1,10 @@
-/** What units, parameters and quantities are called on the page. */
-import type { QuantityOf } from "../shared/messages";
+/** Displayed names of units, parameters and quantities. */
+import type { QuantityInfo } from "../shared/messages";
 
 const UNITS: Record<string, string> = { deg: "°", um: "µm", deg2: "deg²", "px/deg": "px/°" };
 export const unitWords = (unit: string): string => UNITS[unit] ?? unit;
 
-/** A parameter's name without its unit. */
+/** Name of a parameter without its unit. */
 export const label = (name: string): string => {
   const text = name.replace(/_(mm|um|deg|px)$/, "").replaceAll("_", " ");
   const said = text.replace(
@@ -17,17 +17,17 @@ export const label = (name: string): string => {
     .replace(/^./, (c) => c.toUpperCase());
 };
 
-/** A quantity's title, with its unit. */
-export const quantityWords = ({ title, unit }: QuantityOf): string =>
+/** Title of a quantity with its unit. */
+export const quantityWords = ({ title, unit }: QuantityInfo): string =>
   unit ? `${title}, ${unitWords(unit)}` : title;
 
 const SUBSCRIPTS: Record<string, string> = { s: "ₛ", t: "ₜ", v: "ᵥ" };
 
-/** A quantity's symbol; what stands after an underscore is a subscript. */
-export const symbolOf = ({ symbol }: QuantityOf): string => lowered(symbol);
+/** Symbol of a quantity; the part after an underscore is a subscript. */
+export const symbolOf = ({ symbol }: QuantityInfo): string => lowered(symbol);
 
-/** What a quantity is, and the paper's equation of it. */
-export const explained = ({ meaning, equation }: QuantityOf): string =>
+/** Meaning of a quantity, and its equation in the paper. */
+export const explained = ({ meaning, equation }: QuantityInfo): string =>
   equation ? `${meaning} (${lowered(equation)})` : meaning;
 
 const lowered = (formula: string): string =>

@@ -1,26 +1,26 @@
-/** What the bench asks: of the server, or of the page itself where it does without. */
+/** Requests of the bench: to the server, or to the page itself. */
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
 import type {
-  BenchAlone,
+  StandaloneBench,
   BenchSensor,
   BenchStart,
-  Change,
-  Download,
-  Opened,
-  SlidesAsk,
-  SlidesOf,
+  DesignChange,
+  FileRequest,
+  ImportedFile,
+  SliderRequest,
+  SliderViolations,
 } from "../shared/messages";
 import { Answerer } from "./alone/answer";
 import { AnswersAlone } from "./alone/answers";
 import { Answers } from "./answers";
 import type { Found } from "./found";
 
-/** What the page holds of all that a server would be asked for; null where there is one. */
-export const alone = heldBy<BenchAlone>("bench-alone");
+/** Data of a page without a server; null if there is a server. */
+export const alone = heldBy<StandaloneBench>("bench-alone");
 const answerer = alone && new Answerer(alone);
 
-const WITH_THE_PROGRAM = "takes the program: pip install omnimirror.";
+const WITH_THE_PROGRAM = "requires the program: pip install omnimirror.";
 
 export const benchStart = async (): Promise<BenchStart> => (alone ? alone.start : api.benchStart());
 
@@ -29,37 +29,37 @@ export async function bundled(name: string): Promise<BenchSensor> {
   const found = alone.start.sensors.indexOf(name);
   if (found < 0)
     throw new api.Refused(
-      `This page, which does without a server, holds no ${name}; it holds ${alone.start.sensors.join(", ")}.`,
+      `${name} requires a server; this page contains ${alone.start.sensors.join(", ")}.`,
     );
   return alone.sensors[found];
 }
 
-/** Another kind of part, or another focus; a page that does without a server offers the focus alone. */
-export async function change(asked: Change): Promise<BenchSensor> {
+/** Another type of part, or another focus; a page without a server supports the focus only. */
+export async function change(asked: DesignChange): Promise<BenchSensor> {
   if (!answerer) return api.change(asked);
   const focus =
-    Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than a lens can be set
+    Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than the setting accuracy of lenses
   return {
     tables: { ...asked.tables, lens: { ...asked.tables.lens, focus_distance_mm: focus } },
     follows: false,
   };
 }
 
-/** By how much requirements are missed, wherever sliders stand; a page that does without a server knows of none. */
-export const slides = async (asked: SlidesAsk): Promise<SlidesOf | null> =>
+/** Violation of requirements along all sliders; not available without a server. */
+export const slides = async (asked: SliderRequest): Promise<SliderViolations | null> =>
   alone ? null : api.slides(asked);
 
-export async function openFile(file: Blob, name: string): Promise<Opened> {
+export async function openFile(file: Blob, name: string): Promise<ImportedFile> {
   if (alone) throw new api.Refused(`Opening ${name} ${WITH_THE_PROGRAM}`);
   return api.openFile(file, name);
 }
 
-export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
-  if (alone) throw new api.Refused(`Files of a design: that ${WITH_THE_PROGRAM}`);
+export async function download(asked: FileRequest): Promise<{ blob: Blob; name: string }> {
+  if (alone) throw new api.Refused(`Downloading files of a design ${WITH_THE_PROGRAM}`);
   return api.download(asked);
 }
 
-/** Who answers about designs. */
+/** Evaluator of designs. */
 export const answers = (
   answered: (found: Found) => void,
   away: (isAway: boolean) => void,

@@ -2,13 +2,13 @@ import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { allow, h, save } from "../shared/dom";
 import { checkReadable } from "../shared/media";
-import type { BenchSensor, Download } from "../shared/messages";
+import type { BenchSensor, FileRequest } from "../shared/messages";
 import type { Design, Tables } from "./designs/design";
 import type { Host } from "./host";
 import * as supply from "./supply";
 
-const ASKED_EVERY_MS = 400; // how far a file is
-const FILES: [Download["kind"], string][] = [
+const ASKED_EVERY_MS = 400; // interval of progress requests, ms
+const FILES: [FileRequest["kind"], string][] = [
   ["sensor", "Sensor file (TOML)"],
   ["report", "Report (HTML)"],
   ["drawing", "Drawing (PDF)"],
@@ -16,7 +16,7 @@ const FILES: [Download["kind"], string][] = [
   ["sag", "Sag table (CSV)"],
 ];
 
-/** What the toolbar needs of the bench. */
+/** Interface of the bench for the toolbar. */
 interface Hands {
   sensors: readonly string[];
   history: { now: Design; canUndo: boolean; canRedo: boolean };
@@ -28,7 +28,7 @@ interface Hands {
   fail: (e: unknown) => void;
 }
 
-/** What stands in the page's header while the bench is shown. */
+/** Toolbar of the bench in the page header. */
 export class Toolbar {
   private readonly undo = h("button", {
     type: "button",
@@ -84,7 +84,7 @@ export class Toolbar {
           "button",
           {
             type: "button",
-            title: "A sensor file, or a requirement file",
+            title: "Open a sensor file or a requirement file",
             "data-computes": "",
             onclick: () => this.file.click(),
           },
@@ -94,7 +94,7 @@ export class Toolbar {
         this.file,
       ),
       nav(
-        "Keep the design",
+        "Export the design",
         "keep",
         h("button", { type: "button", onclick: () => bench.pin() }, "Pin"),
         this.menu,
@@ -106,7 +106,7 @@ export class Toolbar {
             "data-computes": "",
             onclick: () => background(this.look()),
           },
-          "Look through it",
+          "Use as camera",
         ),
       ),
     );
@@ -119,39 +119,33 @@ export class Toolbar {
   }
 
   show(): void {
-    allow(
-      this.undo,
-      this.bench.history.canUndo ? null : "Nothing was changed yet that could be undone.",
-    );
-    allow(
-      this.redo,
-      this.bench.history.canRedo ? null : "Nothing was undone that could be done again.",
-    );
+    allow(this.undo, this.bench.history.canUndo ? null : "There is no change to undo.");
+    allow(this.redo, this.bench.history.canRedo ? null : "There is no change to redo.");
     this.requirements.hidden = this.bench.history.now.requirements === null;
   }
 
-  /** Open a sensor file, or a requirement file. */
+  /** Open a sensor file or a requirement file. */
   async open(file: Blob, name: string): Promise<void> {
     await this.try(async () => {
       await checkReadable(file, name);
       const { sensor, requirements } = await supply.openFile(file, name);
-      if (sensor) this.bench.take(sensor, `${name} is on the bench`);
+      if (sensor) this.bench.take(sensor, `${name} loaded`);
       if (!requirements) return;
       this.bench.takeRequirements(requirements);
       this.host.say(
         requirements.mirror
-          ? `${name}: the design is judged by it; Design from requirements makes one`
-          : `${name}: the design is judged by it`,
+          ? `${name}: requirements loaded; Design from requirements searches for a design`
+          : `${name}: requirements loaded`,
       );
     });
   }
 
-  async download(kind: Download["kind"]): Promise<void> {
+  async download(kind: FileRequest["kind"]): Promise<void> {
     this.menu.open = false;
     const { tables, distance } = this.bench.history.now;
     if (this.summary.getAttribute("aria-busy") === "true")
-      return this.host.say("One file at a time; the last one is still being made");
-    const asked: Download = { tables, kind, object_distance_mm: distance };
+      return this.host.say("The previous file is still being written");
+    const asked: FileRequest = { tables, kind, object_distance_mm: distance };
     const stop = this.telling(asked);
     try {
       await this.try(async () => {
@@ -163,17 +157,18 @@ export class Toolbar {
     }
   }
 
-  /** Say how far a file is, until it is there: a report takes some seconds. */
-  private telling(asked: Download): () => void {
+  /** Display the progress of a file; reports take several seconds. */
+  private telling(asked: FileRequest): () => void {
     const busy = (isBusy: boolean, words: string, title = ""): void => {
       Object.assign(this.summary, { textContent: words, title });
       this.summary.setAttribute("aria-busy", String(isBusy));
     };
     let isMade = false;
-    busy(true, "Making the file…");
+    busy(true, "Writing the file…");
     const timer = setInterval(async () => {
       const now = await api.making(asked).catch(() => null);
-      if (now && !isMade) busy(true, `Making it: ${Math.round(100 * now.share)} %`, now.sentence);
+      if (now && !isMade)
+        busy(true, `Writing the file: ${Math.round(100 * now.share)} %`, now.sentence);
     }, ASKED_EVERY_MS);
     return () => {
       isMade = true;
@@ -225,7 +220,7 @@ export class Toolbar {
     }
   }
 
-  /** Files dropped while the bench is shown are the bench's. */
+  /** Files dropped on the bench are opened by the bench. */
   private bindDropping(): void {
     document.addEventListener(
       "drop",

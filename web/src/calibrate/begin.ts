@@ -3,7 +3,7 @@ import { Calibrate } from "./calibrate";
 import sheet from "./calibrate.css?inline";
 import type { Host } from "./host";
 
-/** Make the tab in its place, with the pictures of the last time. */
+/** Create the tab with the stored images. */
 export async function begin(host: Host): Promise<Calibrate> {
   const made = new CSSStyleSheet();
   made.replaceSync(sheet);

@@ -2,11 +2,11 @@ import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { h } from "../shared/dom";
 import type {
-  BoardSeen,
-  CalibrateStart,
-  CalibrationAsk,
-  CalibrationFound,
-  Together,
+  BoardDetection,
+  CalibrationOptions,
+  CalibrationRequest,
+  CalibrationResult,
+  MultiImageSummary,
 } from "../shared/messages";
 import { checkReadable, isVideo } from "../shared/media";
 import { framesOf } from "./frames";
@@ -20,27 +20,27 @@ import { Gallery } from "./results/gallery";
 import { coveragePlot } from "./results/plots";
 import { list, resultsOf, tablesOf } from "./results/report";
 import { Single } from "./results/single";
-import { MOST_SHOTS, type Shot, Shots } from "./shots";
+import { MAX_SHOTS, type Shot, Shots } from "./shots";
 import { Toolbar } from "./toolbar";
 import { calibrateCommand, rimOf, whyNot } from "./words";
 
-/** What the browser keeps of the panels. */
+/** Stored state of the panels. */
 interface Settings {
   board: NonNullable<BoardPanel["board"]>;
   sought: CameraPanel["sought"];
   rim: Rim | null;
 }
 
-const LOOKED_AT_FOR_RIM = 3; // pictures
+const LOOKED_AT_FOR_RIM = 3; // number of images
 const TOGETHER_MS = 150;
 
-/** The tab: pictures of a board, what is found in them, and the camera that they tell. */
+/** Tab Calibrate: images of a target, detections, and the estimated camera. */
 export class Calibrate {
   readonly shots: Shots;
   readonly webcam: WebcamPane;
-  found: CalibrationFound | null = null;
+  found: CalibrationResult | null = null;
   report: string | null = null;
-  together: Together | null = null;
+  together: MultiImageSummary | null = null;
   private chosen: Shot | null = null;
   private readonly board: BoardPanel;
   private readonly camera: CameraPanel;
@@ -53,7 +53,7 @@ export class Calibrate {
   private readonly state = h("div", { className: "plots state" });
   private readonly next = h("section", {
     className: "next",
-    "aria-label": "What to take next",
+    "aria-label": "Recommended next image",
     hidden: true,
   });
   private readonly results = h("div", { className: "results" });
@@ -66,7 +66,7 @@ export class Calibrate {
 
   constructor(
     private readonly host: Host,
-    start: CalibrateStart,
+    start: CalibrationOptions,
   ) {
     const fail = (e: unknown): void => this.fail(e);
     this.shots = new Shots({
@@ -96,7 +96,7 @@ export class Calibrate {
       report: () => this.report,
       look: () => background(this.look()),
     });
-    const [boards, cameras, runs] = [panel("The board"), panel("The camera"), panel("Calibration")];
+    const [boards, cameras, runs] = [panel("Target"), panel("Camera"), panel("Calibration")];
     this.board = new BoardPanel(
       boards,
       start.families,
@@ -113,7 +113,7 @@ export class Calibrate {
     this.commandRow = h(
       "div",
       { className: "command" },
-      h("span", { className: "words" }, "The same from the command line"),
+      h("span", { className: "words" }, "Equivalent command"),
       this.command,
       h(
         "button",
@@ -128,7 +128,7 @@ export class Calibrate {
     this.state.append(this.coverage, this.next);
     const desk = h(
       "section",
-      { className: "desk", tabIndex: -1, "aria-label": "Pictures and results" },
+      { className: "desk", tabIndex: -1, "aria-label": "Images and results" },
       this.invitation,
       this.webcam.element,
       this.results,
@@ -139,13 +139,13 @@ export class Calibrate {
       this.commandRow,
     );
     host.place.append(
-      h("aside", { "aria-label": "Board, camera and calibration" }, boards, cameras, runs),
+      h("aside", { "aria-label": "Target, camera and calibration" }, boards, cameras, runs),
       desk,
     );
     this.show();
   }
 
-  /** Begin with what the browser kept. */
+  /** Restore the stored state. */
   async begin(): Promise<void> {
     const kept = keptSettings<Settings>();
     if (kept?.board && kept.sought) {
@@ -155,7 +155,7 @@ export class Calibrate {
     const lost = await this.shots.restore();
     if (lost.length)
       this.host.banner(
-        `The page was left before the browser had kept ${lost.join(", ")}; add ${lost.length > 1 ? "them" : "it"} again.`,
+        `The page was closed before ${lost.join(", ")} ${lost.length > 1 ? "were" : "was"} stored; add ${lost.length > 1 ? "them" : "it"} again.`,
         "calibrate",
       );
     const result = await keptResult(this.keys);
@@ -164,7 +164,7 @@ export class Calibrate {
     this.show();
   }
 
-  /** Take pictures, or the frames of a video. */
+  /** Add images, or the frames of a video. */
   async add(files: readonly File[]): Promise<void> {
     this.host.banner(null, "calibrate");
     const take = (picture: Blob, name: string, time: number | null): Promise<boolean> =>
@@ -174,10 +174,10 @@ export class Calibrate {
       try {
         await checkReadable(file, file.name);
         if (isVideo(file, file.name))
-          await framesOf(file, file.name, MOST_SHOTS - this.shots.all.length, take);
+          await framesOf(file, file.name, MAX_SHOTS - this.shots.all.length, take);
         else if (!(await take(file, file.name, null))) {
           refusals.push(
-            `${MOST_SHOTS} pictures are as many as are taken here; ${file.name} and what came after it were left out.`,
+            `${MAX_SHOTS} images is the maximum; ${file.name} and the following files were ignored.`,
           );
           break;
         }
@@ -214,7 +214,7 @@ export class Calibrate {
     if (this.chosen) this.single.element.scrollIntoView({ block: "nearest" });
   }
 
-  // -- what is known changes ------------------------------------------------------------------------
+  // -- changes of the input -------------------------------------------------------------------------
 
   private boardChanged(): void {
     if (!this.board.board) return this.show();
@@ -229,7 +229,7 @@ export class Calibrate {
     this.keep();
   }
 
-  /** A result is that of its pictures. */
+  /** A result is valid for its images only. */
   private drop(): void {
     this.run.forget();
     if (!this.found) return;
@@ -244,7 +244,7 @@ export class Calibrate {
     this.timer = window.setTimeout(() => background(this.compare()), TOGETHER_MS);
   }
 
-  /** Ask what the pictures are together. */
+  /** Request the joint analysis of the images. */
   private async compare(): Promise<void> {
     const looked = this.shots.all.filter((s) => s.seen !== null);
     const number = ++this.asked;
@@ -263,7 +263,7 @@ export class Calibrate {
     this.show();
   }
 
-  private asTogether(candidate: BoardSeen | null): Promise<Together> {
+  private asTogether(candidate: BoardDetection | null): Promise<MultiImageSummary> {
     const { rim } = this.camera;
     const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
     return api.together({
@@ -275,7 +275,7 @@ export class Calibrate {
     });
   }
 
-  /** Look for the mirror's rim in the first pictures that show the board. */
+  /** Detect the mirror rim in the first images with a target. */
   private async findRim(): Promise<void> {
     const looked = this.shots.found.slice(0, LOOKED_AT_FOR_RIM);
     if (
@@ -291,13 +291,13 @@ export class Calibrate {
       this.changed();
       this.keep();
     } catch (e) {
-      if (!(e instanceof api.Refused)) this.fail(e); // one without a rim calibrates as well
+      if (!(e instanceof api.Refused)) this.fail(e); // calibration does not require a rim
     }
   }
 
-  // -- calibrating ------------------------------------------------------------------------------------
+  // -- calibration ----------------------------------------------------------------------------------
 
-  private given(): { ask: CalibrationAsk; pictures: BoardSeen[] } | null {
+  private given(): { ask: CalibrationRequest; pictures: BoardDetection[] } | null {
     const { board } = this.board;
     const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
     if (!board || !pictures.length) return null;
@@ -307,7 +307,7 @@ export class Calibrate {
     };
   }
 
-  private calibrated(found: CalibrationFound): void {
+  private calibrated(found: CalibrationResult): void {
     this.found = found;
     this.report = null;
     this.drawResults();
@@ -322,7 +322,7 @@ export class Calibrate {
     this.keep();
   }
 
-  /** Look through the camera that was found, at the chosen picture or the first that was used. */
+  /** Open the selected image, or the first used one, with the calibrated camera in the tab Look. */
   private async look(): Promise<void> {
     const { found } = this;
     const shot =
@@ -341,7 +341,7 @@ export class Calibrate {
     }
   }
 
-  // -- showing ------------------------------------------------------------------------------------------
+  // -- display --------------------------------------------------------------------------------------
 
   private show(): void {
     const { all } = this.shots;
@@ -351,7 +351,7 @@ export class Calibrate {
     this.run.show(
       this.board.board
         ? whyNot(this.shots.found.length, this.shots.waiting)
-        : "Say first which board it is.",
+        : "Specify the target first.",
     );
     this.gallery.show(all, this.chosen);
     this.single.show(this.chosen, this.camera.isMirror ? this.camera.rim : null, this.found);
@@ -363,7 +363,7 @@ export class Calibrate {
   private drawCoverage(): void {
     const shown = this.found?.coverage ?? this.together?.coverage ?? null;
     const used = this.shots.found;
-    if (!used.length && this.shots.waiting) return; // they are looked at anew; were this to go, a press below would miss its picture
+    if (!used.length && this.shots.waiting) return; // buttons are not recreated during detection, so that a press is not lost
     this.coverage.hidden = !shown || !used.length;
     if (shown && used.length)
       this.coverage.replaceChildren(
@@ -406,11 +406,11 @@ export class Calibrate {
     return h(
       "div",
       { className: "invitation" },
-      h("h2", {}, "Drop pictures of a board here"),
+      h("h2", {}, "Drop images of a target here"),
       h(
         "p",
         {},
-        "Ten to twenty of one board, held all around the mirror, near the rim and tilted; or a video. They stay on this machine.",
+        "10 to 20 images of one target, distributed over the field and tilted, or a video. They remain on this machine.",
       ),
       h(
         "p",
@@ -418,7 +418,7 @@ export class Calibrate {
         h(
           "button",
           { type: "button", className: "primary", onclick: () => this.toolbar.open() },
-          "Choose pictures…",
+          "Choose images…",
         ),
         h(
           "button",

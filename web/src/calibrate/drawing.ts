@@ -1,11 +1,11 @@
-/** Shapes of what is drawn over pictures and into plots: paths of SVG, in pixels of the picture. */
-import type { CoverageShown } from "../shared/messages";
+/** Shapes drawn in images and plots: SVG paths in image pixels. */
+import type { CoverageInfo } from "../shared/messages";
 
 type Pair = readonly [number, number];
 
 const at = (u: number, v: number): string => `${+u.toFixed(2)} ${+v.toFixed(2)}`;
 
-/** A small cross at each corner. */
+/** Cross at each corner. */
 export const crosses = (corners: readonly Pair[], size: number): string =>
   corners
     .map(
@@ -14,18 +14,18 @@ export const crosses = (corners: readonly Pair[], size: number): string =>
     )
     .join("");
 
-/** A dot at each place, as strokes without length. */
+/** Dot at each position, as a stroke without length. */
 export const dots = (places: readonly Pair[]): string =>
   places.map(([x, y]) => `M${at(x, y)}h0`).join("");
 
-/** Residuals (u, v, du, dv) so many times as long, each a line from its corner. */
+/** Magnified residuals (u, v, du, dv) as lines from their corners. */
 export const arrows = (
   residuals: readonly (readonly [number, number, number, number])[],
   times: number,
 ): string =>
   residuals.map(([u, v, du, dv]) => `M${at(u, v)}L${at(u + times * du, v + times * dv)}`).join("");
 
-/** Residuals along and across the radius: (radius, along, across), px. */
+/** Radial and tangential residuals: (radius, radial, tangential), px. */
 export function byRadius(
   residuals: readonly (readonly [number, number, number, number])[],
   [cu, cv]: Pair,
@@ -38,7 +38,7 @@ export function byRadius(
   });
 }
 
-/** One cell of the field, between two radii, a sector about its direction. */
+/** Cell of the field between two radii, centred on a direction. */
 interface Cell {
   ring: number;
   sector: number;
@@ -46,8 +46,8 @@ interface Cell {
   path: string;
 }
 
-/** The cells in which corners are counted; sectors turn from the right over the bottom. */
-export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: CoverageShown): Cell[] {
+/** Cells of the corner counts; sectors are numbered clockwise from the right. */
+export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: CoverageInfo): Cell[] {
   const half = Math.PI / counts[0].length;
   const place = (radius: number, angle: number): string =>
     at(u + radius * Math.cos(angle), v + radius * Math.sin(angle));
@@ -69,13 +69,13 @@ export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: Coverage
   );
 }
 
-/** How many cells hold corners enough, and how many there are. */
-export function coveredIn({ counts, enough }: CoverageShown): [number, number] {
+/** Number of covered cells, and total number. */
+export function coveredIn({ counts, enough }: CoverageInfo): [number, number] {
   const all = counts.flat();
   return [all.filter((count) => count >= enough).length, all.length];
 }
 
-/** A round number of times at which residuals of a size are as long as so many pixels. */
+/** Round magnification at which residuals of a given size have a given length in px. */
 export function timesFor(rms: number, length: number): number {
   if (!(rms > 0)) return 1;
   const wanted = length / rms;
@@ -83,7 +83,7 @@ export function timesFor(rms: number, length: number): number {
   return Math.max(1, power * ([5, 2, 1].find((m) => m * power <= wanted) ?? 1));
 }
 
-/** How far a board moved between two looks, as a share of the picture's longer side; Infinity where they show other corners. */
+/** Displacement of a target between two detections, relative to the longer image side; Infinity for different corners. */
 export function movedBy(
   before: { ids: number[]; corners_px: Pair[] } | null,
   now: { ids: number[]; corners_px: Pair[]; image_size: Pair },

@@ -4,9 +4,9 @@ import { fileWord, shellWord } from "../shared/shell";
 
 const EVERY_S = 0.5;
 const LONGEST_SEEK_MS = 60_000;
-const LONGEST_WAIT_MS = 10_000; // for a picture that is not clear; those of videos hardly ever are
+const LONGEST_WAIT_MS = 10_000; // maximum waiting time for an opaque frame
 
-/** Pictures of a video, each half a second or, of a long one, so many in all, with their times. */
+/** Frames of a video with their times, every 0.5 s or a given number in total. */
 export async function framesOf(
   file: Blob,
   name: string,
@@ -38,7 +38,7 @@ export async function framesOf(
   }
 }
 
-/** What a video shows, as soon as the browser has it: where it is busy nothing is drawn just after a seek, which leaves what is clear. */
+/** Return the current frame of a video. A busy browser draws transparent frames directly after a seek. */
 async function drawn(video: HTMLVideoElement): Promise<HTMLCanvasElement> {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
@@ -52,7 +52,7 @@ async function drawn(video: HTMLVideoElement): Promise<HTMLCanvasElement> {
   return canvas;
 }
 
-/** Wait for an event of a video; a damaged one may never have it. */
+/** Wait for an event of a video, with a timeout for damaged files. */
 async function event(
   video: HTMLVideoElement,
   kind: "loadeddata" | "seeked",
@@ -66,7 +66,7 @@ async function event(
       const fail = (): void =>
         reject(
           new Refused(
-            `${name} is not a video that this browser plays; the command line takes it: omnimirror calibrate ${shellWord(fileWord(name))}`,
+            `${name} is not supported by this browser; use the command line: omnimirror calibrate ${shellWord(fileWord(name))}`,
           ),
         );
       video.addEventListener(kind, () => resolve(), once);

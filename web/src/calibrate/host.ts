@@ -1,4 +1,4 @@
-/** What the tab needs of the page around it. */
+/** Interface of the page for the tab. */
 export interface Host {
   place: HTMLElement;
   header: HTMLElement;
@@ -7,6 +7,6 @@ export interface Host {
   say: (sentence: string) => void;
   /** Copy a command. */
   copy: (command: string) => void;
-  /** Look through a camera at a picture: the files of both, and their names. */
+  /** Open an image with a camera: the files of both, and their names. */
   lookThrough: (file: Blob, name: string, picture: Blob, pictureName: string) => Promise<void>;
 }

@@ -1,22 +1,22 @@
 /**
- * What the browser keeps of the tab. What is small is kept at once, so that a reload at any moment finds it. Pictures,
- * what was seen in them and the camera are large and take their time: they count beside the list that names them alone.
+ * Browser storage of the tab. Small data are stored synchronously, so that a reload never loses them. Images,
+ * detections and the camera are stored asynchronously, under the keys of the image list.
  */
-import type { BoardSeen, CalibrationFound } from "../shared/messages";
+import type { BoardDetection, CalibrationResult } from "../shared/messages";
 import { locals, parsed, put, sessions, shelve, shelved, taken, unshelve } from "../shared/storage";
 
-/** A picture, by the key that it is kept under. */
+/** Image with its storage key. */
 export interface Listed {
   key: string;
   name: string;
-  /** Of a frame of a video, s. */
+  /** Time of a video frame, s. */
   time: number | null;
 }
 
-/** A camera, and the pictures that told it. */
+/** Camera with the images of its calibration. */
 interface Result {
   of: string[];
-  found: CalibrationFound;
+  found: CalibrationResult;
   report: string | null;
 }
 
@@ -25,7 +25,7 @@ const LIST = "omnimirror-boards";
 const PARTS = ["", " seen", " result"] as const;
 const name = (key: string, part: (typeof PARTS)[number]): string => `board ${key}${part}`;
 
-/** What this tab kept, or else the last one that kept anything. */
+/** Stored state of this tab, or of the last one. */
 function found(key: string): unknown {
   return parsed(taken(sessions, key) ?? taken(locals, key) ?? "null");
 }
@@ -57,12 +57,12 @@ export const keepList = (list: Listed[]): void =>
 export const keptPicture = (key: string): Promise<Blob | undefined> => shelved(name(key, ""));
 export const keepPicture = (key: string, picture: Blob): Promise<unknown> =>
   shelve(name(key, ""), picture);
-export const keptSeen = (key: string): Promise<BoardSeen | undefined> =>
+export const keptSeen = (key: string): Promise<BoardDetection | undefined> =>
   shelved(name(key, " seen"));
-export const keepSeen = (key: string, seen: BoardSeen): Promise<unknown> =>
+export const keepSeen = (key: string, seen: BoardDetection): Promise<unknown> =>
   shelve(name(key, " seen"), seen);
 
-/** The camera that these very pictures told; kept beside the first of them. */
+/** Camera of exactly these images, stored with the first of them. */
 export async function keptResult(keys: string[]): Promise<Result | null> {
   const result = keys.length ? await shelved<Result>(name(keys[0], " result")) : undefined;
   return result && JSON.stringify(result.of) === JSON.stringify(keys) ? result : null;
@@ -70,7 +70,7 @@ export async function keptResult(keys: string[]): Promise<Result | null> {
 
 export async function keepResult(
   keys: string[],
-  camera: CalibrationFound | null,
+  camera: CalibrationResult | null,
   report: string | null,
 ): Promise<void> {
   if (keys.length)
@@ -79,7 +79,7 @@ export async function keepResult(
       : unshelve(name(keys[0], " result")));
 }
 
-/** Forget a picture, and what lies beside it. */
+/** Remove an image and its associated data. */
 export async function forget(key: string): Promise<void> {
   await Promise.all(PARTS.map((part) => unshelve(name(key, part))));
 }

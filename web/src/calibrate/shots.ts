@@ -1,6 +1,6 @@
 import { background } from "../shared/background";
 import * as api from "../shared/api";
-import type { BoardAsked, BoardSeen } from "../shared/messages";
+import type { BoardSpec, BoardDetection } from "../shared/messages";
 import {
   forget,
   keepList,
@@ -13,37 +13,37 @@ import {
 } from "./kept";
 import { unlike } from "./words";
 
-/** A picture of the board, and what is known of it. */
+/** Image of the target with its detection. */
 export interface Shot extends Listed {
   blob: Blob;
-  /** A small picture of it; "" where the browser does not read it. */
+  /** Thumbnail; "" if the browser does not support the format. */
   thumbnail: string;
-  seen: BoardSeen | null;
-  /** Why it could not be looked at. */
+  seen: BoardDetection | null;
+  /** Reason for a failed detection. */
   trouble: string | null;
-  /** Why it is not used: by itself, and then beside the others, which may tell that a part of a board is one. */
+  /** Reasons against its use: of the image itself, and of the joint analysis. */
   reason: string | null;
 }
 
-export const MOST_SHOTS = 100;
+export const MAX_SHOTS = 100;
 const AT_ONCE = 2;
 const THUMBNAIL_PX = 240;
 
 interface Hands {
-  board: () => BoardAsked | null;
+  board: () => BoardSpec | null;
   changed: () => void;
-  /** All that can be looked at was. */
+  /** Called when all detections are complete. */
   settled: () => void;
   fail: (e: unknown) => void;
 }
 
-/** The pictures, each looked at in its turn, and kept by the browser. */
+/** Images of the calibration, with a queue for detections and browser storage. */
 export class Shots {
   all: Shot[] = [];
-  /** The board that was looked for last. */
+  /** Target of the last detections. */
   private lookedFor = "";
   private readonly looking = new Map<Shot, AbortController>();
-  /** What the browser kept and has not given back yet. */
+  /** Images that are still being restored. */
   private coming: Listed[] = [];
 
   constructor(private readonly hands: Hands) {}
@@ -60,7 +60,7 @@ export class Shots {
     return this.all.reduce((sum, s) => sum + s.blob.size, 0);
   }
 
-  /** The pictures of the last time; the names of those that the page was left too soon after to be kept. */
+  /** Restore the stored images; return the names of those that were not stored in time. */
   async restore(): Promise<string[]> {
     const lost: string[] = [];
     this.coming = keptList();
@@ -87,10 +87,10 @@ export class Shots {
     return lost;
   }
 
-  /** Take a picture; false where there are enough. */
+  /** Add an image; false if the maximum is reached. */
   async add(file: Blob, name: string, time: number | null = null): Promise<boolean> {
     const blob = await api.asShown(file, name).catch(() => file); // its detection reports the error
-    if (this.all.length >= MOST_SHOTS) return false;
+    if (this.all.length >= MAX_SHOTS) return false;
     const shot: Shot = {
       key: `${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 8)}`,
       name: unlike(name, new Set(this.all.map((s) => s.name))),
@@ -105,7 +105,7 @@ export class Shots {
     this.told();
     background(keepPicture(shot.key, blob));
     shot.thumbnail = await thumbnailOf(blob, name);
-    if (!this.all.includes(shot)) URL.revokeObjectURL(shot.thumbnail); // removed meanwhile
+    if (!this.all.includes(shot)) URL.revokeObjectURL(shot.thumbnail); // removed in the meantime
     this.hands.changed();
     this.go();
     return true;
@@ -123,7 +123,7 @@ export class Shots {
     for (const shot of [...this.all]) this.remove(shot);
   }
 
-  /** Look at all of them anew, if the board is another one; whether it is. */
+  /** Repeat all detections if the target changed; return whether it did. */
   again(): boolean {
     if (JSON.stringify(this.hands.board()) === this.lookedFor) return false;
     for (const controller of this.looking.values()) controller.abort();
@@ -133,14 +133,14 @@ export class Shots {
     return true;
   }
 
-  /** Look again at one that could not be looked at. */
+  /** Repeat a failed detection. */
   retry(shot: Shot): void {
     Object.assign(shot, { seen: null, trouble: null });
     this.told();
     this.go();
   }
 
-  /** Begin as many looks as may be under way. */
+  /** Start detections up to the limit. */
   private go(): void {
     const board = this.hands.board();
     if (!board) return;
@@ -152,7 +152,7 @@ export class Shots {
     }
   }
 
-  private async look(shot: Shot, board: BoardAsked): Promise<void> {
+  private async look(shot: Shot, board: BoardSpec): Promise<void> {
     const controller = new AbortController();
     this.looking.set(shot, controller);
     this.hands.changed();
@@ -169,7 +169,7 @@ export class Shots {
       if (this.all.includes(shot)) background(keepSeen(shot.key, shot.seen));
     } catch (e) {
       if (e instanceof api.Refused) shot.trouble = e.message;
-      else if (e instanceof api.Away) shot.trouble = "The studio's server does not answer.";
+      else if (e instanceof api.Away) shot.trouble = "The server of the studio does not respond.";
       else if (!controller.signal.aborted) this.hands.fail(e);
     }
     this.looking.delete(shot);
@@ -204,6 +204,6 @@ async function thumbnailOf(blob: Blob, name: string): Promise<string> {
     );
     return small ? URL.createObjectURL(small) : "";
   } catch {
-    return ""; // the server says what is wrong with it
+    return ""; // the server reports the error
   }
 }

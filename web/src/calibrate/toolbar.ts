@@ -1,31 +1,31 @@
 import { h, save } from "../shared/dom";
-import type { CalibrationFound } from "../shared/messages";
+import type { CalibrationResult } from "../shared/messages";
 import type { Host } from "./host";
 
 interface Hands {
   add: (files: readonly File[]) => void;
   webcam: () => void;
   clear: () => void;
-  found: () => CalibrationFound | null;
+  found: () => CalibrationResult | null;
   report: () => string | null;
   look: () => void;
 }
 
-/** What stands in the page's header while the tab is shown; files dropped then are the tab's. */
+/** Toolbar of the tab in the page header; files dropped on the tab are added to the images. */
 export class Toolbar {
   private readonly file = h("input", {
     type: "file",
     multiple: true,
     accept: "image/*,video/*,.tif,.tiff",
     hidden: true,
-    "aria-label": "Pictures or a video of a board",
+    "aria-label": "Images or a video of a target",
     id: "calibrate-files",
   });
   private readonly clear = h("button", { type: "button" }, "Clear");
   private readonly keep: HTMLElement;
   private readonly report = h(
     "button",
-    { type: "button", title: "Everything on one page" },
+    { type: "button", title: "Download the calibration report" },
     "Report",
   );
 
@@ -45,7 +45,7 @@ export class Toolbar {
       "button",
       {
         type: "button",
-        title: "The camera file, which every command takes",
+        title: "Download the camera file for the command line",
         onclick: () =>
           this.download(hands.found()?.camera_file ?? null, "camera.toml", "application/toml"),
       },
@@ -54,14 +54,14 @@ export class Toolbar {
     const look = h(
       "button",
       { type: "button", className: "primary", onclick: () => hands.look() },
-      "Look through it",
+      "Use as camera",
     );
-    this.keep = nav("Keep the camera", "keep", camera, this.report, look);
+    this.keep = nav("Export the camera", "keep", camera, this.report, look);
     host.header.append(
       nav(
-        "Pictures of a board",
+        "Images of a target",
         "",
-        h("button", { type: "button", onclick: () => this.open() }, "Add pictures…"),
+        h("button", { type: "button", onclick: () => this.open() }, "Add images…"),
         h("button", { type: "button", onclick: () => hands.webcam() }, "Webcam"),
         this.clear,
         this.file,

@@ -1,25 +1,25 @@
-/** What is said of boards and pictures, and the command line that does the same. */
+/** Texts about targets and images, and the equivalent command line. */
 import type {
-  BoardAsked,
-  BoardSeen,
-  CalibrateStart,
-  CalibrationAsk,
-  RimFound,
+  BoardSpec,
+  BoardDetection,
+  CalibrationOptions,
+  CalibrationRequest,
+  DetectedOutline,
 } from "../shared/messages";
 import { words } from "../shared/numbers";
 
-export const COUNTED: Record<BoardAsked["kind"], string> = {
+export const COUNTED: Record<BoardSpec["kind"], string> = {
   chessboard: "Inner corners",
   charuco: "Squares",
   aprilgrid: "Tags",
 };
-const FEWEST = 3;
-const MOST_NAMED = 40; // files on a command line; of more the folder is named
+const MIN_IMAGES = 3;
+const MAX_NAMED = 40; // maximum number of files on a command line; more are replaced by their folder
 
-/** How a kind of model is called. */
+/** Displayed name of a camera model. */
 export function modelWords(kind: string): string {
   const named: Record<string, string> = {
-    auto: "The best of all",
+    auto: "Automatic",
     unified: "unified sphere",
     "enhanced-unified": "enhanced unified",
     sensor: "mirror sensor",
@@ -29,41 +29,44 @@ export function modelWords(kind: string): string {
   return named[kind] ?? kind.replaceAll("-", " ");
 }
 
-/** The kinds of models that can be what was photographed through. */
-export const modelsFor = (start: CalibrateStart, optics: CalibrationAsk["optics"]): string[] => [
+/** Camera models applicable to the optics. */
+export const modelsFor = (
+  start: CalibrationOptions,
+  optics: CalibrationRequest["optics"],
+): string[] => [
   "auto",
   ...start.models.filter((kind) => optics === "mirror" || !start.mirrors_only.includes(kind)),
 ];
 
-/** What is to be said of a picture that was looked at. */
-export function stateWords(seen: BoardSeen, reason: string | null): string {
+/** Status text of an image. */
+export function stateWords(seen: BoardDetection, reason: string | null): string {
   if (reason) return `${reason[0].toUpperCase()}${reason.slice(1)}`;
   return seen.ids.length === 1 ? "1 corner" : `${seen.ids.length} corners`;
 }
 
-/** Why no calibration can begin; null where it can. */
+/** Reason against a calibration; null if it is possible. */
 export function whyNot(found: number, waiting: number): string | null {
   if (waiting)
-    return `${waiting === 1 ? "One picture is" : `${waiting} pictures are`} still to be looked at.`;
-  if (found < FEWEST)
-    return `The board is found in ${found === 0 ? "no picture" : found === 1 ? "one picture" : `${found} pictures`} yet; ${FEWEST} are the fewest, 10 to 20 are usual.`;
+    return `${waiting === 1 ? "One image has" : `${waiting} images have`} not been processed yet.`;
+  if (found < MIN_IMAGES)
+    return `The target was detected in ${found === 0 ? "no image" : found === 1 ? "one image" : `${found} images`}; at least ${MIN_IMAGES} are required, 10 to 20 are recommended.`;
   return null;
 }
 
-/** Names that nothing else has. */
+/** Unique name. */
 export function unlike(name: string, taken: ReadonlySet<string>): string {
   let unique = name;
   for (let count = 2; taken.has(unique); count++) unique = `${name} (${count})`;
   return unique;
 }
 
-/** The rim that several pictures of one camera show: the middle of those that are sure. */
+/** Median of the reliable rims of several images; null if there are too few. */
 export function rimOf(
-  found: readonly RimFound[],
+  found: readonly DetectedOutline[],
 ): { centre: [number, number]; radius: number } | null {
   const sure = found.filter((rim) => rim.is_sure);
   if (!sure.length || sure.length * 2 < found.length) return null;
-  const middle = (value: (rim: RimFound) => number): number => {
+  const middle = (value: (rim: DetectedOutline) => number): number => {
     const sorted = sure.map(value).sort((a, b) => a - b);
     const half = Math.floor(sorted.length / 2);
     return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
@@ -79,8 +82,8 @@ const word = (text: string): string =>
   /^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`;
 const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
-/** What names a board on the command line. */
-function boardOptions(board: BoardAsked): string[] {
+/** Command-line options of a target. */
+function boardOptions(board: BoardSpec): string[] {
   const { kind, columns, rows, square_mm, marker_mm, spacing, family, legacy } = board;
   return [
     "--board",
@@ -95,16 +98,16 @@ function boardOptions(board: BoardAsked): string[] {
   ];
 }
 
-/** The command that prints the board. */
-export const printCommand = (board: BoardAsked): string =>
+/** Command that writes the target. */
+export const printCommand = (board: BoardSpec): string =>
   ["omnimirror", "board", ...boardOptions(board), "-o", "board.pdf"].map(word).join(" ");
 
-/** The command that makes the same calibration of files. */
+/** Equivalent calibration command. */
 export function calibrateCommand(
   names: readonly string[],
-  ask: Omit<CalibrationAsk, "command" | "pictures">,
+  ask: Omit<CalibrationRequest, "command" | "pictures">,
 ): string {
-  const pictures = names.length > MOST_NAMED || !names.length ? ["boards"] : names.map(file);
+  const pictures = names.length > MAX_NAMED || !names.length ? ["boards"] : names.map(file);
   return [
     "omnimirror",
     "calibrate",
@@ -126,6 +129,6 @@ export function calibrateCommand(
     .join(" ");
 }
 
-/** A number of pixels with its unit. */
+/** Format a number of pixels with its unit. */
 export const px = (value: number | null, digits = 3): string =>
   value === null ? "–" : `${words(value, digits)} px`;

@@ -7,15 +7,15 @@ import { domeEnd, elevations, groundScale, planetWidth, spanOf } from "./geometr
 
 const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
 
-/** The name under which the page saves the file of a sensor whose circle was moved. */
+/** File name of a sensor with a fitted circle. */
 export const fittedName = (camera: Camera): string =>
   `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
 
-/** Whether its circle was moved, so that the command needs a sensor file that the page makes. */
+/** Whether the circle was fitted, so that the command requires a sensor file written by the page. */
 export const needsFile = (camera: Camera): boolean =>
   camera.model.kind === "sensor" && camera.isMoved;
 
-/** The command line that gives the same picture. */
+/** Command line that renders the same image. */
 export function commandOf(
   s: State,
   camera: Camera,
@@ -44,7 +44,7 @@ function cameraWords(camera: Camera): string[] {
     const field = options[1].split(",")[3];
     words[1] = [...[u, v, radius].map((x) => plain(x, 3)), field].join(",");
   }
-  if (needsFile(camera)) return words; // the file says how it stands
+  if (needsFile(camera)) return words; // the file contains the mount
   if (mount.camera_looks !== own.camera_looks) words.push("--camera-looks", mount.camera_looks);
   if (mount.forward_azimuth_deg !== own.forward_azimuth_deg)
     words.push("--forward-azimuth-deg", plain(mount.forward_azimuth_deg));

@@ -29,9 +29,9 @@ import * as supply from "./supply";
 import { explainWords } from "./words";
 import { Toolbar } from "./toolbar";
 
-const REST_MS = 120; // after which a view that moved is drawn with care
+const REST_MS = 120; // idle time after which a view is drawn with full quality
 
-/** Looking through a sensor: the picture, the camera and the view, and what changes them. */
+/** Tab Look: image, camera, view, and their controls. */
 export class Look {
   readonly renderer: Renderer;
   readonly sensor: SensorPanel;
@@ -111,12 +111,12 @@ export class Look {
     new ResizeObserver(() => this.refresh(true)).observe(byId("circle"));
   }
 
-  /** What is looked at. */
+  /** Current source. */
   get feed(): Feed | null {
     return this.sources.feed;
   }
 
-  /** Begin with what the server offers, and what the address asks for. */
+  /** Start with the sources of the server and the state of the address. */
   async begin(): Promise<void> {
     if (supply.alone) {
       hideComputed(document);
@@ -134,7 +134,7 @@ export class Look {
     await this.sources.begin();
   }
 
-  /** Begin with a picture and a camera that the page holds itself. */
+  /** Start with an embedded image and camera. */
   async beginEmbedded(): Promise<void> {
     const inside = embedded()!;
     for (const element of document.querySelectorAll<HTMLElement>("[data-server], [data-opens]"))
@@ -144,7 +144,7 @@ export class Look {
     await this.sources.beginEmbedded(inside.media, inside.name);
   }
 
-  /** The view of the state in so many pixels, for tests and for whoever scripts the page. */
+  /** View of the state with a given size in pixels, for tests and scripts. */
   viewIn(width: number, height: number): { view: View; command: string } {
     const camera = this.ready()!;
     const view = viewOf(this.store.state, camera, width, height);
@@ -173,7 +173,7 @@ export class Look {
     this.follow(this.feed);
   }
 
-  /** Draw every picture of what moves, as long as it is looked at; a video that is stopped is not drawn again. */
+  /** Redraw for each new frame while the source is displayed; paused videos are not redrawn. */
   private follow(feed: Feed): void {
     feed.next?.(() => {
       if (feed !== this.feed) return;
@@ -182,7 +182,7 @@ export class Look {
     });
   }
 
-  /** Hand the camera and the picture to the renderer; null where there is nothing that can be shown. */
+  /** Pass camera and image to the renderer; null if there is nothing to display. */
   private ready(): Camera | null {
     const { feed } = this;
     if (feed && this.isPictureNew) this.circle.drawPicture(feed);
@@ -216,7 +216,7 @@ export class Look {
     this.showDoubt(camera, this.feed);
   }
 
-  /** The canvas, drawn anew with care; null where nothing is shown. */
+  /** Canvas redrawn with full quality; null if there is no image. */
   private drawn(): HTMLCanvasElement | null {
     if (!this.ready()) return null;
     this.lay();
@@ -224,7 +224,7 @@ export class Look {
     return this.canvas;
   }
 
-  /** Draw what is laid out: the views of what is shown, then those of others. */
+  /** Draw all views: those of the main image, then those of others. */
   private paint(isRough: boolean): void {
     const { view, places } = this.laid!;
     this.renderer.draw(view, isRough, this.wipe.share);
@@ -244,18 +244,18 @@ export class Look {
     return commandOf(state, camera, feed, view.width, view.height);
   }
 
-  /** The command lines of all views that are shown. */
+  /** Command lines of all displayed views. */
   private commands(): string {
     return this.lay()
       .places.map((place) => this.command(place))
       .join("\n");
   }
 
-  /** Say where a picture is, and where nothing says how it lies in the circle. */
+  /** Display image name and size, and a warning if the position of the circle is a guess. */
   private showDoubt(camera: Camera, feed: Feed): void {
     const isGuess = camera.isMoved && !this.store.state.rim;
     const doubt = isGuess
-      ? ". Where the mirror lies in it is a guess: fit the circle, or choose the sensor that took it"
+      ? ". The position of the mirror is a guess: fit the circle, or select the sensor of this image"
       : "";
     put(
       "picture-words",
@@ -263,17 +263,17 @@ export class Look {
     );
   }
 
-  /** Offer the files that the command needs and no folder holds yet. */
+  /** Offer unsaved files that the command requires. */
   private showFiles(camera: Camera, feed: Feed): void {
     const sensor = needsFile(camera) ? fittedName(camera) : this.sensor.made?.name;
     byId("save-picture").hidden = !feed.made;
     byId("save-sensor").hidden = !sensor || !this.sources.hasServer;
     const files = [feed.made && feed.name, sensor].filter(Boolean).join(" and ");
-    const once = files ? `, once ${files} ${feed.made && sensor ? "are" : "is"} saved` : "";
-    put("command-title", `The same from the command line${once}`);
+    const once = files ? ` (save ${files} first)` : "";
+    put("command-title", `Equivalent command${once}`);
   }
 
-  /** While it moves, a view is drawn quickly; once it rests, with care. */
+  /** Draw with fewer samples while the view moves. */
   private isRough(): boolean {
     clearTimeout(this.resting);
     if (this.laid?.places.some(({ seen }) => seen?.feed.moves)) return true;
@@ -282,7 +282,7 @@ export class Look {
     return rested < REST_MS;
   }
 
-  /** The views as large as the page has room for. */
+  /** Lay out the views in the available area. */
   private lay(): Laid {
     const { width, height } = byId("pane").getBoundingClientRect();
     const shown: Seen = { camera: this.camera!, feed: this.feed! };
@@ -292,20 +292,20 @@ export class Look {
     return (this.laid = lay(states, seen, shown.camera, this.canvas, { width, height }));
   }
 
-  /** The view that is moved. */
+  /** Active view. */
   private get place(): Place {
     const { places } = this.laid ?? this.lay();
     return places[Math.min(this.views.active, places.length - 1)];
   }
 
-  /** Where it lies on the screen. */
+  /** Its position on the screen. */
   private box(): DOMRect {
     const { left, top } = this.canvas.getBoundingClientRect();
     const { place } = this;
     return new DOMRect(left + place.left, top + place.top, place.width, place.height);
   }
 
-  // -- moving -------------------------------------------------------------------------------------
+  // -- navigation -----------------------------------------------------------------------------------
 
   private bindMoving(): void {
     const { store } = this;
@@ -338,7 +338,7 @@ export class Look {
     explainWords();
   }
 
-  /** Show the picture's circle where it is large enough to aim at, or back in its place. */
+  /** Display the image circle in the large pane for fitting, or move it back. */
   private fitting(isFitting: boolean): void {
     this.circle.isFitting = isFitting;
     document.body.classList.toggle("fitting", isFitting);
@@ -356,13 +356,13 @@ export class Look {
 
   private lookAtPixel(pixel: Pixel): void {
     const direction = this.camera?.backproject(pixel);
-    if (!direction) return say("The sensor sees nothing there.");
+    if (!direction) return say("This point is outside the field of view of the sensor.");
     this.store.set(panTiltOf(direction));
     if (this.store.state.mode !== "perspective")
-      say("Shown in the middle; Perspective looks straight there.");
+      say("Centred horizontally; select Perspective to centre the point in both directions.");
   }
 
-  /** Look at what is at a place of the view, given in parts of its width and height. */
+  /** Centre the view on a point given as fractions of width and height. */
   private lookAtView(x: number, y: number): void {
     const target = this.targetAt(x, y);
     if (target) this.store.set(panTiltOf(target));
@@ -377,7 +377,7 @@ export class Look {
     if (from && to) this.level.drag(from, to);
   }
 
-  /** What lies at a place of the view, given in parts of its width and height. */
+  /** Target at a point given as fractions of width and height. */
   private targetAt(x: number, y: number): Vec3 | null {
     if (!this.camera) return null;
     const { view } = this.place;
@@ -385,9 +385,9 @@ export class Look {
   }
 }
 
-/** Why the camera cannot show the picture; null where it can. */
+/** Reason for which the camera does not fit the image; null if it does. */
 function problemOf({ model }: Camera, feed: Feed): string | null {
   if (model.is_adjustable || hasSize(model, [feed.width, feed.height])) return null;
   const [w, h] = model.image_size;
-  return `${feed.name} is ${feed.width} × ${feed.height} px, and ${model.name} belongs to pictures of ${w} × ${h}. Choose the sensor that took it.`;
+  return `${feed.name} has ${feed.width} × ${feed.height} px, but ${model.name} requires images of ${w} × ${h} px. Select the sensor of this image.`;
 }

@@ -14,37 +14,37 @@ import { Playback } from "./feeds/playback";
 import { Webcams } from "./feeds/webcams";
 import * as supply from "./supply";
 
-const INVITATION = "Drop a picture or video here";
+const INVITATION = "Drop an image or video here";
 const INVITATION_MORE =
-  "One taken with a curved mirror, a mirror ball or a fisheye. It stays on this machine.";
+  "Captured with a curved mirror, a mirror ball or a fisheye lens. It remains on this machine.";
 
-/** What the sources need of the tab around them. */
+/** Interface of the tab for the sources. */
 interface Hands {
-  /** How large a picture the graphics card takes, px on a side. */
+  /** Maximum texture size, px per side. */
   largest: number;
-  /** There is another picture now, or none. */
+  /** Called when the image changes. */
   changed: () => void;
-  /** A picture that is held for other views, which is shown by itself from now on; null where it is not held. */
+  /** Image of an additional view that becomes the main one; null if it is not open. */
   take: (source: string) => Feed | null;
-  /** Have one for other views that is not shown by itself any more. */
+  /** Keep the previous main image for additional views. */
   give: (source: string, feed: Feed) => void;
-  /** A picture was opened that nobody has seen here yet. */
+  /** Called when a new image is opened. */
   opened: (feed: Feed) => void;
-  /** A calibration was handed over in a picture's place. */
+  /** Called when a calibration file is opened instead of an image. */
   calibrated: (file: Blob, name: string) => Promise<void>;
 }
 
-/** What is looked at: opening it, naming it in the state, and asking for what a link names and nobody holds. */
+/** Sources of images: open them, store them in the state, and request missing files of links. */
 export class Sources {
   feed: Feed | null = null;
-  /** The source that is shown, as the state names it; of a room also the sensor that took it. */
+  /** Displayed source as named in the state; for a room, with its sensor. */
   shown = "";
   hasServer = !supply.alone;
-  /** Who opens project files. */
+  /** Handler of project files. */
   projects: (file: Blob) => Promise<void> = async () => {};
   readonly playback = new Playback();
   private readonly webcams = new Webcams((id) => background(this.openWebcam(id)));
-  private heard = ""; // of the server's, the one whose fate is told
+  private heard = ""; // server source whose state is reported
   private hasBegun = false;
   private opening = new AbortController();
 
@@ -58,13 +58,13 @@ export class Sources {
     );
   }
 
-  /** Begin with what the address asks for. */
+  /** Start with the source of the address. */
   async begin(): Promise<void> {
     this.hasBegun = true;
     await this.openAsked();
   }
 
-  /** Begin with what a page from disk holds itself, or lies beside it. */
+  /** Start with the embedded or adjacent file of a page without a server. */
   async beginEmbedded(media: string, name: string): Promise<void> {
     this.hasServer = false;
     if (media.startsWith("data:")) return this.openFile(blob(media), name, false);
@@ -75,11 +75,11 @@ export class Sources {
     if (file) return this.openFile(file.blob, file.name, false);
     this.invite(
       `Drop ${name} here`,
-      "It belongs to this page and lies beside it. From disk, browsers let a page read only what it is handed.",
+      "The file belongs to this page and is in the same folder. Browsers do not permit pages opened from disk to read it automatically.",
     );
   }
 
-  /** Offer what the server shows. */
+  /** List the sources of the server. */
   offer(sources: readonly Source[]): void {
     byId("sources-label").hidden = !sources.length;
     for (const { id, name, kind, command } of sources) {
@@ -93,7 +93,7 @@ export class Sources {
     }
   }
 
-  /** Open a file that was handed to the page, or one that it kept. */
+  /** Open a file of the user, or a stored one. */
   async openFile(file: Blob, name: string, isNew = true): Promise<void> {
     try {
       await checkReadable(file, name);
@@ -105,10 +105,10 @@ export class Sources {
     const make = (): Promise<Feed> => this.feedOf(file, name);
     if (!isNew) return this.open(`Reading ${name}`, make, "", true);
     const identity = await identityOf(file, name);
-    const isWanted = identityIn(this.store.state.source)?.id === identity.id; // as of a link that came without it
+    const isWanted = identityIn(this.store.state.source)?.id === identity.id; // for example, requested by a link
     const makeAndKeep = async (): Promise<Feed> => {
       const feed = await make();
-      await keepPicture(identity, { blob: file, name }); // before the address names it: a reload at any moment finds it
+      await keepPicture(identity, { blob: file, name }); // stored before the address names it, so that a reload finds it
       return feed;
     };
     await this.open(`Reading ${name}`, makeAndKeep, sourceOf(identity), isWanted);
@@ -116,7 +116,7 @@ export class Sources {
 
   async openRoom(turns = true): Promise<void> {
     await this.open(
-      "Simulating the picture of a room",
+      "Rendering an image of a room",
       () => roomOf(this.store.state.sensor),
       "room",
       false,
@@ -124,7 +124,7 @@ export class Sources {
     );
   }
 
-  /** What the server offers, by what the state calls it. */
+  /** Sources of the server as named in the state. */
   get offered(): { source: string; name: string }[] {
     return [...this.options]
       .filter((o) => o.value)
@@ -137,7 +137,7 @@ export class Sources {
     if (!name)
       return fail(
         new api.Refused(
-          `The address asks for ${id}, which this server does not offer. Open a picture, or choose what it offers.`,
+          `The address requires ${id}, which is not available on this server. Open an image, or select an available source.`,
         ),
       );
     this.heard = source;
@@ -149,24 +149,26 @@ export class Sources {
     );
   }
 
-  /** A picture that the browser has kept, or what the server offers. */
+  /** Stored image, or source of the server. */
   async feedNamed(source: string, signal: AbortSignal): Promise<Feed> {
     const identity = identityIn(source);
     const file = identity && (await keptPicture(identity));
     return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source, signal);
   }
 
-  /** A picture or stream that the server offers. */
+  /** Image or stream of the server. */
   private async feedOfServer(source: string, signal: AbortSignal): Promise<Feed> {
     const id = source.replace(/^server:/, "");
     const option = this.options.find((o) => o.value === id);
-    if (!option) throw new api.Refused(`This server does not offer ${id}.`);
+    if (!option) throw new api.Refused(`${id} is not available on this server.`);
     const name = option.textContent ?? id;
     const told = (state: StreamState | null): void => {
       const fine = state?.state === "playing";
       if (source === this.heard)
         banner(
-          fine ? null : (state?.sentence ?? `${NO_ANSWER} ${name} goes on when it is back.`),
+          fine
+            ? null
+            : (state?.sentence ?? `${NO_ANSWER} ${name} resumes when the connection is restored.`),
           "picture",
         );
     };
@@ -181,7 +183,7 @@ export class Sources {
     return [...byId<HTMLSelectElement>("sources").options];
   }
 
-  /** What another sensor needs beside itself: the demo room has another picture of it. What then shows it, or null. */
+  /** Prepare the image of the demo room for another sensor; returns a function that displays it, or null. */
   async prepare({ source, sensor }: State): Promise<(() => void) | null> {
     if (source !== "room" || !this.shown || this.shown === nameOf(source, sensor)) return null;
     const signal = this.supersede();
@@ -207,10 +209,10 @@ export class Sources {
     );
   }
 
-  /** Open what the address asks for, and nothing in its place. */
+  /** Open the source of the address, and nothing else. */
   private async openAsked(): Promise<void> {
     const { source, sensor } = this.store.state;
-    this.supersede(); // what is still on its way was asked for before
+    this.supersede(); // cancels earlier requests
     busy(null);
     if (this.shown === nameOf(source, sensor)) return;
     const held = this.hands.take(source);
@@ -218,7 +220,7 @@ export class Sources {
     if (this.feed) this.close();
     const [kind, rest] = [source.split(":", 1)[0], source.slice(source.indexOf(":") + 1)];
     if (kind === "room")
-      return this.open("Simulating the picture of a room", () => roomOf(sensor), "room", true);
+      return this.open("Rendering an image of a room", () => roomOf(sensor), "room", true);
     if (kind === "server") return this.openServer(rest, true);
     if (kind === "webcam") return this.openWebcam(rest, true);
     const identity = identityIn(source);
@@ -226,7 +228,7 @@ export class Sources {
       return source
         ? fail(
             new api.Refused(
-              `source = ${source} of the address is not understood; open a picture instead.`,
+              `The address contains an invalid source, ${source}; open an image instead.`,
             ),
           )
         : undefined;
@@ -238,14 +240,14 @@ export class Sources {
         source,
         true,
       );
-    const name = identity.name || "its picture";
+    const name = identity.name || "its image";
     this.invite(
       `Drop ${name} here`,
-      `This link is a view of ${identity.name || "a picture that it does not name"}, which this browser does not hold: links hold the view, not the picture.`,
+      `This link is a view of ${identity.name || "an unnamed image"}, which is not stored in this browser; links contain the view, not the image.`,
     );
   }
 
-  /** Show at once what was held for another view. */
+  /** Display an image that is open for another view. */
   private showHeld(feed: Feed, source: string): void {
     this.heard = source;
     this.show(feed);
@@ -253,14 +255,14 @@ export class Sources {
     banner(null, "picture");
   }
 
-  /** Give up what is being opened; the signal is that of what is opened next. */
+  /** Cancel the current request; returns the signal of the next one. */
   private supersede(): AbortSignal {
     this.opening.abort();
     this.opening = new AbortController();
     return this.opening.signal;
   }
 
-  /** Open a source, and make the state name it; `isAsked` is for one that the state names already, with all that is seen of it. */
+  /** Open a source and name it in the state; `isAsked` for a source that the state already names. */
   private async open(
     words: string,
     make: (signal: AbortSignal) => Promise<Feed>,
@@ -299,7 +301,7 @@ export class Sources {
     if (Math.max(feed.width, feed.height) > largest) {
       feed.close();
       throw new api.Refused(
-        `${feed.name} is ${feed.width} × ${feed.height} px; this graphics card takes ${largest} on a side.`,
+        `${feed.name} is ${feed.width} × ${feed.height} px; the maximum of this graphics card is ${largest} px per side.`,
       );
     }
     if (this.feed && this.feed !== feed) this.hands.give(this.shown, this.feed);
@@ -309,7 +311,7 @@ export class Sources {
     this.hands.changed();
   }
 
-  /** Say which source is shown. */
+  /** Set the displayed source. */
   private call(shown: string): void {
     this.shown = shown;
     byId<HTMLSelectElement>("sources").value = shown.startsWith("server:")
@@ -317,7 +319,7 @@ export class Sources {
       : "";
   }
 
-  /** Show nothing, as at first. */
+  /** Return to the empty page. */
   private close(): void {
     this.feed?.close();
     this.feed = null;
@@ -326,7 +328,7 @@ export class Sources {
     this.hands.changed();
     banner(null, "picture");
     this.showWhether(false);
-    byId("picture-words").textContent = "None yet.";
+    byId("picture-words").textContent = "No image.";
     this.invite(INVITATION, INVITATION_MORE);
   }
 
@@ -335,13 +337,13 @@ export class Sources {
     byId("invitation-more").textContent = more;
   }
 
-  /** Show what belongs to a picture, or to there being none. */
+  /** Show or hide elements that require an image. */
   private showWhether(hasPicture: boolean): void {
     document.body.classList.toggle("empty", !hasPicture);
     byId("empty").hidden = hasPicture;
     if (!hasPicture) byId("view").hidden = byId("command").hidden = true;
     for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]"))
-      allow(element, hasPicture ? null : "Open a picture first.");
+      allow(element, hasPicture ? null : "Open an image first.");
   }
 }
 

@@ -5,29 +5,29 @@ import { arranged, type Cell, within } from "./geometry/arrangement";
 import { aspectOf, type View, viewOf } from "./geometry/views";
 
 const NARROW = matchMedia("(max-width: 899px), (max-height: 479px)");
-const MOST_DOTS = 2; // of the canvas, for a pixel of the page
+const MAX_DOTS = 2; // canvas pixels per CSS pixel, maximum
 
-/** The state as this page shows it: whether a view fills the stage, where nobody chose, is a matter of room. */
+/** Effective state: the default of `fit` depends on the size of the page. */
 export const asShown = (s: State): State =>
   s.fit ? s : { ...s, fit: NARROW.matches ? "fill" : "whole" };
 
-/** A view and its place on the canvas, px of the page. */
+/** View and its rectangle on the canvas, CSS px. */
 export interface Place extends Cell {
   state: State;
   view: View;
-  /** What it is a view of; null until that is there. */
+  /** Image and camera; null while loading. */
   seen: Seen | null;
-  /** The view's parts where they lie on the canvas. */
+  /** Parts of the view at their canvas positions. */
   parts: View["parts"];
 }
 
-/** All that is drawn: the views, and those of what is shown on the canvas that holds all. */
+/** Layout: all views, and the combined view of those with the main image. */
 export interface Laid {
   places: Place[];
   view: View;
 }
 
-/** Lay views out on a canvas no larger than the room there is, and make it so large: one as it wants to be, or several side by side, each of what it sees; those that see nothing yet are as large as if they saw what is shown. */
+/** Lay out views on a canvas in the available area and resize it: one with its aspect ratio, or several side by side; views without an image use the main camera. */
 export function lay(
   states: readonly State[],
   seen: readonly (Seen | null)[],
@@ -35,7 +35,7 @@ export function lay(
   canvas: HTMLCanvasElement,
   room: { width: number; height: number },
 ): Laid {
-  const dots = Math.min(devicePixelRatio, MOST_DOTS);
+  const dots = Math.min(devicePixelRatio, MAX_DOTS);
   const pixels = (side: number): number => Math.max(2, Math.floor(side * dots));
   const through = seen.map((one) => one?.camera ?? shown);
   const aspects = states.map((s, i) => aspectOf(s, through[i]));

@@ -1,14 +1,20 @@
-/** Where cameras and rooms come from: the server, or the page itself where it does without. */
+/** Cameras and rendered rooms, from the server or the page itself. */
 import * as api from "../shared/api";
 import { heldBy } from "../shared/dom";
-import type { Alone, CameraAlone, CameraAsk, CameraShown, Start } from "../shared/messages";
+import type {
+  StandalonePage,
+  StandaloneCamera,
+  CameraRequest,
+  CameraInfo,
+  PageStart,
+} from "../shared/messages";
 import { blob, floats } from "./embedded";
 import { standing } from "./geometry/mounts";
 
-/** What the page holds of all that a server would be asked for; null where there is one. */
-export const alone = heldBy<Alone>("alone");
+/** Data of a page without a server; null if there is a server. */
+export const alone = heldBy<StandalonePage>("alone");
 
-export async function start(): Promise<Start> {
+export async function start(): Promise<PageStart> {
   if (!alone) return api.start();
   return {
     version: alone.version,
@@ -20,8 +26,8 @@ export async function start(): Promise<Start> {
 }
 
 export async function camera(
-  asked: CameraAsk,
-): Promise<{ model: CameraShown; tables: Float32Array }> {
+  asked: CameraRequest,
+): Promise<{ model: CameraInfo; tables: Float32Array }> {
   if (!alone) return api.camera(asked);
   const found = held(asked.id);
   return {
@@ -35,16 +41,16 @@ export async function room(id: string): Promise<Blob> {
   const { room: address, entry } = held(id);
   if (!address)
     throw new api.Refused(
-      `This page holds no picture of a room by ${entry.name}; choose a sensor, or open a picture.`,
+      `This page contains no image of a room for ${entry.name}; select a sensor, or open an image.`,
     );
   return blob(address);
 }
 
-function held(id: string): CameraAlone {
+function held(id: string): StandaloneCamera {
   const found = alone!.cameras.find((c) => c.entry.id === id);
   if (!found)
     throw new api.Refused(
-      `This page, which does without a server, holds no ${id.startsWith("file:") ? "files of sensors" : id}; choose one of its sensors.`,
+      `${id.startsWith("file:") ? "A sensor file" : id} requires a server; select one of the sensors of this page.`,
     );
   return found;
 }

@@ -10,19 +10,19 @@ import type { Camera } from "./geometry/camera";
 import type { SensorPanel } from "./panels/sensor";
 import type { Sources } from "./sources";
 
-/** What the toolbar needs of the tab. */
+/** Interface of the tab for the toolbar. */
 interface Hands {
   sources: Sources;
   sensor: SensorPanel;
-  /** The camera that is looked through, its circle as it was moved. */
+  /** Current camera with its fitted circle. */
   camera: () => Camera | null;
-  /** The canvas with the view as it is now; null where nothing is shown. */
+  /** Canvas with the current view; null without an image. */
   drawn: () => HTMLCanvasElement | null;
-  /** The command lines of what is shown, one a line. */
+  /** Command lines of the displayed views, one per line. */
   commands: () => string;
 }
 
-/** What opens pictures and keeps what is seen: in the page's header, beside the command, and by dropping files. */
+/** Toolbar: opening and saving, in the page header, next to the command, and by drag and drop. */
 export class Toolbar {
   constructor(
     private readonly store: Store,
@@ -43,14 +43,14 @@ export class Toolbar {
     byId("snapshot").addEventListener("click", () => background(this.snapshot()));
     byId("link").addEventListener("click", () =>
       setTimeout(() => background(this.copyLink()), 200),
-    ); // once the address is written
+    ); // after the address is updated
     byId("whole-screen").addEventListener("click", () =>
       background(
         document.fullscreenElement
           ? document.exitFullscreen()
           : byId("stage")
               .requestFullscreen()
-              .catch(() => say("This browser does not show it on the full screen.")),
+              .catch(() => say("This browser does not support full screen.")),
       ),
     );
     byId("copy-command").addEventListener("click", () =>
@@ -82,7 +82,7 @@ export class Toolbar {
     });
   }
 
-  /** Copy the link, and say what it does not hold. */
+  /** Copy the link, and report what it does not contain. */
   private async copyLink(): Promise<void> {
     const { source, sensor } = this.store.state;
     const missing = [
@@ -92,18 +92,18 @@ export class Toolbar {
       .filter(Boolean)
       .join(" and ");
     const rest = missing
-      ? `. It holds the view, not ${missing}: elsewhere it asks for the file`
+      ? `. It contains the view, not ${missing}; other browsers request the file`
       : source.startsWith("webcam:")
-        ? ". It opens the webcam of whoever opens it"
+        ? ". It opens the webcam of the recipient"
         : "";
     await copy(location.href, "Link", rest);
   }
 
   private async snapshot(): Promise<void> {
-    const canvas = this.hands.drawn(); // what is drawn is gone once the browser has shown it
+    const canvas = this.hands.drawn(); // the drawing buffer is cleared after display
     if (!canvas) return;
     const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-    if (!png) return say("The browser made no picture.");
+    if (!png) return say("The browser could not create the image.");
     const texts = {
       Software: "omnimirror studio",
       Comment: this.hands.commands(),
@@ -112,7 +112,7 @@ export class Toolbar {
     save(await withTexts(png, texts), `${this.store.state.mode}.png`);
   }
 
-  /** Save the file of a sensor whose circle was moved, or of one that was made here. */
+  /** Save the file of a sensor with a fitted circle, or of one created by the page. */
   private async saveSensor(): Promise<void> {
     const camera = this.hands.camera()!;
     const { made } = this.hands.sensor;

@@ -1,96 +1,84 @@
 import { byId, h } from "../shared/dom";
 
-/** What the words of this tab mean, and where they stand. */
+/** Glossary of the tab, with selectors of the explained elements. */
 const WORDS: readonly (readonly [term: string, meaning: string, place: string])[] = [
   [
     "Panorama",
-    "all around the sensor on one strip: straight ahead in the middle, behind at both ends",
+    "360° around the sensor; forward in the centre, backward at both ends",
     '#modes label:has([value="panorama"])',
   ],
   [
     "Perspective",
-    "as an ordinary camera in the sensor's place would see it: straight lines are straight",
+    "undistorted image of a conventional camera at the position of the sensor: straight lines are straight",
     '#modes label:has([value="perspective"])',
   ],
   [
     "Dome",
-    "up to the sky or down to the ground as a disk: the same angle has the same length everywhere",
+    "zenith or nadir in the centre of a disk, equidistant projection: equal angles have equal lengths",
     '#modes label:has([value="dome"])',
   ],
   [
     "Little planet",
-    "the same, with shapes kept and what is far out made large",
+    "zenith or nadir in the centre, stereographic projection: shapes are preserved and the periphery is enlarged",
     '#modes label:has([value="planet"])',
   ],
-  [
-    "Ground plan",
-    "the floor as a map seen from above, to scale",
-    '#modes label:has([value="ground"])',
-  ],
-  [
-    "Mosaic",
-    "a panorama with four perspective views below it",
-    '#modes label:has([value="mosaic"])',
-  ],
+  ["Ground plan", "the floor seen from above, to scale", '#modes label:has([value="ground"])'],
+  ["Mosaic", "a panorama and four perspective views", '#modes label:has([value="mosaic"])'],
   [
     "Pan, tilt",
-    "where the view looks: to the right, and up",
+    "direction of the view: to the right, and up",
     "#sliders label:has(#pan), #sliders label:has(#tilt)",
   ],
-  [
-    "Field of view",
-    "how wide an angle the view shows from its left to its right",
-    "#sliders label:has(#hfov)",
-  ],
+  ["Field of view", "horizontal angle of the view", "#sliders label:has(#hfov)"],
   [
     "Distance",
-    "how far away is what should be seen without parallax: a mirror sees near things from other places than far ones",
+    "object distance at which the view has no parallax; the viewpoint of a mirror depends on the object distance",
     "#sliders label:has(#distance)",
   ],
   [
     "Mirror height",
-    "how high the mirror stands over the floor; it makes the plan's scale",
+    "height of the mirror above the floor; determines the scale of the plan",
     "#sliders label:has(#height)",
   ],
   [
     "Sensor",
-    "the camera with its mirror, or a fisheye: it tells which way each pixel of the picture looks",
+    "the camera with its mirror, or a fisheye camera; determines the direction of each pixel",
     "#sensor",
   ],
   [
     "Circle",
-    "where the mirror ends in the picture; a picture is straight once the circle lies on the mirror's edge",
+    "outline of the mirror in the image; views are correct if the circle coincides with it",
     "#rim-row, #rim-numbers",
   ],
   [
-    "Field of the ball",
-    "the angle that a mirror ball shows: a whole one 340°, most of one 260°, a bulging one 160°",
+    "Field of view of the ball",
+    "field of view of a mirror ball: complete sphere 340°, mirror dome 260°, convex mirror 160°",
     "#ball-row",
   ],
   [
-    "Camera looks",
-    "which way the camera points, up into a mirror that hangs over it or down into one that stands below",
+    "Optical axis points",
+    "orientation of the camera: up towards a mirror above it, or down towards a mirror below it",
     "fieldset:has(#looks)",
   ],
   [
     "Forward",
-    "which direction of the picture is straight ahead: its angle from the right towards the bottom",
+    "image direction of the forward axis, as an angle from image right, clockwise",
     "label:has(#forward)",
   ],
   [
-    "Reversed",
-    "mirrored once more, as front cameras of telephones save it: letters are the wrong way round in the view",
+    "Flipped",
+    "images of front cameras of phones are often flipped; text in the view is then mirrored",
     "label:has(#flipped)",
   ],
   [
-    "Leaned",
-    "how far the sensor stood out of plumb when the picture was taken",
+    "Tilt of the sensor",
+    "deviation of the sensor from the vertical when the image was captured",
     "fieldset:has(#lean)",
   ],
-  ["Elevation", "angle over the horizon; −90° is straight down", "#sensor-words"],
+  ["Elevation", "angle above the horizon; −90° is the nadir", "#sensor-words"],
 ];
 
-/** Explain each word to whoever points at it, and all of them in a list. */
+/** Set tooltips, and fill the glossary. */
 export function explainWords(): void {
   for (const [, meaning, place] of WORDS)
     for (const element of document.querySelectorAll<HTMLElement>(place))

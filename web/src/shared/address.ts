@@ -1,6 +1,6 @@
 import { FITS, INITIAL, limited, LOOKS, MODES, RANGES, type State, TABS, viewsIn } from "./state";
 
-/** The part of an address after its #, with what of the state is not as at first; "" where all is. */
+/** Fragment of the address with the state that differs from the default; "" if there is none. */
 export function toHash(s: State): string {
   const parts = new URLSearchParams();
   for (const [key, value] of Object.entries(s)) {
@@ -20,7 +20,7 @@ export function toHash(s: State): string {
   return text && `#${text}`;
 }
 
-/** The state of an address. Entries that are none are left out, and said. */
+/** Parse the state of an address. Invalid entries are ignored and reported. */
 export function fromHash(hash: string): { state: State; trouble: string | null } {
   const parts = new URLSearchParams(hash.replace(/^#/, ""));
   const s: State = { ...INITIAL };
@@ -33,7 +33,7 @@ export function fromHash(hash: string): { state: State; trouble: string | null }
     const text = parts.get(key);
     if (text === null) return;
     const value = read(text);
-    if (value === undefined) wrong.push(`${key} = ${text.slice(0, 40)} (valid ${valid})`);
+    if (value === undefined) wrong.push(`${key} must be ${valid}; got ${text.slice(0, 40)}`);
     else s[key] = value;
   };
   const oneOf =
@@ -47,21 +47,21 @@ export function fromHash(hash: string): { state: State; trouble: string | null }
     const endless = key === "distance";
     const isGood = (x: number): boolean =>
       (Number.isFinite(x) && x >= low && x <= high) || (endless && x === Infinity);
-    const valid = low === -Infinity ? "is a number" : `from ${low} to ${high}`;
+    const valid = low === -Infinity ? "a number" : `between ${low} and ${high}`;
     take(key, (text) => (text.trim() && isGood(Number(text)) ? Number(text) : undefined), valid);
   }
-  take("tab", oneOf(TABS), `are ${TABS.join(", ")}`);
-  take("mode", oneOf(MODES), `are ${MODES.join(", ")}`);
-  take("looks", oneOf(LOOKS), `are ${LOOKS.join(", ")}`);
-  take("fit", oneOf(FITS), `are ${FITS.join(", ")}`);
+  take("tab", oneOf(TABS), `one of ${TABS.join(", ")}`);
+  take("mode", oneOf(MODES), `one of ${MODES.join(", ")}`);
+  take("looks", oneOf(LOOKS), `one of ${LOOKS.join(", ")}`);
+  take("fit", oneOf(FITS), `one of ${FITS.join(", ")}`);
   for (const key of ["flipped", "beside", "all"] as const)
-    take(key, (text) => ({ true: true, false: false })[text], "are true, false");
-  take("views", (text) => (viewsIn(text) ? text : undefined), "are views that this page keeps");
-  take("rim", circle, "are a centre and a radius, px: u,v,radius");
+    take(key, (text) => ({ true: true, false: false })[text], "true or false");
+  take("views", (text) => (viewsIn(text) ? text : undefined), "views of a link");
+  take("rim", circle, "u,v,radius in px");
   for (const key of ["design", "errors", "source", "sensor"] as const)
     s[key] = parts.get(key) || s[key];
   const trouble = wrong.length
-    ? `In the address, what cannot be was left out: ${wrong.join("; ")}.`
+    ? `Ignored invalid entries of the address: ${wrong.join("; ")}.`
     : null;
   return { state: limited(s), trouble };
 }

@@ -2,50 +2,50 @@ import { pack, unpack } from "./framing";
 import type {
   BenchSensor,
   BenchStart,
-  BoardLook,
-  BoardSeen,
-  Built,
-  BuiltAsk,
-  CalibrateStart,
-  CameraAsk,
-  CameraShown,
-  Change,
-  Download,
-  ErrorsAsk,
-  ErrorsOf,
-  FileUnderWay,
-  LevelAsk,
-  LevelFound,
-  Opened,
-  PictureAsk,
-  RequirementFile,
-  RestoreAsk,
-  RimFound,
+  BoardDetectionRequest,
+  BoardDetection,
+  AsBuiltResult,
+  AsBuiltRequest,
+  CalibrationOptions,
+  CameraRequest,
+  CameraInfo,
+  DesignChange,
+  FileRequest,
+  ErrorSourcesRequest,
+  ErrorSourceList,
+  FileProgress,
+  LevelRequest,
+  EstimatedTilt,
+  ImportedFile,
+  RenderRequest,
+  RequirementFileRequest,
+  RestoreRequest,
+  DetectedOutline,
   SensorEntry,
-  SensorFile,
-  SlidesAsk,
-  SlidesOf,
-  Start,
-  StraightAsk,
-  Taken,
-  Together,
-  TogetherAsk,
-  YieldAsk,
-  YieldOf,
+  SensorFileRequest,
+  SliderRequest,
+  SliderViolations,
+  PageStart,
+  BoardViewRequest,
+  RenderHeader,
+  MultiImageSummary,
+  MultiImageRequest,
+  YieldRequest,
+  YieldResult,
 } from "./messages";
 import { AWAY } from "./texts";
 
-/** Something the server refused, in its own sentence. */
+/** Request rejected by the server, with its message. */
 export class Refused extends Error {
   override readonly name = "Refused";
 }
 
-/** The server does not answer. */
+/** The server does not respond. */
 export class Away extends Error {
   override readonly name = "Away";
 }
 
-/** Whether a failure was foreseen: its message is for users. By name, as each script of the page has classes of its own. */
+/** Whether an error has a message for users. Checked by name, because each script has its own classes. */
 export const isForeseen = (e: unknown): e is Error =>
   e instanceof Error && (e.name === "Refused" || e.name === "Away");
 
@@ -53,7 +53,7 @@ export const isForeseen = (e: unknown): e is Error =>
 export const storedOrientation =
   typeof document !== "undefined" && "storedOrientation" in document.documentElement.dataset;
 
-// -- what both tabs ask ---------------------------------------------------------------------------
+// -- common requests ------------------------------------------------------------------------------
 
 export const isThere = async (): Promise<boolean> =>
   ask("health").then(
@@ -61,20 +61,20 @@ export const isThere = async (): Promise<boolean> =>
     () => false,
   );
 
-/** The address of one of the server's sockets. */
+/** URL of a WebSocket of the server. */
 export const socketAddress = (path: string): string =>
   new URL(path, document.baseURI).href.replace(/^http/, "ws");
 
-// -- looking --------------------------------------------------------------------------------------
+// -- tab Look -------------------------------------------------------------------------------------
 
-export const start = (): Promise<Start> => got("api/start");
+export const start = (): Promise<PageStart> => got("api/start");
 
 export async function camera(
-  asked: CameraAsk,
-): Promise<{ model: CameraShown; tables: Float32Array }> {
+  asked: CameraRequest,
+): Promise<{ model: CameraInfo; tables: Float32Array }> {
   const { id, image_flipped } = asked;
   const [model, tables] = await Promise.all([
-    got<CameraShown>("api/camera", { ...asked }),
+    got<CameraInfo>("api/camera", { ...asked }),
     ask(to("api/camera/tables", { id, image_flipped })).then((answer) => answer.arrayBuffer()),
   ]);
   return { model, tables: new Float32Array(tables) };
@@ -88,13 +88,13 @@ export const convert = async (file: Blob, name: string): Promise<Blob> =>
 /** A picture file in the orientation that the server was started for. */
 export const asShown = async (file: Blob, name: string): Promise<Blob> =>
   storedOrientation ? convert(file, name) : file;
-export const rim = (picture: Blob, name: string): Promise<RimFound> =>
+export const rim = (picture: Blob, name: string): Promise<DetectedOutline> =>
   json(handedUp("api/rim", picture, { name }));
-export const level = (asked: LevelAsk, picture: Blob): Promise<LevelFound | null> =>
+export const level = (asked: LevelRequest, picture: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
 /** A restored image, and a sentence on the removed blur. */
 export async function restored(
-  asked: RestoreAsk,
+  asked: RestoreRequest,
   picture: Blob,
 ): Promise<{ made: Blob; note: string }> {
   const answer = await ask("api/restore", { method: "POST", body: pack(asked, picture) });
@@ -102,69 +102,74 @@ export async function restored(
 }
 export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
   json(handedUp("api/sensors", file, { name, optics }));
-export const sensorFile = async (asked: SensorFile): Promise<string> =>
+export const sensorFile = async (asked: SensorFileRequest): Promise<string> =>
   (await posted("api/sensor-file", asked)).text();
 
-// -- designing ------------------------------------------------------------------------------------
+// -- tab Design -----------------------------------------------------------------------------------
 
 export const benchStart = (): Promise<BenchStart> => got("api/bench");
 export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
-export const change = (asked: Change): Promise<BenchSensor> =>
+export const change = (asked: DesignChange): Promise<BenchSensor> =>
   json(posted("api/bench/change", asked));
-export const slides = (asked: SlidesAsk): Promise<SlidesOf> =>
+export const slides = (asked: SliderRequest): Promise<SliderViolations> =>
   json(posted("api/bench/slides", asked));
-export const openFile = (file: Blob, name: string): Promise<Opened> =>
+export const openFile = (file: Blob, name: string): Promise<ImportedFile> =>
   json(handedUp("api/bench/open", file, { name }));
-export const requirements = async (file: RequirementFile): Promise<Blob> =>
+export const requirements = async (file: RequirementFileRequest): Promise<Blob> =>
   (await posted("api/bench/requirements", file)).blob();
 
-export async function download(asked: Download): Promise<{ blob: Blob; name: string }> {
+export async function download(asked: FileRequest): Promise<{ blob: Blob; name: string }> {
   const answer = await posted("api/bench/file", asked);
   const name =
     /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
   return { blob: await answer.blob(), name };
 }
 
-/** How far such a file is; null before it is begun, and when it is there. */
-export const making = (asked: Download): Promise<FileUnderWay | null> =>
+/** Progress of a file export; null before its start and after its end. */
+export const making = (asked: FileRequest): Promise<FileProgress | null> =>
   json(posted("api/bench/making", asked));
 
-/** The picture that a design takes of a room, and its panorama. */
-export async function taken(asked: PictureAsk): Promise<{ picture: Blob; panorama: Blob }> {
+/** Rendered image of a room for a design, and its panorama. */
+export async function taken(asked: RenderRequest): Promise<{ picture: Blob; panorama: Blob }> {
   const data = await (await posted("api/bench/picture", asked)).arrayBuffer();
-  const { header, start } = unpack<Taken>(data);
+  const { header, start } = unpack<RenderHeader>(data);
   const middle = start + header.picture_bytes;
   const jpeg = (from: number, to: number): Blob =>
     new Blob([data.slice(from, to)], { type: "image/jpeg" });
   return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
 }
 
-export const errors = (asked: ErrorsAsk): Promise<ErrorsOf> =>
+export const errors = (asked: ErrorSourcesRequest): Promise<ErrorSourceList> =>
   json(posted("api/bench/errors", asked));
-export const yields = (asked: YieldAsk): Promise<YieldOf> => json(posted("api/bench/yield", asked));
+export const yields = (asked: YieldRequest): Promise<YieldResult> =>
+  json(posted("api/bench/yield", asked));
 
-/** A sensor with errors: numbers, the places of objects, and by calibrations how far they have gone. */
+/** As-built sensor: header, object positions, and displacements by calibration. */
 export async function built(
-  asked: BuiltAsk,
-): Promise<Built & { places: Float32Array; left: Float32Array[] }> {
+  asked: AsBuiltRequest,
+): Promise<AsBuiltResult & { places: Float32Array; left: Float32Array[] }> {
   const data = await (await posted("api/bench/built", asked)).arrayBuffer();
-  const { header, start } = unpack<Built>(data);
+  const { header, start } = unpack<AsBuiltResult>(data);
   const pairs = (k: number): Float32Array =>
     new Float32Array(data, start + 8 * header.objects * k, 2 * header.objects);
   return { ...header, places: pairs(0), left: header.motion_px.map((_, k) => pairs(k + 1)) };
 }
 
-// -- calibrating ----------------------------------------------------------------------------------
+// -- tab Calibrate --------------------------------------------------------------------------------
 
-export const calibrateStart = (): Promise<CalibrateStart> => got("api/calibrate");
-export const look = (picture: Blob, asked: BoardLook, signal: AbortSignal): Promise<BoardSeen> =>
+export const calibrateStart = (): Promise<CalibrationOptions> => got("api/calibrate");
+export const look = (
+  picture: Blob,
+  asked: BoardDetectionRequest,
+  signal: AbortSignal,
+): Promise<BoardDetection> =>
   json(ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal }));
-export const together = (asked: TogetherAsk): Promise<Together> =>
+export const together = (asked: MultiImageRequest): Promise<MultiImageSummary> =>
   json(posted("api/calibrate/together", asked));
-export const straight = async (asked: StraightAsk, picture: Blob): Promise<Blob> =>
+export const straight = async (asked: BoardViewRequest, picture: Blob): Promise<Blob> =>
   (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
 
-// -- how it is asked ------------------------------------------------------------------------------
+// -- implementation -------------------------------------------------------------------------------
 
 type Query = Record<string, unknown>;
 
@@ -180,7 +185,7 @@ const posted = (path: string, body: unknown): Promise<Response> =>
     body: JSON.stringify(body),
   });
 
-/** An address with what is asked; what is null or undefined is not. */
+/** URL with a query; null and undefined values are omitted. */
 function to(path: string, query: Query): string {
   const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
   return given.length
@@ -188,20 +193,20 @@ function to(path: string, query: Query): string {
     : path;
 }
 
-/** Ask the server; what it refuses is thrown as its sentence. */
+/** Send a request; a rejection throws its message. */
 async function ask(url: string, init?: RequestInit): Promise<Response> {
   const answer = await fetch(url, init).catch((e: unknown) => {
-    if (e instanceof DOMException && e.name === "AbortError") throw e; // who asked does not want it any more
+    if (e instanceof DOMException && e.name === "AbortError") throw e; // cancelled by the caller
     throw new Away(AWAY);
   });
   if (answer.ok) return answer;
   const body = (await answer.json().catch(() => null)) as { detail?: unknown } | null;
   throw new Refused(
-    sentenceOf(body?.detail) ?? `The studio's server cannot do that (it answers ${answer.status}).`,
+    sentenceOf(body?.detail) ?? `The request failed (HTTP status ${answer.status}).`,
   );
 }
 
-/** What is wrong with an entry of a question, as the server's framework says it. */
+/** Validation error of a request entry, as reported by the framework of the server. */
 interface Wrong {
   loc?: (string | number)[];
   msg?: string;
@@ -212,31 +217,39 @@ function sentenceOf(detail: unknown): string | null {
   if (typeof detail === "string") return detail;
   const [first] = Array.isArray(detail) ? (detail as Wrong[]) : [];
   if (!first?.msg) return null;
-  const entry = first.loc?.at(-1) ?? "the question";
+  const entry = first.loc?.at(-1) ?? "the request";
   const value = ["string", "number", "boolean"].includes(typeof first.input)
-    ? ` = ${String(first.input).slice(0, 60)}`
+    ? `; got ${String(first.input).slice(0, 60)}`
     : "";
-  return `${entry}${value} is not valid: ${first.msg.replace(/^Input should be/, "it should be")}.`;
+  const condition = first.msg.replace(/^Input should be/, "must be");
+  return condition.startsWith("must")
+    ? `${entry} ${condition}${value}.`
+    : `${entry}: ${condition}${value}.`;
 }
 
-/** Work that the server does for the page: its news come over a socket, and closing that ends it. */
-export class ServerTask<News> {
+/** Long-running task of the server; closing its socket cancels it. */
+export class ServerTask<TaskStatus> {
   private socket: WebSocket | null = null;
 
   get isUnderWay(): boolean {
     return this.socket !== null;
   }
 
-  /** Send what is asked, and hear of it until it ends; `cutOff` where the server has gone. */
-  begin(path: string, asked: unknown[], told: (news: News) => void, cutOff: () => void): void {
+  /** Send requests and receive messages until the end; `cutOff` is called if the connection fails. */
+  begin(
+    path: string,
+    asked: unknown[],
+    told: (news: TaskStatus) => void,
+    cutOff: () => void,
+  ): void {
     this.end();
     const socket = (this.socket = new WebSocket(socketAddress(path)));
     socket.onopen = () => asked.forEach((message) => socket.send(JSON.stringify(message)));
-    socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as News);
+    socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as TaskStatus);
     socket.onclose = () => this.socket === socket && cutOff();
   }
 
-  /** Say a word to it. */
+  /** Send a message to the task. */
   tell(word: string): void {
     this.socket?.send(word);
   }

@@ -1,4 +1,4 @@
-/** Let work run without waiting for it; its failure is reported as an uncaught error, which the page shows. */
+/** Run a promise without waiting; a failure is reported as an uncaught error, which the page displays. */
 export function background(work: Promise<unknown> | void): void {
   work?.catch((e: unknown) => reportError(e));
 }

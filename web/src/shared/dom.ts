@@ -1,10 +1,10 @@
-/** An element of the page; the page is known to have it. */
+/** Return an element of the page, which must exist. */
 export const byId = <T extends Element = HTMLElement>(id: string): T =>
   document.getElementById(id) as unknown as T;
 
 type Child = Node | string | null;
 
-/** An element with properties and children. */
+/** Create an element with properties and children. */
 export function h<K extends keyof HTMLElementTagNameMap>(
   tag: K,
   properties: Record<string, unknown> = {},
@@ -20,7 +20,7 @@ export function h<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
-/** An element of an SVG. */
+/** Create an SVG element. */
 export function svg(
   tag: string,
   attributes: Record<string, string | number>,
@@ -32,20 +32,20 @@ export function svg(
   return element;
 }
 
-/** Let a button be pressed, or have it say why it cannot be: to whoever points at it, presses it, or hears it. */
+/** Enable a button, or disable it with a reason in its tooltip and accessible description. */
 export function allow(button: HTMLButtonElement, reason: string | null): void {
   const does = (button.dataset.does ??= button.title);
   button.title = reason ?? does;
   button.setAttribute("aria-disabled", String(reason !== null));
 }
 
-/** Hide what takes the studio's server, in a page that does without. */
+/** Hide elements that require a server. */
 export function hideComputed(place: ParentNode): void {
   for (const element of place.querySelectorAll<HTMLElement>("[data-computes]"))
     element.hidden = true;
 }
 
-/** What a page holds under a name; null where it does not. */
+/** Parse data embedded in the page; null if absent. */
 export function heldBy<Held>(name: string): Held | null {
   const found = document.getElementById(name)?.textContent;
   return found ? (JSON.parse(found) as Held) : null;
@@ -53,21 +53,21 @@ export function heldBy<Held>(name: string): Held | null {
 
 let count = 0;
 
-/** A name for an element that no other has. */
+/** Return a unique element id. */
 export const unique = (): string => `b${++count}`;
 
-/** The value of a colour of the page. */
+/** Return the value of a colour variable. */
 export const colour = (name: string): string =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
-/** Save bytes under a name. */
+/** Save bytes as a file. */
 export function save(blob: Blob, name: string): void {
   const link = h("a", { href: URL.createObjectURL(blob), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
-/** A group of choices of which one holds. */
+/** Create a group of radio buttons. */
 export function choices<T extends string>(
   place: HTMLElement,
   name: string,
@@ -89,7 +89,7 @@ export function choices<T extends string>(
   };
 }
 
-/** Have an element say a text, unless it does; in the node that it has: a new one is given style and room anew. */
+/** Set the text of an element if it differs; the text node is reused, because new nodes cause a layout. */
 export function write(element: Element, text: string): void {
   if (element.textContent === text) return;
   if (element.childNodes.length === 1 && element.firstChild instanceof Text)
@@ -97,10 +97,10 @@ export function write(element: Element, text: string): void {
   else element.textContent = text;
 }
 
-/** Put a text where it stands, unless it stands there. */
+/** Set the text of an element by id. */
 export const put = (id: string, text: string): void => write(byId(id), text);
 
-/** Show an element, or hide it, unless it is so. */
+/** Show or hide an element if its state differs. */
 export function reveal(element: HTMLElement, isShown: boolean): void {
   if (element.hidden === isShown) element.hidden = !isShown;
 }

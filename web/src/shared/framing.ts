@@ -1,11 +1,11 @@
-/** A binary message: the header in words, and where its bytes begin. */
+/** Decode a binary message: header, and offset of its payload. */
 export function unpack<T>(data: ArrayBuffer): { header: T; start: number } {
   const length = new DataView(data).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))) as T;
   return { header, start: 4 + length };
 }
 
-/** A binary message: a header in words, and a file behind it. */
+/** Encode a binary message: header and file. */
 export function pack(header: unknown, file: Blob): Blob {
   const text = new TextEncoder().encode(JSON.stringify(header));
   const length = new Uint8Array(4);

@@ -1,8 +1,8 @@
-/** Videos and cameras. */
+/** Videos and webcams. */
 import { Refused } from "./api";
 import { locals, parsed, put, taken } from "./storage";
 
-/** A camera of this machine that runs. */
+/** Open webcam. */
 interface Webcam {
   video: HTMLVideoElement;
   name: string;
@@ -10,14 +10,14 @@ interface Webcam {
   close: () => void;
 }
 
-const NAMES = "omnimirror-webcams"; // the last cameras: what each was called
+const NAMES = "omnimirror-webcams"; // the last webcams: ids and names
 const LAST = 20;
-const FIRST_FRAME_MS = 10_000; // of a camera that was opened
+const FIRST_FRAME_MS = 10_000; // timeout of an opened webcam
 
-/** A camera of this machine; `lost` is told when it goes. */
+/** Open a webcam; `lost` is called when it is disconnected. */
 export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
   if (!navigator.mediaDevices)
-    throw new Refused("Browsers give cameras to pages of this machine, or over https, only.");
+    throw new Refused("Browsers permit camera access only for local pages and over https.");
   let stream: MediaStream;
   try {
     const exact = id ? { deviceId: { exact: id } } : {};
@@ -29,10 +29,10 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
     if (name === "OverconstrainedError" && id) return openedAgain(id, lost);
     if (name === "NotAllowedError")
       throw new Refused(
-        "The camera was refused. Allow it for this page in the browser's address bar, and try again.",
+        "Camera access was denied. Allow it for this page in the address bar of the browser, and try again.",
       );
-    if (name === "NotFoundError") throw new Refused("There is no camera at this machine.");
-    throw new Refused("The camera cannot be opened; another program may be using it.");
+    if (name === "NotFoundError") throw new Refused("No camera is connected to this machine.");
+    throw new Refused("The camera could not be opened; another program may be using it.");
   }
   const video = Object.assign(document.createElement("video"), {
     srcObject: stream,
@@ -49,7 +49,7 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
   }
   const track = stream.getVideoTracks()[0];
   const name = track.label || "webcam";
-  track.onended = () => lost(`${name} is gone. Plug it in again, and choose Webcam.`);
+  track.onended = () => lost(`${name} was disconnected. Connect it again, and press Webcam.`);
   const device = track.getSettings().deviceId ?? "";
   put(
     [locals],
@@ -64,17 +64,17 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
 const named = (): [string, string][] =>
   (parsed(taken(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
 
-/** The camera of another day: browsers give new identities, some at every reload, but a camera keeps its name. */
+/** Reopen a webcam by name: browsers can change ids at every reload, but not names. */
 async function openedAgain(id: string, lost: (sentence: string) => void): Promise<Webcam> {
   const name = named().find(([device]) => device === id)?.[1];
-  const any = await openedWebcam("", lost); // once one is allowed, all are called by their names
+  const any = await openedWebcam("", lost); // after permission, all names are available
   const same = (await videoInputs()).find((d) => d.label === name);
   if (!same || same.deviceId === any.device) return any;
   any.close();
   return openedWebcam(same.deviceId, lost);
 }
 
-/** The cameras of this machine; none where the browser does not list them. */
+/** List the webcams; empty if the browser does not list them. */
 export async function videoInputs(): Promise<MediaDeviceInfo[]> {
   const devices = await navigator.mediaDevices.enumerateDevices().catch(() => []);
   return devices.filter((d) => d.kind === "videoinput");
@@ -106,13 +106,13 @@ export function release(video: HTMLVideoElement): void {
   video.load();
 }
 
-/** Check that a file can be read, which one that was moved or deleted cannot, nor a folder. */
+/** Check that a file is readable; moved or deleted files and folders are not. */
 export async function checkReadable(file: Blob, name: string): Promise<void> {
   try {
     await file.slice(0, 1).arrayBuffer();
   } catch {
     throw new Refused(
-      `${name} cannot be read. Check that it is a file and no folder, that it still exists and that you may read it; then open it again.`,
+      `${name} cannot be read. Check that the file exists, is not a folder and is readable; then open it again.`,
     );
   }
 }

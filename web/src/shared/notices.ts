@@ -4,7 +4,7 @@ import { WENT_WRONG } from "./texts";
 
 let fading = 0;
 
-/** Say something in passing. */
+/** Display a temporary message. */
 export function say(sentence: string): void {
   const said = byId("said");
   said.textContent = sentence;
@@ -13,13 +13,13 @@ export function say(sentence: string): void {
   fading = window.setTimeout(() => said.classList.remove("shown"), 4000);
 }
 
-/** What a sentence that stays is about; each subject has one at a time. */
+/** Subject of a permanent message; one message per subject. */
 type Subject =
   "server" | "address" | "picture" | "sensor" | "bench" | "calibrate" | "page" | "failure";
 
 const standing = new Map<Subject, string>();
 
-/** Say something that stays until it is over, or is put away; null when it is over. */
+/** Display a permanent message until it is closed; null removes it. */
 export function banner(sentence: string | null, about: Subject = "page"): void {
   if (sentence === (standing.get(about) ?? null)) return;
   if (sentence === null) standing.delete(about);
@@ -35,7 +35,7 @@ function line(subject: Subject, text: string): HTMLElement {
     type: "button",
     textContent: "×",
   });
-  away.setAttribute("aria-label", "Put this away");
+  away.setAttribute("aria-label", "Close");
   away.addEventListener("click", () => banner(null, subject));
   made.append(Object.assign(document.createElement("span"), { textContent: text }), away);
   return made;
@@ -51,29 +51,29 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
     await navigator.clipboard.writeText(text);
     say(`${what} copied${more}`);
   } catch {
-    say(`The browser does not let pages copy; here it is: ${text}`);
+    say(`The browser does not permit copying. Copy manually: ${text}`);
   }
 }
 
-/** Report a failure: the sentence of one that was foreseen, or else that something went wrong. */
+/** Report an error: its message if it is meant for users, otherwise an internal error. */
 export function report(e: unknown, about: Subject = "failure"): void {
-  if (e instanceof Error && e.name === "AbortError") return; // cancelled by whoever started it
+  if (e instanceof Error && e.name === "AbortError") return; // cancelled by the caller
   if (isForeseen(e)) banner(e.message, e.name === "Away" ? "server" : about);
   else banner(WENT_WRONG, "failure");
 }
 
-/** Report a failure that its caller handles; an unforeseen one is also left to the console. */
+/** Report an error handled by the caller; unexpected ones are also written to the console. */
 export function fail(e: unknown, about: Subject = "picture"): void {
   busy(null);
   if (isForeseen(e)) report(e, about);
   else reportError(e);
 }
 
-/** Report errors and rejected promises that nothing handles, for as long as the page lives. */
+/** Report unhandled errors and rejected promises. */
 export function reportUnhandled(page: EventTarget): void {
   page.addEventListener("error", (e) => {
     const { error } = e as ErrorEvent;
-    if (error) report(error); // without one it is a warning of the browser's, as of a ResizeObserver
+    if (error) report(error); // without an error object it is a browser warning, for example of a ResizeObserver
   });
   page.addEventListener("unhandledrejection", (e) => report((e as PromiseRejectionEvent).reason));
 }

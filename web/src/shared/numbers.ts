@@ -1,12 +1,12 @@
-const TINY = 1e-9; // rounding
+const TINY = 1e-9; // rounding errors
 
 export const clamp = (x: number, low: number, high: number): number =>
   Math.min(high, Math.max(low, x));
 
-/** An angle in degrees between -180 and 180. */
+/** Wrap an angle in degrees to -180 to 180. */
 export const wrapped = (deg: number): number => ((((deg + 180) % 360) + 360) % 360) - 180;
 
-/** A number as people write it, with so many digits that matter. */
+/** Format a number with a given number of significant digits. */
 export function words(value: number | null | undefined, digits = 4): string {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
@@ -16,7 +16,7 @@ export function words(value: number | null | undefined, digits = 4): string {
   return text.replace("-", "−");
 }
 
-/** A number with so many decimals. */
+/** Format a number with a given number of decimals. */
 export const fixed = (value: number, places: number): string =>
   Number.isFinite(value) ? value.toFixed(places).replace("-", "−") : "–";
 

@@ -1,6 +1,6 @@
 const UNSEEN = /[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]/u;
 
-/** Quote a text as one word of a shell; of characters that are not seen or reorder others an escape is shown. */
+/** Quote a text as one shell word; invisible and bidirectional control characters are escaped. */
 export function shellWord(text: string): string {
   if (/^[\w.,:/=+-]+$/.test(text)) return text;
   if (!UNSEEN.test(text)) return `'${text.replaceAll("'", `'\\''`)}'`;
@@ -8,7 +8,7 @@ export function shellWord(text: string): string {
   return `$'${escaped.join("")}'`;
 }
 
-/** A file's name as a word of its own, never an option. */
+/** File name as a shell word that is not an option. */
 export const fileWord = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
 const escapeOf = (c: string): string => `\\U${c.codePointAt(0)!.toString(16).padStart(8, "0")}`;

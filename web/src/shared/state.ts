@@ -8,46 +8,46 @@ export type Looks = (typeof LOOKS)[number];
 export const TABS = ["look", "design", "calibrate"] as const;
 export const FITS = ["whole", "fill"] as const;
 
-/** Everything that says what is seen. It lives in the address: a link or a reload brings it back. */
+/** Complete state of the view, stored in the address. */
 export interface State {
-  /** What is looked at: "" nothing, "room" the demo, "kept:.." a file of the browser's by its content, "webcam:.." a camera, "server:.." a source there. */
+  /** Source: "" none, "room" the demo, "kept:..." a stored file by content, "webcam:..." a webcam, "server:..." a source of the server. */
   source: string;
   sensor: string;
   mode: Mode;
   pan: number;
   tilt: number;
-  /** Width of a perspective view, degrees. */
+  /** Horizontal field of view of a perspective view, degrees. */
   hfov: number;
-  /** How far a panorama, dome, planet or plan is enlarged. */
+  /** Zoom factor of a panorama, dome, planet or plan. */
   zoom: number;
-  /** Whether all of a view is shown, or so much as fills the stage; null as the page has room. */
+  /** Display the complete view or fill the area; null: depending on the size of the page. */
   fit: (typeof FITS)[number] | null;
-  /** Whether the picture stands beside the view, as large as it. */
+  /** Whether the raw image is displayed next to the view. */
   beside: boolean;
-  /** Views that are kept, as {@link viewsIn} reads them. */
+  /** Stored views, parsed by {@link viewsIn}. */
   views: string;
-  /** Which of them is moved, where they are all shown; -1: none. */
+  /** Index of the active view if all are displayed; -1: none. */
   view: number;
-  /** Whether all that are kept are shown at once. */
+  /** Whether all stored views are displayed. */
   all: boolean;
-  /** Up to which part of its width the view is of the picture as it was given, beyond of it restored; null: all. */
+  /** Divider between original and restored image, relative to the width; null: original only. */
   wipe: number | null;
-  /** Distance of the screen, mm; Infinity for far away. */
+  /** Distance of the screen, mm; Infinity for distant objects. */
   distance: number;
-  /** How high the mirror stands over the ground, mm. */
+  /** Height of the mirror above the ground, mm. */
   height: number;
-  /** Circle moved to fit the picture: centre and radius, px. */
+  /** Circle fitted to the image: centre and radius, px. */
   rim: [number, number, number] | null;
   looks: Looks | null;
   forward: number | null;
   flipped: boolean | null;
-  /** How far the sensor leans, degrees; null as its file says. */
+  /** Tilt of the sensor, degrees; null: as in its file. */
   pitch: number | null;
   roll: number | null;
   tab: (typeof TABS)[number];
-  /** The design on the bench, as the bench writes it. */
+  /** Design on the bench, encoded by the bench. */
   design: string;
-  /** Errors that are tried of it, as the bench writes them; "" where none are. */
+  /** Errors of the design, encoded by the bench; "" for none. */
   errors: string;
 }
 
@@ -78,7 +78,7 @@ export const INITIAL: State = {
   errors: "",
 };
 
-/** Numbers of the address, and from where to where they are taken; beyond, the nearest is. */
+/** Ranges of numbers in the address; values outside are clamped. */
 export const RANGES = {
   view: [-1, 15],
   wipe: [0, 1],
@@ -93,11 +93,11 @@ export const RANGES = {
   roll: [-180, 180],
 } as const;
 
-/** What of the state says which view it is. */
+/** Part of the state that defines a view. */
 export const VIEW = ["mode", "pan", "tilt", "hfov", "zoom", "fit", "distance", "height"] as const;
 type ViewOf = Pick<State, (typeof VIEW)[number]>;
 
-/** What of the state says what is looked at, and through what. */
+/** Part of the state that defines image and camera. */
 export const TAKEN = [
   "source",
   "sensor",
@@ -108,22 +108,22 @@ export const TAKEN = [
   "pitch",
   "roll",
 ] as const;
-export type Taken = Pick<State, (typeof TAKEN)[number]>;
+export type RenderHeader = Pick<State, (typeof TAKEN)[number]>;
 
-/** A view that is kept under a name. */
+/** Stored view with its name. */
 export interface KeptView extends ViewOf {
   name: string;
-  /** What it looks at, where there are several; else it is of whatever is shown. */
-  of?: Taken;
+  /** Its image and camera, if there are several sources. */
+  of?: RenderHeader;
 }
 
-const MOST_VIEWS = 16;
+const MAX_VIEWS = 16;
 export const LONGEST_NAME = 40;
 
-/** The views of a text; null where it is none of views. */
+/** Parse stored views; null if invalid. */
 export function viewsIn(text: string): KeptView[] | null {
   const found = text ? parsed(text) : [];
-  if (!Array.isArray(found) || found.length > MOST_VIEWS) return null;
+  if (!Array.isArray(found) || found.length > MAX_VIEWS) return null;
   const views = found.map((entry) => viewIn(entry as Record<string, unknown> | null));
   return views.every((view) => view !== null) ? views : null;
 }
@@ -145,7 +145,7 @@ function viewIn(entry: Record<string, unknown> | null): KeptView | null {
     : null;
 }
 
-function takenIn(entry: Record<string, unknown> | null): Taken | null {
+function takenIn(entry: Record<string, unknown> | null): RenderHeader | null {
   const of = { ...ofTaken(INITIAL), ...entry };
   const isText = [of.source, of.sensor].every((text) => typeof text === "string" && text !== "");
   const isNumber = [of.forward, of.pitch, of.roll].every((x) => x === null || Number.isFinite(x));
@@ -161,7 +161,7 @@ function takenIn(entry: Record<string, unknown> | null): Taken | null {
   return entry && isText && isNumber && isCircle && isWay ? ofTaken(of) : null;
 }
 
-/** The text of views, without what is as at first. */
+/** Encode stored views without default values. */
 export function textOf(views: readonly KeptView[]): string {
   const told = (entries: object): object =>
     Object.fromEntries(
@@ -172,15 +172,15 @@ export function textOf(views: readonly KeptView[]): string {
     ...told(view),
     ...(of && { of: { sensor: of.sensor, ...told(of) } }),
   });
-  return views.length ? JSON.stringify(views.slice(0, MOST_VIEWS).map(entry)) : "";
+  return views.length ? JSON.stringify(views.slice(0, MAX_VIEWS).map(entry)) : "";
 }
 
-export const ofTaken = (s: Taken): Taken =>
-  Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as Taken;
+export const ofTaken = (s: RenderHeader): RenderHeader =>
+  Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as RenderHeader;
 export const ofView = (s: ViewOf): ViewOf =>
   Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
 
-/** The state with every number in its range, and no finer than the command line tells it. */
+/** State with all numbers clamped, and rounded to the precision of the command line. */
 export function limited(s: State): State {
   const round = (x: number): number => Math.round(x * 1e4) / 1e4;
   const within = (key: keyof typeof RANGES, x: number): number =>
@@ -197,6 +197,6 @@ export function limited(s: State): State {
   };
 }
 
-/** What of two states is not the same. */
+/** Keys that differ between two states. */
 export const differing = (a: State, b: State): Set<keyof State> =>
   new Set((Object.keys(a) as (keyof State)[]).filter((k) => String(a[k]) !== String(b[k])));

@@ -1,10 +1,10 @@
-/** What browsers keep between loads: of this tab, or of all. Private windows keep nothing, and full ones no more. */
+/** Browser storage of this tab or of all tabs; unavailable in private windows or if full. */
 type Shelf = () => Storage;
 
 export const sessions: Shelf = () => sessionStorage;
 export const locals: Shelf = () => localStorage;
 
-/** The text under a key; null where there is none. */
+/** Stored text of a key; null if absent. */
 export function taken(shelf: Shelf, key: string): string | null {
   try {
     return shelf().getItem(key);
@@ -13,7 +13,7 @@ export function taken(shelf: Shelf, key: string): string | null {
   }
 }
 
-/** Keep a text under a key, on each shelf that takes it. */
+/** Store a text in each available storage. */
 export function put(shelves: Shelf[], key: string, text: string): void {
   for (const shelf of shelves) {
     try {
@@ -24,7 +24,7 @@ export function put(shelves: Shelf[], key: string, text: string): void {
   }
 }
 
-/** What a JSON text holds; undefined where it is none. */
+/** Parse JSON; undefined if invalid. */
 export function parsed(text: string): unknown {
   try {
     return JSON.parse(text);
@@ -52,11 +52,11 @@ async function run<T>(
     const transaction = base.transaction(STORE, mode);
     const request = act(transaction.objectStore(STORE));
     return await new Promise((resolve) => {
-      transaction.oncomplete = () => resolve(request.result); // a page that is left before forgets what was written
+      transaction.oncomplete = () => resolve(request.result); // delayed writes are lost when the page is closed
       transaction.onabort = () => resolve(undefined);
     });
   } catch {
-    return undefined; // private windows keep nothing
+    return undefined; // private windows have no storage
   }
 }
 

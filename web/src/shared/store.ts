@@ -2,21 +2,21 @@ import { fromHash, toHash } from "./address";
 import { differing, limited, type State } from "./state";
 import { put, sessions, taken } from "./storage";
 
-/** What makes another page of the browser's history; all else changes the page that is shown. */
+/** Keys whose change adds a history entry; others replace the current one. */
 const TURNS: readonly (keyof State)[] = ["tab", "mode", "source", "sensor"];
-const WRITTEN_MS = 150; // browsers limit how often an address may change
+const WRITTEN_MS = 150; // rate limit of browsers for address changes
 const KEPT = "omnimirror-address";
 
 type Listener = (state: State, changed: Set<keyof State>) => void;
 
-/** The one state of the page, and who wants to know of it. */
+/** State of the page, with listeners. */
 export class Store {
   state: State;
-  /** What of the address is not understood, in a sentence. */
+  /** Message about invalid entries of the address. */
   trouble: string | null;
-  /** Who is told when another address was entered. */
+  /** Called when another address was entered. */
   entered: () => void = () => {};
-  /** What is done before the page is left. */
+  /** Called before the page is closed. */
   leaving: () => void = () => {};
   private readonly listeners: Listener[] = [];
   private pending = 0;
@@ -33,13 +33,13 @@ export class Store {
     this.listeners.push(listener);
   }
 
-  /** Change the state, and the address with it; `turns` is false for what nobody would go back from. */
+  /** Change state and address; `turns` is false for changes without a history entry. */
   set(change: Partial<State>, turns = true): void {
     const next = limited({ ...this.state, ...change });
     const changed = differing(next, this.state);
     if (!changed.size) return;
     const isTurn = turns && TURNS.some((key) => changed.has(key));
-    if (isTurn) this.write(); // where Back leads to is where it was left
+    if (isTurn) this.write(); // Back returns to the last state of an entry
     this.state = next;
     if (isTurn) this.write(true);
     this.tell(changed);
@@ -47,7 +47,7 @@ export class Store {
     this.pending = window.setTimeout(() => this.write(), WRITTEN_MS);
   }
 
-  /** Go where the address leads: another link was entered, or Back or Forward pressed. */
+  /** Set the state of the address after a new link, Back or Forward. */
   private follow(): void {
     if (location.hash === this.written) return;
     clearTimeout(this.pending);
@@ -73,12 +73,12 @@ export class Store {
       if (isTurn) history.pushState(null, "", url);
       else history.replaceState(null, "", url);
     } catch {
-      return; // too often, for some browsers
+      return; // rate limit of some browsers
     }
     this.written = location.hash;
   }
 
-  /** A reload must find what was changed a moment ago. */
+  /** Write pending changes, so that a reload restores them. */
   private leave(): void {
     this.leaving();
     this.write();
@@ -86,7 +86,7 @@ export class Store {
   }
 }
 
-/** What the page was left with, where it is loaded anew; null where an address was entered. */
+/** State before a reload; null if an address was entered. */
 function beforeReload(): string | null {
   const [way] = performance.getEntriesByType("navigation") as PerformanceNavigationTiming[];
   return way?.type === "reload" ? taken(sessions, KEPT) : null;

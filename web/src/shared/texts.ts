@@ -1,9 +1,9 @@
-/** What the page says of itself and of its server, each in one wording. */
+/** Messages about the page and its server that are used in several places. */
 
-const ANEW = "loading the page anew may help.";
+const ANEW = "reload the page.";
 
-export const NO_ANSWER = "The studio's server does not answer.";
-export const AWAY = `${NO_ANSWER} What is shown stays; it goes on when the server is back.`;
+export const NO_ANSWER = "The server of the studio does not respond.";
+export const AWAY = `${NO_ANSWER} The page resumes when the connection is restored.`;
 export const unfetched = (part: string): string =>
-  `${part} could not be fetched from the studio's server; ${ANEW}`;
-export const WENT_WRONG = `Something went wrong in this page; ${ANEW}`;
+  `${part} could not be loaded from the server; ${ANEW}`;
+export const WENT_WRONG = `An internal error occurred in this page; ${ANEW}`;

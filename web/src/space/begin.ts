@@ -2,7 +2,7 @@ import type { Host } from "./host";
 import sheet from "./space.css?inline";
 import { SpaceView } from "./view";
 
-/** Make the 3-D view in its place; null where the browser has no WebGL2. */
+/** Create the 3-D view; null without WebGL2. */
 export function begin(host: Host): SpaceView | null {
   const made = new CSSStyleSheet();
   made.replaceSync(sheet);

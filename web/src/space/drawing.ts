@@ -1,18 +1,18 @@
 import type { Mesh } from "./shapes";
 import type { Matrix, Vec3 } from "./vectors";
 
-/** Red, green, blue and how opaque, from 0 to 1. */
+/** Red, green, blue, opacity, 0 to 1. */
 export type Ink = readonly [number, number, number, number];
 
-/** Triangles and what they are made of. */
+/** Triangles and their material. */
 export interface Body {
   mesh: Mesh;
   ink: Ink;
-  /** From dull, 0, to a mirror, 1. */
+  /** 0 for matte to 1 for a mirror. */
   shine: number;
 }
 
-/** A straight line, so many px wide wherever it is. */
+/** Straight line with a constant width in px. */
 export interface Line {
   from: Vec3;
   to: Vec3;
@@ -20,13 +20,13 @@ export interface Line {
   width: number;
 }
 
-/** From where it is drawn, and onto what. */
+/** Camera and viewport. */
 export interface Shot {
   matrix: Matrix;
   eye: Vec3;
   near: number;
   ground: Ink;
-  /** Pixels of the screen per px. */
+  /** Device pixels per CSS px. */
   dots: number;
 }
 
@@ -50,10 +50,10 @@ void main() {
   if (dot(n, v) < 0.0) n = -n;
   float facing = dot(n, v);
   vec3 dull = ink.rgb * (0.5 + 0.35 * facing + 0.15 * n.z);
-  float up = reflect(-v, n).z; // what it mirrors: a dim floor, a light horizon, a lighter sky
+  float up = reflect(-v, n).z; // reflected environment: dim floor, light horizon, lighter sky
   float light = 0.25 + 0.45 * smoothstep(-0.1, 0.9, up) + 0.5 * exp(-16.0 * up * up) + 0.2 * (1.0 - facing);
   vec3 bright = mix(ink.rgb * 0.45, mix(ink.rgb, vec3(1), 0.85), min(light, 1.0));
-  float edge = 0.22 * pow(1.0 - facing, 3.0); // clear walls are seen most where one looks along them
+  float edge = 0.22 * pow(1.0 - facing, 3.0); // transparent walls are most visible at grazing angles
   colour = ink.a < 0.2 ? vec4(ink.rgb, ink.a + edge) : vec4(mix(dull, bright, shine), ink.a);
 }`;
 const LINES = `#version 300 es
@@ -83,16 +83,16 @@ in vec4 tint;
 out vec4 colour;
 void main() { colour = tint; }`;
 
-/** A buffer, and what stands in it. */
+/** Buffer and its content. */
 interface Filled {
   array: WebGLVertexArrayObject;
   buffer: WebGLBuffer;
 }
 
-const CORNER = 6; // numbers of a corner of a mesh
-const LINE = 11; // and of a line
+const CORNER = 6; // floats per mesh vertex
+const LINE = 11; // floats per line
 
-/** Bodies and lines drawn by WebGL2: what is opaque, then lines, then what is clear, back sides first. */
+/** WebGL2 renderer: opaque bodies, lines, then transparent bodies from back to front. */
 export class Drawing {
   private readonly bodies: WebGLProgram;
   private readonly lines: WebGLProgram;
@@ -227,7 +227,7 @@ export class Drawing {
     return { array, buffer };
   }
 
-  /** What stands in a buffer, one after the other: per corner, or per so many instances. */
+  /** Attributes of a buffer, interleaved, per vertex or per instance. */
   private attributes(
     program: WebGLProgram,
     sizes: [name: string, size: number][],

@@ -3,19 +3,19 @@ import { moved, nearer, type Orbit, turned } from "./orbit";
 
 const TURN = 0.008; // radians per px
 const [KEY_TURN, KEY_MOVE, KEY_NEARER] = [0.09, 0.04, 1.15];
-const STILL = 4; // px that a click may move
+const STILL = 4; // px, maximum movement of a click
 
-/** What gestures may do. */
+/** Actions of gestures. */
 interface Hands {
   orbit: () => Orbit;
   look: (from: Orbit) => void;
   pick: (x: number, y: number, isTouch: boolean) => void;
-  /** Read the ray before or after. */
+  /** Select the previous or next ray. */
   step: (by: number) => void;
   fit: () => void;
 }
 
-/** Turning, moving and enlarging by mouse, fingers and keys; a click picks. */
+/** Rotate, pan and zoom by mouse, touch and keys; a click selects. */
 export class Gestures {
   private readonly pointers = new Map<number, PointerEvent>();
   private way = 0;
@@ -73,7 +73,7 @@ export class Gestures {
     this.hands.pick(e.clientX - box.left, e.clientY - box.top, e.pointerType === "touch");
   }
 
-  /** Enlarges once the view was chosen, so that the wheel scrolls past it before. */
+  /** The wheel zooms only after the view was focused, so that it scrolls otherwise. */
   private wheel(e: WheelEvent): void {
     if (document.activeElement !== this.canvas && !e.ctrlKey) return;
     e.preventDefault();

@@ -1,13 +1,13 @@
-/** What is drawn in space, and what the view may ask of the page around it. */
+/** Data of the 3-D view, and its interface to the page. */
 
-/** Named columns of numbers; not a number where there is nothing. */
+/** Named columns of numbers; NaN where undefined. */
 export interface Columns {
   name: string;
   rows: number;
   column: (name: string) => Float32Array;
 }
 
-/** What the server answered about a design, as far as it is of space. */
+/** Evaluation of a design, as far as the 3-D view requires it. */
 export interface Answered {
   blocks: { name: string }[];
   block: (name: string) => Columns | null;
@@ -15,6 +15,6 @@ export interface Answered {
 
 export interface Host {
   place: HTMLElement;
-  /** A ray is read: its field angle, which the plots then show too; null when none is. */
+  /** A ray is selected: its field angle, which all plots display; null for none. */
   read: (omega: number | null) => void;
 }

@@ -1,23 +1,23 @@
 import { clamp } from "../shared/numbers";
 import { add, cross, dot, type Matrix, unit, type Vec3 } from "./vectors";
 
-const FIELD = (34 * Math.PI) / 180; // of the view, upright
+const FIELD = (34 * Math.PI) / 180; // vertical field of view
 const STEEPEST = (89.5 * Math.PI) / 180;
 const [NEAREST, FARTHEST] = [1e-3, 1e7]; // mm
-const NEAR_SHARE = 0.02; // of the distance, before which nothing is drawn
-const BEYOND = 20_000; // mm behind what is looked at, to which all of a room is drawn
+const NEAR_SHARE = 0.02; // near plane, relative to the distance
+const BEYOND = 20_000; // far plane behind the target, mm
 const UP: Vec3 = [0, 0, 1];
 
-/** From where something is looked at, turning about it; up is up. */
+/** Orbit camera; the vertical remains vertical. */
 export interface Orbit {
   target: Vec3;
   distance: number;
-  /** Radians: around, from forward to the left, and above the horizon. */
+  /** Radians: azimuth from forward to the left, and elevation. */
   around: number;
   above: number;
 }
 
-/** How the screen lies in space. */
+/** Axes of the screen in space. */
 interface Axes {
   eye: Vec3;
   right: Vec3;
@@ -36,10 +36,10 @@ export function axesOf({ target, distance, around, above }: Orbit): Axes {
   return { eye: add(target, back, distance), right, up: cross(right, forward), forward };
 }
 
-/** Before this, mm, nothing is drawn. */
+/** Distance of the near plane, mm. */
 export const nearOf = (orbit: Orbit): number => NEAR_SHARE * orbit.distance;
 
-/** From points in space to places on a screen of this aspect. */
+/** Projection matrix for an aspect ratio. */
 export function matrixOf(orbit: Orbit, aspect: number): Matrix {
   const { eye, right, up, forward } = axesOf(orbit);
   const zoom = 1 / Math.tan(FIELD / 2);
@@ -59,7 +59,7 @@ const scaled = (axis: Vec3, by: number, eye: Vec3): number[] => [
   -by * dot(axis, eye),
 ];
 
-/** Turn about what is looked at, radians. */
+/** Rotate about the target, radians. */
 export const turned = (o: Orbit, around: number, above: number): Orbit => ({
   ...o,
   around: o.around + around,
@@ -71,14 +71,14 @@ export const nearer = (o: Orbit, times: number): Orbit => ({
   distance: clamp(o.distance / times, NEAREST, FARTHEST),
 });
 
-/** Move what is looked at to the right and up, in heights of the screen. */
+/** Move the target to the right and up, in screen heights. */
 export function moved(o: Orbit, right: number, up: number): Orbit {
   const axes = axesOf(o);
   const height = 2 * Math.tan(FIELD / 2) * o.distance;
   return { ...o, target: add(add(o.target, axes.right, right * height), axes.up, up * height) };
 }
 
-/** Look at a box from where all of it is seen. */
+/** Look at a box from a distance at which it is completely visible. */
 export function fitting(o: Orbit, low: Vec3, high: Vec3, aspect: number): Orbit {
   const above = clamp(o.above, -STEEPEST, STEEPEST);
   const target: Vec3 = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2];

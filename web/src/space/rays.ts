@@ -5,16 +5,16 @@ import { type Matrix, transformed, type Vec3 } from "./vectors";
 const NODES = ["lens", "second", "mirror", "wall", "end"] as const;
 const HALF_TURN = 180;
 
-/** A ray: the places that it goes by, and what is read of it. */
+/** Ray: its nodes and readings. */
 export interface Ray {
-  /** Which of those that were answered. */
+  /** Index in the response. */
   index: number;
   nodes: Vec3[];
-  /** Which of the places is on the mirror. */
+  /** Index of its mirror node. */
   mirror: number;
   omega: number;
   isHidden: boolean;
-  /** Whether it runs in the upright plane that looks forward. */
+  /** Whether it is in the vertical plane of the forward direction. */
   isForward: boolean;
   words: string;
 }
@@ -35,14 +35,14 @@ export function raysOf(table: Columns): Ray[] {
       omega: at("omega_deg", index),
       isHidden,
       isForward: at("turn_deg", index) % HALF_TURN === 0,
-      words: `Field angle ${fixed(at("omega_deg", index), 1)}° · meets the mirror at ${["x", "y", "z"].map((axis) => `${axis} ${words(near0(at(`${axis}_mm`, index)), 4)}`).join(", ")} mm · angle of incidence ${fixed(at("incidence_deg", index), 2)}° · pixel ${fixed(at("u_px", index), 1)}, ${fixed(at("v_px", index), 1)}${isHidden ? " · hidden by the housing" : ""}`,
+      words: `Field angle ${fixed(at("omega_deg", index), 1)}° · mirror point ${["x", "y", "z"].map((axis) => `${axis} ${words(near0(at(`${axis}_mm`, index)), 4)}`).join(", ")} mm · angle of incidence ${fixed(at("incidence_deg", index), 2)}° · pixel ${fixed(at("u_px", index), 1)}, ${fixed(at("v_px", index), 1)}${isHidden ? " · obstructed by the housing" : ""}`,
     };
   }).filter((ray) => Number.isFinite(ray.omega) && ray.nodes.length > 1);
 }
 
 const near0 = (mm: number): number => (Math.abs(mm) < 1e-6 ? 0 : mm);
 
-/** The ray that passes nearest to a place on the screen, px, if one does within some px. */
+/** Ray closest to a screen position, within a maximum distance in px. */
 export function nearest(
   rays: Ray[],
   matrix: Matrix,
@@ -69,7 +69,7 @@ export function nearest(
 
 type Place = [number, number, number, number];
 
-/** The part of a line that lies before the eye. */
+/** Part of a line in front of the near plane. */
 function inFront(a: Place, b: Place): [Place, Place] | null {
   const least = 1e-6 * (Math.abs(a[3]) + Math.abs(b[3]));
   if (a[3] < least && b[3] < least) return null;
@@ -80,7 +80,7 @@ function inFront(a: Place, b: Place): [Place, Place] | null {
   return [a[3] < least ? cut(a, b) : a, b[3] < least ? cut(b, a) : b];
 }
 
-/** How far a place is from a line between two others. */
+/** Distance of a point from a line segment. */
 function apart([x, y]: readonly number[], [ax, ay]: number[], [bx, by]: number[]): number {
   const [dx, dy] = [bx - ax, by - ay];
   const t = Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));

@@ -2,16 +2,16 @@ import type { Columns } from "./host";
 import type { Vec3 } from "./vectors";
 
 const SECTORS = 72;
-const CORNER = 6; // numbers of a corner of a triangle
+const CORNER = 6; // floats per vertex
 const [COSINES, SINES] = [Math.cos, Math.sin].map((f) =>
   Float64Array.from({ length: SECTORS + 1 }, (_, k) => f((2 * Math.PI * k) / SECTORS)),
 );
-const SMOOTH = Math.cos((32 * Math.PI) / 180); // edges that bend less are rounded
+const SMOOTH = Math.cos((32 * Math.PI) / 180); // edges with smaller angles are shaded smoothly
 
-/** Triangles of a part: per corner a place and the direction square to the surface. */
+/** Triangles of a part: position and normal per vertex. */
 export type Mesh = Float32Array;
 
-/** The frame that a part stands in: where its axes lead, and its origin. */
+/** Frame of a part: axes and origin. */
 interface Frame {
   axes: [Vec3, Vec3, Vec3];
   origin: Vec3;
@@ -25,7 +25,7 @@ export function frameOf(block: Columns): Frame {
   return { axes: [of("x"), of("y"), of("z")], origin: of("origin") };
 }
 
-/** A profile turned about its axis; it is broken where it is not a number. */
+/** Surface of revolution of a profile; NaN interrupts it. */
 export function revolved(profile: Columns, frame: Frame): Mesh {
   const [r, z] = [profile.column("r_mm"), profile.column("z_mm")];
   const strips = Array.from({ length: profile.rows - 1 }, (_, i) => {
@@ -56,14 +56,14 @@ export function revolved(profile: Columns, frame: Frame): Mesh {
 
 type Flat = readonly [r: number, z: number];
 
-/** The direction square to a piece of a profile; null where it has no length or is broken. */
+/** Normal of a profile segment; null if it is degenerate or interrupted. */
 function squareTo(r: Float32Array, z: Float32Array, i: number): Flat | null {
   const [dr, dz] = [r[i + 1] - r[i], z[i + 1] - z[i]];
   const length = Math.hypot(dr, dz);
   return length > 0 ? [dz / length, -dr / length] : null;
 }
 
-/** The middle of two directions, where the edge between is round. */
+/** Mean of two normals at a smooth edge. */
 function between(own: Flat, other: Flat | null): Flat {
   if (!other || own[0] * other[0] + own[1] * other[1] < SMOOTH) return own;
   const [r, z] = [own[0] + other[0], own[1] + other[1]];
@@ -71,7 +71,7 @@ function between(own: Flat, other: Flat | null): Flat {
   return [r / length, z / length];
 }
 
-/** A point of a profile all around: places, and directions square to the surface. */
+/** Ring of a profile point: positions and normals. */
 function ring(
   { axes: [x, y, z], origin }: Frame,
   radius: number,
@@ -88,7 +88,7 @@ function ring(
   return corners;
 }
 
-/** The box that places of meshes fill. */
+/** Bounding box of meshes. */
 export function boundsOf(meshes: Mesh[]): [low: Vec3, high: Vec3] {
   const [low, high] = [
     [Infinity, Infinity, Infinity],
@@ -103,7 +103,7 @@ export function boundsOf(meshes: Mesh[]): [low: Vec3, high: Vec3] {
   return [low as unknown as Vec3, high as unknown as Vec3];
 }
 
-/** The twelve edges of each box, from end to end. */
+/** The twelve edges of each box as segments. */
 export function edgesOf(boxes: Columns): [Vec3, Vec3][][] {
   const [low, high] = ["0", "1"].map((end) =>
     ["x", "y", "z"].map((axis) => boxes.column(axis + end)),

@@ -1,4 +1,4 @@
-/** Vectors of three numbers; matrices of sixteen, column by column, as WebGL has them. */
+/** 3-vectors, and 4 x 4 matrices in column-major order as in WebGL. */
 
 export type Vec3 = readonly [number, number, number];
 export type Matrix = Float32Array;
@@ -19,7 +19,7 @@ export const unit = (a: Vec3): Vec3 => {
   return [a[0] / length, a[1] / length, a[2] / length];
 };
 
-/** What a matrix makes of a point: x, y, z and w before they are divided. */
+/** Multiply a matrix and a point: homogeneous x, y, z, w. */
 export const transformed = (m: Matrix, [x, y, z]: Vec3): [number, number, number, number] => {
   const row = (i: number): number => m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i];
   return [row(0), row(1), row(2), row(3)];

@@ -8,7 +8,7 @@ import { nearest, type Ray, raysOf } from "./rays";
 import { boundsOf, edgesOf, frameOf, revolved } from "./shapes";
 import { add, type Vec3 } from "./vectors";
 
-/** What a part looks like: a colour of the page, how opaque it is, how it shines. */
+/** Material of a part: colour, opacity, shine. */
 const LOOKS: Record<string, readonly [ink: string, alpha: number, shine: number]> = {
   mirror: ["mirror", 1, 1],
   "second mirror": ["mirror", 1, 1],
@@ -19,30 +19,30 @@ const LOOKS: Record<string, readonly [ink: string, alpha: number, shine: number]
   dome: ["accent", 0.04, 0],
   window: ["accent", 0.04, 0],
 };
-const STANDING = ["soft", 0.4, 0] as const; // what holds or hides: camera, rod, lids, rims
-const [REACH, TOUCH_REACH] = [9, 18]; // px within which a ray is picked
-const [GROWN, AWAY] = [1.7, 0.3]; // a sensor that is so many times as large or small, or this share of it away, is looked at anew
+const STANDING = ["soft", 0.4, 0] as const; // mechanical parts: camera, rod, lids, rims
+const [REACH, TOUCH_REACH] = [9, 18]; // px, selection radius
+const [GROWN, AWAY] = [1.7, 0.3]; // change of size or position, as a ratio, above which the viewpoint is reset
 const FIRST: Orbit = { target: [0, 0, 0], distance: 400, around: -1.15, above: -0.14 };
 const [SIDE, ABOVE] = [
   { around: -Math.PI / 2, above: 0 },
   { around: -Math.PI / 2, above: Math.PI / 2 },
 ];
-const ROOM_ABOVE = 0.32; // radians from which a room is seen at least
-const ROOM_SHARE = 0.62; // of the distance from which all of a room is seen: its near walls may be cut
+const ROOM_ABOVE = 0.32; // minimum elevation for a view of the room, radians
+const ROOM_SHARE = 0.62; // distance relative to that of the complete room; near walls can be cut off
 const KEYS =
-  "Arrow keys turn it, with Shift they move it; plus and minus enlarge it; Page Up and Page Down read rays.";
+  "Arrow keys rotate, with Shift pan; plus and minus zoom; Page Up and Page Down select rays.";
 
-/** A sensor in space: its parts, its rays, and the room around it; drawn when something has changed. */
+/** 3-D view of a sensor: parts, rays and room; redrawn after changes. */
 export class SpaceView {
   orbit = FIRST;
   rays: Ray[] = [];
   picked: Ray | null = null;
-  /** How often it was drawn, for whoever measures. */
+  /** Number of drawn frames, for benchmarks. */
   frames = 0;
   readonly canvas: HTMLCanvasElement;
   private readonly drawing: Drawing;
   private readonly readout = h("output", { className: "readout" });
-  private readonly around = h("input", { type: "checkbox", name: "Rays all round" });
+  private readonly around = h("input", { type: "checkbox", name: "All azimuths" });
   private found: Answered | null = null;
   private bounds: [Vec3, Vec3] = [
     [0, 0, 0],
@@ -57,7 +57,7 @@ export class SpaceView {
     this.canvas = gl.canvas as HTMLCanvasElement;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", `The sensor in space. ${KEYS}`);
+    this.canvas.setAttribute("aria-label", `3-D view of the sensor. ${KEYS}`);
     this.drawing = new Drawing(gl);
     const look = {
       orbit: () => this.orbit,
@@ -73,27 +73,23 @@ export class SpaceView {
     const button = (text: string, title: string, act: () => void): HTMLElement =>
       h("button", { type: "button", className: "small", title, onclick: act }, text);
     const buttons = [
-      button("Sensor", "All of the sensor (Home)", () => this.fit()),
-      button("From the side", "Level with it", () => this.fit(SIDE)),
-      button("From above", "Straight down on it", () => this.fit(ABOVE)),
-      button("Room", "All of the room around it", () => this.fitRoom()),
-      h("label", { className: "check" }, this.around, " Rays all round"),
-      button("‹ Ray", "Read the ray before (Page Up)", () => this.step(-1)),
-      button("Ray ›", "Read the next ray (Page Down)", () => this.step(1)),
+      button("Sensor", "Complete sensor (Home)", () => this.fit()),
+      button("From the side", "Horizontal view", () => this.fit(SIDE)),
+      button("From above", "Vertical view", () => this.fit(ABOVE)),
+      button("Room", "Complete room", () => this.fitRoom()),
+      h("label", { className: "check" }, this.around, " All azimuths"),
+      button("‹ Ray", "Previous ray (Page Up)", () => this.step(-1)),
+      button("Ray ›", "Next ray (Page Down)", () => this.step(1)),
     ];
     host.place.replaceChildren(
       this.canvas,
       this.readout,
-      h(
-        "div",
-        { className: "row", role: "group", "aria-label": "How it is looked at" },
-        ...buttons,
-      ),
+      h("div", { className: "row", role: "group", "aria-label": "Viewpoint" }, ...buttons),
     );
     new ResizeObserver(() => this.due()).observe(this.canvas);
   }
 
-  /** Draw what was answered of a design. */
+  /** Set the evaluation of a design. */
   show(found: Answered): void {
     const room = found.block("room");
     const table = found.block("rays");
@@ -108,7 +104,7 @@ export class SpaceView {
     this.drawLines();
   }
 
-  /** Say what is seen to who does not see it. */
+  /** Set the accessible description. */
   describe(): void {
     if (!this.found) return;
     const names = partsOf(this.found).map(({ name }) => name);
@@ -116,11 +112,11 @@ export class SpaceView {
     const angles = this.rays.map((ray) => ray.omega);
     this.canvas.setAttribute(
       "aria-label",
-      `The sensor in space: ${names.join(", ")}, ${add(high, low, -1)
+      `3-D view of the sensor: ${names.join(", ")}, ${add(high, low, -1)
         .map((mm) => words(mm, 3))
         .join(
           " by ",
-        )} mm, with ${this.rays.length} rays of field angles from ${words(Math.min(...angles), 3)}° to ${words(Math.max(...angles), 4)}°. ${KEYS}`,
+        )} mm, ${this.rays.length} rays with field angles from ${words(Math.min(...angles), 3)}° to ${words(Math.max(...angles), 4)}°. ${KEYS}`,
     );
   }
 
@@ -129,7 +125,7 @@ export class SpaceView {
     this.due();
   }
 
-  /** Look at all of the sensor. */
+  /** Show the complete sensor. */
   fit(from: Partial<Orbit> = {}): void {
     this.look(fitting({ ...this.orbit, ...from }, ...this.bounds, this.aspect()));
   }
@@ -147,7 +143,7 @@ export class SpaceView {
     this.look({ ...whole, distance: ROOM_SHARE * whole.distance });
   }
 
-  /** Look at it anew if it is of quite another size. */
+  /** Reset the viewpoint if the size changed considerably. */
   private measure(bounds: [Vec3, Vec3]): void {
     const size = ([low, high]: [Vec3, Vec3]): number => Math.hypot(...add(high, low, -1));
     const grown = size(bounds) / size(this.bounds);
@@ -183,7 +179,7 @@ export class SpaceView {
 
   private drawLines(): void {
     this.readout.textContent =
-      this.picked?.words ?? "Click a ray to read it; drag to turn, with Shift to move.";
+      this.picked?.words ?? "Click a ray to display its values; drag to rotate, with Shift to pan.";
     const [hidden, ray, ink, soft] = ["bad", "accent", "ink", "soft"].map((name) => inkOf(name));
     const of = (each: Ray): Line[] => {
       const isPicked = each === this.picked;
@@ -210,7 +206,7 @@ export class SpaceView {
     return this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
   }
 
-  /** Draw with the next frame of the screen, once. */
+  /** Draw once at the next animation frame. */
   private due(): void {
     if (this.isDue) return;
     this.isDue = true;
@@ -239,7 +235,7 @@ export class SpaceView {
   }
 }
 
-/** The parts of an answer: their names, and their profiles. */
+/** Parts of a response: names and profiles. */
 const partsOf = (found: Answered): { name: string; block: string }[] =>
   found.blocks
     .filter((b) => b.name.startsWith("part "))
@@ -257,7 +253,7 @@ const bodiesOf = (found: Answered): Body[] =>
 
 const faded = ([r, g, b]: Ink, alpha: number): Ink => [r, g, b, alpha];
 
-/** A colour of the page, #rrggbb or #rgb. */
+/** Parse a colour, #rrggbb or #rgb. */
 function inkOf(name: string): Ink {
   const digits = colour(name).slice(1);
   const value = Number.parseInt(digits.length === 3 ? digits.replace(/./g, "$&$&") : digits, 16);

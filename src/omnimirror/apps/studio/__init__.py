@@ -1,25 +1,25 @@
 """Studio: browser application for sensors and their images, and pages that need no server.
 
-Requires the extra ``omnimirror[studio]``, except :func:`show`, :func:`viewer_of` and
-:func:`page_alone`, which require no extra, and :func:`video_viewer_of`, which requires ``[video]``.
+Requires the extra ``omnimirror[studio]``, except :func:`show`, :func:`image_viewer` and
+:func:`standalone_page`, which require no extra, and :func:`video_viewer`, which requires ``[video]``.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ._standalone_page import page_alone as page_alone
-    from .pages import LookAround as LookAround
+    from ._standalone_page import standalone_page as standalone_page
+    from .pages import InteractiveView as InteractiveView
+    from .pages import image_viewer as image_viewer
     from .pages import show as show
-    from .pages import video_viewer_of as video_viewer_of
-    from .pages import viewer_of as viewer_of
+    from .pages import video_viewer as video_viewer
 
 _HOMES = {
-    "LookAround": "pages",
-    "page_alone": "_standalone_page",
+    "InteractiveView": "pages",
+    "standalone_page": "_standalone_page",
     "show": "pages",
-    "video_viewer_of": "pages",
-    "viewer_of": "pages",
+    "video_viewer": "pages",
+    "image_viewer": "pages",
 }
 __all__ = list(_HOMES)
 

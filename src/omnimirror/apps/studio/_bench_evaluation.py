@@ -24,12 +24,12 @@ from ...optics.tracing.shell_transmission import pose_of, transmit_rays
 from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
 from ...simulation.scenes.surfaces import intersect_boxes
-from ._bench_requirements import Judged, judged_by
-from ._bench_sensors import bent, in_place, on_bench, remark_on, sensor_on_bench, trouble_of, why_not_optimised
+from ._bench_requirements import CheckResult, check_evaluation
+from ._bench_sensors import aligned_sensor, api_error_of, bent, on_bench, remark_on, sensor_on_bench, why_not_optimised
 from ._http_messages import framed
-from .bench_messages import Answer, Ask, BlockValues, Facts, columns_of, distance_of
+from .bench_messages import BlockValues, DesignRequest, DesignResponse, DesignSummary, columns_of, distance_of
 
-# -- 3-D view of a design: profiles of its parts about their axes, traced chief rays, and the surrounding room
+# -- 3-D view: parts, chief rays and the surrounding room ------------------------------------------
 #
 # Coordinates are in mm in the world frame, with the origin at the nominal mirror vertex.
 
@@ -88,12 +88,11 @@ def _blocks_of(part: TurnedPart, world: Array) -> Iterator[BlockValues]:
     yield columns_of(f"frame {part.name}", ("x", "y", "z", "origin"), frame.T)
 
 
-# -- parts
-# -----------------------------------------------------------------------------------------------
+# -- Parts -----------------------------------------------------------------------------------------
 
 
 def _parts(sensor: Sensor) -> Iterator[TurnedPart]:
-    straight = in_place(sensor)
+    straight = aligned_sensor(sensor)
     yield from _bodies(sensor, straight)
     yield from _lens(straight)
     standing = sensor.obstructions
@@ -152,8 +151,7 @@ def _wall(shell: Shell, base_mm: float, back_mm: float, outer_mm: float) -> Turn
     return TurnedPart("dome", np.concatenate([r0, [np.nan], r1]), np.concatenate([z0, [np.nan], z1]), pose)
 
 
-# -- rays
-# ------------------------------------------------------------------------------------------------
+# -- Rays ------------------------------------------------------------------------------------------
 
 
 class _Legs(NamedTuple):
@@ -178,7 +176,7 @@ def _space_rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
     pixels = sensor.image_plane.pixels(sensor.imager.pitch_mm * places)
     pixels[~inside_image(pixels, sensor.image_size)] = np.nan
     legs = _legs(sensor, pixels)
-    wall, end, outside, is_hidden = _ways_out(sensor, legs, world)
+    wall, end, outside, is_hidden = _exit_points(sensor, legs, world)
     cosines = -outside[:, 2], np.abs((legs.before * legs.normals).sum(axis=1))
     omega, incidence = np.degrees(np.arccos(np.clip(cosines, -1, 1)))  # rounding errors can exceed 1
     at = sensor.mirror_pose.to_mirror(legs.mirror)
@@ -197,13 +195,13 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
         second, before = mirror.off_secondary(lens, towards)
         lens, towards = mirror.over(lens), towards * (1, 1, -1)
     if sensor.lens.TELECENTRIC:  # at an arbitrary axial position
-        lens = lens + ((lens_height(in_place(sensor)) - lens[:, 2]) / towards[:, 2])[:, None] * towards
+        lens = lens + ((lens_height(aligned_sensor(sensor)) - lens[:, 2]) / towards[:, 2])[:, None] * towards
     lens = np.where(found.valid[:, None], lens, np.nan)
     unit = before / np.linalg.norm(before, axis=1, keepdims=True)
     return _Legs(lens, second, found.points, unit, found.directions, found.normals)
 
 
-def _ways_out(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _exit_points(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return the exit points from a cover and the end points of rays (n, 3) in the world frame,
     with the next points and an obscuration mask."""
     standing, shell = sensor.obstructions, sensor.obstructions.housing.shell
@@ -220,12 +218,12 @@ def _ways_out(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, 
     far = np.full(len(points), AWAY * sensor.mirror.rim_radius_mm)
     inside = ((start >= ROOM.low) & (start <= ROOM.high)).all(axis=1)
     far[inside] = intersect_boxes(ROOM, SOLIDS, start[inside], direction[inside]).distance
-    stopped = _stopped_after(standing, points, towards)
+    stopped = _distance_to_disc(standing, points, towards)
     far = np.where(is_hidden, np.where(np.isfinite(stopped), stopped, 0.0), far)
     return wall, start + far[:, None] * direction, towards, is_hidden
 
 
-def _stopped_after(standing: Obstructions, points: Array, towards: Array) -> Array:
+def _distance_to_disc(standing: Obstructions, points: Array, towards: Array) -> Array:
     """Return the path length (n,), mm, to the first opaque disc; infinite without intersection."""
     way = np.full(len(points), np.inf)
     for disc in standing.discs:
@@ -235,7 +233,7 @@ def _stopped_after(standing: Obstructions, points: Array, towards: Array) -> Arr
     return way
 
 
-# -- Evaluation of a design as one binary message: curves, cross-section, grid squares and requirements
+# -- Curves, cross-section, squares and requirements -----------------------------------------------
 
 CURVES = ("omega_deg", "x_mm", "z_mm", "h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "area_px2", "aspect", "blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2", "plane_t_mm_per_px", "cylinder_t_mm_per_px", "object_s_mm_per_px")
 """Columns of :class:`~omnimirror.analysis.Evaluation` that are plotted."""
@@ -257,13 +255,13 @@ class EvaluatedSensor:
     """Evaluation for distant objects, regardless of the requested object distance."""
 
 
-def answer(ask: Ask) -> bytes:
+def answer(ask: DesignRequest) -> bytes:
     """Evaluate the design of a request; an invalid design yields a message with the error."""
     try:
         stands = sensor_on_bench(ask.tables, ask.follows)
         if ask.bend is not None:
             stands = bent(stands, ask.bend)
-        sensor = in_place(stands)
+        sensor = aligned_sensor(stands)
         design = _evaluated(sensor, distance_of(ask.object_distance_mm))
         facts = _facts(design, why_not_optimised(stands))
         blocks = [_block("curves", CURVES, design.curve)]
@@ -271,16 +269,16 @@ def answer(ask: Ask) -> bytes:
         blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
         blocks += space_blocks(stands, design.marks.h_px) if ask.space else []
     except OmnimirrorError as e:
-        return framed(_answer(ask, trouble=trouble_of(e)))
-    judged = judged_by(ask.requirements, design.curve) if ask.requirements is not None else Judged()
+        return framed(_answer(ask, trouble=api_error_of(e)))
+    judged = check_evaluation(ask.requirements, design.curve) if ask.requirements is not None else CheckResult()
     blocks += judged.curves
     told = _answer(ask, remark=remark_on(stands), facts=facts, rows=judged.rows, requirements_trouble=judged.trouble, blocks=tuple(values.block for values in blocks), bent=on_bench(stands) if ask.bend is not None else None)
     return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
-def _answer(ask: Ask, **told: object) -> Answer:
+def _answer(ask: DesignRequest, **told: object) -> DesignResponse:
     empty = dict.fromkeys(("trouble", "remark", "facts", "requirements_trouble", "bent")) | {"rows": (), "blocks": ()}
-    return Answer(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
+    return DesignResponse(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:
@@ -294,12 +292,12 @@ def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> BlockValu
     return columns_of(name, columns, np.stack([getattr(result, column) for column in columns]))
 
 
-def _facts(design: EvaluatedSensor, not_optimised: str | None) -> Facts:
+def _facts(design: EvaluatedSensor, not_optimised: str | None) -> DesignSummary:
     sensor, e = design.curve.sensor, design.curve
     near, far = e.depth_of_field_mm
     blurs = np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px))
     resolution = np.minimum(e.dh_domega_px_per_deg, e.width_px_per_deg)
-    return Facts(
+    return DesignSummary(
         name=sensor.name,
         field_deg=sensor.field_deg,
         rim_radius_mm=sensor.mirror.rim_radius_mm,

@@ -20,14 +20,14 @@ from ...optics.sensor import Sensor
 from ...optics.sensor_files import format_sensor, sensor_of, tables_of
 from ...optics.toml_validation import SourceLocator
 from ._bench_requirements import lens_table, requirements_for
-from ._bench_sensors import in_place, on_bench, sensor_on_bench
+from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench
 from ._http_messages import framed
 from ._uploads import encoded, safe_name
-from .bench_messages import Download, Opened, PictureAsk, Taken, distance_of
+from .bench_messages import FileRequest, ImportedFile, RenderHeader, RenderRequest, distance_of
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
-MOST_ACROSS = 4096
+MAX_SIDE_PX = 4096
 """Maximum width of a panorama and maximum longer side of the imager in a report, pixels."""
 VERY_FAR = 1e12
 """Finite stand-in for an infinite distance in JSON, mm."""
@@ -41,7 +41,7 @@ class File(NamedTuple):
     data: bytes
 
 
-def opened(name: str, data: bytes) -> Opened:
+def opened(name: str, data: bytes) -> ImportedFile:
     """Read an uploaded sensor file or requirement file (recognised by its ``[field]`` table).
 
     Raises
@@ -52,12 +52,12 @@ def opened(name: str, data: bytes) -> Opened:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise SpecError(f"{name} is not a text file; valid are sensor files and requirement files") from None
+        raise SpecError(f"{name} must be a sensor file or a requirement file; got a file that is not UTF-8 text") from None
     tables = parse_toml(text, name)
     where = SourceLocator(text, name)
     if "field" in tables:
-        return Opened(sensor=None, requirements=_checked(tables, where))
-    return Opened(sensor=on_bench(sensor_of(tables, where)), requirements=None)
+        return ImportedFile(sensor=None, requirements=_checked(tables, where))
+    return ImportedFile(sensor=on_bench(sensor_of(tables, where)), requirements=None)
 
 
 def _checked(tables: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
     SpecError
         Invalid requirements.
     """
-    sensor = in_place(sensor)
+    sensor = aligned_sensor(sensor)
     requirements = requirements_for(tables, sensor)
     imager = tables_of(sensor)["imager"]
     rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
@@ -97,7 +97,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- download --------------------------------------------------------------------------------------
 
 
-def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
+def downloaded(asked: FileRequest, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
     """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
 
     For reports, ``tell`` receives the current step and the completed fraction.
@@ -110,25 +110,25 @@ def downloaded(asked: Download, tell: Callable[[str, float], None] = lambda what
     sensor = sensor_on_bench(asked.tables)
     if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
         what = OF_ONE_MERIDIAN[asked.kind]
-        raise InvalidParameter(f"{what} is of a mirror and a cover in their places, and of these one is decentred or tilted; put it there")
+        raise InvalidParameter(f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first")
     return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
 
 
-def _sensor_file(sensor: Sensor, asked: Download) -> File:
+def _sensor_file(sensor: Sensor, asked: FileRequest) -> File:
     return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
 
 
-def _table(sensor: Sensor, asked: Download) -> File:
+def _table(sensor: Sensor, asked: FileRequest) -> File:
     distance = distance_of(asked.object_distance_mm)
     result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
     return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
 
 
-def _sag(sensor: Sensor, asked: Download) -> File:
+def _sag(sensor: Sensor, asked: FileRequest) -> File:
     return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
 
 
-def _drawing(sensor: Sensor, asked: Download) -> File:
+def _drawing(sensor: Sensor, asked: FileRequest) -> File:
     return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
 
 
@@ -136,14 +136,14 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
     from ..reports import write_demo
 
     width, height = sensor.imager.size
-    if max(width, height) > MOST_ACROSS:
-        raise InvalidParameter(f"the report of an imager of {width} x {height} px is not made here; valid are {MOST_ACROSS} px a side, and omnimirror demo makes larger ones")
+    if max(width, height) > MAX_SIDE_PX:
+        raise InvalidParameter(f"the imager of a report must have at most {MAX_SIDE_PX} px per side; got {width} x {height} px; omnimirror demo supports larger imagers")
     with tempfile.TemporaryDirectory() as folder:
         data = write_demo(sensor, folder, on_progress=tell).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
-KINDS: dict[str, Callable[[Sensor, Download], File]] = {"sensor": _sensor_file, "table": _table, "sag": _sag, "drawing": _drawing}
+KINDS: dict[str, Callable[[Sensor, FileRequest], File]] = {"sensor": _sensor_file, "table": _table, "sag": _sag, "drawing": _drawing}
 SLOW_KINDS = ("drawing", "report")
 
 
@@ -172,7 +172,7 @@ def _stem(sensor: Sensor) -> str:
 # -- images ----------------------------------------------------------------------------------------
 
 
-def taken(ask: PictureAsk) -> bytes:
+def taken(ask: RenderRequest) -> bytes:
     """Render the image of the room and its panorama at a reduced imager resolution.
 
     Raises
@@ -187,11 +187,11 @@ def taken(ask: PictureAsk) -> bytes:
     sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
     picture = render_image(sensor, Room(), samples=ask.samples)
     view = views.panorama(sensor)
-    if view.size[0] > MOST_ACROSS:  # narrow vertical field
-        view = views.panorama(sensor, (MOST_ACROSS, None))
+    if view.size[0] > MAX_SIDE_PX:  # narrow vertical field
+        view = views.panorama(sensor, (MAX_SIDE_PX, None))
     panorama = Dewarper(sensor, view)(picture)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
-    return framed(Taken(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
+    return framed(RenderHeader(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
 
 
 def coarser(sensor: Sensor, max_side_px: int) -> Sensor:

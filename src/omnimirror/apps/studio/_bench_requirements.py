@@ -16,10 +16,17 @@ from ...design.requirement_files import lens_like, requirements_of
 from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
-from ._bench_sensors import in_place, sensor_on_bench
-from .bench_messages import BlockValues, JudgementOf, Slide, SlidesAsk, SlidesOf, columns_of
+from ._bench_sensors import aligned_sensor, sensor_on_bench
+from .bench_messages import (
+    BlockValues,
+    RequirementResult,
+    SliderRequest,
+    SliderValues,
+    SliderViolations,
+    columns_of,
+)
 
-# -- Requirement checks of arbitrary sensors on the bench, independent of the requirements of their design
+# -- Requirement checks ----------------------------------------------------------------------------
 
 DIGITS = 6
 CHECK_ANGLES = 181  # field angles at which limits are evaluated while a slider moves
@@ -52,17 +59,17 @@ def lens_table(sensor: Sensor) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Judged:
+class CheckResult:
     """Result of a requirement check: achieved values or an error message, and the limited
     quantities."""
 
-    rows: tuple[JudgementOf, ...] = ()
+    rows: tuple[RequirementResult, ...] = ()
     trouble: str | None = None
     curves: tuple[BlockValues, ...] = ()
     """One block, "limits": limited quantities over the field, named after their rows."""
 
 
-def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
+def check_evaluation(tables: dict[str, Any], curve: Evaluation) -> CheckResult:
     """Check an evaluated sensor against requirements from tables, with limits at the same field
     angles."""
     sensor = curve.sensor
@@ -71,9 +78,9 @@ def judged_by(tables: dict[str, Any], curve: Evaluation) -> Judged:
         rows = rows_of(tables, requirements, sensor, CHECK_ANGLES)
         curves = limit_curves(requirements, curve)
     except OmnimirrorError as e:
-        return Judged(trouble=str(e))
+        return CheckResult(trouble=str(e))
     first = len(rows) - len(requirements.limits)
-    return Judged(tuple(_told(row, i - first) for i, row in enumerate(rows)), None, (curves,))
+    return CheckResult(tuple(_told(row, i - first) for i, row in enumerate(rows)), None, (curves,))
 
 
 def rows_of(
@@ -101,9 +108,9 @@ def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
     return columns_of("limits", tuple(columns), np.stack(list(columns.values())))
 
 
-def _told(row: Judgement, limit: int) -> JudgementOf:
+def _told(row: Judgement, limit: int) -> RequirementResult:
     reached = float(row.reached) if np.isfinite(row.reached) else None
-    return JudgementOf(
+    return RequirementResult(
         name=row.name,
         unit=row.unit,
         at_least=row.at_least,
@@ -117,13 +124,13 @@ def _told(row: Judgement, limit: int) -> JudgementOf:
     )
 
 
-# -- Feasible ranges of sliders with respect to the requirements -----------------------------------
+# -- Feasible ranges of sliders --------------------------------------------------------------------
 
 SLIDER_ANGLES = 61
 """Field angles at which limits are evaluated; slider tracks are only a few hundred pixels long."""
 
 
-def slid(asked: SlidesAsk) -> SlidesOf:
+def slider_violations(asked: SliderRequest) -> SliderViolations:
     """Return the relative violation of each requirement for every value of each number, one number
     at a time.
 
@@ -132,18 +139,20 @@ def slid(asked: SlidesAsk) -> SlidesOf:
     OmnimirrorError
         Invalid requirements.
     """
-    requirements_for(asked.requirements, in_place(sensor_on_bench(asked.tables, asked.follows)))
-    return SlidesOf(
+    requirements_for(
+        asked.requirements, aligned_sensor(sensor_on_bench(asked.tables, asked.follows))
+    )
+    return SliderViolations(
         missed=tuple(
             tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides
         )
     )
 
 
-def _missed(asked: SlidesAsk, slide: Slide, value: float) -> tuple[float, ...] | None:
+def _missed(asked: SliderRequest, slide: SliderValues, value: float) -> tuple[float, ...] | None:
     is_distance = slide.path == ("mount", "mirror_distance_mm")
     try:
-        sensor = in_place(
+        sensor = aligned_sensor(
             sensor_on_bench(
                 _with(asked.tables, slide.path, value), asked.follows and not is_distance
             )

@@ -13,36 +13,36 @@ from ...base.escaping import http_attachment
 from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
 from ...optics.sensor_files import load_sensor
 from ._bench_files import SLOW_KINDS, File, downloaded, opened, requirement_file, taken
-from ._bench_requirements import slid
+from ._bench_requirements import slider_violations
 from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
 from ._http_messages import BYTES, FILE_BODY, FileName
 from ._uploads import collected, safe_name
-from ._workers import Workers, relay, while_open
+from ._workers import Workers, relay, serve_socket
 from .bench_messages import (
-    Ask,
+    AsBuiltRequest,
     BenchSensor,
     BenchStart,
-    BuiltAsk,
-    Change,
-    Download,
-    ErrorsAsk,
-    ErrorsOf,
-    FileUnderWay,
-    News,
-    Opened,
-    PictureAsk,
-    RequirementFile,
-    SlidesAsk,
-    SlidesOf,
-    Task,
-    YieldAsk,
-    YieldOf,
+    DesignChange,
+    DesignRequest,
+    ErrorSourceList,
+    ErrorSourcesRequest,
+    FileProgress,
+    FileRequest,
+    ImportedFile,
+    RenderRequest,
+    RequirementFileRequest,
+    SearchTask,
+    SliderRequest,
+    SliderViolations,
+    TaskStatus,
+    YieldRequest,
+    YieldResult,
 )
 
 if TYPE_CHECKING:
     from ._server_state import Studio
 
-MOST_SEARCHES = 2
+MAX_SEARCHES = 2
 """Maximum number of simultaneous searches."""
 
 
@@ -51,7 +51,7 @@ def add_bench(app: FastAPI, studio: Studio) -> None:
     _add_questions(app, studio)
     _add_files(app, studio)
     _add_tolerances(app, studio)
-    _add_sockets(app, Workers("omnimirror.apps.studio._search_process", MOST_SEARCHES, "searches"))
+    _add_sockets(app, Workers("omnimirror.apps.studio._search_process", MAX_SEARCHES, "searches"))
 
 
 def _add_questions(app: FastAPI, studio: Studio) -> None:
@@ -65,33 +65,35 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
         """Return a bundled sensor."""
         if name not in bench_start().sensors:
             raise OmnimirrorError(
-                f"there is no bundled sensor {name!r}; there are {', '.join(bench_start().sensors)}"
+                f"name must be a bundled sensor; got {name!r}; valid are {', '.join(bench_start().sensors)}"
             )
         return on_bench(load_sensor(name))
 
     @app.post("/api/bench/slides")
-    async def slides(asked: SlidesAsk) -> SlidesOf:
+    async def slides(asked: SliderRequest) -> SliderViolations:
         """Return the relative violation of the requirements along all sliders."""
-        return await studio.slid.run(asked.model_dump_json(), lambda: slid(asked))
+        return await studio.slider_violations.run(
+            asked.model_dump_json(), lambda: slider_violations(asked)
+        )
 
     @app.post("/api/bench/change")
-    def change(asked: Change) -> BenchSensor:
+    def change(asked: DesignChange) -> BenchSensor:
         """Return the sensor with another kind of mirror or lens, or at its best focus."""
         return on_bench(changed(asked))
 
     @app.post("/api/bench/open", openapi_extra=FILE_BODY)
-    async def open_file(request: Request, name: FileName = "sensor.toml") -> Opened:
+    async def open_file(request: Request, name: FileName = "sensor.toml") -> ImportedFile:
         """Read a sensor file or a requirement file."""
         data = await collected(request)
         return await asyncio.to_thread(opened, safe_name(name), data)
 
 
 def _add_files(app: FastAPI, studio: Studio) -> None:
-    under_way: dict[str, FileUnderWay] = {}
+    under_way: dict[str, FileProgress] = {}
 
-    def made_slowly(asked: Download, key: str) -> File:
+    def made_slowly(asked: FileRequest, key: str) -> File:
         def tell(sentence: str, share: float) -> None:
-            under_way[key] = FileUnderWay(sentence=sentence, share=share)
+            under_way[key] = FileProgress(sentence=sentence, share=share)
 
         try:
             return downloaded(asked, tell)
@@ -99,12 +101,12 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
             under_way.pop(key, None)
 
     @app.post("/api/bench/making")
-    async def making(asked: Download) -> FileUnderWay | None:
+    async def making(asked: FileRequest) -> FileProgress | None:
         """Return the progress of a requested file."""
         return under_way.get(asked.model_dump_json())
 
     @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
-    async def file(asked: Download) -> Response:
+    async def file(asked: FileRequest) -> Response:
         """Return a file of a design: sensor file, tables, drawing or report."""
         if asked.kind in SLOW_KINDS:
             key = asked.model_dump_json()
@@ -115,12 +117,12 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
         return Response(made.data, media_type=made.kind, headers=headers)
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)
-    def requirements(asked: RequirementFile) -> str:
+    def requirements(asked: RequirementFileRequest) -> str:
         """Return the text of a requirement file."""
         return requirement_file(asked.requirements, sensor_on_bench(asked.tables))
 
     @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
-    async def picture(ask: PictureAsk) -> Response:
+    async def picture(ask: RenderRequest) -> Response:
         """Return the rendered image of a room and its panorama: two JPEG files after a header with
         their lengths."""
         pictures = await studio.simulated.run(ask.model_dump_json(), lambda: taken(ask))
@@ -129,16 +131,16 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
 
 def _add_tolerances(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/errors")
-    def errors(asked: ErrorsAsk) -> ErrorsOf:
+    def errors(asked: ErrorSourcesRequest) -> ErrorSourceList:
         """Return the error sources of a sensor."""
         from ._bench_tolerances import (
-            errors_known,
+            list_error_sources,
         )  # deferred import: requires the tolerancing modules
 
-        return errors_known(asked)
+        return list_error_sources(asked)
 
     @app.post("/api/bench/built", response_class=Response, responses={200: BYTES})
-    async def as_built(asked: BuiltAsk) -> Response:
+    async def as_built(asked: AsBuiltRequest) -> Response:
         """Return the image motion of a sensor with errors, as numbers after a header."""
         from ._bench_tolerances import built
 
@@ -146,11 +148,11 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
         return Response(found, media_type="application/octet-stream")
 
     @app.post("/api/bench/yield")
-    async def yields(asked: YieldAsk) -> YieldOf:
+    async def yields(asked: YieldRequest) -> YieldResult:
         """Return the predicted yield and the effect of each error source."""
-        from ._bench_tolerances import yielded
+        from ._bench_tolerances import predict_yield
 
-        return await studio.toleranced.run(asked.model_dump_json(), lambda: yielded(asked))
+        return await studio.toleranced.run(asked.model_dump_json(), lambda: predict_yield(asked))
 
 
 def _add_sockets(app: FastAPI, workers: Workers) -> None:
@@ -164,11 +166,11 @@ def _add_sockets(app: FastAPI, workers: Workers) -> None:
     @app.websocket("/api/bench/work")
     async def work(socket: WebSocket) -> None:
         """Run one task and send its progress; closing the socket cancels it."""
-        await while_open(socket, lambda socket: _work(socket, workers))
+        await serve_socket(socket, lambda socket: _work(socket, workers))
 
 
 async def _answer_newest(socket: WebSocket) -> None:
-    waiting: dict[int, Ask] = {}
+    waiting: dict[int, DesignRequest] = {}
     news = asyncio.Event()
     listening = asyncio.create_task(_listen(socket, waiting, news))
     try:
@@ -184,17 +186,19 @@ async def _answer_newest(socket: WebSocket) -> None:
         listening.cancel()
 
 
-def _answered(ask: Ask) -> bytes:
+def _answered(ask: DesignRequest) -> bytes:
     from ._bench_evaluation import answer  # deferred import: requires the analysis modules
 
     return answer(ask)
 
 
-async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Event) -> None:
+async def _listen(
+    socket: WebSocket, waiting: dict[int, DesignRequest], news: asyncio.Event
+) -> None:
     """Queue incoming requests; a newer request replaces an older one of the same slot."""
     try:
         while True:
-            asked = await receive_message(socket, Ask)
+            asked = await receive_message(socket, DesignRequest)
             waiting[asked.slot] = asked
             news.set()
     except InvalidMessage as e:
@@ -207,7 +211,7 @@ async def _listen(socket: WebSocket, waiting: dict[int, Ask], news: asyncio.Even
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        task = await receive_message(socket, Task)
+        task = await receive_message(socket, SearchTask)
         async with workers.one() as worker:
             worker.tell(task.model_dump_json())
             await relay(worker, socket, asyncio.create_task(socket.receive()))
@@ -215,6 +219,6 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
         await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
-        failed = News(state="failed", sentence=str(e), share=None, value=None, sensor=None)
+        failed = TaskStatus(state="failed", sentence=str(e), share=None, value=None, sensor=None)
         await socket.send_text(failed.model_dump_json())
     await socket.close()

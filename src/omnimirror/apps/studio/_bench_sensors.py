@@ -37,11 +37,11 @@ from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
 from ...optics.toml_validation import EntryError, NullLocator
-from .bench_messages import BenchSensor, BenchStart, Bend, Change, ParameterOf, PartOf, QuantityOf, Trouble, distance_of
+from .bench_messages import ApiError, BenchSensor, BenchStart, CurveEdit, DesignChange, ParameterInfo, PartInfo, QuantityInfo, distance_of
 
-# -- Slider metadata of the bench, from the parameter descriptions of the parts --------------------
+# -- Slider metadata -------------------------------------------------------------------------------
 
-DISTANCE = Parameter("mm", 1e-3, 1e7, "from the lens's principal point to the mirror's vertex (m)")
+DISTANCE = Parameter("mm", 1e-3, 1e7, "distance from the principal point of the lens to the mirror vertex (m)")
 
 
 @cache
@@ -62,7 +62,7 @@ def bench_start() -> BenchStart:
         lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
         imager=part_of("imager", Imager),
         place=part_of("place", Secondary),
-        mount=PartOf(kind="mount", parameters=(distance,)),
+        mount=PartInfo(kind="mount", parameters=(distance,)),
         pose=part_of("mirror_pose", MirrorPose),
         columns=tuple(map(_quantity, quantities.FIELD_QUANTITIES)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
@@ -73,25 +73,25 @@ def bench_start() -> BenchStart:
     )
 
 
-def _quantity(q: Quantity) -> QuantityOf:
-    return QuantityOf(name=q.name, symbol=q.symbol, unit=q.unit, title=q.title, meaning=q.meaning, equation=q.equation)
+def _quantity(q: Quantity) -> QuantityInfo:
+    return QuantityInfo(name=q.name, symbol=q.symbol, unit=q.unit, title=q.title, meaning=q.meaning, equation=q.equation)
 
 
-def part_of(kind: str, cls: type[Any]) -> PartOf:
+def part_of(kind: str, cls: type[Any]) -> PartInfo:
     """Describe a part from the metadata of its class."""
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
     found = [_parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()]
-    return PartOf(kind=kind, parameters=tuple(found))
+    return PartInfo(kind=kind, parameters=tuple(found))
 
 
-def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterOf:
+def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterInfo:
     inner = typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint
-    return ParameterOf(name=name, unit=p.unit, low=p.low, high=p.high, description=p.description, choices=p.choices, is_list=typing.get_origin(inner) is tuple, is_whole=inner is int, is_optional=default is not dataclasses.MISSING, default=float(default) if isinstance(default, int | float) else None)
+    return ParameterInfo(name=name, unit=p.unit, low=p.low, high=p.high, description=p.description, choices=p.choices, is_list=typing.get_origin(inner) is tuple, is_whole=inner is int, is_optional=default is not dataclasses.MISSING, default=float(default) if isinstance(default, int | float) else None)
 
 
-# -- Sensors on the bench: tables of a sensor file, errors by entry, and conversion between kinds of parts
+# -- Tables of a sensor file, and conversion between types of parts --------------------------------
 
 NODES = 25  # samples of a profile, spline or table derived from another mirror
 SLOPES = 13
@@ -114,9 +114,9 @@ class Form(NullLocator):
         return EntryError((path[0], named[1]) if named and len(path) == 1 else path, message)
 
 
-def trouble_of(error: OmnimirrorError) -> Trouble:
+def api_error_of(error: OmnimirrorError) -> ApiError:
     """Return the message of an error with the entry that it concerns."""
-    return Trouble(path=getattr(error, "path", ()), sentence=str(error))
+    return ApiError(path=getattr(error, "path", ()), sentence=str(error))
 
 
 def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
@@ -139,7 +139,7 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
 
 
-def in_place(sensor: Sensor) -> Sensor:
+def aligned_sensor(sensor: Sensor) -> Sensor:
     """Return the sensor with mirror and cover aligned to the lens axis, for rotationally symmetric
     quantities."""
     return sensor if sensor.is_axial else sensor.aligned()
@@ -151,19 +151,19 @@ def remark_on(sensor: Sensor) -> str | None:
     if pose.is_axial and sensor.is_ideal_except_pose:
         return None
     if pose.is_axial:
-        return "The file tells a form error of the mirror, or how the imager leans. The picture of the room is taken so; cross-section, plots and requirements are those of the sensor without."
+        return "The file contains a form error of the mirror or a tilt of the imager. Only the image of the room includes them; cross-section, plots and requirements are those of the ideal sensor."
     shift, tilt = (f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg)))
-    return f"The mirror is out of its place: decentred by {shift} mm, tilted by {tilt}°. The picture of the room is taken so; cross-section, plots and requirements are those of the same mirror in its place."
+    return f"The mirror is misaligned: decentred by {shift} mm, tilted by {tilt}°. Only the image of the room includes this; cross-section, plots and requirements are those of the aligned mirror."
 
 
 def why_not_optimised(sensor: Sensor) -> str | None:
     """Return the reason for which the mirror cannot be optimised; None if it can."""
     if sensor.secondary is not None:
-        return "Mirrors are optimised one at a time, and this sensor has two."
+        return "Optimisation requires a sensor with one mirror; this sensor has two."
     if not sensor.mirror_pose.is_axial:
-        return "Mirrors are optimised in their place, and this one is decentred or tilted."
+        return "Optimisation requires an aligned mirror; this one is decentred or tilted."
     if not sensor.is_ideal_except_pose:
-        return "Mirrors are optimised as they are meant, and this sensor has a form error or an imager that leans."
+        return "Optimisation requires an ideal sensor; this one has a form error or a tilted imager."
     return None
 
 
@@ -175,7 +175,7 @@ def on_bench(sensor: Sensor) -> BenchSensor:
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
 
 
-def changed(change: Change) -> Sensor:
+def changed(change: DesignChange) -> Sensor:
     """Return the sensor with another kind of mirror or lens, or at its best focus.
 
     A new mirror keeps the radius and viewing angle of the rim, and the field if its kind can reach
@@ -187,7 +187,7 @@ def changed(change: Change) -> Sensor:
         Unknown kind, or a kind that does not support this field.
     """
     stands, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
-    sensor = in_place(stands)
+    sensor = aligned_sensor(stands)
     if change.what == "focus":
         best = best_focus(sensor, change.to, object_distance_mm=distance)
         made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
@@ -199,7 +199,7 @@ def changed(change: Change) -> Sensor:
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
     if kind not in MIRRORS:
-        raise InvalidParameter(f"there is no mirror {kind!r}; valid are {', '.join(MIRRORS)}")
+        raise InvalidParameter(f"mirror must be one of {', '.join(MIRRORS)}; got {kind!r}")
     mounted = recast(sensor, kind)
     distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
     return replace(sensor, mirror=mounted.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
@@ -277,7 +277,7 @@ def _as_table(sensor: Sensor) -> TabulatedLens:
     """Return the lens as a table that extends slightly beyond the rim."""
     lens = sensor.lens
     if not isinstance(lens, GaussianLens):
-        raise InvalidParameter("a table is one of a lens at a distance; choose perspective first")
+        raise InvalidParameter("a lens table requires a lens with an entrance pupil; choose perspective first")
     angles = np.linspace(0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS)
     tangent = np.tan(np.radians(angles))
     heights = np.abs(lens.distorted_height(lens.principal_distance * tangent))
@@ -296,9 +296,9 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     if kind == "table":
         return replace(sensor, lens=_as_table(sensor))
     if kind == "surfaces":
-        raise InvalidParameter("a lens by its surfaces comes from its .zmx file, named in a sensor file; open that")
+        raise InvalidParameter("a lens defined by surfaces requires a .zmx file; open a sensor file that references it")
     if kind != "perspective":
-        raise InvalidParameter(f"there is no lens {kind!r}; valid are {', '.join(LENSES)}")
+        raise InvalidParameter(f"lens must be one of {', '.join(LENSES)}; got {kind!r}")
     mirror = _for_theta(sensor.mirror, THETA_DEG)
     distance = M / np.tan(np.radians(THETA_DEG)) - float(mirror.sag(M))
     focal = 1 / (np.tan(np.radians(THETA_DEG)) / height + 1 / distance)
@@ -325,13 +325,13 @@ def _focused(sensor: Sensor, object_distance_mm: float) -> Sensor:
     return replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
 
 
-# -- Manual shape editing: moves one point of a profile or mapping and deforms its neighbourhood smoothly
+# -- Manual shape editing --------------------------------------------------------------------------
 
 CLEAR = 0.02
 """Minimum distance from fixed curve ends, relative to the rim radius or the field."""
 
 
-def bent(sensor: Sensor, bend: Bend) -> Sensor:
+def bent(sensor: Sensor, bend: CurveEdit) -> Sensor:
     """Deform the mirror so that its profile or mapping passes through a given point.
 
     Deformations minimise curvature: the profile bends as a rod clamped at the vertex, the mapping
@@ -348,7 +348,7 @@ def bent(sensor: Sensor, bend: Bend) -> Sensor:
     --------
     >>> import omnimirror as om
     >>> sphere = om.load_sensor("paper-spherical")
-    >>> flatter = bent(sphere, Bend(of="profile", at=30.0, to=9.9))
+    >>> flatter = bent(sphere, CurveEdit(of="profile", at=30.0, to=9.9))
     >>> round(float(flatter.mirror.sag(30.0)), 9), round(float(sphere.mirror.sag(30.0)), 3)
     (9.9, 10.01)
     """
@@ -360,7 +360,7 @@ def bent(sensor: Sensor, bend: Bend) -> Sensor:
 def _profile(sensor: Sensor, x_mm: float, z_mm: float) -> Sensor:
     rim = sensor.mirror.rim_radius_mm
     if not CLEAR * rim <= x_mm <= rim * (1 + 1e-9):
-        raise InvalidParameter(f"the profile is held {x_mm:g} mm from the axis; it can be held from {CLEAR * rim:.4g} to {rim:g} mm")
+        raise InvalidParameter(f"the profile can be dragged from {CLEAR * rim:.4g} to {rim:g} mm from the axis; got {x_mm:g} mm")
     before = spline_like(sensor)
     slopes, held = np.array(before.slopes), min(x_mm / rim, 1.0)
     rod = _rod_slope(np.linspace(0.0, 1.0, len(slopes)), held)
@@ -385,10 +385,10 @@ def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
     low, high = sensor.field_deg
     first, last = (low + share * (high - low) for share in (CLEAR, 1 - CLEAR))
     if not first <= omega_deg <= last:
-        raise InvalidParameter(f"the mapping is held at {omega_deg:g} deg; it can be held from {first:.4g} to {last:.4g} deg")
+        raise InvalidParameter(f"the mapping can be dragged from {first:.4g} to {last:.4g} deg; got {omega_deg:g} deg")
     rim_px = sensor.rim_radius_px
     if not 0 < height_px < rim_px:
-        raise InvalidParameter(f"the mapping is pulled to {height_px:.4g} px; it can be pulled to 0 to {rim_px:.4g} px")
+        raise InvalidParameter(f"the image height must be between 0 and {rim_px:.4g} px; got {height_px:.4g} px")
     table = mapping_like(sensor)
     omega, tau = np.array(table.omega_deg), np.array(table.height) / table.height[-1]
     beam = _beam(omega - low, omega_deg - low, high - low)
@@ -424,4 +424,4 @@ def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> 
     side = np.sign(pulled)
     against = side * beam < 0
     most = float(np.min(steps[against] / np.abs(beam[against])))
-    raise InvalidParameter(f"pulled by {pulled:+.3g} of the rim's image height at {omega_deg:.4g} deg, the mapping would not grow with the field angle; it can be pulled by less than {side * most:+.3g}")
+    raise InvalidParameter(f"the image height must increase with the field angle; a change of {pulled:+.3g} times the image height of the rim at {omega_deg:.4g} deg violates this; the limit is {side * most:+.3g}")

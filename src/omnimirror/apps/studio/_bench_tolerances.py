@@ -30,17 +30,17 @@ from ...manufacturing.tolerancing.trial_images import Refocus
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
 from ._bench_evaluation import finite
-from ._bench_sensors import in_place, sensor_on_bench
+from ._bench_sensors import aligned_sensor, sensor_on_bench
 from ._http_messages import framed
 from .bench_messages import (
-    Built,
-    BuiltAsk,
-    ErrorAlone,
-    ErrorOf,
-    ErrorsAsk,
-    ErrorsOf,
-    YieldAsk,
-    YieldOf,
+    AsBuiltRequest,
+    AsBuiltResult,
+    ErrorSourceInfo,
+    ErrorSourceList,
+    ErrorSourcesRequest,
+    SingleErrorEffect,
+    YieldRequest,
+    YieldResult,
 )
 
 LAST_ZERNIKE = 11
@@ -48,15 +48,15 @@ LAST_ZERNIKE = 11
 SLOW_TRIALS = 60
 """Trials of sensors that require sequential tracing, limited to keep the response time at seconds."""
 STRAIGHTNESS = tuple(after("straightness_deg", depth) for depth in CALIBRATIONS)
-KEPT = 8  # cached evaluators, one per sensor and set of requirements
+MAX_EVALUATORS = 8  # cached evaluators, one per sensor and set of requirements
 
 
-def errors_known(ask: ErrorsAsk) -> ErrorsOf:
+def list_error_sources(ask: ErrorSourcesRequest) -> ErrorSourceList:
     """Return the error sources of the sensor of given tables."""
-    sensor = in_place(sensor_on_bench(ask.tables))
+    sensor = aligned_sensor(sensor_on_bench(ask.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
     known = tuple(
-        ErrorOf(
+        ErrorSourceInfo(
             name=k.name,
             unit=k.unit,
             meaning=k.meaning,
@@ -65,7 +65,7 @@ def errors_known(ask: ErrorsAsk) -> ErrorsOf:
         )
         for k in kinds
     )
-    return ErrorsOf(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
+    return ErrorSourceList(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
 
 
 def _has_slider(name: str) -> bool:
@@ -73,7 +73,7 @@ def _has_slider(name: str) -> bool:
     return start != "mirror.zernike" or int(number) <= LAST_ZERNIKE
 
 
-def built(ask: BuiltAsk) -> bytes:
+def built(ask: AsBuiltRequest) -> bytes:
     """Return the image motion of a sensor with errors and its residuals after calibrations.
 
     Raises
@@ -81,13 +81,15 @@ def built(ask: BuiltAsk) -> bytes:
     OmnimirrorError
         Invalid sensor, or an error source that does not apply to it.
     """
-    meant = in_place(sensor_on_bench(ask.tables))
+    meant = aligned_sensor(sensor_on_bench(ask.tables))
     check_error_names(meant, ask.values)
     values = {name: value for name, value in ask.values.items() if value} or {
         "imager.shift_x_px": 0.0
     }
     is_quick = is_vectorised(meant, values)
-    evaluator = _judge(_told(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ())
+    evaluator = _cached_evaluator(
+        _cache_key(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ()
+    )
     merits, moved = evaluator.evaluate_with_motions(
         {name: np.array([0.0, value]) for name, value in values.items()}
     )
@@ -101,7 +103,7 @@ def built(ask: BuiltAsk) -> bytes:
     straight: list[float | None] = (
         [of[name][1] for name in STRAIGHTNESS] if is_quick else [None] * len(CALIBRATIONS)
     )
-    header = Built(
+    header = AsBuiltResult(
         objects=len(evaluator.field),
         lost=int(merits[1, -1]),
         radius_px=meant.rim_radius_px,
@@ -126,7 +128,7 @@ def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, An
         return None
 
 
-def yielded(ask: YieldAsk) -> YieldOf:
+def predict_yield(ask: YieldRequest) -> YieldResult:
     """Return the effect of each error and the predicted yield.
 
     Raises
@@ -135,18 +137,22 @@ def yielded(ask: YieldAsk) -> YieldOf:
         Invalid sensor, inapplicable error source, or invalid limit.
     """
     check_limits({ask.merit: ask.limit})
-    sensor = in_place(sensor_on_bench(ask.tables))
+    sensor = aligned_sensor(sensor_on_bench(ask.tables))
     errors = {error.name: Tolerance(error.tolerance) for error in ask.errors}
     tolerances = Tolerances(sensor, errors)
-    evaluator = _judge(_told(ask.tables), ask.refocus, select_requirement_merits([ask.merit]))
+    evaluator = _cached_evaluator(
+        _cache_key(ask.tables), ask.refocus, select_requirement_merits([ask.merit])
+    )
     trials = ask.trials if is_vectorised(sensor, errors) else min(ask.trials, SLOW_TRIALS)
     statistics = simulate_trials(
         evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed
     )
-    return _told_yield(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
+    return _yield_result(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
 
 
-def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tuple[ErrorAlone, ...]:
+def _alone(
+    evaluator: TrialEvaluator, tolerances: Tolerances, merit: str
+) -> tuple[SingleErrorEffect, ...]:
     """Return the effects of all errors, each evaluated at plus and minus its tolerance."""
     sizes = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
     if not sizes:
@@ -163,7 +169,7 @@ def _alone(evaluator: TrialEvaluator, tolerances: Tolerances, merit: str) -> tup
             each: _worst(each, pair[:, evaluator.names.index(each)]) for each in (*names, merit)
         }
         rows.append(
-            ErrorAlone(
+            SingleErrorEffect(
                 name=name,
                 tolerance=size,
                 motion_px=tuple(worst[n] for n in names),
@@ -180,10 +186,12 @@ def _worst(name: str, values: Array) -> float | None:
     return finite(float(values.min() if is_lower_limit(name) else values.max()))
 
 
-def _told_yield(statistics: YieldStatistics, merit: str, rows: tuple[ErrorAlone, ...]) -> YieldOf:
+def _yield_result(
+    statistics: YieldStatistics, merit: str, rows: tuple[SingleErrorEffect, ...]
+) -> YieldResult:
     of = statistics.yields
     median, most = (finite(statistics.quantile(merit, share)) for share in (0.5, 0.95))
-    return YieldOf(
+    return YieldResult(
         trials=statistics.trials,
         lost=statistics.lost,
         share=of.value,
@@ -195,12 +203,12 @@ def _told_yield(statistics: YieldStatistics, merit: str, rows: tuple[ErrorAlone,
     )
 
 
-def _told(tables: Mapping[str, Any]) -> str:
+def _cache_key(tables: Mapping[str, Any]) -> str:
     """Serialise tables as a cache key."""
     return json.dumps(tables, sort_keys=True)
 
 
-@lru_cache(maxsize=KEPT)
-def _judge(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
+@lru_cache(maxsize=MAX_EVALUATORS)
+def _cached_evaluator(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
     """Return the cached trial evaluator of a sensor; its set-up takes longer than a trial."""
-    return TrialEvaluator.of(in_place(sensor_on_bench(json.loads(tables))), refocus, required)
+    return TrialEvaluator.of(aligned_sensor(sensor_on_bench(json.loads(tables))), refocus, required)

@@ -16,14 +16,14 @@ import numpy as np
 from ...base.errors import OmnimirrorError
 from ...calibration.targets import Board, Detection, find_board
 from ._uploads import picture_in
-from .calibration_messages import BoardAsked, BoardLook, BoardSeen
+from .calibration_messages import BoardDetection, BoardDetectionRequest, BoardSpec
 from .messages import Problem
 
 PLACES = 4
 """Transferred decimals of a pixel, 0.01 of the corner uncertainty."""
 
 
-def board_of(asked: BoardAsked) -> Board:
+def board_of(asked: BoardSpec) -> Board:
     """Return the board of a request.
 
     Raises
@@ -35,9 +35,9 @@ def board_of(asked: BoardAsked) -> Board:
     return Board(a.kind, a.columns, a.rows, a.square_mm, a.marker_mm, a.spacing, a.family, a.legacy)
 
 
-def told(found: Detection) -> BoardSeen:
+def told(found: Detection) -> BoardDetection:
     """Convert a detection to a message."""
-    return BoardSeen(
+    return BoardDetection(
         name=found.name,
         image_size=found.image_size,
         ids=tuple(int(i) for i in found.ids),
@@ -54,7 +54,7 @@ def told(found: Detection) -> BoardSeen:
     )
 
 
-def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
+def look(ask: BoardDetectionRequest, data: bytes) -> BoardDetection | Problem:
     """Detect the board in an image; return the detection or a problem."""
     try:
         return told(
@@ -63,14 +63,17 @@ def look(ask: BoardLook, data: bytes) -> BoardSeen | Problem:
     except OmnimirrorError as e:
         return Problem(detail=str(e))
     except MemoryError:
-        return Problem(detail=f"{ask.name} takes more memory than the server has")
+        return Problem(detail=f"{ask.name} requires more memory than the server has")
 
 
 def answer_all(questions: BinaryIO) -> None:
     """Answer requests until the end of input."""
     while line := questions.readline():
         data = questions.read(int(questions.readline()))
-        print(look(BoardLook.model_validate_json(line), data).model_dump_json(), flush=True)
+        print(
+            look(BoardDetectionRequest.model_validate_json(line), data).model_dump_json(),
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -9,12 +9,7 @@ import numpy as np
 
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...calibration.estimation.observation_checks import (
-    MIN_CORNERS_PER_CELL,
-    Coverage,
-    coverage,
-    recommendations,
-)
+from ...calibration.estimation.observation_checks import MIN_CORNERS_PER_CELL, Coverage, coverage, recommendations
 from ...calibration.estimation.observations import Observation
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
@@ -24,19 +19,12 @@ from ...dewarp import Dewarper
 from ...optics.sensor_files import parse_camera
 from ._board_detection_process import board_of
 from ._uploads import eight_bits, encoded, picture_in
-from .calibration_messages import (
-    BoardPlace,
-    BoardSeen,
-    CoverageShown,
-    StraightAsk,
-    Together,
-    TogetherAsk,
-)
+from .calibration_messages import BoardDetection, BoardPose, BoardViewRequest, CoverageInfo, MultiImageRequest, MultiImageSummary
 
-# -- Conversion of board detections between messages and the calibration engine --------------------
+# -- Conversion and joint analysis of detections ---------------------------------------------------
 
 
-def taken(seen: BoardSeen, board: Board) -> Detection:
+def taken(seen: BoardDetection, board: Board) -> Detection:
     """Convert the message of one image to a detection, if usable.
 
     Raises
@@ -44,37 +32,18 @@ def taken(seen: BoardSeen, board: Board) -> Detection:
     InvalidParameter
         Corners outside the board or outside the image.
     """
-    ids, corners = (
-        np.asarray(seen.ids, dtype=int),
-        np.asarray(seen.corners_px, dtype=float).reshape(-1, 2),
-    )
+    ids, corners = (np.asarray(seen.ids, dtype=int), np.asarray(seen.corners_px, dtype=float).reshape(-1, 2))
     sigma = None if seen.sigma_px is None else np.asarray(seen.sigma_px, dtype=float)
     size = np.array(seen.image_size)
-    good = len(ids) == len(corners) == len(set(seen.ids)) and (
-        sigma is None or len(sigma) == len(ids)
-    )
+    good = len(ids) == len(corners) == len(set(seen.ids)) and (sigma is None or len(sigma) == len(ids))
     good = good and bool(np.all((ids >= 0) & (ids < board.corner_count)))
     if not (good and np.all((corners >= -0.5) & (corners <= size - 0.5))):
-        raise InvalidParameter(
-            f"what is told of {seen.name} cannot be: its corners are not those of a board of {board}"
-        )
+        raise InvalidParameter(f"the detection in {seen.name} is invalid: its corners do not match a board of {board}")
     blur = math.nan if seen.blur_px is None else seen.blur_px
-    return Detection(
-        seen.name,
-        seen.image_size,
-        ids,
-        corners,
-        seen.reason,
-        sigma,
-        blur,
-        seen.is_reversed,
-        seen.begins_white,
-        seen.is_part,
-        seen.time_s,
-    )
+    return Detection(seen.name, seen.image_size, ids, corners, seen.reason, sigma, blur, seen.is_reversed, seen.begins_white, seen.is_part, seen.time_s)
 
 
-def together(ask: TogetherAsk) -> Together:
+def together(ask: MultiImageRequest) -> MultiImageSummary:
     """Analyse images of one camera together: consistency, field coverage and the recommended next
     image.
 
@@ -87,40 +56,28 @@ def together(ask: TogetherAsk) -> Together:
     detections = compared([taken(seen, board) for seen in ask.pictures], board)
     used = [d for d in detections if d.used]
     spread = _coverage(used, ask) if used else None
-    return Together(
-        reasons=tuple(d.reason for d in detections),
-        coverage=coverage_shown(spread) if spread else None,
-        advice=recommendations(spread, len(used)) if spread else (),
-        not_new=None
-        if ask.candidate is None
-        else redundancy_reason(taken(ask.candidate, board), used, board),
-    )
+    return MultiImageSummary(reasons=tuple(d.reason for d in detections), coverage=coverage_shown(spread) if spread else None, advice=recommendations(spread, len(used)) if spread else (), not_new=None if ask.candidate is None else redundancy_reason(taken(ask.candidate, board), used, board))
 
 
-def _coverage(used: list[Detection], ask: TogetherAsk) -> Coverage:
+def _coverage(used: list[Detection], ask: MultiImageRequest) -> Coverage:
     width, height = used[0].image_size
     centre = ((width - 1) / 2, (height - 1) / 2) if ask.centre_px is None else ask.centre_px
     observations = [Observation(d.name, d.corners_px, np.zeros((len(d.ids), 3))) for d in used]
     return coverage(observations, centre, ask.radius_px)
 
 
-def coverage_shown(spread: Coverage) -> CoverageShown:
+def coverage_shown(spread: Coverage) -> CoverageInfo:
     """Convert a coverage to a message."""
-    return CoverageShown(
-        centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])),
-        radii_px=tuple(float(r) for r in spread.radii_px),
-        counts=tuple(tuple(int(c) for c in ring) for ring in spread.counts),
-        enough=MIN_CORNERS_PER_CELL,
-    )
+    return CoverageInfo(centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])), radii_px=tuple(float(r) for r in spread.radii_px), counts=tuple(tuple(int(c) for c in ring) for ring in spread.counts), enough=MIN_CORNERS_PER_CELL)
 
 
-# -- Dewarped frontal view of a calibration board, a visual check of the calibration ---------------
+# -- Dewarped frontal view -------------------------------------------------------------------------
 
 MARGIN = 1.5  # margin around the board, squares
 FINER = 2.5  # pixels of the view per pixel of the image
-LONGEST_PX = 1200
-LARGEST_MM = 1e5
-LEAST_OF_LINE = 3  # minimum number of corners for a straightness residual
+MAX_VIEW_PX = 1200
+MAX_BOARD_MM = 1e5
+MIN_LINE_CORNERS = 3  # minimum number of corners for a straightness residual
 
 
 @dataclass(frozen=True)
@@ -135,7 +92,7 @@ class BoardScreen:
     Examples
     --------
     >>> rotation = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    >>> place = BoardPlace(
+    >>> place = BoardPose(
     ...     picture="a", rotation=rotation, shift_mm=(0, 0, 500), low_mm=(0, 0), high_mm=(40, 20), margin_mm=10,
     ...     px_per_mm=2.0, is_upwards=False,
     ... )
@@ -144,7 +101,7 @@ class BoardScreen:
     ((121, 81), array([[  0.,   0., 500.]]))
     """
 
-    place: BoardPlace
+    place: BoardPose
 
     @property
     def sides_mm(self) -> Array:
@@ -153,7 +110,7 @@ class BoardScreen:
 
     @property
     def _px_per_mm(self) -> float:
-        return float(min(self.place.px_per_mm, (LONGEST_PX - 1) / self.sides_mm.max()))
+        return float(min(self.place.px_per_mm, (MAX_VIEW_PX - 1) / self.sides_mm.max()))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -176,12 +133,12 @@ class BoardScreen:
         return f"the board in {self.place.picture}"
 
 
-def place_of(observation: Observation, model: CameraModel, board: Board) -> BoardPlace:
+def place_of(observation: Observation, model: CameraModel, board: Board) -> BoardPose:
     """Return the pose of an observed board in the world frame."""
     assert observation.pose is not None
     to_world = model.mount.rotation()
     low, high = board.points_mm.min(axis=0), board.points_mm.max(axis=0)
-    return BoardPlace(
+    return BoardPose(
         picture=observation.name,
         rotation=tuple(float(x) for x in (to_world @ observation.pose.rotation).ravel()),
         shift_mm=tuple(float(x) for x in to_world @ observation.pose.translation_mm),  # type: ignore[arg-type]
@@ -195,10 +152,7 @@ def place_of(observation: Observation, model: CameraModel, board: Board) -> Boar
 
 def _px_per_mm(observation: Observation) -> float:
     """Return the image scale of a board, from the square root of area ratios."""
-    areas = [
-        np.linalg.det(np.cov(values.T))
-        for values in (observation.pixels, observation.points[:, :2])
-    ]
+    areas = [np.linalg.det(np.cov(values.T)) for values in (observation.pixels, observation.points[:, :2])]
     return float((areas[0] / areas[1]) ** 0.25)
 
 
@@ -213,7 +167,7 @@ def on_board_mm(observation: Observation, model: CameraModel, board: Board) -> A
     return np.where(rays.valid[:, None], met, np.nan)
 
 
-def off_straight_px(observation: Observation, model: CameraModel, board: Board) -> float:
+def line_deviation_px(observation: Observation, model: CameraModel, board: Board) -> float:
     """Return the largest distance of a corner from the best-fit line of its row or column on the
     dewarped board.
 
@@ -225,15 +179,13 @@ def off_straight_px(observation: Observation, model: CameraModel, board: Board) 
     for axis in (0, 1):
         for at in np.unique(points[:, axis]):
             line = met[(points[:, axis] == at) & np.isfinite(met).all(axis=1)]
-            if len(line) >= LEAST_OF_LINE:
+            if len(line) >= MIN_LINE_CORNERS:
                 from_middle = line - line.mean(axis=0)
-                worst = max(
-                    worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max())
-                )
+                worst = max(worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max()))
     return worst
 
 
-def straightened(ask: StraightAsk, data: bytes) -> bytes:
+def render_board_view(ask: BoardViewRequest, data: bytes) -> bytes:
     """Render the frontal view of a board as JPEG.
 
     Raises
@@ -242,11 +194,8 @@ def straightened(ask: StraightAsk, data: bytes) -> bytes:
         Unreadable image, invalid camera or board, or an image of another size than the camera's.
     """
     screen = BoardScreen(ask.place)
-    if not np.all((screen.sides_mm > 0) & (screen.sides_mm < LARGEST_MM)):
-        raise InvalidParameter(
-            f"the board in {ask.place.picture} is none: its corners lie from {ask.place.low_mm} to "
-            f"{ask.place.high_mm} mm"
-        )
+    if not np.all((screen.sides_mm > 0) & (screen.sides_mm < MAX_BOARD_MM)):
+        raise InvalidParameter(f"the board in {ask.place.picture} must be larger than 0 and smaller than {MAX_BOARD_MM:g} mm; its corners extend from {ask.place.low_mm} to {ask.place.high_mm} mm")
     picture = eight_bits(picture_in(data, ask.name))
     camera = parse_camera(ask.camera_file, source="the camera")
     return encoded(Dewarper(camera, screen)(picture), ".jpg")

@@ -22,21 +22,23 @@ from ...calibration.targets.frame_selection import select_distinct_frames
 from ...cameras.frames import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
-from ._calibration_boards import coverage_shown, off_straight_px, place_of, taken
-from .calibration_messages import STOP, BoardSeen, CalibrationAsk, CalibrationFound, CalibrationNews, ModelTried, OutlierFound, ParameterFound, PictureOutcome
+from ._calibration_boards import coverage_shown, line_deviation_px, place_of, taken
+from .calibration_messages import STOP, BoardDetection, CalibrationRequest, CalibrationResult, CalibrationStatus, ImageResult, ModelComparisonRow, OutlierCorner, ParameterEstimate
 
-Tell = Callable[[CalibrationNews], None]
+Tell = Callable[[CalibrationStatus], None]
+LABELS = {"say --flipped": 'select "Camera driver flips images left to right"', "--flipped": '"Camera driver flips images left to right"', "--optics": '"Optics"'}
+"""Labels of the page for command-line options in messages."""
 
 
-def perform(ask: CalibrationAsk, pictures: Iterable[BoardSeen], tell: Tell, stop: Callable[[], bool]) -> None:
+def perform(ask: CalibrationRequest, pictures: Iterable[BoardDetection], tell: Tell, stop: Callable[[], bool]) -> None:
     """Calibrate a camera and send progress, camera and report, or an error."""
     try:
         board = board_of(ask.board)
         found = _calibrated(ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop)
-        tell(CalibrationNews(state="done", sentence=found.summary, share=1.0, found=found_message(found)))
-        tell(CalibrationNews(state="reported", sentence="The report is made.", report=_report(found, ask.command)))
+        tell(CalibrationStatus(state="done", sentence=found.summary, share=1.0, found=found_message(found)))
+        tell(CalibrationStatus(state="reported", sentence="Report complete.", report=_report(found, ask.command)))
     except OmnimirrorError as e:
-        tell(CalibrationNews(state="failed", sentence=_plain(str(e))))
+        tell(CalibrationStatus(state="failed", sentence=_plain(str(e))))
 
 
 def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
@@ -47,16 +49,18 @@ def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
     return [told.get(id(d), d) for d in judged]
 
 
-def _calibrated(ask: CalibrationAsk, detections: Sequence[Detection], board: Board, tell: Tell, stop: Callable[[], bool]) -> Calibration:
+def _calibrated(ask: CalibrationRequest, detections: Sequence[Detection], board: Board, tell: Tell, stop: Callable[[], bool]) -> Calibration:
     def progress(what: str, share: float) -> None:
-        tell(CalibrationNews(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share))
+        tell(CalibrationStatus(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share))
 
     return calibrate_camera(detections, board, model=ask.model, optics=ask.optics, mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped), centre_px=ask.centre_px, rim_radius_px=ask.rim_radius_px, board_shape=not ask.flat_board, on_progress=progress, should_stop=stop)
 
 
 def _plain(sentence: str) -> str:
     """Convert a message of the command line to the labels of the page."""
-    return sentence.replace("use --image-flipped if the camera's driver flips the images", "select that the driver reverses its images").replace("--optics", "kind of camera")
+    for option, label in LABELS.items():
+        sentence = sentence.replace(option, label)
+    return sentence
 
 
 def _report(found: Calibration, command: str) -> str:
@@ -68,11 +72,11 @@ def _report(found: Calibration, command: str) -> str:
 # -- messages --------------------------------------------------------------------------------------
 
 
-def found_message(found: Calibration) -> CalibrationFound:
+def found_message(found: Calibration) -> CalibrationResult:
     """Convert a calibration to a message."""
     fit = found.adjustment
     used = {p.name for p in found.images if p.used}
-    return CalibrationFound(
+    return CalibrationResult(
         kind=found.model.KIND,
         summary=found.summary,
         rms_px=found.rms_px,
@@ -82,9 +86,9 @@ def found_message(found: Calibration) -> CalibrationFound:
         is_complete=found.is_complete,
         image_size=fit.model.image_size,
         pictures=_pictures(found),
-        parameters=tuple(ParameterFound(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit) for p in found.parameters),
-        models=tuple(ModelTried(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)})) for c in sorted(found.candidates, key=lambda c: c.rms_px)),
-        outliers=tuple(OutlierFound(picture=o.image, corner=o.corner, residual_px=o.residual_px) for o in found.outliers),
+        parameters=tuple(ParameterEstimate(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit) for p in found.parameters),
+        models=tuple(ModelComparisonRow(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)})) for c in sorted(found.candidates, key=lambda c: c.rms_px)),
+        outliers=tuple(OutlierCorner(picture=o.image, corner=o.corner, residual_px=o.residual_px) for o in found.outliers),
         notes=found.notes,
         advice=found.advice,
         coverage=coverage_shown(found.coverage),
@@ -93,7 +97,7 @@ def found_message(found: Calibration) -> CalibrationFound:
     )
 
 
-def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
+def _pictures(found: Calibration) -> tuple[ImageResult, ...]:
     fit = found.adjustment
     slices = dict(zip((s.name for s in fit.observations), fit.problem.stack.slices, strict=True))
     observations = {s.name: s for s in fit.observations}
@@ -106,10 +110,10 @@ def _pictures(found: Calibration) -> tuple[PictureOutcome, ...]:
             where = slices[picture.name]
             both = np.hstack([pixels[where], fit.residuals[where]])[seen[where]]
             rows = tuple(tuple(row) for row in np.round(both, 4).tolist())
-            off = finite(off_straight_px(observations[picture.name], found.model, found.board))
+            off = finite(line_deviation_px(observations[picture.name], found.model, found.board))
             if found.held_out is not None:
                 held = finite(float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1)))))
-        told.append(PictureOutcome(name=picture.name, found=picture.found, used=picture.used, reason=picture.reason, rms_px=picture.rms_px, held_out_rms_px=held, off_straight_px=off, residuals=rows))
+        told.append(ImageResult(name=picture.name, found=picture.found, used=picture.used, reason=picture.reason, rms_px=picture.rms_px, held_out_rms_px=held, line_deviation_px=off, residuals=rows))
     return tuple(told)
 
 
@@ -120,8 +124,8 @@ def finite(value: float) -> float | None:
 
 def main(given: TextIO) -> None:
     """Run the calibration of the input."""
-    ask = CalibrationAsk.model_validate_json(given.readline())
-    pictures = [BoardSeen.model_validate_json(given.readline()) for _ in range(ask.pictures)]
+    ask = CalibrationRequest.model_validate_json(given.readline())
+    pictures = [BoardDetection.model_validate_json(given.readline()) for _ in range(ask.pictures)]
     stopping = threading.Event()
 
     def listen() -> None:

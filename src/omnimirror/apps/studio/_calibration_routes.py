@@ -14,56 +14,58 @@ from ...interop.http_server.request_bodies import InvalidMessage, close_invalid,
 from ._calibration_boards import together
 from ._http_messages import BYTES, FILE_BODY, unframed
 from ._uploads import collected
-from ._workers import BoardDetectorPool, Worker, Workers, relay, while_open
+from ._workers import BoardDetectorPool, Worker, Workers, relay, serve_socket
 from .calibration_messages import (
     STOP,
-    BoardLook,
-    BoardSeen,
-    CalibrateStart,
-    CalibrationAsk,
-    CalibrationNews,
-    StraightAsk,
-    Together,
-    TogetherAsk,
+    BoardDetection,
+    BoardDetectionRequest,
+    BoardViewRequest,
+    CalibrationOptions,
+    CalibrationRequest,
+    CalibrationStatus,
+    MultiImageRequest,
+    MultiImageSummary,
 )
 
 if TYPE_CHECKING:
     from ._server_state import Studio
 
-MOST_CALIBRATIONS = 2
+MAX_CALIBRATIONS = 2
 """Maximum number of simultaneous calibrations."""
 
 
 def add_calibrate(app: FastAPI, studio: Studio) -> None:
     """Register the routes of calibration."""
-    _add_questions(app, studio.lookers)
+    _add_questions(app, studio.board_detectors)
     _add_straight(app, studio)
     _add_socket(
         app,
-        Workers("omnimirror.apps.studio._calibration_process", MOST_CALIBRATIONS, "calibrations"),
+        Workers("omnimirror.apps.studio._calibration_process", MAX_CALIBRATIONS, "calibrations"),
     )
 
 
-def _add_questions(app: FastAPI, lookers: BoardDetectorPool) -> None:
+def _add_questions(app: FastAPI, board_detectors: BoardDetectorPool) -> None:
     @app.get("/api/calibrate")
-    def start() -> CalibrateStart:
+    def start() -> CalibrationOptions:
         """Return the available options."""
         from ...calibration.estimation.model_sequence import KINDS
         from ...calibration.sensor_model import SensorModel
         from ...calibration.targets.boards import families
 
-        return CalibrateStart(
+        return CalibrationOptions(
             models=tuple(KINDS), mirrors_only=(SensorModel.KIND,), families=tuple(families())
         )
 
     @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
-    async def look(request: Request, ask: Annotated[BoardLook, Query()]) -> BoardSeen:
+    async def look(
+        request: Request, ask: Annotated[BoardDetectionRequest, Query()]
+    ) -> BoardDetection:
         """Return the corners of a board in an image, or the reason for the failed detection."""
         data = await collected(request)
-        return await lookers.look(ask, data, request)
+        return await board_detectors.look(ask, data, request)
 
     @app.post("/api/calibrate/together")
-    def pictures_together(ask: TogetherAsk) -> Together:
+    def pictures_together(ask: MultiImageRequest) -> MultiImageSummary:
         """Return the consistency and field coverage of images, and the recommended next image."""
         return together(ask)
 
@@ -77,10 +79,10 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
     )
     async def straight(request: Request) -> Response:
         """Return a dewarped board as JPEG; the request header precedes the image."""
-        from ._calibration_boards import straightened  # deferred import: requires the dewarper
+        from ._calibration_boards import render_board_view  # deferred import: requires the dewarper
 
-        ask, picture = unframed(await collected(request), StraightAsk)
-        made = await studio.unpacked.run(request, lambda: straightened(ask, picture))
+        ask, picture = unframed(await collected(request), BoardViewRequest)
+        made = await studio.unpacked.run(request, lambda: render_board_view(ask, picture))
         return Response(made, media_type="image/jpeg")
 
 
@@ -89,23 +91,23 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
     async def work(socket: WebSocket) -> None:
         """Run one calibration: request, detections, then progress messages; closing the socket
         cancels it."""
-        await while_open(socket, lambda socket: _work(socket, workers))
+        await serve_socket(socket, lambda socket: _work(socket, workers))
 
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        ask = await receive_message(socket, CalibrationAsk)
+        ask = await receive_message(socket, CalibrationRequest)
         async with workers.one() as worker:
             worker.tell(ask.model_dump_json())
             for _ in range(ask.pictures):
-                seen = await receive_message(socket, BoardSeen)
+                seen = await receive_message(socket, BoardDetection)
                 await asyncio.to_thread(worker.tell, seen.model_dump_json())
             await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
     except InvalidMessage as e:
         await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
-        await socket.send_text(CalibrationNews(state="failed", sentence=str(e)).model_dump_json())
+        await socket.send_text(CalibrationStatus(state="failed", sentence=str(e)).model_dump_json())
     await socket.close()
 
 

@@ -10,7 +10,7 @@ from fastapi import Query
 from ...interop.http_server.request_bodies import InvalidMessage, parse_message
 from .messages import Message, Problem
 
-# -- Binary messages: a JSON header and a payload of bytes -----------------------------------------
+# -- Binary messages -------------------------------------------------------------------------------
 #
 # A message consists of the length of a JSON text (4 bytes, little-endian), the text padded with
 # blanks to a multiple of 4 bytes, and the payload.
@@ -21,8 +21,8 @@ M = TypeVar("M", bound=Message)
 def framed(header: Message, *parts: bytes) -> bytes:
     """Encode a header and its payload as one message.
 
-    >>> from .bench.messages import Trouble
-    >>> framed(Trouble(path=(), sentence="no"), b"abcd")
+    >>> from .bench.messages import ApiError
+    >>> framed(ApiError(path=(), sentence="no"), b"abcd")
     b'\\x1c\\x00\\x00\\x00{"path":[],"sentence":"no"} abcd'
     """
     text = header.model_dump_json().encode()
@@ -38,9 +38,9 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
     InvalidMessage
         Invalid message.
 
-    >>> from .bench.messages import Trouble
-    >>> unframed(framed(Trouble(path=(), sentence="no"), b"abcd"), Trouble)
-    (Trouble(path=(), sentence='no'), b'abcd')
+    >>> from .bench.messages import ApiError
+    >>> unframed(framed(ApiError(path=(), sentence="no"), b"abcd"), ApiError)
+    (ApiError(path=(), sentence='no'), b'abcd')
     """
     if len(data) < 4:
         raise InvalidMessage(
@@ -50,7 +50,7 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
     return parse_message(data[4 : 4 + length], kind), data[4 + length :]
 
 
-# -- OpenAPI fragments (``/openapi.json``) of uploads, downloads and error responses ---------------
+# -- OpenAPI fragments -----------------------------------------------------------------------------
 
 BYTES: dict[str, Any] = {"content": {"application/octet-stream": {}}}
 PNG: dict[str, Any] = {"content": {"image/png": {}}}

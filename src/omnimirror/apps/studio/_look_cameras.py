@@ -26,16 +26,16 @@ from ...optics.sensor_files import (
     parse_camera,
 )
 from ._camera_tables import camera_model, kind_of, mount_message, title_of
-from .look_messages import CameraShown, SensorEntry, SensorFile
+from .look_messages import CameraInfo, SensorEntry, SensorFileRequest
 
 BALL = re.compile(r"ball:(\d{1,3}(?:\.\d{1,3})?)")
 BALL_FIELD_DEG = 340.0
 BALL_SIZE = (1024, 1024)
-MOST_UPLOADED = 64
+MAX_UPLOADED = 64
 
 
 @dataclass(frozen=True)
-class Known:
+class NamedCamera:
     """Camera with its command-line options."""
 
     id: str
@@ -58,7 +58,7 @@ class Known:
         """Return the camera with another mount."""
         return replace(self.camera, mount=mount)
 
-    def model(self, mount: Mount | None = None) -> CameraShown:
+    def model(self, mount: Mount | None = None) -> CameraInfo:
         """Return the description of the camera for the page, with its own or another mount."""
         camera = self.camera if mount is None else self.standing(mount)
         model = camera_model(self.id, self.name, self.title, self.options, camera)
@@ -69,12 +69,12 @@ class Cameras:
     """Cameras by name; uploaded cameras are kept while the server runs, and the oldest are removed
     first."""
 
-    def __init__(self, given: Known | None = None) -> None:
+    def __init__(self, given: NamedCamera | None = None) -> None:
         self._bundled = {
             name: _of_sensor(name, load_sensor(name), name) for name in bundled_sensors()
         }
         self._given = {given.id: given} if given else {}
-        self._uploaded: OrderedDict[str, Known] = OrderedDict()
+        self._uploaded: OrderedDict[str, NamedCamera] = OrderedDict()
 
     def entries(self) -> list[SensorEntry]:
         """Return all selectable cameras."""
@@ -82,7 +82,7 @@ class Cameras:
         known = [*self._given.values(), *self._bundled.values(), *ball, *self._uploaded.values()]
         return [k.entry for k in known]
 
-    def find(self, id: str) -> Known:
+    def find(self, id: str) -> NamedCamera:
         """Return a camera by name.
 
         Raises
@@ -99,7 +99,7 @@ class Cameras:
             return ball_of(float(match[1]))
         raise KeyError(id)
 
-    def add(self, name: str, data: bytes, optics: str = "mirror") -> Known:
+    def add(self, name: str, data: bytes, optics: str = "mirror") -> NamedCamera:
         """Read an uploaded calibration: a sensor file, a camera file, or OCamCalib text.
 
         Raises
@@ -110,11 +110,11 @@ class Cameras:
         known = read_calibration(name, data, optics)
         self._uploaded[known.id] = known
         self._uploaded.move_to_end(known.id)
-        while len(self._uploaded) > MOST_UPLOADED:
+        while len(self._uploaded) > MAX_UPLOADED:
             self._uploaded.popitem(last=False)
         return known
 
-    def file_of(self, wanted: SensorFile) -> str:
+    def file_of(self, wanted: SensorFileRequest) -> str:
         """Return the sensor file of a sensor with its image circle fitted to an image.
 
         Raises
@@ -126,7 +126,7 @@ class Cameras:
         """
         return format_sensor(self.fitted(wanted))
 
-    def looking(self, wanted: SensorFile) -> Sensor | MirrorBall:
+    def with_circle(self, wanted: SensorFileRequest) -> Sensor | MirrorBall:
         """Return the sensor or mirror ball with its image circle fitted to an image."""
         camera = self.find(wanted.id).camera
         if isinstance(camera, MirrorBall):
@@ -136,22 +136,22 @@ class Cameras:
             )
         return self.fitted(wanted)
 
-    def fitted(self, wanted: SensorFile) -> Sensor:
+    def fitted(self, wanted: SensorFileRequest) -> Sensor:
         """Return the sensor with its image circle fitted to an image; raises the errors of
         ``file_of``."""
         camera = self.find(wanted.id).camera
         if not isinstance(camera, Sensor) or camera.symmetry is None:
             raise InvalidParameter(
-                f"the circle of {wanted.id!r} cannot be moved; it can of aligned mirror sensors"
+                f"the image circle can be fitted for aligned mirror sensors only; got {wanted.id!r}"
             )
         return fitted(camera, wanted)
 
 
-def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
+def fitted(sensor: Sensor, wanted: SensorFileRequest) -> Sensor:
     """Return the sensor with its rim imaged on a given circle, by a change of the pixel pitch."""
     if not np.isfinite([*wanted.centre_px, wanted.rim_radius_px]).all():
         raise InvalidParameter(
-            f"a circle at {wanted.centre_px} of radius {wanted.rim_radius_px} is none"
+            f"centre and radius of the circle must be finite; got {wanted.centre_px}, {wanted.rim_radius_px}"
         )
     width, height = wanted.image_size
     u, v = wanted.centre_px
@@ -162,37 +162,38 @@ def fitted(sensor: Sensor, wanted: SensorFile) -> Sensor:
     return replace(sensor, imager=Imager(width, height, pitch_um, (u, v)), mount=mount)
 
 
-def read_calibration(name: str, data: bytes, optics: str = "mirror") -> Known:
+def read_calibration(name: str, data: bytes, optics: str = "mirror") -> NamedCamera:
     """Read a camera from the bytes of a calibration file in any format of the command line."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SpecError(
-            f"{name} is not a text file; valid are sensor files, camera files and OCamCalib's calib_results.txt"
+            f"{name} must be a sensor file, a camera file or calib_results.txt of OCamCalib; got a file that is not "
+            "UTF-8 text"
         ) from None
     id = f"file:{hashlib.sha256(data + f'{name} {optics}'.encode()).hexdigest()[:16]}"
     if is_ocam_text(text):
         if optics not in get_args(Optics):
             raise InvalidParameter(
-                f"optics = {optics!r} is not one of {', '.join(get_args(Optics))}"
+                f"optics must be one of {', '.join(get_args(Optics))}; got {optics!r}"
             )
         kind: Literal["mirror", "fisheye"] = "fisheye" if optics == "fisheye" else "mirror"
         camera = parse_ocam(text, name, kind)
-        return Known(id, name, title_of(camera), ("--ocam", name, "--optics", kind), camera)
+        return NamedCamera(id, name, title_of(camera), ("--ocam", name, "--optics", kind), camera)
     given = parse_camera(text, source=name)
     if isinstance(given, Sensor):
         return _of_sensor(id, given, name)
-    return Known(id, name, title_of(given), ("--sensor", name), given)
+    return NamedCamera(id, name, title_of(given), ("--sensor", name), given)
 
 
-def ball_of(field_deg: float) -> Known:
+def ball_of(field_deg: float) -> NamedCamera:
     """Return a mirror ball with the given field in an image of its own; the page moves its image
     circle."""
     centre = (BALL_SIZE[0] - 1) / 2, (BALL_SIZE[1] - 1) / 2
     ball = MirrorBall(centre, 500.0, field_deg, BALL_SIZE)
     options = ("--ball", f"{centre[0]:g},{centre[1]:g},500,{field_deg:g}")
-    return Known(f"ball:{field_deg:g}", "mirror ball", title_of(ball), options, ball)
+    return NamedCamera(f"ball:{field_deg:g}", "mirror ball", title_of(ball), options, ball)
 
 
-def _of_sensor(id: str, sensor: Sensor, file: str) -> Known:
-    return Known(id, sensor.name, title_of(sensor), ("--sensor", file), sensor)
+def _of_sensor(id: str, sensor: Sensor, file: str) -> NamedCamera:
+    return NamedCamera(id, sensor.name, title_of(sensor), ("--sensor", file), sensor)

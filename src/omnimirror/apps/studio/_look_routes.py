@@ -22,27 +22,27 @@ from ...io.images import read_image_and_metadata
 from ...optics.sensor import Sensor
 from ._camera_tables import camera_tables
 from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
-from ._look_cameras import Cameras, Known
+from ._look_cameras import Cameras, NamedCamera
 from ._server_state import Stream
 from ._uploads import browser_picture, collected, eight_bits, encoded, picture_in, png_of, safe_name, uploaded
-from .look_messages import CameraAsk, CameraShown, LevelAsk, LevelFound, RestoreAsk, RimFound, SensorEntry, SensorFile, Start, StreamState
+from .look_messages import CameraInfo, CameraRequest, DetectedOutline, EstimatedTilt, LevelRequest, PageStart, RestoreRequest, SensorEntry, SensorFileRequest, StreamState
 
 if TYPE_CHECKING:
     from ._server_state import Studio
 
 
-# -- Images served as 8-bit PNG: files of the server, and rendered rooms ---------------------------
+# -- Images ----------------------------------------------------------------------------------------
 
-MOST_PIXELS = 4096 * 4096
+MAX_PIXELS = 4096 * 4096
 """Maximum size of a rendered image; rendering takes 60 bytes per pixel."""
-RIMS_KEPT = 256
+MAX_CACHED_OUTLINES = 256
 """Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
 
-_rims: dict[bytes, RimFound] = {}
+_rims: dict[bytes, DetectedOutline] = {}
 """Cached mirror outlines by image digest."""
 
 
-def shown_picture(path: Path, stored_orientation: bool, on_note: Callable[[str], None]) -> bytes:
+def read_as_png(path: Path, stored_orientation: bool, on_note: Callable[[str], None]) -> bytes:
     """Return an image of the server, and report an orientation in its file."""
     image, carried = read_image_and_metadata(path, stored_orientation=stored_orientation)
     if carried.orientation != UPRIGHT:
@@ -50,7 +50,7 @@ def shown_picture(path: Path, stored_orientation: bool, on_note: Callable[[str],
     return png_of(image, carried)
 
 
-def rim_in(data: bytes, name: str) -> RimFound:
+def detect_outline(data: bytes, name: str) -> DetectedOutline:
     """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
     from ...calibration.rim import detect_mirror_outline
 
@@ -58,14 +58,14 @@ def rim_in(data: bytes, name: str) -> RimFound:
     found = _rims.get(key)
     if found is None:
         rim = detect_mirror_outline(eight_bits(picture_in(data, name)))
-        found = RimFound(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_accepted)
-        if len(_rims) >= RIMS_KEPT:
+        found = DetectedOutline(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_accepted)
+        if len(_rims) >= MAX_CACHED_OUTLINES:
             _rims.clear()
         _rims[key] = found
     return found
 
 
-def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFound | None:
+def estimate_tilt(camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes) -> EstimatedTilt | None:
     """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
     from ...calibration.levelling import level_from_image
 
@@ -73,10 +73,10 @@ def level_of(camera: Sensor | MirrorBall, ask: LevelAsk, data: bytes) -> LevelFo
     level = level_from_image(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
     if level is None:
         return None
-    return LevelFound(pitch_deg=level.pitch_deg, roll_deg=level.roll_deg, sigma_deg=level.sigma_deg, upright=level.upright, is_sure=level.is_reliable)
+    return EstimatedTilt(pitch_deg=level.pitch_deg, roll_deg=level.roll_deg, sigma_deg=level.sigma_deg, upright=level.upright, is_sure=level.is_reliable)
 
 
-def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes, stored_orientation: bool = False) -> tuple[bytes, str]:
+def restore_image(sensor: Sensor, ask: RestoreRequest, data: bytes, stored_orientation: bool = False) -> tuple[bytes, str]:
     """Restore an uploaded image, and report the removed blur and the effect of EXIF data.
 
     Raises
@@ -94,7 +94,7 @@ def restored_picture(sensor: Sensor, ask: RestoreAsk, data: bytes, stored_orient
 
 
 @lru_cache(maxsize=8)
-def room_picture(known: Known) -> bytes:
+def render_room(known: NamedCamera) -> bytes:
     """Render the image of a room by a camera.
 
     Raises
@@ -106,12 +106,12 @@ def room_picture(known: Known) -> bytes:
     from ...simulation.scenes.room import Room
 
     width, height = known.camera.image_size
-    if width * height > MOST_PIXELS:
-        raise OmnimirrorError(f"the picture of {known.name}, {width} x {height} px, is too large to be simulated here; valid are {MOST_PIXELS // 10**6} million pixels, and omnimirror simulate takes more")
+    if width * height > MAX_PIXELS:
+        raise OmnimirrorError(f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million pixels; got {width} x {height} px; omnimirror simulate supports larger images")
     return encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
 
-# -- HTTP and WebSocket routes of the Look tab: cameras as tables, images, streams -----------------
+# -- Routes ----------------------------------------------------------------------------------------
 
 NOTE = "omnimirror-note"
 """Response header with a sentence for the user."""
@@ -128,15 +128,15 @@ def add_look(app: FastAPI, studio: Studio) -> None:
 
 def _add_start(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/start")
-    def start() -> Start:
+    def start() -> PageStart:
         """Return the available sources and cameras."""
         first = next(iter(studio.sources.given), None)
-        return Start(version=__version__, sources=tuple(shown.message for shown in studio.sources.list()), sensors=tuple(studio.cameras.entries()), source=first.id if first else None, sensor=studio.given.id if studio.given else None)
+        return PageStart(version=__version__, sources=tuple(shown.message for shown in studio.sources.list()), sensors=tuple(studio.cameras.entries()), source=first.id if first else None, sensor=studio.given.id if studio.given else None)
 
 
 def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
     @app.get("/api/camera")
-    def camera(ask: Annotated[CameraAsk, Query()]) -> CameraShown:
+    def camera(ask: Annotated[CameraRequest, Query()]) -> CameraInfo:
         """Return a camera with its own or the requested mount."""
         known = _known(cameras, ask.id)
         stands = known.entry.mount.model_dump() | ask.model_dump(exclude={"id"}, exclude_none=True)
@@ -159,7 +159,7 @@ def _add_files(app: FastAPI, cameras: Cameras) -> None:
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
 
     @app.post("/api/sensor-file", response_class=PlainTextResponse)
-    def sensor_file(wanted: SensorFile) -> str:
+    def sensor_file(wanted: SensorFileRequest) -> str:
         """Return the file of a sensor with its image circle fitted to an image."""
         _known(cameras, wanted.id)
         return cameras.file_of(wanted)
@@ -172,7 +172,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
     async def room(id: str) -> Response:
         """Return the rendered image of a room by a camera."""
         known = _known(studio.cameras, id)
-        return _png(await studio.simulated.run(known, lambda: room_picture(known)))
+        return _png(await studio.simulated.run(known, lambda: render_room(known)))
 
     @app.get("/api/picture", response_class=Response, responses={200: PNG})
     async def picture(id: str) -> Response:
@@ -180,11 +180,11 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         try:
             shown = await asyncio.to_thread(studio.sources.find, id)
         except KeyError:
-            raise HTTPException(404, f"there is no picture {id!r} here") from None
+            raise HTTPException(404, f"unknown image {id!r}") from None
         if shown.kind != "picture":
-            raise HTTPException(404, f"{shown.name} is no picture")
+            raise HTTPException(404, f"{shown.name} must be an image; got a {shown.kind} source")
         path = Path(shown.place)
-        return _png(await studio.unpacked.run(path, lambda: shown_picture(path, studio.stored_orientation, studio.on_note)))
+        return _png(await studio.unpacked.run(path, lambda: read_as_png(path, studio.stored_orientation, studio.on_note)))
 
     @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def convert(request: Request, name: FileName = "picture") -> Response:
@@ -193,26 +193,26 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name), stored_orientation=is_stored)))
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
-    async def rim(request: Request, name: FileName = "picture") -> RimFound:
+    async def rim(request: Request, name: FileName = "picture") -> DetectedOutline:
         """Return the mirror outline in an image with its confidence."""
         data = await collected(request)
-        return await studio.unpacked.run(request, lambda: rim_in(data, safe_name(name)))
+        return await studio.unpacked.run(request, lambda: detect_outline(data, safe_name(name)))
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
-    async def level(request: Request) -> LevelFound | None:
+    async def level(request: Request) -> EstimatedTilt | None:
         """Estimate the camera tilt of an image; the request header precedes the image."""
-        ask, picture = unframed(await collected(request), LevelAsk)
+        ask, picture = unframed(await collected(request), LevelRequest)
         _known(studio.cameras, ask.id)
-        camera = studio.cameras.looking(ask)
-        return await studio.unpacked.run(request, lambda: level_of(camera, ask, picture))
+        camera = studio.cameras.with_circle(ask)
+        return await studio.unpacked.run(request, lambda: estimate_tilt(camera, ask, picture))
 
     @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
     async def restore(request: Request) -> Response:
         """Restore an image; the request header precedes the image."""
-        ask, picture = unframed(await collected(request), RestoreAsk)
+        ask, picture = unframed(await collected(request), RestoreRequest)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
-        data, words = await studio.simulated.run(request, lambda: restored_picture(sensor, ask, picture, is_stored))
+        data, words = await studio.simulated.run(request, lambda: restore_image(sensor, ask, picture, is_stored))
         return Response(data, media_type="image/png", headers={NOTE: words})
 
 
@@ -224,7 +224,7 @@ def _add_streams(app: FastAPI, studio: Studio) -> None:
         try:
             shown = studio.sources.find(id)
         except KeyError:
-            ended = StreamState(state="ended", sentence=f"there is no stream {id!r} here")
+            ended = StreamState(state="ended", sentence=f"unknown stream {id!r}")
             await socket.send_text(ended.model_dump_json())
             await socket.close()
             return
@@ -232,11 +232,11 @@ def _add_streams(app: FastAPI, studio: Studio) -> None:
             await _serve(socket, watched)
 
 
-def _known(cameras: Cameras, id: str) -> Known:
+def _known(cameras: Cameras, id: str) -> NamedCamera:
     try:
         return cameras.find(id)
     except KeyError:
-        raise HTTPException(404, f"there is no camera {id!r}; it may have been forgotten: load it again") from None
+        raise HTTPException(404, f"unknown camera {id!r}; if it was uploaded before a restart of the server, load it again") from None
 
 
 def _png(data: bytes) -> Response:

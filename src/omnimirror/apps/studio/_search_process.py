@@ -21,13 +21,13 @@ from ...optics.housing import Housing
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ._bench_requirements import requirements_for
-from ._bench_sensors import in_place, on_bench, sensor_on_bench, why_not_optimised
-from .bench_messages import News, Task, distance_of
+from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench, why_not_optimised
+from .bench_messages import SearchTask, TaskStatus, distance_of
 
-Tell = Callable[[News], None]
+Tell = Callable[[TaskStatus], None]
 
 
-def perform(task: Task, tell: Tell) -> None:
+def perform(task: SearchTask, tell: Tell) -> None:
     """Run a task and report its progress; the last message contains the sensor or an error."""
     try:
         sensor = sensor_on_bench(task.tables)
@@ -36,7 +36,7 @@ def perform(task: Task, tell: Tell) -> None:
         tell(_news("failed", str(e)))
 
 
-def optimisable(sensor: Sensor, task: Task) -> Requirements:
+def optimisable(sensor: Sensor, task: SearchTask) -> Requirements:
     """Derive requirements from the sensor for the object distance, merit and shape of a task.
 
     They cover its whole field, with an imager of the size of the rim image, because the task
@@ -70,7 +70,7 @@ def _filled(sensor: Sensor) -> Imager:
     return Imager(side, side, sensor.imager.pixel_pitch_um, (radius - 0.5, radius - 0.5))
 
 
-def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
+def _optimise(task: SearchTask, sensor: Sensor, tell: Tell) -> None:
     steps = 0
 
     def said(progress: Progress) -> None:
@@ -89,13 +89,13 @@ def _optimise(task: Task, sensor: Sensor, tell: Tell) -> None:
     tell(_news("done", found.notes, 1.0, made.optimum.value, found))
 
 
-def _design(task: Task, sensor: Sensor, tell: Tell) -> None:
+def _design(task: SearchTask, sensor: Sensor, tell: Tell) -> None:
     if task.requirements is None:
-        raise InvalidParameter("there are no requirements to design from")
-    asked = requirements_for(task.requirements, in_place(sensor))
+        raise InvalidParameter("requirements must be given for a design from requirements")
+    asked = requirements_for(task.requirements, aligned_sensor(sensor))
     made = design_sensor(asked, lambda words: tell(_news("running", words)))
     missed = [row.label for row in made.rows if not row.is_met]
-    words = f"Not everything can be met: {', '.join(missed)}." if missed else "Everything is met."
+    words = f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."
     tell(_news("done", words, 1.0, None, made.sensor))
 
 
@@ -105,14 +105,14 @@ def _news(
     share: float | None = None,
     value: float | None = None,
     sensor: Sensor | None = None,
-) -> News:
+) -> TaskStatus:
     on = on_bench(sensor) if sensor is not None else None
-    return News(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]
+    return TaskStatus(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]
 
 
 def main() -> None:
     """Run the task from standard input."""
-    task = Task.model_validate_json(sys.stdin.buffer.readline())
+    task = SearchTask.model_validate_json(sys.stdin.buffer.readline())
     perform(task, lambda news: print(news.model_dump_json(), flush=True))
 
 

@@ -13,18 +13,18 @@ from typing import Literal
 from ...base.errors import OmnimirrorError
 from ...interop.http_server.limits import JobQueue
 from ...io.batch import IMAGE_SUFFIXES, VIDEO_SUFFIXES
-from ._look_cameras import Cameras, Known
+from ._look_cameras import Cameras, NamedCamera
 from ._uploads import encoded
 from ._workers import BoardDetectorPool
 from .look_messages import Source, StreamState
 
-# -- Sources that the server may serve: its given sources and the files of given folders -----------
+# -- Sources ---------------------------------------------------------------------------------------
 
-MOST_LISTED = 2000
+MAX_LISTED = 2000
 
 
 @dataclass(frozen=True)
-class Shown:
+class ListedSource:
     """Source with its location; the page receives only its ``id``."""
 
     id: str
@@ -68,18 +68,18 @@ class Sources:
         self.given = [_listed(id, place, place in live) for id, place in zip(ids, places, strict=False)]
         self._folders = [folder.resolve() for folder in folders]
 
-    def list(self) -> list[Shown]:
+    def list(self) -> list[ListedSource]:
         """Return all currently available sources."""
         found = list(self.given)
         for number, folder in enumerate(self._folders):
             for path in sorted(folder.iterdir()):
                 inside = path.resolve().is_relative_to(folder)  # symbolic links can point outside the folder
-                if inside and path.is_file() and kind_of_file(path) and len(found) < MOST_LISTED:
+                if inside and path.is_file() and kind_of_file(path) and len(found) < MAX_LISTED:
                     shown = _listed(f"{number}/{path.name}", str(path), False)
                     found.append(shown)
         return found
 
-    def find(self, id: str) -> Shown:
+    def find(self, id: str) -> ListedSource:
         """Return a source by id.
 
         Raises
@@ -103,17 +103,17 @@ def kind_of_file(path: Path) -> Literal["picture", "video"] | None:
     return "picture" if suffix in IMAGE_SUFFIXES else "video" if suffix in VIDEO_SUFFIXES else None
 
 
-def _listed(id: str, place: str, is_live: bool) -> Shown:
+def _listed(id: str, place: str, is_live: bool) -> ListedSource:
     if is_live:
         from ...io.live_sources import resolve_source, without_credentials
 
         resolve_source(place)
-        return Shown(id, without_credentials(place), "live", place)
+        return ListedSource(id, without_credentials(place), "live", place)
     path = Path(place)
-    return Shown(id, path.name, kind_of_file(path) or "picture", place)
+    return ListedSource(id, path.name, kind_of_file(path) or "picture", place)
 
 
-# -- Videos, cameras and streams for any number of pages, decoded and encoded once -----------------
+# -- Streams ---------------------------------------------------------------------------------------
 #
 # A page requests a frame after it has drawn the previous one and receives the newest; intermediate
 # frames are dropped. A slow page therefore accumulates no delay and does not slow down other pages.
@@ -126,7 +126,7 @@ LINGER_S = 2.0  # a reloaded page finds its stream still running
 class Stream:
     """Source that is read in a thread while pages watch it."""
 
-    def __init__(self, shown: Shown, loop: asyncio.AbstractEventLoop, stored_orientation: bool, on_note: Callable[[str], None]) -> None:
+    def __init__(self, shown: ListedSource, loop: asyncio.AbstractEventLoop, stored_orientation: bool, on_note: Callable[[str], None]) -> None:
         self.shown = shown
         self._on_note = on_note
         self.viewers = 0
@@ -202,7 +202,7 @@ class Streams:
         self._running: dict[str, Stream] = {}
 
     @asynccontextmanager
-    async def watch(self, shown: Shown) -> AsyncIterator[Stream]:
+    async def watch(self, shown: ListedSource) -> AsyncIterator[Stream]:
         """Return a stream shared by all pages that watch the source."""
         stream = self._running.get(shown.id)
         if stream is None or stream.state.state == "ended":
@@ -227,7 +227,7 @@ class Streams:
                 del self._running[stream.shown.id]
 
 
-# -- State of a studio server, with queues for long-running requests -------------------------------
+# -- State and job queues --------------------------------------------------------------------------
 
 
 @dataclass
@@ -252,7 +252,7 @@ class Studio:
     """
 
     sources: Sources = field(default_factory=Sources)
-    given: Known | None = None
+    given: NamedCamera | None = None
     hosts: tuple[str, ...] = ()
     token: str | None = None
     stored_orientation: bool = False
@@ -261,6 +261,6 @@ class Studio:
     def __post_init__(self) -> None:
         self.cameras = Cameras(self.given)
         self.streams = Streams(self.stored_orientation, self.on_note)
-        self.lookers = BoardDetectorPool()
+        self.board_detectors = BoardDetectorPool()
         self.simulated, self.unpacked, self.reported = JobQueue(), JobQueue(), JobQueue()
-        self.built, self.toleranced, self.slid = JobQueue(), JobQueue(), JobQueue()
+        self.built, self.toleranced, self.slider_violations = JobQueue(), JobQueue(), JobQueue()

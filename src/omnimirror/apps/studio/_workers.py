@@ -14,15 +14,16 @@ from fastapi import Request, WebSocket, WebSocketDisconnect
 from ...base.errors import InvalidParameter
 from ...interop.http_server.limits import MAX_QUEUED_JOBS, ServerBusy
 from . import _board_detection_process
-from .calibration_messages import BoardLook, BoardSeen
+from .calibration_messages import BoardDetection, BoardDetectionRequest
 from .messages import Problem
 
-# -- Worker processes for long-running tasks; they do not delay interactive requests and can be cancelled at any time
+# -- Worker processes ------------------------------------------------------------------------------
 #
-# A worker reads its task from standard input and writes its progress, one message per line.
+# Workers do not delay interactive requests and can be cancelled at any time. A worker reads its task
+# from standard input and writes its progress, one message per line.
 
 
-def begun(module: str) -> subprocess.Popen[bytes]:
+def start_process(module: str) -> subprocess.Popen[bytes]:
     """Start a module as a process that is isolated from Ctrl-C at the server."""
     return subprocess.Popen(
         [sys.executable, "-m", module],
@@ -32,7 +33,7 @@ def begun(module: str) -> subprocess.Popen[bytes]:
     )
 
 
-def ended(process: subprocess.Popen[bytes]) -> None:
+def terminate(process: subprocess.Popen[bytes]) -> None:
     """Terminate a process and close its pipes."""
     process.kill()
     process.wait()  # short, because the process is killed
@@ -41,7 +42,7 @@ def ended(process: subprocess.Popen[bytes]) -> None:
             stream.close()  # type: ignore[union-attr]
 
 
-async def while_open(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
+async def serve_socket(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
     """Serve a socket until either side closes it."""
     await socket.accept()
     with suppress(WebSocketDisconnect, RuntimeError, OSError):
@@ -98,15 +99,15 @@ class Workers:
         """
         if self._running >= self.most:
             raise InvalidParameter(
-                f"{self.most} {self.what} are running already; wait for one of them, or cancel it"
+                f"the limit of {self.most} simultaneous {self.what} is reached; wait or cancel one"
             )
         self._running += 1
-        process = begun(self.module)
+        process = start_process(self.module)
         try:
             yield Worker(process)
         finally:
             self._running -= 1
-            ended(process)
+            terminate(process)
 
 
 async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any]) -> None:
@@ -127,9 +128,9 @@ async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any])
         listening.cancel()
 
 
-# -- Board detection in uploaded images by worker processes, because one image can take seconds ----
+# -- Pool of board detection processes -------------------------------------------------------------
 
-MOST_AT_ONCE = 2
+MAX_SIMULTANEOUS = 2
 IDLE_S = 60.0
 """Idle time after which a worker process is terminated, s."""
 
@@ -138,12 +139,14 @@ class BoardDetectorPool:
     """Pool of board detection processes, each with one image at a time; started on demand."""
 
     def __init__(self) -> None:
-        self._turn = asyncio.Semaphore(MOST_AT_ONCE)
+        self._turn = asyncio.Semaphore(MAX_SIMULTANEOUS)
         self._idle: list[subprocess.Popen[bytes]] = []
         self._asked = 0
         self._letting_go: asyncio.TimerHandle | None = None
 
-    async def look(self, ask: BoardLook, data: bytes, request: Request) -> BoardSeen:
+    async def look(
+        self, ask: BoardDetectionRequest, data: bytes, request: Request
+    ) -> BoardDetection:
         """Detect the board in an image; a disconnect of the client cancels the search.
 
         Raises
@@ -154,9 +157,7 @@ class BoardDetectorPool:
             Unreadable image or invalid board.
         """
         if self._asked >= MAX_QUEUED_JOBS:
-            raise ServerBusy(
-                "more pictures are looked at than can be waited for; try again in a while"
-            )
+            raise ServerBusy("too many board detections are queued; try again later")
         self._asked += 1
         if self._letting_go is not None:
             self._letting_go.cancel()
@@ -169,17 +170,19 @@ class BoardDetectorPool:
                 self._letting_go = asyncio.get_running_loop().call_later(IDLE_S, self.close)
         if answer.startswith(b'{"detail"'):
             raise InvalidParameter(Problem.model_validate_json(answer).detail)
-        return BoardSeen.model_validate_json(answer)
+        return BoardDetection.model_validate_json(answer)
 
     def close(self) -> None:
         """Terminate the idle processes."""
         while self._idle:
-            ended(self._idle.pop())
+            terminate(self._idle.pop())
 
-    async def _answer(self, ask: BoardLook, data: bytes, request: Request) -> bytes:
-        looker = self._idle.pop() if self._idle else begun(_board_detection_process.__name__)
+    async def _answer(self, ask: BoardDetectionRequest, data: bytes, request: Request) -> bytes:
+        looker = (
+            self._idle.pop() if self._idle else start_process(_board_detection_process.__name__)
+        )
         asked = asyncio.create_task(asyncio.to_thread(_asked, looker, ask, data))
-        gone = asyncio.create_task(_gone(request))
+        gone = asyncio.create_task(_disconnected(request))
         answer = b""
         try:
             await asyncio.wait({asked, gone}, return_when=asyncio.FIRST_COMPLETED)
@@ -189,13 +192,13 @@ class BoardDetectorPool:
             if answer:
                 self._idle.append(looker)
             else:
-                ended(looker)  # also ends the thread that waits for its answer
+                terminate(looker)  # also ends the thread that waits for its answer
         if not answer:
-            raise InvalidParameter(f"looking at {ask.name} was cut off; try again")
+            raise InvalidParameter(f"the board detection in {ask.name} was interrupted; try again")
         return answer
 
 
-def _asked(looker: subprocess.Popen[bytes], ask: BoardLook, data: bytes) -> bytes:
+def _asked(looker: subprocess.Popen[bytes], ask: BoardDetectionRequest, data: bytes) -> bytes:
     assert looker.stdin is not None
     assert looker.stdout is not None
     with suppress(OSError, ValueError):  # terminated in the meantime
@@ -206,7 +209,7 @@ def _asked(looker: subprocess.Popen[bytes], ask: BoardLook, data: bytes) -> byte
     return b""
 
 
-async def _gone(request: Request) -> None:
+async def _disconnected(request: Request) -> None:
     """Wait until the client disconnects."""
     while (await request.receive())["type"] != "http.disconnect":
         continue

@@ -16,12 +16,7 @@ from starlette.types import ASGIApp
 from ... import __version__
 from ...base.errors import OmnimirrorError
 from ...interop.http_server.auth import AccessGuard, content_security_policy, is_loopback
-from ...interop.http_server.limits import (
-    MAX_DETECTIONS_BYTES,
-    MAX_IMAGE_BYTES,
-    RequestLimits,
-    ServerBusy,
-)
+from ...interop.http_server.limits import MAX_DETECTIONS_BYTES, MAX_IMAGE_BYTES, RequestLimits, ServerBusy
 from ...interop.http_server.request_bodies import reject_invalid_bodies
 from ...interop.http_server.server import listen, run_server, server_addresses
 from ._bench_routes import add_bench
@@ -32,25 +27,16 @@ from ._server_state import Studio
 from .messages import Health, Problem
 from .pages import SCRIPTS, PageFile, page_text, script_text
 
-# -- ASGI application of the studio: the page and the routes of its tabs ---------------------------
+# -- ASGI application ------------------------------------------------------------------------------
 
-PICTURES = (
-    "/api/pictures",
-    "/api/rim",
-    "/api/restore",
-    "/api/level",
-    "/api/calibrate/look",
-    "/api/calibrate/straight",
-)
+PICTURES = ("/api/pictures", "/api/rim", "/api/restore", "/api/level", "/api/calibrate/look", "/api/calibrate/straight")
 """Routes that accept uploaded images."""
 
 
 def create_app(studio: Studio | None = None) -> ASGIApp:
     """Return the guarded ASGI application; :func:`api` builds the routes behind the guard."""
     studio = studio or Studio()
-    larger = dict.fromkeys(PICTURES, MAX_IMAGE_BYTES) | {
-        "/api/calibrate/together": MAX_DETECTIONS_BYTES
-    }
+    larger = dict.fromkeys(PICTURES, MAX_IMAGE_BYTES) | {"/api/calibrate/together": MAX_DETECTIONS_BYTES}
     limited = RequestLimits(api(studio), larger)
     return AccessGuard(limited, studio.hosts, studio.token, content_security_policy(page_text()))
 
@@ -62,16 +48,9 @@ def api(studio: Studio) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         yield
         studio.streams.close()
-        studio.lookers.close()
+        studio.board_detectors.close()
 
-    app = FastAPI(
-        title="omnimirror studio",
-        version=__version__,
-        lifespan=lifespan,
-        docs_url=None,
-        redoc_url=None,
-        responses=REFUSALS,
-    )
+    app = FastAPI(title="omnimirror studio", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
 
     reject_invalid_bodies(app)
 
@@ -82,11 +61,11 @@ def api(studio: Studio) -> FastAPI:
     @app.exception_handler(OSError)
     async def no_room(request: Request, error: OSError) -> Response:
         reason = error.strerror or type(error).__name__
-        return _problem(507, f"the server cannot write or read what this needs: {reason}")
+        return _problem(507, f"the server could not read or write a file: {reason}")
 
     @app.exception_handler(MemoryError)
     async def no_memory(request: Request, error: MemoryError) -> Response:
-        return _problem(507, "this needs more memory than the server has")
+        return _problem(507, "the request requires more memory than the server has")
 
     @app.exception_handler(ClientDisconnect)
     async def gone(request: Request, error: ClientDisconnect) -> Response:
@@ -100,16 +79,12 @@ def api(studio: Studio) -> FastAPI:
 
 
 def _problem(status: int, sentence: str) -> Response:
-    return Response(
-        Problem(detail=sentence).model_dump_json(), status, media_type="application/json"
-    )
+    return Response(Problem(detail=sentence).model_dump_json(), status, media_type="application/json")
 
 
 def _add_page(app: FastAPI, stored_orientation: bool) -> None:
     text = page_text()
-    if (
-        stored_orientation
-    ):  # the page then converts images on the server, since browsers rotate them
+    if stored_orientation:  # the page then converts images on the server, since browsers rotate them
         text = text.replace("<html", "<html data-stored-orientation", 1)
     page_file = PageFile(text, "text/html")
 
@@ -134,12 +109,10 @@ def _add_script(app: FastAPI, name: str) -> None:
         return file.answer(request)
 
 
-# -- Studio server process, run until Ctrl-C -------------------------------------------------------
+# -- Server ----------------------------------------------------------------------------------------
 
 
-def serve(
-    studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]
-) -> None:
+def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]) -> None:
     """Serve the studio, print its address, and open it.
 
     Parameters
@@ -167,7 +140,7 @@ def serve(
     bound = listening.getsockname()[1]
     query = f"?token={studio.token}" if studio.token else ""
     addresses = [f"http://{name}:{bound}/{query}" for name in server_addresses(host)]
-    tell(f"omnimirror studio at {' or '.join(addresses)} (Ctrl-C ends it)")
+    tell(f"omnimirror studio at {' or '.join(addresses)} (press Ctrl-C to stop)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
     run_server(create_app(studio), listening)

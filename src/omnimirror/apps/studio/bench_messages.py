@@ -18,16 +18,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-# -- Messages between server and design bench; the TypeScript types of the page are generated from them
-#
-# Sensors are transferred as the tables of their file (``specs.tables_of``), requirements as those of
-# a requirement file, non-finite numbers as null.
-
 Tables = dict[str, Any]
 Part = Literal["mirror", "lens"]
 
 
-class ParameterOf(Message):
+class ParameterInfo(Message):
     """Metadata of a parameter for its slider, number field and tooltip."""
 
     name: str
@@ -39,17 +34,17 @@ class ParameterOf(Message):
     is_list: bool
     is_whole: bool
     is_optional: bool
-    default: float | None = Field(description="of an optional number, where it is a number")
+    default: float | None = Field(description="default of an optional number; null if it has none")
 
 
-class PartOf(Message):
+class PartInfo(Message):
     """Selectable part with its parameters in order."""
 
     kind: str
-    parameters: tuple[ParameterOf, ...]
+    parameters: tuple[ParameterInfo, ...]
 
 
-class QuantityOf(Message):
+class QuantityInfo(Message):
     """Quantity of the vocabulary of plots, requirements and optimiser."""
 
     name: str
@@ -63,26 +58,28 @@ class QuantityOf(Message):
 class BenchStart(Message):
     """Initial data of the bench."""
 
-    mirrors: tuple[PartOf, ...]
-    secondaries: tuple[PartOf, ...]
-    lenses: tuple[PartOf, ...]
-    imager: PartOf
-    place: PartOf = Field(description="of a second mirror")
-    mount: PartOf = Field(description="how far the mirror stands")
-    pose: PartOf = Field(description="how far the mirror is out of its place")
-    columns: tuple[QuantityOf, ...] = Field(
-        description="what plots can show against the field angle"
+    mirrors: tuple[PartInfo, ...]
+    secondaries: tuple[PartInfo, ...]
+    lenses: tuple[PartInfo, ...]
+    imager: PartInfo
+    place: PartInfo = Field(description="position of a second mirror")
+    mount: PartInfo = Field(description="mirror distance")
+    pose: PartInfo = Field(description="misalignment of the mirror")
+    columns: tuple[QuantityInfo, ...] = Field(
+        description="quantities that can be plotted over the field angle"
     )
-    quantities: tuple[QuantityOf, ...] = Field(description="what a requirement can limit")
+    quantities: tuple[QuantityInfo, ...] = Field(
+        description="quantities that requirements can limit"
+    )
     of_frequency: tuple[str, ...] = Field(
-        description="those of which a limit says at which spatial frequency"
+        description="quantities whose limits specify a spatial frequency"
     )
-    merits: tuple[QuantityOf, ...]
-    shapes: tuple[str, ...] = Field(description="free forms in which a mirror can be sought")
+    merits: tuple[QuantityInfo, ...]
+    shapes: tuple[str, ...] = Field(description="freeform parametrisations for mirror optimisation")
     sensors: tuple[str, ...]
 
 
-class Trouble(Message):
+class ApiError(Message):
     """Error message with the entry that it concerns, if any."""
 
     path: tuple[str, ...]
@@ -93,29 +90,31 @@ class BenchSensor(Message):
     """Sensor on the bench."""
 
     tables: Tables
-    follows: bool = Field(description="whether the lens stands where the mirror's mapping needs it")
+    follows: bool = Field(description="whether the lens position follows the mapping of the mirror")
 
 
-class BenchAlone(Message):
+class StandaloneBench(Message):
     """Bench data of a page without a server."""
 
     start: BenchStart
-    sensors: tuple[BenchSensor, ...] = Field(description="in the order of their names in start")
-    search: tuple[float, ...] = Field(
-        description="how a best focus is looked for, as the compiled evaluator takes it"
+    sensors: tuple[BenchSensor, ...] = Field(
+        description="sensors in the order of their names in start"
     )
-    kernel: str = Field(description="the compiled evaluator, WebAssembly in base64")
-    script: str = Field(description="of the bench")
+    search: tuple[float, ...] = Field(
+        description="parameters of the focus search of the compiled evaluator"
+    )
+    kernel: str = Field(description="compiled evaluator, WebAssembly in base64")
+    script: str = Field(description="script of the bench")
 
 
-class Opened(Message):
+class ImportedFile(Message):
     """Imported file: a sensor or requirements."""
 
     sensor: BenchSensor | None
     requirements: Tables | None
 
 
-class Change(ClientMessage):
+class DesignChange(ClientMessage):
     """Change of the kind of mirror or lens, or refocus by a merit."""
 
     tables: Tables
@@ -124,43 +123,47 @@ class Change(ClientMessage):
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
 
 
-class Bend(ClientMessage):
+class CurveEdit(ClientMessage):
     """Manual deformation of a design curve through a point."""
 
     of: Literal["profile", "mapping"]
     at: float = Field(
-        description="where it is held: distance from the axis, mm, or field angle, deg"
+        description="position of the handle: distance from the axis, mm, or field angle, deg"
     )
     to: float = Field(
-        description="where it is pulled: height of the profile, mm, or image height, px"
+        description="new value at the handle: height of the profile, mm, or image height, px"
     )
 
 
-class Ask(ClientMessage):
+class DesignRequest(ClientMessage):
     """Evaluation request for a design."""
 
-    slot: int = Field(ge=0, le=8, description="which of the designs shown")
+    slot: int = Field(ge=0, le=8, description="index of the displayed design")
     number: int
     tables: Tables
     follows: bool
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
     section: bool
     squares: bool
-    space: bool = Field(default=False, description="its parts and rays in three dimensions")
+    space: bool = Field(
+        default=False, description="whether to return parts and rays for the 3-D view"
+    )
     requirements: Tables | None
-    bend: Bend | None = Field(
-        default=None, description="of which it is answered as it is bent by hand"
+    bend: CurveEdit | None = Field(
+        default=None, description="manual deformation applied before the evaluation"
     )
 
 
-class Facts(Message):
+class DesignSummary(Message):
     """Scalar properties of a design."""
 
     name: str
     field_deg: tuple[float, float]
     rim_radius_mm: float
     rim_radius_px: float
-    imager_radius_px: float = Field(description="largest circle that the imager holds")
+    imager_radius_px: float = Field(
+        description="radius of the largest circle inscribed in the imager"
+    )
     mirror_distance_mm: float | None
     focus_mm: float
     depth_of_field_mm: tuple[float, float | None]
@@ -171,11 +174,11 @@ class Facts(Message):
     worst_floored_area_deg2: float | None
     resolution_px_per_deg: tuple[float, float | None]
     not_optimised: str | None = Field(
-        description="why its mirror cannot be optimised, if it cannot"
+        description="reason for which the mirror cannot be optimised; null if it can"
     )
 
 
-class JudgementOf(Message):
+class RequirementResult(Message):
     """Requirement with its achieved value."""
 
     name: str
@@ -185,9 +188,9 @@ class JudgementOf(Message):
     reached: float | None
     margin: float | None
     is_met: bool
-    omega_deg: float | None = Field(description="where the worst value is")
+    omega_deg: float | None = Field(description="field angle of the critical value")
     part_deg: tuple[float, float] | None
-    limit: int | None = Field(description="which of the limits it is")
+    limit: int | None = Field(description="index of the limit")
 
 
 class Block(Message):
@@ -210,47 +213,47 @@ def columns_of(name: str, columns: tuple[str, ...], values: NDArray[np.float64])
     return BlockValues(Block(name=name, columns=columns, rows=values.shape[1]), values)
 
 
-class Answer(Message):
+class DesignResponse(Message):
     """Evaluation of a design; followed by float32 values block by block, non-finite if undefined."""
 
     slot: int
     number: int
-    trouble: Trouble | None
-    remark: str | None = Field(description="what of the sensor the plots do not show")
-    facts: Facts | None
-    rows: tuple[JudgementOf, ...]
+    trouble: ApiError | None
+    remark: str | None = Field(description="properties of the sensor that the plots do not include")
+    facts: DesignSummary | None
+    rows: tuple[RequirementResult, ...]
     requirements_trouble: str | None
     blocks: tuple[Block, ...]
-    bent: BenchSensor | None = Field(description="the design as it was bent")
+    bent: BenchSensor | None = Field(description="deformed design")
 
 
-class Slide(ClientMessage):
+class SliderValues(ClientMessage):
     """Number of a design with its candidate values."""
 
     path: tuple[str, ...] = Field(
-        min_length=2, max_length=3, description="table, entry, and which of a list"
+        min_length=2, max_length=3, description="table, entry, and index in a list"
     )
     values: tuple[float, ...] = Field(min_length=1, max_length=33)
 
 
-class SlidesAsk(ClientMessage):
+class SliderRequest(ClientMessage):
     """Request for the feasible ranges of sliders."""
 
     tables: Tables
     follows: bool
     requirements: Tables
-    slides: tuple[Slide, ...] = Field(max_length=60)
+    slides: tuple[SliderValues, ...] = Field(max_length=60)
 
 
-class SlidesOf(Message):
+class SliderViolations(Message):
     """Relative violation of each requirement, negative if satisfied; null for an invalid design."""
 
     missed: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(
-        description="of each slide at each value"
+        description="violations by slider and value"
     )
 
 
-class PictureAsk(ClientMessage):
+class RenderRequest(ClientMessage):
     """Request for a rendered image of the room and its panorama."""
 
     tables: Tables
@@ -258,14 +261,14 @@ class PictureAsk(ClientMessage):
     samples: int = Field(ge=1, le=4)
 
 
-class Taken(Message):
+class RenderHeader(Message):
     """Header of two JPEG files: image and panorama."""
 
     picture_bytes: int
     panorama_bytes: int
 
 
-class Download(ClientMessage):
+class FileRequest(ClientMessage):
     """Download request for a file of a design."""
 
     tables: Tables
@@ -273,21 +276,21 @@ class Download(ClientMessage):
     object_distance_mm: float | None = Field(gt=0)
 
 
-class FileUnderWay(Message):
+class FileProgress(Message):
     """Progress of a file export."""
 
     sentence: str
-    share: float = Field(description="how much is done")
+    share: float = Field(description="completed fraction")
 
 
-class RequirementFile(ClientMessage):
+class RequirementFileRequest(ClientMessage):
     """Export request for a requirement file of a sensor."""
 
     requirements: Tables
     tables: Tables
 
 
-class Task(ClientMessage):
+class SearchTask(ClientMessage):
     """Long-running task: mirror optimisation or design from requirements."""
 
     what: Literal["optimise", "design"]
@@ -295,24 +298,24 @@ class Task(ClientMessage):
     requirements: Tables | None
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
     merit: str = Field(max_length=40)
-    shape: str = Field(max_length=40, description="the free form in which the mirror is sought")
+    shape: str = Field(max_length=40, description="freeform parametrisation of the mirror")
     keeps_limits: bool = Field(
         default=False,
-        description="whether an optimised mirror keeps the limits of the requirements",
+        description="whether the optimised mirror must meet the limits of the requirements",
     )
     terms: int = Field(ge=1, le=32)
     starts: int = Field(ge=1, le=8)
 
 
-class News(Message):
+class TaskStatus(Message):
     """Progress of a task."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
 
     state: Literal["running", "done", "failed"]
     sentence: str
-    share: float | None = Field(description="how much is done")
-    value: float | None = Field(description="the merit by now")
+    share: float | None = Field(description="completed fraction")
+    value: float | None = Field(description="current merit")
     sensor: BenchSensor | None
 
 
@@ -321,12 +324,12 @@ def distance_of(value_mm: float | None) -> float:
     return math.inf if value_mm is None else value_mm
 
 
-# -- Messages between server and tolerance panel of the bench; the types of the page are generated from them
+# -- Tolerances ------------------------------------------------------------------------------------
 
 Refocus = Literal["none", "rms", "worst"]
 
 
-class ErrorOf(Message):
+class ErrorSourceInfo(Message):
     """Error source of a sensor with its typical manufacturing tolerance."""
 
     name: str
@@ -338,21 +341,21 @@ class ErrorOf(Message):
     fine: float
 
 
-class ErrorsAsk(ClientMessage):
+class ErrorSourcesRequest(ClientMessage):
     """Request for the error sources of a sensor."""
 
     tables: Tables
 
 
-class ErrorsOf(Message):
+class ErrorSourceList(Message):
     """Error sources of a sensor and names of the calibration models."""
 
-    errors: tuple[ErrorOf, ...]
+    errors: tuple[ErrorSourceInfo, ...]
     calibrations: tuple[str, ...]
-    is_quick: bool = Field(description="whether sensors are traced by the thousand")
+    is_quick: bool = Field(description="whether ray tracing is vectorised over sensors")
 
 
-class BuiltAsk(ClientMessage):
+class AsBuiltRequest(ClientMessage):
     """Sensor with errors."""
 
     tables: Tables
@@ -360,33 +363,35 @@ class BuiltAsk(ClientMessage):
     refocus: Refocus
 
 
-class Built(Message):
+class AsBuiltResult(Message):
     """Effect of errors; followed by float32 values: x, y px of objects, and residuals dx, dy px for
     each calibration."""
 
     objects: int
-    lost: int = Field(description="objects that are not shown")
-    radius_px: float = Field(description="of the picture without errors")
-    motion_px: tuple[float | None, ...] = Field(description="the largest, by calibrations")
+    lost: int = Field(description="number of objects that are not imaged")
+    radius_px: float = Field(description="image radius without errors")
+    motion_px: tuple[float | None, ...] = Field(
+        description="maximum displacement after each calibration"
+    )
     direction_error_deg: tuple[float | None, ...]
     straightness_deg: tuple[float | None, ...]
-    blur_px: tuple[float | None, float | None] = Field(description="meant and built")
-    focus_mm: tuple[float | None, float | None] = Field(description="meant and built")
-    tables: Tables | None = Field(description="the sensor with its errors, if there can be one")
+    blur_px: tuple[float | None, float | None] = Field(description="nominal and as-built value")
+    focus_mm: tuple[float | None, float | None] = Field(description="nominal and as-built value")
+    tables: Tables | None = Field(description="sensor with errors; null if it is invalid")
 
 
-class ToleranceOf(ClientMessage):
+class ToleranceValue(ClientMessage):
     """Error source with its tolerance."""
 
     name: str
     tolerance: float = Field(ge=0)
 
 
-class YieldAsk(ClientMessage):
+class YieldRequest(ClientMessage):
     """Request for a yield prediction."""
 
     tables: Tables
-    errors: tuple[ToleranceOf, ...] = Field(max_length=200)
+    errors: tuple[ToleranceValue, ...] = Field(max_length=200)
     refocus: Refocus
     merit: str = Field(max_length=80)
     limit: float
@@ -394,7 +399,7 @@ class YieldAsk(ClientMessage):
     seed: int = Field(ge=0)
 
 
-class ErrorAlone(Message):
+class SingleErrorEffect(Message):
     """Effect of a single error at its tolerance: largest motion in px for each calibration, and the
     limited merit."""
 
@@ -404,7 +409,7 @@ class ErrorAlone(Message):
     merit: float | None
 
 
-class YieldOf(Message):
+class YieldResult(Message):
     """Predicted yield with its 0.95 confidence interval."""
 
     trials: int
@@ -413,5 +418,5 @@ class YieldOf(Message):
     low: float
     high: float
     median: float | None
-    most: float | None = Field(description="within which 95 % stay")
-    rows: tuple[ErrorAlone, ...] = Field(description="the worst first")
+    most: float | None = Field(description="95 % quantile")
+    rows: tuple[SingleErrorEffect, ...] = Field(description="in descending order")

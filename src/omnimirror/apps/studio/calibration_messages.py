@@ -15,11 +15,11 @@ from .messages import ClientMessage, Message
 Pixel = tuple[float, float]
 STOP = "stop"
 """Message that ends a calibration early with its best result."""
-MOST_PICTURES = 200
+MAX_PICTURES = 200
 """Maximum number of images of a calibration, including video frames."""
 
 
-class BoardAsked(ClientMessage):
+class BoardSpec(ClientMessage):
     """Calibration board with the parameters of :class:`omnimirror.Board`."""
 
     kind: Literal["chessboard", "charuco", "aprilgrid"] = "chessboard"
@@ -32,14 +32,14 @@ class BoardAsked(ClientMessage):
     legacy: bool = False
 
 
-class BoardLook(BoardAsked):
+class BoardDetectionRequest(BoardSpec):
     """Board detection request for one image."""
 
     name: str = Field(default="picture", max_length=200)
-    quick: bool = Field(default=False, description="as for pictures of a camera that runs")
+    quick: bool = Field(default=False, description="fast detection for live cameras")
 
 
-class BoardSeen(ClientMessage):
+class BoardDetection(ClientMessage):
     """Board detection in an image, or the reason for its failure."""
 
     name: str = Field(max_length=250)
@@ -52,45 +52,51 @@ class BoardSeen(ClientMessage):
     is_reversed: bool | None
     begins_white: bool | None
     is_part: bool
-    time_s: float | None = Field(description="of a frame of a video")
+    time_s: float | None = Field(description="time of a video frame")
 
 
-class TogetherAsk(ClientMessage):
+class MultiImageRequest(ClientMessage):
     """Analysis request for several images of one camera."""
 
-    board: BoardAsked
-    pictures: tuple[BoardSeen, ...] = Field(max_length=MOST_PICTURES)
-    centre_px: Pixel | None = Field(description="of the field; null: the middle of the picture")
+    board: BoardSpec
+    pictures: tuple[BoardDetection, ...] = Field(max_length=MAX_PICTURES)
+    centre_px: Pixel | None = Field(description="centre of the field; null: image centre")
     radius_px: float | None = Field(
-        gt=0, description="of the field; null: that of the farthest corner"
+        gt=0, description="radius of the field; null: distance of the farthest corner"
     )
-    candidate: BoardSeen | None = Field(description="what a camera sees now")
+    candidate: BoardDetection | None = Field(
+        description="detection in the current frame of a live camera"
+    )
 
 
-class CoverageShown(Message):
+class CoverageInfo(Message):
     """Distribution of corners over the image: rings of equal area, sectors from the right clockwise
     (via the bottom)."""
 
     centre_px: Pixel
     radii_px: tuple[float, ...]
     counts: tuple[tuple[int, ...], ...]
-    enough: int = Field(description="corners that a cell should have")
+    enough: int = Field(description="recommended minimum number of corners per cell")
 
 
-class Together(Message):
+class MultiImageSummary(Message):
     """Joint analysis of images of one camera."""
 
-    reasons: tuple[str | None, ...] = Field(description="why each of them is not used")
-    coverage: CoverageShown | None
+    reasons: tuple[str | None, ...] = Field(
+        description="reason for the rejection of each image; null if used"
+    )
+    coverage: CoverageInfo | None
     advice: tuple[str, ...]
-    not_new: str | None = Field(description="why the candidate adds nothing; null where it does")
+    not_new: str | None = Field(
+        description="reason against the candidate; null if it adds information"
+    )
 
 
-class CalibrationAsk(ClientMessage):
+class CalibrationRequest(ClientMessage):
     """Calibration request; followed by one message per image with its detection."""
 
-    board: BoardAsked
-    pictures: int = Field(ge=1, le=MOST_PICTURES)
+    board: BoardSpec
+    pictures: int = Field(ge=1, le=MAX_PICTURES)
     model: str = Field(max_length=60)
     optics: Literal["mirror", "fisheye"]
     camera_looks: Literal["up", "down", "forward"]
@@ -98,10 +104,10 @@ class CalibrationAsk(ClientMessage):
     centre_px: Pixel | None
     rim_radius_px: float | None = Field(gt=0)
     flat_board: bool
-    command: str = Field(max_length=30_000, description="that does the same, for the report")
+    command: str = Field(max_length=30_000, description="equivalent command line for the report")
 
 
-class PictureOutcome(Message):
+class ImageResult(Message):
     """Calibration result of one image."""
 
     name: str
@@ -109,25 +115,27 @@ class PictureOutcome(Message):
     used: bool
     reason: str | None
     rms_px: float | None
-    held_out_rms_px: float | None = Field(description="in a fit that was made without it")
-    off_straight_px: float | None = Field(
-        description="how far its corners lie off the lines of the straightened board"
+    held_out_rms_px: float | None = Field(
+        description="RMS in a fit without this image (cross-validation)"
+    )
+    line_deviation_px: float | None = Field(
+        description="maximum deviation of corners from straight lines on the undistorted board"
     )
     residuals: tuple[tuple[float, float, float, float], ...] = Field(
-        description="corner u, v, and how far it lies off"
+        description="corner u, v and residual du, dv, px"
     )
 
 
-class ParameterFound(Message):
+class ParameterEstimate(Message):
     """Estimated parameter of the camera or the board."""
 
     name: str
     value: float
-    sigma: float | None = Field(description="null: it was fixed")
+    sigma: float | None = Field(description="standard deviation; null for fixed parameters")
     unit: str
 
 
-class ModelTried(Message):
+class ModelComparisonRow(Message):
     """Camera model of the model comparison."""
 
     kind: str
@@ -137,7 +145,7 @@ class ModelTried(Message):
     why: str
 
 
-class OutlierFound(Message):
+class OutlierCorner(Message):
     """Outlier corner."""
 
     picture: str
@@ -145,22 +153,22 @@ class OutlierFound(Message):
     residual_px: float
 
 
-class BoardPlace(ClientMessage):
+class BoardPose(ClientMessage):
     """Pose of a board, used for its dewarped image."""
 
     picture: str
     rotation: tuple[float, ...] = Field(
-        min_length=9, max_length=9, description="from the board's frame to the world's"
+        min_length=9, max_length=9, description="rotation from the board frame to the world frame"
     )
     shift_mm: tuple[float, float, float]
-    low_mm: tuple[float, float] = Field(description="the board's first corner")
+    low_mm: tuple[float, float] = Field(description="first corner of the board")
     high_mm: tuple[float, float]
-    margin_mm: float = Field(ge=0, description="how much is shown about the corners")
-    px_per_mm: float = Field(gt=0, description="as fine as the picture is there")
-    is_upwards: bool = Field(description="whether the board's Y points up")
+    margin_mm: float = Field(ge=0, description="margin around the corners")
+    px_per_mm: float = Field(gt=0, description="resolution of the image at the board")
+    is_upwards: bool = Field(description="whether the y axis of the board points up")
 
 
-class CalibrationFound(Message):
+class CalibrationResult(Message):
     """Result of a camera calibration."""
 
     kind: str
@@ -171,38 +179,38 @@ class CalibrationFound(Message):
     seconds: float
     is_complete: bool
     image_size: tuple[int, int]
-    pictures: tuple[PictureOutcome, ...]
-    parameters: tuple[ParameterFound, ...]
-    models: tuple[ModelTried, ...]
-    outliers: tuple[OutlierFound, ...]
+    pictures: tuple[ImageResult, ...]
+    parameters: tuple[ParameterEstimate, ...]
+    models: tuple[ModelComparisonRow, ...]
+    outliers: tuple[OutlierCorner, ...]
     notes: tuple[str, ...]
     advice: tuple[str, ...]
-    coverage: CoverageShown
-    places: tuple[BoardPlace, ...]
+    coverage: CoverageInfo
+    places: tuple[BoardPose, ...]
     camera_file: str = Field(max_length=1 << 20)
 
 
-class CalibrationNews(Message):
+class CalibrationStatus(Message):
     """Progress of a calibration: status, estimated camera, report, or error."""
 
     state: Literal["running", "done", "reported", "failed"]
     sentence: str
     share: float | None = None
-    found: CalibrationFound | None = None
+    found: CalibrationResult | None = None
     report: str | None = None
 
 
-class StraightAsk(ClientMessage):
+class BoardViewRequest(ClientMessage):
     """Dewarp request for an image of a board; the image follows."""
 
     camera_file: str = Field(max_length=1 << 20)
-    place: BoardPlace
+    place: BoardPose
     name: str = Field(max_length=250)
 
 
-class CalibrateStart(Message):
+class CalibrationOptions(Message):
     """Initial data of the tab."""
 
-    models: tuple[str, ...] = Field(description="kinds that can be estimated, simple ones first")
-    mirrors_only: tuple[str, ...] = Field(description="those that no fisheye is")
-    families: tuple[str, ...] = Field(description="of markers")
+    models: tuple[str, ...] = Field(description="camera models, in increasing complexity")
+    mirrors_only: tuple[str, ...] = Field(description="models for mirrors only")
+    families: tuple[str, ...] = Field(description="marker families")

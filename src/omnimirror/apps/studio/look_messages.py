@@ -15,7 +15,7 @@ Pixel = tuple[float, float]
 Kind = Literal["sensor", "ocam", "ball"]
 
 
-class MountOf(ClientMessage):
+class MountInfo(ClientMessage):
     """Mount of a camera."""
 
     camera_looks: CameraLooks
@@ -25,7 +25,7 @@ class MountOf(ClientMessage):
     roll_deg: float = 0.0
 
 
-class CameraAsk(ClientMessage):
+class CameraRequest(ClientMessage):
     """Camera request with an optional mount; missing values are those of the camera file."""
 
     id: str
@@ -41,47 +41,37 @@ class SensorEntry(Message):
 
     id: str
     name: str
-    title: str = Field(description="what it is, in a line")
+    title: str = Field(description="one-line description")
     kind: Kind
-    mount: MountOf
+    mount: MountInfo
 
 
 class TableLayout(Message):
     """Layout of the float32 values of camera tables, in this order; absent tables have count 0."""
 
     first: float = Field(description="sin(Omega/2) of the first radius")
-    last: float = Field(description="sin(Omega/2) of the last radius, or where the lattice ends")
-    eye_mm: float = Field(description="about where along the axis near things are seen from")
-    radii: int = Field(description="image radii, px, at even steps of sin(Omega/2)")
-    origins: int = Field(
-        description="origins of rays, mm: so many from the axis, then so many along it"
-    )
-    lattice: int = Field(
-        description="side of a lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth"
-    )
-    limits: int = Field(
-        description="sin(Omega/2) where the field ends, at even steps of the azimuth"
-    )
-    starts: int = Field(
-        description="side of a lattice, over the same disk, of where rays start: mm along axis, right, down"
-    )
+    last: float = Field(description="sin(Omega/2) of the last radius, or of the lattice boundary")
+    eye_mm: float = Field(description="approximate viewpoint for near objects along the axis")
+    radii: int = Field(description="number of image radii, px, at equidistant sin(Omega/2)")
+    origins: int = Field(description="number of ray origins, mm: distances from the axis, then positions along it")
+    lattice: int = Field(description="side length of the lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth")
+    limits: int = Field(description="number of boundary values sin(Omega/2) at equidistant azimuths")
+    starts: int = Field(description="side length of the lattice of ray origins over the same disk: mm along axis, right, down")
 
 
-class CameraShown(Message):
+class CameraInfo(Message):
     """Description of a camera for interactive views."""
 
     id: str
     name: str
     title: str
     kind: Kind
-    options: tuple[str, ...] = Field(description="what names it on the command line")
-    mount: MountOf
-    mount_in_file: MountOf
+    options: tuple[str, ...] = Field(description="command-line options of the camera")
+    mount: MountInfo
+    mount_in_file: MountInfo
     image_size: Size
     centre_px: Pixel = Field(description="image of the axis")
-    rim_radius_px: float = Field(
-        description="image radius of the end of the field; its mean where it is no circle"
-    )
+    rim_radius_px: float = Field(description="image radius of the field boundary, or its mean if it is not circular")
     axis: Vector
     right: Vector
     down: Vector
@@ -90,35 +80,35 @@ class CameraShown(Message):
     pixels_per_degree: float
     pole: Literal["nadir", "zenith"]
     is_image_reversed: bool
-    is_adjustable: bool = Field(description="whether its circle may be moved to fit a picture")
+    is_adjustable: bool = Field(description="whether its circle can be fitted to an image")
     tables: TableLayout
 
 
-class SensorFile(ClientMessage):
+class SensorFileRequest(ClientMessage):
     """Sensor file request: a known sensor with its image circle fitted to an image."""
 
     id: str
-    mount: MountOf
+    mount: MountInfo
     image_size: Size
     centre_px: Pixel
     rim_radius_px: float = Field(gt=0)
 
 
-class LevelAsk(SensorFile):
+class LevelRequest(SensorFileRequest):
     """Levelling request; the image follows, and the image circle may be fitted to it."""
 
     name: str
 
 
-class RestoreAsk(SensorFile):
+class RestoreRequest(SensorFileRequest):
     """Restoration request; the image follows, and the image circle of the sensor may be fitted to
     it."""
 
     name: str
-    object_distance_mm: float | None = Field(gt=0, description="of what is seen; none: far away")
+    object_distance_mm: float | None = Field(gt=0, description="object distance; null: infinite")
 
 
-class RimFound(Message):
+class DetectedOutline(Message):
     """Detected mirror outline in an image."""
 
     centre_px: Pixel
@@ -127,14 +117,14 @@ class RimFound(Message):
     is_sure: bool
 
 
-class LevelFound(Message):
+class EstimatedTilt(Message):
     """Tilt of the camera of an image, estimated from vertical edges."""
 
     pitch_deg: float
     roll_deg: float
-    sigma_deg: float = Field(description="standard error of the plumb line")
-    upright: int = Field(description="edges that stand upright")
-    is_sure: bool = Field(description="it may be taken unasked")
+    sigma_deg: float = Field(description="standard error of the vertical direction")
+    upright: int = Field(description="number of vertical edges")
+    is_sure: bool = Field(description="whether it is reliable enough for automatic use")
 
 
 class Source(Message):
@@ -143,19 +133,17 @@ class Source(Message):
     id: str
     name: str
     kind: Literal["picture", "video", "live"]
-    command: str = Field(
-        description="how the command line names it, from where the server was started"
-    )
+    command: str = Field(description="path for the command line, relative to the working directory of the server")
 
 
-class Start(Message):
+class PageStart(Message):
     """Initial data of the page."""
 
     version: str
     sources: tuple[Source, ...]
     sensors: tuple[SensorEntry, ...]
-    source: str | None = Field(description="the source to open first")
-    sensor: str | None = Field(description="the camera to begin with")
+    source: str | None = Field(description="initial source")
+    sensor: str | None = Field(description="initial camera")
 
 
 class StreamState(Message):
@@ -165,33 +153,27 @@ class StreamState(Message):
     sentence: str
 
 
-class Embedded(Message):
+class EmbeddedImage(Message):
     """Data embedded in a page without a server."""
 
-    camera: CameraShown
+    camera: CameraInfo
     tables: str = Field(description="float32 values, little-endian, in base64")
-    media: str = Field(
-        description="address of the picture or video: with it inside, or of a file beside the page"
-    )
+    media: str = Field(description="URL of the image or video: a data URL, or a file next to the page")
     is_video: bool
     name: str
 
 
-class CameraAlone(Message):
+class StandaloneCamera(Message):
     """Camera of a page without a server, for any mount."""
 
     entry: SensorEntry
-    standing: tuple[CameraShown, ...] = Field(
-        description="plumb, with the top of the picture forward: each way to look, reversed left to right and not"
-    )
+    standing: tuple[CameraInfo, ...] = Field(description="models without tilt, with the image top forward: each orientation, flipped and not flipped")
     tables: str = Field(description="float32 values, little-endian, in base64")
-    room: str = Field(
-        description="the picture that it takes of a room, in its address; none if empty"
-    )
+    room: str = Field(description="rendered image of a room as a data URL; empty if there is none")
 
 
-class Alone(Message):
+class StandalonePage(Message):
     """Data of a page without a server for arbitrary images."""
 
     version: str
-    cameras: tuple[CameraAlone, ...]
+    cameras: tuple[StandaloneCamera, ...]

@@ -29,7 +29,7 @@ from ...optics.sensor import Sensor
 from ...optics.sensor_files import AnyCamera
 from ._camera_tables import camera_model, camera_tables, title_of
 from ._uploads import eight_bits, encoded
-from .look_messages import Embedded
+from .look_messages import EmbeddedImage
 from .messages import Message
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 
-# -- Static files of the page, compressed and cached by the browser --------------------------------
+# -- Static files ----------------------------------------------------------------------------------
 
 PAGE = Path(__file__).parent / "page" / "index.html"
 SCRIPTS = ("bench.js", "space.js", "calibrate.js")
@@ -61,7 +61,7 @@ class PageFile:
 
     Examples
     --------
-    >>> len(PageFile("a" * 9999, "text/html").squeezed) < 200
+    >>> len(PageFile("a" * 9999, "text/html").compressed) < 200
     True
     """
 
@@ -71,7 +71,7 @@ class PageFile:
         self.tag = f'W/"{hashlib.sha256(self.data).hexdigest()[:20]}"'
 
     @cached_property
-    def squeezed(self) -> bytes:
+    def compressed(self) -> bytes:
         """Compressed text, computed once."""
         return gzip.compress(self.data, 9, mtime=0)
 
@@ -83,17 +83,15 @@ class PageFile:
         kept = request.headers.get("if-none-match", "")
         if self.tag in [tag.strip() for tag in kept.split(",")]:
             return Response(status_code=304, headers=headers)
-        if not _takes_gzip(request.headers.get("accept-encoding", "")):
+        if not _accepts_gzip(request.headers.get("accept-encoding", "")):
             return Response(self.data, media_type=self.kind, headers=headers)
-        return Response(
-            self.squeezed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"}
-        )
+        return Response(self.compressed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"})
 
 
-def _takes_gzip(accepted: str) -> bool:
+def _accepts_gzip(accepted: str) -> bool:
     """Check if a browser accepts gzip.
 
-    >>> [_takes_gzip(a) for a in ("gzip, deflate, br", "br", "gzip;q=0", "identity;q=1, gzip;q=0.5")]
+    >>> [_accepts_gzip(a) for a in ("gzip, deflate, br", "br", "gzip;q=0", "identity;q=1, gzip;q=0.5")]
     [True, False, False, True]
     """
     for way in accepted.split(","):
@@ -103,7 +101,7 @@ def _takes_gzip(accepted: str) -> bool:
     return False
 
 
-# -- Self-contained page with an image or video and its camera; works from disk without server or installation
+# -- Self-contained page with an image or video ----------------------------------------------------
 
 PLACE = "<!--embedded-->"
 KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
@@ -111,17 +109,11 @@ KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 VIDEO_KINDS = {".mp4": "video/mp4", ".m4v": "video/mp4", ".mov": "video/mp4", ".webm": "video/webm"}
 CODECS = ("h264", "hevc", "vp8", "vp9", "av1")
 """Video codecs supported by browsers."""
-LARGEST_INSIDE = 64 << 20
+MAX_EMBEDDED_BYTES = 64 << 20
 """Maximum size of an embedded video, bytes; a larger video remains a separate file."""
 
 
-def viewer_of(
-    camera: AnyCamera,
-    name: str,
-    options: tuple[str, ...],
-    path: Path | None,
-    image: NDArray[np.generic],
-) -> str:
+def image_viewer(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path | None, image: NDArray[np.generic]) -> str:
     """Return a page with one image and its camera.
 
     Parameters
@@ -143,31 +135,16 @@ def viewer_of(
     InvalidParameter
         The image size differs from that of the camera.
     """
-    _check_size(camera, (image.shape[1], image.shape[0]), "picture")
+    _check_size(camera, (image.shape[1], image.shape[0]), "image")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
-    if (
-        path is not None
-        and kind is not None
-        and image.dtype == np.uint8
-        and orientation_of(path) == UPRIGHT
-    ):
+    if path is not None and kind is not None and image.dtype == np.uint8 and orientation_of(path) == UPRIGHT:
         media = inside(read_bytes(path, MAX_FILE_BYTES), kind)
     else:
         media = inside(encoded(eight_bits(image), ".png"), "image/png")
-    return _page_with(
-        camera, name, options, media, path.name if path else "picture.png", is_video=False
-    )
+    return _page_with(camera, name, options, media, path.name if path else "picture.png", is_video=False)
 
 
-def video_viewer_of(
-    camera: AnyCamera,
-    name: str,
-    options: tuple[str, ...],
-    path: Path,
-    page: Path,
-    *,
-    stored_orientation: bool = False,
-) -> str:
+def video_viewer(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path, page: Path, *, stored_orientation: bool = False) -> str:
     """Return a page that plays a video in a loop.
 
     Videos up to 64 MB are embedded. A larger video remains a separate file: a page on a web server
@@ -177,7 +154,7 @@ def video_viewer_of(
     Parameters
     ----------
     camera, name, options
-        See :func:`viewer_of`.
+        See :func:`image_viewer`.
     path
         Video file.
     page
@@ -197,31 +174,22 @@ def video_viewer_of(
 
     kind = VIDEO_KINDS.get(path.suffix.lower())
     if kind is None:
-        raise MediaError(
-            f"{path} is not a video that browsers play; valid are {', '.join(VIDEO_KINDS)}"
-        )
+        raise MediaError(f"{path} must be a video format that browsers support ({', '.join(VIDEO_KINDS)})")
     video = VideoReader(path, with_audio=False, stored_orientation=stored_orientation)
     if video.codec not in CODECS:
-        raise MediaError(
-            f"{path} holds {video.codec}, which browsers do not play; valid are {', '.join(CODECS)}"
-        )
+        raise MediaError(f"the video codec of {path} must be one of {', '.join(CODECS)}; got {video.codec}")
     if video.rotation_deg:
-        raise MediaError(
-            f"{path} must have a rotation by a multiple of 90 deg, and none with --stored-orientation, since browsers "
-            f"apply it; got {video.rotation_deg} deg"
-        )
+        raise MediaError(f"{path} must have a rotation by a multiple of 90 deg, and none with --stored-orientation, since browsers apply it; got {video.rotation_deg} deg")
     _check_size(camera, video.size, "video")
-    is_small = path.stat().st_size <= LARGEST_INSIDE
-    media = inside(read_bytes(path, LARGEST_INSIDE), kind) if is_small else _beside(path, page)
+    is_small = path.stat().st_size <= MAX_EMBEDDED_BYTES
+    media = inside(read_bytes(path, MAX_EMBEDDED_BYTES), kind) if is_small else _beside(path, page)
     return _page_with(camera, name, options, media, path.name, is_video=True)
 
 
 def _check_size(camera: AnyCamera, size: tuple[int, int], what: str) -> None:
     if size != camera.image_size:
         width, height = camera.image_size
-        raise InvalidParameter(
-            f"the {what} has {size[0]} x {size[1]} px, and the camera's have {width} x {height}"
-        )
+        raise InvalidParameter(f"the {what} must have {width} x {height} px, the image size of the camera; got {size[0]} x {size[1]} px")
 
 
 def _beside(path: Path, page: Path) -> str:
@@ -229,32 +197,18 @@ def _beside(path: Path, page: Path) -> str:
     try:
         relative = os.path.relpath(path.resolve(), page.resolve().parent)
     except ValueError:  # different drive
-        raise InvalidParameter(
-            f"{path} and {page} are on different drives; put them beside each other"
-        ) from None
+        raise InvalidParameter(f"{path} and {page} must be on the same drive; move one of them") from None
     return quote(Path(relative).as_posix())
 
 
-def _page_with(
-    camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool
-) -> str:
-    content = Embedded(
-        camera=camera_model(name, name, title_of(camera), options, camera),
-        tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()),
-        media=media,
-        is_video=is_video,
-        name=file,
-    )
-    return page_holding(embedded=content)
+def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool) -> str:
+    content = EmbeddedImage(camera=camera_model(name, name, title_of(camera), options, camera), tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()), media=media, is_video=is_video, name=file)
+    return page_with_messages(embedded=content)
 
 
-def page_holding(**messages: Message) -> str:
+def page_with_messages(**messages: Message) -> str:
     """Return the page with embedded messages, identified by their names (with hyphens)."""
-    held = "".join(
-        f'<script type="application/json" id="{name.replace("_", "-")}">'
-        f"{script_json(message.model_dump_json())}</script>"
-        for name, message in messages.items()
-    )
+    held = "".join(f'<script type="application/json" id="{name.replace("_", "-")}">{script_json(message.model_dump_json())}</script>' for name, message in messages.items())
     return page_text().replace(PLACE, held)
 
 
@@ -268,13 +222,13 @@ def base64_of(data: bytes) -> str:
     return base64.b64encode(data).decode()
 
 
-# -- Interactive views in notebooks: the page without a server, in a frame -------------------------
+# -- Notebooks -------------------------------------------------------------------------------------
 
-LOWEST_PX, HIGHEST_PX = 120, 4000
+MIN_HEIGHT_PX, MAX_HEIGHT_PX = 120, 4000
 
 
 @dataclass(frozen=True)
-class LookAround:
+class InteractiveView:
     """Interactive page, displayed as the last expression of a notebook cell.
 
     Attributes
@@ -286,7 +240,7 @@ class LookAround:
 
     Examples
     --------
-    >>> LookAround("<p>", 300)._repr_html_()
+    >>> InteractiveView("<p>", 300)._repr_html_()
     '<iframe srcdoc="&lt;p&gt;" style="width: 100%; height: 300px; border: 0" allow="fullscreen; gyroscope"></iframe>'
     """
 
@@ -309,19 +263,13 @@ class LookAround:
         write_text(path, self.page)
 
 
-def show(
-    picture: str | Path | NDArray[Any],
-    camera: AnyCamera,
-    *,
-    height_px: int = 480,
-    stored_orientation: bool = False,
-) -> LookAround:
+def show(image: str | Path | NDArray[Any], camera: AnyCamera, *, height_px: int = 480, stored_orientation: bool = False) -> InteractiveView:
     """Display interactive views of an image in a notebook: pan, tilt and zoom, panoramas and other
     projections.
 
     Parameters
     ----------
-    picture : (h, w), (h, w, 3) or (h, w, 4) array, or a file
+    image : (h, w), (h, w, 3) or (h, w, 4) array, or a file
         Image; colours are RGB.
     camera
         Camera of the image: a sensor, a calibrated camera or a mirror ball.
@@ -332,7 +280,7 @@ def show(
 
     Returns
     -------
-    LookAround
+    InteractiveView
         Page that a notebook displays as the last expression of a cell; ``save`` writes it to a
         file.
 
@@ -349,20 +297,12 @@ def show(
     '<iframe srcdoc='
     """
     if not isinstance(camera, AnyCamera):
-        raise InvalidParameter(
-            f"camera = {format_value(camera)} is no camera; load_sensor and load_camera give some"
-        )
+        raise InvalidParameter(f"camera must be a sensor or a camera, for example from load_sensor; got {shown(camera)}")
     height = number("height_px", height_px)
-    if not LOWEST_PX <= height <= HIGHEST_PX:
-        raise InvalidParameter(f"height_px = {height:g} is outside {LOWEST_PX} to {HIGHEST_PX}")
-    path = Path(picture) if isinstance(picture, str | Path) else None
-    image = (
-        read_image(picture, stored_orientation=stored_orientation)
-        if isinstance(picture, str | Path)
-        else picture
-    )
-    check_picture(image)
+    if not MIN_HEIGHT_PX <= height <= MAX_HEIGHT_PX:
+        raise InvalidParameter(f"height_px must be between {MIN_HEIGHT_PX} and {MAX_HEIGHT_PX}; got {height:g}")
+    path = Path(image) if isinstance(image, str | Path) else None
+    pixels = read_image(image, stored_orientation=stored_orientation) if isinstance(image, str | Path) else image
+    check_picture(pixels)
     name = camera.name if isinstance(camera, Sensor) else camera.KIND
-    return LookAround(
-        viewer_of(camera, name, ("--sensor", f"{name}.toml"), path, image), round(height)
-    )
+    return InteractiveView(image_viewer(camera, name, ("--sensor", f"{name}.toml"), path, pixels), round(height))

@@ -1,51 +1,56 @@
-/** What a design does, as studio/_bench_evaluation.py answers it: its curves, its section, its squares. */
-import type { Ask, BenchAlone, Facts } from "../../shared/messages";
+/** Evaluation of a design like apps/studio/_bench_evaluation.py: curves, cross-section, squares. */
+import type { DesignRequest, StandaloneBench, DesignSummary } from "../../shared/messages";
 import type { Tables } from "../designs/design";
 import type { Found, Table } from "../found";
-import { idealOf, Trouble } from "./ideal";
+import { idealOf, InvalidDesign } from "./ideal";
 import { type Columns, type Ideal, Kernel, WAVELENGTH_NM } from "./kernel";
 
-const NODES = 361; // of a curve
-const PROFILE = 121; // points of a mirror, from axis to rim
-const IMAGE_NODES = 3; // every third field angle is enough for the curves of virtual images
+const NODES = 361; // samples of a curve
+const PROFILE = 121; // samples of a mirror profile, axis to rim
+const IMAGE_NODES = 3; // stride of field angles for the curves of virtual images
 const MARKS_DEG = 15;
 const PARALLEL = 1e-12; // cosine of an edge-on plane
 const NEAR_OBJECTS = 5; // rim radii
-const TELECENTRIC_LENS = 2.5; // a telecentric lens stands anywhere: drawn so many rim radii away
+const TELECENTRIC_LENS = 2.5; // drawn position of a telecentric lens, in rim radii
 const LENS_HALF_WIDTH = 0.18; // of the rim radius
-const ROUNDS = 8; // in which mirror points of field angles are found, each some hundred times nearer
-const AT_ONCE = "Designs are optimised with the program: pip install omnimirror.";
+const ROUNDS = 8; // initial spacing of the search for mirror points; each iteration refines by about 100
+const AT_ONCE = "Optimisation requires the program: pip install omnimirror.";
 
 type Columned = Table & { columns: string[] };
 type Places = Pick<Table, "name"> & { x: ArrayLike<number>; z: ArrayLike<number> };
 
-/** Who answers about designs without a server. */
+/** Evaluation of designs without a server. */
 export class Answerer {
   private readonly kernel: Kernel;
 
-  constructor(private readonly held: BenchAlone) {
+  constructor(private readonly held: StandaloneBench) {
     this.kernel = new Kernel(held.kernel, held.search);
   }
 
-  /** The answer to a question; what cannot be is a sentence in it. */
-  answer(ask: Ask, asked: number): Found {
+  /** Return the response to a request; an invalid design yields an error message. */
+  answer(ask: DesignRequest, asked: number): Found {
     try {
       return found(ask, asked, ...this.computed(ask));
     } catch (e) {
-      if (!(e instanceof Trouble)) throw e;
+      if (!(e instanceof InvalidDesign)) throw e;
       return found(ask, asked, [], null, e);
     }
   }
 
-  /** The distance at which the worst floored area is least, mm. */
-  bestFocus(tables: Ask["tables"], object: number | null): number {
+  /** Distance that minimises the maximum floored area, mm. */
+  bestFocus(tables: DesignRequest["tables"], object: number | null): number {
     const ideal = idealOf(tables, this.held.start);
     const best = this.kernel.evaluate(ideal, spread(0, 1, NODES), object, null);
     if (!best.isUsable) throw unusable();
     return best.focus;
   }
 
-  private computed({ tables, object_distance_mm, section, squares }: Ask): [Columned[], Facts] {
+  private computed({
+    tables,
+    object_distance_mm,
+    section,
+    squares,
+  }: DesignRequest): [Columned[], DesignSummary] {
     const ideal = idealOf(tables, this.held.start);
     const { focus_distance_mm: focus } = tables.lens;
     const at = (fractions: ArrayLike<number>, object = object_distance_mm): Columns =>
@@ -78,16 +83,13 @@ export class Answerer {
   }
 }
 
-const unusable = (): Trouble =>
-  new Trouble(
-    ["mirror"],
-    "the lens does not see this mirror one to one: it looks past it, or sees field angles twice",
-  );
+const unusable = (): InvalidDesign =>
+  new InvalidDesign(["mirror"], "the lens must image each field angle of the mirror exactly once");
 
 const spread = (from: number, to: number, count: number): number[] =>
   Array.from({ length: count }, (_, i) => from + ((to - from) * i) / (count - 1));
 
-/** Fractions of the rim radius that have field angles, by those of even fractions and then by chords that shrink. */
+/** Fractions of the rim radius for the field angles: linear initial values, refined by the secant method. */
 function fractionsOf(
   omega: readonly number[],
   even: Float64Array,
@@ -110,7 +112,7 @@ function fractionsOf(
   return fractions;
 }
 
-function factsOf(tables: Ask["tables"], ideal: Ideal, curve: Columns): Facts {
+function factsOf(tables: DesignRequest["tables"], ideal: Ideal, curve: Columns): DesignSummary {
   const { lens, mount, imager } = tables;
   const isTelecentric = ideal.magnification > 0;
   const { least, largest } = {
@@ -144,13 +146,13 @@ function factsOf(tables: Ask["tables"], ideal: Ideal, curve: Columns): Facts {
 
 const finite = (value: number): number | null => (Number.isFinite(value) ? value : null);
 
-/** The largest circle about the axis that the imager holds, px. */
+/** Radius of the largest inscribed circle about the axis, px. */
 function inscribed({ width_px: w, height_px: h, centre_px: centre }: Tables): number {
   const [u, v] = (centre as [number, number] | undefined) ?? [(w - 1) / 2, (h - 1) / 2];
   return Math.min(u, v, w - 1 - u, h - 1 - v) + 0.5;
 }
 
-/** Between which distances a point blurs by a pixel at most, mm: Eqs. 30, 31. */
+/** Depth of field: distances at which the blur is one pixel, mm (Eqs. 30, 31). */
 function depthOfField(
   { focalLength: f, fNumber: F, magnification: mu, pitch }: Ideal,
   focus: number,
@@ -163,7 +165,7 @@ function depthOfField(
   ];
 }
 
-// -- the section ----------------------------------------------------------------------------------
+// -- cross-section --------------------------------------------------------------------------------
 
 interface Field {
   fractions: number[];
@@ -171,13 +173,13 @@ interface Field {
   near: Columns;
 }
 
-/** Mirror, lens, chief rays, virtual images and depth of field, in the frame of the mirror: analysis/cross_section.py. */
+/** Mirror, lens, chief rays, virtual images and depth of field in the mirror frame, like analysis/cross_section.py. */
 function sectionOf(
   ideal: Ideal,
   field: Field,
   marks: { fractions: number[]; mark: Columns },
   profile: Float64Array,
-  { depth_of_field_mm, focus_mm }: Facts,
+  { depth_of_field_mm, focus_mm }: DesignSummary,
 ): Places[] {
   const { rim } = ideal;
   const isTelecentric = ideal.magnification > 0;
@@ -233,7 +235,7 @@ function sectionOf(
 
 const places = ({ name, x, z }: Places): Columned => tableOf(name, { x_mm: x, z_mm: z });
 
-/** The columns of Evaluation that plots show. */
+/** Columns of Evaluation that are plotted. */
 function curves(
   name: string,
   { rim }: Ideal,
@@ -282,11 +284,11 @@ function tableOf(name: string, columns: Record<string, ArrayLike<number>>): Colu
 }
 
 function found(
-  ask: Ask,
+  ask: DesignRequest,
   asked: number,
   tables: Columned[],
-  facts: Facts | null,
-  trouble: Trouble | null = null,
+  facts: DesignSummary | null,
+  trouble: InvalidDesign | null = null,
 ): Found {
   const { slot, number } = ask;
   const blocks = tables.map(({ name, rows, columns }) => ({ name, rows, columns }));

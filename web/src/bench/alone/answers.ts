@@ -1,7 +1,7 @@
 import type { Found, Wish } from "../found";
 import type { Answerer } from "./answer";
 
-/** Questions about designs, answered by the page itself; of those of one slot the newest. */
+/** Evaluation requests answered by the page; only the newest pending request of each slot is kept. */
 export class AnswersAlone {
   private readonly waiting = new Map<number, { wish: Wish; asked: number }>();
   private number = 0;
@@ -11,7 +11,7 @@ export class AnswersAlone {
     private readonly answered: (found: Found) => void,
   ) {}
 
-  /** Ask about a design; an older question of the same slot that still waits is forgotten. */
+  /** Request an evaluation; replaces a pending request of the same slot. */
   ask(slot: number, wish: Wish): void {
     if (this.waiting.size === 0) setTimeout(() => this.answer());
     this.waiting.set(slot, { wish, asked: performance.now() });

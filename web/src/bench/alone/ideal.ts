@@ -1,11 +1,11 @@
-/** What the evaluator takes, from the tables of a sensor file; what it does not know is said. */
+/** Input of the evaluator from the tables of a sensor file; unsupported entries raise an error. */
 import { Refused } from "../../shared/api";
-import type { BenchStart, ParameterOf, PartOf } from "../../shared/messages";
+import type { BenchStart, ParameterInfo, PartInfo } from "../../shared/messages";
 import type { Tables } from "../designs/design";
 import type { Ideal } from "./kernel";
 
-/** Something that cannot be, and the entry it is about. */
-export class Trouble extends Refused {
+/** Error with the entry that it concerns. */
+export class InvalidDesign extends Refused {
   constructor(
     readonly path: string[],
     sentence: string,
@@ -25,7 +25,7 @@ const bare = (radius: number, constant: number): Mirror => ({
   first: 2,
 });
 
-/** By mirrors/conics_and_aspheres.py and mirrors/conics_and_aspheres.py. */
+/** Conversions of optics/mirrors/conics_and_aspheres.py. */
 const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   sphere: (t) => bare(number(t, "radius_mm"), 0),
   paraboloid: (t) => bare(number(t, "vertex_radius_mm"), -1),
@@ -46,7 +46,7 @@ const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   "even-polynomial": (t) => ({ conic: null, coefficients: ofRim(t, 1), first: 1 }),
 };
 
-/** Coefficients of powers of x over the normalisation radius N, in units of that, as those of x over the rim radius M. */
+/** Coefficients of powers of x / N, in units of the normalisation radius N, converted to the rim radius M. */
 function ofRim(table: Tables, first: number): number[] {
   const N = number(table, "normalization_radius_mm", 1);
   const M = number(table, "rim_radius_mm");
@@ -55,7 +55,7 @@ function ofRim(table: Tables, first: number): number[] {
   );
 }
 
-/** A design as the evaluator takes it; thrown where a number is outside what its part allows. */
+/** Input of the evaluator for a design; throws if a number is outside its valid range. */
 export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   const { mirror, lens, imager, mount } = tables;
   within("mirror", partOf("mirror", parts.mirrors, mirror), mirror);
@@ -70,17 +70,17 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
       ),
   );
   if (foreign)
-    throw new Trouble(
+    throw new InvalidDesign(
       ["lens", foreign],
-      `${foreign} = ${String(lens[foreign])}: this page, which does without a server, knows ideal lenses alone`,
+      `${foreign} = ${String(lens[foreign])}: this page runs without a server and supports ideal lenses only`,
     );
   const isTelecentric = lens.kind === "orthographic";
   if (!isTelecentric) within("mount", parts.mount, mount);
   const f = number(lens, "focal_length_mm", 1);
   if (!isTelecentric && number(lens, "focus_distance_mm") <= f)
-    throw new Trouble(
+    throw new InvalidDesign(
       ["lens", "focus_distance_mm"],
-      `focus_distance_mm = ${number(lens, "focus_distance_mm")} is not beyond the focal length; it is valid above focal_length_mm = ${f}`,
+      `focus_distance_mm = ${number(lens, "focus_distance_mm")} must be greater than focal_length_mm = ${f}`,
     );
   const ideal: Ideal = {
     rim: number(mirror, "rim_radius_mm"),
@@ -93,28 +93,28 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   };
   const end = reach(ideal);
   if (ideal.rim >= end)
-    throw new Trouble(
+    throw new InvalidDesign(
       ["mirror", "rim_radius_mm"],
-      `rim_radius_mm = ${ideal.rim} is not valid: this mirror ends ${end.toPrecision(5)} mm from its axis`,
+      `rim_radius_mm = ${ideal.rim} must be less than ${end.toPrecision(5)} mm, the maximum radius of this mirror`,
     );
   return ideal;
 }
 
-/** Distance from the axis at which a conic ends, mm. */
+/** Maximum radius of a conic, mm. */
 const reach = ({ conic }: Ideal): number =>
   conic && conic.constant > -1 ? conic.radius / Math.sqrt(1 + conic.constant) : Infinity;
 
-function partOf(section: string, parts: PartOf[], table: Tables): PartOf {
+function partOf(section: string, parts: PartInfo[], table: Tables): PartInfo {
   const found = parts.find((p) => p.kind === table.kind);
   if (!found)
-    throw new Trouble(
+    throw new InvalidDesign(
       [section, "kind"],
-      `this page, which does without a server, knows no ${section} ${String(table.kind)}; it knows ${parts.map((p) => p.kind).join(", ")}`,
+      `${section} ${String(table.kind)} requires a server; this page supports ${parts.map((p) => p.kind).join(", ")}`,
     );
   return found;
 }
 
-function within(section: string, part: PartOf, table: Tables): void {
+function within(section: string, part: PartInfo, table: Tables): void {
   for (const p of part.parameters) {
     const value = table[p.name];
     for (const v of Array.isArray(value) ? (value as number[]) : [value])
@@ -122,9 +122,12 @@ function within(section: string, part: PartOf, table: Tables): void {
   }
 }
 
-/** Check a number as `Parameter.check` in parameters.py. */
-function check(section: string, { name, low, high, unit }: ParameterOf, value: number): void {
+/** Same message as base/parameters.py. */
+function check(section: string, { name, low, high, unit }: ParameterInfo, value: number): void {
   if (value >= low && value <= high) return;
   const of = unit ? ` ${unit}` : "";
-  throw new Trouble([section, name], `${name} must be between ${low} and ${high}${of}; got ${value}`);
+  throw new InvalidDesign(
+    [section, name],
+    `${name} must be between ${low} and ${high}${of}; got ${value}${of}; got ${value}`,
+  );
 }

@@ -1,23 +1,23 @@
-/** The compiled evaluator of designs (native/src/designs), as WebAssembly; native/wasm/build.sh makes it. */
+/** Compiled design evaluator (native/src/designs) as WebAssembly, built by native/wasm/build.sh. */
 
-/** A design with an ideal lens, as the evaluator takes it. Lengths in mm. */
+/** Design with an ideal lens, input of the evaluator. Lengths in mm. */
 export interface Ideal {
   rim: number;
-  /** From lens to vertex; 1 of a telecentric lens, where it does not count. */
+  /** Distance from lens to vertex; 1 (unused) for telecentric lenses. */
   distance: number;
   focalLength: number;
   fNumber: number;
-  /** Above 0 of a telecentric lens alone. */
+  /** Positive for telecentric lenses only. */
   magnification: number;
   pitch: number;
-  /** Vertex radius and conic constant, of mirrors that have them. */
+  /** Vertex radius and conic constant of conic mirrors. */
   conic: { radius: number; constant: number } | null;
-  /** Of u^(2i), i from `first`, u the fraction of the rim radius; in units of that. */
+  /** Coefficients of u^(2i), i from `first`, where u is the fraction of the rim radius, in rim radii. */
   coefficients: number[];
   first: number;
 }
 
-/** What the mirror does at so many fractions of its rim radius. */
+/** Properties of the mirror at fractions of its rim radius. */
 export interface Columns {
   omega_deg: Float64Array;
   h_px: Float64Array;
@@ -54,28 +54,28 @@ const NAMES = [
   "floored_area_deg2",
   "z_mm",
 ] as const;
-const MOST_ANGLES = 400;
-const MOST_TERMS = 16;
+const MAX_ANGLES = 400;
+const MAX_TERMS = 16;
 const ROOM = {
-  coefficients: MOST_TERMS,
+  coefficients: MAX_TERMS,
   numbers: 7,
-  basis: 3 * MOST_TERMS * MOST_ANGLES,
-  fractions: MOST_ANGLES,
-  near: MOST_ANGLES,
+  basis: 3 * MAX_TERMS * MAX_ANGLES,
+  fractions: MAX_ANGLES,
+  near: MAX_ANGLES,
   search: 6,
-  columns: NAMES.length * MOST_ANGLES,
+  columns: NAMES.length * MAX_ANGLES,
   results: 2,
 };
 type Name = keyof typeof ROOM;
 
-/** The evaluator, from its bytes in base64; `search` says how a best focus is looked for (batch/best_focus.py). */
+/** Evaluator, from its base64 bytes; `search` configures the focus search (optics/batch/best_focus.py). */
 export class Kernel {
   private readonly exports: Exports;
   private readonly places: Record<Name, number>;
 
   constructor(compiled: string, search: readonly number[]) {
     const bytes = Uint8Array.from(atob(compiled), (c) => c.charCodeAt(0));
-    const silent = { fd_close: () => 0, fd_seek: () => 0, fd_write: () => 0 }; // of its library; it says nothing
+    const silent = { fd_close: () => 0, fd_seek: () => 0, fd_write: () => 0 }; // library output is discarded
     this.exports = new WebAssembly.Instance(new WebAssembly.Module(bytes), {
       wasi_snapshot_preview1: silent,
     }).exports as unknown as Exports;
@@ -86,7 +86,7 @@ export class Kernel {
     this.write("search", search);
   }
 
-  /** A design focused at a distance from its lens (null: where the worst floored area is least), objects at another (null: infinite). */
+  /** Evaluate a design with a given focus distance (null: minimum of the maximum floored area) and object distance (null: infinite). */
   evaluate(
     ideal: Ideal,
     fractions: ArrayLike<number>,
@@ -137,7 +137,7 @@ export class Kernel {
   private write(name: Name, values: ArrayLike<number>): void {
     if (values.length > ROOM[name])
       throw new RangeError(
-        `${values.length} numbers do not fit into ${name}, which holds ${ROOM[name]}`,
+        `${values.length} numbers exceed the capacity of ${name}, ${ROOM[name]}`,
       );
     new Float64Array(this.exports.memory.buffer, this.places[name], values.length).set(values);
   }
@@ -151,10 +151,10 @@ export class Kernel {
   }
 }
 
-/** Of the Airy disk. */
+/** Diameter of the Airy disk. */
 export const WAVELENGTH_NM = 550;
 
-/** Sag, slope and curvature of each term at each fraction: batch/families.py. */
+/** Sag, slope and curvature of each term at each fraction (optics/batch/families.py). */
 function basis({ coefficients, first }: Ideal, fractions: ArrayLike<number>): number[] {
   const rows = (of: (u: number, n: number) => number): number[] =>
     coefficients.flatMap((_, i) => Array.from(fractions, (u) => of(u, 2 * (first + i))));

@@ -3,21 +3,21 @@ import { parsed } from "../../shared/storage";
 import type { Design, Tables } from "./design";
 import { designOf, lacking } from "./whole";
 
-const LONGEST = 6000; // of a design in the address; longer ones are only kept
+const LONGEST = 6000; // maximum length in the address; longer designs are stored only
 
-/** The design as the address holds it; "" where it is too long. */
+/** Encode a design for the address; "" if it is too long. */
 export function inAddress(design: Design): string {
   const text = JSON.stringify(design);
   return text.length > LONGEST ? "" : text;
 }
 
-/** The design of an address, or what it lacks, in a sentence. */
+/** Decode a design of an address, or return an error message. */
 export function fromAddress(text: string, parts: BenchStart): Design | string {
   const found = parsed(text);
   if (found === undefined)
-    return "The design of the address cannot be read: it is cut off or changed.";
+    return "The design in the address is invalid: the link is incomplete or was changed.";
   const missing = lacking(found, parts);
   return missing === null
     ? designOf(found as Tables)
-    : `The design of the address is not whole: ${missing}.`;
+    : `The design in the address is invalid: ${missing}.`;
 }

@@ -1,34 +1,34 @@
-import type { Facts } from "../../shared/messages";
+import type { DesignSummary } from "../../shared/messages";
 
 /** Parsed TOML; the server checks its entries. */
 // eslint-disable-next-line @typescript-eslint/no-explicit-any
 export type Tables = Record<string, any>;
 
-/** Everything that says what design is on the bench. */
+/** Complete definition of the design on the bench. */
 export interface Design {
-  /** The sensor, as the tables of its file. */
+  /** Sensor as the tables of its file. */
   tables: Tables;
-  /** Whether the lens stands where the mirror's mapping needs it. */
+  /** Whether the lens position follows the mapping of the mirror. */
   follows: boolean;
-  /** Distance of the objects, mm; null: infinite. */
+  /** Object distance, mm; null: infinite. */
   distance: number | null;
-  /** Requirements, as the tables of their file. */
+  /** Requirements as the tables of their file. */
   requirements: Tables | null;
 }
 
-/** A design that is kept for comparison. */
+/** Pinned design. */
 export interface Pin {
   name: string;
   design: Design;
 }
 
-const MOST_UNDONE = 100;
+const MAX_UNDONE = 100;
 
-/** The design in hand, and the ones before and after it. */
+/** Current design with its undo history. */
 export class History {
   private past: Design[] = [];
   private future: Design[] = [];
-  /** The last one that was settled on; sliders that are held go on from it. */
+  /** Last committed design; slider moves start from it. */
   private settled: Design;
 
   constructor(public now: Design) {
@@ -47,18 +47,18 @@ export class History {
     return this.now !== this.settled;
   }
 
-  /** Settle on the design as it is now; tells whether it is another one. */
+  /** Commit the current design; return whether it changed. */
   settle(): boolean {
     const isNew = JSON.stringify(this.now) !== JSON.stringify(this.settled);
     if (isNew) {
-      this.past = [...this.past, this.settled].slice(-MOST_UNDONE);
+      this.past = [...this.past, this.settled].slice(-MAX_UNDONE);
       this.future = [];
     }
     this.settled = this.now;
     return isNew;
   }
 
-  /** Complete the design by what the server found; nothing to be undone. */
+  /** Replace the design by its completed form without an undo step. */
   complete(design: Design): void {
     const wasHeld = this.isHeld;
     this.now = design;
@@ -92,7 +92,7 @@ export class History {
   }
 }
 
-/** The design with one entry of its tables changed; `index` is for one of a list. */
+/** Return the design with one changed entry; `index` selects an element of a list. */
 export function withEntry(
   design: Design,
   section: string,
@@ -106,8 +106,8 @@ export function withEntry(
   return { ...design, tables: { ...design.tables, [section]: table } };
 }
 
-/** The design with the distance that the server chose for a lens that follows the mirror. */
-export function placed(design: Design, facts: Facts): Design {
+/** Return the design with the lens distance computed by the server. */
+export function placed(design: Design, facts: DesignSummary): Design {
   const distance = facts.mirror_distance_mm;
   const own = design.tables.mount?.mirror_distance_mm as number | undefined;
   if (!design.follows || distance === null || own === distance) return design;

@@ -3,7 +3,7 @@ import { locals, parsed, put, sessions, taken } from "../../shared/storage";
 import type { Design, History, Pin, Tables } from "./design";
 import { designOf, lacking } from "./whole";
 
-/** What the browser keeps of the bench; the design itself lies in the address too. */
+/** Browser storage of the bench; the design itself is also in the address. */
 interface Kept {
   design: Design | null;
   past: Design[];
@@ -14,7 +14,7 @@ interface Kept {
 
 const KEY = "omnimirror-bench";
 
-/** What this tab kept, or else the last tab that kept anything; what of it is no design is left out. */
+/** Stored state of this tab, or of the last tab; invalid parts are omitted. */
 export function kept(parts: BenchStart): Kept | null {
   for (const shelf of [sessions, locals]) {
     const found = parsed(taken(shelf, KEY) ?? "null") as Partial<Kept> | null | undefined;
@@ -37,7 +37,7 @@ function whole(found: Partial<Kept>, parts: BenchStart): Kept {
   };
 }
 
-/** Keep all of it for this tab, and for the next one that is opened. */
+/** Store the state for this tab and for new tabs. */
 export function keep(history: History, pins: Pin[], switched: string[]): void {
   const all: Kept = { design: history.now, ...history.kept(), pins, switched };
   put([sessions, locals], KEY, JSON.stringify(all));

@@ -1,19 +1,19 @@
 import type { Tables } from "./design";
 
-/** A limit as a requirement file states it. */
+/** Limit of a requirement file. */
 export interface Limit {
   quantity: string;
   at_least?: number | null;
   at_most?: number | null;
   omega_deg?: [number, number] | null;
-  /** Spatial frequency, of limits of the MTF. */
+  /** Spatial frequency of an MTF limit. */
   cycles_per_px?: number | null;
 }
 
 export const limitsOf = (requirements: Tables | null): Limit[] =>
   (requirements?.limit as Limit[] | undefined) ?? [];
 
-/** The requirements with another list of limits, without entries that say nothing. */
+/** Return the requirements with other limits, without empty entries. */
 export const withLimits = (requirements: Tables, limits: readonly Limit[]): Tables => ({
   ...requirements,
   limit: limits.map(clean),

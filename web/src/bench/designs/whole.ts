@@ -1,4 +1,4 @@
-import type { BenchStart, ParameterOf, PartOf } from "../../shared/messages";
+import type { BenchStart, ParameterInfo, PartInfo } from "../../shared/messages";
 import type { Design, Tables } from "./design";
 
 type Parts = Pick<
@@ -6,19 +6,19 @@ type Parts = Pick<
   "mirrors" | "secondaries" | "lenses" | "imager" | "place" | "quantities"
 >;
 
-/** What keeps a text or an object from being a design that the bench can hold, in words; null where nothing does. */
+/** Return the reason for which a text or object is not a valid design; null if it is valid. */
 export function lacking(found: unknown, parts: Parts): string | null {
-  if (!isTable(found)) return "it is no design";
-  if (!isTable(found.tables)) return "it has no tables of a sensor";
+  if (!isTable(found)) return "it must be a design";
+  if (!isTable(found.tables)) return "it must contain the tables of a sensor";
   if (!isNumberOrNull(found.distance))
-    return `the distance of its objects is ${short(found.distance)}`;
+    return `the object distance must be positive; got ${short(found.distance)}`;
   return (
     ofSensor(found.tables, found.follows === true, parts) ??
     ofRequirements(found.requirements ?? null, parts)
   );
 }
 
-/** The design of an object that lacks nothing. */
+/** Convert a valid object to a design. */
 export const designOf = (found: Tables): Design => ({
   tables: found.tables as Tables,
   follows: found.follows === true,
@@ -28,16 +28,16 @@ export const designOf = (found: Tables): Design => ({
 
 function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null {
   for (const name of ["mirror", "lens", "imager"])
-    if (!isTable(tables[name])) return `it lacks [${name}]`;
-  if (!isTable(tables.mount ?? {})) return `mount = ${short(tables.mount)} is no table`;
+    if (!isTable(tables[name])) return `[${name}] is missing`;
+  if (!isTable(tables.mount ?? {})) return `mount must be a table; got ${short(tables.mount)}`;
   if (tables.name !== undefined && typeof tables.name !== "string")
-    return `name = ${short(tables.name)} is no text`;
+    return `name must be a text; got ${short(tables.name)}`;
   const distance = (tables.mount as Tables | undefined)?.mirror_distance_mm as unknown;
   if (!isNumberOrNull(distance))
-    return `mount.mirror_distance_mm = ${short(distance)} is no number`;
+    return `mount.mirror_distance_mm must be a number; got ${short(distance)}`;
   if (tables.lens.kind === "perspective" && !follows && typeof distance !== "number")
-    return "it lacks mount.mirror_distance_mm";
-  const kinds: [string, PartOf[]][] = [
+    return "mount.mirror_distance_mm is missing";
+  const kinds: [string, PartInfo[]][] = [
     ["mirror", parts.mirrors],
     ["lens", parts.lenses],
   ];
@@ -46,7 +46,7 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
     pose !== undefined &&
     !(isTable(pose) && Object.values(pose).every((v) => Number.isFinite(v)))
   )
-    return "mirror_pose is no table of numbers";
+    return "mirror_pose must be a table of numbers";
   if (tables.secondary !== undefined) kinds.push(["secondary", parts.secondaries]);
   for (const [name, known] of kinds) {
     const part = isTable(tables[name])
@@ -54,7 +54,7 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
       : undefined;
     const problem = part
       ? ofPart(name, part, tables[name] as Tables)
-      : `${name}.kind is none of ${known.map((p) => p.kind).join(", ")}`;
+      : `${name}.kind must be one of ${known.map((p) => p.kind).join(", ")}`;
     if (problem) return problem;
   }
   return (
@@ -63,18 +63,18 @@ function ofSensor(tables: Tables, follows: boolean, parts: Parts): string | null
   );
 }
 
-function ofPart(section: string, part: PartOf, table: Tables): string | null {
+function ofPart(section: string, part: PartInfo, table: Tables): string | null {
   for (const p of part.parameters) {
     const value = table[p.name] as unknown;
     if (value === undefined || value === null) {
-      if (!p.is_optional) return `it lacks ${section}.${p.name}`;
+      if (!p.is_optional) return `${section}.${p.name} is missing`;
     } else if (!isOf(p, value))
-      return `${section}.${p.name} = ${short(value)} is no ${p.choices.length ? "choice" : p.is_list ? "list of numbers" : "number"}`;
+      return `${section}.${p.name} must be a ${p.choices.length ? "choice" : p.is_list ? "list of numbers" : "number"}; got ${short(value)}`;
   }
   return null;
 }
 
-function isOf(p: ParameterOf, value: unknown): boolean {
+function isOf(p: ParameterInfo, value: unknown): boolean {
   if (p.choices.length) return p.choices.includes(value as string);
   if (p.is_list) return Array.isArray(value) && value.every((v) => Number.isFinite(v));
   return Number.isFinite(value);
@@ -83,17 +83,17 @@ function isOf(p: ParameterOf, value: unknown): boolean {
 function ofRequirements(requirements: unknown, parts: Parts): string | null {
   if (requirements === null) return null;
   if (!isTable(requirements) || !isTable(requirements.field))
-    return "its requirements lack [field]";
+    return "[field] of the requirements is missing";
   if (!Number.isFinite(requirements.field.omega_max_deg))
-    return "its requirements lack field.omega_max_deg";
+    return "field.omega_max_deg of the requirements is missing";
   const limits = (requirements.limit ?? []) as unknown;
-  if (!Array.isArray(limits)) return "its requirements have limits that are no list";
+  if (!Array.isArray(limits)) return "the limits of the requirements must be a list";
   const unknown = limits.find(
     (l) => !isTable(l) || !parts.quantities.some((q) => q.name === l.quantity),
   ) as unknown;
   return unknown === undefined
     ? null
-    : `its requirements limit ${short(isTable(unknown) ? unknown.quantity : unknown)}, which is no quantity`;
+    : `the requirements contain an unknown quantity, ${short(isTable(unknown) ? unknown.quantity : unknown)}`;
 }
 
 const isTable = (value: unknown): value is Tables =>

@@ -1,18 +1,18 @@
-import type { Bend } from "../../shared/messages";
+import type { CurveEdit } from "../../shared/messages";
 import type { Design } from "../designs/design";
 import type { BendHands } from "./handle";
 
-/** What bending needs of the bench. */
+/** Interface of the bench for manual deformation. */
 interface Hands {
-  /** The design, as one that may be changed. */
+  /** Current design in editable form. */
   now: () => Design;
-  ask: (from: Design, bend: Bend) => void;
+  ask: (from: Design, bend: CurveEdit) => void;
   isAsked: () => boolean;
-  /** Settle on what it has become. */
+  /** Commit the result. */
   settle: () => void;
 }
 
-/** A mirror that is bent by hand: always the one that was there when it was taken hold of, not what it became on the way. */
+/** Manual deformation of a mirror; each request refers to the mirror at the start of the drag. */
 export class Bending implements BendHands {
   private from: Design | null = null;
   private isHeld = false;
@@ -23,7 +23,7 @@ export class Bending implements BendHands {
     return this.from !== null;
   }
 
-  bend(bend: Bend): void {
+  bend(bend: CurveEdit): void {
     this.from ??= this.hands.now();
     this.isHeld = true;
     this.hands.ask(this.from, bend);
@@ -34,7 +34,7 @@ export class Bending implements BendHands {
     this.answered();
   }
 
-  /** Settle, once it was let go and nothing of it is still asked. */
+  /** Commit after the release, when no request is pending. */
   answered(): void {
     if (!this.from || this.isHeld || this.hands.isAsked()) return;
     this.from = null;

@@ -1,19 +1,19 @@
 import { h } from "../../shared/dom";
-import type { Bend } from "../../shared/messages";
+import type { CurveEdit } from "../../shared/messages";
 
-/** Bends the mirror on the bench by hand, until it is let go. */
+/** Deform the mirror until the handle is released. */
 export interface BendHands {
-  bend: (bend: Bend) => void;
+  bend: (bend: CurveEdit) => void;
   letGo: () => void;
 }
 
-/** What is done with a handle. */
+/** Events of a handle. */
 interface Drag {
-  /** It is held, or an arrow key is about to move it. */
+  /** Start of a drag or of a key press. */
   begin: () => void;
-  /** It is moved by so much since it was taken, px to the right and down. */
+  /** Displacement since the start, px to the right and down. */
   move: (right: number, down: number) => void;
-  /** It was let go. */
+  /** Release. */
   end: () => void;
 }
 
@@ -25,7 +25,7 @@ const ARROWS: Record<string, readonly [number, number]> = {
   ArrowUp: [0, -1],
 };
 
-/** Something on a plot that is dragged: by pointer, or by arrow keys, with Shift ten times as far. */
+/** Draggable element of a plot; arrow keys move it, with Shift ten times as far. */
 export function handle(className: string, title: string, drag: Drag): HTMLElement {
   const element = h("div", {
     className: `handle ${className}`,
@@ -69,7 +69,7 @@ export function handle(className: string, title: string, drag: Drag): HTMLElemen
   return element;
 }
 
-/** Put a handle where it is on its plot, px, and say what it stands at. */
+/** Set the position of a handle in its plot, px, and its value text. */
 export function place(
   element: HTMLElement,
   left: number,

@@ -1,5 +1,5 @@
 import { h, reveal } from "../../shared/dom";
-import type { JudgementOf, QuantityOf } from "../../shared/messages";
+import type { RequirementResult, QuantityInfo } from "../../shared/messages";
 import { clamp, words } from "../../shared/numbers";
 import type { Tables } from "../designs/design";
 import { unitWords } from "../labels";
@@ -9,7 +9,7 @@ import { handle, place } from "./handle";
 
 type Side = "at_least" | "at_most";
 
-/** A limit of one side, as it is drawn: which of the requirements it is, and of what. */
+/** One side of a limit: index of the requirement and quantity. */
 interface Line {
   limit: number;
   side: Side;
@@ -19,16 +19,16 @@ interface Line {
   isMet: boolean;
 }
 
-/** Sets a side of a limit, and settles on it. */
+/** Set one side of a limit, and commit it. */
 export interface LimitHands {
   set: (limit: number, side: Side, value: number) => void;
   settle: () => void;
 }
 
 const SIGNS: Record<Side, string> = { at_least: "≥", at_most: "≤" };
-const FINE_PX = 0.2; // to which a value is rounded that was dragged
+const FINE_PX = 0.2; // rounding of dragged values
 
-/** The limits of one quantity as lines over its plot, dragged up and down. */
+/** Limits of one quantity as draggable lines in its plot. */
 export class LimitLines implements Over {
   isHeld = false;
   private lines: Line[] = [];
@@ -38,7 +38,7 @@ export class LimitLines implements Over {
 
   constructor(private readonly hands: LimitHands) {}
 
-  /** Take the limits of the requirements whose values stand in a column of the plot. */
+  /** Select the limits whose quantity is a column of the plot. */
   take(lines: Line[]): void {
     this.lines = lines;
     if (lines.length === this.elements.length) return;
@@ -69,7 +69,7 @@ export class LimitLines implements Over {
       const said = `${line.title} ${SIGNS[line.side]} ${words(line.value)}`;
       place(element, from, top, line.value, said);
       element.style.width = `${Math.max(24, to - from)}px`;
-      element.title = `${said}: drag it up or down`;
+      element.title = `${said}: drag up or down`;
       element.setAttribute(
         "aria-label",
         `${line.title}, ${line.side === "at_least" ? "at least" : "at most"}`,
@@ -115,12 +115,12 @@ export class LimitLines implements Over {
   }
 }
 
-/** The lines of the limits whose judgement has a name, which is the column of their values too. */
+/** Lines of the limits of a named result, which is also the name of their column. */
 export function linesOf(
   requirements: Tables | null,
-  rows: readonly JudgementOf[],
+  rows: readonly RequirementResult[],
   name: string,
-  vocabulary: readonly QuantityOf[],
+  vocabulary: readonly QuantityInfo[],
 ): Line[] {
   return limitsOf(requirements).flatMap((limit, i) => {
     const row = rows.find((r) => r.limit === i);
@@ -141,7 +141,7 @@ export function linesOf(
 
 function titleOf(
   { quantity, cycles_per_px: cycles }: Limit,
-  vocabulary: readonly QuantityOf[],
+  vocabulary: readonly QuantityInfo[],
 ): string {
   const { title, unit } = vocabulary.find((q) => q.name === quantity)!;
   return `${title}${cycles ? ` at ${words(cycles)} cycles/px` : ""}${unit ? `, ${unitWords(unit)},` : ""}`;

@@ -6,7 +6,7 @@ import { type BendHands, handle, place } from "./handle";
 
 const AT = [0.25, 0.5, 0.75]; // of the field
 
-/** Handles on the curve of image height: pulled up or down, the mapping goes through where they are. */
+/** Handles on the curve of image height; the mapping is deformed to pass through them. */
 export class MappingHandles implements Over {
   isHeld = false;
   private readonly elements: HTMLElement[];

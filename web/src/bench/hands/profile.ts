@@ -4,16 +4,16 @@ import type { Found } from "../found";
 import { interpolated } from "../plots/cursor";
 import { type BendHands, handle, place } from "./handle";
 
-/** What of a drawing to scale is needed here. */
+/** Interface of a drawing to scale. */
 interface Drawing {
   readonly scale: number;
   at: (point: [z: number, x: number]) => [left: number, top: number];
 }
 
 const AT = [0.5, 1]; // of the rim radius
-const APART = 25; // px: handles nearer to the next than a finger are left out
+const APART = 25; // minimum spacing of handles, px
 
-/** Handles on the mirror in cross-section: pulled along the axis, the profile goes through where they are. */
+/** Handles on the mirror in the cross-section; the profile is deformed to pass through them. */
 export class ProfileHandles {
   isHeld = false;
   private readonly elements: HTMLElement[];

@@ -1,11 +1,11 @@
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { ParameterOf } from "../../shared/messages";
+import type { ParameterInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { unitWords } from "../labels";
 import { metSpans, type Missed, placesWith, type Span } from "./met";
 import { type Scale, scaleOf } from "./scale";
 
-/** A slider and a number field for one number. */
+/** Slider and number field of one number. */
 export class Field {
   readonly element: HTMLElement;
   private readonly number: HTMLInputElement;
@@ -18,13 +18,13 @@ export class Field {
   private complaint: string | null = null;
   private marked = "";
   private met: { scale: Scale; spans: readonly Span[] } | null = null;
-  /** The value with which the design came to the bench. */
+  /** Initial value, restored by the reset button. */
   private first: number;
   private scale: Scale;
 
-  /** `changed` is told each value, `settled` when a slider is let go or a number is entered. */
+  /** `changed` receives each value, `settled` the final value of a slider or field. */
   constructor(
-    private readonly p: ParameterOf,
+    private readonly p: ParameterInfo,
     title: string,
     private value: number,
     private readonly changed: (value: number) => void,
@@ -76,7 +76,7 @@ export class Field {
     this.show(value);
   }
 
-  /** Show a value that was set elsewhere. */
+  /** Display a value that was set elsewhere. */
   set(value: number): void {
     if (value === this.value) return;
     this.value = value;
@@ -84,13 +84,13 @@ export class Field {
     this.show(value);
   }
 
-  /** Take a value for the one to which the field leads back. */
+  /** Set the initial value. */
   begin(value: number): void {
     this.first = value;
     this.show(this.value);
   }
 
-  /** Values along the slider, and where it stands. */
+  /** Sample values along the slider, and its position. */
   get along(): number[] {
     return this.places.map((place) => this.scale.to(place));
   }
@@ -99,7 +99,7 @@ export class Field {
     return placesWith(this.scale.from(this.value));
   }
 
-  /** Mark where on the slider all requirements are met, by how much they are missed along it; null where that is not known. */
+  /** Mark the feasible range of the slider, from the violation of requirements along it; null if unknown. */
   showMet(missed: readonly Missed[] | null): void {
     if (!missed && !this.met) return;
     const spans = missed && metSpans(this.places, missed);
@@ -111,7 +111,7 @@ export class Field {
     this.meets.textContent = parts
       ? parts.length
         ? `All requirements are met at ${parts.join(" and ")}${unit && ` ${unit}`}.`
-        : "At no place of the slider that was looked at are all requirements met."
+        : "No sampled value of the slider meets all requirements."
       : "";
     this.slider.title = this.meets.textContent;
     this.mark();
@@ -127,7 +127,7 @@ export class Field {
     this.slider.focus();
   }
 
-  /** Say why the value cannot be, beside it; null when it can. */
+  /** Display the error of a value; null removes it. */
   complain(sentence: string | null): void {
     if (sentence === this.complaint) return;
     this.complaint = sentence;
@@ -153,7 +153,7 @@ export class Field {
     this.settled();
   }
 
-  /** A slider that was let go at its end gets room beyond it. */
+  /** Extend the range of a slider that was released at its end. */
   private letGo(): void {
     const place = Number(this.slider.value);
     if (place < 0.02 || place > 0.98) {
@@ -171,7 +171,7 @@ export class Field {
     this.slider.setAttribute("aria-valuetext", `${words(value)} ${unitWords(this.p.unit)}`.trim());
   }
 
-  /** Where the design began, what is usual, and the ends beyond which nothing is valid. */
+  /** Initial value, usual range and valid range. */
   private mark(): void {
     const { low, high } = this.scale;
     const all: [string, number][] = [
@@ -202,7 +202,7 @@ export class Field {
     this.marked = marked.join();
     const isMoved = Math.abs(this.value - this.first) > 1e-6 * Math.max(Math.abs(this.first), 1e-3);
     reveal(this.back, isMoved);
-    this.back.title = `Back to ${words(this.first)}, as it came`;
+    this.back.title = `Reset to ${words(this.first)}`;
     this.back.setAttribute("aria-label", this.back.title);
   }
 }

@@ -1,12 +1,18 @@
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchStart, ParameterOf, PartOf, Slide, Trouble } from "../../shared/messages";
+import type {
+  BenchStart,
+  ParameterInfo,
+  PartInfo,
+  SliderValues,
+  ApiError,
+} from "../../shared/messages";
 import { type Design, nameOf, type Tables, withEntry } from "../designs/design";
 import { label } from "../labels";
 import { alone } from "../supply";
 import { Field } from "./field";
 import type { Missed } from "./met";
 
-/** What the form needs of the bench. */
+/** Interface of the bench for the form. */
 interface Hands {
   now: () => Design;
   edit: (design: Design) => void;
@@ -14,14 +20,14 @@ interface Hands {
   change: (what: "mirror" | "lens" | "focus", to: string) => void;
 }
 
-const MOST_FIELDS = 16; // of a list; longer ones are a text
-const DISTANCE = "distance"; // of the objects: no number of the sensor
-const FAR: ParameterOf = {
+const MAX_FIELDS = 16; // maximum number of list elements with individual fields
+const DISTANCE = "distance"; // object distance, not a parameter of the sensor
+const FAR: ParameterInfo = {
   name: DISTANCE,
   unit: "mm",
   low: 1,
   high: 1e7,
-  description: "from the mirror to the objects",
+  description: "distance between the mirror and the objects",
   choices: [],
   is_list: false,
   is_whole: false,
@@ -29,7 +35,7 @@ const FAR: ParameterOf = {
   default: null,
 };
 
-/** Sliders and number fields, made from what the parts say of themselves. */
+/** Sliders and number fields generated from the metadata of the parts. */
 export class Form {
   private readonly fields = new Map<string, Field>();
   private readonly defaults = new Map<string, number>();
@@ -57,14 +63,14 @@ export class Form {
       parts.lenses.map((p) => p.kind),
       (kind) => hands.change("lens", kind),
     );
-    this.mirror.setAttribute("aria-label", "Kind of mirror");
-    this.lens.setAttribute("aria-label", "Kind of lens");
+    this.mirror.setAttribute("aria-label", "Type of mirror");
+    this.lens.setAttribute("aria-label", "Type of lens");
     if (alone)
       for (const kind of [this.mirror, this.lens])
         Object.assign(kind, {
           disabled: true,
           title:
-            "Another kind for the same rim takes the program; here, start from a sensor that has it.",
+            "Changing the type requires the program; on this page, start from a sensor of that type.",
         });
     this.follows.addEventListener("change", () =>
       this.settled({ ...hands.now(), follows: this.follows.checked }),
@@ -75,7 +81,7 @@ export class Form {
     place.append(this.problem, this.body);
   }
 
-  /** Take a design for the one to which fields lead back. */
+  /** Set the initial design. */
   begin(design: Design): void {
     this.show(design);
     for (const [key, field] of this.fields) {
@@ -84,7 +90,7 @@ export class Form {
     }
   }
 
-  /** Show a design; fields are made anew only where there are others than before. */
+  /** Display a design; fields are recreated only if their set changes. */
   show(design: Design): void {
     const shape = this.shapeOf(design);
     if (shape !== this.shape) {
@@ -102,8 +108,8 @@ export class Form {
     this.infinite.checked = design.distance === null;
   }
 
-  /** Say why the design cannot be, beside the field it is about, or the one that was changed last. */
-  complain(trouble: Trouble | null): void {
+  /** Display the error of a design at its field, or at the last changed field. */
+  complain(trouble: ApiError | null): void {
     const key =
       trouble &&
       ([...this.fields.keys()].find(
@@ -116,20 +122,20 @@ export class Form {
     write(this.problem, isOfNoField ? trouble.sentence : "");
   }
 
-  /** The numbers that sliders which are seen stand for, and values along each. */
-  slides(): Slide[] {
+  /** Entries of the visible sliders with sample values. */
+  slides(): SliderValues[] {
     const seen = [...this.fields].filter(
       ([key, field]) => key !== DISTANCE && !field.element.closest("details:not([open])"),
     );
     return seen.map(([key, field]) => ({ path: key.split("."), values: field.along }));
   }
 
-  /** Mark where on each of those sliders the requirements are met, by how much they are missed along it. */
-  showMet(slides: readonly Slide[], missed: readonly (readonly Missed[])[]): void {
+  /** Mark the feasible ranges of those sliders. */
+  showMet(slides: readonly SliderValues[], missed: readonly (readonly Missed[])[]): void {
     slides.forEach(({ path }, i) => this.fields.get(path.join("."))?.showMet(missed[i]));
   }
 
-  /** Forget where requirements are met; but the slider that is moved keeps its own, as long as they are the same. */
+  /** Remove the marks; an active slider keeps its own if the requirements are unchanged. */
   forgetMet(isAsked: boolean): void {
     for (const [key, field] of this.fields) if (isAsked || key !== this.last) field.showMet(null);
   }
@@ -142,18 +148,18 @@ export class Form {
     this.body.replaceChildren(
       this.section("Mirror", [
         this.name(design),
-        labelled("Kind", this.mirror),
+        labelled("Type", this.mirror),
         ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror),
         ...this.distance(design),
       ]),
       ...(tables.mirror_pose
-        ? [this.section("Out of its place", this.pose(tables.mirror_pose as Tables))]
+        ? [this.section("Misalignment", this.pose(tables.mirror_pose as Tables))]
         : []),
       ...(tables.secondary
         ? [this.section("Second mirror", this.second(tables.secondary as Tables))]
         : []),
       this.section("Lens", [
-        labelled("Kind", this.lens),
+        labelled("Type", this.lens),
         ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens),
         this.focus(),
       ]),
@@ -170,10 +176,10 @@ export class Form {
     return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
   }
 
-  private of(section: string, part: PartOf, table: Tables): HTMLElement[] {
-    const isUsual = (p: ParameterOf): boolean =>
+  private of(section: string, part: PartInfo, table: Tables): HTMLElement[] {
+    const isUsual = (p: ParameterInfo): boolean =>
       p.is_optional && p.default !== null && (table[p.name] ?? p.default) === p.default;
-    const made = (all: ParameterOf[]): HTMLElement[] =>
+    const made = (all: ParameterInfo[]): HTMLElement[] =>
       all.flatMap((p) => this.entry(section, p, table[p.name] ?? p.default));
     const more = made(part.parameters.filter(isUsual));
     return [
@@ -182,7 +188,7 @@ export class Form {
     ];
   }
 
-  private entry(section: string, p: ParameterOf, value: unknown): HTMLElement[] {
+  private entry(section: string, p: ParameterInfo, value: unknown): HTMLElement[] {
     if (p.choices.length)
       return [this.words(section, p, (value as string | undefined) ?? p.choices[0])];
     if (value === undefined || value === null) return [];
@@ -191,7 +197,7 @@ export class Form {
       : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
   }
 
-  /** What is seldom changed, folded away. */
+  /** Rarely used parameters, collapsed. */
   private more(section: string, fields: HTMLElement[]): HTMLElement {
     const details = h(
       "details",
@@ -205,7 +211,7 @@ export class Form {
     return details;
   }
 
-  private number(key: string, p: ParameterOf, title: string, value: number): HTMLElement {
+  private number(key: string, p: ParameterInfo, title: string, value: number): HTMLElement {
     const changed = (v: number): void => {
       this.last = key;
       this.hands.edit(changedAt(this.hands.now(), key, v));
@@ -216,8 +222,8 @@ export class Form {
     return field.element;
   }
 
-  private list(section: string, p: ParameterOf, values: number[]): HTMLElement[] {
-    if (values.length > MOST_FIELDS) return [this.text(section, p, values)];
+  private list(section: string, p: ParameterInfo, values: number[]): HTMLElement[] {
+    if (values.length > MAX_FIELDS) return [this.text(section, p, values)];
     const fields = values.map((v, i) =>
       this.number(`${section}.${p.name}.${i}`, p, `${label(p.name).replace(/s$/, "")} ${i + 1}`, v),
     );
@@ -235,15 +241,15 @@ export class Form {
       {
         type: "button",
         disabled: values.length < 2,
-        title: values.length < 2 ? "One coefficient has to stay." : "",
+        title: values.length < 2 ? "At least one coefficient is required." : "",
         onclick: () => set(now().slice(0, -1)),
       },
-      "Remove the last",
+      "Remove the last coefficient",
     );
     return [...fields, h("div", { className: "row" }, more, less)];
   }
 
-  private text(section: string, p: ParameterOf, values: number[]): HTMLElement {
+  private text(section: string, p: ParameterInfo, values: number[]): HTMLElement {
     const id = unique();
     const area = h("textarea", { id, rows: 4, spellcheck: false, value: values.join(", ") });
     area.addEventListener("change", () => {
@@ -254,7 +260,7 @@ export class Form {
       if (numbers.some(Number.isNaN))
         return this.complain({
           path: [],
-          sentence: `${label(p.name)}: numbers with commas between them`,
+          sentence: `${label(p.name)}: comma-separated numbers`,
         });
       this.last = `${section}.${p.name}`;
       this.settled(withEntry(this.hands.now(), section, p.name, numbers));
@@ -268,7 +274,7 @@ export class Form {
     );
   }
 
-  private words(section: string, p: ParameterOf, value: string): HTMLElement {
+  private words(section: string, p: ParameterInfo, value: string): HTMLElement {
     const select = choice(p.choices, (to) =>
       this.settled(withEntry(this.hands.now(), section, p.name, to)),
     );
@@ -283,10 +289,7 @@ export class Form {
     const field = this.number("mount.mirror_distance_mm", p, "Distance", value);
     const isMapped = "theta_max_deg" in design.tables.mirror && !design.tables.secondary;
     field.classList.toggle("led", design.follows);
-    return [
-      field,
-      ...(isMapped ? [check(this.follows, "Lens stands where the mapping needs it")] : []),
-    ];
+    return [field, ...(isMapped ? [check(this.follows, "Lens position follows the mapping")] : [])];
   }
 
   private second(table: Tables): HTMLElement[] {
@@ -298,7 +301,7 @@ export class Form {
     ];
   }
 
-  /** How the mirror stands out of its place, and back into it. */
+  /** Misalignment of the mirror, and a button that resets it. */
   private pose(table: Tables): HTMLElement[] {
     const fields = this.parts.pose.parameters.flatMap((p) =>
       this.entry("mirror_pose", p, table[p.name] ?? 0),
@@ -312,7 +315,7 @@ export class Form {
       h(
         "div",
         { className: "row" },
-        h("button", { type: "button", onclick: back }, "Put the mirror in its place"),
+        h("button", { type: "button", onclick: back }, "Align the mirror"),
       ),
     ];
   }
@@ -342,7 +345,7 @@ export class Form {
         {
           type: "button",
           onclick: () => this.hands.change("focus", "worst_floored_area_deg2"),
-          title: "Where the worst floored blur area is least",
+          title: "Minimise the maximum floored blur area",
         },
         "Best focus",
       ),
@@ -350,15 +353,15 @@ export class Form {
   }
 
   private objects(design: Design): HTMLElement[] {
-    const far = check(this.infinite, "Infinitely far away");
+    const far = check(this.infinite, "At infinity");
     return design.distance === null
       ? [far]
       : [this.number(DISTANCE, FAR, "Object distance", design.distance), far];
   }
 
-  /** What decides which fields there are. */
+  /** Properties of a design that determine the set of fields. */
   private shapeOf({ tables, follows, distance }: Design): string {
-    const of = (part: PartOf, table: Tables): unknown =>
+    const of = (part: PartInfo, table: Tables): unknown =>
       part.parameters.map((p) =>
         Array.isArray(table[p.name])
           ? (table[p.name] as number[]).length
@@ -392,7 +395,8 @@ export class Form {
   }
 }
 
-const kindOf = (all: PartOf[], table: Tables): PartOf => all.find((p) => p.kind === table.kind)!;
+const kindOf = (all: PartInfo[], table: Tables): PartInfo =>
+  all.find((p) => p.kind === table.kind)!;
 
 function valueAt(design: Design, key: string): number | undefined {
   if (key === DISTANCE) return design.distance ?? undefined;

@@ -1,20 +1,20 @@
-/** Where a slider could stand for all requirements to be met. */
+/** Feasible range of a slider with respect to the requirements. */
 
-/** Part of a slider, from one place on it to another, 0 to 1. */
+/** Interval of slider positions, 0 to 1. */
 export type Span = readonly [from: number, to: number];
 
 const STEPS = 8;
 
-/** Places at which it is looked: even ones, and where the slider stands. */
+/** Sampled positions: equidistant, and the current one. */
 export const placesWith = (place: number): number[] =>
   [...new Set([...Array.from({ length: STEPS + 1 }, (_, i) => i / STEPS), place])].sort(
     (a, b) => a - b,
   );
 
-/** By how much each requirement is missed, below 0 kept; null where there is no design. */
+/** Violation of each requirement, negative if met; null for an invalid design. */
 export type Missed = readonly number[] | null;
 
-/** Parts of a slider where nothing is missed, by what is missed at places; between two of them it is taken to go straight. */
+/** Intervals in which all requirements are met, by linear interpolation of the violations between samples. */
 export function metSpans(places: readonly number[], missed: readonly Missed[]): Span[] {
   const spans: [number, number][] = [];
   for (let i = 0; i + 1 < missed.length; i++) {
@@ -28,7 +28,7 @@ export function metSpans(places: readonly number[], missed: readonly Missed[]): 
   return spans;
 }
 
-/** The part of the way from one place to the next where all are met; next to what cannot be it is half of it. */
+/** Feasible part of an interval between two samples; half of it next to an invalid design. */
 function metBetween(left: Missed, right: Missed): Span | null {
   if (!left || !right || left.length !== right.length) {
     const isMet = [left, right].map((missed) => missed?.every((m) => m <= 0));

@@ -1,5 +1,5 @@
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchStart, Facts, JudgementOf } from "../../shared/messages";
+import type { BenchStart, DesignSummary, RequirementResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
 import { type Limit, limitsOf, withLimits } from "../designs/requirements";
@@ -7,17 +7,17 @@ import { label, quantityWords, unitWords } from "../labels";
 
 interface Hands {
   now: () => Design;
-  facts: () => Facts | null;
+  facts: () => DesignSummary | null;
   edit: (design: Design) => void;
   settle: () => void;
 }
 
 const USUAL: Limit = { quantity: "total_blur_px", at_most: 5 };
-const CYCLES = 0.25; // per pixel, where a limit of the MTF begins
-const ROUNDING = 1e-6; // relative; a margin this small is none
-const INFINITE = 1e11; // mm; beyond it a distance is shown as infinite
+const CYCLES = 0.25; // default frequency of an MTF limit, cycles per pixel
+const ROUNDING = 1e-6; // relative margin below which a requirement is only just met
+const INFINITE = 1e11; // distance in mm above which infinity is displayed
 
-/** What the design must do, and whether it does. */
+/** Requirements with their results. */
 export class RequirementsPanel {
   private readonly body = h("div", {});
   private readonly verdict = h("p", { className: "verdict", role: "status" });
@@ -43,7 +43,7 @@ export class RequirementsPanel {
     );
   }
 
-  /** Bring them into view. */
+  /** Scroll them into view. */
   reveal(): void {
     this.place.scrollIntoView({ block: "start" });
   }
@@ -68,8 +68,8 @@ export class RequirementsPanel {
     }
   }
 
-  /** Say of each requirement whether it is met, by how much, and where it is worst. */
-  judge(rows: JudgementOf[], trouble: string | null): void {
+  /** Display the result of each requirement: met or not, margin, critical field angle. */
+  judge(rows: RequirementResult[], trouble: string | null): void {
     reveal(this.problem, trouble !== null);
     write(this.problem, trouble ?? "");
     for (const mark of this.marks.values()) mark.replaceChildren();
@@ -101,7 +101,7 @@ export class RequirementsPanel {
     if (design.requirements === null) {
       this.verdict.hidden = true;
       this.body.append(
-        h("p", { className: "words" }, "None yet. Add one, or open a requirement file."),
+        h("p", { className: "words" }, "No requirements. Add one, or open a requirement file."),
       );
       return;
     }
@@ -125,9 +125,9 @@ export class RequirementsPanel {
       h(
         "div",
         { className: "line" },
-        h("span", { className: "what" }, "Field up to"),
+        h("span", { className: "what" }, "Maximum field angle"),
         this.number(
-          "Field up to, degrees",
+          "Maximum field angle, degrees",
           () => field().omega_max_deg as number,
           (v) => setField({ omega_max_deg: v ?? 135 }),
         ),
@@ -140,13 +140,13 @@ export class RequirementsPanel {
         { className: "line" },
         h("span", { className: "unit" }, "from"),
         this.number(
-          "Nearest object, mm",
+          "Minimum object distance, mm",
           () => distances()[0],
           (v) => setField({ object_distance_mm: [v ?? 1e12, Math.max(v ?? 1e12, distances()[1])] }),
         ),
         h("span", { className: "unit" }, "to"),
         this.number(
-          "Farthest object, mm; empty is infinite",
+          "Maximum object distance, mm; empty for infinity",
           () => distances()[1],
           (v) => setField({ object_distance_mm: [Math.min(distances()[0], v ?? 1e12), v ?? 1e12] }),
         ),
@@ -201,9 +201,9 @@ export class RequirementsPanel {
               ? null
               : [0, this.hands.now().requirements!.field.omega_max_deg as number],
           }),
-        title: "For a part of the field only, or for all of it",
+        title: "Switch between a part of the field and the whole field",
       },
-      limit.omega_deg ? "whole field" : "part of field",
+      limit.omega_deg ? "full field" : "partial field",
     );
     return h(
       "div",
@@ -245,13 +245,13 @@ export class RequirementsPanel {
             { className: "line" },
             h("span", { className: "unit" }, "Ω from"),
             this.number(
-              "Field angle from, degrees",
+              "Minimum field angle, degrees",
               () => now()?.omega_deg?.[0],
               (v) => set({ omega_deg: [v ?? 0, now().omega_deg![1]] }),
             ),
             h("span", { className: "unit" }, "to"),
             this.number(
-              "Field angle to, degrees",
+              "Maximum field angle of the limit, degrees",
               () => now()?.omega_deg?.[1],
               (v) => set({ omega_deg: [now().omega_deg![0], v ?? 135] }),
             ),
@@ -312,8 +312,8 @@ const spanOf = (value: unknown): [number, number] =>
       ? [value, value]
       : [1e12, 1e12];
 
-/** Met or not, by a sign and in words. */
-function verdictOf(row: JudgementOf): HTMLElement[] {
+/** Result as symbol and text. */
+function verdictOf(row: RequirementResult): HTMLElement[] {
   const unit = unitWords(row.unit);
   const isJust =
     row.is_met &&

@@ -1,7 +1,7 @@
-import type { ParameterOf } from "../../shared/messages";
+import type { ParameterInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 
-/** Between a slider's place, 0 to 1, and a value. */
+/** Mapping between slider position, 0 to 1, and value. */
 export interface Scale {
   low: number;
   high: number;
@@ -10,10 +10,10 @@ export interface Scale {
 }
 
 const REACH = 2.5;
-const WIDEST = 400; // a range that a slider shows whole
+const WIDEST = 400; // range displayed completely
 
-/** A slider around a value: the whole range where that is short, factors of what is positive, or some to either side. */
-export function scaleOf(p: ParameterOf, value: number): Scale {
+/** Slider scale around a value: complete range if short, logarithmic for positive values, or an interval around the value. */
+export function scaleOf(p: ParameterInfo, value: number): Scale {
   if (p.high - p.low <= WIDEST) return even(p.low, p.high, p);
   if (p.low > 0 && value > 0) {
     const low = Math.max(p.low, value / REACH);
@@ -29,7 +29,7 @@ export function scaleOf(p: ParameterOf, value: number): Scale {
   return even(Math.max(p.low, value - span), Math.min(p.high, value + span), p);
 }
 
-function even(low: number, high: number, p: ParameterOf): Scale {
+function even(low: number, high: number, p: ParameterInfo): Scale {
   return {
     low,
     high,
@@ -38,8 +38,8 @@ function even(low: number, high: number, p: ParameterOf): Scale {
   };
 }
 
-/** No finer than a slider can be set. */
-function rounded(value: number, p: ParameterOf, span = Math.abs(value)): number {
+/** Round to the resolution of a slider. */
+function rounded(value: number, p: ParameterInfo, span = Math.abs(value)): number {
   if (p.is_whole) return Math.round(value);
   if (span === 0) return value;
   const digits = 3 - Math.floor(Math.log10(span));

@@ -1,6 +1,6 @@
 import { ServerTask } from "../../shared/api";
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchSensor, BenchStart, News, Task } from "../../shared/messages";
+import type { BenchSensor, BenchStart, TaskStatus, SearchTask } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design } from "../designs/design";
 import { limitsOf } from "../designs/requirements";
@@ -11,9 +11,9 @@ interface Hands {
   take: (found: BenchSensor) => void;
 }
 
-/** Searches that take time: the best mirror by a merit, a sensor from requirements. */
+/** Long-running searches: mirror optimisation, and design from requirements. */
 export class WorkPanel {
-  private readonly task = new ServerTask<News>();
+  private readonly task = new ServerTask<TaskStatus>();
   private readonly merit: HTMLSelectElement;
   private readonly shape: HTMLSelectElement;
   private readonly terms = h("input", {
@@ -35,11 +35,11 @@ export class WorkPanel {
     "label",
     {
       className: "check",
-      title: "Among mirrors that keep them the best is sought; where none does, it is said",
+      title: "Search among mirrors that meet the limits; report if none does",
       hidden: true,
     },
     this.keeps,
-    "Keep the limits of the requirements",
+    "Enforce the limits of the requirements",
   );
   private readonly begin = h(
     "button",
@@ -56,7 +56,7 @@ export class WorkPanel {
     {
       type: "button",
       hidden: true,
-      onclick: () => this.stop("Cancelled; the design is as it was."),
+      onclick: () => this.stop("Cancelled; the design is unchanged."),
     },
     "Cancel",
   );
@@ -83,8 +83,8 @@ export class WorkPanel {
     );
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
-      labelled("Make least", this.merit),
-      labelled("Free form", this.shape),
+      labelled("Minimise", this.merit),
+      labelled("Freeform", this.shape),
       h(
         "div",
         { className: "two" },
@@ -99,7 +99,7 @@ export class WorkPanel {
     );
   }
 
-  /** Offer what can be done with a design; `reason` says why its mirror cannot be optimised. */
+  /** Enable the searches for a design; `reason` is set if its mirror cannot be optimised. */
   show(design: Design, reason: string | null): void {
     reveal(this.design, Boolean(design.requirements?.mirror));
     reveal(this.keepsLabel, limitsOf(design.requirements).length > 0);
@@ -108,9 +108,9 @@ export class WorkPanel {
     this.begin.disabled = this.task.isUnderWay || reason !== null;
   }
 
-  private start(what: Task["what"]): void {
+  private start(what: SearchTask["what"]): void {
     const { tables, requirements, distance } = this.hands.now();
-    const task: Task = {
+    const task: SearchTask = {
       what,
       tables,
       requirements,
@@ -121,13 +121,13 @@ export class WorkPanel {
       starts: Number(this.starts.value),
       keeps_limits: this.keeps.checked,
     };
-    const cutOff = () => this.stop("The search was cut off; the design is as it was.");
+    const cutOff = () => this.stop("The search was interrupted; the design is unchanged.");
     this.task.begin("api/bench/work", [task], (news) => this.told(news), cutOff);
     this.running(true);
     this.said.textContent = "Starting…";
   }
 
-  private told(news: News): void {
+  private told(news: TaskStatus): void {
     if (news.state === "running") {
       if (news.share === null) this.bar.removeAttribute("value");
       else this.bar.value = news.share;

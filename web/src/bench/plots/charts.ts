@@ -6,7 +6,7 @@ import { type Cursor, interpolated } from "./cursor";
 import { csvOf, svgOf } from "./export";
 import type { Chart } from "./quantities";
 
-/** Where a chart draws its curves: between values and places on the layer that lies over it, px. */
+/** Axes of a chart: conversion between values and pixels of its overlay. */
 export interface Area {
   layer: HTMLElement;
   left: number;
@@ -16,35 +16,35 @@ export interface Area {
   across: (omega: number) => number;
   down: (value: number) => number;
   value: (down: number) => number;
-  /** Read the chart where a pointer is that another element has caught. */
+  /** Move the cursor of the chart to a pointer captured by another element. */
   read: (e: MouseEvent) => void;
 }
 
-/** Something that lies over a chart and is moved by hand. */
+/** Draggable overlay of a chart. */
 export interface Over {
-  /** Whether it is moved now: what is under it then keeps its scale. */
+  /** Whether it is dragged; the scale is then fixed. */
   readonly isHeld: boolean;
-  /** Values that the chart shows too, where they are not far from its curves. */
+  /** Values to include in the range if they are close to the curves. */
   reach: () => number[];
-  /** Lie where the curve of the design in hand is now; null where the chart shows differences. */
+  /** Place the overlay at the current curve; null if differences are plotted. */
   lay: (area: Area, first: Curves | null) => void;
 }
 
-/** A design that is drawn: its colour, its name, what was found. */
+/** Plotted design: colour, name and evaluation. */
 export interface Drawn {
   name: string;
   ink: string;
-  /** How many dots its lines have between their dashes; 0: they are drawn through. */
+  /** Number of dots between the dashes of its lines; 0: solid. */
   dots: number;
   found: Found;
 }
 
-/** The curves of a design, one for each column; of a difference, by how much the design in hand exceeds it. */
+/** Curves of a design, one per column; of a difference, the current design minus this one. */
 export interface Curves {
   of: Drawn;
   omega: Float32Array;
   values: Float32Array[];
-  /** Image heights, px, and the radius up to which there are any. */
+  /** Image heights, px, and the maximum image radius. */
   heights: Float32Array;
   rim: number;
 }
@@ -53,12 +53,12 @@ const HEIGHT = 164;
 const [DASH, DOT, GAP, WIDE_GAP] = [12, 2, 2.5, 6]; // px
 const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
-const POINT = 0.1; // of the image radius: about the point of a mirror, where a degree of azimuth shrinks to nothing
-const STEEP = 4; // values there that are so many times as spread do not set the scale
-const SAME = 4e-6; // of the largest value: what differs by less is rounding, of numbers in single precision
-const REACH = 1; // of the spread of the curves, to which a limit beyond them is shown
+const POINT = 0.1; // excluded central part of the image radius, where a degree of azimuth has no length
+const STEEP = 4; // ratio to the spread above which central values are excluded from the scale
+const SAME = 4e-6; // relative difference below which values are equal within single precision
+const REACH = 1; // distance of included limits from the curves, relative to their spread
 
-/** One chart with all designs in it. */
+/** Chart of all designs. */
 export class ChartView {
   readonly element: HTMLElement;
   private readonly readout = h("output", { className: "readout" });
@@ -97,7 +97,7 @@ export class ChartView {
     new ResizeObserver(() => this.plot?.setSize(this.size())).observe(this.place);
   }
 
-  /** Draw designs, or by how much the first differs from the others. */
+  /** Draw designs, or the differences between the first and the others. */
   show(drawn: Drawn[], isDifference: boolean): void {
     this.drawn = drawn.filter((d) => this.table(d));
     if (!this.drawn.length) return;
@@ -116,7 +116,7 @@ export class ChartView {
     else this.point(this.cursor.omega, null);
   }
 
-  /** Say what is drawn to who does not see it. */
+  /** Set the accessible description. */
   describe(): void {
     const [first] = this.curves;
     if (!first) return;
@@ -140,7 +140,7 @@ export class ChartView {
     return tables.length === 1 ? tables[0] : uPlot.join(tables);
   }
 
-  /** Lowest and highest value, without what only the point of a mirror has. */
+  /** Range of values, without those next to a pointed apex. */
   private spread(): [number, number] {
     const all: [number, number] = [Infinity, -Infinity];
     const outside: [number, number] = [Infinity, -Infinity];
@@ -171,7 +171,7 @@ export class ChartView {
     return this.chart.reach * (values[values.length >> 1] ?? Infinity);
   }
 
-  /** The range with what lies over the chart, as far as it is near. */
+  /** Range including overlays that are close to the curves. */
   private reaching([low, high]: [number, number]): [number, number] {
     if (this.isDifference) return this.isSame ? [-this.largest(), this.largest()] : [low, high];
     const room = REACH * (high - low || Math.abs(high));
@@ -181,13 +181,13 @@ export class ChartView {
     return [Math.min(low, ...near), Math.max(high, ...near)];
   }
 
-  /** Whether nothing but rounding tells the design in hand from the pinned ones. */
+  /** Whether current and pinned designs are equal within rounding. */
   private get isSame(): boolean {
     const [low, high] = this.spread();
     return this.isDifference && Math.max(-low, high) <= SAME * this.largest();
   }
 
-  /** The largest magnitude that the design in hand has; 1 where it has none. */
+  /** Maximum magnitude of the current design; 1 if there are no values. */
   private largest(): number {
     const values = this.curvesOf(this.drawn[0]).values.flatMap((column) =>
       Array.from(column, Math.abs),
@@ -241,7 +241,7 @@ export class ChartView {
     };
   }
 
-  /** Pinned designs first, so that the one in hand is drawn over them. */
+  /** Pinned designs first, so that the current one is drawn on top. */
   private bottomUp(): Curves[] {
     return [...this.curves].reverse();
   }
@@ -268,7 +268,7 @@ export class ChartView {
     }));
   }
 
-  /** The number of each pinned design where its curve ends, and no difference as a line. */
+  /** Label each pinned design at the end of its curve, and a zero difference by a line. */
   private label(u: uPlot): void {
     const { ctx } = u;
     const dots = devicePixelRatio;
@@ -314,7 +314,7 @@ export class ChartView {
       over.lay(area, this.isDifference ? null : (this.curves[0] ?? null));
   }
 
-  /** The numbers of a design that the chart draws; null where it has none of them. */
+  /** Values of a design in the chart; null if there are none. */
   private table({ found }: Drawn): Table | null {
     const { block, columns } = this.chart;
     const names = found.blocks.find((b) => b.name === block)?.columns ?? [];
@@ -360,7 +360,7 @@ export class ChartView {
   }
 
   private nameOf({ of: d }: Curves): string {
-    return this.isDifference ? `${this.drawn[0].name} less ${d.name}` : d.name;
+    return this.isDifference ? `${this.drawn[0].name} minus ${d.name}` : d.name;
   }
 
   private moved(u: uPlot): void {
@@ -395,7 +395,7 @@ export class ChartView {
     this.readout.title = this.readout.textContent ?? "";
   }
 
-  /** Say what is said while nothing is read, if that is not said already. */
+  /** Display the default readout, if it is not displayed already. */
   private rest(): void {
     const note = this.note();
     if (note !== this.resting)
@@ -403,17 +403,15 @@ export class ChartView {
     this.resting = note;
   }
 
-  /** Which line is which, while nothing is read. */
+  /** Legend, displayed without a cursor. */
   private note(): string {
     const { columns } = this.chart;
     const lines =
-      columns.length > 1
-        ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "through"}`)
-        : [];
+      columns.length > 1 ? columns.map((c) => `${c.symbol} ${c.dashed ? "dashed" : "solid"}`) : [];
     const what = this.isSame
-      ? ["the same as the pinned"]
+      ? ["identical to the pinned design"]
       : this.isDifference
-        ? ["this less the pinned"]
+        ? ["current minus pinned"]
         : [];
     return [...what, ...lines].join(", ");
   }
@@ -436,7 +434,7 @@ export class ChartView {
   }
 }
 
-/** The line of a design, told from others without its colour; what is dashed has wide gaps. */
+/** Line of a design, distinguishable without colour; dashed columns have wide gaps. */
 export function dashes(dots: number, isDashed = false): number[] | undefined {
   const gap = isDashed ? WIDE_GAP : GAP;
   if (!dots) return isDashed ? [6, 4] : undefined;

@@ -1,12 +1,12 @@
 import { h, svg, write } from "../../shared/dom";
-import type { Facts } from "../../shared/messages";
+import type { DesignSummary } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { dashes, type Drawn } from "./charts";
 
-const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
+const COLUMNS: [title: string, unit: string, value: (f: DesignSummary) => string][] = [
   ["Field", "°", (f) => `${words(f.field_deg[0])} – ${words(f.field_deg[1], 5)}`],
   [
-    "Rim image",
+    "Rim radius",
     "px",
     (f) =>
       `${words(f.rim_radius_px)}${f.rim_radius_px > f.imager_radius_px + 0.02 ? ` > ${words(f.imager_radius_px)}` : ""}`,
@@ -16,7 +16,7 @@ const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
     "px/°",
     (f) => `${words(f.resolution_px_per_deg[0], 3)} – ${words(f.resolution_px_per_deg[1], 3)}`,
   ],
-  ["Worst blur", "px", (f) => words(f.worst_blur_px, 3)],
+  ["Maximum blur", "px", (f) => words(f.worst_blur_px, 3)],
   ["Floored area", "deg²", (f) => words(f.worst_floored_area_deg2, 3)],
   ["Focus", "mm", (f) => words(f.focus_mm)],
   [
@@ -24,17 +24,17 @@ const COLUMNS: [title: string, unit: string, value: (f: Facts) => string][] = [
     "mm",
     (f) => `${words(f.depth_of_field_mm[0])} – ${words(f.depth_of_field_mm[1] ?? Infinity)}`,
   ],
-  ["Viewpoints", "mm", (f) => words(f.viewpoint_spread_mm, 3)],
+  ["Viewpoint", "mm", (f) => words(f.viewpoint_spread_mm, 3)],
   ["Length", "mm", (f) => words(f.length_mm)],
 ];
 
-/** What can be done with a pinned design. */
+/** Actions of a pinned design. */
 export interface PinHands {
   take: (index: number) => void;
   drop: (index: number) => void;
 }
 
-/** The design in hand and the pinned ones, number by number: the legend of all plots. */
+/** Table of the current and the pinned designs; also the legend of all plots. */
 export class CompareTable {
   readonly element: HTMLElement;
   private readonly body = h("tbody", {});
@@ -55,7 +55,7 @@ export class CompareTable {
     );
   }
 
-  /** Rows stay as long as there are as many, and so does the focus on one of their buttons. */
+  /** Rows are reused, so that their buttons keep the focus. */
   show(drawn: Drawn[]): void {
     if (drawn.length !== this.rows.length) {
       this.rows = drawn.map((_, i) => new Row(i, this.hands));
@@ -65,7 +65,7 @@ export class CompareTable {
   }
 }
 
-/** One design: which line it is, its name, what can be done with it if it is pinned, and its numbers. */
+/** One design: line style, name, actions if it is pinned, and values. */
 class Row {
   readonly element: HTMLTableRowElement;
   private readonly name = h("th", { scope: "row" });
@@ -76,8 +76,8 @@ class Row {
   constructor(index: number, hands: PinHands) {
     const take = h(
       "button",
-      { type: "button", title: "Put it on the bench", onclick: () => hands.take(index - 1) },
-      "Take",
+      { type: "button", title: "Load this design", onclick: () => hands.take(index - 1) },
+      "Load",
     );
     const drop = h(
       "button",
@@ -119,7 +119,7 @@ class Row {
       d.name,
     );
     this.buttons.forEach((button, i) =>
-      button.setAttribute("aria-label", `${["Take", "Unpin"][i]} ${d.name}`),
+      button.setAttribute("aria-label", `${["Load", "Unpin"][i]} ${d.name}`),
     );
   }
 }

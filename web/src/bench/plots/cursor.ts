@@ -1,4 +1,4 @@
-/** The field angle that is read, in all plots at once. */
+/** Field angle of the cursor of all plots. */
 export class Cursor {
   omega: number | null = null;
   private readonly listeners: ((omega: number | null, from: unknown) => void)[] = [];
@@ -14,7 +14,7 @@ export class Cursor {
   }
 }
 
-/** The value at x of what is given at growing places; not a number outside. */
+/** Interpolate at x in a table with increasing abscissae; NaN outside. */
 export function interpolated(places: Float32Array, values: Float32Array, x: number): number {
   const last = places.length - 1;
   const slack = 1e-4 * Math.abs(places[last]);

@@ -1,5 +1,5 @@
 import { colour, h, reveal, write } from "../../shared/dom";
-import type { QuantityOf } from "../../shared/messages";
+import type { QuantityInfo } from "../../shared/messages";
 import type { Found } from "../found";
 import { type Design, nameOf, type Pin } from "../designs/design";
 import { limitsOf } from "../designs/requirements";
@@ -18,35 +18,35 @@ import { SpacePlot } from "./space";
 import { SquaresView } from "./squares";
 
 const INKS = ["accent", "pin1", "pin2", "pin3", "pin4"];
-const DESCRIBED_MS = 400; // after which charts that rest are put into words
+const DESCRIBED_MS = 400; // idle time after which descriptions of charts are updated
 
-/** Kinds of plots, each shown or not. */
-const COMPUTED = ["In space", "Picture"]; // by the server alone
-const LIMITS = "Limits"; // quantities that requirements limit, and no other plot shows
+/** Groups of plots that can be hidden. */
+const COMPUTED = ["3-D view", "Image"]; // computed by the server only
+const LIMITS = "Limits"; // limited quantities without another plot
 const GROUPS = [
-  "In space",
+  "3-D view",
   "Section",
   ...new Set(PLOTS.map((p) => p.group)),
   LIMITS,
   "Squares",
-  "Picture",
+  "Image",
 ].filter((group) => !(alone && COMPUTED.includes(group)));
-const CLOSED = ["In space", "Object size"]; // until they are opened
+const CLOSED = ["3-D view", "Object size"]; // collapsed initially
 
-/** What changes the design by hand, on its plots; a page without a server bends nothing. */
+/** Direct manipulation of the plots; not available in pages without a server. */
 interface DeskHands extends PinHands {
   bending: BendHands;
   limits: LimitHands;
-  /** Other plots are wanted. */
+  /** Called if the set of displayed plots changes. */
   chosen: () => void;
 }
 
-/** What lies on the bench's desk: the table of designs, and the plots of what they do. */
+/** Main area of the bench: table of designs and plots. */
 export class Desk {
   readonly element: HTMLElement;
-  /** Kinds of plots that are not as they are at first. */
+  /** Groups of plots that differ from the default. */
   switched: string[] = [];
-  /** Whether plots are of what the design in hand has more than the pinned ones. */
+  /** Whether differences to the pinned designs are plotted. */
   private isDifference = false;
   private readonly difference = h("input", { type: "checkbox", name: "Difference" });
   private readonly cursor = new Cursor();
@@ -64,11 +64,11 @@ export class Desk {
   private drawn: Drawn[] = [];
   private describing = 0;
 
-  /** The vocabularies say what columns are called, and what requirements limit. */
+  /** Set the vocabularies of columns and limited quantities. */
   constructor(
     private readonly place: HTMLElement,
-    vocabulary: QuantityOf[],
-    private readonly limitable: QuantityOf[],
+    vocabulary: QuantityInfo[],
+    private readonly limitable: QuantityInfo[],
     private readonly hands: DeskHands,
   ) {
     this.section = new SectionView(this.cursor, alone ? null : hands.bending);
@@ -85,7 +85,7 @@ export class Desk {
     ];
     this.element = h(
       "section",
-      { className: "desk", tabIndex: -1, "aria-label": "What the design does" },
+      { className: "desk", tabIndex: -1, "aria-label": "Plots of the design" },
       ...all,
     );
     this.cursor.listen((omega) => place.classList.toggle("reading", omega !== null));
@@ -96,7 +96,7 @@ export class Desk {
     return GROUPS.includes(group) && this.switched.includes(group) === CLOSED.includes(group);
   }
 
-  /** Draw the design in hand and the pinned ones, as far as they have been answered. */
+  /** Draw the current and the pinned designs that have been evaluated. */
   show(design: Design, pins: readonly Pin[], found: readonly (Found | null)[]): void {
     const names = [nameOf(design), ...pins.map((pin) => pin.name)];
     this.drawn = names.flatMap((name, i) =>
@@ -104,12 +104,12 @@ export class Desk {
     );
     this.compare.show(this.drawn);
     this.place.classList.toggle("many", this.drawn.length > 1);
-    this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // lines of the table, for which plots make room
+    this.place.style.setProperty("--pinned", String(this.drawn.length - 1)); // number of table rows, for which plots reserve space
     this.showLimits(design, found[0]);
     for (const chart of this.charts)
       if (this.shows(chart.chart.group)) chart.show(this.drawn, this.isDifference);
     reveal(this.difference.closest("label")!, this.drawn.length > 1);
-    if (this.shows("In space")) this.space.show(this.drawn);
+    if (this.shows("3-D view")) this.space.show(this.drawn);
     if (this.shows("Section")) this.section.show(this.drawn);
     if (this.shows("Squares")) this.squares.show(this.drawn);
     clearTimeout(this.describing);
@@ -120,30 +120,30 @@ export class Desk {
     );
   }
 
-  /** Take the page's colours, which are others in the dark. */
+  /** Update the colours after a change of the colour scheme. */
   recolour(): void {
     this.inks = INKS.map(colour);
   }
 
-  /** Put a figure before all plots. */
+  /** Insert a figure before all plots. */
   lead(figure: HTMLElement): void {
     this.element.querySelector(".plots")!.prepend(figure);
   }
 
-  /** Show the picture that the design takes. */
+  /** Update the rendered image. */
   showPicture(design: Design): void {
-    if (this.shows("Picture")) this.picture.show(design);
+    if (this.shows("Image")) this.picture.show(design);
   }
 
-  /** Say why the design cannot be, over the plots of the one before. */
+  /** Display the error of an invalid design above the plots of the previous one. */
   troubled(sentence: string): void {
-    const before = this.drawn.length ? "The plots are those of the last design that can be." : "";
+    const before = this.drawn.length ? "The plots are those of the last valid design." : "";
     this.trouble.textContent = `${sentence.replace(/^./, (c) => c.toUpperCase())}. ${before}`;
     this.trouble.hidden = false;
     this.place.classList.add("stale");
   }
 
-  /** Say what of the sensor the plots do not show; null where they show all. */
+  /** Display a remark on properties that the plots do not include; null if complete. */
   remarked(sentence: string | null): void {
     this.place.classList.remove("stale");
     reveal(this.trouble, false);
@@ -151,7 +151,7 @@ export class Desk {
     write(this.remark, sentence ?? "");
   }
 
-  /** Show the plots that are wanted, and no others. */
+  /** Show the selected plots only. */
   showGroups(): void {
     for (const [group, element] of this.grouped()) element.hidden = !this.shows(group);
     for (const box of this.element.querySelectorAll<HTMLInputElement>(
@@ -163,7 +163,7 @@ export class Desk {
     }
   }
 
-  /** A chart, with what lies over it. */
+  /** Chart with its overlays. */
   private charted(chart: Chart): ChartView {
     const lines = new LimitLines(this.hands.limits);
     const isMapping = chart.columns[0].name === "h_px" && !alone;
@@ -189,7 +189,7 @@ export class Desk {
     return found;
   }
 
-  /** Draw limits where their quantity is plotted, and plot those that are not. */
+  /** Draw limits in the plot of their quantity, and add plots for the others. */
   private showLimits({ requirements }: Design, found: Found | null | undefined): void {
     const rows = found?.rows ?? [];
     const limits = limitsOf(requirements);
@@ -219,11 +219,11 @@ export class Desk {
   private grouped(): [string, HTMLElement][] {
     const charts = this.charts.map((c): [string, HTMLElement] => [c.chart.group, c.element]);
     return [
-      ["In space", this.space.element],
+      ["3-D view", this.space.element],
       ["Section", this.section.element],
       ...charts,
       ["Squares", this.squares.element],
-      ["Picture", this.picture.element],
+      ["Image", this.picture.element],
     ];
   }
 
@@ -244,7 +244,7 @@ export class Desk {
       {
         className: "difference",
         hidden: true,
-        title: "Plot by how much the design in hand exceeds each pinned one",
+        title: "Plot the difference between the current design and each pinned design",
       },
       this.difference,
       h("span", {}, "Difference"),
@@ -252,13 +252,13 @@ export class Desk {
     return h(
       "fieldset",
       { className: "groups" },
-      h("legend", { className: "hidden" }, "Plots shown"),
+      h("legend", { className: "hidden" }, "Displayed plots"),
       ...boxes,
       difference,
     );
   }
 
-  /** Plot differences to the pinned designs, or all designs as they are. */
+  /** Plot differences to the pinned designs, or all designs. */
   compareBy(isDifference: boolean): void {
     this.isDifference = this.difference.checked = isDifference;
     for (const chart of this.charts)

@@ -2,7 +2,7 @@ import { svg } from "../../shared/dom";
 
 type Attributes = Readonly<Record<string, string | number>>;
 
-/** An element that is drawn, and what it was drawn from. */
+/** Drawn element with its attributes. */
 interface Shape {
   tag: string;
   element: SVGElement;
@@ -11,8 +11,8 @@ interface Shape {
 }
 
 /**
- * The shapes of a drawing that is drawn again and again. What is like the shape before in its place is kept, and only what
- * differs in it is changed: of elements that are new a browser looks for style and room anew.
+ * Shapes of a drawing that is updated frequently. Elements are reused and only changed attributes are set, because
+ * browsers recompute style and layout of new elements.
  */
 export class Drawing {
   private readonly shapes: Shape[] = [];
@@ -20,14 +20,14 @@ export class Drawing {
 
   constructor(private readonly place: SVGElement) {}
 
-  /** Draw all anew, in a box of so many px. */
+  /** Start a new drawing with the given size in px. */
   begin(width: number, height: number): void {
     const box = `0 0 ${width} ${height}`;
     if (this.place.getAttribute("viewBox") !== box) this.place.setAttribute("viewBox", box);
     this.count = 0;
   }
 
-  /** Draw a shape over those before. Words are written by a `text`, and told by all others to whoever points at them. */
+  /** Draw a shape above the previous ones. A `text` displays its text, all others as a tooltip. */
   add(tag: string, attributes: Attributes, words: string | null = null): void {
     let shape = this.shapes[this.count];
     if (shape?.tag !== tag || (shape.words === null) !== (words === null))
@@ -42,7 +42,7 @@ export class Drawing {
     this.count++;
   }
 
-  /** All is drawn: what there was more before goes. */
+  /** Finish the drawing: remove surplus elements. */
   end(): void {
     for (const { element } of this.shapes.splice(this.count)) element.remove();
   }

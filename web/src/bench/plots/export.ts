@@ -1,6 +1,6 @@
-/** Plots as files: curves as SVG and as CSV, drawings as SVG that need no style sheet. */
+/** Plots as files: curves as SVG and CSV, drawings as SVG without a style sheet. */
 
-/** A curve: what it is called, how it is drawn, and its points; null where there is nothing. */
+/** Curve: name, style and points; null where undefined. */
 interface Line {
   name: string;
   ink: string;
@@ -11,7 +11,7 @@ interface Line {
 
 const [WIDTH, HEIGHT] = [640, 400];
 const [LEFT, RIGHT, TOP, BOTTOM] = [64, 16, 34, 44];
-const KEY = 18; // px, a line of the key
+const KEY = 18; // px, height of a legend row
 const TICKS = 6;
 const INK = "#1c1f21";
 const STYLE = [
@@ -27,7 +27,7 @@ const STYLE = [
   "paint-order",
 ];
 
-/** Curves over the field angle, with axes and a key, as a picture of its own. */
+/** Curves over the field angle with axes and legend as SVG. */
 export function svgOf(
   title: string,
   unit: string,
@@ -78,7 +78,7 @@ export function svgOf(
   ].join("\n");
 }
 
-/** Curves as a table: the name of the design, the field angle, the columns. */
+/** Curves as a table: name of the design, field angle, columns. */
 export function csvOf(
   columns: readonly string[],
   designs: readonly { name: string; rows: readonly (readonly number[])[] }[],
@@ -92,7 +92,7 @@ export function csvOf(
   return [["design", "omega_deg", ...columns].join(","), ...rows, ""].join("\n");
 }
 
-/** A drawing of the page with its looks inside. */
+/** Drawing of the page with inlined styles. */
 export function standalone(drawing: SVGElement): string {
   const copy = drawing.cloneNode(true) as SVGElement;
   const [from, to] = [drawing, copy].map(
@@ -126,7 +126,7 @@ function pathOf({ x, y }: Line, u: (x: number) => number, v: (y: number) => numb
   return d;
 }
 
-/** Round numbers from low to high. */
+/** Round tick values between low and high. */
 function ticks(low: number, high: number): number[] {
   const raw = (high - low || 1) / TICKS;
   const power = 10 ** Math.floor(Math.log10(raw));

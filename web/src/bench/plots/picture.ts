@@ -7,7 +7,7 @@ const IDLE_MS = 400;
 const COARSE = { width_px: 224, samples: 1 };
 const FINE = { width_px: 640, samples: 2 };
 
-/** The picture of a room that the design takes, and its panorama: coarse at once, finer when nothing moves. */
+/** Rendered image of a room and its panorama: low resolution during changes, then full resolution. */
 export class PictureView {
   readonly element: HTMLElement;
   private readonly circle = h("img", { alt: "", hidden: true });
@@ -20,7 +20,7 @@ export class PictureView {
     this.element = h(
       "figure",
       { className: "plot wide pictures" },
-      h("figcaption", {}, h("span", {}, "What it would see of a room"), this.note),
+      h("figcaption", {}, h("span", {}, "Rendered image of a room"), this.note),
       h("div", { className: "pair" }, this.circle, this.panorama),
     );
   }
@@ -31,7 +31,7 @@ export class PictureView {
     if (!this.isTaking) background(this.take());
   }
 
-  /** One picture at a time, of what is newest then. */
+  /** Render one image at a time, always of the newest design. */
   private async take(): Promise<void> {
     this.isTaking = true;
     let design: Design;
@@ -48,8 +48,8 @@ export class PictureView {
   private async fetch(design: Design, size: typeof COARSE): Promise<void> {
     try {
       const { picture, panorama } = await api.taken({ tables: design.tables, ...size });
-      put(this.circle, picture, `Simulated picture of a room taken by ${nameOf(design)}`);
-      put(this.panorama, panorama, "Its panorama");
+      put(this.circle, picture, `Rendered image of a room for ${nameOf(design)}`);
+      put(this.panorama, panorama, "Panorama of the room");
       this.note.textContent = size === FINE ? "" : "preview";
     } catch (e) {
       this.note.textContent = e instanceof api.Refused ? e.message : "";

@@ -1,13 +1,13 @@
-/** Which quantities are plotted against the field angle, and together with which. */
-import type { QuantityOf } from "../../shared/messages";
+/** Quantities plotted over the field angle, and their grouping. */
+import type { QuantityInfo } from "../../shared/messages";
 import { explained, symbolOf, unitWords } from "../labels";
 
-/** One plot over the field angle: in which group, of which columns, with how many decimals. */
+/** Plot over the field angle: group, columns, decimals. */
 interface Plot {
   group: string;
   columns: string[];
   places: number;
-  /** Where there is more than one column; the others are drawn dashed. */
+  /** Labels of several columns; all but the first are dashed. */
   title?: string;
   /** Largest value that the range includes, relative to the median; for quantities with poles. */
   reach?: number;
@@ -16,7 +16,7 @@ interface Plot {
 export const PLOTS: Plot[] = [
   { group: "Mapping", columns: ["h_px"], places: 1 },
   { group: "Mapping", columns: ["dh_domega_px_per_deg"], places: 3 },
-  { group: "Viewpoints", columns: ["viewpoint_z_mm"], places: 2 },
+  { group: "Viewpoint", columns: ["viewpoint_z_mm"], places: 2 },
   { group: "Area and aspect", columns: ["area_px2"], places: 2 },
   { group: "Area and aspect", columns: ["aspect"], places: 3 },
   { group: "Blur", columns: ["blur_t_px", "blur_s_px"], places: 2, title: "Blur in the image" },
@@ -38,11 +38,11 @@ export const PLOTS: Plot[] = [
   },
 ];
 
-/** A plot with the words of the vocabulary. */
+/** Plot with texts from the vocabulary. */
 export interface Chart {
   title: string;
   group: string;
-  /** Which block of numbers holds its columns. */
+  /** Block of numbers with its columns. */
   block: "curves" | "limits";
   unit: string;
   columns: { name: string; symbol: string; dashed: boolean }[];
@@ -51,8 +51,8 @@ export interface Chart {
   hint: string;
 }
 
-/** The plots, called as the vocabulary calls their columns. */
-export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
+/** Plots with the titles of their columns. */
+export const chartsOf = (vocabulary: QuantityInfo[]): Chart[] =>
   PLOTS.map(({ group, columns, places, title, reach }) => {
     const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);
     const named = quantities.map((q, i) => ({ name: q.name, symbol: symbolOf(q), dashed: i > 0 }));
@@ -68,8 +68,8 @@ export const chartsOf = (vocabulary: QuantityOf[]): Chart[] =>
     };
   });
 
-/** The plot of a quantity that is limited; its column may be called otherwise, as by a spatial frequency. */
-export const chartOf = (quantity: QuantityOf, column: string): Chart => ({
+/** Plot of a limited quantity; its column name can contain a spatial frequency. */
+export const chartOf = (quantity: QuantityInfo, column: string): Chart => ({
   title: column.replace(quantity.name, quantity.title),
   group: "Limits",
   block: "limits",

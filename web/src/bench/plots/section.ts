@@ -13,14 +13,14 @@ type Point = [number, number];
 
 type Anchor = "start" | "middle" | "end";
 
-/** Limits in mm along the axis (z, to the right) and across it (x, up). */
+/** Limits in mm along the axis (z, to the right) and perpendicular to it (x, up). */
 interface Window {
   z: Point;
   x: Point;
 }
 
-const FAR_AWAY = 2.5; // virtual images farther than this from the vertex, in rim radii, are cut
-const [LABEL_GAP, LETTER, BESIDE] = [13, 7.5, 3]; // px, of labels of 11 px
+const FAR_AWAY = 2.5; // maximum distance of drawn virtual images from the vertex, in rim radii
+const [LABEL_GAP, LETTER, BESIDE] = [13, 7.5, 3]; // px, height of labels of 11 px
 const LABEL_ROWS = 3;
 const CURVES: [name: string, label: string][] = [
   ["T∞", "T∞"],
@@ -29,7 +29,7 @@ const CURVES: [name: string, label: string][] = [
   ["S5M", "S5M"],
 ];
 
-/** The sensor in cross-section, its lens to the left: the whole of it, and the mirror with the virtual images. */
+/** Cross-section of the sensor with the lens at the left: complete, and mirror with virtual images. */
 export class SectionView {
   readonly element: HTMLElement;
   private readonly whole = svg("svg", {
@@ -51,7 +51,7 @@ export class SectionView {
   private drawn: Drawn[] = [];
   private window: Window | null = null;
 
-  /** `bending` is what bends the mirror by hand; null where nothing does. */
+  /** `bending` deforms the mirror interactively; null if not available. */
   constructor(
     private readonly cursor: Cursor,
     bending: BendHands | null,
@@ -88,11 +88,11 @@ export class SectionView {
     const [near, far] = f.depth_of_field_mm;
     this.whole.setAttribute(
       "aria-label",
-      `Cross-section: mirror of rim radius ${words(f.rim_radius_mm)} mm, lens ${words(f.mirror_distance_mm)} mm away, chief rays every 15° up to ${words(f.field_deg[1])}°.`,
+      `Cross-section: mirror with rim radius ${words(f.rim_radius_mm)} mm, lens at ${words(f.mirror_distance_mm)} mm, chief rays every 15° up to ${words(f.field_deg[1])}°.`,
     );
     this.close.setAttribute(
       "aria-label",
-      `Virtual images: tangential and sagittal, of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm about ${words(f.focus_mm)} mm.`,
+      `Tangential and sagittal virtual images of objects at infinity and at five rim radii. Depth of field ${words(near)} to ${words(far)} mm around ${words(f.focus_mm)} mm.`,
     );
   }
 
@@ -100,7 +100,7 @@ export class SectionView {
     save(new Blob([standalone(this.whole)], { type: "image/svg+xml" }), "cross-section.svg");
   }
 
-  /** Read at the mirror point that is as far from the axis as the pointer. */
+  /** Set the cursor to the mirror point at the height of the pointer. */
   private moved(place: SVGElement, e: PointerEvent): void {
     const table = this.drawn[0]?.found.block("curves");
     const x = Math.abs(
@@ -131,7 +131,7 @@ export class SectionView {
     const widest = Math.max(...this.drawn.map((d) => d.found.facts!.rim_radius_mm));
     const band = first.found.block("focus")?.column("z_mm");
     const top = Math.max(high, Math.min(band ? band[0] : high, FAR_AWAY * M));
-    const isHeld = this.window !== null && this.handles?.isHeld; // what is dragged keeps its scale
+    const isHeld = this.window !== null && this.handles?.isHeld; // the scale is fixed during a drag
     this.window = isHeld
       ? this.window!
       : { z: [low - 0.2 * M, top + 0.35 * M], x: [-1.25 * widest, 1.75 * widest] };
@@ -180,7 +180,7 @@ export class SectionView {
     frame.end();
   }
 
-  /** The ray of the angle that is read, and where its images lie. */
+  /** Ray of the cursor with its virtual images. */
   private drawCursor(): void {
     for (const place of [this.whole, this.close]) place.querySelector(".read")?.remove();
     const { omega } = this.cursor;
@@ -213,7 +213,7 @@ export class SectionView {
 const framed = new WeakMap<SVGElement, Frame>();
 const drawings = new WeakMap<SVGElement, Drawing>();
 
-/** A drawing to scale in an SVG, in its own pixels. */
+/** Drawing to scale in an SVG, in its own pixels. */
 class Frame {
   /** Pixels per mm. */
   readonly scale: number;
@@ -246,7 +246,7 @@ class Frame {
     ];
   }
 
-  /** How far from the axis a height in the drawing is, mm. */
+  /** Distance from the axis of a height in the drawing, mm. */
   across(v: number): number {
     return this.window.x[0] + (this.height - this.origin[1] - v) / this.scale;
   }
@@ -292,7 +292,7 @@ class Frame {
       this.texts.push({ at: this.at(shown[shown.length - 1]), text, anchor: "start" });
   }
 
-  /** A chief ray: from the edge of the drawing to the mirror, and on to the lens. */
+  /** Chief ray: from the edge of the drawing to the mirror and to the lens. */
   ray(table: Table, ink: string): void {
     const omega = Number(table.name.slice(4));
     const points = pointsOf(table);
@@ -327,7 +327,7 @@ class Frame {
     );
   }
 
-  /** Words last, under others where they would lie on them, and left out where there is no room. */
+  /** Draw texts last; shift overlapping ones, and omit those without space. */
   end(): void {
     const taken: { left: number; right: number; v: number }[] = [];
     for (const { at, text, anchor } of this.texts) {
@@ -357,7 +357,7 @@ class Frame {
     this.drawing.end();
   }
 
-  /** Where the ray from an object comes into the drawing. */
+  /** Entry point of the ray from an object into the drawing. */
   private edge([z, x]: Point, omega: number): Point {
     const angle = (omega * Math.PI) / 180;
     const [dz, dx] = [-Math.cos(angle), Math.sin(angle)];

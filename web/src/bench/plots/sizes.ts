@@ -4,13 +4,13 @@ interface Size {
 }
 
 /**
- * How large elements are, as the browser tells when it has laid them out: asking it itself makes it lay out all of the page
- * at once, for every plot that is drawn anew.
+ * Sizes of elements as reported after layout: reading them directly forces a synchronous layout of the page for every
+ * plot.
  */
 export class Sizes {
   private readonly known = new Map<Element, Size>();
 
-  /** Tells when an element has become wider, or narrower; with `hasHeights` also when it has become higher, or lower. */
+  /** Observe changes of the width of an element; `hasHeights` includes the height. */
   constructor(elements: readonly Element[], hasHeights: boolean, changed: () => void) {
     const observer = new ResizeObserver((entries) => {
       let isOther = false;

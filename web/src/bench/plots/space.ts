@@ -7,9 +7,9 @@ import type { Drawn } from "./charts";
 import type { Cursor } from "./cursor";
 
 const SCRIPT = import.meta.env.DEV ? "/src/space/begin.ts" : "./space.js";
-const WITHOUT = "The 3-D view needs WebGL2, which this browser does not offer.";
+const WITHOUT = "The 3-D view requires WebGL2, which this browser does not support.";
 
-/** The design in hand in space: a script of its own, which is fetched when it is wanted first. */
+/** 3-D view of the current design; its script is loaded on first use. */
 export class SpacePlot {
   readonly element: HTMLElement;
   view: SpaceView | null = null;
@@ -24,11 +24,11 @@ export class SpacePlot {
       h(
         "figcaption",
         {},
-        h("span", {}, "In space"),
+        h("span", {}, "3-D view"),
         h(
           "span",
           { className: "quiet" },
-          "chief rays every 15° of the field, in the room of the picture",
+          "chief rays every 15° of the field, in the room of the rendered image",
         ),
       ),
       this.place,
@@ -59,6 +59,6 @@ export class SpacePlot {
       );
     else if (this.first) this.view.show(this.first.found);
     this.view?.describe();
-    this.isFetching = made !== null && !this.view; // what the browser lacks it will not have later
+    this.isFetching = made !== null && !this.view; // missing browser features are permanent
   }
 }

@@ -9,9 +9,9 @@ import { Sizes } from "./sizes";
 const OBJECT_DEG = 15;
 const ENLARGED = 10;
 const SMALLEST = 1.5;
-const [LOW, TALL] = [170, 240]; // px, between which the image strip is a fifth of its width high at most
+const [LOW, TALL] = [170, 240]; // px; the image strip has at most a fifth of its width as height
 
-/** Objects of 15° x 15° along the image radius, and in object space, with their blur spots ten times enlarged. */
+/** Objects of 15° x 15° along the image radius and in object space, with blur spots magnified 10 times. */
 export class SquaresView {
   readonly element: HTMLElement;
   private readonly image = svg("svg", {
@@ -34,11 +34,11 @@ export class SquaresView {
     const caption = h(
       "figcaption",
       {},
-      h("span", {}, "Squares of 15° with their blur"),
+      h("span", {}, "Squares of 15° with blur"),
       h(
         "span",
         { className: "quiet" },
-        "spots ten times enlarged; left in the image along its radius, right in object space, tangential × sagittal",
+        "spots magnified 10 times; left: in the image, along its radius; right: in object space, tangential × sagittal",
       ),
       files("the squares", () => this.save(), ["svg"]),
     );
@@ -66,7 +66,7 @@ export class SquaresView {
     );
     this.image.setAttribute(
       "aria-label",
-      `Images of squares of 15° along the image radius of ${words(this.first!.found.facts!.rim_radius_px)} pixels, with their blur.`,
+      `Images of squares of 15° along the image radius of ${words(this.first!.found.facts!.rim_radius_px)} px, with their blur.`,
     );
     this.object.setAttribute(
       "aria-label",
@@ -122,7 +122,7 @@ export class SquaresView {
     });
     const shown = Array.from(dw.keys()).filter(
       (i) => dw[i] >= 0 && OBJECT_DEG * dw[i] <= 2 * radius,
-    ); // towards the other pole they have no end
+    ); // objects at the opposite pole are unbounded
     const tall = (i: number): number => OBJECT_DEG * dw[i] * scale;
     const enlarged = (name: string, i: number): number => ENLARGED * table.column(name)[i] * scale;
     for (const i of shown)
@@ -219,13 +219,13 @@ export class SquaresView {
   }
 }
 
-/** An ellipse of so many px across and down, and large enough to be seen. */
+/** Ellipse with semi-axes in px and a minimum visible size. */
 function spot(x: number, y: number, across: number, down: number): string {
   const [rx, ry] = [across, down].map((size) => Math.max(SMALLEST, Math.abs(size) / 2));
   return `M${x - rx} ${y}a${rx} ${ry} 0 1 0 ${2 * rx} 0a${rx} ${ry} 0 1 0 ${-2 * rx} 0z`;
 }
 
-/** What a square is, in words with units. */
+/** Description of a square with units. */
 function reading(table: Table, i: number): string {
   const at = (name: string): string => words(Math.abs(table.column(name)[i]), 3);
   const size = ["dh_domega_px_per_deg", "width_px_per_deg"].map((name) =>

@@ -1,22 +1,22 @@
 import { h, svg } from "../../shared/dom";
-import type { Built, YieldOf } from "../../shared/messages";
+import type { AsBuiltResult, YieldResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { calibrationWords, enlargement, errorWords, sizeWords } from "./words";
 
-/** What a built sensor does: numbers, where objects were, and by calibrations where they went. */
-export interface Moved extends Built {
+/** As-built sensor: values, object positions, and displacements by calibration. */
+export interface Moved extends AsBuiltResult {
   places: Float32Array;
   left: Float32Array[];
 }
 
-const LONGEST = 0.16; // of the picture's radius, a motion as it is drawn
+const LONGEST = 0.16; // drawn length of the maximum displacement, relative to the image radius
 const MARGIN = 1.2;
-const MOST_BARS = 14;
-const SMALLEST = 1e-4; // of the widest bar: scales are logarithmic
+const MAX_BARS = 14;
+const SMALLEST = 1e-4; // minimum relative length of a bar on the logarithmic scale
 const [ROW, BAR] = [19, 13]; // px
 const DEPTHS = ["none", "affine", "pose"];
 
-/** How errors move the picture, what a calibration leaves of that, and what each error does alone. */
+/** Displacement due to errors, residual after a calibration, and effect of each error. */
 export class ToleranceCharts {
   readonly element: HTMLElement;
   private readonly maps = [0, 1].map(() =>
@@ -24,7 +24,7 @@ export class ToleranceCharts {
       class: "moved",
       role: "img",
       viewBox: "-1 -1 2 2",
-      "aria-label": "Motion of the picture",
+      "aria-label": "Image displacement",
     }),
   );
   private readonly captions = [
@@ -34,10 +34,10 @@ export class ToleranceCharts {
   private readonly bars = svg("svg", {
     class: "tornado",
     role: "img",
-    "aria-label": "What each error does alone",
+    "aria-label": "Effect of each error",
   });
   private readonly legend = h("p", { className: "legend" });
-  private found: YieldOf | null = null;
+  private found: YieldResult | null = null;
   private calibrations: readonly string[] = [];
 
   constructor() {
@@ -60,25 +60,25 @@ export class ToleranceCharts {
       h(
         "figcaption",
         {},
-        h("span", {}, "Built with errors"),
+        h("span", {}, "Sensor with errors"),
         h(
           "span",
           { className: "quiet" },
-          "where objects all over the field are shown, and what each error does alone at its tolerance",
+          "displacement of objects over the field, and effect of each error at its tolerance",
         ),
       ),
       h(
         "div",
         { className: "three" },
         part("As built", this.captions[0], this.maps[0]),
-        part("Once calibrated", this.captions[1], this.maps[1]),
-        part("Each error alone", null, this.bars, this.legend),
+        part("After calibration", this.captions[1], this.maps[1]),
+        part("Individual errors", null, this.bars, this.legend),
       ),
     );
     new ResizeObserver(() => this.drawBars()).observe(this.element);
   }
 
-  /** Draw where objects went, and what a calibration leaves of it. */
+  /** Draw displacements before and after calibration. */
   showMoved(moved: Moved, calibrations: readonly string[], after: string): void {
     const deep = Math.max(calibrations.indexOf(after), 0);
     [0, deep].forEach((depth, k) =>
@@ -92,8 +92,8 @@ export class ToleranceCharts {
     );
   }
 
-  /** Draw what each error does alone. */
-  showYield(found: YieldOf, calibrations: readonly string[]): void {
+  /** Draw the effect of each error (tornado chart). */
+  showYield(found: YieldResult, calibrations: readonly string[]): void {
     this.found = found;
     this.calibrations = calibrations;
     this.drawBars();
@@ -113,7 +113,7 @@ export class ToleranceCharts {
     const side = MARGIN * radius;
     place.setAttribute("viewBox", `${-side} ${-side} ${2 * side} ${2 * side}`);
     place.replaceChildren(svg("circle", { class: "rim", r: radius, cx: 0, cy: 0 }));
-    if (largest === null) caption.textContent = `${moved.lost} of ${n} objects are lost`;
+    if (largest === null) caption.textContent = `${moved.lost} of ${n} objects are not imaged`;
     else {
       for (let i = 0; i < n; i++) {
         const [x, y] = [places[i], places[n + i]];
@@ -126,13 +126,13 @@ export class ToleranceCharts {
     }
     place.setAttribute(
       "aria-label",
-      `Motion of ${n} objects in the picture${after && `, ${after}`}: ${caption.textContent}.`,
+      `Displacement of ${n} objects in the image${after && `, ${after}`}: ${caption.textContent}.`,
     );
   }
 
   private drawBars(): void {
     if (!this.found || this.element.hidden) return;
-    const rows = this.found.rows.slice(0, MOST_BARS);
+    const rows = this.found.rows.slice(0, MAX_BARS);
     const width = Math.max(240, this.bars.getBoundingClientRect().width);
     const left = Math.min(190, 0.46 * width);
     const depths = DEPTHS.map((name) => this.calibrations.indexOf(name));
@@ -195,11 +195,11 @@ export class ToleranceCharts {
       .slice(0, 5)
       .map(
         (row) =>
-          `${errorWords(row.name)} ${row.motion_px[depths[0]] === null ? "loses objects" : `${words(row.motion_px[depths[0]], 3)} pixels`}`,
+          `${errorWords(row.name)} ${row.motion_px[depths[0]] === null ? "objects are not imaged" : `${words(row.motion_px[depths[0]], 3)} pixels`}`,
       );
     this.bars.setAttribute(
       "aria-label",
-      `Largest motion of the picture by each error alone at its tolerance, the worst first: ${told.join("; ")}.`,
+      `Maximum image displacement due to each error at its tolerance, in descending order: ${told.join("; ")}.`,
     );
   }
 }

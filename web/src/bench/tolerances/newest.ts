@@ -1,7 +1,7 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 
-/** One question on its way; of those that wait the newest is asked. */
+/** One active request; only the newest pending one is kept. */
 export class Newest<Asked, Found> {
   private waiting: Asked | null = null;
   private isAsking = false;
@@ -12,7 +12,7 @@ export class Newest<Asked, Found> {
     private readonly refused: (sentence: string) => void,
   ) {}
 
-  /** Whether nothing is on its way, and nothing waits. */
+  /** Whether no request is active or pending. */
   get isAtRest(): boolean {
     return !this.isAsking && this.waiting === null;
   }

@@ -1,12 +1,12 @@
 import * as api from "../../shared/api";
 import { h, unique } from "../../shared/dom";
 import type {
-  BuiltAsk,
-  ErrorOf,
-  ErrorsAsk,
-  ErrorsOf,
-  YieldAsk,
-  YieldOf,
+  AsBuiltRequest,
+  ErrorSourceInfo,
+  ErrorSourcesRequest,
+  ErrorSourceList,
+  YieldRequest,
+  YieldResult,
 } from "../../shared/messages";
 import { fixed, words } from "../../shared/numbers";
 import type { Design, Tables } from "../designs/design";
@@ -17,8 +17,8 @@ import { FOCUSES, GRADES, MEASURES, textOf, type Trying, tryingIn } from "./tryi
 import { calibrationWords, capital, errorWords, held, meritName, sizeWords } from "./words";
 
 const QUANTITIES: Record<(typeof MEASURES)[number], string> = {
-  motion_px: "Motion, px",
-  direction_error_deg: "Direction, °",
+  motion_px: "Displacement, px",
+  direction_error_deg: "Direction error, °",
   straightness_deg: "Straightness, °",
   blur_px: "Blur, px",
 };
@@ -27,60 +27,60 @@ const USUAL: Record<string, number> = {
   direction_error_deg: 0.1,
   straightness_deg: 0.05,
 };
-const MORE_BLUR = 1.2; // times that without errors, as a start
+const MORE_BLUR = 1.2; // default limit as a multiple of the value without errors
 const FOCUS: Record<(typeof FOCUSES)[number], string> = {
   none: "as designed",
-  rms: "anew, least rms",
-  worst: "anew, least worst",
+  rms: "refocused, minimum RMS",
+  worst: "refocused, minimum maximum",
 };
 const TRIALS = 4096;
 const SEED = 0;
-const DIGITS = 4; // of an error that chance draws: so many stand in the address too
+const DIGITS = 4; // decimals of random errors, which are part of the address
 
-/** What the panel needs of the bench. */
+/** Interface of the bench for the panel. */
 interface Hands {
   now: () => Design;
-  /** Show the sensor with its errors, whose picture is wanted. */
+  /** Render the image of the sensor with errors. */
   show: (design: Design) => void;
-  /** Keep what is tried, as a text; "" where nothing is. */
+  /** Store the errors as text; "" for none. */
   keep: (text: string) => void;
   say: (sentence: string) => void;
 }
 
-/** Sliders of all errors that a sensor can have, and how many sensors will be good that keep tolerances. */
+/** Sliders of all error sources of a sensor, and the predicted yield for given tolerances. */
 export class TolerancesPanel {
   readonly charts = new ToleranceCharts();
   private readonly errors = new Newest(
-    (asked: ErrorsAsk) => api.errors(asked),
+    (asked: ErrorSourcesRequest) => api.errors(asked),
     (found, asked) => this.known(found, asked),
     (sentence) => this.fail(sentence),
   );
   private readonly built = new Newest(
-    (asked: BuiltAsk) => api.built(asked),
+    (asked: AsBuiltRequest) => api.built(asked),
     (moved, asked) => this.moved(moved, asked),
     (sentence) => this.fail(sentence),
   );
   private readonly yields = new Newest(
-    (asked: YieldAsk) => api.yields(asked),
+    (asked: YieldRequest) => api.yields(asked),
     (found) => this.good(found),
     (sentence) => this.fail(sentence),
   );
   private readonly begin = h(
     "button",
     { type: "button", "aria-expanded": "false", onclick: () => this.toggle() },
-    "Try errors",
+    "Set errors",
   );
   private readonly body = h("div", { className: "tolerance-body", hidden: true });
   private readonly grade = select(
-    "Shop",
+    "Tolerance grade",
     GRADES.map((g) => [g, g]),
     () => this.grades(),
   );
-  private readonly after = select("Calibrated", [["none", calibrationWords("none")]], () =>
+  private readonly after = select("Calibration", [["none", calibrationWords("none")]], () =>
     this.judged(),
   );
-  private readonly focus = select("Focused", Object.entries(FOCUS), () => this.asked());
-  private readonly quantity = select("A good one keeps", Object.entries(QUANTITIES), () =>
+  private readonly focus = select("Focus", Object.entries(FOCUS), () => this.asked());
+  private readonly quantity = select("Requirement", Object.entries(QUANTITIES), () =>
     this.chosen(),
   );
   private readonly limit = h("input", {
@@ -88,19 +88,19 @@ export class TolerancesPanel {
     min: "0",
     step: "any",
     value: "0.5",
-    "aria-label": "At most",
+    "aria-label": "Maximum",
   });
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly facts = h("ul", { className: "others" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private readonly groups = h("div", { className: "groups-of-errors" });
-  private all: ErrorsOf | null = null;
+  private all: ErrorSourceList | null = null;
   private tables: Tables | null = null;
   private values = new Map<string, number>();
   private tolerances = new Map<string, number>();
   private readonly rows = new Map<string, ErrorRow>();
   private last: Moved | null = null;
-  /** What is to be tried as soon as the errors are known. */
+  /** Errors to be set when the error sources are loaded. */
   private wanted: Trying | null = null;
 
   constructor(
@@ -112,8 +112,8 @@ export class TolerancesPanel {
     const row = h(
       "div",
       { className: "row" },
-      h("button", { type: "button", onclick: () => this.draw() }, "Build one"),
-      h("button", { type: "button", onclick: () => this.none() }, "Without errors"),
+      h("button", { type: "button", onclick: () => this.draw() }, "Random sensor"),
+      h("button", { type: "button", onclick: () => this.none() }, "Reset errors"),
     );
     const most = h(
       "div",
@@ -140,19 +140,19 @@ export class TolerancesPanel {
     return !this.body.hidden;
   }
 
-  /** Another design is on the bench, or the same. */
+  /** Set the current design. */
   follow(): void {
     const { tables } = this.hands.now();
     if (this.isOpen && tables !== this.tables) this.errors.ask({ tables });
   }
 
-  /** The design whose picture is to be seen: with errors, where some are tried of this one. */
+  /** Design to be rendered: with errors, if errors of this design are set. */
   pictured(design: Design): Design {
     const tables = this.isOpen && design.tables === this.tables ? this.last?.tables : null;
     return tables ? { ...design, tables } : design;
   }
 
-  /** Try what a text of the address says; "" leaves errors. Tells whether the text is one of errors. */
+  /** Set the errors of an address; "" closes the panel. Returns whether the text is valid. */
   goTo(text: string): boolean {
     if (text === this.text) return true;
     const trying = text ? tryingIn(text) : null;
@@ -163,7 +163,7 @@ export class TolerancesPanel {
     return true;
   }
 
-  /** What is tried, as a text for the address. */
+  /** Errors as text for the address. */
   private get text(): string {
     if (!this.isOpen || !this.all) return "";
     const usual = held(this.all.errors, this.gradeChosen);
@@ -182,7 +182,7 @@ export class TolerancesPanel {
     });
   }
 
-  /** Take what is wanted, as far as the sensor on the bench can have these errors. */
+  /** Set the requested errors that apply to the current sensor. */
   private take(trying: Trying): void {
     this.wanted = null;
     const { calibrations, errors } = this.all!;
@@ -191,7 +191,7 @@ export class TolerancesPanel {
     );
     if (strange.length)
       this.hands.say(
-        `This sensor cannot have the error ${strange.map(errorWords).join(", ")}: left out.`,
+        `Ignored errors that do not apply to this sensor: ${strange.map(errorWords).join(", ")}.`,
       );
     this.grade.input.value = trying.grade;
     this.focus.input.value = trying.focus;
@@ -209,14 +209,14 @@ export class TolerancesPanel {
   private toggle(): void {
     this.body.hidden = this.charts.element.hidden = this.isOpen;
     this.begin.setAttribute("aria-expanded", String(this.isOpen));
-    this.begin.textContent = this.isOpen ? "Leave errors" : "Try errors";
+    this.begin.textContent = this.isOpen ? "Close errors" : "Set errors";
     if (this.isOpen) return this.follow();
     this.tables = this.last = null;
     this.hands.keep("");
     this.hands.show(this.hands.now());
   }
 
-  private known(found: ErrorsOf, { tables }: ErrorsAsk): void {
+  private known(found: ErrorSourceList, { tables }: ErrorSourcesRequest): void {
     if (!this.isOpen) return;
     const isOther =
       JSON.stringify(found.errors.map((e) => e.name)) !==
@@ -241,7 +241,7 @@ export class TolerancesPanel {
     return this.grade.input.value as Trying["grade"];
   }
 
-  private build(errors: readonly ErrorOf[]): void {
+  private build(errors: readonly ErrorSourceInfo[]): void {
     this.rows.clear();
     const groups = new Map<string, HTMLElement>();
     for (const error of errors) {
@@ -282,7 +282,7 @@ export class TolerancesPanel {
     this.askYield();
   }
 
-  /** A sensor as it might come from the shop. */
+  /** Draw random errors within the tolerances. */
   private draw(): void {
     for (const [name, tolerance] of this.tolerances)
       this.values.set(name, Number(((2 * Math.random() - 1) * tolerance).toPrecision(DIGITS)));
@@ -300,7 +300,7 @@ export class TolerancesPanel {
     for (const [name, row] of this.rows) row.set(this.numbersOf(name));
   }
 
-  /** Another quantity is limited: by what is usual of it. */
+  /** Select another limited quantity with its default limit. */
   private chosen(): void {
     const quantity = this.quantity.input.value;
     const blur = this.last?.blur_px[0] ?? 10;
@@ -318,8 +318,8 @@ export class TolerancesPanel {
     this.askYield();
   }
 
-  private get refocus(): BuiltAsk["refocus"] {
-    return this.focus.input.value as BuiltAsk["refocus"];
+  private get refocus(): AsBuiltRequest["refocus"] {
+    return this.focus.input.value as AsBuiltRequest["refocus"];
   }
 
   private askBuilt(): void {
@@ -352,7 +352,7 @@ export class TolerancesPanel {
     });
   }
 
-  private moved(moved: Moved, { tables }: BuiltAsk): void {
+  private moved(moved: Moved, { tables }: AsBuiltRequest): void {
     if (!this.isOpen || tables !== this.tables) return;
     this.problem.hidden = true;
     this.last = moved;
@@ -369,22 +369,25 @@ export class TolerancesPanel {
     const lines: [string, string][] = [
       ["Motion", pair(moved.motion_px, " px")],
       ["Direction", pair(moved.direction_error_deg, "°")],
-      ["Blur", `${words(moved.blur_px[1], 3)} px; ${words(moved.blur_px[0], 3)} without errors`],
+      [
+        "Blur",
+        `${words(moved.blur_px[1], 3)} px (${words(moved.blur_px[0], 3)} px without errors)`,
+      ],
     ];
     if (moved.straightness_deg.some((v) => v !== null))
       lines.splice(2, 0, ["Straightness", pair(moved.straightness_deg, "°")]);
     this.facts.replaceChildren(
       ...lines.map(([name, text]) =>
-        h("li", {}, h("b", {}, name), h("span", {}, moved.lost ? "objects are lost" : text)),
+        h("li", {}, h("b", {}, name), h("span", {}, moved.lost ? "objects are not imaged" : text)),
       ),
     );
   }
 
-  private good(found: YieldOf): void {
+  private good(found: YieldResult): void {
     if (!this.isOpen) return;
     this.problem.hidden = true;
     const percent = (share: number): string => fixed(100 * share, 1);
-    this.verdict.textContent = `${percent(found.share)} % good, ${percent(found.low)} to ${percent(found.high)} %, of ${found.trials} built`;
+    this.verdict.textContent = `${percent(found.share)} % yield (95 % interval ${percent(found.low)} to ${percent(found.high)} %), ${found.trials} simulated sensors`;
     this.verdict.classList.toggle("missed", found.share < 0.5);
     this.charts.showYield(found, this.all!.calibrations);
   }
@@ -395,7 +398,7 @@ export class TolerancesPanel {
   }
 }
 
-/** A choice with its title; `offer` offers others. */
+/** Selection with its title; `offer` replaces the options. */
 function select(
   title: string,
   all: readonly (readonly [string, string])[],

@@ -1,18 +1,18 @@
 import { h, unique } from "../../shared/dom";
-import type { ErrorOf } from "../../shared/messages";
+import type { ErrorSourceInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { unitWords } from "../labels";
 import { partAndError } from "./words";
 
-/** What of an error is told. */
+/** Events of an error row. */
 interface RowHands {
   tried: (name: string, value: number) => void;
   held: (name: string, tolerance: number) => void;
 }
 
-const REACH = 2; // tolerances, to either side of a slider
+const REACH = 2; // slider range, in tolerances to either side
 
-/** An error: a slider and a number for its value, and a number for its tolerance. */
+/** Error source: slider and field of its value, and field of its tolerance. */
 export class ErrorRow {
   readonly element: HTMLElement;
   private readonly slider: HTMLInputElement;
@@ -20,7 +20,7 @@ export class ErrorRow {
   private readonly tolerance: HTMLInputElement;
 
   constructor(
-    private readonly error: ErrorOf,
+    private readonly error: ErrorSourceInfo,
     private of: { value: number; tolerance: number },
     private readonly hands: RowHands,
   ) {
@@ -72,7 +72,7 @@ export class ErrorRow {
     this.show();
   }
 
-  /** Show other numbers. */
+  /** Display other values. */
   set(of: { value: number; tolerance: number }): void {
     this.of = of;
     this.show();

@@ -8,26 +8,26 @@ export const MEASURES = [
   "straightness_deg",
   "blur_px",
 ] as const;
-const MOST = 200; // errors of a sensor are a few dozen
+const MOST = 200; // a sensor has a few dozen error sources
 
-/** Which errors are tried, and what a good sensor keeps. */
+/** Errors, and requirement of the yield. */
 export interface Trying {
   grade: (typeof GRADES)[number];
   focus: (typeof FOCUSES)[number];
-  /** The calibration after which a sensor is judged; that there is none of the name is told by the server. */
+  /** Calibration of the requirement; unknown names are rejected by the server. */
   after: string;
   quantity: (typeof MEASURES)[number];
-  /** At most so much; 0 where none is entered. */
+  /** Upper limit; 0 if empty. */
   limit: number;
-  /** Errors that are not 0, by their names. */
+  /** Non-zero errors by name. */
   values: Record<string, number>;
-  /** Tolerances that are not those of the grade. */
+  /** Tolerances that differ from those of the grade. */
   tolerances: Record<string, number>;
 }
 
 export const textOf = (trying: Trying): string => JSON.stringify(trying);
 
-/** What a text says is tried; null where it is none of errors. */
+/** Parse the errors of a text; null if invalid. */
 export function tryingIn(text: string): Trying | null {
   const found = parsed(text) as Partial<Record<keyof Trying, unknown>> | null | undefined;
   if (typeof found !== "object" || found === null) return null;

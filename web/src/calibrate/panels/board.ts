@@ -1,14 +1,14 @@
 import { h, unique } from "../../shared/dom";
-import type { BoardAsked } from "../../shared/messages";
+import type { BoardSpec } from "../../shared/messages";
 import { COUNTED, printCommand } from "../words";
 
-const KINDS: [BoardAsked["kind"], string][] = [
+const KINDS: [BoardSpec["kind"], string][] = [
   ["chessboard", "Chessboard"],
   ["charuco", "ChArUco board"],
-  ["aprilgrid", "April grid"],
+  ["aprilgrid", "AprilGrid"],
 ];
 
-/** Which board the pictures show. */
+/** Target of the images. */
 export class BoardPanel {
   private readonly kind = h(
     "select",
@@ -57,20 +57,25 @@ export class BoardPanel {
     );
     const markers = field("Markers", this.family);
     const marker = field("Marker, mm", this.marker);
-    const spacing = field("Gap over side", this.spacing);
-    const legacy = h("label", { className: "check" }, this.legacy, "Laid out as before OpenCV 4.6");
+    const spacing = field("Gap / tag size", this.spacing);
+    const legacy = h(
+      "label",
+      { className: "check" },
+      this.legacy,
+      "Legacy layout (before OpenCV 4.6)",
+    );
     [this.ofMarkers, this.ofCharuco, this.ofApril] = [[markers], [marker, legacy], [spacing]];
     const print = h(
       "details",
       { className: "more" },
-      h("summary", {}, "Print one"),
+      h("summary", {}, "Print a target"),
       h(
         "div",
         {},
         h(
           "p",
           { className: "words" },
-          "This writes it true to scale. Print it at 100 %, glue it to something flat, and measure a square.",
+          "This command writes the target to scale. Print it at 100 %, mount it on a flat plate, and measure a square.",
         ),
         this.command,
         h(
@@ -80,12 +85,12 @@ export class BoardPanel {
             className: "small",
             onclick: () => copy(this.command.textContent ?? ""),
           },
-          "Copy the command",
+          "Copy command",
         ),
       ),
     );
     place.append(
-      field("Kind", this.kind),
+      field("Type", this.kind),
       size,
       field("Square, mm", this.square),
       markers,
@@ -109,12 +114,12 @@ export class BoardPanel {
     this.show();
   }
 
-  /** The board; null where what is entered is none. */
-  get board(): BoardAsked | null {
+  /** Target; null if the entries are invalid. */
+  get board(): BoardSpec | null {
     const inputs = [this.columns, this.rows, this.square, this.marker, this.spacing];
     if (inputs.some((input) => !input.checkValidity()) || !(this.square.valueAsNumber > 0))
       return null;
-    const kind = this.kind.value as BoardAsked["kind"];
+    const kind = this.kind.value as BoardSpec["kind"];
     return {
       kind,
       columns: this.columns.valueAsNumber,
@@ -127,7 +132,7 @@ export class BoardPanel {
     };
   }
 
-  take(board: BoardAsked): void {
+  take(board: BoardSpec): void {
     this.kind.value = board.kind;
     [this.columns.value, this.rows.value, this.square.value, this.spacing.value] = [
       board.columns,
@@ -147,7 +152,7 @@ export class BoardPanel {
   }
 
   private show(): void {
-    const kind = this.kind.value as BoardAsked["kind"];
+    const kind = this.kind.value as BoardSpec["kind"];
     this.counted.textContent = COUNTED[kind];
     for (const part of this.ofMarkers) part.hidden = kind === "chessboard";
     for (const part of this.ofCharuco) part.hidden = kind !== "charuco";
@@ -156,7 +161,7 @@ export class BoardPanel {
     this.problem.hidden = board !== null;
     this.problem.textContent = board
       ? ""
-      : "A board has 2 to 200 columns and rows, and squares wider than 0 mm.";
+      : "Columns and rows must be 2 to 200; the square size must be greater than 0 mm.";
     for (const input of [this.columns, this.rows, this.square])
       input.setAttribute("aria-invalid", String(!input.checkValidity()));
     if (board) this.command.textContent = printCommand(board);

@@ -1,10 +1,10 @@
 import { h, unique } from "../../shared/dom";
-import type { CalibrateStart, CalibrationAsk } from "../../shared/messages";
+import type { CalibrationOptions, CalibrationRequest } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { modelsFor, modelWords } from "../words";
 
 type Sought = Pick<
-  CalibrationAsk,
+  CalibrationRequest,
   | "model"
   | "optics"
   | "camera_looks"
@@ -14,20 +14,20 @@ type Sought = Pick<
   | "flat_board"
 >;
 
-/** The rim that was found in the pictures. */
+/** Rim detected in the images. */
 export type Rim = { centre: [number, number]; radius: number };
 
 const OPTICS: [Sought["optics"], string][] = [
-  ["mirror", "A mirror"],
-  ["fisheye", "A fisheye"],
+  ["mirror", "Mirror"],
+  ["fisheye", "Fisheye"],
 ];
 const LOOKS: [Sought["camera_looks"], string][] = [
   ["up", "up"],
   ["down", "down"],
-  ["forward", "ahead"],
+  ["forward", "forward"],
 ];
 
-/** What is known of the camera beforehand. */
+/** Prior knowledge of the camera. */
 export class CameraPanel {
   private readonly optics = select(OPTICS);
   private readonly model = select([]);
@@ -41,39 +41,34 @@ export class CameraPanel {
 
   constructor(
     place: HTMLElement,
-    private readonly start: CalibrateStart,
+    private readonly start: CalibrationOptions,
     changed: () => void,
   ) {
     this.rimRow = h(
       "label",
       { className: "check" },
       this.useRim,
-      "Begin at the rim, and end the field there",
+      "Use the mirror rim as initial value and as limit of the field",
     );
     const more = h(
       "details",
       { className: "more" },
-      h("summary", {}, "More about the camera"),
+      h("summary", {}, "More options"),
       h(
         "div",
         {},
-        field("Camera looks", this.looks),
+        field("Optical axis points", this.looks),
         h(
           "label",
           { className: "check" },
           this.flipped,
-          "The driver reverses its pictures left to right",
+          "Camera driver flips images left to right",
         ),
-        h(
-          "label",
-          { className: "check" },
-          this.flat,
-          "Take the board as perfectly flat and square",
-        ),
+        h("label", { className: "check" }, this.flat, "Assume a perfectly flat and square target"),
       ),
     );
     place.append(
-      field("Seen through", this.optics),
+      field("Optics", this.optics),
       field("Model", this.model),
       this.rimRow,
       this.rimWords,
@@ -114,16 +109,16 @@ export class CameraPanel {
     this.useRim.checked = sought.rim_radius_px !== null;
   }
 
-  /** Offer the rim that was found; null where none was. */
+  /** Display the detected rim; null if there is none. */
   showRim(rim: Rim | null, tried = 0): void {
     const isNew = rim !== null && this.rim === null;
     this.rim = rim;
     if (isNew) this.useRim.checked = true;
     this.rimRow.hidden = rim === null;
     this.rimWords.textContent = rim
-      ? `The mirror's rim: ${words(rim.radius)} px about ${words(rim.centre[0])}, ${words(rim.centre[1])}.`
+      ? `Mirror rim: radius ${words(rim.radius)} px, centre ${words(rim.centre[0])}, ${words(rim.centre[1])} px.`
       : tried
-        ? "No rim of a mirror is seen for sure; the search begins in the middle of the picture."
+        ? "No reliable mirror rim was detected; the initial centre is the image centre."
         : "";
   }
 

@@ -1,25 +1,25 @@
 import { ServerTask } from "../../shared/api";
 import { h, unique } from "../../shared/dom";
 import type {
-  BoardSeen,
-  CalibrationAsk,
-  CalibrationFound,
-  CalibrationNews,
+  BoardDetection,
+  CalibrationRequest,
+  CalibrationResult,
+  CalibrationStatus,
 } from "../../shared/messages";
 
 const STOP = "stop";
-const STOPPING = "Ending with the best camera found until now…";
+const STOPPING = "Stopping with the best camera so far…";
 
-/** What is calibrated from, and who is told. */
+/** Input of a calibration, and its callbacks. */
 interface Hands {
-  given: () => { ask: CalibrationAsk; pictures: BoardSeen[] } | null;
-  found: (found: CalibrationFound) => void;
+  given: () => { ask: CalibrationRequest; pictures: BoardDetection[] } | null;
+  found: (found: CalibrationResult) => void;
   reported: (report: string) => void;
 }
 
-/** Beginning a calibration, saying how far it is, and ending it early. */
+/** Control of a calibration: start, progress, early stop. */
 export class RunPanel {
-  private readonly task = new ServerTask<CalibrationNews>();
+  private readonly task = new ServerTask<CalibrationStatus>();
   private hasFound = false;
   private readonly reason = h("p", { className: "words", id: unique() });
   private readonly begin = h(
@@ -30,7 +30,7 @@ export class RunPanel {
   private readonly enough = h(
     "button",
     { type: "button", hidden: true, onclick: () => this.end() },
-    "Stop, and keep what is found",
+    "Stop and keep the result",
   );
   private readonly cancel = h(
     "button",
@@ -57,16 +57,16 @@ export class RunPanel {
     );
   }
 
-  /** Offer to begin, or say why not. */
+  /** Enable the start, or display the reason against it. */
   show(reason: string | null): void {
     this.reason.textContent = reason ?? "";
     this.reason.hidden = reason === null;
     this.begin.disabled = this.task.isUnderWay || reason !== null;
   }
 
-  /** What is under way belongs to pictures that are no more. */
+  /** Cancel a calibration whose images changed. */
   forget(): void {
-    if (this.task.isUnderWay) this.over("The pictures changed; begin again.");
+    if (this.task.isUnderWay) this.over("The images changed; start the calibration again.");
     else this.said.textContent = "";
   }
 
@@ -77,8 +77,8 @@ export class RunPanel {
     const cutOff = () =>
       this.over(
         this.hasFound
-          ? "Done; the report could not be made."
-          : "The calibration was cut off; begin again.",
+          ? "Calibration complete; the report could not be written."
+          : "The calibration was interrupted; start it again.",
       );
     this.task.begin(
       "api/calibrate/work",
@@ -90,7 +90,7 @@ export class RunPanel {
     this.said.textContent = "Starting…";
   }
 
-  private told(news: CalibrationNews): void {
+  private told(news: CalibrationStatus): void {
     if (news.state === "running") {
       this.bar.value = news.share ?? 0;
       if (!this.enough.disabled) this.said.textContent = `${news.sentence}…`;
@@ -99,7 +99,7 @@ export class RunPanel {
       this.hands.found(news.found!);
       this.enough.hidden = true;
       this.bar.removeAttribute("value");
-      this.said.textContent = "Done. Writing the report…";
+      this.said.textContent = "Calibration complete. Writing the report…";
     } else if (news.state === "reported") {
       this.over("Done.");
       this.hands.reported(news.report!);
@@ -107,7 +107,7 @@ export class RunPanel {
       this.over(`${news.sentence[0].toUpperCase()}${news.sentence.slice(1).replace(/\.?$/, ".")}`);
   }
 
-  /** Have it end with what it has found. */
+  /** Stop with the best camera so far. */
   private end(): void {
     this.task.tell(STOP);
     this.enough.disabled = true;

@@ -1,24 +1,24 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
-import type { BoardAsked, BoardSeen, Together } from "../../shared/messages";
+import type { BoardSpec, BoardDetection, MultiImageSummary } from "../../shared/messages";
 import { openedWebcam, videoInputs } from "../../shared/media";
 import { cellsOf, crosses, movedBy } from "../drawing";
 
-const STILL = 0.008; // of the picture's longer side, between two looks
-const REST_MS = 120; // between two looks
-const PAUSE_MS = 700; // after an answer that failed
+const STILL = 0.008; // maximum displacement of a motionless target, relative to the longer image side
+const REST_MS = 120; // ms between two detections
+const PAUSE_MS = 700; // ms after a failed request
 
 interface Hands {
-  board: () => BoardAsked | null;
-  /** What the pictures are together with what the camera sees now. */
-  together: (candidate: BoardSeen) => Promise<Together>;
+  board: () => BoardSpec | null;
+  /** Joint analysis of the images and the current webcam frame. */
+  together: (candidate: BoardDetection) => Promise<MultiImageSummary>;
   take: (picture: Blob) => Promise<boolean>;
   closed: () => void;
   fail: (e: unknown) => void;
 }
 
-/** A camera that runs: what of the board it sees, where to hold it next, and pictures that it takes. */
+/** Live webcam: detected corners, recommended position, and automatic capture. */
 export class WebcamPane {
   readonly element: HTMLElement;
   private readonly stage = h("div", { className: "live" });
@@ -26,12 +26,12 @@ export class WebcamPane {
   private readonly said = h("p", { className: "advice", role: "status" });
   private readonly auto = h("input", { type: "checkbox", checked: true });
   private readonly which = h("select", {
-    "aria-label": "Which webcam",
+    "aria-label": "Webcam device",
     hidden: true,
   });
   private video: HTMLVideoElement | null = null;
   private close = (): void => {};
-  private before: BoardSeen | null = null;
+  private before: BoardDetection | null = null;
   private wanted = false;
   private number = 0;
   private looking = new AbortController();
@@ -43,9 +43,9 @@ export class WebcamPane {
       h(
         "button",
         { type: "button", className: "primary", onclick: () => (this.wanted = true) },
-        "Take a picture",
+        "Capture image",
       ),
-      h("button", { type: "button", onclick: () => this.stop() }, "Close the webcam"),
+      h("button", { type: "button", onclick: () => this.stop() }, "Close webcam"),
       this.which,
     );
     this.element = h(
@@ -57,7 +57,7 @@ export class WebcamPane {
         "label",
         { className: "check" },
         this.auto,
-        "Take pictures by itself, when the board is sharp, still, and somewhere new",
+        "Capture automatically when the target is sharp, motionless and at a new position",
       ),
       buttons,
     );
@@ -84,7 +84,7 @@ export class WebcamPane {
       this.stage.replaceChildren(video, this.overlay);
       await this.offer(device);
       if (number !== this.number) return;
-      this.say("Show it the board.");
+      this.say("Show the target to the camera.");
       background(this.run(number));
     } catch (e) {
       if (number !== this.number) return;
@@ -115,7 +115,7 @@ export class WebcamPane {
     this.which.hidden = cameras.length < 2;
   }
 
-  /** Look again and again, one frame at a time. */
+  /** Detect the target repeatedly, one frame at a time. */
   private async run(number: number): Promise<void> {
     while (number === this.number) {
       try {
@@ -123,7 +123,7 @@ export class WebcamPane {
         await rest(REST_MS);
       } catch (e) {
         if (number !== this.number) return;
-        this.say(api.isForeseen(e) ? e.message : "Something went wrong with this picture.");
+        this.say(api.isForeseen(e) ? e.message : "This image could not be processed.");
         await rest(PAUSE_MS);
       }
     }
@@ -136,7 +136,7 @@ export class WebcamPane {
     if (this.wanted) return this.take(frame, "Taken.");
     const seen = await api.look(
       frame,
-      { ...board, name: "the picture", quick: true },
+      { ...board, name: "the image", quick: true },
       this.looking.signal,
     );
     const together = await this.hands.together(seen);
@@ -145,21 +145,23 @@ export class WebcamPane {
     const isStill = movedBy(this.before, seen) < STILL;
     this.before = seen;
     if (seen.reason !== null)
-      return this.say(`${advice(together) || "Show it the board."} Now ${seen.reason}.`);
+      return this.say(
+        `${advice(together) || "Show the target to the camera."} Status: ${seen.reason}.`,
+      );
     if (together.not_new !== null)
-      return this.say(advice(together) || `Hold it elsewhere: ${together.not_new}.`);
-    if (!isStill) return this.say("Here; hold it still.");
-    if (this.auto.checked) return this.take(frame, "Taken. Now hold it elsewhere.");
-    this.say("This would be a good picture: take it.");
+      return this.say(advice(together) || `Move the target: ${together.not_new}.`);
+    if (!isStill) return this.say("Good position; hold the target still.");
+    if (this.auto.checked) return this.take(frame, "Image captured. Move the target.");
+    this.say("Good position; capture an image.");
   }
 
   private async take(frame: Blob, words: string): Promise<void> {
     this.wanted = false;
     this.before = null;
-    this.say((await this.hands.take(frame)) ? words : "There are as many pictures as can be used.");
+    this.say((await this.hands.take(frame)) ? words : "The maximum number of images is reached.");
   }
 
-  private draw(seen: BoardSeen, { coverage }: Together): void {
+  private draw(seen: BoardDetection, { coverage }: MultiImageSummary): void {
     const [width, height] = seen.image_size;
     this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
     const size = Math.max(width, height) / 140;
@@ -175,9 +177,9 @@ export class WebcamPane {
   }
 }
 
-/** Where to hold the board next. */
-const advice = ({ advice: all }: Together): string =>
-  all.find((sentence) => !sentence.startsWith("Take more")) ?? "";
+/** Recommended next position of the target. */
+const advice = ({ advice: all }: MultiImageSummary): string =>
+  all.find((sentence) => !sentence.startsWith("Capture more")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 async function frameOf(video: HTMLVideoElement): Promise<Blob> {
@@ -185,6 +187,6 @@ async function frameOf(video: HTMLVideoElement): Promise<Blob> {
   [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
   canvas.getContext("2d")!.drawImage(video, 0, 0);
   const frame = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-  if (!frame) throw new api.Refused("The browser made no picture of the camera's.");
+  if (!frame) throw new api.Refused("The browser could not capture the image of the camera.");
   return frame;
 }

@@ -6,13 +6,13 @@ import { stateWords } from "../words";
 interface Item {
   item: HTMLElement;
   button: HTMLElement;
-  /** What it shows. */
+  /** Displayed data. */
   shown: string;
 }
 
-/** All pictures, small, each with what was found in it. */
+/** Thumbnails of all images with their detections. */
 export class Gallery {
-  readonly element = h("ul", { className: "shots", "aria-label": "Pictures" });
+  readonly element = h("ul", { className: "shots", "aria-label": "Images" });
   private readonly items = new Map<Shot, Item>();
 
   constructor(private readonly choose: (shot: Shot) => void) {}
@@ -38,7 +38,7 @@ export class Gallery {
     }
   }
 
-  /** One button for as long as the picture is there: a press while it changes would be lost with it. */
+  /** One permanent button per image, so that a press during an update is not lost. */
   private begun(shot: Shot): Item {
     const button = h("button", { type: "button", onclick: () => this.choose(shot) });
     const begun = { item: h("li", {}, button), button, shown: "" };
@@ -50,7 +50,7 @@ export class Gallery {
 
 function fill(button: HTMLElement, shot: Shot, isChosen: boolean): void {
   const reason = shot.trouble ?? shot.reason;
-  const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Looking…");
+  const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Detecting…");
   const picture = h(
     "span",
     { className: "thumbnail" },
@@ -66,7 +66,7 @@ function fill(button: HTMLElement, shot: Shot, isChosen: boolean): void {
   );
 }
 
-/** The corners found in a picture, over it. */
+/** Overlay of the detected corners. */
 function cornersOf(shot: Shot): SVGElement | null {
   if (!shot.seen?.ids.length) return null;
   const [width, height] = shot.seen.image_size;

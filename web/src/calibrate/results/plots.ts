@@ -1,11 +1,11 @@
 import { h, svg } from "../../shared/dom";
-import type { CalibrationFound, CoverageShown } from "../../shared/messages";
+import type { CalibrationResult, CoverageInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { arrows, byRadius, cellsOf, coveredIn, dots, timesFor } from "../drawing";
 import type { Rim } from "../panels/camera";
 import { px } from "../words";
 
-const ARROW = 0.02; // of the picture's longer side, of a residual of usual size
+const ARROW = 0.02; // length of a typical residual, relative to the longer image side
 const [WIDTH, HEIGHT, LEFT, BOTTOM, TOP] = [420, 240, 46, 34, 8];
 
 const figure = (title: string, note: string, drawing: Element): HTMLElement =>
@@ -21,9 +21,9 @@ const figure = (title: string, note: string, drawing: Element): HTMLElement =>
     drawing,
   );
 
-/** How corners are spread over the field: the fuller a part, the darker. */
+/** Distribution of corners over the field; darker cells contain more corners. */
 export function coveragePlot(
-  shown: CoverageShown,
+  shown: CoverageInfo,
   size: readonly [number, number],
   corners: readonly (readonly [number, number])[],
   rim: Rim | null,
@@ -42,7 +42,7 @@ export function coveragePlot(
       class: "field",
       viewBox: viewBox(size),
       role: "img",
-      "aria-label": `Coverage of the field: ${filled} of its ${all} parts hold ${shown.enough} corners or more.`,
+      "aria-label": `Coverage of the field: ${filled} of ${all} cells contain at least ${shown.enough} corners.`,
     },
     svg("rect", { class: "frame", x: -0.5, y: -0.5, width: size[0], height: size[1] }),
     ...cells,
@@ -54,13 +54,13 @@ export function coveragePlot(
     );
   return figure(
     "Coverage",
-    `${filled} of ${all} parts of the field hold ${shown.enough} corners or more`,
+    `${filled} of ${all} cells of the field contain at least ${shown.enough} corners`,
     drawing,
   );
 }
 
-/** From each corner to where the camera sees it, over the picture. */
-export function residualPlot(found: CalibrationFound): HTMLElement {
+/** Residual vectors in the image. */
+export function residualPlot(found: CalibrationResult): HTMLElement {
   const all = found.pictures.flatMap((p) => p.residuals);
   const times = timesFor(found.rms_px, ARROW * Math.max(...found.image_size));
   const drawing = svg(
@@ -69,7 +69,7 @@ export function residualPlot(found: CalibrationFound): HTMLElement {
       class: "field",
       viewBox: viewBox(found.image_size),
       role: "img",
-      "aria-label": `Residuals of ${all.length} corners over the picture, ${px(found.rms_px)} on the average.`,
+      "aria-label": `Residuals of ${all.length} corners in the image, RMS ${px(found.rms_px)}.`,
     },
     svg("rect", {
       class: "frame",
@@ -80,11 +80,11 @@ export function residualPlot(found: CalibrationFound): HTMLElement {
     }),
     svg("path", { class: "residuals", d: arrows(all, times) }),
   );
-  return figure("Residuals over the picture", `${times} times as long`, drawing);
+  return figure("Residuals in the image", `magnified ${times} times`, drawing);
 }
 
-/** The same along and across the radius. */
-export function radiusPlot(found: CalibrationFound): HTMLElement {
+/** Radial and tangential residuals. */
+export function radiusPlot(found: CalibrationResult): HTMLElement {
   const rows = byRadius(
     found.pictures.flatMap((p) => p.residuals),
     found.coverage.centre_px,
@@ -105,7 +105,7 @@ export function radiusPlot(found: CalibrationFound): HTMLElement {
       class: "scatter",
       viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
       role: "img",
-      "aria-label": `Residuals against the distance from the centre, to ${words(outer, 3)} px: at most ${words(high, 2)} px along or across the radius.`,
+      "aria-label": `Residuals against the radius, up to ${words(outer, 3)} px: maximum ${words(high, 2)} px, radial or tangential.`,
     },
     svg("path", {
       class: "axis",
@@ -121,15 +121,15 @@ export function radiusPlot(found: CalibrationFound): HTMLElement {
         share ? (share < 1 ? "middle" : "end") : "start",
       ),
     ),
-    label("px from the centre", [(LEFT + WIDTH) / 2, HEIGHT - 2], "middle"),
+    label("radius, px", [(LEFT + WIDTH) / 2, HEIGHT - 2], "middle"),
   );
   const legend = h(
     "span",
     { className: "quiet" },
     h("i", { className: "along" }),
-    "along the radius ",
+    "radial ",
     h("i", { className: "across" }),
-    "across it",
+    "tangential",
   );
   return h(
     "figure",

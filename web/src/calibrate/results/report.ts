@@ -1,21 +1,21 @@
 import { h } from "../../shared/dom";
-import type { CalibrationFound } from "../../shared/messages";
+import type { CalibrationResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { modelWords, px } from "../words";
 import { radiusPlot, residualPlot } from "./plots";
 
-const MOST_OUTLIERS = 40;
+const MAX_OUTLIERS = 40;
 
-/** What a calibration found: its numbers, and how far corners lie off. */
-export function resultsOf(found: CalibrationFound): HTMLElement[] {
+/** Result of a calibration: values and residuals. */
+export function resultsOf(found: CalibrationResult): HTMLElement[] {
   const used = found.pictures.filter((p) => p.used).length;
   const numbers: [string, string][] = [
     ["Model", modelWords(found.kind)],
     ["RMS", px(found.rms_px)],
-    ["RMS, left out", px(found.held_out_rms_px)],
-    ["Pictures", `${used} of ${found.pictures.length}`],
+    ["RMS, held out", px(found.held_out_rms_px)],
+    ["Images", `${used} of ${found.pictures.length}`],
     ["Corners used", `${found.corners - found.outliers.length} of ${found.corners}`],
-    ["Took", `${words(found.seconds, 2)} s`],
+    ["Duration", `${words(found.seconds, 2)} s`],
   ];
   return [
     h(
@@ -32,9 +32,9 @@ export function resultsOf(found: CalibrationFound): HTMLElement[] {
   ];
 }
 
-/** What became of every picture, parameter, model and corner. */
+/** Tables of images, parameters, models and outliers. */
 export const tablesOf = (
-  found: CalibrationFound,
+  found: CalibrationResult,
   choose: (picture: string) => void,
 ): HTMLElement[] => [
   pictures(found, choose),
@@ -43,11 +43,11 @@ export const tablesOf = (
   outliers(found),
 ];
 
-/** Sentences one below the other. */
+/** Messages as a list. */
 export const list = (className: string, sentences: readonly string[]): HTMLElement =>
   h("ul", { className, hidden: !sentences.length }, ...sentences.map((s) => h("li", {}, s)));
 
-function pictures(found: CalibrationFound, choose: (picture: string) => void): HTMLElement {
+function pictures(found: CalibrationResult, choose: (picture: string) => void): HTMLElement {
   const name = (picture: string): HTMLElement =>
     h("button", { type: "button", className: "link", onclick: () => choose(picture) }, picture);
   const rows = found.pictures.map((p) => [
@@ -57,24 +57,20 @@ function pictures(found: CalibrationFound, choose: (picture: string) => void): H
     p.held_out_rms_px === null ? "–" : words(p.held_out_rms_px, 3),
     p.used ? "used" : (p.reason ?? "not used"),
   ]);
-  return table("Pictures", ["picture", "corners", "RMS, px", "left out, px", ""], rows);
+  return table("Images", ["image", "corners", "RMS, px", "held out, px", ""], rows);
 }
 
-function parameters(found: CalibrationFound): HTMLElement {
+function parameters(found: CalibrationResult): HTMLElement {
   const rows = found.parameters.map((p) => [
     p.name.replaceAll("_", " "),
     words(p.value, 6),
     p.sigma === null ? "fixed" : `± ${words(p.sigma, 2)}`,
     p.unit,
   ]);
-  return table(
-    "Parameters, each with its standard deviation",
-    ["", "value", "sigma", "unit"],
-    rows,
-  );
+  return table("Parameters with standard deviations", ["", "value", "sigma", "unit"], rows);
 }
 
-function models(found: CalibrationFound): HTMLElement {
+function models(found: CalibrationResult): HTMLElement {
   const rows = found.models.map((m) => [
     m.kind === found.kind ? h("b", {}, modelWords(m.kind)) : modelWords(m.kind),
     String(m.parameters),
@@ -82,19 +78,15 @@ function models(found: CalibrationFound): HTMLElement {
     m.held_out_rms_px === null ? "–" : words(m.held_out_rms_px, 3),
     m.why,
   ]);
-  return table(
-    "Models that were compared",
-    ["model", "parameters", "RMS, px", "left out, px", ""],
-    rows,
-  );
+  return table("Compared models", ["model", "parameters", "RMS, px", "held out, px", ""], rows);
 }
 
-function outliers(found: CalibrationFound): HTMLElement {
-  const shown = found.outliers.slice(0, MOST_OUTLIERS);
-  if (!shown.length) return h("p", { className: "words" }, "No corner was left out.");
+function outliers(found: CalibrationResult): HTMLElement {
+  const shown = found.outliers.slice(0, MAX_OUTLIERS);
+  if (!shown.length) return h("p", { className: "words" }, "There are no outliers.");
   const made = table(
-    "Corners that were left out",
-    ["picture", "corner", "off by, px"],
+    "Outliers",
+    ["picture", "corner", "residual, px"],
     shown.map((o) => [o.picture, String(o.corner), words(o.residual_px, 3)]),
   );
   if (shown.length < found.outliers.length)
@@ -102,7 +94,7 @@ function outliers(found: CalibrationFound): HTMLElement {
       h(
         "p",
         { className: "words" },
-        `and ${found.outliers.length - shown.length} more, which the report names.`,
+        `and ${found.outliers.length - shown.length} more, listed in the report.`,
       ),
     );
   return made;

@@ -1,13 +1,13 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { h, svg } from "../../shared/dom";
-import type { CalibrationFound } from "../../shared/messages";
+import type { CalibrationResult } from "../../shared/messages";
 import { arrows, crosses, timesFor } from "../drawing";
 import type { Rim } from "../panels/camera";
 import type { Shot } from "../shots";
 import { px, stateWords } from "../words";
 
-const ARROW_PX = 12; // of a residual of usual size, in the picture
+const ARROW_PX = 12; // length of a typical residual in the image
 
 interface Hands {
   remove: (shot: Shot) => void;
@@ -15,30 +15,30 @@ interface Hands {
   fail: (e: unknown) => void;
 }
 
-/** One picture, large: its corners, the rim, how far corners lie off; and the board straightened. */
+/** Selected image: corners, rim, residuals, and the undistorted target. */
 export class Single {
   readonly element = h("section", {
     className: "plot single",
-    "aria-label": "The chosen picture",
+    "aria-label": "Selected image",
     hidden: true,
   });
   private readonly title = h("b", {});
   private readonly words = h("p", { className: "words" });
   private readonly image = h("img", {});
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
-  private readonly straight = h("img", { alt: "The board, straightened" });
+  private readonly straight = h("img", { alt: "Undistorted target" });
   private readonly straightFigure: HTMLElement;
   private readonly straightWords = h("figcaption", {});
   private readonly again: HTMLElement;
   private shot: Shot | null = null;
   private address = "";
-  private shown: CalibrationFound | null = null;
+  private shown: CalibrationResult | null = null;
 
   constructor(private readonly hands: Hands) {
     this.again = h(
       "button",
       { type: "button", className: "small", onclick: () => this.shot && hands.retry(this.shot) },
-      "Look again",
+      "Detect again",
     );
     const bar = h(
       "div",
@@ -48,7 +48,7 @@ export class Single {
       h(
         "button",
         { type: "button", className: "small", onclick: () => this.shot && hands.remove(this.shot) },
-        "Take it out",
+        "Remove image",
       ),
     );
     this.straightFigure = h("figure", { hidden: true }, this.straight, this.straightWords);
@@ -61,7 +61,7 @@ export class Single {
     this.element.append(bar, h("div", { className: "pair" }, raw, this.straightFigure));
   }
 
-  show(shot: Shot | null, rim: Rim | null, found: CalibrationFound | null): void {
+  show(shot: Shot | null, rim: Rim | null, found: CalibrationResult | null): void {
     this.element.hidden = shot === null;
     if (!shot) {
       this.shot = null;
@@ -74,10 +74,10 @@ export class Single {
     const reason = shot.trouble ?? outcome?.reason ?? shot.reason;
     const state = shot.seen
       ? stateWords(shot.seen, reason)
-      : (shot.trouble ?? "Looking for the board…");
+      : (shot.trouble ?? "Detecting the target…");
     const times = outcome?.rms_px ? timesFor(outcome.rms_px, ARROW_PX) : 1;
     this.words.textContent = outcome?.used
-      ? `${state}, ${px(outcome.rms_px)} off on the average; drawn ${times} times as long.`
+      ? `${state}, RMS residual ${px(outcome.rms_px)}; residuals magnified ${times} times.`
       : state;
     this.draw(shot, rim, outcome?.used ? arrows(outcome.residuals, times) : "");
     if (shot !== this.shot || found !== this.shown) background(this.straighten(shot, found));
@@ -87,10 +87,10 @@ export class Single {
 
   private load(shot: Shot): void {
     URL.revokeObjectURL(this.address);
-    this.image.alt = `The picture ${shot.name}`;
+    this.image.alt = `Image ${shot.name}`;
     this.address = URL.createObjectURL(shot.blob);
     this.image.onerror = () => {
-      if (shot === this.shot) this.image.src = shot.thumbnail; // of a kind that browsers do not read
+      if (shot === this.shot) this.image.src = shot.thumbnail; // for formats that browsers do not support
     };
     this.image.src = this.address;
   }
@@ -116,14 +116,14 @@ export class Single {
     );
   }
 
-  /** The board as it is read, by the camera that was found. */
-  private async straighten(shot: Shot, found: CalibrationFound | null): Promise<void> {
+  /** Target undistorted with the calibrated camera. */
+  private async straighten(shot: Shot, found: CalibrationResult | null): Promise<void> {
     const place = found?.places.find((p) => p.picture === shot.name);
     this.straightFigure.hidden = !place;
     this.straight.hidden = true;
     if (!found || !place) return;
-    const off = found.pictures.find((p) => p.name === shot.name)?.off_straight_px ?? null;
-    this.straightWords.textContent = "Straightening the board…";
+    const off = found.pictures.find((p) => p.name === shot.name)?.line_deviation_px ?? null;
+    this.straightWords.textContent = "Undistorting the target…";
     try {
       const made = await api.straight(
         { camera_file: found.camera_file, place, name: shot.name },
@@ -133,7 +133,7 @@ export class Single {
       URL.revokeObjectURL(this.straight.src);
       this.straight.src = URL.createObjectURL(made);
       this.straight.hidden = false;
-      this.straightWords.textContent = `The board, straightened: its corners lie at most ${px(off, 2)} off straight lines.`;
+      this.straightWords.textContent = `Undistorted target: maximum deviation of corners from straight lines ${px(off, 2)}.`;
     } catch (e) {
       if (e instanceof api.Refused) this.straightWords.textContent = e.message;
       else this.hands.fail(e);

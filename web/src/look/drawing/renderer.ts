@@ -7,16 +7,16 @@ export type Picture = ImageBitmap | HTMLVideoElement | HTMLCanvasElement;
 
 const UNITS = { picture: 0, radii: 1, lattice: 2, limits: 3, starts: 4 } as const;
 
-/** Another picture beside the one that is shown, on the graphics card. */
+/** Texture of an additional image. */
 interface Kept {
   texture: WebGLTexture;
   picture: Picture;
 }
 
-/** WebGL2 is missing, or too weak. */
+/** WebGL2 is missing or insufficient. */
 export class NoWebGL extends Refused {}
 
-/** Draws views of a picture taken by a camera. */
+/** Renderer of views of an image with a camera. */
 export class Renderer {
   private readonly gl: WebGL2RenderingContext;
   private program!: WebGLProgram;
@@ -38,7 +38,7 @@ export class Renderer {
     });
     if (!gl)
       throw new NoWebGL(
-        "This browser does not offer WebGL2, which draws the view. Try a current Firefox, Chrome or Safari.",
+        "The view requires WebGL2, which this browser does not support. Use a current Firefox, Chrome or Safari.",
       );
     this.gl = gl;
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
@@ -103,7 +103,7 @@ export class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
   }
 
-  /** Have another picture of the same size and place, or none, beside the one that is drawn. */
+  /** Set a second image of the same size (restored), or remove it. */
   setRestored(picture: ImageBitmap | null): void {
     const { gl } = this;
     if (!picture) {
@@ -118,7 +118,7 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
   }
 
-  /** Draw the view over the whole canvas, which becomes as large as it; roughly where it is soon drawn again, and beyond a part of its width of the restored picture. */
+  /** Draw the view and resize the canvas to it: with fewer samples while it moves, and with the restored image right of a column. */
   draw(view: View, isRough = false, wipe: number | null = null): void {
     const { gl, canvas } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) {
@@ -140,7 +140,7 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
   }
 
-  /** Draw a view of another picture into what was drawn: its parts are where they lie on the canvas. */
+  /** Draw the view of another image into the canvas at the positions of its parts. */
   add(
     view: View,
     { camera, feed }: { camera: Camera; feed: { picture: Picture; width: number; height: number } },
@@ -162,7 +162,7 @@ export class Renderer {
     this.pictureSize = before.pictureSize;
   }
 
-  /** Keep other pictures of these names only. */
+  /** Release the textures of all other images except the named ones. */
   keepPictures(names: readonly string[]): void {
     for (const [name, { texture }] of this.others)
       if (!names.includes(name)) {
@@ -171,11 +171,11 @@ export class Renderer {
       }
   }
 
-  /** Pixels of the picture that the view shows, (u, v, seen, 1) row by row from the top; what the tests measure. */
+  /** Image coordinates of the view, (u, v, visible, 1) by row from the top, for tests. */
   coordinates(view: View): Float32Array {
     const { gl } = this;
     if (!gl.getExtension("EXT_color_buffer_float"))
-      throw new NoWebGL("this browser draws no floating numbers");
+      throw new NoWebGL("this browser does not support floating-point textures");
     const { width, height } = view;
     const [texture, frame] = [gl.createTexture(), gl.createFramebuffer()];
     gl.activeTexture(gl.TEXTURE0);
@@ -201,7 +201,7 @@ export class Renderer {
     return rows;
   }
 
-  /** Draw the parts of a view, as far as they lie right of a column. */
+  /** Draw the parts of a view right of a column. */
   private drawParts(view: View, wantsCoordinates: boolean, from = 0): void {
     const { gl, camera } = this;
     if (!camera || !this.pictureSize[0]) return;
@@ -267,7 +267,7 @@ export class Renderer {
       const logs = (gl.getAttachedShaders(this.program) ?? []).map((shader) =>
         gl.getShaderInfoLog(shader),
       );
-      throw new NoWebGL(`The graphics driver refused the shader: ${logs.join(" ")}`);
+      throw new NoWebGL(`The graphics driver rejected the shader: ${logs.join(" ")}`);
     }
     this.places.clear();
     this.camera = this.restored = null;
@@ -283,7 +283,7 @@ export class Renderer {
     }
   }
 
-  /** A texture of the unit that is active. */
+  /** Create a texture in the active unit. */
   private texture(filter: number): WebGLTexture {
     const { gl } = this;
     const made = gl.createTexture();

@@ -1,6 +1,6 @@
 import { STEPS_IN_SPACE } from "../geometry/camera";
 
-/** The shader: what a pixel of the view looks at, where that is in the picture, and its colour there. */
+/** Shader: direction of a view pixel, its position in the image, and the colour. */
 
 export const VERTEX = `#version 300 es
 void main() {
@@ -9,7 +9,7 @@ void main() {
 }`;
 
 const CIRCULAR = `
-// Cosine and sine to float precision: those of graphics cards may be off by 5e-4, a quarter of a pixel at the rim.
+// Sine and cosine in full float precision; those of GPUs can be off by 5e-4, 0.25 px at the rim.
 vec2 circular(float x) {
   float k = floor(x * 0.6366197723675814 + 0.5);
   float r = (x - k * 1.5707963705062866) + k * 4.371139e-8;
@@ -22,7 +22,7 @@ vec2 circular(float x) {
 }`;
 
 const TARGET = `
-// As omnimirror.dewarp.screens: a vector in the world frame, in mm where the screen is near.
+// As in omnimirror.dewarp.screens: vector in the world frame, in mm for a finite screen.
 vec3 target(vec2 p, out bool inside) {
   inside = true;
   vec2 q = p - (size - 1.0) / 2.0;
@@ -49,7 +49,7 @@ vec3 target(vec2 p, out bool inside) {
 }`;
 
 const KERNEL = `
-// The kernel of Keys.
+// Bicubic kernel of Keys.
 vec4 weights(float t, float a) {
   float x = 1.0 + t, y = 1.0 - t, z = 2.0 - t;
   return vec4(
@@ -61,7 +61,7 @@ vec4 weights(float t, float a) {
 }`;
 
 const PROJECTION = `
-// As omnimirror.dewarp.radial_table, over s = sin(Omega/2).
+// As in omnimirror.dewarp.radial_table, over s = sin(Omega/2).
 vec2 halfAngle(float across, float along) {
   float len = max(length(vec2(across, along)), 1e-20);
   float more = sqrt((len + abs(along)) / (2.0 * len));
@@ -72,7 +72,7 @@ vec2 halfAngle(float across, float along) {
   return vec2(sine, ahead ? more : less);
 }
 
-// Of the cell of s in the table: the values at s, and their change per s. Beyond the ends both go on.
+// Values of the table cell of s and their derivatives; extrapolated beyond both ends.
 void cell(float s, out vec3 value, out vec3 rate) {
   int last = textureSize(radii, 0).x - 1;
   float per = float(last) / (ends.y - ends.x);
@@ -103,7 +103,7 @@ float limitAt(vec2 towards) {
   return mix(texelFetch(limits, ivec2(i, 0), 0).x, texelFetch(limits, ivec2((i + 1) % n, 0), 0).x, fract(place));
 }
 
-// Where a place of the disk lies among nodes: those before it, and how far past them.
+// Lattice node before a point of the disk, and the offset from it.
 vec2 among(sampler2D nodes, vec2 p, out ivec2 before) {
   int n = textureSize(nodes, 0).x;
   vec2 place = (p / ends.y + 1.0) / 2.0 * float(n - 1);
@@ -111,7 +111,7 @@ vec2 among(sampler2D nodes, vec2 p, out ivec2 before) {
   return place - vec2(before);
 }
 
-// What nodes hold at a place, along straight lines from one to the next.
+// Bilinear interpolation of the lattice.
 vec3 roughly(sampler2D nodes, vec2 p) {
   ivec2 i;
   vec2 f = among(nodes, p, i);
@@ -120,7 +120,7 @@ vec3 roughly(sampler2D nodes, vec2 p) {
   return mix(low, high, f.y);
 }
 
-// The same on cubic curves: straight lines err by a tenth of a pixel near the rim.
+// Bicubic interpolation; bilinear errors reach 0.1 px near the rim.
 vec3 finely(sampler2D nodes, vec2 p) {
   ivec2 i, last = textureSize(nodes, 0) - 1;
   vec2 f = among(nodes, p, i);
@@ -132,7 +132,7 @@ vec3 finely(sampler2D nodes, vec2 p) {
   return total;
 }
 
-// Of a vector along axis, right and down: the azimuth, and s.
+// Azimuth and s of a vector (axis, right, down).
 float polar(vec3 t, out vec2 towards) {
   float across = length(t.yz);
   towards = across > 0.0 ? t.yz / across : vec2(1.0, 0.0);
@@ -141,7 +141,7 @@ float polar(vec3 t, out vec2 towards) {
 
 const int FINE_STEPS = 4;
 
-// The same of a point that is seen from where its own ray starts, without an axis of symmetry.
+// The same for a point, with the ray origin of a camera without rotational symmetry.
 float solveInSpace(vec3 t, out vec2 towards) {
   towards = vec2(1.0, 0.0);
   float s = 0.0;
@@ -176,7 +176,7 @@ vec3 texel(ivec2 p) {
   return texelFetch(picture, clamp(p, ivec2(0), ivec2(picture_size) - 1), 0).rgb;
 }
 
-const float PICTURE = -0.75; // as OpenCV and omnimirror's own samplers have it
+const float PICTURE = -0.75; // pixel convention of OpenCV and omnimirror
 
 vec3 cubic(vec2 p) {
   ivec2 i = ivec2(floor(p));
@@ -190,7 +190,7 @@ vec3 cubic(vec2 p) {
   return clamp(total, 0.0, 1.0);
 }
 
-// As omnimirror.dewarp._footprints: a side is shortened to nothing up to SHARP, and soon no longer.
+// As in omnimirror.dewarp._footprints: sides up to SHARP are reduced to zero, with a smooth transition above.
 const float SHARP = 1.2, SPACING = 1.5;
 const int MOST_TAPS = 16;
 
@@ -202,7 +202,7 @@ int taps(float side) {
   return side > SHARP ? int(clamp(ceil(side * shortened(side) / SPACING), 2.0, float(MOST_TAPS))) : 1;
 }
 
-// Where the picture shows the field: of a camera with an axis between two radii.
+// Whether the field contains a point: for cameras with an axis, between two radii.
 bool holds(vec2 p) {
   if (any(lessThan(p, vec2(-0.5))) || any(greaterThan(p, picture_size - 0.5))) return false;
   if (has_lattice) return true;
@@ -210,7 +210,7 @@ bool holds(vec2 p) {
   return r >= texelFetch(radii, ivec2(0), 0).x - 1e-3 && r <= texelFetch(radii, ivec2(textureSize(radii, 0).x - 1, 0), 0).x + 1e-3;
 }
 
-// The mean over what the pixel covers in the picture, a parallelogram; rough, of samples between pixels in straight lines.
+// Mean over the footprint of the pixel, a parallelogram; with fewer, bilinear samples while the view moves.
 vec3 mean(vec2 p, vec2 right, vec2 down, bool rough) {
   float across = length(right), along = length(down);
   int n = taps(across), m = taps(along);

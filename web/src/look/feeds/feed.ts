@@ -6,44 +6,43 @@ import { fileWord, shellWord } from "../../shared/shell";
 import type { Picture } from "../drawing/renderer";
 import type { Camera } from "../geometry/camera";
 
-/** A picture or something that moves: what is looked at. */
+/** Source of the view: an image, a video or a stream. */
 export interface Feed {
   name: string;
-  /** How the command line calls it. */
+  /** Name on the command line. */
   source: string;
   picture: Picture;
   width: number;
   height: number;
-  /** Whether there may be a new picture at any time. */
+  /** Whether new frames can arrive. */
   moves: boolean;
-  /** Of one that moves: calls once, when there is. */
+  /** Calls back once at the next frame. */
   next?: (then: () => void) => void;
-  /** A video that can be stopped. */
+  /** Video that can be paused. */
   video?: HTMLVideoElement;
-  /** Its file, of a picture that was made here and lies nowhere yet. */
+  /** File of a rendered image that is not stored yet. */
   made?: Blob;
-  /** Image file with EXIF data, for requests that use them. */
-  file?: Blob;
-  /** A camera, as the browser calls it. */
+  /** Device id of a webcam. */
   device?: string;
   close(): void;
 }
 
-/** A picture, and the camera that took it. */
+/** Image and its camera. */
 export interface Seen {
   feed: Feed;
   camera: Camera;
 }
 
 const WITH_EXIF = /^image\/(png|jpeg|webp)$/; // formats that browser and server decode
-const RETRY_MS = 1500; // after a connection was lost
+const RETRY_MS = 1500; // delay after a lost connection, ms
 const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 
-/** A picture file; what the browser does not read, the server does. */
+/** Image file; formats that the browser does not support are converted by the server. */
 export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
   let file = blob;
   const bitmap = await createImageBitmap(file, DECODING).catch(async () => {
-    if (!hasServer) throw new api.Refused(`${name} is not a picture that this browser reads.`);
+    if (!hasServer)
+      throw new api.Refused(`${name} is not an image in a format that this browser supports.`);
     file = await api.convert(blob, name);
     return createImageBitmap(file, DECODING);
   });
@@ -59,7 +58,7 @@ export async function pictureFeed(blob: Blob, name: string, hasServer: boolean):
   };
 }
 
-/** A video file, again and again. */
+/** Video file, played in a loop. */
 export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
   const address = URL.createObjectURL(blob);
   const after = (): void => URL.revokeObjectURL(address);
@@ -69,7 +68,7 @@ export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
   });
 }
 
-/** A video at an address, again and again. */
+/** Video at a URL, played in a loop. */
 export async function addressFeed(
   address: string,
   name: string,
@@ -86,19 +85,19 @@ export async function addressFeed(
   } catch {
     release(video);
     throw new api.Refused(
-      `${name} is not a video that this browser plays. The studio's server plays it: omnimirror view ${shellWord(fileWord(name))}`,
+      `${name} is not a video in a format that this browser supports. The server can play it: omnimirror view ${shellWord(fileWord(name))}`,
     );
   }
   return { ...ofVideo(video, name, after), video };
 }
 
-/** A camera of this machine. */
+/** Webcam. */
 export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
   const { video, name, device } = await openedWebcam(id, lost);
   return { ...ofVideo(video, name), device };
 }
 
-/** Open a video, camera or stream of the server: the newest frame whenever the last one is drawn; `signal` gives it up before its first frame. */
+/** Open a video, camera or stream of the server; the newest frame is requested after the previous one is drawn. `signal` cancels it before the first frame. */
 export function streamFeed(
   id: string,
   name: string,
@@ -109,8 +108,8 @@ export function streamFeed(
     let feed: Feed | null = null;
     let closed = false;
     let isNew = (): void => {};
-    let last = ""; // what the server said of its end
-    let isSkipping = false; // while frames cannot be decoded
+    let last = ""; // last state reported by the server
+    let isSkipping = false; // displayed while frames cannot be decoded
     let socket: WebSocket;
     let retry: ReturnType<typeof setTimeout> | undefined;
     const connect = (): void => {
@@ -175,7 +174,7 @@ export function streamFeed(
 
 const cancelled = (): DOMException => new DOMException("Another source was opened.", "AbortError");
 
-/** What a feed shows now, as a file of at most so many pixels a side, and how many of the feed's each of them is. */
+/** Current frame as a file with a maximum size, and the scale factor from it to the feed. */
 export async function fileOf(
   feed: Feed,
   longest = Infinity,
@@ -189,7 +188,7 @@ export async function fileOf(
   context.imageSmoothingQuality = "high";
   context.drawImage(feed.picture, 0, 0, canvas.width, canvas.height);
   const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-  if (!picture) throw new Error("The browser made no copy of the picture.");
+  if (!picture) throw new Error("The browser could not copy the image.");
   return { picture, scale };
 }
 
@@ -200,7 +199,7 @@ function ofVideo(video: HTMLVideoElement, name: string, after = (): void => {}):
   };
   const next = (then: () => void): void => {
     if ("requestVideoFrameCallback" in video) video.requestVideoFrameCallback(then);
-    else requestAnimationFrame(then); // in older browsers, which do not tell
+    else requestAnimationFrame(then); // not reported by older browsers
   };
   return {
     name,

@@ -1,40 +1,40 @@
-/** What the browser keeps, so that nothing is lost on reload: the last pictures, and calibrations that were loaded. */
+/** Browser storage for reloads: the last images, and loaded calibration files. */
 import { shelve, shelved, unshelve } from "../../shared/storage";
 
 export interface Kept {
   blob: Blob;
   name: string;
   optics?: "mirror" | "fisheye";
-  /** Whether it was made here, and lies in no folder yet. */
+  /** Whether it was created by the page and is not stored in a folder. */
   isMade?: boolean;
 }
 
-/** A picture or video by what is in it, and what its file was called. */
+/** Image or video, identified by its content, and its file name. */
 interface Identity {
   id: string;
   name: string;
 }
 
 const PICTURES = "pictures";
-const MOST_PICTURES = 8;
-const MOST_BYTES = 1 << 29; // of all pictures but the last one
-const WHOLE_BYTES = 1 << 26; // longer files are known by their length and by pieces of them
+const MAX_PICTURES = 8;
+const MAX_BYTES = 1 << 29; // maximum total size of all images except the last
+const WHOLE_BYTES = 1 << 26; // longer files are identified by their length and samples
 const PIECES = 16;
 const PIECE_BYTES = 1 << 20;
 
 export const keep = (key: string, value: Kept): Promise<unknown> => shelve(key, value);
 export const kept = (key: string): Promise<Kept | undefined> => shelved<Kept>(key);
 
-/** Keep a picture under its identity; the oldest of many are forgotten. */
+/** Store an image under its identity; the oldest ones are removed. */
 export async function keepPicture({ id }: Identity, value: Kept): Promise<void> {
   type Listed = { id: string; bytes: number };
   const before = ((await shelved<Listed[]>(PICTURES)) ?? []).filter((p) => p.id !== id);
   const all = [...before, { id, bytes: value.blob.size }];
   const newest = all
-    .slice(-MOST_PICTURES)
+    .slice(-MAX_PICTURES)
     .filter(
       (_, i, some) =>
-        i === some.length - 1 || some.slice(i).reduce((sum, q) => sum + q.bytes, 0) < MOST_BYTES,
+        i === some.length - 1 || some.slice(i).reduce((sum, q) => sum + q.bytes, 0) < MAX_BYTES,
     );
   for (const gone of all.filter((p) => !newest.includes(p))) await unshelve(`picture ${gone.id}`);
   await shelve(PICTURES, newest);
@@ -43,7 +43,7 @@ export async function keepPicture({ id }: Identity, value: Kept): Promise<void> 
 
 export const keptPicture = ({ id }: Identity): Promise<Kept | undefined> => kept(`picture ${id}`);
 
-/** The identity of a file: a sum of 64 bits over its bytes. */
+/** Identity of a file: 64-bit hash of its bytes. */
 export async function identityOf(blob: Blob, name: string): Promise<Identity> {
   const step = blob.size / PIECES;
   const pieces = Array.from({ length: PIECES }, (_, i) =>
@@ -55,7 +55,7 @@ export async function identityOf(blob: Blob, name: string): Promise<Identity> {
   return { id: [low, high].map((word) => word.toString(16).padStart(8, "0")).join(""), name };
 }
 
-/** Two sums that each byte stirs, as by FNV with two multipliers. */
+/** Two hashes like FNV with different multipliers. */
 async function summed(blob: Blob): Promise<[number, number]> {
   let [low, high] = [0xdeadbeef, 0x41c6ce57];
   for (let from = 0; from < blob.size; from += PIECE_BYTES) {
@@ -70,10 +70,10 @@ async function summed(blob: Blob): Promise<[number, number]> {
   return [low >>> 0, high >>> 0];
 }
 
-/** A kept picture as a source of the state. */
+/** Source name of a stored image. */
 export const sourceOf = ({ id, name }: Identity): string => `kept:${id}:${name}`;
 
-/** The identity in such a source; null of any other. */
+/** Identity in a source name; null for other sources. */
 export function identityIn(source: string): Identity | null {
   const found = /^kept(?::([0-9a-f]{16}):(.*))?$/s.exec(source);
   return found && { id: found[1] ?? "", name: found[2] ?? "" };

@@ -3,28 +3,28 @@ import { INITIAL, ofTaken, type State } from "../../shared/state";
 import type { Camera } from "../geometry/camera";
 import type { Feed, Seen } from "./feed";
 
-/** What is needed to see other pictures than the one that is shown. */
+/** Interface for additional images. */
 interface Hands {
   open: (source: string, signal: AbortSignal) => Promise<Feed>;
   fetch: (s: State) => Promise<Camera>;
-  /** A camera with its circle where a state has it. */
+  /** Camera with the circle of a state. */
   fit: (camera: Camera, feed: Feed, rim: State["rim"]) => Camera;
-  /** The views that are of other pictures, or through other cameras. */
+  /** Views of other images or cameras. */
   states: () => readonly State[];
-  /** There is something new to be seen. */
+  /** Called when additional images change. */
   changed: () => void;
 }
 
-/** The other pictures and cameras that views beside the shown one are of: held as long as there are such views. */
+/** Images and cameras of additional views; kept as long as the views exist. */
 export class Others {
-  private readonly feeds = new Map<string, Feed | null>(); // by source; null while they are opened
-  private readonly opening = new Map<string, AbortController>(); // of those that are null
+  private readonly feeds = new Map<string, Feed | null>(); // by source; null while opening
+  private readonly opening = new Map<string, AbortController>(); // cancel functions of those that are opening
   private readonly cameras = new Map<string, Camera | null>();
-  private readonly troubles = new Map<string, string>(); // by source, or by camera: why it cannot be had
+  private readonly troubles = new Map<string, string>(); // error messages by source or camera
 
   constructor(private readonly hands: Hands) {}
 
-  /** Hold what other views see, and nothing else. */
+  /** Open the images of additional views, and close all others. */
   hold(): void {
     const states = this.hands.states();
     for (const [source, feed] of this.feeds)
@@ -40,27 +40,27 @@ export class Others {
     }
   }
 
-  /** What a state sees; null until it is there. */
+  /** Image and camera of a state; null while loading. */
   seenBy(s: State): Seen | null {
     const [feed, camera] = [this.feeds.get(s.source), this.cameras.get(nameOf(s))];
     return feed && camera ? { feed, camera: this.hands.fit(camera, feed, s.rim) } : null;
   }
 
-  /** Why nothing is seen yet of what a state is of; "" where something is. */
+  /** Reason for a missing image; "" if it is available. */
   doubt(s: State): string {
     return this.seenBy(s)
       ? ""
       : (this.troubles.get(s.source) ?? this.troubles.get(nameOf(s)) ?? "opening…");
   }
 
-  /** Let go of a picture that is shown by itself from now on; null where it is not held. */
+  /** Release an image that becomes the main one; null if it is not open. */
   take(source: string): Feed | null {
     const feed = this.feeds.get(source) ?? null;
     if (feed) this.feeds.delete(source);
     return feed;
   }
 
-  /** Hold a picture that was shown by itself, or close it where no view is of it. */
+  /** Keep an image that was the main one, or close it if no view requires it. */
   give(source: string, feed: Feed): void {
     if (this.feeds.get(source) || !this.hands.states().some((s) => s.source === source))
       return feed.close();
@@ -96,7 +96,7 @@ export class Others {
     return null;
   }
 
-  /** Say so whenever a picture that moves is another one. */
+  /** Report new frames. */
   private follow(source: string, feed: Feed): void {
     feed.next?.(() => {
       if (this.feeds.get(source) !== feed) return;

@@ -1,7 +1,7 @@
 import { background } from "../../shared/background";
 import { byId } from "../../shared/dom";
 
-/** Stopping a video, and going to another place in it. */
+/** Playback control of a video: pause and seek. */
 export class Playback {
   private readonly place = byId("playback");
   private readonly button = byId<HTMLButtonElement>("play");
@@ -16,7 +16,7 @@ export class Playback {
     );
   }
 
-  /** Follow a video; null where there is none, or one without an end. */
+  /** Set the video; null for none, or for one without an end. */
   follow(video: HTMLVideoElement | null): void {
     this.video = video && Number.isFinite(video.duration) ? video : null;
     this.place.hidden = !this.video;
@@ -45,6 +45,6 @@ export class Playback {
   }
 }
 
-/** Minutes and seconds. */
+/** Format minutes and seconds. */
 const clock = (s: number): string =>
   `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;

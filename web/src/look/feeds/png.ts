@@ -1,4 +1,4 @@
-/** A PNG file with texts in it, for whoever looks at it later. */
+/** PNG file with text metadata. */
 export async function withTexts(png: Blob, texts: Record<string, string>): Promise<Blob> {
   const bytes = new Uint8Array(await png.arrayBuffer());
   const afterHeader = 8 + 25;
@@ -8,7 +8,7 @@ export async function withTexts(png: Blob, texts: Record<string, string>): Promi
   });
 }
 
-/** An iTXt chunk: UTF-8, not compressed. */
+/** iTXt chunk: UTF-8, uncompressed. */
 function textChunk(key: string, text: string): Uint8Array<ArrayBuffer> {
   const body = new TextEncoder().encode(`iTXt${key}\0\0\0\0\0${text}`);
   const chunk = new Uint8Array(body.length + 8);

@@ -9,7 +9,7 @@ const KINDS = [
   "video/webm",
 ];
 
-/** Records the view while its button is pressed. */
+/** Record the view as a video. */
 export class Recorder {
   private running: MediaRecorder | null = null;
 
@@ -22,7 +22,7 @@ export class Recorder {
     );
   }
 
-  /** Whether the view must be drawn again and again, for browsers record changes alone. */
+  /** Whether the view must be redrawn continuously, because browsers record changes only. */
   get isRunning(): boolean {
     return this.running !== null;
   }
@@ -32,7 +32,7 @@ export class Recorder {
       typeof MediaRecorder === "undefined"
         ? undefined
         : KINDS.find((k) => MediaRecorder.isTypeSupported(k));
-    if (!kind) return say("This browser does not record canvases.");
+    if (!kind) return say("This browser does not support recording.");
     const pieces: Blob[] = [];
     const stream = this.view.captureStream(30);
     const release = (): void => stream.getTracks().forEach((track) => track.stop());

@@ -2,7 +2,7 @@ import { byId } from "../../shared/dom";
 import { videoInputs } from "../../shared/media";
 import { type Feed, webcamFeed } from "./feed";
 
-/** The cameras of this machine; which there are browsers tell once one of them was allowed. */
+/** Selection of webcams; browsers list them after permission for the first. */
 export class Webcams {
   private readonly select = byId<HTMLSelectElement>("webcams");
 
@@ -11,7 +11,7 @@ export class Webcams {
     this.select.addEventListener("change", () => opened(this.select.value));
   }
 
-  /** Open one, or the one that the browser prefers, and offer all. */
+  /** Open a webcam, or the default one, and list all. */
   async open(id: string, lost: (sentence: string) => void): Promise<Feed> {
     const feed = await webcamFeed(id, lost);
     const cameras = await videoInputs();

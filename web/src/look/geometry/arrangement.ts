@@ -1,4 +1,4 @@
-/** A place on the stage, px. */
+/** Rectangle on the stage, px. */
 export interface Cell {
   left: number;
   top: number;
@@ -6,11 +6,11 @@ export interface Cell {
   height: number;
 }
 
-const WIDE = 1.9; // width over height from which a view has a row of its own
-const MOST_WIDE = 0.6; // of the height, for all such rows, where there are others
+const WIDE = 1.9; // aspect ratio above which a view gets its own row
+const MAX_WIDE = 0.6; // height of all such rows together, relative to the stage
 const GAP = 6; // px
 
-/** The largest place of some width over height in the middle of another; null takes all of it. */
+/** Largest centred rectangle with a given aspect ratio; null uses the complete area. */
 export function within(aspect: number | null, { left, top, width, height }: Cell): Cell {
   if (aspect === null) return { left, top, width, height };
   const w = Math.min(width, height * aspect);
@@ -22,7 +22,7 @@ export function within(aspect: number | null, { left, top, width, height }: Cell
   };
 }
 
-/** Places of several views, as large as they can be together and none small for another; of each its width over height, null where any will do. */
+/** Arrangement of several views with given aspect ratios (null: any) that maximises their common size. */
 export function arranged(
   aspects: readonly (number | null)[],
   width: number,
@@ -38,7 +38,7 @@ export function arranged(
 
 const isWide = (aspect: number | null): boolean => aspect !== null && aspect > WIDE;
 
-/** The views in rows of so many, those that are wide in rows of their own or not. */
+/** Views in rows of a given length, wide views optionally in their own rows. */
 function rowsOf(
   aspects: readonly (number | null)[],
   most: number,
@@ -60,7 +60,7 @@ function inRows(rows: (number | null)[][], width: number, height: number): Cell[
   const wide = rows.filter(isLow);
   const others = rows.length - wide.length;
   const asked = wide.reduce((sum, [aspect]) => sum + width / aspect!, 0);
-  const less = Math.min(1, ((others ? MOST_WIDE : 1) * room) / (asked || 1));
+  const less = Math.min(1, ((others ? MAX_WIDE : 1) * room) / (asked || 1));
   const rest = others ? (room - less * asked) / others : 0;
   let top = others ? 0 : (room - less * asked) / 2;
   return rows.flatMap((row) => {

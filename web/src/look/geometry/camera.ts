@@ -1,9 +1,9 @@
-import type { CameraShown } from "../../shared/messages";
+import type { CameraInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 import { type Lean, releaned } from "./lean";
 import { dot, type Pixel, sum, times, type Vec3 } from "./vectors";
 
-/** Where the circle of a picture lies: centre and radius, px. */
+/** Image circle: centre and radius, px. */
 export interface Circle {
   u: number;
   v: number;
@@ -11,15 +11,15 @@ export interface Circle {
 }
 
 const NEWTON_STEPS = 8;
-export const STEPS_IN_SPACE = 8; // each leaves of the error about the size of the mirror over twice the distance
+export const STEPS_IN_SPACE = 8; // iterations; each reduces the error by about the mirror size over twice the distance
 const NUDGE = 1e-5;
 
-/** A camera from its tables, as the shader reads them too; the circle may have been moved to fit a picture. */
+/** Camera from the same tables as the shader; its circle can be fitted to an image. */
 export class Camera {
   readonly scale: number;
 
   constructor(
-    readonly model: CameraShown,
+    readonly model: CameraInfo,
     readonly tables: Float32Array,
     readonly circle: Circle = circleOf(model),
     readonly size: readonly [number, number] = model.image_size,
@@ -27,12 +27,12 @@ export class Camera {
     this.scale = circle.radius / model.rim_radius_px;
   }
 
-  /** The same camera with its circle elsewhere, in a picture of some size. */
+  /** Return the camera with another circle, in an image of another size. */
   fitted(circle: Circle, size: readonly [number, number]): Camera {
     return new Camera(this.model, this.tables, circle, size);
   }
 
-  /** The same camera on a mount that leans otherwise. */
+  /** Return the camera with another tilt. */
   leaning(to: Lean): Camera {
     const { mount, axis, right, down } = this.model;
     const from = { pitch: mount.pitch_deg, roll: mount.roll_deg };
@@ -60,7 +60,7 @@ export class Camera {
     );
   }
 
-  /** The pixel of a direction, or of a point in mm; beyond the field, of where the field ends, with `seen` false. */
+  /** Project a direction, or a point in mm; beyond the field, return the boundary with `seen` false. */
   project(target: Vec3, isPoint = false): { pixel: Pixel; seen: boolean } {
     const t = this.model.tables;
     const [s, cos, sin] = this.place(target, isPoint);
@@ -73,7 +73,7 @@ export class Camera {
     return { pixel, seen: s >= t.first - 1e-6 && s <= end + 1e-6 && inPicture };
   }
 
-  /** Under what a target is seen: sin(Omega/2), and cosine and sine of the azimuth. */
+  /** sin(Omega/2) of a target, and cosine and sine of its azimuth. */
   private place(target: Vec3, isPoint: boolean): Vec3 {
     const { axis, right, down, tables: t } = this.model;
     const seen: Vec3 = [dot(target, axis), dot(target, right), dot(target, down)];
@@ -82,7 +82,7 @@ export class Camera {
     return [isPoint && t.origins ? this.solve(Math.hypot(seen[1], seen[2]), seen[0]) : s, cos, sin];
   }
 
-  /** The direction that a pixel sees; null outside the field. */
+  /** Back-project a pixel to a direction; null outside the field. */
   backproject([u, v]: Pixel): Vec3 | null {
     const { last } = this.model.tables;
     let x = ((u - this.circle.u) / this.circle.radius) * last;
@@ -112,7 +112,7 @@ export class Camera {
     );
   }
 
-  /** The pixel at a place of the disk sin(Omega/2) (cos, sin). */
+  /** Pixel of a point of the disk sin(Omega/2) (cos, sin). */
   private pixelAt(x: number, y: number): Pixel {
     const own = circleOf(this.model);
     let du: number, dv: number;
@@ -127,7 +127,7 @@ export class Camera {
     return [this.circle.u + this.scale * du, this.circle.v + this.scale * dv];
   }
 
-  /** Radius, or one of the coordinates of where rays start, between the entries of its table. */
+  /** Interpolate the radius, or a coordinate of the ray origin, in its table. */
   private column(which: 0 | 1 | 2, s: number): number {
     const { first, last, radii: n } = this.model.tables;
     const place = ((s - first) * (n - 1)) / (last - first);
@@ -136,13 +136,13 @@ export class Camera {
     return a + (b - a) * (place - cell);
   }
 
-  /** In straight lines between the nodes, which is enough for what is drawn over the picture. */
+  /** Bilinear, sufficient for overlays on the image. */
   private latticeAt(x: number, y: number): Pixel {
     const at = this.between(0, this.model.tables.lattice, 2, x, y);
     return [at(0), at(1)];
   }
 
-  /** Component k of a lattice of n x n nodes at a place of the disk, between its nodes. */
+  /** Interpolate component k of an n x n lattice at a point of the disk. */
   private between(
     from: number,
     n: number,
@@ -170,7 +170,7 @@ export class Camera {
     return a + (b - a) * (place - Math.floor(place));
   }
 
-  /** sin(Omega/2) under which a point is seen: from where its own ray starts, by Newton's rule. */
+  /** sin(Omega/2) of a point, including the ray origin, by Newton's method. */
   private solve(across: number, along: number): number {
     const t = this.model.tables;
     const step = (t.last - t.first) / (t.radii - 1);
@@ -187,7 +187,7 @@ export class Camera {
     return s;
   }
 
-  /** The same without an axis of symmetry: seen from where the ray starts that was found before, again and again. */
+  /** The same without rotational symmetry: fixed-point iteration of the ray origin. */
   private solveInSpace([along, right, down]: Vec3): Vec3 {
     const { last, lattice, limits, starts } = this.model.tables;
     let found: Vec3 = [0, 1, 0];
@@ -207,19 +207,19 @@ export class Camera {
   }
 }
 
-/** The circle that a camera has by itself. */
-export function circleOf(model: CameraShown): Circle {
+/** Nominal circle of a camera. */
+export function circleOf(model: CameraInfo): Circle {
   return { u: model.centre_px[0], v: model.centre_px[1], radius: model.rim_radius_px };
 }
 
-/** sin(Omega/2), and cosine and sine of the azimuth, of a vector along axis, right and down. */
+/** sin(Omega/2), and cosine and sine of the azimuth, of a vector (axis, right, down). */
 function polar([along, right, down]: Vec3): Vec3 {
   const across = Math.hypot(right, down);
   const [cos, sin] = across > 0 ? [right / across, down / across] : [1, 0];
   return [halfSine(across, along), cos, sin];
 }
 
-/** Sine of half the angle from the axis, without cancellation anywhere. */
+/** Sine of half the angle to the axis, without cancellation. */
 function halfSine(across: number, along: number): number {
   const length = Math.hypot(across, along) || 1;
   const more = Math.sqrt((length + Math.abs(along)) / (2 * length));

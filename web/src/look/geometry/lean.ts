@@ -1,13 +1,13 @@
 import { clamp } from "../../shared/numbers";
 import { cross, dot, RAD, sum, times, type Vec3, viewAxes } from "./vectors";
 
-/** How far a sensor leans from plumb, degrees: forward so far above the horizon, and turned clockwise about that. */
+/** Tilt of a sensor, degrees: pitch of the forward axis above the horizon, and clockwise roll about it. */
 export interface Lean {
   pitch: number;
   roll: number;
 }
 
-/** Forward, left and up of a frame that leans, in the world's. */
+/** Forward, left and up axes of a tilted frame in world coordinates. */
 type Axes = readonly [Vec3, Vec3, Vec3];
 
 function axesOf({ pitch, roll }: Lean): Axes {
@@ -16,13 +16,13 @@ function axesOf({ pitch, roll }: Lean): Axes {
   return [forward, sum(times(-c, right), times(-s, down)), sum(times(s, right), times(-c, down))];
 }
 
-/** A vector that leans with a sensor, after the sensor leans otherwise. */
+/** Rotate a vector that is attached to a sensor from one tilt to another. */
 export function releaned(v: Vec3, from: Lean, to: Lean): Vec3 {
   const [a, b] = [axesOf(from), axesOf(to)];
   return sum(...b.map((axis, i) => times(dot(v, a[i]), axis)));
 }
 
-/** The lean after what is seen in a direction of the horizon went up by an angle, degrees. */
+/** Tilt after raising a horizon direction by an angle, degrees. */
 export function raised(lean: Lean, panDeg: number, upDeg: number): Lean {
   const [, right] = viewAxes(panDeg, 0);
   const [forward, left, up] = axesOf(lean).map((axis) => turned(axis, right, upDeg * RAD));
@@ -32,7 +32,7 @@ export function raised(lean: Lean, panDeg: number, upDeg: number): Lean {
   };
 }
 
-/** A vector turned about a unit vector, radians. */
+/** Rotate a vector about a unit vector, radians. */
 export function turned(v: Vec3, about: Vec3, angle: number): Vec3 {
   const [c, s] = [Math.cos(angle), Math.sin(angle)];
   return sum(times(c, v), times(s, cross(about, v)), times((1 - c) * dot(about, v), about));

@@ -1,23 +1,23 @@
-import type { CameraAsk, CameraShown, MountOf } from "../../shared/messages";
+import type { CameraRequest, CameraInfo, MountInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 import { releaned, turned } from "./lean";
 import { RAD, type Vec3 } from "./vectors";
 
-/** Away from where the camera looks: what it is turned about, clockwise in its picture. */
-const BEHIND: Record<MountOf["camera_looks"], Vec3> = {
+/** Axis opposite to the viewing direction of the camera; positive rotation is clockwise in its image. */
+const BEHIND: Record<MountInfo["camera_looks"], Vec3> = {
   up: [0, 0, -1],
   down: [0, 0, 1],
   forward: [-1, 0, 0],
 };
 
-/** A camera, standing as asked: of those that stand plumb, the top of the picture forward, turned and leaned. */
+/** Camera with the requested mount: select the orientation, then rotate and tilt it. */
 export function standing(
-  plumb: readonly CameraShown[],
-  own: MountOf,
-  asked: CameraAsk,
-): CameraShown {
+  plumb: readonly CameraInfo[],
+  own: MountInfo,
+  asked: CameraRequest,
+): CameraInfo {
   const mount = { ...own };
-  for (const key of Object.keys(own) as (keyof MountOf)[])
+  for (const key of Object.keys(own) as (keyof MountInfo)[])
     Object.assign(mount, asked[key] == null ? {} : { [key]: asked[key] });
   const found = plumb.find(
     ({ mount: m }) =>
@@ -42,11 +42,11 @@ export function standing(
   };
 }
 
-/** The elevations that a field about an axis reaches, and the pole that the axis is nearer to. */
+/** Range of elevations of a field about an axis, and the pole closer to the axis. */
 function fieldOf(
   axis: Vec3,
-  { tables }: CameraShown,
-): Pick<CameraShown, "tilt_min_deg" | "tilt_max_deg" | "pole"> {
+  { tables }: CameraInfo,
+): Pick<CameraInfo, "tilt_min_deg" | "tilt_max_deg" | "pole"> {
   const [first, last] = [tables.first, tables.last].map(
     (s) => (2 * Math.asin(clamp(s, 0, 1))) / RAD,
   );

@@ -1,13 +1,13 @@
 import { RAD, type Vec3 } from "./vectors";
 
-/** How a device is turned against the earth, degrees, as browsers tell it: about up, then its own right, then its top. */
+/** Orientation of a device relative to the earth, degrees, as reported by browsers: rotations about up, its right axis and its top axis. */
 export interface Orientation {
   alpha: number;
   beta: number;
   gamma: number;
 }
 
-/** Where the back of a device looks: east, north and up. */
+/** Direction of the back of a device: east, north, up. */
 function backOf({ alpha, beta, gamma }: Orientation): Vec3 {
   const [[ca, sa], [cb, sb], [cg, sg]] = [alpha, beta, gamma].map((angle) => [
     Math.cos(angle * RAD),
@@ -17,7 +17,7 @@ function backOf({ alpha, beta, gamma }: Orientation): Vec3 {
   return [x * ca - y * sa, x * sa + y * ca, -cg * cb];
 }
 
-/** Whither the back of a device looks, degrees: clockwise from north, and above the horizon. */
+/** Heading (clockwise from north) and elevation of the back of a device, degrees. */
 export function aimOf(orientation: Orientation): { heading: number; tilt: number } {
   const [east, north, up] = backOf(orientation);
   return {

@@ -28,7 +28,7 @@ export function panTiltOf(d: Vec3): { pan: number; tilt: number } {
   };
 }
 
-/** Forward, right and down of a view that pans and tilts, degrees. */
+/** Forward, right and down axes of a view with pan and tilt, degrees. */
 export function viewAxes(panDeg: number, tiltDeg: number): [Vec3, Vec3, Vec3] {
   const [a, t] = [panDeg * RAD, tiltDeg * RAD];
   const forward = panTiltDirection(a, t);

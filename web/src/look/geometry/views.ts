@@ -3,10 +3,10 @@ import type { State } from "../../shared/state";
 import type { Camera } from "./camera";
 import { panTiltDirection, RAD, sum, times, type Vec3, viewAxes } from "./vectors";
 
-/** The shapes of screens, numbered as in the shader. */
+/** Types of screens, numbered as in the shader. */
 export const SHAPES = { panorama: 0, plane: 1, polar: 2, planet: 3, ground: 4 } as const;
 
-/** One screen and where it lies in the picture; `numbers` are those of the shader's uniform. */
+/** Screen and its position in the view; `numbers` is the uniform of the shader. */
 export interface Part {
   left: number;
   top: number;
@@ -15,7 +15,7 @@ export interface Part {
   shape: (typeof SHAPES)[keyof typeof SHAPES];
   axes: [Vec3, Vec3, Vec3];
   numbers: [number, number, number, number];
-  /** mm; 0 for infinitely far. */
+  /** mm; 0 for infinity */
   distance: number;
   isPoint: boolean;
 }
@@ -32,18 +32,18 @@ const MOSAIC_VIEWS = 4;
 
 const rounded4 = (x: number): number => Math.round(x * 1e4) / 1e4;
 
-/** Width over height of a panorama of all that a camera sees. */
+/** Aspect ratio of a panorama of the complete field. */
 function wholeAspect({ model: { tilt_min_deg: low, tilt_max_deg: high } }: Camera): number {
   return 360 / (high - low);
 }
 
-/** Degrees up and down that a panorama of some width over height shows: all, or so much as fills it without a gap. */
+/** Vertical range of a panorama in degrees: complete, or reduced to fill the area. */
 function heightOf(s: State, camera: Camera, aspect: number): number {
   const all = 360 / wholeAspect(camera);
   return (s.fit === "fill" ? Math.min(all, 360 / aspect) : all) / s.zoom;
 }
 
-/** Elevations of a panorama, degrees: the camera's, or the part that is left of them, moved to where it looks. */
+/** Range of elevations of a panorama, degrees, after zoom and tilt. */
 export function elevations(s: State, camera: Camera, aspect: number): [number, number] {
   const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
   const half = heightOf(s, camera, aspect) / 2;
@@ -53,20 +53,20 @@ export function elevations(s: State, camera: Camera, aspect: number): [number, n
   return [Math.max(-90, rounded4(middle - half)), Math.min(90, rounded4(middle + half))];
 }
 
-/** Whether a panorama shows all from the lowest elevation to the highest, so that there is nothing to tilt to. */
+/** Whether a panorama displays the complete range of elevations. */
 export const isAllHigh = (s: State, camera: Camera, aspect: number): boolean =>
   heightOf(s, camera, aspect) > 360 / wholeAspect(camera) - 1e-9;
 
-/** Degrees around that a panorama shows. */
+/** Horizontal range of a panorama, degrees. */
 export const spanOf = (s: State, camera: Camera, aspect: number): number =>
   rounded4(s.fit === "fill" ? heightOf(s, camera, aspect) * aspect : 360 / s.zoom);
 
-/** Angle from the pole to the edge of a dome, degrees. */
+/** Angle from the pole to the boundary of a dome, degrees. */
 export function domeEnd(s: State, camera: Camera): number {
   return Math.min(180, rounded4(poleEnd(camera) / s.zoom));
 }
 
-/** Angle from the left edge of a little planet to the right, degrees; its longer side shows the whole. */
+/** Horizontal angle of a little planet, degrees; its longer side contains the complete field. */
 export function planetWidth(s: State, camera: Camera, aspect: number): number {
   const widest = Math.min(2 * poleEnd(camera), WIDEST_PLANET_DEG);
   return rounded4(
@@ -74,7 +74,7 @@ export function planetWidth(s: State, camera: Camera, aspect: number): number {
   );
 }
 
-/** Scale of the plan of the ground, mm per pixel. */
+/** Scale of the ground plan, mm per pixel. */
 export function groundScale(s: State, width: number, height: number): number {
   const side = s.fit === "fill" ? Math.max(width, height) : Math.min(width, height);
   const scale = (PLAN_HEIGHTS * s.height) / s.zoom / side;
@@ -86,15 +86,15 @@ function poleEnd(camera: Camera): number {
   return pole === "zenith" ? 90 - tilt_min_deg : 90 + tilt_max_deg;
 }
 
-/** Width over height that the mode asks for; null where any will do. */
+/** Aspect ratio of the view type; null for any. */
 export function aspectOf(s: State, camera: Camera): number | null {
   if (s.mode === "mosaic") return 1 / (1 / wholeAspect(camera) + 3 / 4 / MOSAIC_VIEWS);
-  if (s.mode === "dome") return 1; // round, and cut off where it would be wider
+  if (s.mode === "dome") return 1; // circular, cropped if the area is wider
   if (s.mode === "perspective" || s.fit === "fill") return null;
   return s.mode === "panorama" ? wholeAspect(camera) : 1;
 }
 
-/** The view of a state, so many pixels large. A mosaic's height follows from its width. */
+/** View of a state with a given size in pixels. The height of a mosaic follows from its width. */
 export function viewOf(s: State, camera: Camera, width: number, height: number): View {
   const distance = Number.isFinite(s.distance) ? s.distance : 0;
   const box = { left: 0, top: 0, width, height };
@@ -170,7 +170,7 @@ function plane(pan: number, tilt: number, hfov: number, width: number, distance:
   };
 }
 
-/** Looking down at the nadir, or up at the zenith from the opposite side: forward is at the top in both. */
+/** Axes of a view of the nadir, or of the zenith from the opposite side; forward is at the top in both. */
 function polar(
   shape: Part["shape"],
   pan: number,
@@ -182,13 +182,13 @@ function polar(
   return { shape, axes, numbers, distance, isPoint: distance > 0 };
 }
 
-/** To a whole number as Python rounds, halves to the even one. */
+/** Round half to even, like Python. */
 function rounded(x: number): number {
   const near = Math.round(x);
   return Math.abs(x % 1) === 0.5 && near % 2 ? near - 1 : near;
 }
 
-/** A panorama, turned by 45 degrees, over four perspective views, each under its own quarter. */
+/** Panorama, rotated by 45 degrees, above four perspective views of its quarters. */
 function mosaic(s: State, camera: Camera, width: number, distance: number): View {
   const side = Math.max(1, rounded(width / MOSAIC_VIEWS));
   const under = Math.max(1, rounded((side * 3) / 4));
@@ -210,7 +210,7 @@ function mosaic(s: State, camera: Camera, width: number, distance: number): View
   return { width: MOSAIC_VIEWS * side, height: over + under, parts };
 }
 
-/** What a pixel of a view looks at: a point in mm, or a direction; null where it looks at nothing. */
+/** Target of a pixel of a view: point in mm or direction; null outside. */
 export function targetIn(view: View, u: number, v: number): Vec3 | null {
   const part = view.parts.find(
     (p) => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height,
@@ -218,7 +218,7 @@ export function targetIn(view: View, u: number, v: number): Vec3 | null {
   return part ? targetAt(part, u - part.left, v - part.top) : null;
 }
 
-/** What a pixel of a part looks at: a point in mm, or a direction; null where it looks at nothing. */
+/** Target of a pixel of a part: point in mm or direction; null outside. */
 export function targetAt(part: Part, u: number, v: number): Vec3 | null {
   const [a, b, c, d] = part.numbers;
   const [forward, right, down] = part.axes;

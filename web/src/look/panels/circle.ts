@@ -13,9 +13,9 @@ const STEPS: Record<string, readonly [number, number]> = {
   ArrowDown: [0, 1],
   ArrowUp: [0, -1],
 };
-const COARSE = 10; // with the shift key
+const COARSE = 10; // with the Shift key
 
-/** The picture as it was taken, with what the view shows of it, and handles to fit its circle. */
+/** Raw image with the outline of the view, and handles to fit the circle. */
 export class CirclePane {
   private readonly raw = byId<HTMLCanvasElement>("raw");
   private readonly overlay = byId<SVGSVGElement>("overlay");
@@ -104,7 +104,7 @@ export class CirclePane {
     }
   }
 
-  /** Put a handle where it belongs, and say where that is. */
+  /** Set position and value text of a handle. */
   private put(
     which: Handle,
     u: number,
@@ -124,7 +124,7 @@ export class CirclePane {
       this.handles[which].setAttribute(name, String(text));
   }
 
-  /** Arrow keys move the centre, or make the circle larger (right, up) and smaller; with shift ten pixels at a time. */
+  /** Arrow keys move the centre or change the radius (right, up: larger); with Shift by 10 px. */
   private key(e: KeyboardEvent, which: Handle): void {
     const step = STEPS[e.key];
     if (!step || !this.camera) return;
@@ -135,11 +135,11 @@ export class CirclePane {
       which === "centre"
         ? { u: u + du, v: v + dv, radius }
         : { u, v, radius: Math.max(4, radius + du - dv) };
-    this.camera = this.camera.fitted(circle, this.camera.size); // the next key may come before it is drawn
+    this.camera = this.camera.fitted(circle, this.camera.size); // further key presses can precede the next frame
     this.fitted(circle);
   }
 
-  /** Picture pixels in a pixel of the screen. */
+  /** Image pixels per screen pixel. */
   private get unit(): number {
     return 1 / (this.overlay.getScreenCTM()?.a || 1);
   }
@@ -203,7 +203,7 @@ function seenAt(camera: Camera, part: Part, u: number, v: number): Pixel | null 
   return found?.seen ? found.pixel : null;
 }
 
-/** The outline of a part of the view in the picture; where it leaves the field it follows the end of the field. */
+/** Outline of a part of the view in the image; follows the field boundary outside the field. */
 function outline(camera: Camera, part: Part): string {
   const [w, h] = [part.width, part.height];
   const points: Pixel[] = [];

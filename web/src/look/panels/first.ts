@@ -2,58 +2,58 @@ import { background } from "../../shared/background";
 import { byId, h } from "../../shared/dom";
 import { INITIAL, type Looks } from "../../shared/state";
 import type { Store } from "../../shared/store";
-import type { RimFound } from "../../shared/messages";
+import type { DetectedOutline } from "../../shared/messages";
 import type { Feed } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
 import { alone } from "../supply";
 import { hasSize, percent, type RimPanel } from "./rim";
 import type { SensorPanel } from "./sensor";
 
-/** What takes such pictures, in plain words, the sensor that stands for it, and which way the camera looks then. */
-interface Answer {
+/** Camera types for the first question: description, sensor, and orientation. */
+interface DesignResponse {
   answer: string;
   seen: string;
   sensor: string;
   looks: Looks;
 }
 
-const TAKEN_BY: readonly Answer[] = [
+const TAKEN_BY: readonly DesignResponse[] = [
   {
     answer: "A mirror ball",
-    seen: "a whole ball; who took it stands in the middle",
+    seen: "a complete sphere; the photographer is in the centre",
     sensor: "ball:340",
     looks: "forward",
   },
   {
-    answer: "Most of a ball",
-    seen: "as hangs under a shop's ceiling",
+    answer: "A mirror dome",
+    seen: "for example on the ceiling of a shop",
     sensor: "ball:260",
     looks: "up",
   },
   {
-    answer: "A bulging mirror",
-    seen: "as at street corners and driveways",
+    answer: "A convex mirror",
+    seen: "for example at street corners and driveways",
     sensor: "ball:160",
     looks: "forward",
   },
   {
     answer: "A panorama mirror",
-    seen: "screwed to a lens, a hole or the lens in its middle",
+    seen: "attached to a lens, with a hole or the lens in the centre",
     sensor: "exact-equidistant",
     looks: "up",
   },
 ];
 
-/** What the card needs of the tab. */
+/** Interface of the tab for the card. */
 interface Hands {
   rim: RimPanel;
   sensor: () => SensorPanel;
   feed: () => Feed | null;
-  /** Have it stand plumb, if that can be told. */
+  /** Level the camera automatically, if reliable. */
   level: () => Promise<void>;
 }
 
-/** The first look at a picture: its mirror is found by itself, and who opened it is asked once what took it. */
+/** First steps with a new image: detect the mirror, and request the type of camera once. */
 export class FirstLook {
   private readonly card = byId("ask");
   private isKnown: boolean;
@@ -72,12 +72,12 @@ export class FirstLook {
     });
   }
 
-  /** Say that the camera was told from the beginning. */
+  /** The camera was given initially. */
   known(): void {
     this.isKnown = true;
   }
 
-  /** Find the mirror in a picture whose circle nobody has said. */
+  /** Detect the mirror in an image without a known circle. */
   async look(feed: Feed): Promise<void> {
     const { camera } = this.hands.sensor();
     if (
@@ -93,29 +93,29 @@ export class FirstLook {
     if (found && feed === this.hands.feed() && !(this.isKnown && found.is_sure)) this.ask(found);
   }
 
-  private ask(found: RimFound | null): void {
+  private ask(found: DetectedOutline | null): void {
     const close = h(
       "button",
       {
         type: "button",
         className: "small",
-        "aria-label": "Put this away",
+        "aria-label": "Close",
         onclick: () => this.done(),
       },
       "×",
     );
     const where = found?.is_sure
-      ? h("p", {}, `The mirror was found in it, ${percent(found.confidence)} sure.`)
+      ? h("p", {}, `The mirror was detected; confidence ${percent(found.confidence)}.`)
       : h(
           "p",
           {},
           found
-            ? "Where the mirror ends is not clear in this picture. "
-            : "Where the mirror ends is a guess so far. ",
+            ? "The mirror outline in this image is uncertain. "
+            : "The mirror outline is a guess. ",
           h(
             "button",
             { type: "button", className: "small", onclick: () => this.byHand() },
-            "Set its edge by hand",
+            "Fit it manually",
           ),
         );
     const answers = TAKEN_BY.map((given) =>
@@ -129,25 +129,25 @@ export class FirstLook {
     const file = h(
       "button",
       { type: "button", onclick: () => this.fromFile() },
-      "A camera I have a file of",
-      h("small", {}, "a sensor or calibration file"),
+      "A camera with a file",
+      h("small", {}, "sensor file or calibration file"),
     );
     const question = this.isKnown
       ? []
       : [
-          h("h2", { id: "ask-title" }, "What took this picture?"),
+          h("h2", { id: "ask-title" }, "Which camera captured this image?"),
           h("div", { className: "answers" }, ...answers, ...(alone ? [] : [file])),
         ];
     this.card.replaceChildren(close, where, ...question);
     this.card.hidden = false;
   }
 
-  private async answered({ sensor, looks }: Answer): Promise<void> {
+  private async answered({ sensor, looks }: DesignResponse): Promise<void> {
     const { rim } = this.store.state;
     this.done();
     await this.hands.sensor().choose(sensor, rim, looks);
     if (rim && !alone)
-      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // once it is drawn through the new camera
+      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // after the first frame with the new camera
   }
 
   private fromFile(): void {
@@ -166,6 +166,6 @@ export class FirstLook {
   }
 }
 
-/** Whether a picture is of the size that a sensor's own pictures have; balls have none. */
+/** Whether an image has the size of the images of a sensor; not applicable to mirror balls. */
 const isOwn = ({ model }: Camera, feed: Feed): boolean =>
   model.kind !== "ball" && hasSize(model, [feed.width, feed.height]);

@@ -10,20 +10,20 @@ const KEY_STEP = 0.06; // of the width of the view
 const ZOOM_STEP = 1.15;
 const FRICTION_S = 0.25;
 
-/** What dragging does while the horizon is levelled. */
+/** Dragging while the horizon is levelled. */
 interface Horizon {
   isDragged: () => boolean;
   drag: (from: PointerEvent, to: PointerEvent) => void;
   settle: () => void;
 }
 
-/** Where the view lies that is moved, on the screen; `choose` makes it the one that a pointer is at. */
+/** Screen rectangle of the active view; `choose` activates the view under the pointer. */
 interface Shown {
   box: () => DOMRect;
   choose: (e: PointerEvent) => void;
 }
 
-/** Dragging, wheel, pinch and keys on the view. */
+/** Drag, wheel, pinch and key controls of the view. */
 export class Gestures {
   glides = !matchMedia("(prefers-reduced-motion: reduce)").matches;
   private readonly pointers = new Map<number, PointerEvent>();
@@ -95,7 +95,7 @@ export class Gestures {
     let last = performance.now();
     const step = (now: number): void => {
       const passed = (now - last) / 1000;
-      const seconds = Math.min(passed, 0.05); // no leap after a picture that took long
+      const seconds = Math.min(passed, 0.05); // limits the step after a slow frame
       last = now;
       const rest = Math.exp(-passed / FRICTION_S);
       [x, y] = [x * rest, y * rest];
@@ -105,7 +105,7 @@ export class Gestures {
     this.gliding = requestAnimationFrame(step);
   }
 
-  /** What is under the pointer goes with it; round views and plans turn about their middle. */
+  /** The point under the pointer follows it; circular views and plans rotate about their centre. */
   private drag(dx: number, dy: number, at: PointerEvent): void {
     const { state: s } = this.store;
     const camera = this.camera();
@@ -121,7 +121,7 @@ export class Gestures {
     this.turn(-dx / box.width, dy / box.width);
   }
 
-  /** Turn right and up by parts of the width of the view. */
+  /** Pan and tilt by fractions of the width of the view. */
   private turn(right: number, up: number): void {
     const s = asShown(this.store.state);
     const camera = this.camera();

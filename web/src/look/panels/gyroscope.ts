@@ -5,18 +5,17 @@ import { wrapped } from "../../shared/numbers";
 import type { Store } from "../../shared/store";
 import { aimOf, type Orientation } from "../geometry/turning";
 
-const WAIT_MS = 1500; // for the first word of a device that can tell
-const STEEP_DEG = 80; // from which it does not turn sideways: a device that lies flat has no direction there
-const NOT_TOLD = "This device does not tell how it is turned.";
+const WAIT_MS = 1500; // timeout for the first orientation event
+const STEEP_DEG = 80; // pitch limit for pan: the heading of a horizontal device is undefined
+const NOT_TOLD = "This device does not report its orientation.";
 const REFUSED =
-  "Motion was refused. Allow it for this page in the browser's settings, and try again.";
-const NOT_SAFE =
-  "Browsers tell how a device is turned to pages of this machine, or over https, only.";
+  "Access to motion sensors was denied. Allow it for this page in the browser settings, and try again.";
+const NOT_SAFE = "Browsers report the device orientation only to local pages and over https.";
 
-/** Safari asks, and only if somebody pressed something. */
+/** Safari requires a permission after a user action. */
 type Asking = { requestPermission?: () => Promise<"granted" | "denied"> };
 
-/** The view turns as the phone in the hand is turned. */
+/** View that follows the orientation of a device. */
 export class GyroscopePanel {
   private readonly button = byId<HTMLButtonElement>("gyroscope");
   private last: number | null = null;
@@ -54,14 +53,14 @@ export class GyroscopePanel {
     this.button.setAttribute("aria-pressed", "false");
   }
 
-  /** Nothing was told: it is no device that is turned. */
+  /** Without events, the device has no orientation sensor. */
   private give(): void {
     this.stop();
     allow(this.button, NOT_TOLD);
     say(NOT_TOLD);
   }
 
-  /** Sideways as far as it was turned, so that one may drag too; up and down as it stands. */
+  /** Pan by the change of heading, so that dragging remains possible; tilt is absolute. */
   private follow({ alpha, beta, gamma }: DeviceOrientationEvent): void {
     if (alpha === null || beta === null || gamma === null) return;
     clearTimeout(this.waiting);

@@ -13,9 +13,9 @@ import { elevations } from "../geometry/views";
 import type { Place } from "../stage";
 import type { SensorPanel } from "./sensor";
 
-const LOOKED_AT = 1440; // px of the longer side
+const LOOKED_AT = 1440; // px, longer side of the analysed image
 
-/** Levelling a sensor that leaned: what is taken hold of in the view goes up and down, to the line of the horizon. */
+/** Levelling of a tilted sensor: points dragged in the view move to the line of the horizon. */
 export class LevelPanel {
   private readonly button = byId<HTMLButtonElement>("level");
   private readonly line = byId("horizon");
@@ -39,7 +39,7 @@ export class LevelPanel {
     );
   }
 
-  /** What is looked at, and through what. */
+  /** Set the current image and camera. */
   follow(camera: Camera, feed: Feed): void {
     this.seen = { camera, feed };
     const isKnown =
@@ -49,15 +49,15 @@ export class LevelPanel {
       this.finder,
       isKnown
         ? null
-        : "Levels are found of mirror balls, and of sensors whose mirror is in its place; drag the horizon.",
+        : "Automatic levelling requires a mirror ball or a sensor with an aligned mirror; drag the horizon instead.",
     );
   }
 
-  /** Have upright edges of the picture tell how the sensor leaned; unasked only what is sure counts. */
+  /** Estimate the tilt from vertical edges; automatic calls apply reliable results only. */
   async find(isAsked = true): Promise<void> {
-    if (!this.seen) return say("Open a picture first.");
+    if (!this.seen) return say("Open an image first.");
     const { camera, feed } = this.seen;
-    busy("Looking for what stands upright…");
+    busy("Detecting vertical edges…");
     try {
       const { picture, scale } = await fileOf(feed, LOOKED_AT);
       const found = await api.level(askOf(camera, feed.name, scale), picture);
@@ -65,14 +65,14 @@ export class LevelPanel {
       const isSure = found && (isAsked || found.is_sure);
       if (!found || !isSure)
         return isAsked
-          ? say("Too little stands upright in it to tell; drag the horizon instead.")
+          ? say("The image has too few vertical edges; drag the horizon instead.")
           : undefined;
       await this.sensor().want({
         pitch: +found.pitch_deg.toFixed(2),
         roll: +found.roll_deg.toFixed(2),
       });
       say(
-        `It leaned ${fixed(found.pitch_deg, 1)}° and ${fixed(found.roll_deg, 1)}°, give or take ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, by ${found.upright} upright edges`,
+        `Pitch ${fixed(found.pitch_deg, 1)}°, roll ${fixed(found.roll_deg, 1)}°, standard error ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, from ${found.upright} vertical edges`,
       );
     } catch (e) {
       if (isAsked) fail(e);
@@ -85,12 +85,12 @@ export class LevelPanel {
     return this.button.getAttribute("aria-pressed") === "true";
   }
 
-  /** Whether a drag of the view moves the horizon. */
+  /** Whether dragging moves the horizon. */
   isDragged(): boolean {
     return this.isOn && isLevelled(this.store.state);
   }
 
-  /** Take what is seen in one direction to the height of another. */
+  /** Move the point in one direction to the elevation of another. */
   drag(from: Vec3, to: Vec3): void {
     const mount = this.sensor().camera?.model.mount;
     if (!mount) return;
@@ -100,7 +100,7 @@ export class LevelPanel {
     );
   }
 
-  /** Show where the horizon belongs, over a view in its place on a canvas. */
+  /** Draw the horizon line in the active view. */
   show(camera: Camera | null, canvas: HTMLElement, place: Place): void {
     byId("plumb").hidden =
       !camera || (camera.model.mount.pitch_deg === 0 && camera.model.mount.roll_deg === 0);
@@ -117,7 +117,7 @@ export class LevelPanel {
   }
 }
 
-/** The question about a picture that is so many times smaller than the one that is shown. */
+/** Request for a reduced copy of the displayed image. */
 function askOf(
   { model, circle, size }: Camera,
   name: string,
@@ -136,7 +136,7 @@ function askOf(
 
 const isLevelled = (s: State): boolean => s.mode === "panorama" || s.mode === "perspective";
 
-/** How far down a view its horizon lies, as a part of its height. */
+/** Relative height of the horizon in a view, from the top. */
 function heightOf(s: State, camera: Camera, aspect: number): number {
   if (s.mode === "perspective")
     return 0.5 + (aspect / 2 / Math.tan((s.hfov * RAD) / 2)) * Math.tan(s.tilt * RAD);

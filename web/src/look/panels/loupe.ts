@@ -3,10 +3,10 @@ import type { Circle } from "../geometry/camera";
 import type { Pixel } from "../geometry/vectors";
 
 const SIDE = 132; // px on the screen
-const ENLARGED = 4; // over how large the pane shows the picture
+const ENLARGED = 4; // magnification relative to the pane
 const RIM = "#ffb454";
 
-/** The picture around a handle that is dragged, enlarged: a finger hides what it aims at. */
+/** Magnifier for a dragged handle, which a finger covers. */
 export class Loupe {
   private readonly canvas = Object.assign(document.createElement("canvas"), {
     className: "loupe",
@@ -18,14 +18,14 @@ export class Loupe {
     pane.append(this.canvas);
   }
 
-  /** Show what lies around a pixel, in the corner that is farther from it; `unit` is how many pixels one of the screen is. */
+  /** Magnify the surroundings of a pixel in the opposite corner; `unit` is the number of image pixels per screen pixel. */
   show({ picture, width }: Feed, [u, v]: Pixel, circle: Circle, unit: number): void {
     const { canvas } = this;
     const dots = Math.min(devicePixelRatio, 2);
     canvas.width = canvas.height = SIDE * dots;
     canvas.classList.toggle("right", u < width / 2);
     canvas.hidden = false;
-    const scale = (ENLARGED * dots) / unit; // of a pixel of the picture
+    const scale = (ENLARGED * dots) / unit; // per image pixel
     const at = (x: number, about: number): number => canvas.width / 2 + (x - about) * scale;
     const context = canvas.getContext("2d")!;
     context.setTransform(scale, 0, 0, scale, at(-0.5, u), at(-0.5, v));

@@ -1,21 +1,21 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
 import { byId } from "../../shared/dom";
-import type { CameraShown, RimFound } from "../../shared/messages";
+import type { CameraInfo, DetectedOutline } from "../../shared/messages";
 import { busy, fail, say } from "../../shared/notices";
 import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
 
-const LOOKED_AT = 1440; // px of the longer side, in which a rim is found as well as in more
-const GUESS = 0.48; // of the shorter side of a picture whose circle is not known
+const LOOKED_AT = 1440; // px, longer side of the analysed image; larger images do not improve the detection
+const GUESS = 0.48; // guessed radius, relative to the shorter image side
 
-/** Fitting the circle of a camera to the picture, by numbers and by dragging. */
+/** Fit of the image circle by numbers or dragging. */
 export class RimPanel {
   private readonly button = byId<HTMLButtonElement>("adjust");
   private readonly finder = byId<HTMLButtonElement>("find-rim");
   private feed: Feed | null = null;
-  private readonly found = new WeakMap<Feed, RimFound>();
+  private readonly found = new WeakMap<Feed, DetectedOutline>();
   private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) =>
     byId<HTMLInputElement>(id),
   );
@@ -44,10 +44,10 @@ export class RimPanel {
     this.store.set({ rim: [round(u), round(v), round(radius)] });
   }
 
-  /** Have the server find the mirror in what is shown, and take its circle where that is sure; null where it could not look. */
-  async find(feed: Feed): Promise<RimFound | null> {
+  /** Detect the mirror on the server, and use its circle if reliable; null if the request failed. */
+  async find(feed: Feed): Promise<DetectedOutline | null> {
     this.finder.disabled = true;
-    busy("Looking for the mirror…");
+    busy("Detecting the mirror…");
     try {
       const found = (!feed.moves && this.found.get(feed)) || (await lookedAt(feed));
       this.found.set(feed, found);
@@ -65,17 +65,17 @@ export class RimPanel {
   }
 
   private async findHere(): Promise<void> {
-    if (!this.feed) return say("Open a picture first.");
+    if (!this.feed) return say("Open an image first.");
     const found = await this.find(this.feed);
     if (found)
       say(
         found.is_sure
-          ? `Circle found, ${percent(found.confidence)} sure`
-          : "No mirror was found for sure. Fit its circle by hand.",
+          ? `Circle detected; confidence ${percent(found.confidence)}`
+          : "No reliable mirror outline was detected. Fit the circle manually.",
       );
   }
 
-  /** How the circle of a picture came about, in words. */
+  /** Origin of the circle as text. */
   words(feed: Feed): string {
     const { rim } = this.store.state;
     const found = this.found.get(feed);
@@ -87,10 +87,12 @@ export class RimPanel {
         rim[1] - found.centre_px[1],
         rim[2] - found.radius_px,
       ) < 0.1;
-    return isFound ? `. The mirror was found by itself, ${percent(found.confidence)} sure` : "";
+    return isFound
+      ? `. Mirror detected automatically, confidence ${percent(found.confidence)}`
+      : "";
   }
 
-  /** The camera with the circle that the state, or else the size of the picture, asks for. */
+  /** Camera with the circle of the state, or of the image size. */
   fit(camera: Camera, feed: Feed | null, rim = this.store.state.rim): Camera {
     const size = feed ? ([feed.width, feed.height] as const) : camera.model.image_size;
     if (!camera.model.is_adjustable) return camera;
@@ -119,8 +121,8 @@ export class RimPanel {
   }
 }
 
-/** The mirror in what a feed shows now, in its own pixels. */
-async function lookedAt(feed: Feed): Promise<RimFound> {
+/** Detect the mirror in the current frame, in pixels of the feed. */
+async function lookedAt(feed: Feed): Promise<DetectedOutline> {
   const { picture, scale } = await fileOf(feed, LOOKED_AT);
   const found = await api.rim(picture, feed.name);
   const [u, v] = found.centre_px.map((c) => (c + 0.5) * scale - 0.5);
@@ -129,6 +131,6 @@ async function lookedAt(feed: Feed): Promise<RimFound> {
 
 export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
 
-/** Whether a camera's pictures have a size. */
-export const hasSize = ({ image_size }: CameraShown, [w, h]: readonly [number, number]): boolean =>
+/** Whether the images of a camera have a given size. */
+export const hasSize = ({ image_size }: CameraInfo, [w, h]: readonly [number, number]): boolean =>
   image_size[0] === w && image_size[1] === h;

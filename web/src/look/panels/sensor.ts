@@ -11,20 +11,20 @@ import { Camera } from "../geometry/camera";
 import type { Lean } from "../geometry/lean";
 import * as supply from "../supply";
 
-/** What of the state says which camera it is, and how it stands. */
+/** Part of the state that determines the camera and its mount. */
 type Chosen = Pick<State, (typeof CHOSEN)[number]>;
 
-/** What the panel needs of the page. */
+/** Interface of the page for the panel. */
 interface Hands {
-  /** The camera is another one now. */
+  /** Called when the camera changes. */
   changed: () => void;
-  /** What else has to be there before the view can be of another sensor: what then shows it, or null. */
+  /** Prepare other data of a new sensor; returns a function that displays them, or null. */
   prepare: (wanted: State) => Promise<(() => void) | null>;
 }
 
-const MOST_HAD = 16; // cameras, of some MB where they have no axis of symmetry
+const MAX_CACHED = 16; // number of cached cameras; several MB each without rotational symmetry
 
-/** Choosing a sensor, saying how it stood, and fitting its circle to the picture. */
+/** Selection and mount of a sensor, and its calibration file. */
 export class SensorPanel {
   private readonly select = byId<HTMLSelectElement>("sensor");
   private readonly showLooks: (looks: Looks) => void;
@@ -33,9 +33,9 @@ export class SensorPanel {
   private asked = 0;
   private chosen: Chosen | null = null;
   camera: Camera | null = null;
-  /** The camera as the server has it; the other one may lean otherwise while the horizon is dragged. */
+  /** Camera as loaded from the server; the displayed one can have another tilt while the horizon is dragged. */
   private fetched: Camera | null = null;
-  /** The file of a sensor that was made here, which no folder holds yet. */
+  /** File of a sensor that was created by the page. */
   made: Kept | null = null;
 
   constructor(
@@ -45,14 +45,14 @@ export class SensorPanel {
     const looks = [
       ["up", "up"],
       ["down", "down"],
-      ["forward", "ahead"],
+      ["forward", "forward"],
     ] as const;
     this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) =>
       background(this.want({ looks: value, pitch: null, roll: null })),
-    ); // a lean is one of the way that it looks
+    ); // tilt depends on the orientation
     const optics = [
-      ["mirror", "a mirror"],
-      ["fisheye", "a fisheye"],
+      ["mirror", "mirror"],
+      ["fisheye", "fisheye"],
     ] as const;
     this.showOptics = choices<Optics>(byId("optics"), "optics", optics, (value) =>
       background(this.loadAgain(value)),
@@ -91,17 +91,17 @@ export class SensorPanel {
     );
   }
 
-  /** Take a sensor that stands as its own file says, or looks otherwise, its circle where it was found in the picture. */
+  /** Select a sensor with the mount of its file or another orientation, keeping the detected circle. */
   async choose(sensor: string, rim: State["rim"], looks: Looks): Promise<void> {
-    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // where a mirror shows what is behind the camera
+    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // a forward-looking camera images the scene behind it
   }
 
-  /** Offer what the server knows. */
+  /** List the cameras of the server. */
   offer(entries: SensorEntry[]): void {
     this.select.replaceChildren(...entries.map((e) => this.option(e)));
   }
 
-  /** Read a calibration file, and choose it; `isMade` is for one of a design on the bench. */
+  /** Read a calibration file and select it; `isMade` for a design of the bench. */
   async load(file: Blob, name: string, optics: Optics = "mirror", isMade = false): Promise<void> {
     try {
       await checkReadable(file, name);
@@ -114,13 +114,13 @@ export class SensorPanel {
     }
   }
 
-  /** OCamCalib's files do not say what they are of. */
+  /** Files of OCamCalib do not contain the type of optics. */
   private async loadAgain(optics: Optics): Promise<void> {
     const file = await kept(this.store.state.sensor);
     if (file) await this.load(file.blob, file.name, optics);
   }
 
-  /** Take another sensor, or one that stands otherwise: its name, its view and the address change together, once all is there. */
+  /** Select another sensor or mount; name, view and address change together when all data are loaded. */
   async want(change: Partial<State> = {}, turns = true): Promise<boolean> {
     const wanted = { ...this.store.state, ...change };
     const number = ++this.asked;
@@ -130,8 +130,8 @@ export class SensorPanel {
       this.store.set(change, turns);
       return true;
     }
-    if (this.camera) this.show(this.camera); // until then, all names what is shown
-    busy("Fetching the sensor…");
+    if (this.camera) this.show(this.camera); // until then, controls describe the displayed camera
+    busy("Loading the sensor…");
     try {
       const [camera, show] = await Promise.all([this.fetch(wanted), this.hands.prepare(wanted)]);
       if (number !== this.asked) return false;
@@ -150,7 +150,7 @@ export class SensorPanel {
     }
   }
 
-  /** Keep the sensor that is shown, since another one could not be had; where there is none, the first of all. */
+  /** Keep the current sensor after a failure; without one, select the default. */
   private async stay(e: unknown, sensor: string): Promise<void> {
     fail(e, "sensor");
     if (this.chosen && this.fetched) {
@@ -164,13 +164,13 @@ export class SensorPanel {
       fail(e, "sensor");
   }
 
-  /** The camera of a state, from the server where it was not fetched before. */
+  /** Camera of a state, from the cache or the server. */
   async fetch(wanted: Chosen): Promise<Camera> {
     const name = JSON.stringify(CHOSEN.map((key) => wanted[key]));
     const camera = this.had.get(name) ?? (await this.fetchAnew(wanted));
     this.had.delete(name);
-    this.had.set(name, camera); // as the last one
-    if (this.had.size > MOST_HAD) this.had.delete(this.had.keys().next().value!);
+    this.had.set(name, camera); // most recently used last
+    if (this.had.size > MAX_CACHED) this.had.delete(this.had.keys().next().value!);
     return camera;
   }
 
@@ -194,7 +194,7 @@ export class SensorPanel {
       const file = await kept(sensor);
       if (!(e instanceof api.Refused) || supply.alone) throw e;
       if (!file) throw sensor.startsWith("file:") ? new api.Refused(ELSEWHERE) : e;
-      await api.loadSensor(file.blob, file.name, file.optics); // the server was started anew
+      await api.loadSensor(file.blob, file.name, file.optics); // the server was restarted
       return api.camera(asked);
     });
     return new Camera(model, tables);
@@ -206,7 +206,7 @@ export class SensorPanel {
     this.hands.changed();
   }
 
-  /** Lean it otherwise, as while the horizon is dragged. */
+  /** Set another tilt temporarily, while the horizon is dragged. */
   lean(to: Lean): void {
     if (!this.camera) return;
     this.camera = this.camera.leaning(to);
@@ -214,7 +214,7 @@ export class SensorPanel {
     this.hands.changed();
   }
 
-  /** Have the server's camera that leans as this one. */
+  /** Load the camera with the current tilt. */
   settleLean(): void {
     const mount = this.camera?.model.mount;
     if (mount)
@@ -225,7 +225,7 @@ export class SensorPanel {
 
   private show({ model }: Camera): void {
     byId("sensor-words").textContent =
-      `${model.title.replace(/\.$/, "")}. Field ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}° of elevation.`;
+      `${model.title.replace(/\.$/, "")}. Elevation ${model.tilt_min_deg.toFixed(0)}° to ${model.tilt_max_deg.toFixed(0)}°.`;
     this.select.value = model.id;
     if (this.select.value !== model.id) this.add(model);
     this.showLooks(model.mount.camera_looks);
@@ -267,7 +267,7 @@ export class SensorPanel {
 type Optics = NonNullable<Kept["optics"]>;
 
 const ELSEWHERE =
-  "This link looks through a sensor file that this browser does not hold: links hold the view, not the file. Load it with Load…";
+  "This link requires a sensor file that is not stored in this browser; links contain the view, not the file. Select the file with Load…";
 const isSame = (a: Chosen, b: Chosen): boolean => CHOSEN.every((key) => a[key] === b[key]);
 const CHOSEN = ["sensor", "looks", "forward", "flipped", "pitch", "roll"] as const;
 const AS_IN_FILE = {

@@ -15,7 +15,7 @@ const degrees = (x: number): string => `${x.toFixed(1)}°`;
 const millimetres = (mm: number): string =>
   mm >= 9995 ? `${(mm / 1000).toFixed(1)} m` : `${Math.round(mm)} mm`;
 
-/** Even steps of the slider for even factors of the value. */
+/** Logarithmic slider scale. */
 function factors(low: number, high: number): Pick<Scale, "to" | "from"> {
   const range = Math.log(high / low);
   return {
@@ -40,7 +40,7 @@ const SCALES: Scale[] = [
   },
 ];
 
-/** Sliders that follow the state and set it. */
+/** Sliders bound to the state. */
 export function bindSliders(store: Store): void {
   const show = (s: State): void => {
     for (const { key, from, words } of SCALES) {

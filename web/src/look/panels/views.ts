@@ -14,7 +14,7 @@ import {
 import type { Store } from "../../shared/store";
 import { asShown, type Place } from "../stage";
 
-/** The kinds of views, as people call them. */
+/** Displayed names of view types. */
 const TITLES: Record<State["mode"], string> = {
   panorama: "Panorama",
   perspective: "Perspective",
@@ -31,14 +31,14 @@ const AROUND = [
   ["Left", -90],
 ] as const;
 
-/** Views that are kept under names: chosen one by one, or shown side by side and moved each by itself. */
+/** Stored views: selected individually, or displayed side by side. */
 export class ViewsPanel {
   private readonly list = byId("kept-views");
   private readonly together = byId<HTMLButtonElement>("all-views");
   private readonly cells = byId("cells");
   private shape = "";
 
-  /** `sources` are those among which there is a choice, by what the state calls them. */
+  /** `sources` are the available sources by name. */
   constructor(
     private readonly store: Store,
     private readonly sources: () => readonly { source: string; name: string }[],
@@ -49,7 +49,7 @@ export class ViewsPanel {
     this.show();
   }
 
-  /** What is on the stage: the view, or all that are kept. */
+  /** Displayed views: the current one, or all stored ones. */
   states(): State[] {
     const s = asShown(this.store.state);
     const { kept } = this;
@@ -60,23 +60,23 @@ export class ViewsPanel {
       : [s];
   }
 
-  /** Those that are of other pictures than the one that is shown, or through other cameras. */
+  /** Views of other images or cameras. */
   others(): State[] {
     return this.states().filter((s) => this.isOther(s));
   }
 
-  /** Whether a view is of another picture, or through another camera, than what is shown. */
+  /** Whether a view has another image or camera than the main one. */
   isOther(view: State): boolean {
     return TAKEN.some((key) => String(view[key]) !== String(this.store.state[key]));
   }
 
-  /** Which of them is moved. */
+  /** Index of the active view. */
   get active(): number {
     const { all, view } = this.store.state;
     return all ? Math.min(Math.max(view, 0), Math.max(this.kept.length - 1, 0)) : 0;
   }
 
-  /** Make the view the one that is moved which lies at a place of the canvas, px. */
+  /** Activate the view at a position of the canvas, px. */
   chooseAt(places: readonly Place[], x: number, y: number): void {
     const at = places.findIndex(
       (p) => x >= p.left && y >= p.top && x < p.left + p.width && y < p.top + p.height,
@@ -84,7 +84,7 @@ export class ViewsPanel {
     if (at >= 0 && places.length > 1 && at !== this.active) this.go(at);
   }
 
-  /** Say which view is which, where there are several, and of those that show nothing why. */
+  /** Label the views, and display errors of missing ones. */
   label(places: readonly Place[], canvas: HTMLElement, doubt: (s: State) => string): void {
     const shown = places.length > 1 ? places : [];
     while (this.cells.children.length > shown.length) this.cells.lastElementChild!.remove();
@@ -109,7 +109,7 @@ export class ViewsPanel {
     return viewsIn(this.store.state.views) ?? [];
   }
 
-  /** The view that is shown, among those that are kept; -1 where it is none of them. */
+  /** Index of the displayed view among the stored ones; -1 if there is none. */
   private get current(): number {
     const s = this.store.state;
     return s.all
@@ -128,13 +128,13 @@ export class ViewsPanel {
     });
   }
 
-  /** What is shown, as a view to be kept: of what is looked at, where there are several. */
+  /** Current view to be stored, with its source if there are several. */
   private named(name: string): KeptView {
     const s = this.store.state;
     return { name, ...ofView(s), ...(this.sourceName !== null && { of: ofTaken(s) }) };
   }
 
-  /** Of the source that is shown, where there are several. */
+  /** Name of the current source, if there are several. */
   private get sourceName(): string | null {
     const sources = this.sources();
     return (
@@ -181,7 +181,7 @@ export class ViewsPanel {
     this.show();
   }
 
-  /** Show all views at once; where none is kept, the view of every source, or of the only one the view and four around. */
+  /** Display all views; without stored views, those of all sources, or the current view and four directions. */
   private showAll(all: boolean): void {
     if (!all) return this.store.set({ all, view: -1 });
     const s = this.store.state;
@@ -205,7 +205,7 @@ export class ViewsPanel {
     this.store.set({ views: textOf(kept), all, view: current });
   }
 
-  /** What is moved where all are shown is kept as it is. */
+  /** Changes of the active view are stored immediately. */
   private follow(s: State, changed: Set<keyof State>): void {
     const isMoved =
       s.all &&
@@ -259,8 +259,8 @@ export class ViewsPanel {
         "button",
         {
           type: "button",
-          "aria-label": `Forget ${name}`,
-          title: "Forget this view",
+          "aria-label": `Remove ${name}`,
+          title: "Remove this view",
           onclick: () => this.drop(i),
         },
         "×",

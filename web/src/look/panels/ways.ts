@@ -3,14 +3,14 @@ import type { State } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import { asShown } from "../stage";
 
-/** Why some kinds of views are as large as they are. */
+/** Reasons for fixed sizes of some view types. */
 const ALWAYS: Partial<Record<State["mode"], string>> = {
-  perspective: "A perspective view always fills the stage.",
-  dome: "A dome is round: cut at the sides it would show less and fill no more.",
-  mosaic: "A mosaic shows all around, and has its own shape.",
+  perspective: "A perspective view always fills the available area.",
+  dome: "A dome is circular; enlarging it would hide parts of the view.",
+  mosaic: "A mosaic has a fixed aspect ratio.",
 };
 
-/** How views are shown: whole or filling the stage, with or without the picture beside them. */
+/** Display options: complete view or filled area, with or without the raw image. */
 export class WaysPanel {
   private readonly fill = byId<HTMLButtonElement>("fill");
   private readonly beside = byId<HTMLButtonElement>("beside");

@@ -8,13 +8,13 @@ import type { Camera } from "../geometry/camera";
 
 const HALF = 0.5;
 
-/** The picture as it was given beside itself without the blur that mirror and lens left in it, and the line between them. */
+/** Restored image next to the original, with a movable divider. */
 export class WipePanel {
   private readonly button = byId<HTMLButtonElement>("restore");
   private readonly place = byId("wiper");
   private readonly line = byId("wipe-line");
   private readonly slider = byId<HTMLInputElement>("wipe");
-  /** What was restored, or is being: of which picture, through which camera. */
+  /** Completed or active restoration: image and camera. */
   private asked: { feed: Feed; by: string } | null = null;
   picture: ImageBitmap | null = null;
 
@@ -28,12 +28,12 @@ export class WipePanel {
     this.slider.addEventListener("input", () => store.set({ wipe: Number(this.slider.value) }));
   }
 
-  /** Where the line stands, as a share of the width; null where nothing is restored. */
+  /** Position of the divider, relative to the width; null without restoration. */
   get share(): number | null {
     return this.picture ? this.store.state.wipe : null;
   }
 
-  /** Follow what is shown: restore it where that is wanted, and lay the line over the canvas. */
+  /** Update the restoration and the position of the divider. */
   follow(camera: Camera, feed: Feed, canvas: HTMLElement): void {
     const { wipe } = this.store.state;
     const reason = reasonAgainst(camera, feed);
@@ -54,7 +54,7 @@ export class WipePanel {
     });
     this.line.style.left = `${100 * wipe}%`;
     if (document.activeElement !== this.slider) this.slider.value = String(wipe);
-    this.slider.setAttribute("aria-valuetext", `${Math.round(100 * wipe)} % as given`);
+    this.slider.setAttribute("aria-valuetext", `${Math.round(100 * wipe)} % original`);
   }
 
   private forget(): void {
@@ -66,7 +66,7 @@ export class WipePanel {
 
   private async restore(camera: Camera, feed: Feed, by: string): Promise<void> {
     const asked = (this.asked = { feed, by });
-    busy("Taking the blur out of the picture…");
+    busy("Removing the blur…");
     try {
       const { model, circle, size } = camera;
       const distance = this.store.state.distance;
@@ -100,12 +100,10 @@ export class WipePanel {
 }
 
 function reasonAgainst({ model }: Camera, feed: Feed): string | null {
-  if (feed.moves) return "Pictures are restored one at a time, not while they move.";
+  if (feed.moves) return "Restoration requires a still image.";
   if (model.kind !== "sensor")
-    return "What blur there is, is known of sensors whose mirror and lens are known; choose one.";
-  return model.tables.lattice
-    ? "The mirror of this sensor is out of its place; only of one in its place is the blur known."
-    : null;
+    return "Restoration requires a sensor with known mirror and lens; select one.";
+  return model.tables.lattice ? "Restoration requires a sensor with an aligned mirror." : null;
 }
 
 const nameOf = ({ model, circle, size }: Camera, distance: number): string =>

@@ -75,7 +75,7 @@ def dewarp_recording(sources: tuple[str, ...], outputs: tuple[str, ...], request
 
 def write_viewer(sources: tuple[str, ...], output: Path, options: CameraOptions, orientation: OrientationOptions) -> None:
     """Write an HTML viewer of one image or video."""
-    from ...studio import video_viewer_of, viewer_of
+    from ...studio import image_viewer, video_viewer
 
     is_video_file = is_video(sources[0]) and Path(sources[0]).is_file()
     if len(sources) > 1 or (is_video(sources[0]) and not is_video_file) or not is_single_file(sources[0]):
@@ -86,11 +86,11 @@ def write_viewer(sources: tuple[str, ...], output: Path, options: CameraOptions,
     is_stored = orientation.stored_orientation
     if is_video_file:
         camera = options.drawing(options.camera(_size_of_video(sources[0], is_stored)))
-        text = video_viewer_of(camera, name, arguments, Path(sources[0]), output, stored_orientation=is_stored)
+        text = video_viewer(camera, name, arguments, Path(sources[0]), output, stored_orientation=is_stored)
     else:
         (image,) = orientation.read([Path(sources[0])])
         camera = options.drawing(options.camera((image.shape[1], image.shape[0])))
-        text = viewer_of(camera, name, arguments, Path(sources[0]), image)
+        text = image_viewer(camera, name, arguments, Path(sources[0]), image)
     write_text(output, text)
     print_line(f"Wrote {output}; open it in a browser to view {sources[0]}")
 

@@ -85,12 +85,12 @@ def _write_page(path: Path) -> None:
     """Write the standalone page."""
     from rich.console import Console
 
-    from ...studio import page_alone
+    from ...studio import standalone_page
 
     if path.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(f"--page must be an HTML file, such as {path.stem or 'viewer'}.html; got {path}")
     with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
         task = bar.add_task("Simulating rooms", total=None)
-        text = page_alone(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
+        text = standalone_page(progress=lambda done, all_: bar.update(task, completed=done, total=all_))
     write_text(path, text)
     print_line(f"Wrote {path}; open it in a browser, or host it on a web server, and drop images on it")

@@ -15,7 +15,7 @@ from .._declarations import DocumentedCommand, add_options
 from .studio import ServerOptions, orientation_remark, run_studio
 
 if TYPE_CHECKING:
-    from ...studio._look_cameras import Known
+    from ...studio._look_cameras import NamedCamera
     from ...studio._server_state import Studio
 
 
@@ -56,10 +56,10 @@ def _is_live(source: str) -> bool:
     return live
 
 
-def _known(source: str, options: CameraOptions, orientation: OrientationOptions) -> Known:
+def _known(source: str, options: CameraOptions, orientation: OrientationOptions) -> NamedCamera:
     """Return the camera of the options; the page adds its mounting to the command line."""
     from ...studio._camera_tables import title_of
-    from ...studio._look_cameras import Known
+    from ...studio._look_cameras import NamedCamera
 
     size = (1024, 1024)
     if options.ball is not None and not is_video(source):
@@ -67,4 +67,4 @@ def _known(source: str, options: CameraOptions, orientation: OrientationOptions)
         size = (width, height)
     name, arguments = options.command_words()
     camera = options.camera(size)
-    return Known("given", name, title_of(camera), arguments, camera)
+    return NamedCamera("given", name, title_of(camera), arguments, camera)
