@@ -18,7 +18,7 @@ def matrix_product(rows: NDArray[Any], matrix: NDArray[Any]) -> NDArray[Any]:
     product, and occasionally mix up rows of concurrent callers (0.3.31, some rows in one of 40
     calls with three threads).
 
-    >>> product(np.ones((3, 2)), np.array([[1.0, 2.0], [3.0, 4.0]]))
+    >>> matrix_product(np.ones((3, 2)), np.array([[1.0, 2.0], [3.0, 4.0]]))
     array([[4., 6.],
            [4., 6.],
            [4., 6.]])

@@ -36,9 +36,9 @@ def minimise_scalar(
 ) -> float:
     """Minimise a scalar function on [low, high] by a grid scan and golden-section search.
 
-    >>> round(lowest(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
+    >>> round(minimise_scalar(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
     0.3
-    >>> lowest(lambda x: x, 1.0, 1.0 + 1e-15)  # an interval of a few roundings ends too
+    >>> minimise_scalar(lambda x: x, 1.0, 1.0 + 1e-15)  # an interval of a few roundings ends too
     1.0...
     """
     if not high > low:
@@ -74,7 +74,7 @@ def minimise_with_derivative(
     ...     both = np.stack([(x - 0.2) ** 2, 0.5 - x])
     ...     which = both.argmax(axis=0)
     ...     return both.max(axis=0), np.where(which == 0, 2 * (x - 0.2), -1.0), which
-    >>> round(lowest_with_slopes(kinks, 0.0, 2.0), 9)  # where (x - 0.2)^2 = 0.5 - x
+    >>> round(minimise_with_derivative(kinks, 0.0, 2.0), 9)  # where (x - 0.2)^2 = 0.5 - x
     0.441619849
     """
     if not high > low:
@@ -270,7 +270,7 @@ def solve_minimax(
     >>> def values(y):
     ...     return ObjectiveValues(np.array([y[0] ** 2, (y[0] - 3) ** 2]), np.array([-1.0]))
     >>> def rows(y):
-    ...     return Rows(*values(y), np.array([2 * y, 2 * (y - 3)]), np.zeros((1, 1)))
+    ...     return LinearisedValues(*values(y), np.array([2 * y, 2 * (y - 3)]), np.zeros((1, 1)))
     >>> round(float(solve_minimax(values, rows, np.zeros(1), (np.full(1, -9.0), np.full(1, 9.0))).y[0]), 6)
     1.5
     """

@@ -29,7 +29,7 @@ def noll(j: int) -> tuple[int, int]:
 def zernike_terms(order: int) -> int:
     """Return the number of terms up to an order.
 
-    >>> terms_of(6)
+    >>> zernike_terms(6)
     28
     """
     return (order + 1) * (order + 2) // 2
@@ -66,7 +66,7 @@ def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
 def monomial_index(i: int, j: int) -> int:
     """Return the index of ``x^i y^j`` among the powers: by order, then by increasing power of y.
 
-    >>> [power_place(*ij) for ij in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))]
+    >>> [monomial_index(*ij) for ij in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))]
     [0, 1, 2, 3, 4, 5]
     """
     return (i + j) * (i + j + 1) // 2 + j

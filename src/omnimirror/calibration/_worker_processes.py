@@ -30,7 +30,7 @@ class WorkerPool:
 
     Examples
     --------
-    >>> with Helpers() as spread:
+    >>> with WorkerPool() as spread:
     ...     spread.map(divmod, [(7, 2), (9, 4)])
     [(3, 1), (2, 1)]
     """

@@ -57,7 +57,7 @@ def profile_derivatives(mirror: Mirror, x: Array, places: tuple[ParameterLocatio
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> radius = NamedNumber("mirror", "radius_mm")
-    >>> profile_rates(Sphere(50.0, 40.0), np.array([30.0]), (radius,))[0].round(9)  # 1 - 50 / 40
+    >>> profile_derivatives(Sphere(50.0, 40.0), np.array([30.0]), (radius,))[0].round(9)  # 1 - 50 / 40
     array([[-0.25]])
     """
     rates = np.empty((3, len(x), len(places)))

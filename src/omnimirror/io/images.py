@@ -41,7 +41,7 @@ MAX_DEFLATE_RATIO = 1032  # maximum compression ratio of deflate: 258 bytes by 2
 def _png_damage(data: bytes) -> str:
     """Describe the damage of a PNG header, to follow the name of the file; "" if there is none.
 
-    >>> damage(SIGNATURE + bytes(25))
+    >>> _png_damage(PNG_SIGNATURE + bytes(25))
     'has a damaged header'
     """
     header = data[12 : PNG_HEADER_END - 4]
@@ -100,7 +100,7 @@ def decoded_bytes(data: bytes) -> int:
     --------
     >>> import cv2, numpy as np
     >>> image = np.zeros((20, 30, 3), np.uint16)
-    >>> [decoded_bytes(cv2.imencode(suffix, image)[1].tobytes()) for suffix in (".png", ".tif", ".ppm")]
+    >>> [_of_png(cv2.imencode(suffix, image)[1].tobytes()) for suffix in (".png", ".tif", ".ppm")]
     [3600, 3600, 3600]
     """
     try:

@@ -54,7 +54,7 @@ def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
 
     >>> import cv2
     >>> data = cv2.imencode(".jpg", np.zeros((16, 16, 3), np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 50])[1].tobytes()
-    >>> coding = jpeg_coding(data)
+    >>> coding = parse_jpeg_coding(data)
     >>> coding.tables[0][0, :4], coding.coarser
     (array([16., 11., 10., 16.]), (2, 2))
     """

@@ -33,9 +33,9 @@ CODECS_WITHOUT_ALPHA = ("libx265", "libvpx-vp9")
 class PixelFormat:
     """Properties of a pixel format of luma and chroma.
 
-    >>> Kind.of("yuva444p10le")
+    >>> PixelFormat.of("yuva444p10le")
     Kind(colours='444', bits=10, alpha=True)
-    >>> Kind.of("rgb48be").name, Kind.of("nv12").name, Kind.of("yuv411p").name
+    >>> PixelFormat.of("rgb48be").name, PixelFormat.of("nv12").name, PixelFormat.of("yuv411p").name
     ('yuv444p16le', 'yuv420p', 'yuv422p')
     """
 
@@ -82,9 +82,9 @@ class PixelFormat:
 def nearest_format(wanted: PixelFormat, known: Sequence[str]) -> str:
     """Return the known format with the smallest loss, and among these with the smallest excess.
 
-    >>> nearest(Kind("422", 10), ["yuv420p", "yuv444p", "yuv422p10le", "yuv444p12le"])
+    >>> nearest_format(PixelFormat("422", 10), ["yuv420p", "yuv444p", "yuv422p10le", "yuv444p12le"])
     'yuv422p10le'
-    >>> nearest(Kind("444", 12, True), ["yuv420p", "yuv444p10le"])
+    >>> nearest_format(PixelFormat("444", 12, True), ["yuv420p", "yuv444p10le"])
     'yuv444p10le'
     """
 
@@ -112,7 +112,7 @@ def nearest_format(wanted: PixelFormat, known: Sequence[str]) -> str:
 def conversion_losses(of: str, to: PixelFormat) -> str:
     """Describe the losses of a pixel format conversion; empty if there are none.
 
-    >>> losses("yuva444p12le", Kind("420", 8)), losses("yuv420p", Kind("422", 10)), losses("rgb24", Kind())
+    >>> conversion_losses("yuva444p12le", PixelFormat("420", 8)), conversion_losses("yuv420p", PixelFormat("422", 10)), conversion_losses("rgb24", PixelFormat())
     ('12 bits become 8, colours in 4:4:4 become 4:2:0, transparency is lost', '', 'colours in RGB become 4:2:0')
     """
     source, told = PixelFormat.of(of), []
@@ -156,7 +156,7 @@ _thread_cache = threading.local()
 class ColourCoding:
     """Colour coding with the numbers of FFmpeg (ITU-T H.273); unspecified by default.
 
-    >>> Colour(range=2).is_full_range
+    >>> ColourCoding(range=2).is_full_range
     True
     """
 

@@ -249,7 +249,7 @@ def unsupported_tracks(
 ) -> str:
     """Describe the tracks and chapters that a format does not support; empty if it supports all.
 
-    >>> lost_in("mpegts", (), (), (Chapter(Fraction(0), Fraction(1), {}),))
+    >>> unsupported_tracks("mpegts", (), (), (Chapter(Fraction(0), Fraction(1), {}),))
     '1 chapter'
     """
     lost = []
@@ -358,9 +358,9 @@ def read_timecode(notes: Iterable[Mapping[str, str]]) -> str | None:
 def advance_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     """Add a number of frames to a timecode; a semicolon marks drop-frame timecode.
 
-    >>> later("00:00:59;29", 1, Fraction(30000, 1001)), later("00:09:59;29", 1, Fraction(30000, 1001))
+    >>> advance_timecode("00:00:59;29", 1, Fraction(30000, 1001)), advance_timecode("00:09:59;29", 1, Fraction(30000, 1001))
     ('00:01:00;02', '00:10:00;00')
-    >>> later("23:59:59:24", 26, Fraction(25))
+    >>> advance_timecode("23:59:59:24", 26, Fraction(25))
     '00:00:01:00'
     """
     parts = re.fullmatch(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d+)", timecode)
@@ -414,7 +414,7 @@ class MasteringDisplay:
     def of(cls, side_data: Any) -> MasteringDisplay:
         """Read the side data of a frame.
 
-        >>> Display.of({})
+        >>> MasteringDisplay.of({})
         Display(primaries=(), luminance=(), light=())
         """
         told = cls()
@@ -429,7 +429,7 @@ class MasteringDisplay:
     def options(self, codec: str) -> str | None:
         """Return the encoder options; None if the codec does not support all data.
 
-        >>> Display(light=(1000, 400)).options("libx265"), Display(light=(1000, 400)).options("ffv1")
+        >>> MasteringDisplay(light=(1000, 400)).options("libx265"), MasteringDisplay(light=(1000, 400)).options("ffv1")
         ('max-cll=1000,400', None)
         """
         has_mastering = bool(self.primaries and self.luminance)

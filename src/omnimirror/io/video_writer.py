@@ -341,7 +341,7 @@ class ImageSequenceWriter:
     >>> import tempfile
     >>> from omnimirror.io.video_frames import frame_of_image
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     pictures = NumberedPictures(folder + "/f%03d.png", (64, 48))
+    ...     pictures = ImageSequenceWriter(folder + "/f%03d.png", (64, 48))
     ...     for _ in range(2):
     ...         pictures.write(frame_of_image(np.full((48, 64, 3), 128, np.uint8)))
     ...     sorted(path.name for path in Path(folder).iterdir())
@@ -445,7 +445,7 @@ class ImageSequenceWriter:
 def is_image_output(name: str | Path) -> bool:
     """Return whether the name of an output is that of an image or an image sequence.
 
-    >>> is_of_pictures("out/f%04d.jpg"), is_of_pictures("f.png"), is_of_pictures("f%d.gif"), is_of_pictures("f%d.mp4")
+    >>> is_image_output("out/f%04d.jpg"), is_image_output("f.png"), is_image_output("f%d.gif"), is_image_output("f%d.mp4")
     (True, True, True, False)
     """
     suffix = Path(name).suffix.lower()

@@ -129,7 +129,7 @@ class SourceLocator:
         with the longest common prefix with the path, the first is that of the entry or the start of
         its table, also for dotted keys.
 
-        >>> Places('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
+        >>> SourceLocator('notes = "a"\\nmirror.kind = "cone"', "a.toml").line(("mirror", "kind"))
         2
         """
         wanted = ".".join(path).split(".")

@@ -201,7 +201,7 @@ def stereographic_bearings(
 ) -> Array:
     """Return unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
 
-    >>> lifted(np.array([[200.0, 100.0]]), 100.0, (100.0, 100.0), np.array([1, 1, -1])).round(12) + 0.0
+    >>> stereographic_bearings(np.array([[200.0, 100.0]]), 100.0, (100.0, 100.0), np.array([1, 1, -1])).round(12) + 0.0
     array([[1., 0., 0.]])
     """
     x, y = (pixels - centre_px).T / focal_px

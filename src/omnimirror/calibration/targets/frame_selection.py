@@ -147,7 +147,7 @@ def selected_frames(
     >>> board = Board("chessboard", 3, 3)
     >>> places = 10.0 * board.lattice + 20
     >>> again = [Detection(name, (200, 100), np.arange(9), places, blur_px=1.0) for name in "ab"]
-    >>> [d.reason for d in chosen(again, board)]
+    >>> [d.reason for d in selected_frames(again, board)]
     [None, 'it shows the board much as a does']
     """
     judged = list(detections)

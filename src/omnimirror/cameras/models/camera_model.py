@@ -259,7 +259,7 @@ def direction_sigma_deg(
 def major_sigma(spread: Array) -> Array:
     """Return the larger standard deviation (n,), along the major axis, of covariances (n, 2, 2).
 
-    >>> larger_sigma(np.array([[[4.0, 0.0], [0.0, 9.0]]]))
+    >>> major_sigma(np.array([[[4.0, 0.0], [0.0, 9.0]]]))
     array([3.])
     """
     a, b, c = spread[:, 0, 0], (spread[:, 0, 1] + spread[:, 1, 0]) / 2, spread[:, 1, 1]

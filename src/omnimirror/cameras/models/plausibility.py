@@ -31,7 +31,7 @@ def plausibility_warnings(camera: RadialModel) -> list[str]:
     Examples
     --------
     >>> import omnimirror as om
-    >>> doubts(om.OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]  # doctest: +ELLIPSIS
+    >>> plausibility_warnings(om.OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]  # doctest: +ELLIPSIS
     'the centre (380, 510) lies 182 px from the middle of the image of 1024x768; with its coordinates, or width ...'
     """
     found = []

@@ -34,7 +34,7 @@ def split_file_entry(
 
     Examples
     --------
-    >>> followed({"file": "/etc/passwd"}, None, "file", "the surfaces")
+    >>> split_file_entry({"file": "/etc/passwd"}, None, "file", "the surfaces")
     Traceback (most recent call last):
     ...
     omnimirror.base.errors.SpecError: lens.file names another file; put the surfaces themselves in

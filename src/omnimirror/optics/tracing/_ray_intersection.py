@@ -27,7 +27,7 @@ def circle_clearance(across: Array, radius: float) -> Array:
     The difference of squares ``(r^2 - a^2)/(2 a)`` has the sign of ``r - a`` and its slope at the
     edge, and is smooth for rays through the axis; it can be interpolated over an aperture.
 
-    >>> past_circle(np.array([[3.0, 0.0], [0.0, 5.0]]), 4.0).round(3)
+    >>> circle_clearance(np.array([[3.0, 0.0], [0.0, 5.0]]), 4.0).round(3)
     array([-0.875,  1.125])
     """
     if radius <= 0:

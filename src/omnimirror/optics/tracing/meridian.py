@@ -51,10 +51,10 @@ def first_non_increasing_x(mirror: Mirror, m: float) -> float | None:
 
     >>> from omnimirror.optics.mirrors import SampledProfile
     >>> x = np.linspace(0, 10, 11)
-    >>> stops_growing(SampledProfile(tuple(x), tuple(0.01 * x**2)), np.inf) is None
+    >>> first_non_increasing_x(SampledProfile(tuple(x), tuple(0.01 * x**2)), np.inf) is None
     True
     >>> wavy = SampledProfile(tuple(x), tuple(0.01 * x**2 + 1e-2 * np.cos(3 * x)), uncertainty_um=0)
-    >>> stops_growing(wavy, np.inf) < 10
+    >>> first_non_increasing_x(wavy, np.inf) < 10
     True
     """
     breaks = mirror.breaks
