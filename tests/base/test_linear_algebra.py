@@ -42,7 +42,7 @@ def test_a_matrix_larger_than_a_piece_is_taken_row_by_row(columns):
 IDLE = """
 import os, threading
 import numpy as np
-from omnimirror.base.linear_algebra import product
+from omnimirror.base.linear_algebra import matrix_product
 
 def others():
     mine, ticks = threading.get_native_id(), 0
@@ -55,7 +55,7 @@ def others():
 values, matrix = np.ones((300_000, 24)), np.ones((24, 2))
 before = others()
 for _ in range(20):
-    product(values, matrix)
+    matrix_product(values, matrix)
 print(others() - before)
 """
 

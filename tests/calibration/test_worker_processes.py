@@ -162,7 +162,7 @@ def test_a_script_without_a_guard_may_ask(tmp_path):
     script.write_text(
         "import omnimirror.calibration._worker_processes as h\n"
         "h.usable_cores = lambda: 2\n"
-        "with h.Helpers() as spread:\n"
+        "with h.WorkerPool() as spread:\n"
         "    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
     )
     run = subprocess.run([sys.executable, script], capture_output=True, text=True)

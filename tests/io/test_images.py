@@ -178,10 +178,9 @@ def test_the_size_in_memory_is_that_of_the_decoded_picture(name, tmp_path, monke
     path.write_bytes(images.encoded(image, suffix, parameters))
     decoded = om.read_image(path)
     assert images.decoded_bytes(path.read_bytes()) == decoded.nbytes
-    monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes)
-    monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes)
+    monkeypatch.setattr(images, "MAX_DECODED_BYTES", decoded.nbytes)
     assert om.read_image(path).shape == decoded.shape
-    monkeypatch.setattr(images, "LARGEST_DECODED", decoded.nbytes - 1)
+    monkeypatch.setattr(images, "MAX_DECODED_BYTES", decoded.nbytes - 1)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
     with pytest.raises(
         MediaError, match=rf"{name} must not take more than 0 MB once it is decoded; got 1 MB"

@@ -56,7 +56,7 @@ def profile_derivatives(mirror: Mirror, x: Array, places: tuple[ParameterLocatio
     (:func:`omnimirror.optics.tracing.reflection.continued_profile`).
 
     >>> from omnimirror.optics.mirrors import Sphere
-    >>> radius = NamedNumber("mirror", "radius_mm")
+    >>> radius = ParameterLocation("mirror", "radius_mm")
     >>> profile_derivatives(Sphere(50.0, 40.0), np.array([30.0]), (radius,))[0].round(9)  # 1 - 50 / 40
     array([[-0.25]])
     """

@@ -52,7 +52,7 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
 
     >>> import omnimirror as om
     >>> parameter_location(om.load_sensor("paper-spherical"), "imager.centre_px[1]")
-    NamedNumber(section='imager', key='centre_px', item=1)
+    ParameterLocation(section='imager', key='centre_px', item=1)
     """
     matched = NAME_PATTERN.fullmatch(name)
     known = list(parameter_names(sensor))

@@ -34,7 +34,7 @@ class PixelFormat:
     """Properties of a pixel format of luma and chroma.
 
     >>> PixelFormat.of("yuva444p10le")
-    Kind(colours='444', bits=10, alpha=True)
+    PixelFormat(colours='444', bits=10, alpha=True)
     >>> PixelFormat.of("rgb48be").name, PixelFormat.of("nv12").name, PixelFormat.of("yuv411p").name
     ('yuv444p16le', 'yuv420p', 'yuv422p')
     """

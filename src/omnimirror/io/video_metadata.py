@@ -415,7 +415,7 @@ class MasteringDisplay:
         """Read the side data of a frame.
 
         >>> MasteringDisplay.of({})
-        Display(primaries=(), luminance=(), light=())
+        MasteringDisplay(primaries=(), luminance=(), light=())
         """
         told = cls()
         if (mastering := side_data.get(SideData.MASTERING_DISPLAY_METADATA)) is not None:

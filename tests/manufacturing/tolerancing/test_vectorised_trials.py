@@ -103,7 +103,9 @@ def test_blur_matches_finite_rays(sensor):
     around = np.arange(16) * (2 * np.pi / 16)
     pupil = np.stack([np.cos(around), np.sin(around)], axis=-1)
     for target, matrix in zip(field.targets, blur, strict=True):
-        ends = om.optics.tracing.reflection.Ends.of(np.broadcast_to(target, (16, 3)), distant=True)
+        ends = om.optics.tracing.reflection.RayEndpoints.of(
+            np.broadcast_to(target, (16, 3)), distant=True
+        )
         found = built.optical_train.posed_mirror.specular(
             built.optical_train.entrance_pupil_points(pupil), ends
         )

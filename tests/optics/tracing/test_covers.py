@@ -229,7 +229,9 @@ def test_one_ray_besides_compiled_ones_finds_where_a_target_is_seen(
     rays = sensor.backproject(pixels)
     sees, counted = rays.valid, covered_mirror.shell_exit
     monkeypatch.setattr(
-        covered_mirror, "way_out", lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d)
+        covered_mirror,
+        "shell_exit",
+        lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d),
     )
     found = sensor.project_directions(rays.directions[sees])
     assert found.valid.all()

@@ -41,7 +41,7 @@ def test_from_anywhere_the_same_point_is_found(kind, distant, telecentric, monke
     mirror = MIRRORS[kind][0]
     pupils, targets = ends_about(kind, distant, telecentric)
     found = specular_points(mirror, pupils, targets)
-    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
+    monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
     guessed = specular_points(mirror, pupils, targets)
     assert np.array_equal(found.valid, guessed.valid)
     assert found.valid.sum() > COUNT / 5
@@ -77,7 +77,7 @@ def test_the_surface_is_looked_at_half_as_often(monkeypatch):
             looked_at.append(len(xy))
             super().__init__(mirror, xy, form)
 
-    monkeypatch.setattr(reflection, "Surface", Counted)
+    monkeypatch.setattr(reflection, "MirrorSurface", Counted)
     pupils, targets = ends_about("sphere", True, False)
     inside = RayEndpoints(
         targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True
@@ -86,7 +86,7 @@ def test_the_surface_is_looked_at_half_as_often(monkeypatch):
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     with_kernels = sum(looked_at)
     looked_at.clear()
-    monkeypatch.setattr(reflection, "compiled_places", lambda *_: None)
+    monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     assert with_kernels <= 3.1 * len(inside.xyz)
     assert with_kernels < 0.6 * sum(looked_at)

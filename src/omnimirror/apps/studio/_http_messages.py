@@ -21,7 +21,7 @@ M = TypeVar("M", bound=Message)
 def framed(header: Message, *parts: bytes) -> bytes:
     """Encode a header and its payload as one message.
 
-    >>> from .bench.messages import Trouble
+    >>> from .bench_messages import Trouble
     >>> framed(Trouble(path=(), sentence="no"), b"abcd")
     b'\\x1c\\x00\\x00\\x00{"path":[],"sentence":"no"} abcd'
     """
@@ -38,7 +38,7 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
     InvalidMessage
         Invalid message.
 
-    >>> from .bench.messages import Trouble
+    >>> from .bench_messages import Trouble
     >>> unframed(framed(Trouble(path=(), sentence="no"), b"abcd"), Trouble)
     (Trouble(path=(), sentence='no'), b'abcd')
     """

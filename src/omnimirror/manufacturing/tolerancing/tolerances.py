@@ -240,7 +240,7 @@ class Tolerances:
         Examples
         --------
         >>> import omnimirror as om
-        >>> forms = {"lathe": om.mirrors.form.MirrorForm((5,), (0.3,))}
+        >>> forms = {"lathe": om.optics.mirrors.as_built.MirrorForm((5,), (0.3,))}
         >>> errors = {"mirror.measured[lathe]": Tolerance(1.0)}
         >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), errors, forms=forms)
         >>> tolerances.expand_forms({"mirror.measured[lathe]": np.array([2.0])})
