@@ -112,7 +112,8 @@ def nearest_format(wanted: PixelFormat, known: Sequence[str]) -> str:
 def conversion_losses(of: str, to: PixelFormat) -> str:
     """Describe the losses of a pixel format conversion; empty if there are none.
 
-    >>> conversion_losses("yuva444p12le", PixelFormat("420", 8)), conversion_losses("yuv420p", PixelFormat("422", 10)), conversion_losses("rgb24", PixelFormat())
+    >>> (conversion_losses("yuva444p12le", PixelFormat("420", 8)),
+    ...  conversion_losses("yuv420p", PixelFormat("422", 10)), conversion_losses("rgb24", PixelFormat()))
     ('12 bits become 8, colours in 4:4:4 become 4:2:0, transparency is lost', '', 'colours in RGB become 4:2:0')
     """
     source, told = PixelFormat.of(of), []

@@ -358,7 +358,8 @@ def read_timecode(notes: Iterable[Mapping[str, str]]) -> str | None:
 def advance_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     """Add a number of frames to a timecode; a semicolon marks drop-frame timecode.
 
-    >>> advance_timecode("00:00:59;29", 1, Fraction(30000, 1001)), advance_timecode("00:09:59;29", 1, Fraction(30000, 1001))
+    >>> (advance_timecode("00:00:59;29", 1, Fraction(30000, 1001)),
+    ...  advance_timecode("00:09:59;29", 1, Fraction(30000, 1001)))
     ('00:01:00;02', '00:10:00;00')
     >>> advance_timecode("23:59:59:24", 26, Fraction(25))
     '00:00:01:00'
