@@ -100,7 +100,7 @@ def decoded_bytes(data: bytes) -> int:
     --------
     >>> import cv2, numpy as np
     >>> image = np.zeros((20, 30, 3), np.uint16)
-    >>> [_of_png(cv2.imencode(suffix, image)[1].tobytes()) for suffix in (".png", ".tif", ".ppm")]
+    >>> [decoded_bytes(cv2.imencode(suffix, image)[1].tobytes()) for suffix in (".png", ".tif", ".ppm")]
     [3600, 3600, 3600]
     """
     try:
