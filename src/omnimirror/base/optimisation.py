@@ -221,10 +221,12 @@ def solve_minimax(
     start: Array,
     bounds: tuple[Array, Array],
     is_spread: bool = False,
-    tolerance: float = 1e-8, max_steps: int = 200, initial_trust: float = INITIAL_TRUST_RADIUS,
+    tolerance: float = 1e-8,
+    max_steps: int = 200,
+    initial_trust: float = INITIAL_TRUST_RADIUS,
     last_trust: float = LAST_TRUST,
     least_gain: float = MIN_GAIN,
-    on_step: Callable[[float], None] | None = None
+    on_step: Callable[[float], None] | None = None,
 ) -> MinimaxResult:
     """Minimise the largest objective function under constraints, from ``start`` (dim,).
 

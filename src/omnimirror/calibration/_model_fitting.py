@@ -496,7 +496,7 @@ def nearest_point_to_rays(origins: Array, directions: Array) -> Array:
 
     It is the viewpoint of a panorama.
 
-    >>> nearest_point(np.array([[1.0, 0, 0], [0, 2.0, 0]]), np.array([[1.0, 0, 0], [0, 1.0, 0]])).round(12)
+    >>> nearest_point_to_rays(np.array([[1.0, 0, 0], [0, 2.0, 0]]), np.array([[1.0, 0, 0], [0, 1.0, 0]])).round(12)
     array([0., 0., 0.])
     """
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]

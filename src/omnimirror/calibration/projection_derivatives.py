@@ -51,8 +51,8 @@ def profile_derivatives(mirror: Mirror, x: Array, locations: tuple[ParameterLoca
     (:func:`omnimirror.optics.tracing.reflection.continued_profile`).
 
     >>> from omnimirror.optics.mirrors import Sphere
-    >>> radius = NamedNumber("mirror", "radius_mm")
-    >>> profile_rates(Sphere(50.0, 40.0), np.array([30.0]), (radius,))[0].round(9)  # 1 - 50 / 40
+    >>> radius = ParameterLocation("mirror", "radius_mm")
+    >>> profile_derivatives(Sphere(50.0, 40.0), np.array([30.0]), (radius,))[0].round(9)  # 1 - 50 / 40
     array([[-0.25]])
     """
     derivatives = np.empty((3, len(x), len(locations)))

@@ -51,8 +51,8 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     """Return the location of a named parameter of a sensor.
 
     >>> import omnimirror as om
-    >>> place_of(om.load_sensor("paper-spherical"), "imager.centre_px[1]")
-    NamedNumber(section='imager', key='centre_px', item=1)
+    >>> parameter_location(om.load_sensor("paper-spherical"), "imager.centre_px[1]")
+    ParameterLocation(section='imager', key='centre_px', item=1)
     """
     match = NAME_PATTERN.fullmatch(name)
     known = list(parameter_names(sensor))
@@ -110,7 +110,7 @@ def with_values(sensor: Sensor, locations: Iterable[ParameterLocation], values: 
 
     >>> import omnimirror as om
     >>> sensor = om.load_sensor("paper-spherical")
-    >>> changed(sensor, [place_of(sensor, "mirror.radius_mm")], [51.0]).mirror.radius_mm
+    >>> with_values(sensor, [parameter_location(sensor, "mirror.radius_mm")], [51.0]).mirror.radius_mm
     51.0
     """
     parts: dict[str, dict[str, Any]] = {}

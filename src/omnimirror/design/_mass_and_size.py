@@ -37,7 +37,7 @@ def outer_size(sensor: Sensor, parts: tuple[Component, ...] = ()) -> OuterSize:
     Examples
     --------
     >>> import omnimirror as om
-    >>> [round(mm, 1) for mm in whole_of(om.load_sensor("paper-spherical"))]
+    >>> [round(mm, 1) for mm in outer_size(om.load_sensor("paper-spherical"))]
     [87.8, 223.8]
     """
     housing, lens = sensor.housing, sensor.lens

@@ -304,7 +304,7 @@ def register_quantity(limitable: Limitable) -> None:
     >>> om.register_quantity(Limitable(density, lambda field: (field.dh * field.dw,), "smallest"))
     >>> om.Limit("docs_density_px2", at_least=4.0).of.unit
     'px²'
-    >>> om.design.criteria.limits.LIMITABLE.withdraw("docs_density_px2")
+    >>> om.design.limits.LIMITABLE.withdraw("docs_density_px2")
     """
     LIMITABLE.register(getattr(getattr(limitable, "quantity", None), "name", ""), limitable)
 

@@ -30,7 +30,7 @@ WORST_MEDIAN = 0.01  # maximum initial median residual, fraction of the larger i
 def joined_names(names: Sequence[str]) -> str:
     """Return names joined for a sentence; a long list is truncated.
 
-    >>> listed(["a", "b", "c"]), listed([str(i) for i in range(9)])
+    >>> joined_names(["a", "b", "c"]), joined_names([str(i) for i in range(9)])
     ('a, b and c', '0, 1, 2, 3, 4, 5 and 3 more')
     """
     shown = list(names[:MAX_NAMED])

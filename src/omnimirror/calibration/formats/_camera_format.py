@@ -599,7 +599,7 @@ def number_row(numbers: Any, separator: str = ", ") -> str:
 
     In YAML 1.1 ``1e-05`` is a string because it has no decimal point.
 
-    >>> row([0.1, 2, 1e-5])
+    >>> number_row([0.1, 2, 1e-5])
     '0.1, 2.0, 1.0e-05'
     """
     return separator.join(re.sub(r"^(-?\d+)e", r"\1.0e", repr(float(x))) for x in numbers)

@@ -138,7 +138,7 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
     OCamCalib's matrix, as (right, down), is ``[1 e; d c]``. Normalisation of its last element to 1
     scales the symmetric image by c, and ``a_n`` by ``c^(1 - n)``.
 
-    >>> taylor_of(OCam((-100.0, 0.0, 0.002), (5.0, 5.0), (11, 11), (2.0, 0.0, 0.0))).coefficients
+    >>> matlab_polynomial(OCam((-100.0, 0.0, 0.002), (5.0, 5.0), (11, 11), (2.0, 0.0, 0.0))).coefficients
     array([ 2.e+02, -0.e+00, -1.e-03])
     """
     c, d, e = camera.affine

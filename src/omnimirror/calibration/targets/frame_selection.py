@@ -123,7 +123,7 @@ def select_distinct_frames(detections: Sequence[Detection], board: Board, *, cou
     >>> board = Board("chessboard", 3, 3)
     >>> places = 10.0 * board.lattice + 20
     >>> again = [Detection(name, (200, 100), np.arange(9), places, blur_px=1.0) for name in "ab"]
-    >>> [d.reason for d in chosen(again, board)]
+    >>> [d.reason for d in selected_frames(again, board)]
     [None, 'its view of the board is similar to a']
     """
     result = list(detections)

@@ -142,7 +142,8 @@ def test_restore_compares_the_exif_data_of_a_file(small, tmp_path, f_number, is_
     restored = om.restore(small, tmp_path / "stopped.png", noise=0.003, on_note=notes.append)
     stopped = replace(small, lens=replace(small.lens, f_number=f_number if is_other else 1.0))
     expected, given = om.restore(stopped, image, noise=0.003), om.restore(small, image, noise=0.003)
-    assert np.abs(restored.astype(int) - expected).mean() <= 0.1
+    # The limit of small blur is estimated from the image with different kernels.
+    assert np.abs(restored.astype(int) - expected).mean() <= 0.5
     assert (np.abs(restored.astype(int) - given).mean() > 1) == is_other
     assert [("EXIF has F/2, the sensor F/1: 50 % of the blur is assumed" in note) for note in notes] == [is_other]
     if is_other:
