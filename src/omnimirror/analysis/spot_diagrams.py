@@ -54,10 +54,10 @@ class Spots(TabularResult):
 
     @cached_property
     def filled(self) -> Array:
-        """Return the unvignetted share (k,) of the aperture, with an error below 0.003 for 12 rings."""
-        fraction: Array = self.bundles
+        """Return the unvignetted fraction (k,) of the aperture, with an error below 0.003 for 12 rings."""
+        bundles = self.bundles
         edges = [*bundles.clearances().values()]
-        return fraction
+        return np.array([open_share(bundles.pupil, [edge[i] for edge in edges], passes) for i, passes in enumerate(bundles.passes)])
 
     def centroid_px(self) -> tuple[Array, Array]:
         """Return tangential and sagittal centroids (k, m) relative to the chief ray."""

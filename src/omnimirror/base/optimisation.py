@@ -224,7 +224,7 @@ def solve_minimax(
     tolerance: float = 1e-8,
     max_steps: int = 200,
     initial_trust: float = INITIAL_TRUST_RADIUS,
-    last_trust: float = LAST_TRUST,
+    last_trust: float = MIN_TRUST_RADIUS,
     least_gain: float = MIN_GAIN,
     on_step: Callable[[float], None] | None = None,
 ) -> MinimaxResult:
@@ -284,7 +284,7 @@ def solve_minimax(
             if on_step:
                 on_step(here.value)
         trust = min(trust * 2, 1.0) if quality > 0.75 else trust / 4 if quality < 0.25 else trust
-        if trust < MIN_TRUST_RADIUS:
+        if trust < last_trust:
             break
     return MinimaxResult(y, here.value, here.violation, tuple(history))
 

@@ -270,7 +270,7 @@ def _read_options(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, i
 def _object_distances(distance_mm: Any) -> tuple[float, ...]:
     far = np.unique(distances("distance_mm", _number_list("distance_mm", distance_mm)))
     if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
-        raise InvalidParameter(f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {shown(distance_mm)}")
+        raise InvalidParameter(f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {format_value(distance_mm)}")
     return tuple(far.tolist())
 
 
@@ -284,10 +284,10 @@ def _size(image_size: Any) -> tuple[int, int] | None:
 def _number_list(name: str, value: Any, count: int | None = None) -> list[Any]:
     values = [value] if isinstance(value, int | float) else value
     if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InvalidType(f"{name} must be a list of numbers; got {shown(value)}")
+        raise InvalidType(f"{name} must be a list of numbers; got {format_value(value)}")
     values = list(values)
     if count is not None and len(values) != count:
-        raise InvalidParameter(f"{name} must be {count} numbers; got {shown(value)}")
+        raise InvalidParameter(f"{name} must be {count} numbers; got {format_value(value)}")
     return values
 
 
@@ -300,7 +300,7 @@ def _read_camera(source: Any, reading: ReadOptions, name: str | None, camera: in
     if isinstance(camera, str) and camera in names:
         return format_name, cameras[names.index(camera)]
     if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
-        raise InvalidParameter(f"camera must be one of {', '.join(filter(None, names))} in {source}; got {shown(camera)}")
+        raise InvalidParameter(f"camera must be one of {', '.join(filter(None, names))} in {source}; got {format_value(camera)}")
     index = integer("camera", float(camera) if isinstance(camera, str) else camera)
     if index >= len(cameras):
         raise InvalidParameter(f"camera must be an index from 0 to {len(cameras) - 1} in {source}; got {index}")

@@ -57,7 +57,7 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     match = NAME_PATTERN.fullmatch(name)
     known = list(parameter_names(sensor))
     if match is None or name not in known:
-        raise InvalidParameter(f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {shown(name)}")
+        raise InvalidParameter(f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {format_value(name)}")
     section, key, index = match.groups()
     return ParameterLocation(section, key, None if index is None else int(index))
 
@@ -190,7 +190,7 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
         elif NAME_PATTERN.fullmatch(str(entry)):
             names[parameter_location(sensor, entry).name] = None
         else:
-            raise InvalidParameter(f"free must contain groups ({', '.join(GROUPS)}) or parameter names ({', '.join(parameter_names(sensor))}); got {shown(entry)}")
+            raise InvalidParameter(f"free must contain groups ({', '.join(GROUPS)}) or parameter names ({', '.join(parameter_names(sensor))}); got {format_value(entry)}")
     if not names:
         raise InvalidParameter(f"free must contain at least one parameter of {sensor.name!r}, for example of the groups {', '.join(GROUPS)}; got none")
     return tuple(names)
@@ -236,10 +236,10 @@ def checked_priors(names: tuple[str, ...], priors: Iterable[ParameterPrior]) -> 
     entries = tuple(priors)
     for prior in entries:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
-            raise InvalidType(f"priors must be tuples (name, value, standard deviation); got {shown(prior)}")
+            raise InvalidType(f"priors must be tuples (name, value, standard deviation); got {format_value(prior)}")
     result = tuple(ParameterPrior(*prior) for prior in entries)
     for prior in result:
         if prior.name not in names:
-            raise InvalidParameter(f"priors must refer to free parameters ({', '.join(names)}); got {shown(prior.name)}")
+            raise InvalidParameter(f"priors must refer to free parameters ({', '.join(names)}); got {format_value(prior.name)}")
         number(f"sigma of {prior.name}", prior.sigma, above=0.0)
     return result

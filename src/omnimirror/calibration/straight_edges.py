@@ -98,7 +98,7 @@ def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
     if set(columns) - {IMAGE_COLUMN} != set(COLUMNS) or len(set(columns)) < len(columns):
-        raise InvalidParameter(f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and {IMAGE_COLUMN} for several images; got {shown(head)}")
+        raise InvalidParameter(f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and {IMAGE_COLUMN} for several images; got {format_value(head)}")
     return [_point(f"{path.name} line {n}", columns, line) for n, line in rest]
 
 

@@ -267,7 +267,7 @@ _OURS: dict[str, Limitable] = {
 
 def _check_limitable(name: str, limitable: Any) -> None:
     if not isinstance(limitable, Limitable):
-        raise InvalidType(f"the quantity must be an omnimirror.design.Limitable; got {shown(limitable)}")
+        raise InvalidType(f"the quantity must be an omnimirror.design.Limitable; got {format_value(limitable)}")
     if limitable.quantity.name != name:
         raise InvalidParameter(f"the entry point must have the name of its quantity, {format_value(limitable.quantity.name)}")
 
@@ -352,7 +352,7 @@ class Limit:
     def __post_init__(self) -> None:
         if not isinstance(self.quantity, str) or self.quantity not in LIMITABLE:
             hint = did_you_mean(str(self.quantity)[:60], LIMITABLE)
-            raise InvalidParameter(f"limit.quantity must be one of {', '.join(LIMITABLE)}; got {shown(self.quantity)}{hint}")
+            raise InvalidParameter(f"limit.quantity must be one of {', '.join(LIMITABLE)}; got {format_value(self.quantity)}{hint}")
         if self.at_most is None and self.at_least is None:
             raise InvalidParameter(f"limit of {self.quantity} must have at_most or at_least")
         self._check_frequency()

@@ -23,7 +23,7 @@ def ends(value: Range) -> tuple[float, float]:
     """
     pair = np.atleast_1d(numbers("a range", value))
     if pair.shape not in ((1,), (2,)):
-        raise InvalidParameter(f"must be a number or a range (low, high); got {shown(value)}")
+        raise InvalidParameter(f"must be a number or a range (low, high); got {format_value(value)}")
     return float(pair[0]), float(pair[-1])
 
 

@@ -95,10 +95,10 @@ class Dewarper:
         # A string has the same attribute
         has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
-            raise InvalidType(f"view must be a view from om.screens or om.views; got {shown(self.view)}")
+            raise InvalidType(f"view must be a view from om.screens or om.views; got {format_value(self.view)}")
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             known = ", ".join(INTERPOLATIONS)
-            raise InvalidParameter(f"interpolation must be one of {known}; got {shown(self.interpolation)}")
+            raise InvalidParameter(f"interpolation must be one of {known}; got {format_value(self.interpolation)}")
         check_viewpoint(self.viewpoint)
         check_border(self.border)
 
@@ -318,7 +318,7 @@ class ColourDewarper:
 
     def __post_init__(self) -> None:
         if not isinstance(self.cameras, tuple | list) or len(self.cameras) != 3:
-            raise InvalidParameter(f"cameras must be three cameras for red, green and blue light; got {shown(self.cameras)}")
+            raise InvalidParameter(f"cameras must be three cameras for red, green and blue light; got {format_value(self.cameras)}")
         sizes = {dewarper.camera.image_size for dewarper in self._colours}
         if len(sizes) > 1:
             listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))

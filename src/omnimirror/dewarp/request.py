@@ -73,7 +73,7 @@ class BorderColour:
         except ValueError:
             values = ()
         if len(values) not in (1, 3) or not np.isfinite(values).all():
-            raise InvalidParameter(f"border must be {VALID_COLOURS}; got {shown(border)}")
+            raise InvalidParameter(f"border must be {VALID_COLOURS}; got {format_value(border)}")
         return cls(text, values, False)
 
     def for_image(self, image: NDArray[Any]) -> tuple[float, ...]:

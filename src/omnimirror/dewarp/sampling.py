@@ -131,7 +131,7 @@ def check_border(border: Border) -> None:
     except ValueError:
         values = np.empty((0, 0), object)
     if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
-        raise InvalidParameter(f"border must be one number or one number per channel; got {shown(border)}")
+        raise InvalidParameter(f"border must be one number or one number per channel; got {format_value(border)}")
 
 
 def _is_value(value: Any) -> bool:

@@ -34,7 +34,7 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
     else:
         number("viewpoint", viewpoint, unit="mm")
         return
-    raise InvalidParameter(f"viewpoint must be 'exact', 'single' or a height above the vertex in mm; got {shown(viewpoint)}")
+    raise InvalidParameter(f"viewpoint must be 'exact', 'single' or a height above the vertex in mm; got {format_value(viewpoint)}")
 
 
 def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:

@@ -128,7 +128,7 @@ def field_end(field: FieldOfView, pole: Pole) -> float:
 def completed_size(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise InvalidType(f"size must be (width, height) in px, each a number or None; got {shown(size)}")
+        raise InvalidType(f"size must be (width, height) in px, each a number or None; got {format_value(size)}")
     width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
     if width is not None and height is not None:
         return width, height
@@ -585,7 +585,7 @@ def preset(name: str, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0,
 
 def _check_maker(name: str, make: Any) -> None:
     if not callable(make):
-        raise InvalidType(f"the view {name!r} must be a function of a camera that returns a view; got {shown(make)}")
+        raise InvalidType(f"the view {name!r} must be a function of a camera that returns a view; got {format_value(make)}")
 
 
 ViewMaker: TypeAlias = Callable[..., View]

@@ -103,9 +103,10 @@ def _number(entry: Entry | None) -> float | None:
     if entry is None or form is None or len(entry.values) != struct.calcsize(form):
         return None
     numerator, denominator = (*struct.unpack(form, entry.values), 1)[:2]
-    if numerator == INFINITE:
+    if form == "<II" and numerator == INFINITE:
         return float("inf")
-    number = numerator / denominator if numerator else denominator else None
+    number = numerator / denominator if denominator else 0.0
+    return number if 0 < number < float("inf") else None
 
 
 def parse_exif(block: bytes) -> Exif | None:

@@ -344,7 +344,9 @@ class Playback:
         """Position of chroma samples in the frames; known after the first one."""
         self.frame_rate: Fraction | None = None
         """Frames per second, if the source contains it; known after the first frame."""
-        self._on_warning, self._opening_s, self._stored_orientation = on_warning, opening_s, stored_orientation)
+        self.notes: tuple[str, ...] = ()
+        """Remarks on the frames for the user, in sentences; known after the first frame."""
+        self._on_warning, self._opening_s, self._stored_orientation = on_warning, opening_s, stored_orientation
         self._stopping = threading.Event()
 
     def stop(self) -> None:
@@ -362,7 +364,7 @@ class Playback:
         return self._live() if self.is_live else self._file()
 
     def _live(self) -> Iterator[av.VideoFrame]:
-        live = LiveSource(self.source, patience_s=float("inf"), opening_s=self._opening_s, on_warning=self._on_warning)
+        live = LiveSource(self.source, patience_s=float("inf"), opening_s=self._opening_s, on_warning=self._on_warning, stored_orientation=self._stored_orientation)
         with live as source:
 
             def close() -> None:
@@ -402,6 +404,6 @@ def source_size(source: str, is_live: bool, *, stored_orientation: bool = False)
     """
     if not is_live:
         return VideoReader(source, with_audio=False, stored_orientation=stored_orientation).size
-    with LiveSource(source) as stream:
+    with LiveSource(source, stored_orientation=stored_orientation) as stream:
         frame = stream.first()
     return frame.width, frame.height

@@ -406,15 +406,15 @@ def orientation_note(name: str, found: int | None, is_stored: bool) -> str | Non
     nothing to report.
 
     >>> orientation_note("ride.mp4", 3, is_stored=True)
-    'ride.mp4: frames as stored; for display they are turned by 180 deg'
+    'ride.mp4: frames as stored; the display orientation is: turned by 180 deg'
     """
     if found is None:
-        return f"{name}: its rotation is not a multiple of 90 deg and is not applied"
+        return f"{name}: the rotation in the file is not a multiple of 90 deg and is not applied"
     if found == UPRIGHT:
         return None
     if is_stored:
-        return f"{name}: frames as stored; for display they are {ORIENTATION_NAMES[found]}"
-    return f"{name}: {ORIENTATION_NAMES[found]}, as the file requires; {STORED_ORIENTATION_HINT}"
+        return f"{name}: frames as stored; the display orientation is: {ORIENTATION_NAMES[found]}"
+    return f"{name}: {ORIENTATION_NAMES[found]} according to the file; {STORED_ORIENTATION_HINT}"
 
 
 def upright(frame: av.VideoFrame, orientation: int) -> av.VideoFrame:

@@ -164,7 +164,7 @@ def text_subtitles(container: Any) -> tuple[Any, ...]:
     return tuple(stream for stream in container.streams.subtitles if _codec(stream) in TEXT_SUBTITLES)
 
 
-def dropped_tracks(container: Any) -> tuple[Any, ...]:
+def data_streams(container: Any) -> tuple[Any, ...]:
     """Return the data streams of a file, without chapters and timecodes, which are read as such."""
     return tuple(stream for stream in container.streams.data if stream.discard != NO_PACKETS and "timecode" not in stream.metadata)
 
@@ -188,7 +188,7 @@ def _data_track(stream: Any) -> str:
     return f"data track {stream.index} ({name or 'of an unknown kind'})"
 
 
-def lost_tracks(container: Any) -> Iterable[str]:
+def dropped_tracks(container: Any) -> Iterable[str]:
     """Yield descriptions of the tracks of a file that no output keeps."""
     images = [stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES]
     if images:

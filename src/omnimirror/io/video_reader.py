@@ -21,7 +21,7 @@ from ..base.files import check_file
 from .exif import TRANSPOSING_ORIENTATIONS, UPRIGHT
 from .image_sequences import first_number, is_sequence, numbered_files
 from .video_frames import SITING_AFTER_ORIENTATION, ColourCoding, Deinterlacer, frame_orientation, orientation_note, siting_of, upright
-from .video_metadata import ARBITRARY_ORIGIN_FORMATS, DATA_OF, MasteringDisplay, advance_timecode, chapters_between, dropped_tracks, dynamic_hdr_names, read_timecode, text_subtitles
+from .video_metadata import ARBITRARY_ORIGIN_FORMATS, DATA_OF, MasteringDisplay, advance_timecode, chapters_between, data_streams, dropped_tracks, dynamic_hdr_names, holds_data, read_timecode, text_subtitles
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
@@ -118,9 +118,8 @@ class VideoReader:
             self.siting = SITING_AFTER_ORIENTATION.get(self.orientation, self.siting)
         self.notes: list[str] = []
         """Remarks on the file for the user, in sentences."""
-        if note := orientation_note(str(self.path}: {ORIENTATION_NAMES[self.orientation]} according to the file; {STORED_ORIENTATION_HINT}"), stored self.notes.append(f"{self.path}: the rotation in the file is not a multiple of 90 deg and is not applied")
-        elif stored != UPRIGHT:
-            self.notes.append(f"{self.path}: frames as stored; the display orientation is: {ORIENTATION_NAMES[stored]}")
+        if note := orientation_note(str(self.path), stored, self.stored_orientation):
+            self.notes.append(note)
         if first.interlaced_frame:
             self.notes.append(f"{self.path} is interlaced; frames are deinterlaced from the first field")
         side_data: Any = first.side_data
@@ -139,7 +138,7 @@ class VideoReader:
         self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_audio else ()
         self.subtitle_streams = text_subtitles(self._container) if self.with_audio else ()
         """Text subtitle streams, whose packets are returned with those of the audio."""
-        data = data_streams(self._container) if self.with_sound else ()
+        data = data_streams(self._container) if self.with_audio else ()
         self.data_streams = tuple(s for s in data if any(holds_data(name, s) for name in DATA_OF))
         """Data streams, such as telemetry, whose packets are returned with those of the audio."""
         origin = _origin(self._container)

@@ -290,7 +290,7 @@ def _metal_index(reflectivity: Reflectivity) -> float | complex:
     """Return a constant as float, or a refractive index as complex."""
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
-            raise InvalidParameter(f"reflectivity must be one of {', '.join(METALS)}, or a number; got {shown(reflectivity)}")
+            raise InvalidParameter(f"reflectivity must be one of {', '.join(METALS)}, or a number; got {format_value(reflectivity)}")
         return METALS[reflectivity]
     if isinstance(reflectivity, complex):
         if not (np.isfinite(reflectivity) and reflectivity.real > 0 and reflectivity.imag >= 0):

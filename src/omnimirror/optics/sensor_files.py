@@ -346,7 +346,7 @@ def housing_of(table: dict[str, Any], where: SourceLocator) -> Housing:
             valid = ", ".join(f"housing.{part_name}" for part_name in HOUSING_PARTS)
             raise where.error(("housing", name), f"unknown entry housing.{name}{did_you_mean(name, HOUSING_PARTS)}; use {valid}")
         if not isinstance(part, dict):
-            raise where.error(("housing", name), f"housing.{name} must be a table [housing.{name}]; got {shown(part)}")
+            raise where.error(("housing", name), f"housing.{name} must be a table [housing.{name}]; got {format_value(part)}")
     if len(shells := [name for name in SHELLS if name in table]) > 1:
         raise where.error(("housing", shells[1]), f"housing must not have both a {' and a '.join(shells)}; remove one")
     parts = {name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where) for name, part in table.items()}

@@ -157,7 +157,7 @@ def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int
             name = format_value(key)[1:-1]
             raise where.error((key,), f"unknown entry {name}{did_you_mean(key, known)}; use {', '.join(known)}")
         if not isinstance(value, known[key]) or isinstance(value, bool):
-            raise where.error((key,), f"{key} must be {NOUNS[known[key]]}; got {shown(value)}")
+            raise where.error((key,), f"{key} must be {NOUNS[known[key]]}; got {format_value(value)}")
     if (version := data.get("format", file_format)) != file_format:
         raise where.error(("format",), f"format must be {file_format} for this version of omnimirror; got {version}")
 
@@ -184,7 +184,7 @@ def _error_message(model: type[Table], path: tuple[str, ...], problem: Any) -> s
             names = list(model.model_fields)
             return f"unknown entry {name}{did_you_mean(path[1], names)}; use {', '.join(names)}"
         case "literal_error":
-            return f"{name} must be one of {problem['ctx']['expected']}; got {shown(value)}"
+            return f"{name} must be one of {problem['ctx']['expected']}; got {format_value(value)}"
         case _:
             requirement = re.sub(r"^(Input|List|String|Tuple|it) should", "must", problem["msg"])
             requirement = re.sub(r" after validation, not \d+$", "", requirement)

@@ -11,7 +11,7 @@ from typing import Any, cast
 import click
 import numpy as np
 
-from ...base.arguments import float_of, shown
+from ...base.arguments import parse_float, float_of, shown
 from ...design.catalogue import TYPICAL
 from ...design.designer import SearchOptions
 from ...design.freeform import SHAPE

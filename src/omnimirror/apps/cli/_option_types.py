@@ -70,19 +70,19 @@ def values(text: str) -> NDArray[np.float64]:
     try:
         parts = [parse_float(p) for p in text.split(":" if ":" in text else ",")]
     except ValueError:
-        raise click.BadParameter(f"must be a range START:STOP:STEP or a list of numbers; got {shown(text)}") from None
+        raise click.BadParameter(f"must be a range START:STOP:STEP or a list of numbers; got {format_value(text)}") from None
     if not np.isfinite(parts).all():
         raise click.BadParameter(f"must be finite numbers; got {format_value(text)}")
     if ":" not in text:
         return np.array(parts)
     if len(parts) != 3:
-        raise click.BadParameter(f"must be START:STOP:STEP, such as 0:135:5; got {shown(text)}")
+        raise click.BadParameter(f"must be START:STOP:STEP, such as 0:135:5; got {format_value(text)}")
     start, stop, step = parts
     if step <= 0 or stop < start:
-        raise click.BadParameter(f"START must be at most STOP, and STEP above 0; got {shown(text)}")
+        raise click.BadParameter(f"START must be at most STOP, and STEP above 0; got {format_value(text)}")
     count = int(np.floor((stop - start) / step + 1e-9)) + 1
     if count > MAX_VALUES:
-        raise click.BadParameter(f"must be at most {MAX_VALUES} numbers; {shown(text)} contains {count}")
+        raise click.BadParameter(f"must be at most {MAX_VALUES} numbers; {format_value(text)} contains {count}")
     return start + step * np.arange(count, dtype=np.float64)
 
 
@@ -129,7 +129,7 @@ def image_size(text: str) -> tuple[int | None, int | None]:
     """
     match = re.fullmatch(r"([0-9]{0,6})x([0-9]{0,6})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"must be a size in pixels, such as 1440x360, 1440x or x360; got {shown(text)}")
+        raise click.BadParameter(f"must be a size in pixels, such as 1440x360, 1440x or x360; got {format_value(text)}")
     width, height = (int(side) if side else None for side in match.groups())
     return width, height
 
@@ -142,7 +142,7 @@ def full_image_size(text: str) -> tuple[int, int]:
     """
     width, height = image_size(text)
     if width is None or height is None:
-        raise click.BadParameter(f"must contain width and height, such as 1024x768; got {shown(text)}")
+        raise click.BadParameter(f"must contain width and height, such as 1024x768; got {format_value(text)}")
     return width, height
 
 
@@ -162,7 +162,7 @@ def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"must be {what}; got {shown(text)}")
+        raise click.BadParameter(f"must be {what}; got {format_value(text)}")
     return numbers
 
 
@@ -177,7 +177,7 @@ def number_or_range(text: str) -> float | tuple[float, float]:
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not np.isfinite(numbers).all():
-        raise click.BadParameter(f"must be a number or a range LOW:HIGH; got {shown(text)}")
+        raise click.BadParameter(f"must be a number or a range LOW:HIGH; got {format_value(text)}")
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
@@ -192,7 +192,7 @@ def distance(text: str) -> float:
     except ValueError:
         number = float("nan")
     if not number > 0:
-        raise click.BadParameter(f"must be a distance in mm above 0, or 'inf'; got {shown(text)}")
+        raise click.BadParameter(f"must be a distance in mm above 0, or 'inf'; got {format_value(text)}")
     return number
 
 
@@ -243,7 +243,7 @@ def factor(text: str) -> float:
     """
     (number,) = _numbers(text, 1, ",", "a factor above 0")
     if number <= 0:
-        raise click.BadParameter(f"must be a factor above 0; got {shown(text)}")
+        raise click.BadParameter(f"must be a factor above 0; got {format_value(text)}")
     return number
 
 
@@ -265,4 +265,4 @@ def focus(text: str) -> float | str:
     try:
         return parse_float(text)
     except ValueError:
-        raise click.BadParameter(f"must be a distance in mm, or 'auto'; got {shown(text)}") from None
+        raise click.BadParameter(f"must be a distance in mm, or 'auto'; got {format_value(text)}") from None

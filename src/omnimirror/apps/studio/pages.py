@@ -297,7 +297,7 @@ def show(image: str | Path | NDArray[Any], camera: AnyCamera, *, height_px: int 
     '<iframe srcdoc='
     """
     if not isinstance(camera, AnyCamera):
-        raise InvalidParameter(f"camera must be a sensor or a camera, for example from load_sensor; got {shown(camera)}")
+        raise InvalidParameter(f"camera must be a sensor or a camera, for example from load_sensor; got {format_value(camera)}")
     height = number("height_px", height_px)
     if not MIN_HEIGHT_PX <= height <= MAX_HEIGHT_PX:
         raise InvalidParameter(f"height_px must be between {MIN_HEIGHT_PX} and {MAX_HEIGHT_PX}; got {height:g}")

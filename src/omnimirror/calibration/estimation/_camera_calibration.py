@@ -335,7 +335,7 @@ def _with_unique_names(detections: Sequence[Detection]) -> list[Detection]:
 
 def _prior(entry: Any) -> Prior:
     if not (isinstance(entry, tuple) and len(entry) == len(Prior._fields)):
-        raise InvalidType(f"priors must be tuples (name, value, standard deviation); got {shown(entry)}")
+        raise InvalidType(f"priors must be tuples (name, value, standard deviation); got {format_value(entry)}")
     return Prior(*entry)
 
 
@@ -360,7 +360,7 @@ def _models_to_fit(model: str | CameraModel, size: tuple[int, int], optics: str,
             raise InvalidParameter("model = 'sensor' requires optics = 'mirror'; got 'fisheye'")
         return (model,)
     if not isinstance(model, CameraModel):
-        raise InvalidParameter(f"model must be a camera model or one of auto, {', '.join(KINDS)}; got {shown(model)}")
+        raise InvalidParameter(f"model must be a camera model or one of auto, {', '.join(KINDS)}; got {format_value(model)}")
     if tuple(model.image_size) != tuple(size):
         (w, h), (width, height) = model.image_size, size
         raise InvalidParameter(f"model must have the size of the images, {width} x {height} px; got {w} x {h} px")

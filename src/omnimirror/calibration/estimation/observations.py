@@ -482,7 +482,7 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
     target = next((names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}), None)
     if target is None or len(set(columns)) < len(columns):
         column_sets = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
-        raise InvalidParameter(f"line {number} of {path}: the columns must be {column_sets}, and {IMAGE_COLUMN} for several images; got {shown(head)}")
+        raise InvalidParameter(f"line {number} of {path}: the columns must be {column_sets}, and {IMAGE_COLUMN} for several images; got {format_value(head)}")
     return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
 
 

@@ -104,7 +104,7 @@ class Node:
         """Return one of several words."""
         word = self.word()
         if word not in valid:
-            self.fail(f"must be one of {', '.join(valid)}; got {shown(word)}")
+            self.fail(f"must be one of {', '.join(valid)}; got {format_value(word)}")
         return word
 
     def entries(self) -> list[Node]:

@@ -64,7 +64,7 @@ BUILT_IN_FORMATS = {
 
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, CameraFormat):
-        raise InvalidType(f"a format must be an omnimirror.calibration.formats.CameraFormat; got {shown(kind)}")
+        raise InvalidType(f"a format must be an omnimirror.calibration.formats.CameraFormat; got {format_value(kind)}")
     existing = [layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts]
     if existing:
         raise InvalidParameter(f"layouts must have new names; {existing[0]} belongs to another format")
@@ -207,12 +207,12 @@ def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
     known = ", ".join(dict.fromkeys([*FORMATS, *named]))
     if to is not None:
         if not isinstance(to, str):
-            raise InvalidType(f"to must be the name of a format, one of {known}; got {shown(to)}")
+            raise InvalidType(f"to must be the name of a format, one of {known}; got {format_value(to)}")
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in FORMATS:
             return _layouts_for_path(FORMATS[to], path)
-        raise InvalidParameter(f"to must be one of {known}; got {shown(to)}")
+        raise InvalidParameter(f"to must be one of {known}; got {format_value(to)}")
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
             return _layouts_for_path(kind, path)

@@ -70,7 +70,6 @@ class RimClassifier:
             LogisticMember(
                 *(np.array(member[name]) for name in ("linear", "bias", "hidden", "shift", "out"))  # type: ignore[arg-type]  # the last one is a number
             )
-            )
             for member in content["members"]
         ]
         trust, first_share = float(content["trust"]), float(content["first_share"])

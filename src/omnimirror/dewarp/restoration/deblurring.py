@@ -131,6 +131,8 @@ MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter ev
 SHARPER = "it is sharper than the assumed blur"
 UNSEEN = "its blur cannot be estimated"
 NO_MORE = "it contains no more blur"
+F_TOLERANCE, FOCUS_TOLERANCE = 0.05, 0.1  # EXIF rounds F-numbers to two digits, and distances more coarsely
+MAX_FOCUS_MM = 1e7
 
 
 @validate_arguments

@@ -9,7 +9,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import number, places
+from ...base.arguments import positions, validate_arguments, number, places
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction

@@ -186,14 +186,14 @@ def offset_text(offset_mm: Offset) -> str:
 def check_size(size: tuple[int, int]) -> None:
     """Raise an error unless the size is a width and height in whole pixels."""
     if numbers("size", size, "of shape (2,)").shape != (2,) or not all(1 <= n <= MAX_SIDE_PX and int(n) == n for n in size):
-        raise InvalidParameter(f"size must be (width, height) from 1 to {MAX_SIDE_PX} px; got {shown(size)}")
+        raise InvalidParameter(f"size must be (width, height) from 1 to {MAX_SIDE_PX} px; got {format_value(size)}")
 
 
 def check_offset(offset_mm: Offset) -> None:
     """Raise an error unless the offset is a point in the world."""
     offset = numbers("offset_mm", offset_mm, "numbers of shape (3,)")
     if offset.shape != (3,) or not np.isfinite(offset).all():
-        raise InvalidParameter(f"offset_mm must be finite numbers (x, y, z); got {shown(offset_mm)}")
+        raise InvalidParameter(f"offset_mm must be finite numbers (x, y, z); got {format_value(offset_mm)}")
 
 
 def check_angle(name: str, angle_deg: float) -> None:
@@ -215,7 +215,7 @@ def check_range(name: str, value: float, low: float, high: float, upper_included
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Raise an error for an unknown choice."""
     if not isinstance(value, str) or value not in choices:
-        raise InvalidParameter(f"{name} must be one of {', '.join(choices)}; got {shown(value)}")
+        raise InvalidParameter(f"{name} must be one of {', '.join(choices)}; got {format_value(value)}")
 
 
 def check_zoom(factor: float) -> None:

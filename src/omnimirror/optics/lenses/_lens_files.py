@@ -43,7 +43,7 @@ def split_file_entry(table: dict[str, Any], folder: Path | None, entry: str, nou
         raise SpecError(f"lens.{entry} must not name a file here; enter {noun} instead")
     name = table[entry]
     if not isinstance(name, str):
-        raise SpecError(f"lens.{entry} must be a file name in quotes; got {shown(name)}")
+        raise SpecError(f"lens.{entry} must be a file name in quotes; got {format_value(name)}")
     return {k: v for k, v in table.items() if k != entry}, folder / name
 
 
@@ -78,7 +78,7 @@ def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[s
             for name, cell in zip(names, row, strict=True):
                 columns_by_name[name].append(parse_float(cell))
         except ValueError:
-            raise SpecError(f"{path} line {number}: the row must contain {len(names)} numbers, one per column; got {shown(','.join(row))}") from None
+            raise SpecError(f"{path} line {number}: the row must contain {len(names)} numbers, one per column; got {format_value(','.join(row))}") from None
     return columns_by_name | entries
 
 

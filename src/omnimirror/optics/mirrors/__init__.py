@@ -19,12 +19,12 @@ M = TypeVar("M", bound=Mirror)
 def _check(name: str, cls: Any) -> None:
     """Check that an object is a mirror class with this kind."""
     if not (isinstance(cls, type) and issubclass(cls, Mirror)):
-        raise InvalidType(f"a mirror class must be derived from omnimirror.optics.mirrors.Mirror; got {shown(cls)}")
+        raise InvalidType(f"a mirror class must be derived from omnimirror.optics.mirrors.Mirror; got {format_value(cls)}")
     dataclass_parameters = vars(cls).get("__dataclass_params__")
     if dataclass_parameters is None or not dataclass_parameters.frozen:
         raise InvalidParameter(f"{cls.__name__} must be a frozen dataclass of its parameters")
     if (kind := getattr(cls, "KIND", None)) != name:
-        raise InvalidParameter(f"{cls.__name__}.KIND must be {name!r}, its registered name; got {shown(kind)}")
+        raise InvalidParameter(f"{cls.__name__}.KIND must be {name!r}, its registered name; got {format_value(kind)}")
     names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
     if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
         raise InvalidParameter(f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in their order, including rim_radius_mm")

@@ -648,7 +648,7 @@ class TabulatedMapping(MappingMirror):
         4.072351768
         """
         if not callable(height):
-            raise InvalidType(f"height must be a function of field angles (n,) in radians; got {shown(height)}")
+            raise InvalidType(f"height must be a function of field angles (n,) in radians; got {format_value(height)}")
         low, high = number("omega_min_deg", omega_min_deg), number("omega_max_deg", omega_max_deg)
         tolerance = number("tolerance", tolerance, above=0.0)
         rows = 64

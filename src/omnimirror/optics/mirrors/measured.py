@@ -379,7 +379,7 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
         row_values = [style.value(word) for word, is_number in zip(words, is_numeric, strict=False) if is_number]
         if len(words) < width or None in row_values:
             names = "x, y, z" if sum(is_numeric) > 2 else "x, z"
-            raise OmnimirrorError(f"{path} line {number}: the row must contain {names}, as the other rows; got {shown(line)}")
+            raise OmnimirrorError(f"{path} line {number}: the row must contain {names}, as the other rows; got {format_value(line)}")
         values.append([value for value in row_values if value is not None])
     return [line for _, line in lines[:first]], is_numeric, np.array(values)
 
@@ -541,7 +541,7 @@ def _cloud_rows(path: Path, text: str, names: str) -> Array:
             if not numbers or not np.isfinite(numbers).all() or len(numbers) < len(rows[0] if rows else []):
                 raise ValueError
         except ValueError:
-            raise OmnimirrorError(f"{path} line {number}: the line must contain {names}; got {shown(line)}") from None
+            raise OmnimirrorError(f"{path} line {number}: the line must contain {names}; got {format_value(line)}") from None
         rows.append(numbers[: len(rows[0])] if rows else numbers)
     return np.array(rows).reshape(-1, len(rows[0]) if rows else 1)
 
@@ -693,7 +693,7 @@ class ColumnFile:
             raise SpecError(f"{self.entry} must not be combined with {' and '.join(sorted(clash))}; remove one")
         name = table[self.entry]
         if not isinstance(name, str):
-            raise SpecError(f"{self.entry} must be a file name in quotes; got {shown(name)}")
+            raise SpecError(f"{self.entry} must be a file name in quotes; got {format_value(name)}")
         columns = self.read(folder / name, self.noun)
         entries = {k: v for k, v in table.items() if k != self.entry}
         return entries | dict(zip(self.columns, map(list, columns), strict=True))

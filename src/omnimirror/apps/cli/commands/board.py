@@ -30,7 +30,7 @@ def board_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"must be the size of a board, such as 11x7; got {shown(text)}")
+        raise click.BadParameter(f"must be the size of a board, such as 11x7; got {format_value(text)}")
     return int(match[1]), int(match[2])
 
 

@@ -55,7 +55,7 @@ def prior(text: str) -> Prior:
                 return parsed
     except ValueError:
         pass
-    raise click.BadParameter(f"must be NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1; got {shown(text)}")
+    raise click.BadParameter(f"must be NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1; got {format_value(text)}")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from ....base.arguments import float_of, shown
+from ....base.arguments import parse_float, float_of, shown
 from ....base.files import write_json
 from ....design.requirement_check import TemperatureRange, judge, temperature_range
 from ....design.requirement_files import load_requirements

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from ....analysis.relative_illumination import Illumination, illumination
-from ....base.arguments import float_of, shown
+from ....base.arguments import parse_float, float_of, shown
 from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....optics.materials import METALS, Reflectivity

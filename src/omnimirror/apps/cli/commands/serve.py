@@ -31,7 +31,7 @@ class GatewayOptions(ListenOptions):
 @click.option("--views", "views_file", required=True, type=click.Path(path_type=Path), help="TOML file of named views.")
 @add_options(CameraOptions, "camera")
 @add_options(OrientationOptions, "orientation")
-@takes(GatewayOptions, "gateway")
+@add_options(GatewayOptions, "gateway")
 @click.option("--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="auto", show_default=True, help="Resampling; auto: cubic, with averaging for minification.")
 @click.option("--threads", type=IntegerRange(1, MAX_THREADS), metavar="N", help="Number of dewarping threads.  [default: one per processor core]")
 def command(source: str, views_file: Path, camera: CameraOptions, orientation: OrientationOptions, gateway: GatewayOptions, interpolation: Interpolation, threads: int | None) -> None:

@@ -63,8 +63,8 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
 @click.command(cls=DocumentedCommand, page="studio", examples=("omnimirror studio --folder images", "omnimirror studio --page viewer.html"))
 @add_options(PageOptions, "standalone")
 @add_options(OrientationOptions, "orientation")
-@takes(ServerOptions, "server")
-def command(server: ServerOptions, standalone: PageOptions) -> None:
+@add_options(ServerOptions, "server")
+def command(server: ServerOptions, orientation: OrientationOptions, standalone: PageOptions) -> None:
     """Open the studio in the browser: view images, videos and cameras through a sensor, or design
     one.
 

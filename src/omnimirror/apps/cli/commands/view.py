@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @add_options(CameraOptions, "camera")
 @add_options(OrientationOptions, "orientation")
-@takes(ServerOptions, "server")
+@add_options(ServerOptions, "server")
 def command(sources: tuple[str, ...], camera: CameraOptions, orientation: OrientationOptions, server: ServerOptions) -> None:
     """View each SOURCE in the browser.
 
