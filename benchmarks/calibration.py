@@ -32,7 +32,14 @@ from tests.calibration.targets.rendering import photographed, pose
 
 BOARD = om.Board("chessboard", 9, 6, 30.0)
 SENSORS = ("paper-spherical", "prototype-hyperboloidal")
-AROUND = [(40, -30), (130, -30), (220, -20), (300, -20), (10, -45), (180, -10)]  # azimuth, elevation, deg
+AROUND = [
+    (40, -30),
+    (130, -30),
+    (220, -20),
+    (300, -20),
+    (10, -45),
+    (180, -10),
+]  # azimuth, elevation, deg
 TURNS = [(0, 15, 30), (0, -20, -20), (10, 0, 60)]
 SIZE = 640
 
@@ -46,15 +53,28 @@ class Taken(NamedTuple):
     quality: int
 
 
-CONDITIONS = [Taken(330, 0.5, 2, 95), Taken(330, 2.0, 5, 80), Taken(800, 0.5, 6, 70), Taken(1100, 0.6, 3, 90)]
+CONDITIONS = [
+    Taken(330, 0.5, 2, 95),
+    Taken(330, 2.0, 5, 80),
+    Taken(800, 0.5, 6, 70),
+    Taken(1100, 0.6, 3, 90),
+]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--data", type=Path, help="folder with kaidan_omni and ocamcalib_cpp_sample, for the rows of photographs")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        help="folder with kaidan_omni and ocamcalib_cpp_sample, for the rows of photographs",
+    )
     arguments = parser.parse_args()
-    tables = {"calibration_corners": corners, "calibration_lines": lines, "calibration_beside_boards": beside_boards}
+    tables = {
+        "calibration_corners": corners,
+        "calibration_lines": lines,
+        "calibration_beside_boards": beside_boards,
+    }
     if arguments.data:
         tables["calibration_photographs"] = photographs
     for name, table in tables.items():
@@ -65,11 +85,18 @@ def main() -> None:
 
 def corners(_: Path | None) -> str:
     """Return a table of corner detection errors."""
-    rows = ["| squares | blur, noise, JPEG quality | corners found | RMS px in two dimensions | along the radius px | `cornerSubPix` RMS px, along the radius px |", "|---|---|---|---|---|---|"]
+    rows = [
+        "| squares | blur, noise, JPEG quality | corners found | RMS px in two dimensions | along the radius px | `cornerSubPix` RMS px, along the radius px |",
+        "|---|---|---|---|---|---|",
+    ]
     for taken in CONDITIONS:
-        ours, theirs, spacings, looked_for = (np.concatenate(part) for part in zip(*_boards(taken), strict=True))
+        ours, theirs, spacings, looked_for = (
+            np.concatenate(part) for part in zip(*_boards(taken), strict=True)
+        )
         low, high = np.percentile(spacings, [5, 95])
-        rows.append(f"| {low:.0f} to {high:.0f} px | {taken.blur_px:g} px, {taken.noise:g} of 255, {taken.quality} | {len(ours)} of {looked_for.sum():.0f} | {_rms(ours):.3f} | {ours[:, 2].mean():+.3f} | {_rms(theirs):.3f}, {theirs[:, 2].mean():+.3f} |")
+        rows.append(
+            f"| {low:.0f} to {high:.0f} px | {taken.blur_px:g} px, {taken.noise:g} of 255, {taken.quality} | {len(ours)} of {looked_for.sum():.0f} | {_rms(ours):.3f} | {ours[:, 2].mean():+.3f} | {_rms(theirs):.3f}, {theirs[:, 2].mean():+.3f} |"
+        )
     return "\n".join(rows)
 
 
@@ -80,7 +107,13 @@ def _boards(taken: Taken) -> Iterator[tuple[np.ndarray, ...]]:
         sensor = om.load_sensor(name)
         for seed, (azimuth, elevation) in enumerate(AROUND):
             place = pose(BOARD, azimuth, elevation, taken.distance_mm, *TURNS[seed % len(TURNS)])
-            shot = photographed(sensor, BOARD, place, seed=seed, **dict(zip(taken._fields[1:], taken[1:], strict=True)))
+            shot = photographed(
+                sensor,
+                BOARD,
+                place,
+                seed=seed,
+                **dict(zip(taken._fields[1:], taken[1:], strict=True)),
+            )
             if not np.isfinite(shot.corners_px).all():
                 continue
             found = om.find_board(shot.picture, BOARD)
@@ -89,9 +122,16 @@ def _boards(taken: Taken) -> Iterator[tuple[np.ndarray, ...]]:
             window = (max(2, int(0.35 * spacing.min())),) * 2
             stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
             start = np.ascontiguousarray(np.rint(shot.corners_px)[:, None], dtype=np.float32)
-            refined = cv2.cornerSubPix(shot.picture, start, window, (-1, -1), stop)[:, 0].astype(float)
+            refined = cv2.cornerSubPix(shot.picture, start, window, (-1, -1), stop)[:, 0].astype(
+                float
+            )
             centre = np.array(sensor.imager.centre)
-            yield (_errors(found.corners_px, shot.corners_px, centre), _errors(refined, shot.corners_px, centre), spacing, np.array([len(grid) * BOARD.columns]))
+            yield (
+                _errors(found.corners_px, shot.corners_px, centre),
+                _errors(refined, shot.corners_px, centre),
+                spacing,
+                np.array([len(grid) * BOARD.columns]),
+            )
 
 
 def _errors(found: np.ndarray, truth: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -111,23 +151,45 @@ def _rms(errors: np.ndarray) -> float:
 
 def lines(data: Path | None) -> str:
     """Return a table of cameras estimated from the straight edges of one image."""
-    rows = ["| picture | camera | error of directions, rms | said, median | within 3 sigma |", "|---|---|---|---|---|"]
-    hyperboloid, ball = (_sensor("paper-hyperboloidal"), replace(_sensor("paper-spherical"), mirror_pose=MirrorPose(0.5, -0.3, 0.4, 0.2)))
-    for words, truth, drawn in (("simulated room, hyperboloid", hyperboloid, hyperboloid), ("simulated room, misaligned ball", ball, replace(ball, mirror_pose=MirrorPose()))):
+    rows = [
+        "| picture | camera | error of directions, rms | said, median | within 3 sigma |",
+        "|---|---|---|---|---|",
+    ]
+    hyperboloid, ball = (
+        _sensor("paper-hyperboloidal"),
+        replace(_sensor("paper-spherical"), mirror_pose=MirrorPose(0.5, -0.3, 0.4, 0.2)),
+    )
+    for words, truth, drawn in (
+        ("simulated room, hyperboloid", hyperboloid, hyperboloid),
+        ("simulated room, misaligned ball", ball, replace(ball, mirror_pose=MirrorPose())),
+    ):
         picture = om.render_image(truth, om.Room(texel_mm=20.0), samples=4)
-        drawn = replace(drawn, lens=replace(drawn.lens, focal_length_mm=1.03 * drawn.lens.focal_length_mm))
+        drawn = replace(
+            drawn, lens=replace(drawn.lens, focal_length_mm=1.03 * drawn.lens.focal_length_mm)
+        )
         freed = om.SensorModel(replace(drawn, mount=Mount("up")), ("focal", "decentre"))
-        where = {"centre_px": truth.imager.centre, "radius_px": truth.aligned().rim_radius_px, "inner_radius_px": 30.0}
+        where = {
+            "centre_px": truth.imager.centre,
+            "radius_px": truth.aligned().rim_radius_px,
+            "inner_radius_px": 30.0,
+        }
         pixels = np.random.default_rng(0).uniform(0, SIZE, (2000, 2))
-        for kind, model in (("as drawn, focal length 3 % off, it and the place free", freed), ("unknown", None)):
+        for kind, model in (
+            ("as drawn, focal length 3 % off, it and the place free", freed),
+            ("unknown", None),
+        ):
             found = om.calibrate_plumb_lines([picture], model=model, **where)
             rows.append(f"| {words} | {kind} | {_directions(truth, found.camera, pixels)} |")
     if data and (folder := data / "ocamcalib_cpp_sample").exists():
         known = om.load_ocam(folder / "calib_results_catadioptric.txt")
         picture = om.read_image(folder / "test_catadioptric.jpg")
-        found = om.calibrate_plumb_lines([picture], centre_px=known.centre_px, radius_px=370.0, inner_radius_px=80.0)
+        found = om.calibrate_plumb_lines(
+            [picture], centre_px=known.centre_px, radius_px=370.0, inner_radius_px=80.0
+        )
         phi = np.linspace(0, 2 * np.pi, 64, endpoint=False)
-        rings = [r * np.stack([np.cos(phi), np.sin(phi)], axis=-1) for r in np.linspace(90.0, 350.0, 27)]
+        rings = [
+            r * np.stack([np.cos(phi), np.sin(phi)], axis=-1) for r in np.linspace(90.0, 350.0, 27)
+        ]
         pixels = np.array(known.centre_px) + np.concatenate(rings)
         words = "OCamCalib's sample photograph, beside its authors' calibration"
         rows.append(f"| {words} | unknown | {_directions(known, found.camera, pixels)} |")
@@ -147,7 +209,9 @@ def _directions(truth: om.Camera, camera: om.Camera, pixels: np.ndarray) -> str:
     three sigma."""
     a, b = truth.backproject(pixels), camera.backproject(pixels)
     both = a.valid & b.valid
-    true, found = ((rays.directions @ c.mount.rotation())[both] for rays, c in ((a, truth), (b, camera)))
+    true, found = (
+        (rays.directions @ c.mount.rotation())[both] for rays, c in ((a, truth), (b, camera))
+    )
     off = np.degrees(np.linalg.norm(np.cross(true, found), axis=1))
     said = om.direction_uncertainty(camera, pixels[both], field_deg=180.0)
     return f"{_deg(np.sqrt(np.mean(off**2)))} | {_deg(np.median(said))} | {100 * np.mean(off < 3 * said):.0f} %"
@@ -164,22 +228,31 @@ def beside_boards(_: Path | None) -> str:
     from tests.calibration.estimation.test_edges import boards_at_the_right, edges, errors_deg
 
     rows = ["| | error of directions, rms | said, rms |", "|---|---|---|"]
-    for words, with_edges in (("six boards in the right half", False), ("and forty edges all around", True)):
+    for words, with_edges in (
+        ("six boards in the right half", False),
+        ("and forty edges all around", True),
+    ):
         errors, said = [], []
         for seed in range(6):
             marked = {"room.jpg": edges(40, seed)} if with_edges else None
-            found = om.calibrate_camera(boards_at_the_right(seed), LARGER, model="unified", lines=marked)
+            found = om.calibrate_camera(
+                boards_at_the_right(seed), LARGER, model="unified", lines=marked
+            )
             off, sigma = errors_deg(found.camera)
             errors.append(np.mean(off**2))
             said.append(np.mean(sigma**2))
-        rows.append(f"| {words} | {_deg(np.sqrt(np.mean(errors)))} | {_deg(np.sqrt(np.mean(said)))} |")
+        rows.append(
+            f"| {words} | {_deg(np.sqrt(np.mean(errors)))} | {_deg(np.sqrt(np.mean(said)))} |"
+        )
     return "\n".join(rows)
 
 
 def photographs(data: Path) -> str:
     """Return a table of models fitted to the photographs of a consumer mirror."""
     board = om.Board("chessboard", 11, 7, 30.0)
-    paths = sorted((data / "kaidan_omni").glob("*.jpg"), key=lambda path: (len(path.name), path.name))
+    paths = sorted(
+        (data / "kaidan_omni").glob("*.jpg"), key=lambda path: (len(path.name), path.name)
+    )
     began = time.perf_counter()
     detections = om.find_boards(paths, board)
     looking = time.perf_counter() - began
@@ -190,9 +263,13 @@ def photographs(data: Path) -> str:
         taken = time.perf_counter() - began
         used = sum(picture.used for picture in found.images)
         name = f"`{model}`" + (f", which takes `{found.model.KIND}`" if model == "auto" else "")
-        rows.append(f"| {name} | {used} | {found.rms_px:.3f} | {found.held_out_rms_px:.3f} | {taken:.1f} |")
+        rows.append(
+            f"| {name} | {used} | {found.rms_px:.3f} | {found.held_out_rms_px:.3f} | {taken:.1f} |"
+        )
     corners_found = sum(len(detection.ids) for detection in detections)
-    return "\n".join(rows) + f"\n\n{corners_found} corners, found in {looking:.1f} s ({processor()})."
+    return (
+        "\n".join(rows) + f"\n\n{corners_found} corners, found in {looking:.1f} s ({processor()})."
+    )
 
 
 if __name__ == "__main__":

@@ -144,7 +144,9 @@ def integrator(visit: Visit) -> None:
     visit.button("All views")
     visit.until(f"window.omnimirror.look.laid.places.length === {CAMERAS} && {SEEN}")
     visit.see("four cameras side by side")
-    (*_, last) = visit.page.evaluate("window.omnimirror.look.laid.places.map((p) => [p.left, p.top, p.width, p.height])")
+    (*_, last) = visit.page.evaluate(
+        "window.omnimirror.look.laid.places.map((p) => [p.left, p.top, p.width, p.height])"
+    )
     box = visit.page.locator("#view").bounding_box()
     visit.page.mouse.click(box["x"] + last[0] + last[2] / 2, box["y"] + last[1] + last[3] / 2)
     visit.presses += 1
@@ -179,7 +181,9 @@ Person: TypeAlias = "Callable[[Visit], None]"
 def prepare(folder: Path) -> None:
     """Write the input files: a photographed mirror ball, recordings of four cameras, and a
     requirement file."""
-    ball = om.MirrorBall((819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0))
+    ball = om.MirrorBall(
+        (819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0)
+    )
     write_image(folder / "ball.png", om.render_image(ball, om.Room(), samples=2))
     sensor = om.load_sensor("paper-spherical")
     for number in range(1, CAMERAS + 1):
@@ -200,13 +204,25 @@ def film(path: Path, picture: np.ndarray) -> None:
         out.mux(stream.encode())
 
 
-def visited(browser: Browser, address: str, person, folder: Path, pictures: Path | None, screen: str, theme: str) -> Visit:
+def visited(
+    browser: Browser,
+    address: str,
+    person,
+    folder: Path,
+    pictures: Path | None,
+    screen: str,
+    theme: str,
+) -> Visit:
     """Run the session of one user."""
     width, height = SCREENS[screen]
     where = pictures / person.__name__ / f"{screen}-{theme}" if pictures else None
     if where:
         where.mkdir(parents=True, exist_ok=True)
-    options = {"viewport": {"width": width, "height": height}, "color_scheme": theme, "bypass_csp": True}
+    options = {
+        "viewport": {"width": width, "height": height},
+        "color_scheme": theme,
+        "bypass_csp": True,
+    }
     page = browser.new_context(**options, permissions=["clipboard-write"]).new_page()
     page.set_default_timeout(120_000)
     visit = Visit(page, folder, where)
@@ -220,11 +236,19 @@ def visited(browser: Browser, address: str, person, folder: Path, pictures: Path
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--pictures", type=Path, help="folder for screenshots of each step, on all screens and in both themes")
+    parser.add_argument(
+        "--pictures",
+        type=Path,
+        help="folder for screenshots of each step, on all screens and in both themes",
+    )
     parser.add_argument("--people", nargs="*", default=[person.__name__ for person in PEOPLE])
     arguments = parser.parse_args()
     load = other_load()
-    executable = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-headless-shell")
+    executable = (
+        os.environ.get("CHROMIUM")
+        or shutil.which("chromium")
+        or shutil.which("chromium-headless-shell")
+    )
     rows = []
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
@@ -245,7 +269,15 @@ def main() -> None:
         version = browser.version
         browser.close()
     head = f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} without a graphics card.{load}"
-    lines = ["# First minutes", "", head, "", "| who | sees | presses | s |", "|---|---|---|---|", *rows]
+    lines = [
+        "# First minutes",
+        "",
+        head,
+        "",
+        "| who | sees | presses | s |",
+        "|---|---|---|---|",
+        *rows,
+    ]
     write_text(arguments.out / "first_minutes.md", "\n".join(lines) + "\n")
 
 

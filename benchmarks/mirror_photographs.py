@@ -51,7 +51,9 @@ def environments(folder: Path | None) -> tuple[Picture, ...]:
     """Return equirectangular images: photographs in a folder, or scenes of the project."""
     if folder is not None:
         return tuple(_tamed(read_image(folder / name)) for name in ENVIRONMENTS)
-    pan, tilt = np.meshgrid(np.linspace(np.pi, -np.pi, 512), np.linspace(np.pi / 2, -np.pi / 2, 256))
+    pan, tilt = np.meshgrid(
+        np.linspace(np.pi, -np.pi, 512), np.linspace(np.pi / 2, -np.pi / 2, 256)
+    )
     scenes = (om.load_scene("room", texel_mm=20.0), om.load_scene("street", texel_mm=40.0))
     return tuple(render_pinhole_image(scene, pan_tilt_direction(pan, tilt)) for scene in scenes)
 
@@ -91,7 +93,10 @@ def _place(rng: np.random.Generator, width: int, height: int) -> Rim:
         ratio = rng.uniform(0.95, 1.0) if rng.random() < 0.6 else 1.0
         u, v = rng.uniform(0, width), rng.uniform(0, height)
         if rng.random() < 0.5:
-            u, v = (width / 2 + rng.normal(0, 0.03 * width), height / 2 + rng.normal(0, 0.03 * height))
+            u, v = (
+                width / 2 + rng.normal(0, 0.03 * width),
+                height / 2 + rng.normal(0, 0.03 * height),
+            )
         rim = Rim((u, v), (radius, radius * ratio), float(rng.uniform(0, 180)))
         turn = np.linspace(0, 2 * np.pi, 360)
         x, y = u + radius * np.cos(turn), v + radius * np.sin(turn)
@@ -99,7 +104,9 @@ def _place(rng: np.random.Generator, width: int, height: int) -> Rim:
             return rim
 
 
-def _background(rng: np.random.Generator, width: int, height: int, world: Picture) -> tuple[Floats, str]:
+def _background(
+    rng: np.random.Generator, width: int, height: int, world: Picture
+) -> tuple[Floats, str]:
     kind = rng.choice(["dark", "plain", "clutter"], p=[0.25, 0.1, 0.65])
     if kind == "dark":
         return np.full((height, width, 3), rng.uniform(0, 30)) + rng.uniform(0, 6, 3), "dark"
@@ -128,18 +135,28 @@ def _view(rng: np.random.Generator, world: Picture, width: int, height: int) -> 
     """Render a perspective view of the environment in a random direction."""
     rows, columns, _ = world.shape
     half = np.tan(np.radians(rng.uniform(25, 50)))
-    u, v = np.meshgrid(np.linspace(-half, half, width), np.linspace(-half, half, height) * height / width)
+    u, v = np.meshgrid(
+        np.linspace(-half, half, width), np.linspace(-half, half, height) * height / width
+    )
     tilt, pan = rng.uniform(-0.6, 0.6), rng.uniform(0, 2 * np.pi)
     up, ahead = np.sin(tilt) - v * np.cos(tilt), np.cos(tilt) + v * np.sin(tilt)
     longitude = np.arctan2(u, ahead) + pan
     latitude = np.arctan2(up, np.hypot(u, ahead))
     x = (longitude / (2 * np.pi) % 1.0) * (columns - 1)
     y = (0.5 - latitude / np.pi) * (rows - 1)
-    seen = cv2.remap(world, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    seen = cv2.remap(
+        world,
+        x.astype(np.float32),
+        y.astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_WRAP,
+    )
     return seen.astype(float)
 
 
-def _with_mirror(rng: np.random.Generator, picture: Floats, rim: Rim, world: Picture) -> tuple[Floats, float | None, str]:
+def _with_mirror(
+    rng: np.random.Generator, picture: Floats, rim: Rim, world: Picture
+) -> tuple[Floats, float | None, str]:
     height, width, _ = picture.shape
     reflected = _reflected(rng, rim, world, width, height)
     words = ""
@@ -147,7 +164,11 @@ def _with_mirror(rng: np.random.Generator, picture: Floats, rim: Rim, world: Pic
     outer = 1.0 + np.cumsum(rng.uniform(0.02, 0.2, frames))
     for share in outer[::-1]:
         shift = rng.normal(0, 0.003, 2) * rim.semi_axes_px[0]
-        ring = Rim((rim.centre_px[0] + shift[0], rim.centre_px[1] + shift[1]), rim.semi_axes_px, rim.angle_deg)
+        ring = Rim(
+            (rim.centre_px[0] + shift[0], rim.centre_px[1] + shift[1]),
+            rim.semi_axes_px,
+            rim.angle_deg,
+        )
         cover = coverage(ring, share, width, height)[..., None]
         picture = picture * (1 - cover) + _plain(rng, rim, width, height) * cover
         words += f" frame {share:.2f}"
@@ -163,13 +184,17 @@ def _with_mirror(rng: np.random.Generator, picture: Floats, rim: Rim, world: Pic
     return picture, inner, words
 
 
-def _reflected(rng: np.random.Generator, rim: Rim, world: Picture, width: int, height: int) -> Floats:
+def _reflected(
+    rng: np.random.Generator, rim: Rim, world: Picture, width: int, height: int
+) -> Floats:
     """Render the environment with a bundled sensor, stretched to the given outline."""
     names = om.bundled_sensors()
     sensor = om.load_sensor(names[rng.integers(len(names))])
     side = int(min(2 * rim.semi_axes_px[0], 700))
     pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / side
-    imager = replace(sensor.imager, width_px=side, height_px=side, pixel_pitch_um=pitch, centre_px=None)
+    imager = replace(
+        sensor.imager, width_px=side, height_px=side, pixel_pitch_um=pitch, centre_px=None
+    )
     small = replace(sensor, imager=imager)
     turned = np.roll(world, rng.integers(world.shape[1]), axis=1)
     scene = om.Environment((turned / 255.0).astype(np.float32) ** 2.2)
@@ -179,7 +204,10 @@ def _reflected(rng: np.random.Generator, rim: Rim, world: Picture, width: int, h
     scale = small.rim_radius_px * 0.994  # excludes pixels at the rim, which are partly black
     middle = (side - 1) / 2
     turn = np.radians(rim.angle_deg)  # inverse rotation, keeps the image upright
-    x, y = (along * np.cos(turn) - across * np.sin(turn), along * np.sin(turn) + across * np.cos(turn))
+    x, y = (
+        along * np.cos(turn) - across * np.sin(turn),
+        along * np.sin(turn) + across * np.cos(turn),
+    )
     x, y = (middle + scale * x).astype(np.float32), (middle + scale * y).astype(np.float32)
     return cv2.remap(seen, x, y, cv2.INTER_LINEAR) * rng.uniform(0.5, 1.2)
 
@@ -216,8 +244,14 @@ def _lit(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     radius = rim.semi_axes_px[0]
     for _ in range(rng.integers(0, 5)):
-        turn, out = (rng.uniform(0, 2 * np.pi), rng.choice([rng.uniform(0.9, 1.1), rng.uniform(0, 1.3)]))
-        x, y = (rim.centre_px[0] + out * radius * np.cos(turn), rim.centre_px[1] + out * radius * np.sin(turn))
+        turn, out = (
+            rng.uniform(0, 2 * np.pi),
+            rng.choice([rng.uniform(0.9, 1.1), rng.uniform(0, 1.3)]),
+        )
+        x, y = (
+            rim.centre_px[0] + out * radius * np.cos(turn),
+            rim.centre_px[1] + out * radius * np.sin(turn),
+        )
         size = radius * rng.uniform(0.02, 0.15)
         blob = rng.uniform(100, 600) * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * size**2))
         picture = picture + blob[..., None]
@@ -233,7 +267,9 @@ def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
     if (blur := rng.uniform(0, 1.4)) > 0.3:
         picture = cv2.GaussianBlur(picture, (0, 0), blur)
     noisy = picture + rng.normal(0, rng.uniform(0, 6), picture.shape)
-    _, data = cv2.imencode(".jpg", np.clip(noisy, 0, 255).astype(np.uint8), [1, int(rng.uniform(60, 95))])
+    _, data = cv2.imencode(
+        ".jpg", np.clip(noisy, 0, 255).astype(np.uint8), [1, int(rng.uniform(60, 95))]
+    )
     return cv2.imdecode(data, cv2.IMREAD_COLOR)
 
 

@@ -33,15 +33,33 @@ from tests.everyday import few
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 RUN_ELSEWHERE = {"gallery.md"}  # tests/test_gallery.py
-LONG_EXAMPLES = {"calibrate.md", "design.md", "lenses.md", "manufacture.md", "optimisation.md", "simulate.md"}
-LONG_COMMANDS = {"aperture.md", "bought.md", "calibrate.md", "interoperability.md", "manufacture.md", "optimisation.md", "restoration.md", "stories.md"}
+LONG_EXAMPLES = {
+    "calibrate.md",
+    "design.md",
+    "lenses.md",
+    "manufacture.md",
+    "optimisation.md",
+    "simulate.md",
+}
+LONG_COMMANDS = {
+    "aperture.md",
+    "bought.md",
+    "calibrate.md",
+    "interoperability.md",
+    "manufacture.md",
+    "optimisation.md",
+    "restoration.md",
+    "stories.md",
+}
 """Pages that run in the full test; the daily test checks that the named files exist."""
 FIGURES = re.compile(r" --figures \S+| -o \S+\.html")
 """Options that create a dozen figures, or a page of images, that are not read again."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.M | re.S
+    )
 
 
 def every_day(pages: list[Path], long: set[str]) -> list[Any]:
@@ -101,17 +119,23 @@ def assert_printed(shown: list[str], output: str, command: str) -> None:
     numbers."""
     printed = iter(output.splitlines())
     for line in shown:
-        assert any(is_same(line, other) for other in printed), f"{command} does not print\n{line}\n{output}"
+        assert any(is_same(line, other) for other in printed), (
+            f"{command} does not print\n{line}\n{output}"
+        )
 
 
 def is_same(shown: str, printed: str) -> bool:
     a, b = shown.split(), printed.split()
-    return len(a) == len(b) and all(word == other or is_near(word, other) for word, other in zip(a, b, strict=True))
+    return len(a) == len(b) and all(
+        word == other or is_near(word, other) for word, other in zip(a, b, strict=True)
+    )
 
 
 def is_near(shown: str, printed: str) -> bool:
     try:
-        return float(printed.strip("()%")) == pytest.approx(float(shown.strip("()%")), rel=2e-3, abs=0.02)
+        return float(printed.strip("()%")) == pytest.approx(
+            float(shown.strip("()%")), rel=2e-3, abs=0.02
+        )
     except ValueError:
         return False
 
@@ -120,14 +144,20 @@ def is_near(shown: str, printed: str) -> bool:
 @pytest.mark.parametrize("page", every_day(WITH_COMMANDS, LONG_COMMANDS), ids=lambda p: p.name)
 def test_commands_run_in_order_and_print_what_is_shown(page, tmp_path):
     """Without figures, which take half of the time; the next test includes them."""
-    run_in_order([(FIGURES.sub("", command), shown) for command, shown in commands(page, "console")], page, tmp_path)
+    run_in_order(
+        [(FIGURES.sub("", command), shown) for command, shown in commands(page, "console")],
+        page,
+        tmp_path,
+    )
 
 
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda p: p.name)
 def test_python_examples_name_what_is_there(page):
     for node in ast.walk(ast.parse("".join(blocks(page, "python")))):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("omnimirror"):
-            assert all(hasattr(import_module(node.module), name.name) for name in node.names), ast.unparse(node)
+            assert all(hasattr(import_module(node.module), name.name) for name in node.names), (
+                ast.unparse(node)
+            )
         elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "om":
             assert hasattr(om, node.attr), ast.unparse(node)
 
@@ -139,7 +169,9 @@ def test_commands_name_options_that_there_are(page):
         command = app.get_command(click.Context(app), name)
         assert command is not None, line
         there = {"--help", *options(app), *options(command)}
-        assert {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)} <= there, line
+        assert {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)} <= there, (
+            line
+        )
 
 
 def options(command: click.Command) -> set[str]:
@@ -152,12 +184,18 @@ def options(command: click.Command) -> set[str]:
 def run_in_order(commands: list[tuple[str, list[str]]], page: Path, folder: Path) -> None:
     write_files(page, folder)
     for command, shown in commands:
-        codes = (0, 3) if command.startswith("omnimirror check") else (0,)  # 3: violated requirements
+        codes = (
+            (0, 3) if command.startswith("omnimirror check") else (0,)
+        )  # 3: violated requirements
         assert_printed(shown, run_command(command, folder, codes), command)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("page", [p for p in PAGES if any(FIGURES.search(block) for block in blocks(p, "console"))], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "page",
+    [p for p in PAGES if any(FIGURES.search(block) for block in blocks(p, "console"))],
+    ids=lambda p: p.name,
+)
 def test_commands_draw_what_they_are_asked_for(page, tmp_path):
     run_in_order(commands(page, "console"), page, tmp_path)
     for option in FIGURES.findall("\n".join(blocks(page, "console"))):
@@ -166,7 +204,9 @@ def test_commands_draw_what_they_are_asked_for(page, tmp_path):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "console slow")], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if blocks(p, "console slow")], ids=lambda p: p.name
+)
 def test_slow_commands_print_what_is_shown(page, tmp_path):
     write_files(page, tmp_path)
     for command, shown in commands(page, "console slow"):
@@ -178,7 +218,10 @@ def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
     for block in blocks(page, "toml"):
         if block.startswith("# views.toml"):
             (tmp_path / "views.toml").write_text(block)
-            assert all(view(om.load_sensor("paper-spherical")) for view in om.load_views(tmp_path / "views.toml").values())
+            assert all(
+                view(om.load_sensor("paper-spherical"))
+                for view in om.load_views(tmp_path / "views.toml").values()
+            )
             continue
         if block.startswith("# carts.toml"):
             continue  # test_boxes_move_as_documented
@@ -200,22 +243,41 @@ def test_sensor_camera_requirement_and_view_files_are_valid(page, tmp_path):
 TABLES: dict[str, Callable[[Path], Any]] = {
     "drive.csv": lambda path: om.load_path(path).at(2.0) == {"x_mm": 800.0, "pan_deg": 90.0},
     "lamp.csv": lambda path: om.load_path(path).at(1.0) == {"x_mm": -800.0, "z_mm": 250.0},
-    "turn.csv": lambda path: [Keyframes.load(path).at(time) for time in (0, 4, 6)] == [{"pan_deg": pan, "hfov_deg": hfov} for pan, hfov in ((0, 60), (90, 60), (90, 30))],
+    "turn.csv": lambda path: (
+        [Keyframes.load(path).at(time) for time in (0, 4, 6)]
+        == [{"pan_deg": pan, "hfov_deg": hfov} for pan, hfov in ((0, 60), (90, 60), (90, 30))]
+    ),
     "lens.csv": lambda path: parse_lens(path).field_deg == (0, 5, 10, 15),
-    "room.csv": lambda path: om.read_observations(points=[path]).observations[0].points.tolist() == [[2150, -730, 1420]],
-    "sky.csv": lambda path: om.read_observations(directions=[path]).observations[0].is_distant.tolist() == [True],
-    "edges.csv": lambda path: [len(edge) for edge in om.read_line_points([path])["hall.jpg"]] == [3],
+    "room.csv": lambda path: (
+        om.read_observations(points=[path]).observations[0].points.tolist() == [[2150, -730, 1420]]
+    ),
+    "sky.csv": lambda path: (
+        om.read_observations(directions=[path]).observations[0].is_distant.tolist() == [True]
+    ),
+    "edges.csv": lambda path: (
+        [len(edge) for edge in om.read_line_points([path])["hall.jpg"]] == [3]
+    ),
 }
 """Readers of the displayed tables, and their documented properties."""
 
 
 def parse_lens(path: Path) -> Any:
-    table = {"kind": "table", "file": path.name, "focal_length_mm": 11.6, "f_number": 8.0, "focus_distance_mm": 200.0}
+    table = {
+        "kind": "table",
+        "file": path.name,
+        "focal_length_mm": 11.6,
+        "f_number": 8.0,
+        "focus_distance_mm": 200.0,
+    }
     sensor = tomllib.loads(format_sensor(om.load_sensor("paper-spherical"))) | {"lens": table}
     return parse_sensor(tomli_w.dumps(sensor), folder=path.parent).lens
 
 
-@pytest.mark.parametrize(("page", "name"), [(p, n) for p in PAGES for n in files_shown(p) if not n.endswith(".toml")], ids=lambda p: getattr(p, "name", p))
+@pytest.mark.parametrize(
+    ("page", "name"),
+    [(p, n) for p in PAGES for n in files_shown(p) if not n.endswith(".toml")],
+    ids=lambda p: getattr(p, "name", p),
+)
 def test_tables_are_read_as_documented(page, name, tmp_path):
     write_files(page, tmp_path)
     assert TABLES[name](tmp_path / name)
@@ -227,12 +289,19 @@ def test_boxes_move_as_documented(tmp_path):
     write_files(ROOT / "docs" / "simulate.md", tmp_path)
     bodies = om.load_bodies(tmp_path / "carts.toml")
     sphere = om.load_sensor("paper-spherical")
-    small = replace(sphere, imager=replace(sphere.imager, width_px=256, height_px=256, pixel_pitch_um=5.2 * 4))
+    small = replace(
+        sphere, imager=replace(sphere.imager, width_px=256, height_px=256, pixel_pitch_um=5.2 * 4)
+    )
     places = [[1300.0, 0.0, 0.0], [1300.0, 900.0, 0.0], [-700.0, 0.0, -400.0], [-700.0, 0.0, 650.0]]
-    (u, v), valid = ((found := small.project(np.array(places))).pixels.round().astype(int).T, found.valid)
+    (u, v), valid = (
+        (found := small.project(np.array(places))).pixels.round().astype(int).T,
+        found.valid,
+    )
     assert valid.all()
     for time, shows in ((0.0, [True, False, True, False]), (1.0, [False, True, False, True])):
-        empty, full = (expose(small, SceneWithBodies(om.Room(), b, time), samples=1) for b in ((), bodies))
+        empty, full = (
+            expose(small, SceneWithBodies(om.Room(), b, time), samples=1) for b in ((), bodies)
+        )
         assert (np.abs(full - empty)[v, u].max(axis=-1) > 0.01).tolist() == shows, time
 
 
@@ -244,8 +313,16 @@ def headings(page: Path) -> set[str]:
 
 
 def test_links_between_pages_lead_somewhere():
-    for page in [*PAGES, ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", ROOT / "THIRD_PARTY.md"]:
-        for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", page.read_text(encoding="utf-8")):
+    for page in [
+        *PAGES,
+        ROOT / "CHANGELOG.md",
+        ROOT / "CONTRIBUTING.md",
+        ROOT / "SECURITY.md",
+        ROOT / "THIRD_PARTY.md",
+    ]:
+        for target, anchor in re.findall(
+            r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", page.read_text(encoding="utf-8")
+        ):
             there = page.parent / target if target else page
             assert there.exists(), f"{page.name} links to {target}"
             if anchor:
@@ -262,10 +339,16 @@ def test_the_site_names_every_page_and_its_reference_every_public_name(tmp_path,
     site.command_line()
     order = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = {p.relative_to(site.PAGES).as_posix() for p in site.PAGES.rglob("*.md")}
-    assert set(re.findall(r": (\S+\.md)$", order, flags=re.M)) == {p for p in pages if not re.match(r"reference/(?!index|commands)", p)}
-    reference = "".join(p.read_text(encoding="utf-8") for p in (site.PAGES / "reference").glob("*.md"))
+    assert set(re.findall(r": (\S+\.md)$", order, flags=re.M)) == {
+        p for p in pages if not re.match(r"reference/(?!index|commands)", p)
+    }
+    reference = "".join(
+        p.read_text(encoding="utf-8") for p in (site.PAGES / "reference").glob("*.md")
+    )
     public = [n for n in om.__all__ if not n.startswith("_")]
     assert [n for n in public if f"## om.{n} " not in reference] == []
     for page in site.PAGES.rglob("*.md"):
-        for target in re.findall(r"\]\(([^)#:\s]+\.md)(?:#[^)\s]*)?\)", page.read_text(encoding="utf-8")):
+        for target in re.findall(
+            r"\]\(([^)#:\s]+\.md)(?:#[^)\s]*)?\)", page.read_text(encoding="utf-8")
+        ):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"

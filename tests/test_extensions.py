@@ -103,14 +103,20 @@ class Quartic(Mirror):
     depth_mm: float
     rim_radius_mm: float
     KIND: ClassVar[str] = "quartic"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {"depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"), "rim_radius_mm": RIM_RADIUS}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"),
+        "rim_radius_mm": RIM_RADIUS,
+    }
     wrong: ClassVar[float] = 1.0
 
     def __post_init__(self):
         self._check()
 
     def profile(self, x_mm):
-        u, a = (np.asarray(x_mm, dtype=float) / self.rim_radius_mm, self.depth_mm / self.rim_radius_mm)
+        u, a = (
+            np.asarray(x_mm, dtype=float) / self.rim_radius_mm,
+            self.depth_mm / self.rim_radius_mm,
+        )
         return self.depth_mm * u**4, 4 * a * u**3 * self.wrong, 12 * a / self.rim_radius_mm * u**2
 
 
@@ -127,7 +133,9 @@ def environment(tmp_path_factory) -> dict[str, str]:
     site = tmp_path_factory.mktemp("site")
     (site / "bowls.py").write_text(PACKAGE)
     (site / "bowls-1.0.dist-info").mkdir()
-    (site / "bowls-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: bowls\nVersion: 1.0\n")
+    (site / "bowls-1.0.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: bowls\nVersion: 1.0\n"
+    )
     (site / "bowls-1.0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
     src = str(Path(om.__file__).parents[1])
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), src])}
@@ -158,7 +166,10 @@ def test_the_contract_finds_a_wrong_slope(quartic, monkeypatch):
     """The error 0.001 slope is largest at the outermost sample, 0.93 of the rim, with the slope 2 *
     0.93^3."""
     monkeypatch.setattr(Quartic, "wrong", 1.001)
-    with pytest.raises(AssertionError, match=r"^slope at x = 37\.2 mm is 1\.6103.*, but its integral changes by 1\.60871"):
+    with pytest.raises(
+        AssertionError,
+        match=r"^slope at x = 37\.2 mm is 1\.6103.*, but its integral changes by 1\.60871",
+    ):
         check_mirror(quartic)
     monkeypatch.setattr(Quartic, "wrong", 1 + 1e-7)  # within the tolerance
     check_mirror(quartic)
@@ -180,14 +191,18 @@ def with_check(high, names_it=True):
 
     def post_init(self):
         if not self.depth_mm <= high:
-            raise InvalidParameter(f"depth_mm = {self.depth_mm:g} is too large" if names_it else "too large")
+            raise InvalidParameter(
+                f"depth_mm = {self.depth_mm:g} is too large" if names_it else "too large"
+            )
 
     return {"__post_init__": post_init}
 
 
 def with_parameters(**changes):
     """Return other parameter descriptions; None removes one."""
-    return {"PARAMETERS": {n: p for n, p in (Quartic.PARAMETERS | changes).items() if p is not None}}
+    return {
+        "PARAMETERS": {n: p for n, p in (Quartic.PARAMETERS | changes).items() if p is not None}
+    }
 
 
 def within(low, high):
@@ -202,40 +217,121 @@ BREACHES = {
     "slope of the zone between": (within(0.5, 0.6), "slope at x = 20.8 mm is"),
     "slope of the outer zone": (within(0.7, 0.8), "slope at x = 30.8 mm is"),
     "slope of the rim": (within(0.9, 0.95), "slope at x = 37.2 mm is"),
-    "curvature": (with_profile(lambda u, z, s, c: (z, s, 0.999 * c)), "curvature at x = 37.2 mm is"),
-    "small error of slope": (with_profile(lambda u, z, s, c: (z, s * (1 + 5e-6), c)), "slope at x = 37.2 mm is"),
-    "own sag": ({"sag": lambda self, x: self.profile(x)[0] + 1e-9}, "sag differs from that of profile"),
-    "own slope of the rim": ({"slope": lambda self, x: self.profile(x)[1] + 1e-9 * (np.asarray(x) == 40.0)}, "slope differs from that of profile"),
-    "own curvature of the vertex": ({"curvature": lambda self, x: self.profile(x)[2] + 1e-9 * (np.asarray(x) == 0.0)}, "curvature differs from that of profile"),
-    "shape": (with_profile(lambda u, z, s, c: (z, s, c.ravel())), r"curvature of x with shape \(2, 3\) has shape \(6,\)"),
-    "vertex": (with_profile(lambda u, z, s, c: (z + 1e-12, s, c)), "the vertex must be at z = 0; got 1e-12 mm"),
-    "vertex below": (with_profile(lambda u, z, s, c: (z - 1e-12, s, c)), "the vertex must be at z = 0; got -1e-12 mm"),
+    "curvature": (
+        with_profile(lambda u, z, s, c: (z, s, 0.999 * c)),
+        "curvature at x = 37.2 mm is",
+    ),
+    "small error of slope": (
+        with_profile(lambda u, z, s, c: (z, s * (1 + 5e-6), c)),
+        "slope at x = 37.2 mm is",
+    ),
+    "own sag": (
+        {"sag": lambda self, x: self.profile(x)[0] + 1e-9},
+        "sag differs from that of profile",
+    ),
+    "own slope of the rim": (
+        {"slope": lambda self, x: self.profile(x)[1] + 1e-9 * (np.asarray(x) == 40.0)},
+        "slope differs from that of profile",
+    ),
+    "own curvature of the vertex": (
+        {"curvature": lambda self, x: self.profile(x)[2] + 1e-9 * (np.asarray(x) == 0.0)},
+        "curvature differs from that of profile",
+    ),
+    "shape": (
+        with_profile(lambda u, z, s, c: (z, s, c.ravel())),
+        r"curvature of x with shape \(2, 3\) has shape \(6,\)",
+    ),
+    "vertex": (
+        with_profile(lambda u, z, s, c: (z + 1e-12, s, c)),
+        "the vertex must be at z = 0; got 1e-12 mm",
+    ),
+    "vertex below": (
+        with_profile(lambda u, z, s, c: (z - 1e-12, s, c)),
+        "the vertex must be at z = 0; got -1e-12 mm",
+    ),
     "pointed": ({"is_pointed": True}, "is_pointed is True, but the vertex has slope 0"),
-    "sagittal radius": ({"radius_s": lambda self, x, own=Mirror.radius_s: own(self, x) * (1 + 1e-9)}, "radius_s differs from the length of the normal"),
-    "radii of the apex": ({"radius_t": lambda self, x: np.full_like(np.asarray(x), 50.0)}, r"the radii at the apex must be equal"),
+    "sagittal radius": (
+        {"radius_s": lambda self, x, own=Mirror.radius_s: own(self, x) * (1 + 1e-9)},
+        "radius_s differs from the length of the normal",
+    ),
+    "radii of the apex": (
+        {"radius_t": lambda self, x: np.full_like(np.asarray(x), 50.0)},
+        r"the radii at the apex must be equal",
+    ),
     "bounds from the axis": ({"bounds": ((0.1, 40.0), (0.0, 20.0))}, r"got 0\.1 mm to 40 mm"),
     "bounds to the rim": ({"bounds": ((0.0, 40.1), (0.0, 20.0))}, r"got 0 mm to 40\.1 mm"),
-    "bounds above the vertex": ({"bounds": ((0.0, 40.0), (1e-9, 20.0))}, "start at z = 0 mm, as the meridian; got 1e-09 mm"),
-    "bounds above the rim": ({"bounds": ((0.0, 40.0), (0.0, 20.1))}, r"end at z = 20 mm, as the meridian; got 20\.1 mm"),
-    "bounds below the rim": ({"bounds": ((0.0, 40.0), (0.0, 19.9))}, r"end at z = 20 mm, as the meridian; got 19\.9 mm"),
-    "words": ({"__repr__": lambda self: "Quartic(20.0, 41.0)"}, r"Quartic\(.*\) from Quartic\(20\.0, 41\.0\)"),
+    "bounds above the vertex": (
+        {"bounds": ((0.0, 40.0), (1e-9, 20.0))},
+        "start at z = 0 mm, as the meridian; got 1e-09 mm",
+    ),
+    "bounds above the rim": (
+        {"bounds": ((0.0, 40.0), (0.0, 20.1))},
+        r"end at z = 20 mm, as the meridian; got 20\.1 mm",
+    ),
+    "bounds below the rim": (
+        {"bounds": ((0.0, 40.0), (0.0, 19.9))},
+        r"end at z = 20 mm, as the meridian; got 19\.9 mm",
+    ),
+    "words": (
+        {"__repr__": lambda self: "Quartic(20.0, 41.0)"},
+        r"Quartic\(.*\) from Quartic\(20\.0, 41\.0\)",
+    ),
     "hash": ({"__hash__": lambda self: id(self)}, r"equal hashes; those of Quartic\(.*\) differ"),
-    "pickle": ({"__getstate__": lambda self: {"depth_mm": 21.0, "rim_radius_mm": 40.0}}, r"must equal the original; got Quartic\(depth_mm=21\.0, .*\)"),
-    "no description of a field": (with_parameters(depth_mm=None) | {"__post_init__": lambda self: None}, r"must describe the fields \['depth_mm', 'rim_radius_mm'\]; got \['rim_radius_mm'\]"),
-    "another order": ({"PARAMETERS": {"rim_radius_mm": RADIUS, "depth_mm": DEPTH}}, r"must describe the fields .* got \['rim_radius_mm', 'depth_mm'\]"),
-    "no words": (with_parameters(depth_mm=replace(DEPTH, description="")), "depth_mm must have a description"),
-    "non-empty range": (with_parameters(depth_mm=replace(DEPTH, low=20.0, high=20.0)), "depth_mm must have a non-empty range"),
-    "unit of a length": (with_parameters(rim_radius_mm=replace(RADIUS, unit="")), "rim_radius_mm must end with"),
-    "no check behind a word": ({"PARAMETERS": {"depth_mm": Parameter("mm", 0.0, 0.0, "one of two", ("a", "b")), "rim_radius_mm": RADIUS}} | {"__post_init__": lambda self: None}, "rim_radius_mm = 101001 must be rejected"),
+    "pickle": (
+        {"__getstate__": lambda self: {"depth_mm": 21.0, "rim_radius_mm": 40.0}},
+        r"must equal the original; got Quartic\(depth_mm=21\.0, .*\)",
+    ),
+    "no description of a field": (
+        with_parameters(depth_mm=None) | {"__post_init__": lambda self: None},
+        r"must describe the fields \['depth_mm', 'rim_radius_mm'\]; got \['rim_radius_mm'\]",
+    ),
+    "another order": (
+        {"PARAMETERS": {"rim_radius_mm": RADIUS, "depth_mm": DEPTH}},
+        r"must describe the fields .* got \['rim_radius_mm', 'depth_mm'\]",
+    ),
+    "no words": (
+        with_parameters(depth_mm=replace(DEPTH, description="")),
+        "depth_mm must have a description",
+    ),
+    "non-empty range": (
+        with_parameters(depth_mm=replace(DEPTH, low=20.0, high=20.0)),
+        "depth_mm must have a non-empty range",
+    ),
+    "unit of a length": (
+        with_parameters(rim_radius_mm=replace(RADIUS, unit="")),
+        "rim_radius_mm must end with",
+    ),
+    "no check behind a word": (
+        {
+            "PARAMETERS": {
+                "depth_mm": Parameter("mm", 0.0, 0.0, "one of two", ("a", "b")),
+                "rim_radius_mm": RADIUS,
+            }
+        }
+        | {"__post_init__": lambda self: None},
+        "rim_radius_mm = 101001 must be rejected",
+    ),
     "no check": (with_check(np.inf), "depth_mm = 1011 must be rejected"),
     "a range twice as large": (with_check(2000.0), "depth_mm = 1011 must be rejected"),
     "a range that is 1.2 % larger": (with_check(1012.0), "depth_mm = 1011 must be rejected"),
-    "no name": (with_check(1000.0, names_it=False), "depth_mm = 1011 must contain the name; got: too large"),
-    "NaN": ({"__post_init__": lambda self: DEPTH.check("depth_mm", 20.0 if np.isnan(self.depth_mm) else self.depth_mm)}, "depth_mm = nan must be rejected"),
+    "no name": (
+        with_check(1000.0, names_it=False),
+        "depth_mm = 1011 must contain the name; got: too large",
+    ),
+    "NaN": (
+        {
+            "__post_init__": lambda self: DEPTH.check(
+                "depth_mm", 20.0 if np.isnan(self.depth_mm) else self.depth_mm
+            )
+        },
+        "depth_mm = nan must be rejected",
+    ),
 }
 
 
-@pytest.mark.parametrize(("members", "sentence"), BREACHES.values(), ids=[k.replace(" ", "-") for k in BREACHES])
+@pytest.mark.parametrize(
+    ("members", "sentence"), BREACHES.values(), ids=[k.replace(" ", "-") for k in BREACHES]
+)
 def test_the_contract_names_what_a_mirror_breaks(members, sentence, quartic, monkeypatch):
     for name, member in members.items():
         monkeypatch.setattr(Quartic, name, member)
@@ -246,7 +342,13 @@ def test_the_contract_names_what_a_mirror_breaks(members, sentence, quartic, mon
 def test_the_contract_allows_a_mirror_that_is_lowest_between_vertex_and_rim(quartic, monkeypatch):
     """z = 20 (u^4 - u^2) mm with its minimum at u = 0.71; bounds are those of the sag at 513
     points."""
-    members = with_profile(lambda u, z, s, c: (20 * (u**4 - u**2), 20 / 40 * (4 * u**3 - 2 * u), 20 / 1600 * (12 * u**2 - 2)))
+    members = with_profile(
+        lambda u, z, s, c: (
+            20 * (u**4 - u**2),
+            20 / 40 * (4 * u**3 - 2 * u),
+            20 / 1600 * (12 * u**2 - 2),
+        )
+    )
     monkeypatch.setattr(Quartic, "profile", members["profile"])
     check_mirror(quartic)
 
@@ -267,8 +369,13 @@ def test_a_registered_mirror_is_read_traced_evaluated_and_bounded(quartic, tmp_p
     np.testing.assert_allclose(result.omega_deg, expected, rtol=1e-12)
     worst = np.maximum(np.abs(result.blur_t_deg), np.abs(result.blur_s_deg)).max()
     assert 0 < om.blur_bound(sensor).blur_deg <= worst
-    with pytest.raises(om.base.errors.OmnimirrorError, match=r"depth_mm must be greater than or equal to 0.1; got 0"):
-        om.optics.sensor_files.parse_sensor((tmp_path / "mine.toml").read_text().replace("depth_mm = 20.0", "depth_mm = 0.0"))
+    with pytest.raises(
+        om.base.errors.OmnimirrorError,
+        match=r"depth_mm must be greater than or equal to 0.1; got 0",
+    ):
+        om.optics.sensor_files.parse_sensor(
+            (tmp_path / "mine.toml").read_text().replace("depth_mm = 20.0", "depth_mm = 0.0")
+        )
 
 
 def test_what_is_no_mirror_is_refused(quartic):
@@ -286,11 +393,15 @@ def test_what_is_no_mirror_is_refused(quartic):
         om.register_mirror(dataclass(frozen=True)(type("Other", (Quartic,), {"KIND": "sphere"})))
     with pytest.raises(InvalidParameter, match=r"the name of a .* must be unique"):
         om.register_view("panorama", lambda camera: None)
-    with pytest.raises(InvalidParameter, match="the name of a quantity must be unique; got 'aspect'"):
+    with pytest.raises(
+        InvalidParameter, match="the name of a quantity must be unique; got 'aspect'"
+    ):
         om.register_quantity(LIMITABLE["aspect"])
     with pytest.raises(TypeError, match=r"no omnimirror\.design\.Limitable"):
         om.register_quantity("aspect")
-    with pytest.raises(InvalidParameter, match=r"suffixes must not belong to another format; got \.step"):
+    with pytest.raises(
+        InvalidParameter, match=r"suffixes must not belong to another format; got \.step"
+    ):
         om.register_format("other", om.manufacturing.Format(print, (".step",)))
 
 
@@ -298,7 +409,9 @@ def test_an_installed_package_brings_a_mirror(installed, tmp_path):
     bowl = {"kind": "bowl", "depth_mm": 20.0, "rim_radius_mm": 44.0}
     text = tomli_w.dumps(tables_of(load_sensor("paper-spherical")) | {"mirror": bowl})
     (tmp_path / "bowl.toml").write_text(text)
-    run = omnimirror(installed, tmp_path, "evaluate", "bowl.toml", "--x-mm", "20", "--csv", "bowl.csv")
+    run = omnimirror(
+        installed, tmp_path, "evaluate", "bowl.toml", "--x-mm", "20", "--csv", "bowl.csv"
+    )
     assert run.returncode == 0, run.stderr
     rows = np.genfromtxt(tmp_path / "bowl.csv", delimiter=",", names=True)
     assert rows["z_mm"] == pytest.approx(20 * (20 / 44) ** 2, rel=1e-12)
@@ -316,7 +429,9 @@ def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, environme
     assert len(run.stderr.splitlines()) == 1
     assert 'kind = "bowl"' in (tmp_path / "new.toml").read_text()
     form = "from omnimirror.apps.studio._bench_sensors import bench_start; print([m.kind for m in bench_start().mirrors])"
-    run = subprocess.run([sys.executable, "-c", form], env=environment, capture_output=True, text=True)
+    run = subprocess.run(
+        [sys.executable, "-c", form], env=environment, capture_output=True, text=True
+    )
     assert run.returncode == 0, run.stderr
     assert "'bowl'" in run.stdout
     assert "'broken'" not in run.stdout
@@ -350,11 +465,18 @@ def test_a_quantity_of_ones_own_is_judged_and_kept_by_designs(lens_distance):
     """Lens distance, by the attribute of the sensor; the optimiser's sphere would need 172 mm."""
     sphere = load_sensor("paper-spherical")
     like = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
-    for limit, is_met in ((sphere.mirror_distance_mm + 1, True), (sphere.mirror_distance_mm - 1, False)):
-        (row,) = om.judge(replace(like, limits=(om.Limit(lens_distance, at_most=limit),)), sphere).limits
+    for limit, is_met in (
+        (sphere.mirror_distance_mm + 1, True),
+        (sphere.mirror_distance_mm - 1, False),
+    ):
+        (row,) = om.judge(
+            replace(like, limits=(om.Limit(lens_distance, at_most=limit),)), sphere
+        ).limits
         assert row.reached == pytest.approx(sphere.mirror_distance_mm, rel=1e-9)
         assert (row.is_met, row.unit) == (is_met, "mm")
-    near = replace(like.changed(theta_max_deg=(10.0, 16.0)), limits=(om.Limit(lens_distance, at_most=150.0),))
+    near = replace(
+        like.changed(theta_max_deg=(10.0, 16.0)), limits=(om.Limit(lens_distance, at_most=150.0),)
+    )
     design = om.design_sensor(near, search=om.SearchOptions(starts=1))
     assert design.is_met
     assert design.sensor.mirror_distance_mm <= 150.0 * (1 + 1e-6)
@@ -368,7 +490,11 @@ def test_an_installed_package_brings_a_quantity(installed, tmp_path):
     run = omnimirror(installed, tmp_path, "check", "r.toml", "paper-spherical", "--json", "t.json")
     assert run.returncode == (0 if least >= 4 else 3), run.stderr
     row = json.loads((tmp_path / "t.json").read_text())["requirements"][-1]
-    assert (row["name"], row["unit"], row["reached"]) == ("density_px2", "px²", pytest.approx(least, rel=1e-6))
+    assert (row["name"], row["unit"], row["reached"]) == (
+        "density_px2",
+        "px²",
+        pytest.approx(least, rel=1e-6),
+    )
 
 
 class Staircase:
@@ -382,7 +508,10 @@ class Staircase:
 
     def targets_at(self, u, v):
         turn, tilt = np.radians(90 * np.asarray(u)), -np.pi / 4 * np.asarray(v)
-        return np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt) + 0 * turn], axis=-1)
+        return np.stack(
+            [np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt) + 0 * turn],
+            axis=-1,
+        )
 
 
 def test_a_screen_of_ones_own_is_drawn_without_registration():
@@ -404,7 +533,9 @@ class Pinhole:
 
     def backproject(self, pixels):
         u, v = np.asarray(pixels, dtype=float).T
-        towards = np.stack([-(v - 50) / self.focal_px, -(u - 50) / self.focal_px, np.ones_like(u)], axis=1)
+        towards = np.stack(
+            [-(v - 50) / self.focal_px, -(u - 50) / self.focal_px, np.ones_like(u)], axis=1
+        )
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         return Rays(np.zeros_like(towards), towards, np.isfinite(u))
 
@@ -423,7 +554,9 @@ def test_a_camera_of_ones_own_is_straightened_without_registration():
     camera = Pinhole()
     v, u = np.mgrid[:101, :101]
     picture = np.stack([2 * u, 2 * v, np.full_like(u, 77)], axis=-1).astype(np.uint8)
-    straight = om.Dewarper(camera, om.screens.DomeMaster((41, 41), 30.0, "zenith"), "linear")(picture)
+    straight = om.Dewarper(camera, om.screens.DomeMaster((41, 41), 30.0, "zenith"), "linear")(
+        picture
+    )
     assert tuple(straight[20, 20]) == (100, 100, 77)  # the zenith is the image centre
     away = 50 * np.tan(np.radians(30.0 * 10 / 20.5))  # r = f tan(omega), 10 px from the centre
     assert 2 * away == pytest.approx(abs(int(straight[10, 20, 1]) - 100), abs=1.5)
@@ -442,6 +575,10 @@ def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tm
 
 def test_a_camera_format_has_a_name_of_its_own():
     with pytest.raises(InvalidParameter, match="a camera format 'kalibr' already"):
-        om.register_camera_format("kalibr", om.calibration.formats.CameraFormat("mine", print, print, {}))
-    with pytest.raises(TypeError, match=r"must be an omnimirror\.calibration\.formats\.CameraFormat"):
+        om.register_camera_format(
+            "kalibr", om.calibration.formats.CameraFormat("mine", print, print, {})
+        )
+    with pytest.raises(
+        TypeError, match=r"must be an omnimirror\.calibration\.formats\.CameraFormat"
+    ):
         om.register_camera_format("mine", print)

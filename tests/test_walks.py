@@ -45,7 +45,10 @@ def walks() -> dict[str, list[str]]:
     """Return the modules of each walk, as listed on the page."""
     part = PAGE.read_text().split("<!-- walks -->")[1].split("<!-- end -->")[0]
     rows = re.findall(r"^\| ([a-z ]+) \| (`.*`) \|$", part, flags=re.M)
-    return {name: [f.removesuffix(".py").replace("/", ".") for f in re.findall(r"`([^`]+)`", files)] for name, files in rows}
+    return {
+        name: [f.removesuffix(".py").replace("/", ".") for f in re.findall(r"`([^`]+)`", files)]
+        for name, files in rows
+    }
 
 
 def sensor_file_to_table() -> None:
@@ -76,10 +79,27 @@ def slider_to_plot() -> None:
     from omnimirror.apps.studio.bench_messages import DesignRequest
 
     sensor = on_bench(om.load_sensor("paper-spherical"))
-    answer(DesignRequest(slot=0, number=0, tables=sensor.tables, follows=sensor.follows, object_distance_mm=None, section=True, squares=True, requirements=None))
+    answer(
+        DesignRequest(
+            slot=0,
+            number=0,
+            tables=sensor.tables,
+            follows=sensor.follows,
+            object_distance_mm=None,
+            section=True,
+            squares=True,
+            requirements=None,
+        )
+    )
 
 
-WAYS: dict[str, Callable[[], None]] = {"sensor file to table": sensor_file_to_table, "picture to view": picture_to_view, "requirements to sensor": requirements_to_sensor, "scene to picture": scene_to_picture, "slider to plot": slider_to_plot}
+WAYS: dict[str, Callable[[], None]] = {
+    "sensor file to table": sensor_file_to_table,
+    "picture to view": picture_to_view,
+    "requirements to sensor": requirements_to_sensor,
+    "scene to picture": scene_to_picture,
+    "slider to plot": slider_to_plot,
+}
 
 
 def forget() -> None:

@@ -132,7 +132,9 @@ if TYPE_CHECKING:
     from .manufacturing.metrology.form_errors import FormError as FormError
     from .manufacturing.metrology.form_errors import form_error as form_error
     from .manufacturing.metrology.readers import read_points as read_points
-    from .manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts as tolerance_conflicts
+    from .manufacturing.tolerancing.drawing_conflicts import (
+        tolerance_conflicts as tolerance_conflicts,
+    )
     from .manufacturing.tolerancing.mirror_form import as_built as as_built
     from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
     from .manufacturing.tolerancing.perturbation import perturbed as perturbed

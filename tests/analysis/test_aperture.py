@@ -23,7 +23,9 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 from tests.conftest import MIRRORS, M, sensor_of
 from tests.everyday import FEW_MIRRORS, few
 
-SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
+SPH, EDI, SVP = (
+    om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal")
+)
 TELECENTRIC = om.load_sensor("paraboloid-telecentric")
 TILTED = replace(SPH, mirror_pose=MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0))
 OMEGA = np.arange(0, 131, 10.0)
@@ -43,7 +45,9 @@ def diffraction_mtf(cycles_per_mm, wavelength_mm, f_number):
 # -- pupil quadrature --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("points", [ray_bundles.hexapolar(9), ray_bundles.fibonacci(400), ray_bundles.gaussian(8)])
+@pytest.mark.parametrize(
+    "points", [ray_bundles.hexapolar(9), ray_bundles.fibonacci(400), ray_bundles.gaussian(8)]
+)
 def test_pupil_samplings_fill_disk(points):
     x, y = points.points.T
     r2 = x**2 + y**2
@@ -79,13 +83,17 @@ def test_bundles_originate_at_object(kind, object_distance):
     found = trace_bundles(sensor, omega, ray_bundles.hexapolar(3), 25.0, object_distance)
     image = found.image_mm(sensor)
     for i in range(len(found.omega_deg)):
-        back = sensor.optical_train.posed_mirror.trace(*sensor.optical_train.rays_of_image(image[i], found.pupil.points))
+        back = sensor.optical_train.posed_mirror.trace(
+            *sensor.optical_train.rays_of_image(image[i], found.pupil.points)
+        )
         np.testing.assert_allclose(back.points, found.points[i], atol=1e-9)
         towards = found.chief.to_targets[i]
         if np.isfinite(object_distance):
             target = found.chief.points[i] + object_distance * towards
             towards = (target - back.points) / np.linalg.norm(target - back.points, axis=1)[:, None]
-        np.testing.assert_allclose(back.directions, np.broadcast_to(towards, back.directions.shape), atol=1e-10)
+        np.testing.assert_allclose(
+            back.directions, np.broadcast_to(towards, back.directions.shape), atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
@@ -93,7 +101,9 @@ def test_bundles_originate_at_object(kind, object_distance):
 def test_real_rays_confirm_blur_formula(sensor, object_distance):
     """Marginal rays agree within 0.002 px; the whole fan differs by 0.008 px near zero blur, and
     for SVP by 0.04 px."""
-    found = om.check_blur(sensor, [4.0], omega_deg=np.arange(0, 131, 2.5), object_distance_mm=object_distance)
+    found = om.check_blur(
+        sensor, [4.0], omega_deg=np.arange(0, 131, 2.5), object_distance_mm=object_distance
+    )
     assert found.max_abs("edge_t_px")[0] < 0.002
     assert found.max_abs("edge_s_px")[0] < 0.0025
     assert found.max_abs("extent_t_px")[0] < (0.042 if sensor is SVP else 0.0085)
@@ -117,13 +127,17 @@ def test_defocus_spots_are_disks():
         blur = abs(om.evaluate(SPH, [0.0], focus_mm=focus).blur_t_px[0])
         assert spot.rms_radius_px()[0, j] == pytest.approx(blur / 8**0.5, rel=2e-3)
         radius = np.array([0.2, 0.5, 0.8, 1.0]) * blur / 2
-        np.testing.assert_allclose(spot.encircled_energy(radius)[0, j], (2 * radius / blur) ** 2, atol=2e-3)
+        np.testing.assert_allclose(
+            spot.encircled_energy(radius)[0, j], (2 * radius / blur) ** 2, atol=2e-3
+        )
 
 
 def test_through_focus_spots_match_refocused_sensors():
     through = om.spots(TILTED, [30, 80], focus_mm=[200.0, 220.0], azimuth_deg=70.0)
     for j, focus in enumerate((200.0, 220.0)):
-        alone = om.spots(replace(TILTED, lens=TILTED.lens.focused_at(focus)), [30, 80], azimuth_deg=70.0)
+        alone = om.spots(
+            replace(TILTED, lens=TILTED.lens.focused_at(focus)), [30, 80], azimuth_deg=70.0
+        )
         np.testing.assert_allclose(through.t_px[:, j], alone.t_px[:, 0], atol=1e-9)
         np.testing.assert_allclose(through.chief_px[:, j], alone.chief_px[:, 0], atol=1e-9)
 
@@ -134,8 +148,17 @@ def test_the_open_share_of_an_aperture_is_that_of_its_area(rings, place):
     """Straight edges have circular segments; an edge about the centre has the share of its radius squared."""
     disk = ray_bundles.hexapolar(rings)
     away = np.hypot(*disk.points.T)
-    for edge, truth in [(disk.points @ [0.8, 0.6] - place, (np.arccos(place) - place * np.sqrt(1 - place**2)) / np.pi), (away - abs(place), 1 - place**2), (np.where(away <= 1, place**2 - away**2, np.inf), place**2)]:
-        assert ray_bundles.open_share(disk, [edge], edge >= 0) == pytest.approx(truth, abs=0.45 / rings**2)
+    for edge, truth in [
+        (
+            disk.points @ [0.8, 0.6] - place,
+            (np.arccos(place) - place * np.sqrt(1 - place**2)) / np.pi,
+        ),
+        (away - abs(place), 1 - place**2),
+        (np.where(away <= 1, place**2 - away**2, np.inf), place**2),
+    ]:
+        assert ray_bundles.open_share(disk, [edge], edge >= 0) == pytest.approx(
+            truth, abs=0.45 / rings**2
+        )
 
 
 def test_spot_at_rim_is_vignetted():
@@ -171,7 +194,9 @@ def test_light_density_matches_parallel_beam():
 # -- waves -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sensor", [SPH, SVP, TELECENTRIC, TILTED], ids=["SPH", "SVP", "telecentric", "tilted"])
+@pytest.mark.parametrize(
+    "sensor", [SPH, SVP, TELECENTRIC, TILTED], ids=["SPH", "SVP", "telecentric", "tilted"]
+)
 @pytest.mark.parametrize("object_distance", [np.inf, 300.0])
 def test_wavefront_slope_matches_transverse_aberration(sensor, object_distance):
     """Path lengths against ray intercepts, which share no formula: dW/d(rho) = -eps / (2 F)."""
@@ -186,7 +211,14 @@ def test_wavefront_slope_matches_transverse_aberration(sensor, object_distance):
             np.testing.assert_allclose(slope, expected, atol=0.02 * abs(expected).max() + 1e-7)
 
 
-@pytest.mark.parametrize(("sensor", "omega"), few([(SPH, 0.0), (SVP, 0.0), (SVP, 60.0), (SVP, 120.0), (TELECENTRIC, 50.0)], (SVP, 60.0), (TELECENTRIC, 50.0)))
+@pytest.mark.parametrize(
+    ("sensor", "omega"),
+    few(
+        [(SPH, 0.0), (SVP, 0.0), (SVP, 60.0), (SVP, 120.0), (TELECENTRIC, 50.0)],
+        (SVP, 60.0),
+        (TELECENTRIC, 50.0),
+    ),
+)
 def test_in_focus_mtf_is_diffraction_times_pixel(sensor, omega):
     nu = np.linspace(0, 2.4, 49)
     focus = in_focus(sensor, omega)
@@ -206,7 +238,10 @@ def test_geometric_mtf_of_defocus_matches_disk(sensor, omega, off):
     focus = off * in_focus(sensor, omega)
     blur = om.evaluate(sensor, [omega], focus_mm=focus)
     found = om.mtf(sensor, [omega], cycles_per_px=nu, focus_mm=focus, kind="geometric", pixel=False)
-    for mtf, diameter in ((found.tangential[0], blur.blur_t_px[0]), (found.sagittal[0], blur.blur_s_px[0])):
+    for mtf, diameter in (
+        (found.tangential[0], blur.blur_t_px[0]),
+        (found.sagittal[0], blur.blur_s_px[0]),
+    ):
         z = np.pi * nu * abs(diameter)
         np.testing.assert_allclose(mtf, abs(2 * j1(z) / z), atol=5e-3)
 
@@ -218,7 +253,9 @@ def test_diffraction_converges_to_geometric_mtf():
     np.testing.assert_allclose(coarse.tangential, rays.tangential, atol=0.06)
 
 
-@pytest.mark.parametrize(("sensor", "omega", "azimuth"), [(SPH, 100.0, 0.0), (SVP, 135.0, 0.0), (TILTED, 90.0, 50.0)])
+@pytest.mark.parametrize(
+    ("sensor", "omega", "azimuth"), [(SPH, 100.0, 0.0), (SVP, 135.0, 0.0), (TILTED, 90.0, 50.0)]
+)
 def test_mtf_is_fourier_transform_of_psf(sensor, omega, azimuth):
     """Two computations from the wave: autocorrelation of the pupil, and PSF; one bundle is
     vignetted by the rim."""
@@ -245,7 +282,9 @@ def test_in_focus_psf_is_airy_disk():
     assert spot.strehl == pytest.approx(1, abs=1e-3)
     radius = np.array([0.2, 0.5, 1.0, 2.0])
     z = np.pi * radius * 5.2e-3 / (633e-6 * f_number)
-    np.testing.assert_allclose(spot.encircled_energy(radius), 1 - j0(z) ** 2 - j1(z) ** 2, atol=5e-3)
+    np.testing.assert_allclose(
+        spot.encircled_energy(radius), 1 - j0(z) ** 2 - j1(z) ** 2, atol=5e-3
+    )
 
 
 def test_geometric_psf_contains_spot_rays():
@@ -253,7 +292,9 @@ def test_geometric_psf_contains_spot_rays():
     density = om.psf(EDI, 110.0, kind="geometric")
     assert density.light_within == pytest.approx(1, abs=1e-9)
     radius = np.array([0.5, 1.0, 1.5])
-    np.testing.assert_allclose(density.encircled_energy(radius), spot.encircled_energy(radius)[0, 0], atol=0.02)
+    np.testing.assert_allclose(
+        density.encircled_energy(radius), spot.encircled_energy(radius)[0, 0], atol=0.02
+    )
 
 
 def test_psf_averaged_over_pixels():
@@ -267,10 +308,15 @@ def test_psf_averaged_over_pixels():
 
 def test_frequency_units_and_wavelengths():
     nu = np.array([0.0, 0.25, 0.5])
-    one, other, both = (om.mtf(SPH, [90.0], cycles_per_px=nu, wavelength_nm=w) for w in (450.0, 650.0, [450.0, 650.0]))
+    one, other, both = (
+        om.mtf(SPH, [90.0], cycles_per_px=nu, wavelength_nm=w)
+        for w in (450.0, 650.0, [450.0, 650.0])
+    )
     np.testing.assert_allclose(both.line_pairs_per_mm, nu / 0.0052)
     result = om.evaluate(SPH, [90.0])
-    np.testing.assert_allclose(both.cycles_per_deg_t[0], nu * result.dh_domega_px_per_deg[0], rtol=1e-7)
+    np.testing.assert_allclose(
+        both.cycles_per_deg_t[0], nu * result.dh_domega_px_per_deg[0], rtol=1e-7
+    )
     np.testing.assert_allclose(both.cycles_per_deg_s[0], nu * result.width_px_per_deg[0], rtol=1e-7)
     assert other.tangential[0, 2] < both.tangential[0, 2] < one.tangential[0, 2]
 
@@ -281,7 +327,11 @@ def test_mtf_of_all_mirrors_and_poses(kind):
     low, high = sensor.field_deg
     omega = [0.4 * low + 0.6 * high]
     straight = om.mtf(sensor, omega, cycles_per_px=[0.0, 0.1, 0.3])
-    bent = om.mtf(replace(sensor, mirror_pose=MirrorPose(0.5, 0.2, 0.1, 0.3, -0.4)), omega, cycles_per_px=[0.0, 0.1, 0.3])
+    bent = om.mtf(
+        replace(sensor, mirror_pose=MirrorPose(0.5, 0.2, 0.1, 0.3, -0.4)),
+        omega,
+        cycles_per_px=[0.0, 0.1, 0.3],
+    )
     for found in (straight, bent):
         np.testing.assert_allclose(found.tangential[0, 0], 1, atol=1e-9)
         assert (np.diff(found.sagittal) < 0.02).all()
@@ -291,7 +341,9 @@ def test_mtf_of_all_mirrors_and_poses(kind):
 # -- illumination ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sensor", [SPH, EDI, SVP, TELECENTRIC], ids=["SPH", "E-DI", "SVP", "telecentric"])
+@pytest.mark.parametrize(
+    "sensor", [SPH, EDI, SVP, TELECENTRIC], ids=["SPH", "E-DI", "SVP", "telecentric"]
+)
 def test_illumination_matches_formula(sensor):
     """Textbook formula, valid for a narrow aperture."""
     narrow = {"working_f_number" if sensor.lens.TELECENTRIC else "f_number": 60.0}
@@ -301,7 +353,11 @@ def test_illumination_matches_formula(sensor):
     found = om.illumination(sensor, omega, reflectivity="aluminium", transmission=0.8)
     R = reflectance(np.radians(result.gamma_deg), 0.96 + 6.69j)
     cos = np.cos(np.radians(result.theta_deg))
-    np.testing.assert_allclose(found.irradiance_sr, np.pi * 0.8 * R * cos**4 / (4 * sensor.lens.image_f_number() ** 2), rtol=2e-4)
+    np.testing.assert_allclose(
+        found.irradiance_sr,
+        np.pi * 0.8 * R * cos**4 / (4 * sensor.lens.image_f_number() ** 2),
+        rtol=2e-4,
+    )
     np.testing.assert_allclose(found.filled, 1)
     assert found.relative[0] == pytest.approx(1, rel=1e-4)
 
@@ -327,20 +383,64 @@ def test_metal_reflectance_follows_fresnel():
 @pytest.mark.parametrize(
     ("ask", "error", "message"),
     [
-        (lambda: om.spots(SPH, [140.0]), OutsideField, "omega = 140 deg at azimuth 0 deg must be in the field of 'paper-spher"),
-        (lambda: om.spots(SPH, [10.0], object_distance_mm=-1.0), InvalidParameter, "object_distance_mm must be at least 1e-09 mm, or inf; got -1"),
-        (lambda: om.spots(SPH, [10.0], focus_mm=[5.0]), InvalidParameter, "focus_distance_mm must be greater than"),
+        (
+            lambda: om.spots(SPH, [140.0]),
+            OutsideField,
+            "omega = 140 deg at azimuth 0 deg must be in the field of 'paper-spher",
+        ),
+        (
+            lambda: om.spots(SPH, [10.0], object_distance_mm=-1.0),
+            InvalidParameter,
+            "object_distance_mm must be at least 1e-09 mm, or inf; got -1",
+        ),
+        (
+            lambda: om.spots(SPH, [10.0], focus_mm=[5.0]),
+            InvalidParameter,
+            "focus_distance_mm must be greater than",
+        ),
         (lambda: om.spots(TILTED), InvalidParameter, "got a decentred, tilted or deformed one"),
-        (lambda: om.mtf(SPH, [10.0], kind="both"), InvalidParameter, "kind must be one of diffraction, geometric; got 'both'"),
-        (lambda: om.mtf(SPH, [10.0], cycles_per_px=[-0.1]), InvalidParameter, r"cycles_per_px\[0\] must be between 0 and 1e\+06; got -0\.1"),
-        (lambda: om.mtf(SPH, [10.0], wavelength_nm=5.0), InvalidParameter, "wavelength_nm must be 100 to 20000 nm; got 5"),
-        (lambda: om.mtf(SPH, [10.0], wavelength_nm=[500, 600], weights=[1]), InvalidParameter, "weights must have one value for each of the 2"),
-        (lambda: om.psf(SPH, 10.0, width_px=-3.0), InvalidParameter, r"width_px must be greater than 0 px and finite; got -3\.0"),
+        (
+            lambda: om.mtf(SPH, [10.0], kind="both"),
+            InvalidParameter,
+            "kind must be one of diffraction, geometric; got 'both'",
+        ),
+        (
+            lambda: om.mtf(SPH, [10.0], cycles_per_px=[-0.1]),
+            InvalidParameter,
+            r"cycles_per_px\[0\] must be between 0 and 1e\+06; got -0\.1",
+        ),
+        (
+            lambda: om.mtf(SPH, [10.0], wavelength_nm=5.0),
+            InvalidParameter,
+            "wavelength_nm must be 100 to 20000 nm; got 5",
+        ),
+        (
+            lambda: om.mtf(SPH, [10.0], wavelength_nm=[500, 600], weights=[1]),
+            InvalidParameter,
+            "weights must have one value for each of the 2",
+        ),
+        (
+            lambda: om.psf(SPH, 10.0, width_px=-3.0),
+            InvalidParameter,
+            r"width_px must be greater than 0 px and finite; got -3\.0",
+        ),
         (lambda: om.psf(SPH, 10.0, width_px=1e5), InvalidParameter, "step_px must be at least 50"),
-        (lambda: om.illumination(SPH, [10.0], reflectivity="tin"), InvalidParameter, "must be one of .* got 'tin'"),
+        (
+            lambda: om.illumination(SPH, [10.0], reflectivity="tin"),
+            InvalidParameter,
+            "must be one of .* got 'tin'",
+        ),
         (lambda: om.illumination(SPH, [10.0], reflectivity=1.2), InvalidParameter, "got 1.2"),
-        (lambda: om.illumination(SPH, [10.0], transmission=0.0), InvalidParameter, "transmission must be greater than 0"),
-        (lambda: ray_bundles.hexapolar(0), InvalidParameter, "rings must be an integer from 1 .* got 0"),
+        (
+            lambda: om.illumination(SPH, [10.0], transmission=0.0),
+            InvalidParameter,
+            "transmission must be greater than 0",
+        ),
+        (
+            lambda: ray_bundles.hexapolar(0),
+            InvalidParameter,
+            "rings must be an integer from 1 .* got 0",
+        ),
     ],
 )
 def test_invalid_aperture_arguments_rejected(ask, error, message):
@@ -363,6 +463,11 @@ def test_obscured_object_rejected():
     assert found.filled.tolist() == [0.0, pytest.approx(1.0)]
     np.testing.assert_array_equal(found.weights[0], 0.0)
     assert found.weights[1].sum() == pytest.approx(1.0)
-    for values in (*found.extent_px(), *found.rms_px(), *found.centroid_px(), found.encircled_energy([100.0])[..., 0]):
+    for values in (
+        *found.extent_px(),
+        *found.rms_px(),
+        *found.centroid_px(),
+        found.encircled_energy([100.0])[..., 0],
+    ):
         np.testing.assert_array_equal(values[0], 0.0)
     assert all(np.isfinite(list(record.values())).all() for record in records)

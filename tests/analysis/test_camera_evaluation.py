@@ -27,17 +27,27 @@ def test_resolution_matches_projection(camera):
     omega = np.radians(table.omega_deg[inside])
 
     def pixels(omega, phi):
-        directions = [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), ahead * np.cos(omega)]
+        directions = [
+            np.sin(omega) * np.cos(phi),
+            np.sin(omega) * np.sin(phi),
+            ahead * np.cos(omega),
+        ]
         return camera.image(np.stack(directions, axis=-1), distant=True).pixels
 
     areas = []
     for phi in np.arange(8) * np.pi / 4:
         along = (pixels(omega + STEP, phi) - pixels(omega - STEP, phi)) / (2 * np.degrees(STEP))
-        around = (pixels(omega, phi + STEP) - pixels(omega, phi - STEP)) / (2 * np.degrees(STEP) * np.sin(omega))[:, None]
+        around = (pixels(omega, phi + STEP) - pixels(omega, phi - STEP)) / (
+            2 * np.degrees(STEP) * np.sin(omega)
+        )[:, None]
         areas.append(np.abs(along[:, 0] * around[:, 1] - along[:, 1] * around[:, 0]))
         if camera.symmetry is not None:
-            np.testing.assert_allclose(np.linalg.norm(along, axis=1), table.dh_domega_px_per_deg[inside], rtol=1e-6)
-            np.testing.assert_allclose(np.linalg.norm(around, axis=1), table.width_px_per_deg[inside], rtol=1e-6)
+            np.testing.assert_allclose(
+                np.linalg.norm(along, axis=1), table.dh_domega_px_per_deg[inside], rtol=1e-6
+            )
+            np.testing.assert_allclose(
+                np.linalg.norm(around, axis=1), table.width_px_per_deg[inside], rtol=1e-6
+            )
     np.testing.assert_allclose(np.mean(areas, axis=0), table.area_px2[inside], rtol=0.03)
 
 
@@ -47,16 +57,23 @@ def test_viewpoints_match_ray_axis_intersections():
     directions = np.radians(table.omega_deg)
     d = np.stack([0 * directions, np.sin(directions), -np.cos(directions)], axis=-1)
     rays = camera.backproject(camera.image(d, distant=True).pixels)
-    across, up = (np.hypot(*rays.directions[:, :2].T), rays.directions[:, 2])  # it faces up: Z is that of the world
+    across, up = (
+        np.hypot(*rays.directions[:, :2].T),
+        rays.directions[:, 2],
+    )  # it faces up: Z is that of the world
     heights = rays.origins[:, 2] - np.hypot(*rays.origins[:, :2].T) / across * up
     np.testing.assert_allclose(table.viewpoint_z_mm, heights, atol=1e-9)
 
 
 def test_angles_outside_field_rejected():
     camera = MODELS["ball"]
-    with pytest.raises(OutsideField, match="omega_deg must be 0 to 150 deg, the field of the camera; got 160"):
+    with pytest.raises(
+        OutsideField, match="omega_deg must be 0 to 150 deg, the field of the camera; got 160"
+    ):
         om.evaluate_camera(camera, [10.0, 160.0])
-    with pytest.raises(InvalidParameter, match=r"camera must be a calibrated camera, such as om\.load_camera gives"):
+    with pytest.raises(
+        InvalidParameter, match=r"camera must be a calibrated camera, such as om\.load_camera gives"
+    ):
         om.evaluate_camera(om.load_sensor("paper-spherical"))
 
 
@@ -101,7 +118,11 @@ def test_misaligned_sensor_evaluation():
     phi = np.radians(np.arange(0, 360, 10))
 
     def pixels(omega, turn=0.0):
-        seen = (np.sin(omega) * np.cos(phi + turn), np.sin(omega) * np.sin(phi + turn), -np.cos(omega) + 0 * phi)
+        seen = (
+            np.sin(omega) * np.cos(phi + turn),
+            np.sin(omega) * np.sin(phi + turn),
+            -np.cos(omega) + 0 * phi,
+        )
         found = sensor.project_directions(np.stack(seen, axis=-1) @ sensor.mount.rotation().T)
         assert found.valid.all()
         return found.pixels
@@ -109,8 +130,12 @@ def test_misaligned_sensor_evaluation():
     centre = sensor.project_directions(-sensor.mount.rotation()[:, 2][None]).pixels[0]
     step = np.radians(0.01)
     along = np.linalg.norm(pixels(omega + step) - pixels(omega - step), axis=1) / 0.02
-    across = np.linalg.norm(pixels(omega, step) - pixels(omega, -step), axis=1) / 0.02 / np.sin(omega)
-    assert table.h_px[0] == pytest.approx(np.linalg.norm(pixels(omega) - centre, axis=1).mean(), abs=1e-3)
+    across = (
+        np.linalg.norm(pixels(omega, step) - pixels(omega, -step), axis=1) / 0.02 / np.sin(omega)
+    )
+    assert table.h_px[0] == pytest.approx(
+        np.linalg.norm(pixels(omega) - centre, axis=1).mean(), abs=1e-3
+    )
     assert table.dh_domega_px_per_deg[0] == pytest.approx(along.mean(), rel=1e-5)
     assert table.width_px_per_deg[0] == pytest.approx(across.mean(), rel=1e-5)
     assert table.azimuthal_variation_percent > 100 * np.abs(along / along.mean() - 1).max() > 0.01
@@ -120,7 +145,14 @@ def test_misaligned_sensor_evaluation():
 
 def test_evaluate_command_describes_misalignment(tmp_path):
     om.save_sensor(misaligned(), tmp_path / "built.toml")
-    run = omnimirror("evaluate", tmp_path / "built.toml", "--omega-deg", "0:120:30", "--json", tmp_path / "table.json")
+    run = omnimirror(
+        "evaluate",
+        tmp_path / "built.toml",
+        "--omega-deg",
+        "0:120:30",
+        "--json",
+        tmp_path / "table.json",
+    )
     assert run.returncode == 0, run.stderr
     words = " ".join(run.stdout.split())
     assert "decentred by 0.5 mm and tilted by 0.781 deg" in words

@@ -17,7 +17,13 @@ from omnimirror.optics.image_sensor import ImagerPose
 from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from tests.conftest import sensor_of
 
-NAMES = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal", "folded-spherical", "paraboloid-telecentric")
+NAMES = (
+    "paper-spherical",
+    "paper-equidistant",
+    "paper-hyperboloidal",
+    "folded-spherical",
+    "paraboloid-telecentric",
+)
 SENSORS = [om.load_sensor(n) for n in NAMES]
 
 
@@ -29,14 +35,23 @@ def table():
 @pytest.mark.parametrize(
     ("key", "known"),
     [
-        ("nonlinearity_percent", {"paper-equidistant": pytest.approx(0.49, abs=0.005)}),  # polynomial of erratum 3
-        ("sphere_coverage_percent", {"paper-spherical": pytest.approx(85.36, abs=0.01)}),  # erratum 9
+        (
+            "nonlinearity_percent",
+            {"paper-equidistant": pytest.approx(0.49, abs=0.005)},
+        ),  # polynomial of erratum 3
+        (
+            "sphere_coverage_percent",
+            {"paper-spherical": pytest.approx(85.36, abs=0.01)},
+        ),  # erratum 9
         ("area_ratio", {"paper-spherical": pytest.approx(0.691, abs=0.001)}),  # "70 %" in the paper
         ("viewpoint_spread_mm", {"paper-hyperboloidal": pytest.approx(0, abs=1e-10)}),
         ("worst_aspect", {"paraboloid-telecentric": pytest.approx(1, abs=1e-12)}),
         ("single_viewpoint_error_px", {"paraboloid-telecentric": pytest.approx(0, abs=1e-9)}),
         ("sag_mm", {"paper-spherical": pytest.approx(49.9582 - np.sqrt(49.9582**2 - 43.905**2))}),
-        ("length_mm", {"folded-spherical": pytest.approx(86 + 49.9582 - np.sqrt(49.9582**2 - 43.905**2))}),
+        (
+            "length_mm",
+            {"folded-spherical": pytest.approx(86 + 49.9582 - np.sqrt(49.9582**2 - 43.905**2))},
+        ),
     ],
 )
 def test_comparison_reference_values(table, key, known):
@@ -51,12 +66,27 @@ def test_worst_values_bound_evaluation(table):
             worst = np.abs(getattr(angles, key)).max()
             assert worst * (1 - 1e-12) <= table[f"worst_{key}"].values[i] <= worst * 1.01
         assert table["best_focus_mm"].values[i] == om.best_focus(sensor).focus_mm
-        assert table["best_focus_worst_floored_area_deg2"].values[i] <= table["worst_floored_area_deg2"].values[i]
+        assert (
+            table["best_focus_worst_floored_area_deg2"].values[i]
+            <= table["worst_floored_area_deg2"].values[i]
+        )
 
 
 def test_best_values_marked(table):
-    assert table["field_to_deg"].best == [True, True, True, True, False]  # displayed as 135.0, and one as 105.0
-    assert table["length_mm"].best == [False, False, False, True, False]  # arbitrary for a telecentric lens
+    assert table["field_to_deg"].best == [
+        True,
+        True,
+        True,
+        True,
+        False,
+    ]  # displayed as 135.0, and one as 105.0
+    assert table["length_mm"].best == [
+        False,
+        False,
+        False,
+        True,
+        False,
+    ]  # arbitrary for a telecentric lens
     assert table["length_mm"].texts[-1] == "–"
     assert table["dh_domega_ratio"].best == [False, True, False, False, False]
     assert not any(table["focus_mm"].best)
@@ -64,7 +94,9 @@ def test_best_values_marked(table):
 
 
 def test_comparison_of_all_mirror_kinds(any_sensor):
-    values = [v for row in om.compare([any_sensor]).rows for v in row.values if isinstance(v, float)]
+    values = [
+        v for row in om.compare([any_sensor]).rows for v in row.values if isinstance(v, float)
+    ]
     assert np.isnan(values).sum() == any_sensor.lens.TELECENTRIC
 
 
@@ -90,26 +122,48 @@ def test_duplicate_names_numbered():
     assert table.names == ["cone (1)", "paper-spherical", "cone (2)"]
 
 
-@pytest.mark.parametrize("name", ["paper-hyperboloidal", *(pytest.param(name, marks=pytest.mark.full) for name in ("paraboloid-telecentric", "paper-spherical", "paper-equidistant"))])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "paper-hyperboloidal",
+        *(
+            pytest.param(name, marks=pytest.mark.full)
+            for name in ("paraboloid-telecentric", "paper-spherical", "paper-equidistant")
+        ),
+    ],
+)
 def test_full_field_study_matches_meridian(name):
     """A mirror misaligned by 1 nm: rays in space against the closed formulas of one meridian."""
     drawn = om.load_sensor(name)
     table = om.compare([drawn, replace(drawn, mirror_pose=MirrorPose(decentre_x_mm=1e-6))])
-    absolute = {"viewpoint_spread_mm": 1e-3, "single_viewpoint_error_px": 2e-2, "nonlinearity_percent": 1e-3}
+    absolute = {
+        "viewpoint_spread_mm": 1e-3,
+        "single_viewpoint_error_px": 2e-2,
+        "nonlinearity_percent": 1e-3,
+    }
     for row in table.rows:
         if isinstance(row.values[0], float):
             known, found = row.values
             loose = {"best_focus_mm": 3e-3, "single_viewpoint_error_px": 1e-2}.get(row.name, 1e-3)
-            assert found == pytest.approx(known, rel=loose, abs=absolute.get(row.name, 1e-6), nan_ok=True), row.name
+            assert found == pytest.approx(
+                known, rel=loose, abs=absolute.get(row.name, 1e-6), nan_ok=True
+            ), row.name
 
 
 @pytest.mark.full
 def test_misaligned_sensor_compared_over_full_image():
     """Compared with random directions through the projection, and with spots of the whole aperture."""
     drawn = SENSORS[0]
-    built = replace(drawn, name="built", mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2), imager=replace(drawn.imager, width_px=1200, height_px=1200))
+    built = replace(
+        drawn,
+        name="built",
+        mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2),
+        imager=replace(drawn.imager, width_px=1200, height_px=1200),
+    )
     table = om.compare([built, drawn])
-    assert table.notes == ("built: mirror decentred by 1.8 mm and tilted by 1.2 deg; compared over the full image, at all azimuths.",)
+    assert table.notes == (
+        "built: mirror decentred by 1.8 mm and tilted by 1.2 deg; compared over the full image, at all azimuths.",
+    )
     value = {row.name: row.values[0] for row in table.rows}
     chance = np.random.default_rng(4)
     ways = chance.normal(size=(40_000, 3))
@@ -126,10 +180,17 @@ def test_misaligned_sensor_compared_over_full_image():
     here, there = built.project_directions(some), built.project_directions(some + step)
     both = here.valid & there.valid
     scale = np.linalg.norm(there.pixels - here.pixels, axis=1)[both] / np.degrees(1e-4)
-    sides = [table["min_dh_domega_px_per_deg"].values[0], table["max_dh_domega_px_per_deg"].values[0]]
+    sides = [
+        table["min_dh_domega_px_per_deg"].values[0],
+        table["max_dh_domega_px_per_deg"].values[0],
+    ]
     assert scale.min() > 0.97 * min(sides[0], sides[0] * value["min_aspect"])
     assert scale.max() < 1.03 * sides[1] * value["max_aspect"]
-    spots = om.spots(built, np.repeat([20.0, 60.0, 100.0, 125.0], 4), azimuth_deg=np.tile([0.0, 90.0, 180.0, 270.0], 4))
+    spots = om.spots(
+        built,
+        np.repeat([20.0, 60.0, 100.0, 125.0], 4),
+        azimuth_deg=np.tile([0.0, 90.0, 180.0, 270.0], 4),
+    )
     assert spots.extent_px()[0].max() < 1.05 * value["worst_blur_t_px"]
     assert spots.extent_px()[0].max() > 0.7 * value["worst_blur_t_px"]
     assert value["best_focus_worst_floored_area_deg2"] <= value["worst_floored_area_deg2"]
@@ -139,37 +200,53 @@ def test_misaligned_sensor_compared_over_full_image():
 def test_rod_obscuration_angle_and_fraction():
     rod = replace(SENSORS[0], housing=Housing(rod=Rod(20.0)))
     table = om.compare([SENSORS[0], rod])
-    pixels = np.stack(np.meshgrid(np.arange(0, 1024, 2.0), np.arange(0, 1024, 2.0)), axis=-1).reshape(-1, 2)
+    pixels = np.stack(
+        np.meshgrid(np.arange(0, 1024, 2.0), np.arange(0, 1024, 2.0)), axis=-1
+    ).reshape(-1, 2)
     seen = rod.backproject(pixels)
     hidden = np.logical_or.reduce(list(rod.hidden_by(pixels).values()))
     angles = np.degrees(np.arccos(np.clip(-(seen.directions @ rod._axes)[:, 2], -1, 1)))
     covered = hidden & ~np.isnan(angles)
-    assert table["obscured_percent"].values[1] == pytest.approx(100 * hidden.sum() / (hidden | seen.valid).sum(), rel=0.02)
+    assert table["obscured_percent"].values[1] == pytest.approx(
+        100 * hidden.sum() / (hidden | seen.valid).sum(), rel=0.02
+    )
     assert table["obscured_to_deg"].values[1] == pytest.approx(rod.obscured_to_deg)
     assert rod.obscured_to_deg != pytest.approx(table["obscured_percent"].values[1], rel=0.05)
-    assert not covered.any() or table["obscured_to_deg"].values[1] == pytest.approx(angles[covered].max(), abs=1.0)
+    assert not covered.any() or table["obscured_to_deg"].values[1] == pytest.approx(
+        angles[covered].max(), abs=1.0
+    )
 
 
 @pytest.mark.full
 def test_misaligned_obscuration_matches_pixels():
     from omnimirror.optics.housing import CameraBody, Housing
 
-    built = replace(SENSORS[0], mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2), housing=Housing(CameraBody(50.0)))
+    built = replace(
+        SENSORS[0],
+        mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2),
+        housing=Housing(CameraBody(50.0)),
+    )
     (percent,) = om.compare([built])["obscured_percent"].values
-    pixels = np.stack(np.meshgrid(np.arange(0, 1024, 4.0), np.arange(0, 1024, 4.0)), axis=-1).reshape(-1, 2)
+    pixels = np.stack(
+        np.meshgrid(np.arange(0, 1024, 4.0), np.arange(0, 1024, 4.0)), axis=-1
+    ).reshape(-1, 2)
     hidden = built.hidden_by(pixels)["camera"]
     seen = built.backproject(pixels).valid
     assert percent == pytest.approx(100 * hidden.sum() / (hidden | seen).sum(), rel=0.02)
 
 
 def test_aligned_sensor_has_no_note():
-    assert om.compare([replace(SENSORS[0], mirror_pose=MirrorPose(displacement_mm=0.5))]).notes == ()
+    assert (
+        om.compare([replace(SENSORS[0], mirror_pose=MirrorPose(displacement_mm=0.5))]).notes == ()
+    )
 
 
 @pytest.mark.full  # rays in space over a mirror with a form error; the other notes are created in the same code
 def test_note_lists_misalignments_only():
     bent = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
-    assert om.compare([bent]).notes == ("bent: form error of the mirror; compared over the full image, at all azimuths.",)
+    assert om.compare([bent]).notes == (
+        "bent: form error of the mirror; compared over the full image, at all azimuths.",
+    )
 
 
 def test_untraceable_sensor_compared_as_aligned():
@@ -183,8 +260,12 @@ def test_untraceable_sensor_compared_as_aligned():
 @pytest.mark.parametrize("shell", [Dome(), Tube(130.0)])
 def test_covered_sensor_compared_as_aligned(shell):
     drawn = replace(SENSORS[0], housing=Housing(shell=shell))
-    table = om.compare([replace(drawn, name="askew", mirror_pose=MirrorPose(tilt_x_deg=0.5)), drawn])
-    assert table.notes == ("askew: mirror decentred by 0 mm and tilted by 0.5 deg; compared as an aligned sensor.",)
+    table = om.compare(
+        [replace(drawn, name="askew", mirror_pose=MirrorPose(tilt_x_deg=0.5)), drawn]
+    )
+    assert table.notes == (
+        "askew: mirror decentred by 0 mm and tilted by 0.5 deg; compared as an aligned sensor.",
+    )
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 
@@ -193,5 +274,7 @@ def test_invalid_comparisons_rejected(table):
         om.compare([SENSORS[0]] * 7)
     with pytest.raises(InvalidParameter, match="got 0"):
         om.compare([])
-    with pytest.raises(InvalidParameter, match=r"the quantity must be one of mirror, .* got 'speed'"):
+    with pytest.raises(
+        InvalidParameter, match=r"the quantity must be one of mirror, .* got 'speed'"
+    ):
         table["speed"]

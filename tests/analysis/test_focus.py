@@ -19,7 +19,9 @@ from omnimirror.optics.mirrors import EvenPolynomial
 from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import sensor_of
 
-SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
+SPH, EDI, SVP = (
+    om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal")
+)
 LENS = Perspective(11.6, 4.0, 212.0)
 
 
@@ -32,13 +34,17 @@ def test_blur_is_cone_width_at_imager(L):
 
 
 def test_paper_blur_neglects_focal_length():
-    assert float(LENS.blur(220.0, mode="paper")) == pytest.approx(11.6**2 / 4 * (220 - 212) / (212 * 220), rel=1e-12)
+    assert float(LENS.blur(220.0, mode="paper")) == pytest.approx(
+        11.6**2 / 4 * (220 - 212) / (212 * 220), rel=1e-12
+    )
     ratio = LENS.blur(220.0, mode="paper") / LENS.blur(220.0)
     assert 1 - float(ratio) == pytest.approx(11.6 / 212, rel=1e-12)  # 5.5 % too small
 
 
 @pytest.mark.parametrize("mode", ["exact", "paper"])
-@pytest.mark.parametrize("lens", [LENS, Orthographic(0.06, 4.0, 20.0)], ids=["perspective", "orthographic"])
+@pytest.mark.parametrize(
+    "lens", [LENS, Orthographic(0.06, 4.0, 20.0)], ids=["perspective", "orthographic"]
+)
 def test_depth_of_field_limits_match_tolerance(lens, mode):
     near, far = lens.depth_of_field(0.0052, mode)
     assert near < lens.focus_distance_mm < far
@@ -60,15 +66,32 @@ def test_exact_axial_blur_of_sphere():
     assert om.evaluate(SPH, [0.0]).blur_t_px[0] == pytest.approx(-1.036, abs=5e-4)
 
 
-@pytest.mark.parametrize(("sensor", "merit", "focus", "value"), [(SPH, "worst_blur_area_deg2", 212.4, 0.0751), (EDI, "worst_blur_area_deg2", 206.0, 0.566), (SVP, "worst_blur_area_deg2", 172.5, 1.52), (SPH, "worst_floored_area_deg2", 215.5, 0.704), (SPH, "worst_blur_deg", 219.5, 0.596)])
+@pytest.mark.parametrize(
+    ("sensor", "merit", "focus", "value"),
+    [
+        (SPH, "worst_blur_area_deg2", 212.4, 0.0751),
+        (EDI, "worst_blur_area_deg2", 206.0, 0.566),
+        (SVP, "worst_blur_area_deg2", 172.5, 1.52),
+        (SPH, "worst_floored_area_deg2", 215.5, 0.704),
+        (SPH, "worst_blur_deg", 219.5, 0.596),
+    ],
+)
 def test_best_focus_of_paper_mirrors(sensor, merit, focus, value):
-    best = om.best_focus(sensor, merit, omega_deg=np.linspace(0, 135, 1001), mode="paper", image_radius_px=500)
+    best = om.best_focus(
+        sensor, merit, omega_deg=np.linspace(0, 135, 1001), mode="paper", image_radius_px=500
+    )
     assert best.focus_mm == pytest.approx(focus, abs=0.05)
     assert best.value == pytest.approx(value, rel=2e-3)
 
 
 def test_paper_svp_focus_from_outer_field():
-    best = om.best_focus(SVP, "worst_blur_area_deg2", omega_deg=np.linspace(82, 135, 1001), mode="paper", image_radius_px=500)
+    best = om.best_focus(
+        SVP,
+        "worst_blur_area_deg2",
+        omega_deg=np.linspace(82, 135, 1001),
+        mode="paper",
+        image_radius_px=500,
+    )
     assert best.focus_mm == pytest.approx(189.7, abs=0.05)
 
 
@@ -85,8 +108,16 @@ MEANS = [(SPH, 212.3896, 0.2436625), (EDI, 201.0575, 0.3048491), (SVP, 169.6890,
 def spacings(low, high):
     rng = np.random.default_rng(5)
     yield "even", np.linspace(low, high, 1001), 1e-5
-    yield ("dense centre", np.concatenate([np.linspace(low, 20, 300), np.linspace(20, high, 101)[1:]]), 1e-3)
-    yield ("dense rim", np.concatenate([np.linspace(low, high - 10, 51)[:-1], np.linspace(high - 10, high, 350)]), 1e-3)
+    yield (
+        "dense centre",
+        np.concatenate([np.linspace(low, 20, 300), np.linspace(20, high, 101)[1:]]),
+        1e-3,
+    )
+    yield (
+        "dense rim",
+        np.concatenate([np.linspace(low, high - 10, 51)[:-1], np.linspace(high - 10, high, 350)]),
+        1e-3,
+    )
     yield "any", np.concatenate([[low, high], rng.uniform(low, high, 400)]), 1e-3
     yield "backwards", np.linspace(high, low, 1001), 1e-5
     yield "twice", np.repeat(np.linspace(low, high, 501), 2), 1e-4
@@ -117,9 +148,13 @@ def test_focus_function_matches_evaluation(merit, mode, radius):
         found, slope, _ = function(u)
         focus = sensor.lens.focus_coordinate(middle + unit * u)
         wanted = np.array([FOCUS_MERITS[merit].value(study.at(f)) for f in focus])
-        np.testing.assert_allclose(found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10)
+        np.testing.assert_allclose(
+            found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10
+        )
         h = 1e-6
-        np.testing.assert_allclose(slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5)
+        np.testing.assert_allclose(
+            slope, (function(u + h)[0] - function(u - h)[0]) / (2 * h), rtol=1e-5
+        )
 
 
 @pytest.mark.parametrize("merit", FOCUS_MERITS)
@@ -129,7 +164,9 @@ def test_focus_function_includes_lens_blur(merit):
     columns = (0.0, 1 / 6.0, 0.0), (0.5, 2.0, 0.0), (1.0, 1.5168, 1.0)
     sensor = replace(SPH, lens=SurfaceLens(4.0, 215.0, *columns, 1, field_max_deg=20.0))
     omega = np.linspace(0.0, 0.99 * sensor.field_deg[1], 60)
-    assert min(om.evaluate(sensor, omega).of_lens["lens_blur_t_px"]) > 1.5  # for a difference between squares and cubes
+    assert (
+        min(om.evaluate(sensor, omega).of_lens["lens_blur_t_px"]) > 1.5
+    )  # for a difference between squares and cubes
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), "exact", None, 550.0)
     middle = float(sensor.lens.focus_coordinate(sensor.lens.focus_distance_mm))
@@ -156,19 +193,46 @@ def test_unknown_mode_rejected(mode):
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"image_radius_px": -5.0}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got -5\.0"),
-        ({"image_radius_px": 0}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 0"),
-        ({"image_radius_px": 1e-165}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 1e-165"),
-        ({"image_radius_px": float("nan")}, r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got nan"),
+        (
+            {"image_radius_px": -5.0},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got -5\.0",
+        ),
+        (
+            {"image_radius_px": 0},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 0",
+        ),
+        (
+            {"image_radius_px": 1e-165},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got 1e-165",
+        ),
+        (
+            {"image_radius_px": float("nan")},
+            r"image_radius_px must be greater than 0 px and at most 1e\+09 px; got nan",
+        ),
         ({"image_radius_px": "500"}, "image_radius_px must be a number; got '500'"),
         ({"omega_deg": []}, "omega_deg must contain at least one number"),
-        ({"omega_deg": [[0.0, 1.0]]}, r"omega_deg must be a number or have the shape \(n,\); got shape \(1, 2\)"),
+        (
+            {"omega_deg": [[0.0, 1.0]]},
+            r"omega_deg must be a number or have the shape \(n,\); got shape \(1, 2\)",
+        ),
         ({"omega_deg": [10**400]}, r"omega_deg must be numbers of shape \(n,\)"),
-        ({"omega_deg": np.ma.masked_array([9.0, 10.0], [False, True])}, r"omega_deg must be numbers of shape \(n,\)"),
+        (
+            {"omega_deg": np.ma.masked_array([9.0, 10.0], [False, True])},
+            r"omega_deg must be numbers of shape \(n,\)",
+        ),
         ({"object_distance_mm": [100.0, 200.0]}, "each of the 1001 field angles; got 2"),
-        ({"object_distance_mm": -1.0}, "object_distance_mm must be at least 1e-09 mm, or inf; got -1"),
-        ({"object_distance_mm": 2e-309}, "object_distance_mm must be at least 1e-09 mm, or inf; got 2e-309"),
-        ({"merit": "sharpest"}, "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2"),
+        (
+            {"object_distance_mm": -1.0},
+            "object_distance_mm must be at least 1e-09 mm, or inf; got -1",
+        ),
+        (
+            {"object_distance_mm": 2e-309},
+            "object_distance_mm must be at least 1e-09 mm, or inf; got 2e-309",
+        ),
+        (
+            {"merit": "sharpest"},
+            "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2",
+        ),
     ],
 )
 def test_invalid_focus_arguments_rejected(kwargs, message):
@@ -190,7 +254,9 @@ def test_invalid_focus_arguments_rejected(kwargs, message):
     ],
 )
 def test_focus_search_range(coordinates, expected):
-    assert _focusable_interval(np.array(coordinates), 2.0, 30.0) == pytest.approx(expected, abs=1e-12)
+    assert _focusable_interval(np.array(coordinates), 2.0, 30.0) == pytest.approx(
+        expected, abs=1e-12
+    )
 
 
 def test_best_focus_requires_images():
@@ -199,10 +265,15 @@ def test_best_focus_requires_images():
 
 
 def test_single_angle_focus_between_images():
-    best, row = (om.best_focus(SPH, "worst_blur_px", omega_deg=90), om.evaluate(SPH, [90.0]).columns())
+    best, row = (
+        om.best_focus(SPH, "worst_blur_px", omega_deg=90),
+        om.evaluate(SPH, [90.0]).columns(),
+    )
     near, far = sorted((row["distance_t_mm"][0], row["distance_s_mm"][0]))
     assert near < best.focus_mm < far
-    assert 1 / best.focus_mm == pytest.approx((1 / near + 1 / far) / 2, rel=1e-9)  # blur is linear in 1/L
+    assert 1 / best.focus_mm == pytest.approx(
+        (1 / near + 1 / far) / 2, rel=1e-9
+    )  # blur is linear in 1/L
 
 
 def test_cone_tip_has_no_best_focus():
@@ -214,7 +285,10 @@ def test_cone_tip_has_no_best_focus():
 EVERY_DAY = ("paper-spherical", "paraboloid-telecentric")
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in bundled_sensors()])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in bundled_sensors()],
+)
 def test_best_focus_is_global_minimum(name):
     """The search for each merit against plain enumeration of evaluations."""
     bundled = om.load_sensor(name)
@@ -240,7 +314,9 @@ def test_best_focus_is_global_minimum(name):
         here = values(best.focus_mm)[merit]
         # the mean over caps assigns each angle its whole neighbourhood, and is thus accurate to
         # second order only
-        assert here == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12), merit
+        assert here == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12), (
+            merit
+        )
         assert here <= min(value[merit] for value in tried) * (1 + 1e-9), merit
 
 
@@ -274,7 +350,9 @@ def test_best_focus_with_images_beyond_infinity():
     found = om.evaluate(sensor, angles)
     assert found.distance_t_mm.min() < 0 < 5e3 < found.distance_t_mm.max()
     for focus in 1 / np.linspace(1e-7, 1 / 60, 200):
-        assert om.evaluate(sensor, angles, focus_mm=focus).floored_area_deg2.max() >= best.value * (1 - 1e-9)
+        assert om.evaluate(sensor, angles, focus_mm=focus).floored_area_deg2.max() >= best.value * (
+            1 - 1e-9
+        )
 
 
 def test_auto_focus_equals_best_focus():
@@ -282,7 +360,9 @@ def test_auto_focus_equals_best_focus():
 
 
 def test_minimiser_finds_global_minimum():
-    assert minimise_scalar(lambda x: abs(np.sin(3 * x)) + 0.01 * (x - 2) ** 2, 0.5, 9.0) == pytest.approx(2 * np.pi / 3, abs=1e-6)
+    assert minimise_scalar(
+        lambda x: abs(np.sin(3 * x)) + 0.01 * (x - 2) ** 2, 0.5, 9.0
+    ) == pytest.approx(2 * np.pi / 3, abs=1e-6)
     assert minimise_scalar(lambda x: x, 1.0, 1.0) == 1.0
 
 
@@ -303,7 +383,10 @@ def test_blur_matches_real_ray_cone(sensor):
     radius = lens.focal_length_mm / lens.f_number / 2
     for i, omega in enumerate(np.radians(angles)):
         landed = []
-        for side in (-radius, radius):  # the ray through (side, -m) with the incident direction omega
+        for side in (
+            -radius,
+            radius,
+        ):  # the ray through (side, -m) with the incident direction omega
             low, high = result.x_mm[i] - 5.0, min(result.x_mm[i] + 5.0, mirror.rim_radius_mm * 1.02)
 
             def misses(x, side=side, omega=omega):

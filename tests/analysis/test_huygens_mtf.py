@@ -38,7 +38,9 @@ def meet(c, k, p, d):
     b = c * (p[:, 0] * d[:, 0] + p[:, 1] * d[:, 1] + (1 + k) * p[:, 2] * d[:, 2]) - d[:, 2]
     e = c * (p[:, 0] ** 2 + p[:, 1] ** 2 + (1 + k) * p[:, 2] ** 2) - 2 * p[:, 2]
     root = np.sqrt(b**2 - a * e)
-    with np.errstate(divide="ignore", invalid="ignore"):  # the second sheet of a hyperboloid, with inverted normals
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # the second sheet of a hyperboloid, with inverted normals
         near, far = e / (root - b), (root - b) / a
         is_front = 1 - c * (1 + k) * (p[:, 2] + near * d[:, 2]) > 0
     q = p + np.where(is_front, near, far)[:, None] * d
@@ -129,7 +131,9 @@ def slopes_towards(sensor, places, target, guess):
         by = [(missed(slopes + h * e) - missed(slopes - h * e)) / (2 * h) for e in np.eye(2)]
         a = np.stack(by, axis=-1)
         miss = missed(slopes)
-        step = np.linalg.solve(np.einsum("nij,nik->njk", a, a), np.einsum("nij,ni->nj", a, miss)[..., None])[..., 0]
+        step = np.linalg.solve(
+            np.einsum("nij,nik->njk", a, a), np.einsum("nij,ni->nj", a, miss)[..., None]
+        )[..., 0]
         slopes -= step
         if np.nanmax(np.abs(step)) < SOLVED:
             break
@@ -180,7 +184,9 @@ def huygens(sensor, omega_deg, nu=NU, distance=np.inf, focus=None):
 
     def path_of(way):
         path, hit, _, _ = way
-        return path + (-hit @ target if np.isinf(distance) else np.linalg.norm(to_object[0] - hit, axis=1))
+        return path + (
+            -hit @ target if np.isinf(distance) else np.linalg.norm(to_object[0] - hit, axis=1)
+        )
 
     disk, step = pupil_grid()
     _, leaving = slopes_towards(sensor, radius * disk, to_object, chief[0])
@@ -223,10 +229,17 @@ CASES = {
     "spherical, fast": (at("folded-spherical", 1.0), 70.0),
     "spherical, where its field begins": (at("folded-spherical", 4.0), 13.3),
     "at the rim": (at("paper-spherical", 4.0), 134.8),
-    "past the camera": (replace(at("paper-spherical", 2.8), housing=Housing(CameraBody(60.0))), 8.5),
+    "past the camera": (
+        replace(at("paper-spherical", 2.8), housing=Housing(CameraBody(60.0))),
+        8.5,
+    ),
 }
 
-NEAR = {"narrow bore": (2.0, 300.0, 175.87), "wide bore": (5.0, 300.0, 175.87), "nearer": (2.0, 50.0, 176.5)}
+NEAR = {
+    "narrow bore": (2.0, 300.0, 175.87),
+    "wide bore": (5.0, 300.0, 175.87),
+    "nearer": (2.0, 50.0, 176.5),
+}
 
 
 @pytest.mark.parametrize("case", few(NEAR, "narrow bore"))
@@ -234,7 +247,9 @@ def test_near_object_mtf_matches_huygens_integral(case):
     """The bore also vignettes waves of near objects, focused at the tangential image of one."""
     bore, distance, focus = NEAR[case]
     truth, _ = huygens(folded(2.0, bore), 50.0, distance=distance, focus=focus)
-    found = om.mtf(folded(2.0, bore), [50.0], cycles_per_px=NU, object_distance_mm=distance, focus_mm=focus)
+    found = om.mtf(
+        folded(2.0, bore), [50.0], cycles_per_px=NU, object_distance_mm=distance, focus_mm=focus
+    )
     np.testing.assert_allclose([found.tangential[0], found.sagittal[0]], truth, atol=0.005)
 
 

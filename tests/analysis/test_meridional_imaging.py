@@ -20,7 +20,9 @@ from omnimirror.optics.mirrors import Cone, EvenPolynomial, Hyperboloid, Parabol
 from omnimirror.optics.tracing.meridian import trace_chief_rays
 from tests.conftest import M
 
-SPH, EDI, SVP = (om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal"))
+SPH, EDI, SVP = (
+    om.load_sensor(f"paper-{n}") for n in ("spherical", "equidistant", "hyperboloidal")
+)
 FIELD = np.linspace(0, 135, 271)
 
 
@@ -28,13 +30,17 @@ FIELD = np.linspace(0, 135, 271)
 def test_hyperboloid_has_single_viewpoint_and_aspect_cos_theta(a, b, rim):
     mirror = Hyperboloid(a * M, b * M, rim * M)
     lens = Perspective(11.6, 4.0, 200.0)
-    sensor = om.Sensor(mirror, lens, Imager(1024, 1024, 5.2), mirror_distance_mm=mirror.single_viewpoint_distance)
+    sensor = om.Sensor(
+        mirror, lens, Imager(1024, 1024, 5.2), mirror_distance_mm=mirror.single_viewpoint_distance
+    )
     result = om.evaluate(sensor, np.linspace(*sensor.field_deg, 50))
     focus = np.hypot(a, b) * M - b * M  # of the other sheet, which is the mirror: at z = C - B
     scale = M * max(1.0, a, b, rim)
     np.testing.assert_allclose(result.viewpoint_z_mm, focus, atol=1e-12 * scale)
     np.testing.assert_allclose(result.aspect, np.cos(np.radians(result.theta_deg)), rtol=1e-9)
-    np.testing.assert_allclose(result.q_t_mm, result.q_s_mm, rtol=1e-9)  # stigmatic at all distances
+    np.testing.assert_allclose(
+        result.q_t_mm, result.q_s_mm, rtol=1e-9
+    )  # stigmatic at all distances
 
 
 def test_paper_hyperboloid_single_viewpoint_accuracy():
@@ -56,7 +62,9 @@ def test_orthographic_sphere_is_equiareal():
 
 def test_equidistant_mirrors_are_linear():
     exact = om.evaluate(om.load_sensor("exact-equidistant"), FIELD)
-    np.testing.assert_allclose(exact.dh_domega_px_per_deg, exact.dh_domega_px_per_deg[0], rtol=1e-11)
+    np.testing.assert_allclose(
+        exact.dh_domega_px_per_deg, exact.dh_domega_px_per_deg[0], rtol=1e-11
+    )
     paper = om.evaluate(EDI, FIELD)
     off = paper.h_px - paper.h_px[-1] * FIELD / 135
     assert np.abs(off).max() / paper.h_px[-1] == pytest.approx(0.0049, abs=5e-5)
@@ -66,9 +74,13 @@ def test_equidistant_mirrors_are_linear():
 def test_solid_angle_sums_to_field(sensor):
     """The image area per square degree, integrated over the image, is the solid angle of the field."""
     r = om.evaluate(sensor, np.linspace(0, 135, 4001))
-    per_ring = 2 * np.pi * r.h_px * r.dh_domega_px_per_deg / r.area_px2  # square degrees per degree of Omega
+    per_ring = (
+        2 * np.pi * r.h_px * r.dh_domega_px_per_deg / r.area_px2
+    )  # square degrees per degree of Omega
     total = np.trapezoid(per_ring[1:], r.omega_deg[1:])
-    assert total == pytest.approx(2 * np.pi * (1 - np.cos(np.radians(135))) * (180 / np.pi) ** 2, rel=1e-6)
+    assert total == pytest.approx(
+        2 * np.pi * (1 - np.cos(np.radians(135))) * (180 / np.pi) ** 2, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("distance", [np.inf, 300.0, 25.0])
@@ -83,7 +95,9 @@ def test_axial_object_imaged_on_axis(distance):
 def test_viewpoint_is_axis_intersection():
     r = om.evaluate(SPH, [30.0, 90.0, 120.0])
     omega = np.radians(r.omega_deg)
-    np.testing.assert_allclose((r.viewpoint_z_mm - r.z_mm) * np.sin(omega), r.x_mm * np.cos(omega), atol=1e-12)
+    np.testing.assert_allclose(
+        (r.viewpoint_z_mm - r.z_mm) * np.sin(omega), r.x_mm * np.cos(omega), atol=1e-12
+    )
 
 
 def test_angle_error_matches_point_seen_from_viewpoint():
@@ -92,7 +106,9 @@ def test_angle_error_matches_point_seen_from_viewpoint():
     v0, n = 11.5, 7 * M
     x, z = rays.x + n * np.sin(rays.omega), rays.z - n * np.cos(rays.omega)
     apparent = np.arctan2(x, v0 - z)
-    np.testing.assert_allclose(rays.omega - viewpoint_angle_error(rays, v0, n), apparent, atol=1e-14)
+    np.testing.assert_allclose(
+        rays.omega - viewpoint_angle_error(rays, v0, n), apparent, atol=1e-14
+    )
     assert np.all(viewpoint_angle_error(rays, v0, np.inf) == 0)
 
 
@@ -101,10 +117,23 @@ def test_best_viewpoint_of_sphere_matches_paper(n, worst, v0):
     best = om.best_viewpoint(SPH, n * M, image_radius_px=500, linearised=True)
     assert best.worst_px == pytest.approx(worst, abs=0.005)
     assert best.z_mm / M == pytest.approx(v0, abs=5e-5)
-    assert best.error_px.max() == pytest.approx(-best.error_px.min(), rel=1e-6)  # minimax: equal extremes of both signs
+    assert best.error_px.max() == pytest.approx(
+        -best.error_px.min(), rel=1e-6
+    )  # minimax: equal extremes of both signs
 
 
-@pytest.mark.parametrize(("name", "n", "worst"), [("spherical", 40, 0.917), ("spherical", 20, 1.810), ("spherical", 10, 3.528), ("spherical", 7, 4.930), ("spherical", 3, 10.46), ("spherical", 1, 23.48), ("equidistant", 7, 5.581)])
+@pytest.mark.parametrize(
+    ("name", "n", "worst"),
+    [
+        ("spherical", 40, 0.917),
+        ("spherical", 20, 1.810),
+        ("spherical", 10, 3.528),
+        ("spherical", 7, 4.930),
+        ("spherical", 3, 10.46),
+        ("spherical", 1, 23.48),
+        ("equidistant", 7, 5.581),
+    ],
+)
 def test_single_viewpoint_error_exact(name, n, worst):
     """Compared with a scan of viewpoints: objects at n M from the mirror, projected as if from V0."""
     sensor = om.load_sensor(f"paper-{name}")
@@ -119,7 +148,9 @@ def test_single_viewpoint_error_exact(name, n, worst):
 
     def worst_of(v0):
         apparent = np.degrees(np.arctan2(x, v0 - z))
-        return np.abs(sensor.image_height_px(rays) * scale - np.interp(apparent, fine, heights)).max()
+        return np.abs(
+            sensor.image_height_px(rays) * scale - np.interp(apparent, fine, heights)
+        ).max()
 
     assert worst_of(best.z_mm) == pytest.approx(worst, rel=1e-3)
     around = best.z_mm + M * np.linspace(-0.02, 0.02, 81)
@@ -147,7 +178,9 @@ def test_input_kinds_give_equal_rows():
     by_pixel = om.evaluate(SPH, pixels=511.5 + by_angle.h_px[:, None] * [np.cos(phi), np.sin(phi)])
     for name, column in by_angle.columns().items():
         for other in (by_x, by_h, by_pixel):
-            np.testing.assert_allclose(getattr(other, name), column, rtol=1e-9, atol=1e-9, err_msg=name)
+            np.testing.assert_allclose(
+                getattr(other, name), column, rtol=1e-9, atol=1e-9, err_msg=name
+            )
 
 
 @pytest.mark.parametrize("flipped", [False, True])
@@ -160,9 +193,13 @@ def test_scaled_image_uses_scaled_pixels(flipped):
         again = om.evaluate(sensor, h_px=by_angle.h_px, image_radius_px=500)
         np.testing.assert_allclose(again.h_px, by_angle.h_px, atol=1e-9)
         np.testing.assert_allclose(again.omega_deg, by_angle.omega_deg, atol=1e-9)
-    assert om.evaluate(SPH, h_px=[500.0], image_radius_px=500).omega_deg[0] == pytest.approx(SPH.field_deg[1])
+    assert om.evaluate(SPH, h_px=[500.0], image_radius_px=500).omega_deg[0] == pytest.approx(
+        SPH.field_deg[1]
+    )
     pixels = 511.5 + np.array([[300.0, 400.0], [-250.0, 0.0]])
-    np.testing.assert_allclose(om.evaluate(SPH, pixels=pixels, image_radius_px=500).h_px, [500.0, 250.0], atol=1e-9)
+    np.testing.assert_allclose(
+        om.evaluate(SPH, pixels=pixels, image_radius_px=500).h_px, [500.0, 250.0], atol=1e-9
+    )
 
 
 def test_rows_follow_input_order():
@@ -188,17 +225,61 @@ def test_object_distances_per_row():
         ({"h_px": [600.0]}, OutsideField, "theta must be at most .* got 14"),
         ({"pixels": [[0.0, 0.0]]}, OutsideField, "theta must be at most .* got 1"),
         ({"pixels": [1.0, 2.0, 3.0]}, InvalidParameter, r"pixels must be pairs .* got \(3,\)"),
-        ({"omega_deg": [1.0], "x_mm": [1.0]}, InvalidParameter, "omega_deg and x_mm must not be given together"),
-        ({"omega_deg": [1.0], "object_distance_mm": 0.0}, InvalidParameter, "object_distance_mm must be at least 1e-09 mm, or inf; got 0"),
-        ({"omega_deg": [1.0], "object_distance_mm": -5.0}, InvalidParameter, "object_distance_mm must be at least 1e-09 mm, or inf; got -5"),
-        ({"omega_deg": [1.0, 2.0, 3.0], "object_distance_mm": [100.0, -5.0, -7.0]}, InvalidParameter, "object_distance_mm"),
-        ({"omega_deg": [1.0], "object_distance_mm": [1.0, 2.0]}, InvalidParameter, "each of the 1 field angles; got 2"),
-        ({"omega_deg": [1.0], "focus_mm": 11.0}, InvalidParameter, "focus_distance_mm must be greater than .* got 11"),
-        ({"omega_deg": [1.0], "mode": "rough"}, InvalidParameter, "mode must be one of exact, paper; got 'rough'"),
-        ({"omega_deg": [1.0], "tolerance_px": 0.0}, InvalidParameter, r"tolerance_px must be greater than 0 px and finite; got 0\.0"),
-        ({"omega_deg": [1.0], "wavelength_nm": -1.0}, InvalidParameter, "wavelength_nm must be 100 to 20000 nm; got -1"),
-        ({"omega_deg": [1.0], "focus_mm": "auto", "merit": "best"}, InvalidParameter, "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2"),
-        ({"omega_deg": [1.0, 2.0], "focus_mm": "auto", "object_distance_mm": [9.0, 8.0]}, InvalidParameter, "'auto'"),
+        (
+            {"omega_deg": [1.0], "x_mm": [1.0]},
+            InvalidParameter,
+            "omega_deg and x_mm must not be given together",
+        ),
+        (
+            {"omega_deg": [1.0], "object_distance_mm": 0.0},
+            InvalidParameter,
+            "object_distance_mm must be at least 1e-09 mm, or inf; got 0",
+        ),
+        (
+            {"omega_deg": [1.0], "object_distance_mm": -5.0},
+            InvalidParameter,
+            "object_distance_mm must be at least 1e-09 mm, or inf; got -5",
+        ),
+        (
+            {"omega_deg": [1.0, 2.0, 3.0], "object_distance_mm": [100.0, -5.0, -7.0]},
+            InvalidParameter,
+            "object_distance_mm",
+        ),
+        (
+            {"omega_deg": [1.0], "object_distance_mm": [1.0, 2.0]},
+            InvalidParameter,
+            "each of the 1 field angles; got 2",
+        ),
+        (
+            {"omega_deg": [1.0], "focus_mm": 11.0},
+            InvalidParameter,
+            "focus_distance_mm must be greater than .* got 11",
+        ),
+        (
+            {"omega_deg": [1.0], "mode": "rough"},
+            InvalidParameter,
+            "mode must be one of exact, paper; got 'rough'",
+        ),
+        (
+            {"omega_deg": [1.0], "tolerance_px": 0.0},
+            InvalidParameter,
+            r"tolerance_px must be greater than 0 px and finite; got 0\.0",
+        ),
+        (
+            {"omega_deg": [1.0], "wavelength_nm": -1.0},
+            InvalidParameter,
+            "wavelength_nm must be 100 to 20000 nm; got -1",
+        ),
+        (
+            {"omega_deg": [1.0], "focus_mm": "auto", "merit": "best"},
+            InvalidParameter,
+            "merit must be one of worst_floored_area_deg2, mean_floored_area_deg2, worst_blur_area_deg2",
+        ),
+        (
+            {"omega_deg": [1.0, 2.0], "focus_mm": "auto", "object_distance_mm": [9.0, 8.0]},
+            InvalidParameter,
+            "'auto'",
+        ),
     ],
 )
 def test_invalid_arguments_rejected(kwargs, error, message):
@@ -218,7 +299,9 @@ def test_unusable_mirror_rejected_at_first_evaluation():
 def test_cone_rays_pass_virtual_pinhole_ring(m):
     """Real rays, reflected in 3-D from tangent planes of the cone, and extended behind it."""
     cone = Cone(50.0, 43.9)
-    sensor = om.Sensor(cone, Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)
+    sensor = om.Sensor(
+        cone, Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m
+    )
     radius, height = cone.pinhole_ring(m)
     x = np.linspace(1, 43.9, 12)
     phi = np.linspace(0, 6, 12)
@@ -242,7 +325,12 @@ def test_cone_single_viewpoint_only_at_tip():
     """The ring shrinks with m, as does the spread of axis intersections of the rays."""
     spread = []
     for m in (10.0, 1.0, 0.1):
-        cone = om.Sensor(Cone(50.0, 43.9), Perspective(11.6, 4.0, 300.0), Imager(1024, 1024, 5.2), mirror_distance_mm=m)
+        cone = om.Sensor(
+            Cone(50.0, 43.9),
+            Perspective(11.6, 4.0, 300.0),
+            Imager(1024, 1024, 5.2),
+            mirror_distance_mm=m,
+        )
         low, high = cone.field_deg
         angles = np.linspace(low + 0.3 * (high - low), high, 9)
         spread.append(np.ptp(om.evaluate(cone, angles).viewpoint_z_mm))
@@ -253,7 +341,9 @@ def test_cone_single_viewpoint_only_at_tip():
 @pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
 def test_subset_of_angles_gives_equal_rows(name):
     sensor = om.load_sensor(name)
-    whole = om.evaluate(sensor, [10.0, 40.0, 70.0, 90.0], object_distance_mm=[500.0, 600.0, 700.0, 800.0])
+    whole = om.evaluate(
+        sensor, [10.0, 40.0, 70.0, 90.0], object_distance_mm=[500.0, 600.0, 700.0, 800.0]
+    )
     some, alone = whole[1:3], om.evaluate(sensor, [40.0, 70.0], object_distance_mm=[600.0, 700.0])
     assert len(some) == 2
     assert np.array_equal(some.object_distance_mm, alone.object_distance_mm)

@@ -30,7 +30,9 @@ def sensor_of(folder, clear, key="CLAP", second=None):
     fixed semi-diameters (DIAM)."""
     aperture = "  CLAP 0 {} 0" if key == "CLAP" else '  DIAM {} 1 0 0 1 ""'
     path = folder / "triplet.zmx"
-    path.write_text(own.zmx(per_surface={i: [aperture.format(radius)] for i, radius in clear.items()}))
+    path.write_text(
+        own.zmx(per_surface={i: [aperture.format(radius)] for i, radius in clear.items()})
+    )
     lens = SurfaceLens.from_file(path, focus_distance_mm=own.FOCUS)
     imager = om.load_sensor("paper-spherical").imager
     return om.Sensor(Sphere(A, RIM), lens, imager, mirror_distance_mm=M, secondary=second)
@@ -94,7 +96,9 @@ def blocked_by_fold(rays, distance, radius, bore):
     start, way = rays.met * turn - [0, 0, M], rays.towards_lens * turn
     lens, edge = M - 2 * distance, A - np.sqrt(A**2 - bore**2)
     blocked = distance_at(-distance, start, way) > radius
-    blocked |= distance_at(np.minimum(start[:, 2], lens), start, way) < bore  # bore in front of the second mirror
+    blocked |= (
+        distance_at(np.minimum(start[:, 2], lens), start, way) < bore
+    )  # bore in front of the second mirror
     if lens > edge:  # through the bore after the second mirror
         blocked |= distance_at(-2 * distance - edge, start, way) > bore
     out = -rays.incoming * turn
@@ -114,7 +118,9 @@ def bundle(omega_deg, side, reach=1.15):
         p, d = own.off_sphere(omega, 0.0, (x, 0.0), A, M)
         return (p + (2.5 - p[2]) / d[2] * d)[0]
 
-    middle = np.array([brentq(passing, *(A * np.sin(omega / 2 - np.radians([10.0, 0.0])))) if omega else 0.0, 0.0])
+    middle = np.array(
+        [brentq(passing, *(A * np.sin(omega / 2 - np.radians([10.0, 0.0])))) if omega else 0.0, 0.0]
+    )
     for _ in range(20):  # ball point of the stop centre
         three = Rays(omega_deg, middle + np.array([[0, 0], [step, 0], [0, step]]), to_imager).stop
         slopes = ((three[1:] - three[0]) / step).T
@@ -123,7 +129,11 @@ def bundle(omega_deg, side, reach=1.15):
     assert np.abs(chief.stop).max() < 1e-9
     u = (np.arange(side) + 0.5) / side * 2 - 1
     disk = np.stack(np.meshgrid(u, u, indexing="ij"), axis=-1)
-    rays = Rays(omega_deg, (middle + disk @ (reach * radius * np.linalg.inv(slopes)).T).reshape(-1, 2), to_imager)
+    rays = Rays(
+        omega_deg,
+        (middle + disk @ (reach * radius * np.linalg.inv(slopes)).T).reshape(-1, 2),
+        to_imager,
+    )
     assert (np.hypot(*rays.stop.T) <= radius).reshape(side, side)[[0, -1]].sum() == 0
     by_u, by_v = np.gradient(rays.cosines.reshape(side, side, 2), axis=(0, 1))
     rays.solid = np.abs(by_u[..., 0] * by_v[..., 1] - by_u[..., 1] * by_v[..., 0]).ravel()
@@ -145,7 +155,10 @@ def added_waves(omega_deg, side=161, grid=41, width_px=12.0):
     k = 2 * np.pi / WAVE
     amplitude = np.sqrt(rays.light * rays.solid) * np.exp(1j * k * rays.path)
     # the image is upright: outward in the image is reversed on the imager
-    t, s = (np.exp(-1j * k * PITCH * np.outer(c - c0, x)) for c, c0 in zip(rays.cosines.T, chief.cosines[0], strict=True))
+    t, s = (
+        np.exp(-1j * k * PITCH * np.outer(c - c0, x))
+        for c, c0 in zip(rays.cosines.T, chief.cosines[0], strict=True)
+    )
     wave = np.einsum("n,nt,ns->st", amplitude[inside], t[inside], s[inside], optimize=True)
     return x, np.abs(wave) ** 2 / (WAVE**2 * rays.light[inside].sum()) * PITCH**2, inside.sum()
 
@@ -182,7 +195,9 @@ def mtf_of_waves(omega_deg, clear, fold=None, nu=NU, side=81, cells=241):
     light = spline(rays.light).ev(i, j) / area
     square = (cells, cells)
     steps = [axis[1] - axis[0] for axis in axes]
-    found = line_mtf((light * open_).reshape(square), spline(rays.path).ev(i, j).reshape(square), steps, nu, WAVE)
+    found = line_mtf(
+        (light * open_).reshape(square), spline(rays.path).ev(i, j).reshape(square), steps, nu, WAVE
+    )
     return found, (light * open_).sum() / (light * whole).sum()
 
 
@@ -192,10 +207,15 @@ def stop_radius(to_imager):
     h, focal = 1e-6, 11.6
 
     def at_stop(height):
-        return own.through([0, 0, -own.FOCUS], [height, 0, own.FOCUS], own.indices(), to_imager)[0][0]
+        return own.through([0, 0, -own.FOCUS], [height, 0, own.FOCUS], own.indices(), to_imager)[0][
+            0
+        ]
 
     # pupil position: rays through the stop centre aim at it
-    a, b = (own.through([y, 0, 0], [u, 0, 1.0], own.indices(), to_imager)[0][0] / h for y, u in ((h, 0.0), (0.0, h)))
+    a, b = (
+        own.through([y, 0, 0], [u, 0, 1.0], own.indices(), to_imager)[0][0] / h
+        for y, u in ((h, 0.0), (0.0, h))
+    )
     pupil = b / a
     return at_stop(focal / own.F_NUMBER / 2 * own.FOCUS / (own.FOCUS + pupil))
 
@@ -257,7 +277,15 @@ ANGLES = np.linspace(0, 20, 41)
 def tabulated(lens, **columns):
     """Return a lens as a table, ideal except for the given columns."""
     height = lens.principal_distance * np.tan(np.radians(ANGLES))
-    return TabulatedLens(lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(ANGLES), tuple(height), tuple(np.full(len(ANGLES), lens.entrance_pupil_mm)), **columns)
+    return TabulatedLens(
+        lens.focal_length_mm,
+        lens.f_number,
+        lens.focus_distance_mm,
+        tuple(ANGLES),
+        tuple(height),
+        tuple(np.full(len(ANGLES), lens.entrance_pupil_mm)),
+        **columns,
+    )
 
 
 @pytest.mark.parametrize("pupil", few([0.0, 6.0], 6.0))
@@ -278,7 +306,9 @@ def test_curved_field_equals_refocused_lens():
     sensor = om.load_sensor("paper-spherical")
     behind = 0.03
     bent = tuple(np.full(len(ANGLES), behind))
-    table = replace(sensor, lens=tabulated(sensor.lens, field_curvature_t_mm=bent, field_curvature_s_mm=bent))
+    table = replace(
+        sensor, lens=tabulated(sensor.lens, field_curvature_t_mm=bent, field_curvature_s_mm=bent)
+    )
     f = sensor.lens.focal_length_mm
     farther = 1 / (1 / f - 1 / (sensor.lens.image_distance - behind))
     nu = np.linspace(0, 0.6, 13)
@@ -292,6 +322,8 @@ def test_curved_field_equals_refocused_lens():
 
 def test_lens_blur_without_wavefront_rejected():
     sensor = om.load_sensor("paper-spherical")
-    table = replace(sensor, lens=tabulated(sensor.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.01))))
+    table = replace(
+        sensor, lens=tabulated(sensor.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.01)))
+    )
     with pytest.raises(InvalidParameter, match="defines only the size of its blur"):
         om.mtf(table, [60.0])

@@ -12,7 +12,13 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import omnimirror as om
-from omnimirror.base.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
+from omnimirror.base.errors import (
+    InvalidParameter,
+    NotOneToOne,
+    OutsideField,
+    OutsideMirror,
+    SelfObstruction,
+)
 from omnimirror.optics.lenses import Orthographic
 from omnimirror.optics.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
 from omnimirror.optics.mirrors.as_built import MirrorPose
@@ -26,14 +32,31 @@ TWO_HYPERBOLOIDS = om.load_sensor("folded-hyperboloidal")
 
 
 def with_secondary(mirror, distance=80.0, bore=8.0, way=160.0):
-    return replace(UNFOLDED, secondary=Secondary(mirror, distance, bore), mirror_distance_mm=way, name=mirror.KIND)
+    return replace(
+        UNFOLDED,
+        secondary=Secondary(mirror, distance, bore),
+        mirror_distance_mm=way,
+        name=mirror.KIND,
+    )
 
 
 CONCAVE = with_secondary(EvenPolynomial((-1 / 600,), 30.0))
 CONVEX = with_secondary(Sphere(150.0, 15.5))
 ASPHERIC = with_secondary(EvenPolynomial((-1e-3, 4e-7), 26.0), way=172.0)
-TELECENTRIC = om.Sensor(Sphere(50.0, M), Orthographic(0.2, 4.0, 20.0), UNFOLDED.imager, secondary=Secondary(Paraboloid(60.0, 13.0), 90.0, 13.0))
-SENSORS = {"flat": FOLDED, "two-hyperboloids": TWO_HYPERBOLOIDS, "concave": CONCAVE, "convex": CONVEX, "aspheric": ASPHERIC, "telecentric": TELECENTRIC}
+TELECENTRIC = om.Sensor(
+    Sphere(50.0, M),
+    Orthographic(0.2, 4.0, 20.0),
+    UNFOLDED.imager,
+    secondary=Secondary(Paraboloid(60.0, 13.0), 90.0, 13.0),
+)
+SENSORS = {
+    "flat": FOLDED,
+    "two-hyperboloids": TWO_HYPERBOLOIDS,
+    "concave": CONCAVE,
+    "convex": CONVEX,
+    "aspheric": ASPHERIC,
+    "telecentric": TELECENTRIC,
+}
 
 
 # -- independent tracer: surfaces z(r), rays (point, direction) in the frame of the primary
@@ -107,7 +130,11 @@ def test_two_mirror_images_match_ray_intersections(kind, distance):
     for i, angle in enumerate(np.radians(omega)):
         x = result.x_mm[i]
         d = np.array([np.sin(angle), 0.0, -np.cos(angle)])
-        obj = None if np.isinf(distance) else np.array([x, 0.0, float(sensor.mirror.sag(x))]) + distance * d
+        obj = (
+            None
+            if np.isinf(distance)
+            else np.array([x, 0.0, float(sensor.mirror.sag(x))]) + distance * d
+        )
         chief = to_lens(sensor, obj, d, x, 0.0)
         if np.isinf(lens_z):
             np.testing.assert_allclose(chief[1], [0, 0, 1], atol=1e-9)
@@ -115,7 +142,9 @@ def test_two_mirror_images_match_ray_intersections(kind, distance):
         else:  # the chief ray reaches the lens at the stated viewing angle
             at_lens = chief[0] + (lens_z - chief[0][2]) / chief[1][2] * chief[1]
             np.testing.assert_allclose(at_lens, [0, 0, lens_z], atol=1e-8)
-            assert np.degrees(np.arctan2(-chief[1][0], chief[1][2])) == pytest.approx(result.theta_deg[i], abs=1e-9)
+            assert np.degrees(np.arctan2(-chief[1][0], chief[1][2])) == pytest.approx(
+                result.theta_deg[i], abs=1e-9
+            )
 
         def tangential(spacing, chief=chief, obj=obj, d=d, x=x):
             rays = (to_lens(sensor, obj, d, x + side * spacing, 0.0) for side in (-1, 1))
@@ -126,8 +155,12 @@ def test_two_mirror_images_match_ray_intersections(kind, distance):
             p, r = to_lens(sensor, obj, d, x * np.cos(psi), x * np.sin(psi))
             return 1 / (reference - (p - p[1] / r[1] * r)[2])  # with its counterpart from -psi
 
-        assert 1 / result.distance_t_mm[i] == pytest.approx(extrapolated(tangential), rel=3e-6), omega[i]
-        assert 1 / result.distance_s_mm[i] == pytest.approx(extrapolated(sagittal), rel=3e-6), omega[i]
+        assert 1 / result.distance_t_mm[i] == pytest.approx(extrapolated(tangential), rel=3e-6), (
+            omega[i]
+        )
+        assert 1 / result.distance_s_mm[i] == pytest.approx(extrapolated(sagittal), rel=3e-6), (
+            omega[i]
+        )
 
 
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
@@ -135,7 +168,9 @@ def test_two_mirror_images_match_ray_intersections(kind, distance):
 def test_pixel_rays_match_traced_rays(kind, looks):
     """Trace from the lens via both mirrors in the camera frame: X right, Y down, Z forward."""
     sensor = SENSORS[kind]
-    sensor = replace(sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0))
+    sensor = replace(
+        sensor, mount=replace(sensor.mount, camera_looks=looks, forward_azimuth_deg=25.0)
+    )
     rng = np.random.default_rng(3)
     edges_px = np.array(sensor._edges_mm) / sensor.imager.pitch_mm
     radius, phi = rng.uniform(*edges_px, 8), rng.uniform(0, 2 * np.pi, 8)
@@ -150,16 +185,25 @@ def test_pixel_rays_match_traced_rays(kind, looks):
         on_imager = (pixel - sensor.imager.centre) * sensor.imager.pitch_mm
         ray = np.array([*on_imager, sensor.lens.image_distance])
         ray /= np.linalg.norm(ray)
-        hit = meet(lambda r: to_secondary + second.mirror.sag(r), np.zeros(3), ray, 1.1 * to_secondary / ray[2])
+        hit = meet(
+            lambda r: to_secondary + second.mirror.sag(r),
+            np.zeros(3),
+            ray,
+            1.1 * to_secondary / ray[2],
+        )
         ray = bounce(lambda r: to_secondary + second.mirror.sag(r), hit, ray)
-        hit = meet(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2])
+        hit = meet(
+            lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2]
+        )
         ray = bounce(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray)
         rotation = sensor.mount.rotation()
         np.testing.assert_allclose(rotation @ (hit - vertex), origin, atol=1e-8)
         np.testing.assert_allclose(rotation @ ray, direction, atol=1e-9)
 
 
-@given(share=st.floats(0.35, 0.6), fraction=st.floats(0, 1), distance=st.sampled_from([np.inf, 300.0]))
+@given(
+    share=st.floats(0.35, 0.6), fraction=st.floats(0, 1), distance=st.sampled_from([np.inf, 300.0])
+)
 @settings(max_examples=30)
 def test_flat_fold_changes_obscuration_only(share, fraction, distance):
     m = UNFOLDED.mirror_distance_mm
@@ -175,7 +219,9 @@ def test_confocal_hyperboloids_have_single_viewpoint():
     """Each maps angles by tan(Omega/2) = K tan(theta/2), without astigmatism at any distance; so
     does their combination."""
     for distance in (np.inf, 200.0):
-        result = om.evaluate(TWO_HYPERBOLOIDS, np.linspace(25, 135, 50), object_distance_mm=distance)
+        result = om.evaluate(
+            TWO_HYPERBOLOIDS, np.linspace(25, 135, 50), object_distance_mm=distance
+        )
         assert np.ptp(result.viewpoint_z_mm) < 1e-11
         np.testing.assert_allclose(result.distance_t_mm, result.distance_s_mm, rtol=1e-12)
     ratio = np.tan(np.radians(result.omega_deg / 2)) / np.tan(np.radians(result.theta_deg / 2))
@@ -185,7 +231,9 @@ def test_confocal_hyperboloids_have_single_viewpoint():
         e = np.hypot(mirror.a_mm, mirror.b_mm) / mirror.b_mm
         return (e + 1) / (e - 1)
 
-    np.testing.assert_allclose(ratio, factor(first) * factor(second), rtol=1e-7)  # a_mm of the file has 7 digits
+    np.testing.assert_allclose(
+        ratio, factor(first) * factor(second), rtol=1e-7
+    )  # a_mm of the file has 7 digits
 
 
 @pytest.mark.parametrize("kind", SENSORS)
@@ -218,7 +266,10 @@ def test_field_starts_at_wider_bore():
         om.evaluate(FOLDED, [5.0])
     with pytest.raises(OutsideMirror, match=r"x must be 5 to .* got 2"):
         om.evaluate(FOLDED, x_mm=[2.0])
-    inside = [[511.5 + 60, 511.5], [511.5 + 70, 511.5]]  # the image of the bore has a radius of 65 px
+    inside = [
+        [511.5 + 60, 511.5],
+        [511.5 + 70, 511.5],
+    ]  # the image of the bore has a radius of 65 px
     assert FOLDED.backproject(inside).valid.tolist() == [False, True]
 
 
@@ -240,13 +291,41 @@ def test_camera_front_obscures_field():
     [
         (with_secondary(EvenPolynomial((-0.01,), 20.0)), NotOneToOne, "its rays cross the axis"),
         (with_secondary(Sphere(150.0, 10.0)), SelfObstruction, r"it ends at x = 3\d\.\d+ mm"),
-        (with_secondary(Flat(25.0), bore=43.9), SelfObstruction, "must not obscure the whole mirror"),
-        (with_secondary(Flat(25.0), 70.0, 1.0), SelfObstruction, r"bore_radius_mm must be greater than [34]\.\d+"),
-        (with_secondary(Flat(25.0), 160.0), InvalidParameter, "distance_mm must be less than mirror_distance_mm .* got 160"),
-        (with_secondary(EvenPolynomial((-1 / 900, -1e-4), 40.0), 20.0), InvalidParameter, r"must be greater than \d+"),
-        (replace(TELECENTRIC, secondary=Secondary(Flat(44.0), 90.0, 13.0)), NotOneToOne, "requires a convex secondary"),
-        (replace(TELECENTRIC, secondary=Secondary(Paraboloid(60.0, 13.0), 90.0, 8.0)), SelfObstruction, "bore_radius_mm must be greater than"),
-        (with_secondary(Sphere(15.6, 15.55)), SelfObstruction, "secondary: rim_radius_mm must be less than"),
+        (
+            with_secondary(Flat(25.0), bore=43.9),
+            SelfObstruction,
+            "must not obscure the whole mirror",
+        ),
+        (
+            with_secondary(Flat(25.0), 70.0, 1.0),
+            SelfObstruction,
+            r"bore_radius_mm must be greater than [34]\.\d+",
+        ),
+        (
+            with_secondary(Flat(25.0), 160.0),
+            InvalidParameter,
+            "distance_mm must be less than mirror_distance_mm .* got 160",
+        ),
+        (
+            with_secondary(EvenPolynomial((-1 / 900, -1e-4), 40.0), 20.0),
+            InvalidParameter,
+            r"must be greater than \d+",
+        ),
+        (
+            replace(TELECENTRIC, secondary=Secondary(Flat(44.0), 90.0, 13.0)),
+            NotOneToOne,
+            "requires a convex secondary",
+        ),
+        (
+            replace(TELECENTRIC, secondary=Secondary(Paraboloid(60.0, 13.0), 90.0, 8.0)),
+            SelfObstruction,
+            "bore_radius_mm must be greater than",
+        ),
+        (
+            with_secondary(Sphere(15.6, 15.55)),
+            SelfObstruction,
+            "secondary: rim_radius_mm must be less than",
+        ),
     ],
 )
 def test_invalid_secondaries_rejected(sensor, error, message):
@@ -259,8 +338,14 @@ def test_two_mirror_image_is_not_reversed():
     of the fold."""
     room = om.Room(texel_mm=40.0)
     small = replace(UNFOLDED.imager, width_px=128, height_px=128, pixel_pitch_um=41.6)
-    assert (UNFOLDED.mount.camera_looks, FOLDED.mount.camera_looks) == ("up", "down")  # both mirrors face down
-    one, two = (om.render_image(replace(s, imager=small), room, samples=1).astype(int) for s in (UNFOLDED, FOLDED))
+    assert (UNFOLDED.mount.camera_looks, FOLDED.mount.camera_looks) == (
+        "up",
+        "down",
+    )  # both mirrors face down
+    one, two = (
+        om.render_image(replace(s, imager=small), room, samples=1).astype(int)
+        for s in (UNFOLDED, FOLDED)
+    )
     seen = np.hypot(*np.mgrid[-63.5:64, -63.5:64]) > 12
     assert np.mean(np.abs(one[:, ::-1] - two)[seen]) < 0.5
     assert np.mean(np.abs(one - two)[seen]) > 10

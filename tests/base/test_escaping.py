@@ -79,7 +79,10 @@ EVERYDAY = {"code": CODE, "markup": MARKUP}
 PLAIN = "plain"
 
 SENSOR = om.load_sensor("paper-spherical")
-SMALL = replace(SENSOR, imager=replace(SENSOR.imager, width_px=160, height_px=144, pixel_pitch_um=5.2 * 1024 / 160))
+SMALL = replace(
+    SENSOR,
+    imager=replace(SENSOR.imager, width_px=160, height_px=144, pixel_pitch_um=5.2 * 1024 / 160),
+)
 VIEW = om.screens.Plane((64, 48), hfov_deg=60.0)
 
 
@@ -116,10 +119,23 @@ def test_c_source_contains_all_names(tmp_path):
         lines += [f"// {escaping.c_comment(text)}", "++n;", f"/*{escaping.c_comment(text)}*/ ++n;"]
         lines += [f"fputs({escaping.c_string(text)}, stdout); putchar(0);"]
     source = tmp_path / "a.c"
-    source.write_text("\n".join([*lines, 'printf("%d", n);', "return 0; }"]) + "\n", encoding="utf-8")
-    gcc = ["gcc", "-std=c99", "-trigraphs", "-Wall", "-Werror", "-Wno-overlength-strings", "-o", str(tmp_path / "a")]
+    source.write_text(
+        "\n".join([*lines, 'printf("%d", n);', "return 0; }"]) + "\n", encoding="utf-8"
+    )
+    gcc = [
+        "gcc",
+        "-std=c99",
+        "-trigraphs",
+        "-Wall",
+        "-Werror",
+        "-Wno-overlength-strings",
+        "-o",
+        str(tmp_path / "a"),
+    ]
     subprocess.run([*gcc, str(source)], check=True, capture_output=True)
-    *printed, count = subprocess.run([tmp_path / "a"], check=True, capture_output=True).stdout.split(b"\0")
+    *printed, count = subprocess.run(
+        [tmp_path / "a"], check=True, capture_output=True
+    ).stdout.split(b"\0")
     assert int(count) == 2 * len(NAMES)
     assert printed[:-1] == [text.encode() for text in list(NAMES.values())[:-1]]
     assert escaping.c_string("a\udcff") == '"a\\377"'
@@ -129,8 +145,16 @@ def test_shells_parse_every_name_as_one_word(tmp_path):
     words = [text for text in NAMES.values() if "\ud800" not in text]
     command = escaping.shell_command(["printf", "%s\\0", *words, "\udcff", "", "a\n", "-n"])
     for shell in ("dash", "bash"):
-        ran = subprocess.run([shell], input=command.encode(), capture_output=True, cwd=tmp_path, check=True)
-        assert ran.stdout.split(b"\0")[:-1] == [*(w.encode() for w in words), b"\xff", b"", b"a\n", b"-n"]
+        ran = subprocess.run(
+            [shell], input=command.encode(), capture_output=True, cwd=tmp_path, check=True
+        )
+        assert ran.stdout.split(b"\0")[:-1] == [
+            *(w.encode() for w in words),
+            b"\xff",
+            b"",
+            b"a\n",
+            b"-n",
+        ]
         assert not ran.stderr
     assert not list(tmp_path.iterdir())
     assert escaping.escape_invisible(command, keep="\n") == command
@@ -161,7 +185,9 @@ def test_markup_and_data_contain_name(name):
     shown = escaping.escape_invisible(text, keep="\n\t")
     page = Elements(f'<i title="{escaping.html_text(text)}">{escaping.html_text(text)}</i>')
     assert (page.elements, page.text, page.attributes) == (["i"], shown, {"title": shown})
-    root = ElementTree.fromstring(f"<i title='{escaping.xml_text(text)}'>{escaping.xml_text(text)}</i>".encode())
+    root = ElementTree.fromstring(
+        f"<i title='{escaping.xml_text(text)}'>{escaping.xml_text(text)}</i>".encode()
+    )
     assert (root.text, len(root)) == (shown, 0)
     assert json.loads(escaping.json_text([text]).encode()) == [text]
     script = Elements(f"<script>{escaping.script_json(escaping.json_text([text]))}</script>")
@@ -171,15 +197,23 @@ def test_markup_and_data_contain_name(name):
     assert tomllib.loads(document) == {"name": kept}
     quoted = escaping.csv_comment(escaping.toml_string(text))
     assert tomllib.loads(f"name = {quoted}") == {"name": kept}
-    assert not any(re.match(r"\s*[\"']*[=+@-]", cell) for cell in re.split(r"[,;|\t]", f"# name = {quoted}"))
-    assert yaml.safe_load(f"# {escaping.line_comment(text)}\nname: {escaping.yaml_string(text)}\n") == {"name": escaping.escape_invisible(text)}
+    assert not any(
+        re.match(r"\s*[\"']*[=+@-]", cell) for cell in re.split(r"[,;|\t]", f"# name = {quoted}")
+    )
+    assert yaml.safe_load(
+        f"# {escaping.line_comment(text)}\nname: {escaping.yaml_string(text)}\n"
+    ) == {"name": escaping.escape_invisible(text)}
     assert yaml.safe_load(f"- {escaping.yaml_string('no')}") == ["no"]
     into = io.StringIO()
     csv.writer(into).writerow(["x", escaping.csv_cell(text), "y"])
     ((_, cell, _),) = csv.reader(io.StringIO(into.getvalue()))
     assert cell.lstrip()[:1] not in ("=", "+", "-", "@", "\t", "\r")
     assert cell in (escaping.escape_invisible(text), f"'{escaping.escape_invisible(text)}")
-    tokens = MarkdownIt().enable("table").parse(f"| a |\n|---|\n| {escaping.markdown_text(text)} |\n\n# h\n")
+    tokens = (
+        MarkdownIt()
+        .enable("table")
+        .parse(f"| a |\n|---|\n| {escaping.markdown_text(text)} |\n\n# h\n")
+    )
     assert [t.type for t in tokens].count("td_open") == 1
     shown = [t for t in tokens if t.type == "inline"][1].children
     assert {t.type for t in shown} <= {"text", "text_special"}
@@ -195,13 +229,20 @@ def test_drawings_and_programs_contain_name(name):
     assert not is_math_text(labelled)
     assert escaping.label(text, escaping.MAX_PLOT_LABEL) == labelled.replace("\\$", "$")
     spaced = re.sub(r"(\\[UM])\+", r"\1 +", line)
-    for escaped, parsed in ((escaping.dxf_text(line), plain_text), (escaping.dxf_mtext(text), plain_mtext)):
+    for escaped, parsed in (
+        (escaping.dxf_text(line), plain_text),
+        (escaping.dxf_mtext(text), plain_mtext),
+    ):
         assert not has_dxf_unicode(escaped)
         assert not has_mif_encoding(escaped)
-        assert parsed(escaped.replace("%%%%%%", "\ue000")).replace("\ue000", "%%") == spaced.rstrip()
+        assert (
+            parsed(escaped.replace("%%%%%%", "\ue000")).replace("\ue000", "%%") == spaced.rstrip()
+        )
     assert escaping.step_string(text).isascii()
     for shown in (line, escaping.terminal_text(text), escaping.gstreamer_comment(text)):
-        assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]", shown)
+        assert not re.search(
+            "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]", shown
+        )
     assert not re.search(r'["\\]', escaping.gstreamer_comment(text))
     assert len(line) <= escaping.MAX_LABEL
     assert readable(line)[:40] == readable(escaping.escape_invisible(" ".join(text.split())))[:40]
@@ -213,7 +254,11 @@ def test_file_names_are_plain_and_short(name):
     assert re.fullmatch(r"[\w+][\w.+-]*", stem)
     assert len(stem.encode()) <= escaping.MAX_STEM
     header = escaping.http_attachment(f"{NAMES[name]}.csv")
-    whole = re.fullmatch(r"""attachment; filename="([\w.+-]+)"(?:; filename\*=UTF-8\'\'([\w.~%-]+))?""", header, re.ASCII)
+    whole = re.fullmatch(
+        r"""attachment; filename="([\w.+-]+)"(?:; filename\*=UTF-8\'\'([\w.~%-]+))?""",
+        header,
+        re.ASCII,
+    )
     assert unquote(whole[2] or whole[1]) == f"{escaping.escape_invisible(NAMES[name])}.csv"
 
 
@@ -247,21 +292,29 @@ def checked(path: Path, plain: Path, name: str) -> None:
             warned = ["-Wall", "-Wextra", "-Wbidi-chars=any", "-Werror"]
             subprocess.run(["gcc", "-std=c99", *warned, "-fsyntax-only", path], check=True)
     elif kind == ".py":
-        ran = subprocess.run([sys.executable, "-c", STUBS, path], cwd=path.parent, capture_output=True, check=True)
+        ran = subprocess.run(
+            [sys.executable, "-c", STUBS, path], cwd=path.parent, capture_output=True, check=True
+        )
         if ran.stdout:
             assert set(json.loads(ran.stdout)) == {name}
         if name.isprintable():
-            assert readable(name)[:20] in readable(ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "")
+            assert readable(name)[:20] in readable(
+                ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
+            )
     elif kind == ".sh":
         theirs, ours = (launched(p) for p in (plain, path))
         assert len(theirs) == len(ours)
         shaders = [word for word in ours if word.startswith("fragment=")]
         assert [(word.count('"'), "\\" in word) for word in shaders] == [(2, False)]
-        assert [w for w in ours if w not in shaders] == [w for w in theirs if not w.startswith("fragment=")]
+        assert [w for w in ours if w not in shaders] == [
+            w for w in theirs if not w.startswith("fragment=")
+        ]
     elif kind == ".csv":
         lines = path.read_text("utf-8").splitlines()
         head = "\n".join(line[2:] for line in lines if line.startswith("#"))
-        assert tomllib.loads(head)["sensor"] == re.sub("[\ud800-\udfff]", lambda c: repr(c[0])[1:-1], name)
+        assert tomllib.loads(head)["sensor"] == re.sub(
+            "[\ud800-\udfff]", lambda c: repr(c[0])[1:-1], name
+        )
         assert len(lines) == len(plain.read_text("utf-8").splitlines())
         for row in csv.reader(line for line in lines if line.startswith("# sensor")):
             assert not any(re.match(r"\s*[=+@-]", cell) for cell in row)
@@ -269,7 +322,9 @@ def checked(path: Path, plain: Path, name: str) -> None:
         assert name_of(ElementTree.parse(path)) == name_of(ElementTree.parse(plain))
     elif kind == ".zmx":
         ours, theirs = (p.read_bytes().decode("utf-16").split("\r\n") for p in (path, plain))
-        assert [line for line in ours if not line.startswith("NAME")] == [x for x in theirs if x[:4] != "NAME"]
+        assert [line for line in ours if not line.startswith("NAME")] == [
+            x for x in theirs if x[:4] != "NAME"
+        ]
     elif kind == ".nc":
         ours, theirs = (re.sub(r"\([^()]*\)", "", p.read_text("ascii")) for p in (path, plain))
         assert ours == theirs
@@ -279,7 +334,9 @@ def checked(path: Path, plain: Path, name: str) -> None:
         assert len(list(document.modelspace())) == len(list(ezdxf.readfile(plain).modelspace()))
         (note,) = document.modelspace().query("MTEXT")
         first = note.plain_text().split("\n")[0]
-        assert first.replace("%%%", "%") == re.sub(r"(\\[UM])\+", r"\1 +", escaping.label(name)).replace("%%%", "%")
+        assert first.replace("%%%", "%") == re.sub(
+            r"(\\[UM])\+", r"\1 +", escaping.label(name)
+        ).replace("%%%", "%")
     elif kind == ".step":
         product = product_of(path).rpartition(" ")[0]
         assert product in [escaping.label(name, longest) for longest in range(4, 61)]
@@ -290,7 +347,9 @@ def checked(path: Path, plain: Path, name: str) -> None:
                     ElementTree.fromstring(archive.read(entry))
     elif kind == ".exr":
         with OpenEXR.File(str(path)) as file:
-            assert file.header().get("omnimirror:camera", escaping.escape_invisible(name)) == escaping.escape_invisible(name)
+            assert file.header().get(
+                "omnimirror:camera", escaping.escape_invisible(name)
+            ) == escaping.escape_invisible(name)
     elif kind == ".npz":
         stored = np.load(path)
         assert "camera" not in stored or str(stored["camera"]) == name.rstrip("\0")
@@ -304,14 +363,18 @@ def checked(path: Path, plain: Path, name: str) -> None:
         assert path.read_bytes().startswith(b"%PDF-")
     else:
         assert kind in PLAIN_DATA, f"say in `checked` how files of kind {kind} are parsed"
-        ours, theirs = (re.sub(rb"^# .*", b"", p.read_bytes(), flags=re.MULTILINE) for p in (path, plain))
+        ours, theirs = (
+            re.sub(rb"^# .*", b"", p.read_bytes(), flags=re.MULTILINE) for p in (path, plain)
+        )
         assert ours == theirs
 
 
 def code_of(path: Path) -> str:
     """Return preprocessed C code: without comments, with continued lines joined."""
     text = re.sub(rb"(?m)^#(version|include).*", b"", path.read_bytes())
-    ran = subprocess.run(["gcc", "-std=c99", "-x", "c", "-E", "-P", "-"], input=text, capture_output=True, check=True)
+    ran = subprocess.run(
+        ["gcc", "-std=c99", "-x", "c", "-E", "-P", "-"], input=text, capture_output=True, check=True
+    )
     return ran.stdout.decode().replace(path.stem, "")
 
 
@@ -321,7 +384,9 @@ def launched(script: Path) -> list[str]:
     tool.write_text("#!/bin/sh\nprintf '%s\\0' \"$@\"\n")
     tool.chmod(0o755)
     paths = {"PATH": f"{script.parent}:/usr/bin:/bin"}
-    ran = subprocess.run(["dash", script], env=paths, cwd=script.parent, capture_output=True, check=True)
+    ran = subprocess.run(
+        ["dash", script], env=paths, cwd=script.parent, capture_output=True, check=True
+    )
     assert not ran.stderr
     tool.unlink()
     return ran.stdout.decode().split("\0")
@@ -329,7 +394,9 @@ def launched(script: Path) -> list[str]:
 
 def name_of(tree: Any) -> list[str]:
     """Return the names of all elements of an image, except those of letters only."""
-    return sorted(e.tag for e in tree.iter() if not e.tag.endswith(("}tspan", "}use", "}path", "}text")))
+    return sorted(
+        e.tag for e in tree.iter() if not e.tag.endswith(("}tspan", "}use", "}path", "}text"))
+    )
 
 
 def product_of(path: Path) -> str:
@@ -360,12 +427,16 @@ def maps(kind: str, name: str, folder: Path) -> list[Path]:
 
 
 def figure(kind: str, name: str, folder: Path) -> list[Path]:
-    return om.analysis.figures.save_all([replace(SENSOR, name=name)], folder, formats=["svg"], names=[kind])
+    return om.analysis.figures.save_all(
+        [replace(SENSOR, name=name)], folder, formats=["svg"], names=[kind]
+    )
 
 
 WRITERS = {export: FORMATS, rays: RAY_FORMATS, maps: MAP_FORMATS, figure: FIGURES}
 ALL = [(write, kind) for write, known in WRITERS.items() for kind in known]
-EVERYDAY_WRITERS = [(write, kind) for write, kind in ALL if write != figure or kind in ("fig4", "fig7")]
+EVERYDAY_WRITERS = [
+    (write, kind) for write, kind in ALL if write != figure or kind in ("fig4", "fig7")
+]
 
 
 @cache
@@ -419,7 +490,11 @@ def export_note(plan: Any, part: Any, path: Path) -> Content:
 def test_external_writers_are_checked(name, tmp_path):
     """Formats registered by other packages are covered by the preceding tests."""
     plugin = ExportFormat(note_of, (".py",), "Python")
-    for write, known, kind in ((rays, RAY_FORMATS, plugin), (maps, MAP_FORMATS, plugin), (export, FORMATS, Format(export_note, (".note",)))):
+    for write, known, kind in (
+        (rays, RAY_FORMATS, plugin),
+        (maps, MAP_FORMATS, plugin),
+        (export, FORMATS, Format(export_note, (".note",))),
+    ):
         known.register("a-note", kind)
         try:
             assert "a-note" in list(known)
@@ -429,27 +504,44 @@ def test_external_writers_are_checked(name, tmp_path):
             plain_files.cache_clear()
 
 
-HOSTILE_STEMS = (f"a'b$(touch {CANARY})`touch {CANARY}`;{{x}}%s$HOME", 'a" \\ b', "a\nb\u202e", "a\udcffb", "-a */ b", "ö 日本")
+HOSTILE_STEMS = (
+    f"a'b$(touch {CANARY})`touch {CANARY}`;{{x}}%s$HOME",
+    'a" \\ b',
+    "a\nb\u202e",
+    "a\udcffb",
+    "-a */ b",
+    "ö 日本",
+)
 
 
 @pytest.mark.parametrize("stem", HOSTILE_STEMS, ids=range(len(HOSTILE_STEMS)))
-@pytest.mark.parametrize("kind", ["c99", "openmv", "gstreamer", "obs", "glsl", "blender", "mitsuba"])
+@pytest.mark.parametrize(
+    "kind", ["c99", "openmv", "gstreamer", "obs", "glsl", "blender", "mitsuba"]
+)
 def test_scripts_find_files_with_any_name(kind, stem, tmp_path):
-    write, known = (om.write_rays, RAY_FORMATS) if kind in RAY_FORMATS else (om.write_maps, MAP_FORMATS)
+    write, known = (
+        (om.write_rays, RAY_FORMATS) if kind in RAY_FORMATS else (om.write_maps, MAP_FORMATS)
+    )
     more = {"step": 16} if kind in RAY_FORMATS else {"view": VIEW}
     path = tmp_path / f"{stem.replace('/', '|')}{known[kind].suffix}"
     if kind == "c99" and not re.fullmatch(r'[^"\\\n\u202e\udcff]*', stem):
-        with pytest.raises(InvalidParameter, match="the file name must not contain quotation marks"):
+        with pytest.raises(
+            InvalidParameter, match="the file name must not contain quotation marks"
+        ):
             write(SMALL, path=path, formats=kind, **more)
         return
     (done,) = write(SMALL, path=path, formats=kind, **more)
     script = done.paths[0]
     if script.suffix == ".py":
-        subprocess.run([sys.executable, "-c", STUBS, script], cwd=tmp_path, capture_output=True, check=True)
+        subprocess.run(
+            [sys.executable, "-c", STUBS, script], cwd=tmp_path, capture_output=True, check=True
+        )
     elif script.suffix == ".sh":
         assert any("vec2 NODES" in word for word in launched(script))
     elif script.suffix == ".c":
-        subprocess.run(["gcc", "-std=c99", "-Werror", "-fsyntax-only", script.absolute()], check=True)
+        subprocess.run(
+            ["gcc", "-std=c99", "-Werror", "-fsyntax-only", script.absolute()], check=True
+        )
     else:
         assert code_of(script).count("float4 dewarped" if kind == "obs" else "void main") == 1
     assert not (tmp_path / CANARY).exists()
@@ -458,11 +550,15 @@ def test_scripts_find_files_with_any_name(kind, stem, tmp_path):
 @pytest.mark.filterwarnings("ignore:Glyph")
 @pytest.mark.parametrize("kind", few(["step", "dxf", "zmx", "csv", "svg"], "step", "csv", "zmx"))
 def test_external_mirror_kind_is_escaped(kind, tmp_path):
-    hostile = type("Hostile", (Sphere,), {"KIND": CODE})(SMALL.mirror.radius_mm, SMALL.mirror.rim_radius_mm)
+    hostile = type("Hostile", (Sphere,), {"KIND": CODE})(
+        SMALL.mirror.radius_mm, SMALL.mirror.rim_radius_mm
+    )
     path = tmp_path / f"same{FORMATS[kind].suffixes[0]}"
     files = om.export(replace(SMALL, mirror=hostile, name=PLAIN), path, formats=[kind])
     if kind == "zmx":
-        ours, theirs = (p.read_bytes().decode("utf-16") for p in (files[0].path, plain_files(export, kind)[0]))
+        ours, theirs = (
+            p.read_bytes().decode("utf-16") for p in (files[0].path, plain_files(export, kind)[0])
+        )
         assert ours.count("\n") == theirs.count("\n")
     else:
         checked(files[0].path, plain_files(export, kind)[0], PLAIN)
@@ -473,7 +569,9 @@ def test_external_mirror_kind_is_escaped(kind, tmp_path):
 def test_camera_file_round_trip_keeps_name(kind, name, tmp_path):
     """Every model of a format, under the name of a camera of another file."""
     for layout in CAMERA_FORMATS[kind].layouts.values():
-        camera = next((c for c in CAMERAS if isinstance(c, layout.kind) and not layout.lacks(c)), None)
+        camera = next(
+            (c for c in CAMERAS if isinstance(c, layout.kind) and not layout.lacks(c)), None
+        )
         if camera is None:
             continue
         ours, theirs = (layout.write(camera, each) for each in (NAMES[name], PLAIN))
@@ -487,7 +585,11 @@ def test_camera_file_round_trip_keeps_name(kind, name, tmp_path):
             assert yaml.safe_load(ours)["camera_name"] == escaping.escape_invisible(NAMES[name])
 
 
-CAMERAS = (om.KannalaBrandt((170.0, 170.0), (319.5, 239.5), (640, 480), k1=0.01), om.Unified(0.0, (170.0, 170.0), (319.5, 239.5), (640, 480)), om.Unified(0.9, (170.0, 170.0), (319.5, 239.5), (640, 480)))
+CAMERAS = (
+    om.KannalaBrandt((170.0, 170.0), (319.5, 239.5), (640, 480), k1=0.01),
+    om.Unified(0.0, (170.0, 170.0), (319.5, 239.5), (640, 480)),
+    om.Unified(0.9, (170.0, 170.0), (319.5, 239.5), (640, 480)),
+)
 
 
 @pytest.mark.parametrize("name", EVERYDAY)
@@ -499,14 +601,18 @@ def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
     def pages(text: str) -> list[str]:
         sensor = replace(SMALL, name=text, notes=text)
         comparison = om.compare([sensor, replace(sensor, name=f"{text}2")])
-        small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+        small = replace(
+            sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)
+        )
         om.write_demo(small, tmp_path / "demo", blur=False)
         om.write_comparison(comparison, tmp_path / "comparison.html", om.Room(texel_mm=100.0))
         comparison.to_csv(tmp_path / "comparison.csv")
         with (tmp_path / "comparison.csv").open(newline="") as file:
             rows = list(csv.reader(file))
         assert not any(re.match(r"[=+@\t\r]", cell) for cell in rows[0])
-        view = image_viewer(sensor, text, ("--sensor", text), None, np.zeros((144, 160, 3), np.uint8))
+        view = image_viewer(
+            sensor, text, ("--sensor", text), None, np.zeros((144, 160, 3), np.uint8)
+        )
         files = (tmp_path / "demo" / "report.html", tmp_path / "comparison.html")
         return [*(file.read_text("utf-8") for file in files), sensor_card(sensor), view]
 
@@ -516,12 +622,17 @@ def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
         assert page.attributes.keys() == plain.attributes.keys()
 
 
-@pytest.mark.parametrize("name", few(NAMES, "python", "controls", "rich", "letters", "bidirectional"))
+@pytest.mark.parametrize(
+    "name", few(NAMES, "python", "controls", "rich", "letters", "bidirectional")
+)
 def test_terminal_obeys_no_control_sequences(name, tmp_path):
     file = tmp_path / "a.toml"
     if name == "surrogate":
         pytest.skip("TOML has no surrogates")
-    file.write_text(tomli_w.dumps(om.optics.sensor_files.tables_of(SENSOR) | {"name": NAMES[name]}), encoding="utf-8")
+    file.write_text(
+        tomli_w.dumps(om.optics.sensor_files.tables_of(SENSOR) | {"name": NAMES[name]}),
+        encoding="utf-8",
+    )
     assert om.load_sensor(file).name == NAMES[name]
     done = omnimirror("compare", file, "paper-spherical")
     assert done.returncode == 0, done.stderr
@@ -531,19 +642,30 @@ def test_terminal_obeys_no_control_sequences(name, tmp_path):
 def test_sensor_file_name_is_not_executed(tmp_path):
     """Regression test: ``rays`` and ``maps`` with a name that is Python code, and execution of the
     scripts."""
-    (tmp_path / "a.toml").write_text(tomli_w.dumps(om.optics.sensor_files.tables_of(SMALL) | {"name": NAMES["python"]}))
+    (tmp_path / "a.toml").write_text(
+        tomli_w.dumps(om.optics.sensor_files.tables_of(SMALL) | {"name": NAMES["python"]})
+    )
     view = ("--view", "perspective", "--hfov-deg", 60, "--size", "64x48")
-    for words in (("rays", "--format", "mitsuba"), ("rays", "--format", "blender"), ("maps", "--format", "openmv", *view)):
+    for words in (
+        ("rays", "--format", "mitsuba"),
+        ("rays", "--format", "blender"),
+        ("maps", "--format", "openmv", *view),
+    ):
         done = omnimirror(*words, tmp_path / "a.toml", "-o", tmp_path / "out")
         assert done.returncode == 0, done.stderr
     scripts = list((tmp_path / "out").glob("*.py"))
     assert len(scripts) == 3
     for script in scripts:
-        subprocess.run([sys.executable, "-c", STUBS, script], cwd=tmp_path, capture_output=True, check=True)
+        subprocess.run(
+            [sys.executable, "-c", STUBS, script], cwd=tmp_path, capture_output=True, check=True
+        )
     assert not list(tmp_path.rglob(CANARY))
 
 
-@pytest.mark.parametrize("character", ["\x00", "\x85", "\u202e", "\ufffe", "\uffff", "\U0001fffe", "\U000e0001", "\U0010ffff"])
+@pytest.mark.parametrize(
+    "character",
+    ["\x00", "\x85", "\u202e", "\ufffe", "\uffff", "\U0001fffe", "\U000e0001", "\U0010ffff"],
+)
 def test_invisible_characters_round_trip_in_toml(character):
     code = escaping.toml_string(f"a{character}b")
     assert code.isascii()
@@ -555,7 +677,14 @@ def test_figure_labels_have_at_most_40_characters():
     assert escaping.plot_text("x" * 41) == "x" * 37 + "..."
 
 
-@pytest.mark.parametrize(("longest", "expected"), [(27, r"\X4\0001F6000001F600\X0\..."), (26, r"\X4\0001F600\X0\..."), (19, r"\X4\0001F600\X0\...")])
+@pytest.mark.parametrize(
+    ("longest", "expected"),
+    [
+        (27, r"\X4\0001F6000001F600\X0\..."),
+        (26, r"\X4\0001F600\X0\..."),
+        (19, r"\X4\0001F600\X0\..."),
+    ],
+)
 def test_step_names_are_cut_between_encoded_characters(longest, expected):
     """ISO 10303-21, 6.4.3.3: eight hexadecimal digits per character in a frame of 16; a label has
     at least one character."""

@@ -18,7 +18,18 @@ import pytest
 
 from omnimirror.base import files
 from omnimirror.base.errors import OmnimirrorError, SpecError
-from omnimirror.base.files import MAX_TEXT_BYTES, atomic_output, check_file, compose_yaml, decompress, parse_json, parse_toml, read_bytes, read_text, write_text
+from omnimirror.base.files import (
+    MAX_TEXT_BYTES,
+    atomic_output,
+    check_file,
+    compose_yaml,
+    decompress,
+    parse_json,
+    parse_toml,
+    read_bytes,
+    read_text,
+    write_text,
+)
 
 
 def test_atomic_output_is_complete_or_absent(tmp_path):
@@ -87,7 +98,9 @@ def test_folder_as_output_raises(tmp_path):
 
 def test_json_is_readable_utf_8(tmp_path):
     files.write_json(tmp_path / "a.json", {"unit": "µm", "range": (1.0, np.inf)})
-    assert (tmp_path / "a.json").read_text(encoding="utf-8") == ('{\n "unit": "µm",\n "range": [\n  1.0,\n  "inf"\n ]\n}\n')
+    assert (tmp_path / "a.json").read_text(encoding="utf-8") == (
+        '{\n "unit": "µm",\n "range": [\n  1.0,\n  "inf"\n ]\n}\n'
+    )
 
 
 @pytest.mark.parametrize("digits", [str(2**63), str(-(2**63) - 1), "9" * 4400])
@@ -99,7 +112,15 @@ def test_toml_integers_have_64_bits(digits):
         assert files.parse_toml(f"a = {valid}", "a.toml") == {"a": valid}
 
 
-@pytest.mark.parametrize("args", [["evaluate", "paper-spherical", "--csv", "out.csv"], pytest.param(["evaluate", "paper-spherical", "--json", "out.csv"], marks=pytest.mark.full), pytest.param(["init", "out.csv", "--force"], marks=pytest.mark.full)], ids=["csv", "json", "init"])
+@pytest.mark.parametrize(
+    "args",
+    [
+        ["evaluate", "paper-spherical", "--csv", "out.csv"],
+        pytest.param(["evaluate", "paper-spherical", "--json", "out.csv"], marks=pytest.mark.full),
+        pytest.param(["init", "out.csv", "--force"], marks=pytest.mark.full),
+    ],
+    ids=["csv", "json", "init"],
+)
 def test_a_full_disk_is_one_sentence_and_loses_nothing(args, tmp_path):
     (tmp_path / "out.csv").write_text("precious")
     run = subprocess.run(
@@ -124,7 +145,14 @@ def test_only_regular_files_of_limited_size_are_read(tmp_path):
         file.truncate(1 << 40)
     (tmp_path / "fits").write_bytes(b"12345")
     assert read_bytes(tmp_path / "fits", 5) == b"12345"
-    for name, most, reason in [(tmp_path / "pipe", 5, "pipe or a device"), ("/dev/zero", 5, "pipe or a device"), (tmp_path / "huge", MAX_TEXT_BYTES, "the file must be at most 64 MB"), (tmp_path / "fits", 4, "the file must be at most 4 bytes"), (tmp_path, 5, "it is a folder"), ("a\0b", 5, "no file can have that name")]:
+    for name, most, reason in [
+        (tmp_path / "pipe", 5, "pipe or a device"),
+        ("/dev/zero", 5, "pipe or a device"),
+        (tmp_path / "huge", MAX_TEXT_BYTES, "the file must be at most 64 MB"),
+        (tmp_path / "fits", 4, "the file must be at most 4 bytes"),
+        (tmp_path, 5, "it is a folder"),
+        ("a\0b", 5, "no file can have that name"),
+    ]:
         with pytest.raises(OSError, match=reason):
             read_bytes(name, most)
 
@@ -168,14 +196,20 @@ def test_archive_content_is_limited(tmp_path):
     data = bytearray((tmp_path / "a.x3p").read_bytes())
     data[data.index(b"PK\x01\x02")] = 0
     (tmp_path / "a.x3p").write_bytes(data)
-    with pytest.raises(OSError, match=r"damaged archive \(Bad magic number for central directory\)"):
+    with pytest.raises(
+        OSError, match=r"damaged archive \(Bad magic number for central directory\)"
+    ):
         check_file(tmp_path / "a.x3p", 1 << 14, 2 << 20)
 
 
 def test_compressed_data_is_limited():
     packed = zlib.compress(bytes(1000))
     assert decompress(packed, 1000) == bytes(1000)
-    for data, most, reason in [(packed, 999, "the content must be at most 999 bytes; reduce or split it"), (packed[:-5], 1000, "truncated data"), (b"x" + packed, 1000, "it is damaged")]:
+    for data, most, reason in [
+        (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
+        (packed[:-5], 1000, "truncated data"),
+        (b"x" + packed, 1000, "it is damaged"),
+    ]:
         with pytest.raises(ValueError, match=reason):
             decompress(data, most)
 
@@ -191,7 +225,11 @@ NESTED = {
     "block.yaml": lambda n: "- " * n + "1",
 }
 """Texts with n nested tables and lists, including the document itself."""
-PARSERS = {"toml": lambda text: parse_toml(text, "a"), "json": parse_json, "yaml": lambda text: compose_yaml(text, "a")}
+PARSERS = {
+    "toml": lambda text: parse_toml(text, "a"),
+    "json": parse_json,
+    "yaml": lambda text: compose_yaml(text, "a"),
+}
 
 
 @pytest.mark.parametrize("kind", NESTED)
@@ -199,18 +237,29 @@ def test_nesting_is_limited_to_32_levels(kind):
     parse = PARSERS[kind.rpartition(".")[2]]
     assert parse(NESTED[kind](32)) is not None
     for levels in (33, 34, 3_000, 100_000):
-        with pytest.raises(ValueError, match="tables and lists must be nested at most 32 levels deep"):
+        with pytest.raises(
+            ValueError, match="tables and lists must be nested at most 32 levels deep"
+        ):
             parse(NESTED[kind](levels))
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a: &x [1, 2]\nb: *x\n", r"a\.yaml line 2: aliases \(\*x\) are not supported; repeat the value"),
-        ("[" + "1," * 100_000 + "1]", r"a\.yaml must contain at most 100000 values; got more up to line 1"),
+        (
+            "a: &x [1, 2]\nb: *x\n",
+            r"a\.yaml line 2: aliases \(\*x\) are not supported; repeat the value",
+        ),
+        (
+            "[" + "1," * 100_000 + "1]",
+            r"a\.yaml must contain at most 100000 values; got more up to line 1",
+        ),
         ("a: " + "x" * (5 << 20), r"a\.yaml must be at most 4 MB"),
         ("a: [1, 2\n", r"a\.yaml line 2 must be valid YAML: did not find expected ',' or '\]'"),
-        ("a: \x01\n", r"a\.yaml must be valid YAML: unacceptable character #x0001: control characters are not allow"),
+        (
+            "a: \x01\n",
+            r"a\.yaml must be valid YAML: unacceptable character #x0001: control characters are not allow",
+        ),
     ],
 )
 def test_yaml_has_limits(text, sentence):
@@ -240,7 +289,9 @@ def test_toml_has_limits(text, sentence):
 
 
 def test_toml_within_limits_is_parsed():
-    text = "a = [-9223372036854775808, 9223372036854775807]\nb = '" + "c." * 99 + "'\n# " + "d." * 99
+    text = (
+        "a = [-9223372036854775808, 9223372036854775807]\nb = '" + "c." * 99 + "'\n# " + "d." * 99
+    )
     assert parse_toml(text, "a.toml") == {"a": [-(2**63), 2**63 - 1], "b": "c." * 99}
 
 
@@ -263,8 +314,12 @@ def test_commands_reject_pipes_and_devices(kind, tmp_path):
             link.symlink_to(endless)
         return str(link)
 
-    (tmp_path / "s.toml").write_text(f'[mirror]\nkind = "sampled"\nprofile_csv = "{endless}"\n[lens]\n[imager]\n')
-    (tmp_path / "w.toml").write_text(f'[field]\nomega_max_deg = 90\n[mirror]\nmapping_csv = "{endless}"\nrim_radius_mm = 40\n[lens]\ntheta_max_deg = 12\n')
+    (tmp_path / "s.toml").write_text(
+        f'[mirror]\nkind = "sampled"\nprofile_csv = "{endless}"\n[lens]\n[imager]\n'
+    )
+    (tmp_path / "w.toml").write_text(
+        f'[field]\nomega_max_deg = 90\n[mirror]\nmapping_csv = "{endless}"\nrim_radius_mm = 40\n[lens]\ntheta_max_deg = 12\n'
+    )
     (tmp_path / "m.toml").write_text(f'[[measured]]\nname = "a"\nfile = "{named(".x3p")}"\n')
     (tmp_path / "p.toml").write_text(f'[[lens]]\nname = "a"\nfile = "{named(".zmx")}"\n')
     (tmp_path / "a.obj").write_text(f"mtllib {endless}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
@@ -377,7 +432,12 @@ def test_leftovers_of_killed_runs_only_are_removed(tmp_path):
         assert run.returncode == -signal.SIGKILL
     left = {p.name for p in tmp_path.iterdir()}
     assert len(left) == 2
-    theirs = [".out-abcdefgh.mp4", ".out.omnimirror-abcdefgh.mp4.bak", ".out.omnimirror-abcdefgh.mov", "out.mov"]
+    theirs = [
+        ".out-abcdefgh.mp4",
+        ".out.omnimirror-abcdefgh.mp4.bak",
+        ".out.omnimirror-abcdefgh.mov",
+        "out.mov",
+    ]
     for name in theirs:
         (tmp_path / name).write_text("precious")
     with atomic_output(output) as living:
@@ -391,7 +451,10 @@ def test_leftovers_of_killed_runs_only_are_removed(tmp_path):
 
 def test_leftovers_of_other_owners_are_kept(tmp_path, monkeypatch):
     output = tmp_path / "out.mp4"
-    assert subprocess.run([sys.executable, "-c", KILLED, output], check=False).returncode == -signal.SIGKILL
+    assert (
+        subprocess.run([sys.executable, "-c", KILLED, output], check=False).returncode
+        == -signal.SIGKILL
+    )
     (left,) = tmp_path.iterdir()
     user = os.geteuid()
     with monkeypatch.context() as patch:
@@ -402,7 +465,16 @@ def test_leftovers_of_other_owners_are_kept(tmp_path, monkeypatch):
     assert not left.exists()
 
 
-@pytest.mark.parametrize(("text", "line"), [("<a>\n<b>\n         </c>\n</a>", 3), ("             <a", 1), ("<a>\n<b>\n\n", 2), ("<a>\n<b>&x;\n</b></a>", 2), ("<a/>\n<b/>\n\n\n", 2)])
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("<a>\n<b>\n         </c>\n</a>", 3),
+        ("             <a", 1),
+        ("<a>\n<b>\n\n", 2),
+        ("<a>\n<b>&x;\n</b></a>", 2),
+        ("<a/>\n<b/>\n\n\n", 2),
+    ],
+)
 def test_xml_errors_contain_line(text, line):
     with pytest.raises(SpecError, match=f"^file line {line} must be valid XML: "):
         files.parse_xml(text, "file")

@@ -10,19 +10,32 @@ from omnimirror.base.linear_algebra import MAX_MULTIPLICATIONS, matrix_product
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-@pytest.mark.parametrize(("rows", "shape"), [(0, (3, 3)), (1, (3, 3)), (40_000, (3, 3)), (2_000, (169, 2))])
+@pytest.mark.parametrize(
+    ("rows", "shape"), [(0, (3, 3)), (1, (3, 3)), (40_000, (3, 3)), (2_000, (169, 2))]
+)
 def test_matrix_product_in_blocks(rows, shape, kind):
     rng = np.random.default_rng(rows)
-    values, matrix = (rng.normal(size=(rows, shape[0])).astype(kind), rng.normal(size=shape).astype(kind))
+    values, matrix = (
+        rng.normal(size=(rows, shape[0])).astype(kind),
+        rng.normal(size=shape).astype(kind),
+    )
     found = matrix_product(values, matrix)
     assert found.dtype == kind
-    np.testing.assert_allclose(found, values.astype(float) @ matrix.astype(float), rtol=0, atol=1e-4 if kind == np.float32 else 1e-12)
+    np.testing.assert_allclose(
+        found,
+        values.astype(float) @ matrix.astype(float),
+        rtol=0,
+        atol=1e-4 if kind == np.float32 else 1e-12,
+    )
 
 
 @pytest.mark.parametrize("columns", [2, 500])
 def test_matrix_larger_than_block_is_multiplied_by_rows(columns):
     rng = np.random.default_rng(columns)
-    values, matrix = (rng.normal(size=(3, MAX_MULTIPLICATIONS // columns + 1)), rng.normal(size=(MAX_MULTIPLICATIONS // columns + 1, columns)))
+    values, matrix = (
+        rng.normal(size=(3, MAX_MULTIPLICATIONS // columns + 1)),
+        rng.normal(size=(MAX_MULTIPLICATIONS // columns + 1, columns)),
+    )
     np.testing.assert_allclose(matrix_product(values, matrix), values @ matrix, rtol=0, atol=1e-9)
 
 

@@ -19,10 +19,17 @@ from tests.everyday import few
 SAMPLE = Path(__file__).parents[3] / "shared/data/ocamcalib_cpp_sample"
 needs_sample = pytest.mark.skipif(not SAMPLE.exists(), reason=f"no sample files at {SAMPLE}")
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
-MIRROR = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5))
+MIRROR = OCam(
+    (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)
+)
 FISHEYE = OCam((-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9), (505.5, 381.8), SIZE, optics="fisheye")
 SENSOR = om.load_sensor("paper-spherical")
-FITTED = [name for kind in FORMATS.values() for name in kind.layouts if name not in ("camera", "sensor") and "equirect" not in name]
+FITTED = [
+    name
+    for kind in FORMATS.values()
+    for name in kind.layouts
+    if name not in ("camera", "sensor") and "equirect" not in name
+]
 
 
 def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=40000):
@@ -36,7 +43,9 @@ def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=4
     else:
         along = np.sum(origins * directions, axis=1)
         s = np.sqrt(distance_mm**2 - np.sum(origins**2, axis=1) + along**2) - along
-        found = other.project(origins + s[:, None] * directions - camera.mount.rotation() @ viewpoint_mm)
+        found = other.project(
+            origins + s[:, None] * directions - camera.mount.rotation() @ viewpoint_mm
+        )
     error = np.hypot(*(found.pixels - pixels[valid]).T)
     return error[found.valid], found.valid.mean()
 
@@ -46,7 +55,12 @@ def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=4
 def test_ocamcalib_files_round_trip_through_all_formats(tmp_path, name, optics):
     source = SAMPLE / f"calib_results_{name}.txt"
     camera = om.load_ocam(source, optics)
-    for to, file in (("ocamcalib", "a.txt"), ("py-ocamcalib", "a.json"), ("matlab", "a.m"), ("camera", "a.toml")):
+    for to, file in (
+        ("ocamcalib", "a.txt"),
+        ("py-ocamcalib", "a.json"),
+        ("matlab", "a.m"),
+        ("camera", "a.toml"),
+    ):
         made = om.convert(source, tmp_path / file, to=to, optics=optics)
         assert made.exact
         back = om.convert(tmp_path / file, tmp_path / "back.txt", to="ocamcalib", optics=optics)
@@ -83,7 +97,9 @@ def test_conversion_finds_equivalent_model(tmp_path):
     camera = Unified(1.0, (200.0, 200.0), (511.5, 383.5), SIZE)
     made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=1e-6)
     assert made.largest_px < 1e-6
-    np.testing.assert_allclose(made.camera.polynomial[:3], [-100.0, 0.0, 1 / 400], rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        made.camera.polynomial[:3], [-100.0, 0.0, 1 / 400], rtol=1e-7, atol=1e-12
+    )
 
 
 def test_conversion_preserves_directions_of_skewed_image(tmp_path):
@@ -95,33 +111,53 @@ def test_conversion_preserves_directions_of_skewed_image(tmp_path):
 
 
 def test_conversion_without_tolerance_raises_with_error(tmp_path):
-    with pytest.raises(InvalidParameter, match=r"opencv-omnidir stores .*; this camera is ocam; .* px rms") as e:
+    with pytest.raises(
+        InvalidParameter, match=r"opencv-omnidir stores .*; this camera is ocam; .* px rms"
+    ) as e:
         convert(MIRROR, tmp_path / "a.yaml", to="opencv-omnidir")
     largest = float(re.search(r"at most ([\d.]+) px", str(e.value))[1])
     assert not list(tmp_path.iterdir())
     with pytest.raises(InvalidParameter, match=r"at most tolerance_px"):
         convert(MIRROR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=largest * 0.98)
-    assert convert(MIRROR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=largest * 1.02).largest_px <= largest * 1.02
+    assert (
+        convert(
+            MIRROR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=largest * 1.02
+        ).largest_px
+        <= largest * 1.02
+    )
 
 
 def test_pinhole_rejects_field_of_90_deg(tmp_path):
     with pytest.raises(InvalidParameter, match=r"plumb_bob.* 90 deg.*field_deg"):
         convert(MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=100.0)
-    made = convert(MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=1.0, field_deg=60.0)
+    made = convert(
+        MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=1.0, field_deg=60.0
+    )
     assert made.largest_px < 1.0
 
 
 def test_format_selects_best_model(tmp_path):
-    mirror = KannalaBrandt(F, C, SIZE, -0.02, 0.003, skew_px=0.1, optics="mirror", rim_radius_px=420.0)
+    mirror = KannalaBrandt(
+        F, C, SIZE, -0.02, 0.003, skew_px=0.1, optics="mirror", rim_radius_px=420.0
+    )
     best = convert(mirror, tmp_path / "camchain.yaml", tolerance_px=5.0)
-    costs = {to: convert(mirror, tmp_path / "b.yaml", to=f"kalibr-{to}", tolerance_px=50.0).largest_px for to in ("omni", "eucm", "ds", "equi")}
+    costs = {
+        to: convert(mirror, tmp_path / "b.yaml", to=f"kalibr-{to}", tolerance_px=50.0).largest_px
+        for to in ("omni", "eucm", "ds", "equi")
+    }
     assert best.largest_px == min(cost for to, cost in costs.items() if to != "equi")
     assert costs["equi"] < best.largest_px  # more accurate, but limited to 90 deg
     exact = convert(KannalaBrandt(F, C, SIZE, 0.02, optics="fisheye"), tmp_path / "camchain.yaml")
     assert (exact.target, exact.exact) == ("kalibr-equi", True)
 
 
-@pytest.mark.parametrize("to", ["ocamcalib", *(pytest.param(to, marks=pytest.mark.full) for to in ("opencv-omnidir", "kalibr-ds"))])
+@pytest.mark.parametrize(
+    "to",
+    [
+        "ocamcalib",
+        *(pytest.param(to, marks=pytest.mark.full) for to in ("opencv-omnidir", "kalibr-ds")),
+    ],
+)
 def test_sensor_without_viewpoint_error_depends_on_distance(tmp_path, to):
     """Real rays of the sensor at each distance, against the single viewpoint of the file."""
     far = (500, 3000, np.inf)
@@ -149,12 +185,18 @@ def test_the_viewpoint_of_a_hyperboloid_is_its_focus(tmp_path):
 def test_panorama_format_error_depends_on_distance(tmp_path):
     """COLMAP's formula for the pixels of the panorama; and real rays of a near point against those
     of the panorama."""
-    made = convert(SENSOR, tmp_path / "cameras.txt", to="colmap-equirectangular", distance_mm=(800.0, np.inf))
-    _, model, width, height, *numbers = (tmp_path / "cameras.txt").read_text().splitlines()[-1].split()
+    made = convert(
+        SENSOR, tmp_path / "cameras.txt", to="colmap-equirectangular", distance_mm=(800.0, np.inf)
+    )
+    _, model, width, height, *numbers = (
+        (tmp_path / "cameras.txt").read_text().splitlines()[-1].split()
+    )
     assert (model, float(width), float(height)) == ("EQUIRECTANGULAR", *map(float, numbers))
     sphere = om.views.sphere(SENSOR)
     assert sphere.size == (int(width), int(height))
-    u, v = np.random.default_rng(1).uniform(0, 1, (2, 200)) * np.array([[sphere.size[0] - 1], [sphere.size[1] - 1]])
+    u, v = np.random.default_rng(1).uniform(0, 1, (2, 200)) * np.array(
+        [[sphere.size[0] - 1], [sphere.size[1] - 1]]
+    )
     x, y, z = sphere.targets_at(u, v).T
     right, down, ahead = -y, -z, x
     theta, phi = np.arctan2(right, ahead), np.arctan2(-down, np.hypot(right, ahead))
@@ -179,15 +221,25 @@ def test_note_reports_handedness_of_frame(tmp_path):
     assert any("left-handed" in note for note in plain.notes)
     flipped = convert(MIRROR, tmp_path / "b.json", to="py-ocamcalib", flip=True)
     assert not any("left-handed; flip" in note for note in flipped.notes)
-    assert not any("left-handed" in n for n in convert(FISHEYE, tmp_path / "c.json", to="py-ocamcalib").notes)
-    back = convert(tmp_path / "b.json", tmp_path / "d.json", to="py-ocamcalib", flip=True, mount=Mount(image_flipped=True))
+    assert not any(
+        "left-handed" in n for n in convert(FISHEYE, tmp_path / "c.json", to="py-ocamcalib").notes
+    )
+    back = convert(
+        tmp_path / "b.json",
+        tmp_path / "d.json",
+        to="py-ocamcalib",
+        flip=True,
+        mount=Mount(image_flipped=True),
+    )
     a, d = (om.convert(tmp_path / n, tmp_path / "x.toml").camera for n in ("a.json", "d.json"))
     assert back.camera.is_image_reversed
     assert off(a, d)[0].max() < 1e-9
 
 
 @pytest.mark.parametrize(("flip", "handed"), [(False, -1), (True, 1)])
-def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(tmp_path, flip, handed):
+def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(
+    tmp_path, flip, handed
+):
     """Three world directions, right-handed, as located in the image by a program without mirror
     models."""
     made = convert(MIRROR, tmp_path / "a.json", to="py-ocamcalib", flip=flip)
@@ -205,7 +257,10 @@ def test_rig_file_returns_requested_camera(tmp_path):
         convert(camera, tmp_path / f"{i}.yaml", to="kalibr")
     second = (tmp_path / "1.yaml").read_text().replace("cam0", "cam1")
     (tmp_path / "rig.yaml").write_text((tmp_path / "0.yaml").read_text() + second)
-    kinds = [convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera=c).camera.KIND for c in (0, 1, "cam0", "cam1")]
+    kinds = [
+        convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera=c).camera.KIND
+        for c in (0, 1, "cam0", "cam1")
+    ]
     assert kinds == ["kannala-brandt", "unified", "kannala-brandt", "unified"]
     with pytest.raises(InvalidParameter, match="index from 0 to 1"):
         convert(tmp_path / "rig.yaml", tmp_path / "a.toml", camera=2)
@@ -217,18 +272,54 @@ CHAIN, OMNI, COLMAP, JSON = "camchain.yaml", "a.yaml", "cameras.txt", "a.json"
 MATRIX = "camera_matrix:\n  data: [9,0,2,0,9,2,0,0,1]\n"
 WRONG = [
     (CHAIN, "cam0:\n  camera_model: fish\n", r"line 2: cam0.camera_model must be one of omni"),
-    (CHAIN, "cam0:\n  camera_model: ds\n  intrinsics: [1, 2]\n  resolution: [4, 4]\n", r"line 3: cam0.intrinsics must have 6 numbers; got 2"),
-    (CHAIN, "cam0: [1\ncamera_model", r"camchain\.yaml line 2 must be valid YAML: did not find expected ',' or '\]'"),
-    (OMNI, "camera_matrix: &a [1]\nxi: *a\n", r"a\.yaml line 2: aliases \(\*a\) are not supported; repeat the value"),
-    (OMNI, "camera_matrix:\n  rows: 3\n  data: [1, 2]\nxi: 1\n", r"line 3: camera_matrix.data must have 9 numbers; got 2"),
-    (OMNI, MATRIX + "xi: x\ndistortion_coefficients: [0,0,0,0]\n", r"line 3: xi must be a finite number; got 'x'"),
-    (OMNI, MATRIX + "xi: 1\ndistortion_coefficients: [0,0,0,0]\n", r"does not contain the image size"),
+    (
+        CHAIN,
+        "cam0:\n  camera_model: ds\n  intrinsics: [1, 2]\n  resolution: [4, 4]\n",
+        r"line 3: cam0.intrinsics must have 6 numbers; got 2",
+    ),
+    (
+        CHAIN,
+        "cam0: [1\ncamera_model",
+        r"camchain\.yaml line 2 must be valid YAML: did not find expected ',' or '\]'",
+    ),
+    (
+        OMNI,
+        "camera_matrix: &a [1]\nxi: *a\n",
+        r"a\.yaml line 2: aliases \(\*a\) are not supported; repeat the value",
+    ),
+    (
+        OMNI,
+        "camera_matrix:\n  rows: 3\n  data: [1, 2]\nxi: 1\n",
+        r"line 3: camera_matrix.data must have 9 numbers; got 2",
+    ),
+    (
+        OMNI,
+        MATRIX + "xi: x\ndistortion_coefficients: [0,0,0,0]\n",
+        r"line 3: xi must be a finite number; got 'x'",
+    ),
+    (
+        OMNI,
+        MATRIX + "xi: 1\ndistortion_coefficients: [0,0,0,0]\n",
+        r"does not contain the image size",
+    ),
     (COLMAP, "# c\n1 EUCM 640 480 1 2\n", r"line 2: EUCM must have 6 parameters, fx fy"),
     (COLMAP, "1 FISHY 640 480 1 2\n", r"not recognised"),
     (COLMAP, "1 EQUIRECTANGULAR 640 320 640 320\n", r"EQUIRECTANGULAR describes a panorama"),
-    (JSON, '{"taylor_coefficient": [300, 0, -0.001],\n "distortion_center": [1, 2}', r"line 2 is not valid JSON"),
-    (JSON, '{"taylor_coefficient": [300, 0, -0.001], "distortion_centre": [1, 2]}', r"must contain distortion_center; did you mean distortion_centre"),
-    ("a.m", "x = 1;\ni = fisheyeIntrinsics([1 2 3], [4 4]);", r"line 2: fisheyeIntrinsics must have 3 or 4 arguments in brackets"),
+    (
+        JSON,
+        '{"taylor_coefficient": [300, 0, -0.001],\n "distortion_center": [1, 2}',
+        r"line 2 is not valid JSON",
+    ),
+    (
+        JSON,
+        '{"taylor_coefficient": [300, 0, -0.001], "distortion_centre": [1, 2]}',
+        r"must contain distortion_center; did you mean distortion_centre",
+    ),
+    (
+        "a.m",
+        "x = 1;\ni = fisheyeIntrinsics([1 2 3], [4 4]);",
+        r"line 2: fisheyeIntrinsics must have 3 or 4 arguments in brackets",
+    ),
     (JSON, '{"rms_px": 0.1, "held_out_rms_px": 0.1}', r"contains the results of a calibration"),
     ("a.txt", "what is this", r"is not recognised as a camera file"),
 ]
@@ -253,9 +344,18 @@ def test_invalid_file_raises_with_line(tmp_path, name, text, message):
         ({"tolerance_px": -1.0}, r"tolerance_px must be greater than 0 px and finite; got -1\.0"),
         ({"distance_mm": [0.0]}, "distance_mm must be at least 1e-09 mm, or inf; got 0"),
         ({"distance_mm": "far"}, "distance_mm"),
-        ({"field_deg": 200.0}, r"field_deg must be greater than 0 deg and at most 180 deg; got 200\.0"),
-        ({"inner_deg": -1.0}, r"inner_deg must be greater than 0 deg and at most 180 deg; got -1\.0"),
-        ({"inner_deg": 179.0, "tolerance_px": 1.0}, "inner_deg and field_deg must include part of the field"),
+        (
+            {"field_deg": 200.0},
+            r"field_deg must be greater than 0 deg and at most 180 deg; got 200\.0",
+        ),
+        (
+            {"inner_deg": -1.0},
+            r"inner_deg must be greater than 0 deg and at most 180 deg; got -1\.0",
+        ),
+        (
+            {"inner_deg": 179.0, "tolerance_px": 1.0},
+            "inner_deg and field_deg must include part of the field",
+        ),
         ({"inner_deg": 50.0, "field_deg": 40.0}, "got inner_deg = 50 and field_deg = 40"),
         ({"rim_radius_px": 0.0}, r"rim_radius_px must be greater than 0 px and finite; got 0\.0"),
         ({"image_size": (3,)}, "image_size"),
@@ -293,7 +393,10 @@ centre."""
 def test_central_obscuration_can_be_excluded(tmp_path):
     (tmp_path / "sensor.toml").write_text(CALIBRATED)
     sensor = om.load_sensor(tmp_path / "sensor.toml")
-    whole, outside = (convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=1e3, **more) for more in ({}, {"inner_deg": 60.0}))
+    whole, outside = (
+        convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=1e3, **more)
+        for more in ({}, {"inner_deg": 60.0})
+    )
     assert whole.largest_px > 4 * outside.largest_px
     assert all(cost.at_deg >= 60.0 for cost in outside.costs)
     pixels = np.array([[320.0, 90.0], [490.0, 260.0], [230.0, 380.0]])
@@ -306,13 +409,22 @@ def test_central_obscuration_can_be_excluded(tmp_path):
 
 def test_distance_inside_sensor_raises(tmp_path):
     with pytest.raises(InvalidParameter, match="larger than the distances of the ray origins"):
-        convert(SENSOR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=99.0, distance_mm=5.0)
+        convert(
+            SENSOR, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=99.0, distance_mm=5.0
+        )
 
 
 def test_viewpoint_motion_is_reported_by_distance(tmp_path):
-    camera = ViewpointSpline.from_model(Unified(0.95, (120.0, 120.0), (319.5, 239.5), (640, 480)), 6, 200.0)
-    values = [p.value + (3.0 if p.unit == "mm" and p.name.endswith(("5", "6")) else 0.0) for p in camera.parameters]
-    made = convert(camera.with_parameters(values), tmp_path / "a.txt", to="ocamcalib", tolerance_px=50.0)
+    camera = ViewpointSpline.from_model(
+        Unified(0.95, (120.0, 120.0), (319.5, 239.5), (640, 480)), 6, 200.0
+    )
+    values = [
+        p.value + (3.0 if p.unit == "mm" and p.name.endswith(("5", "6")) else 0.0)
+        for p in camera.parameters
+    ]
+    made = convert(
+        camera.with_parameters(values), tmp_path / "a.txt", to="ocamcalib", tolerance_px=50.0
+    )
     near, *_, far = made.costs
     assert (near.distance_mm, far.distance_mm) == (500.0, np.inf)
     assert near.largest_px > 0.05
@@ -324,7 +436,9 @@ def test_misaligned_sensor_is_converted(tmp_path):
     pose = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
     sensor = replace(SENSOR, mirror_pose=pose, mount=replace(SENSOR.mount, image_flipped=True))
     for camera in (sensor, om.SensorModel(sensor)):
-        made = convert(camera, tmp_path / "a.yaml", to="colmap-rad-tan-thin-prism-fisheye", tolerance_px=30.0)
+        made = convert(
+            camera, tmp_path / "a.yaml", to="colmap-rad-tan-thin-prism-fisheye", tolerance_px=30.0
+        )
         error, share = off(sensor, made.camera, 1000.0, made.viewpoint_mm, 4000)
         (told,) = (c for c in made.costs if c.distance_mm == 1000.0)
         assert error.max() <= told.largest_px * 1.1
@@ -333,7 +447,9 @@ def test_misaligned_sensor_is_converted(tmp_path):
     assert convert(om.SensorModel(sensor), tmp_path / "a.toml").target == "sensor"
 
 
-@pytest.mark.parametrize("name", ["folded-hyperboloidal", "paraboloid-telecentric", "paper-hyperboloidal"])
+@pytest.mark.parametrize(
+    "name", ["folded-hyperboloidal", "paraboloid-telecentric", "paper-hyperboloidal"]
+)
 def test_single_viewpoint_sensors_convert_exactly(tmp_path, name):
     made = convert(name, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.01)
     assert made.camera.is_backward_facing == (name != "folded-hyperboloidal")

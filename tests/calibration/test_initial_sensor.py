@@ -34,15 +34,23 @@ def test_unknown_mirror_reproduces_central_model():
     assert 0 < model.viewpoint_mm[2] < 40
 
 
-@pytest.mark.parametrize("kind", few(["sphere", "hyperboloid", "even-polynomial", "slope-spline"], "hyperboloid"))
+@pytest.mark.parametrize(
+    "kind", few(["sphere", "hyperboloid", "even-polynomial", "slope-spline"], "hyperboloid")
+)
 def test_known_mirror_type_recovers_shape(kind):
     truth = sensor_of(kind)
-    change = {"slopes": tuple(0.9 * s for s in truth.mirror.slopes)} if kind == "slope-spline" else {}
-    change |= {"radius_mm": 60.0} if kind == "sphere" else {"a_mm": 45.0} if kind == "hyperboloid" else {}
+    change = (
+        {"slopes": tuple(0.9 * s for s in truth.mirror.slopes)} if kind == "slope-spline" else {}
+    )
+    change |= (
+        {"radius_mm": 60.0} if kind == "sphere" else {"a_mm": 45.0} if kind == "hyperboloid" else {}
+    )
     change |= {"coefficients": (0.5, 0.0, 0.0)} if kind == "even-polynomial" else {}
     drawn = replace(truth, mirror=replace(truth.mirror, **change))
     field = truth.field_deg[1]
-    model = om.SensorModel.from_central_model(om.SensorModel(truth), drawn, free=("shape", "tilt"), omega_max_deg=field - 0.1)
+    model = om.SensorModel.from_central_model(
+        om.SensorModel(truth), drawn, free=("shape", "tilt"), omega_max_deg=field - 0.1
+    )
     x = np.linspace(0, 0.99 * truth.mirror.rim_radius_mm, 50)
     np.testing.assert_allclose(model.sensor.mirror.slope(x), truth.mirror.slope(x), atol=2e-3)
     assert off_px(model, om.SensorModel(truth), field - 0.5) < 0.1
@@ -50,9 +58,14 @@ def test_known_mirror_type_recovers_shape(kind):
 
 def test_misaligned_mirror_of_known_shape_is_estimated():
     truth = replace(sensor_of("sphere"), mirror_pose=MirrorPose(0.7, -0.4, 0.0, 0.0, 0.0))
-    model = om.SensorModel.from_central_model(om.SensorModel(truth), truth.aligned(), free=("decentre",), omega_max_deg=120.0)
+    model = om.SensorModel.from_central_model(
+        om.SensorModel(truth), truth.aligned(), free=("decentre",), omega_max_deg=120.0
+    )
     found = model.sensor.mirror_pose
-    assert (found.decentre_x_mm, found.decentre_y_mm) == (pytest.approx(0.7, abs=1e-3), pytest.approx(-0.4, abs=1e-3))
+    assert (found.decentre_x_mm, found.decentre_y_mm) == (
+        pytest.approx(0.7, abs=1e-3),
+        pytest.approx(-0.4, abs=1e-3),
+    )
 
 
 def test_ball_outline_is_reproduced():
@@ -63,7 +76,9 @@ def test_ball_outline_is_reproduced():
     ring = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     assert model.backproject(centre + 0.99 * radius * ring).valid.all()
     assert not model.backproject(centre + 1.01 * radius * ring).valid.any()
-    ahead = model.backproject(centre[None]).directions @ model.mount.rotation()  # back to the camera
+    ahead = (
+        model.backproject(centre[None]).directions @ model.mount.rotation()
+    )  # back to the camera
     assert ahead[0, 2] < -0.99
 
 
@@ -71,7 +86,9 @@ def test_distant_ball_equals_parallel_projection():
     near = om.mirror_ball_model((1001, 1001), (500.0, 500.0), 400.0, focal_px=4e6)
     far = om.MirrorBall((500.0, 500.0), 400.0, 360.0, (1001, 1001), mount=near.mount)
     pixels = np.array([[600.0, 500.0], [500.0, 250.0], [350.0, 700.0]])
-    np.testing.assert_allclose(near.backproject(pixels).directions, far.backproject(pixels).directions, atol=2e-3)
+    np.testing.assert_allclose(
+        near.backproject(pixels).directions, far.backproject(pixels).directions, atol=2e-3
+    )
 
 
 def test_folding_mirror_ends_before_fold():
@@ -80,7 +97,9 @@ def test_folding_mirror_ends_before_fold():
     mirror = ConicAsphere(13.6992394, -8.2502947, 44.1189806, shape, 40.0)
     lens, imager = Perspective(5.2085251, 8.0, 160.0), Imager(640, 480, 5.0)
     sensor = om.Sensor(mirror, lens, imager, mirror_distance_mm=187.7321209)
-    with pytest.raises(NotOneToOne, match=r"less than 43\.3\d* mm, where .* stops increasing \(129\.\d* deg\)"):
+    with pytest.raises(
+        NotOneToOne, match=r"less than 43\.3\d* mm, where .* stops increasing \(129\.\d* deg\)"
+    ):
         _ = sensor.field_deg
     ended = without_fold(sensor)
     assert ended.field_deg[1] == pytest.approx(129.1, abs=0.1)

@@ -17,39 +17,69 @@ from omnimirror.cameras.frames import Mount
 @pytest.mark.parametrize("lean", [(5.0, -3.0), (-9.0, 6.0)])
 def test_vertical_edges_of_room_give_tilt(lean):
     sensor = om.load_sensor("paper-spherical")
-    coarse = replace(sensor.imager, width_px=512, height_px=512, pixel_pitch_um=2 * sensor.imager.pixel_pitch_um)
+    coarse = replace(
+        sensor.imager, width_px=512, height_px=512, pixel_pitch_um=2 * sensor.imager.pixel_pitch_um
+    )
     sensor = replace(sensor, imager=coarse)
-    taken = om.render_image(replace(sensor, mount=Mount(pitch_deg=lean[0], roll_deg=lean[1])), om.Room(texel_mm=20.0), samples=1)
+    taken = om.render_image(
+        replace(sensor, mount=Mount(pitch_deg=lean[0], roll_deg=lean[1])),
+        om.Room(texel_mm=20.0),
+        samples=1,
+    )
     for picture in (taken, taken[..., 0]):
-        level = level_from_image(picture, sensor, sensor.mount, sensor.imager.centre, sensor.rim_radius_px)
-        assert (level.pitch_deg, level.roll_deg) == (pytest.approx(lean[0], abs=0.3), pytest.approx(lean[1], abs=0.3))
+        level = level_from_image(
+            picture, sensor, sensor.mount, sensor.imager.centre, sensor.rim_radius_px
+        )
+        assert (level.pitch_deg, level.roll_deg) == (
+            pytest.approx(lean[0], abs=0.3),
+            pytest.approx(lean[1], abs=0.3),
+        )
         assert level.upright > 20
-    assert level_from_image(np.full((512, 512), 90, np.uint8), sensor, sensor.mount, sensor.imager.centre, 250.0) is None
+    assert (
+        level_from_image(
+            np.full((512, 512), 90, np.uint8), sensor, sensor.mount, sensor.imager.centre, 250.0
+        )
+        is None
+    )
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("looked", [Mount("forward", pitch_deg=-20.0, roll_deg=4.0), Mount("up", pitch_deg=6.0)])
+@pytest.mark.parametrize(
+    "looked", [Mount("forward", pitch_deg=-20.0, roll_deg=4.0), Mount("up", pitch_deg=6.0)]
+)
 def test_tilt_of_ball_in_room(looked):
     ball = om.MirrorBall((349.5, 349.5), 330.0, 340.0, (700, 700), looked)
     taken = om.render_image(ball, om.Room(texel_mm=15.0), samples=2)
     ball = replace(ball, mount=Mount(looked.camera_looks))
     level = level_from_image(taken, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
     assert level.is_reliable
-    assert (level.pitch_deg, level.roll_deg) == pytest.approx((looked.pitch_deg, looked.roll_deg), abs=0.4)
+    assert (level.pitch_deg, level.roll_deg) == pytest.approx(
+        (looked.pitch_deg, looked.roll_deg), abs=0.4
+    )
 
 
 def test_large_images_are_reduced():
     """Edges of three walls, vertical at known positions, drawn at four times the size."""
     levels = []
     for size in (720, 2880):
-        ball = om.MirrorBall(((size - 1) / 2,) * 2, 0.48 * size, 300.0, (size, size), Mount(pitch_deg=5.0, roll_deg=-3.0))
+        ball = om.MirrorBall(
+            ((size - 1) / 2,) * 2,
+            0.48 * size,
+            300.0,
+            (size, size),
+            Mount(pitch_deg=5.0, roll_deg=-3.0),
+        )
         apart = size // 720  # pixel spacing of traced rays, which vary linearly in between
         v, u = np.mgrid[:720, :720] * apart + (apart - 1) / 2
-        seen = ball.backproject(np.stack([u, v], axis=-1).reshape(-1, 2)).directions.reshape(720, 720, 3)
+        seen = ball.backproject(np.stack([u, v], axis=-1).reshape(-1, 2)).directions.reshape(
+            720, 720, 3
+        )
         seen = cv2.resize(seen, (size, size), interpolation=cv2.INTER_LINEAR)
         wall = np.floor(np.degrees(np.arctan2(seen[..., 1], seen[..., 0])) / 15) % 2
         picture = np.where(np.abs(seen[..., 2]) < 0.6, 60 + 120 * wall, 110).astype(np.uint8)
-        levels.append(level_from_image(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px))
+        levels.append(
+            level_from_image(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
+        )
     for level in levels:
         assert (level.pitch_deg, level.roll_deg) == pytest.approx((5.0, -3.0), abs=0.1)
         assert level.is_reliable

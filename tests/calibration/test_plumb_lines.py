@@ -26,13 +26,19 @@ SIZE = (640, 640)
 def scene():
     """A tilted hyperboloid, and its image of the room."""
     sensor = om.load_sensor("paper-hyperboloidal")
-    imager = replace(sensor.imager, width_px=SIZE[0], height_px=SIZE[1], pixel_pitch_um=5.2 * 1024 / SIZE[0])
+    imager = replace(
+        sensor.imager, width_px=SIZE[0], height_px=SIZE[1], pixel_pitch_um=5.2 * 1024 / SIZE[0]
+    )
     sensor = replace(sensor, imager=imager, mount=Mount("up", -90.0, False, 3.0, -2.0))
     return sensor, om.render_image(sensor, om.Room(texel_mm=20.0), samples=4)
 
 
 def field(sensor):
-    return {"centre_px": sensor.imager.centre, "radius_px": sensor.rim_radius_px, "inner_radius_px": 30.0}
+    return {
+        "centre_px": sensor.imager.centre,
+        "radius_px": sensor.rim_radius_px,
+        "inner_radius_px": 30.0,
+    }
 
 
 def errors_deg(truth, camera):
@@ -41,8 +47,12 @@ def errors_deg(truth, camera):
     pixels = np.random.default_rng(0).uniform(0, SIZE[0], (800, 2))
     a, b = truth.backproject(pixels), camera.backproject(pixels)
     both = a.valid & b.valid
-    cosine = np.sum((a.directions @ truth.mount.rotation()) * (b.directions @ camera.mount.rotation()), axis=1)[both]
-    return np.degrees(np.arccos(np.clip(cosine, -1, 1))), om.direction_uncertainty(camera, pixels[both], field_deg=180.0)
+    cosine = np.sum(
+        (a.directions @ truth.mount.rotation()) * (b.directions @ camera.mount.rotation()), axis=1
+    )[both]
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1))), om.direction_uncertainty(
+        camera, pixels[both], field_deg=180.0
+    )
 
 
 def test_chains_match_edges_within_0_1_px():
@@ -57,7 +67,10 @@ def test_chains_match_edges_within_0_1_px():
     edge_detection = edge_chains((200 - 150 * coverage).astype(np.uint8), radius_px=1e3)
     assert len(edge_detection) >= 4
     for chain in edge_detection:
-        off = [np.abs((chain - a) @ (np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a))) for a, b in sides]
+        off = [
+            np.abs((chain - a) @ (np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a)))
+            for a, b in sides
+        ]
         inner = min(off, key=np.median)[3:-3]
         assert np.sqrt((inner**2).mean()) < 0.1
 
@@ -105,7 +118,10 @@ def test_tilt_from_vertical_edges():
     normals = np.concatenate([upright, clutter])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     level = level_from_edges(normals, np.full(32, 30.0), Mount("down", 40.0))
-    assert (level.pitch_deg, level.roll_deg) == (pytest.approx(-7.0, abs=0.15), pytest.approx(4.0, abs=0.15))
+    assert (level.pitch_deg, level.roll_deg) == (
+        pytest.approx(-7.0, abs=0.15),
+        pytest.approx(4.0, abs=0.15),
+    )
     assert level.upright >= 12
     assert level_from_edges(normals[:2], np.ones(2), lean) is None
 
@@ -149,7 +165,9 @@ def test_images_with_too_few_edges_raise():
         om.calibrate_plumb_lines([grey, grey[:100]])
     truth, picture = scene()
     other = Unified(1.0, (100.0, 100.0), (99.5, 99.5), (200, 200), optics="mirror")
-    with pytest.raises(InvalidParameter, match="size of the images, 640 x 640 px; got 200 x 200 px"):
+    with pytest.raises(
+        InvalidParameter, match="size of the images, 640 x 640 px; got 200 x 200 px"
+    ):
         om.calibrate_plumb_lines([picture], model=other, **field(truth))
 
 
@@ -161,7 +179,20 @@ def test_misaligned_mirror_keeps_fixed_pose(tmp_path):
     om.save_sensor(drawn, tmp_path / "drawn.toml")
     om.write_image(tmp_path / "room.png", picture)
     rim = [*truth.imager.centre, truth.rim_radius_px]
-    run = omnimirror("lines", tmp_path / "room.png", "--camera", tmp_path / "drawn.toml", "--rim", *rim, "--inner-radius-px", 30, "-o", tmp_path / "built.toml", "--figure", tmp_path / "edges.png")
+    run = omnimirror(
+        "lines",
+        tmp_path / "room.png",
+        "--camera",
+        tmp_path / "drawn.toml",
+        "--rim",
+        *rim,
+        "--inner-radius-px",
+        30,
+        "-o",
+        tmp_path / "built.toml",
+        "--figure",
+        tmp_path / "edges.png",
+    )
     assert run.returncode == 0, run.stderr
     built = om.load_sensor(tmp_path / "built.toml")
     assert built.uncertainty is not None
@@ -173,12 +204,19 @@ def test_mirror_outline_is_detected_by_default(tmp_path):
     truth, picture = scene()
     om.save_sensor(replace(truth, mount=Mount("up")), tmp_path / "drawn.toml")
     om.write_image(tmp_path / "room.png", picture)
-    om.write_image(tmp_path / "noise.png", np.random.default_rng(0).integers(0, 255, (200, 200, 3), np.uint8))
+    om.write_image(
+        tmp_path / "noise.png", np.random.default_rng(0).integers(0, 255, (200, 200, 3), np.uint8)
+    )
     model, out = ("--camera", tmp_path / "drawn.toml"), ("-o", tmp_path / "built.toml")
     run = omnimirror("lines", tmp_path / "room.png", *model, *out)
     assert run.returncode == 0, run.stderr
-    u, v, radius = (float(n) for n in re.search(r"about (\S+), (\S+) px, with a radius of (\S+) px", run.stdout).groups())
-    assert (u, v, radius) == pytest.approx((*truth.imager.centre, truth.rim_radius_px), abs=0.01 * truth.rim_radius_px)
+    u, v, radius = (
+        float(n)
+        for n in re.search(r"about (\S+), (\S+) px, with a radius of (\S+) px", run.stdout).groups()
+    )
+    assert (u, v, radius) == pytest.approx(
+        (*truth.imager.centre, truth.rim_radius_px), abs=0.01 * truth.rim_radius_px
+    )
     assert om.load_sensor(tmp_path / "built.toml").mount.pitch_deg == pytest.approx(3.0, abs=0.5)
     refused = omnimirror("lines", tmp_path / "noise.png", *model)
     assert refused.returncode == 2
@@ -200,7 +238,9 @@ def test_photograph_of_room_identifies_mirror(shared_data):
     folder = shared_data / "ocamcalib_cpp_sample"
     truth = om.load_ocam(folder / "calib_results_catadioptric.txt")
     picture = om.read_image(folder / "test_catadioptric.jpg")
-    found = om.calibrate_plumb_lines([picture], centre_px=truth.centre_px, radius_px=370.0, inner_radius_px=80.0)
+    found = om.calibrate_plumb_lines(
+        [picture], centre_px=truth.centre_px, radius_px=370.0, inner_radius_px=80.0
+    )
     phi = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     rings = [r * np.stack([np.cos(phi), np.sin(phi)], axis=-1) for r in (100.0, 200.0, 300.0)]
     pixels = np.array(truth.centre_px) + np.concatenate(rings)
@@ -221,7 +261,9 @@ def marked_edges(camera, count: int = 24, noise_px: float = 0.2) -> list[np.ndar
         points = middle + np.linspace(-2500, 2500, 12)[:, None] * along / np.linalg.norm(along)
         seen = camera.project(points)
         if seen.valid.sum() >= 8:
-            edges.append(seen.pixels[seen.valid] + random.normal(0, noise_px, (seen.valid.sum(), 2)))
+            edges.append(
+                seen.pixels[seen.valid] + random.normal(0, noise_px, (seen.valid.sum(), 2))
+            )
     return edges
 
 
@@ -230,7 +272,9 @@ def test_camera_is_refined_by_marked_points(tmp_path):
     lens = truth.lens
     drawn = replace(truth, lens=replace(lens, focal_length_mm=1.02 * lens.focal_length_mm))
     edges = marked_edges(truth)
-    found = om.calibrate_plumb_lines(lines=[edges], image_size=truth.image_size, model=drawn, distance_mm=3000.0)
+    found = om.calibrate_plumb_lines(
+        lines=[edges], image_size=truth.image_size, model=drawn, distance_mm=3000.0
+    )
     off, said = errors_deg(truth, found.camera)
     before, _ = errors_deg(truth, replace(drawn, uncertainty=found.camera.uncertainty))
     assert np.sqrt(np.mean(off**2)) < 0.5 * np.sqrt(np.mean(before**2))
@@ -240,7 +284,20 @@ def test_camera_is_refined_by_marked_points(tmp_path):
     rows = [f"{i},{u:.3f},{v:.3f}" for i, edge in enumerate(edges) for u, v in edge]
     (tmp_path / "edges.csv").write_text("\n".join(["line,u_px,v_px", *rows]) + "\n")
     width, height = truth.image_size
-    run = omnimirror("lines", "--lines", "edges.csv", "--image-size", f"{width}x{height}", "--camera", "drawn.toml", "--distance-mm", "3000", "-o", "built.toml", cwd=tmp_path)
+    run = omnimirror(
+        "lines",
+        "--lines",
+        "edges.csv",
+        "--image-size",
+        f"{width}x{height}",
+        "--camera",
+        "drawn.toml",
+        "--distance-mm",
+        "3000",
+        "-o",
+        "built.toml",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     built = om.load_camera(tmp_path / "built.toml")
     assert built.lens.focal_length_mm == pytest.approx(found.camera.lens.focal_length_mm, rel=1e-4)
@@ -269,11 +326,15 @@ def test_few_imperfect_edges_have_consistent_uncertainty(seeds):
     """Ten edges fit more closely than they are straight; with that scale, errors were 1.5 times the
     prediction."""
     truth = replace(scene()[0], mount=Mount("up"))
-    drawn = replace(truth, lens=replace(truth.lens, focal_length_mm=1.02 * truth.lens.focal_length_mm))
+    drawn = replace(
+        truth, lens=replace(truth.lens, focal_length_mm=1.02 * truth.lens.focal_length_mm)
+    )
     ratios = []
     for seed in range(seeds):
         edges = bent_edges(truth, np.random.default_rng(seed), 10, 0.3)
-        found = om.calibrate_plumb_lines(lines=[edges], image_size=SIZE, model=om.SensorModel(drawn, ("focal", "decentre")))
+        found = om.calibrate_plumb_lines(
+            lines=[edges], image_size=SIZE, model=om.SensorModel(drawn, ("focal", "decentre"))
+        )
         off, said = errors_deg(truth, found.camera)
         ratios.append(np.sqrt(np.mean((off / said) ** 2)))
     assert np.sqrt(np.mean(np.square(ratios))) < 1.2

@@ -33,13 +33,30 @@ SENSORS = {
     **{kind: sensor_of(kind) for kind in MIRRORS},
     **{f"{kind}-misaligned": replace(sensor_of(kind), mirror_pose=MISALIGNED) for kind in MIRRORS},
     "distorted": replace(distorted(sensor_of("conic-asphere")), mirror_pose=MISALIGNED),
-    "flipped": replace(distorted(sensor_of("sphere")), mirror_pose=MISALIGNED, mount=Mount("down", 20.0, True, 10.0, 5.0)),
+    "flipped": replace(
+        distorted(sensor_of("sphere")),
+        mirror_pose=MISALIGNED,
+        mount=Mount("down", 20.0, True, 10.0, 5.0),
+    ),
     "telecentric": sensor_of("sphere", "orthographic"),
-    "telecentric-misaligned": replace(sensor_of("paraboloid", "orthographic"), mirror_pose=MISALIGNED),
+    "telecentric-misaligned": replace(
+        sensor_of("paraboloid", "orthographic"), mirror_pose=MISALIGNED
+    ),
 }
 
 
-FEW = ("cone-misaligned", "conic-asphere", "cylinder-misaligned", "distorted", "equidistant-misaligned", "flipped", "sampled", "slope-spline-misaligned", "telecentric", "telecentric-misaligned")
+FEW = (
+    "cone-misaligned",
+    "conic-asphere",
+    "cylinder-misaligned",
+    "distorted",
+    "equidistant-misaligned",
+    "flipped",
+    "sampled",
+    "slope-spline-misaligned",
+    "telecentric",
+    "telecentric-misaligned",
+)
 
 
 @pytest.fixture(params=few(sorted(SENSORS), *FEW))
@@ -72,14 +89,18 @@ def test_model_projects_as_sensor(sensor, distant):
     truth = (sensor.project_directions if distant else sensor.project)(world)
     assert truth.valid.any()
     assert image.valid[truth.valid].all()
-    np.testing.assert_allclose(image.pixels[truth.valid], truth.pixels[truth.valid], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        image.pixels[truth.valid], truth.pixels[truth.valid], rtol=0, atol=1e-9
+    )
 
 
 DERIVED = ["conic-asphere", "equidistant", "ellipsoid", "even-polynomial", "slope-spline", "cone"]
 
 
 @pytest.mark.parametrize("distant", [False, True])
-@pytest.mark.parametrize("name", [f"{kind}-misaligned" for kind in DERIVED] + ["distorted", "flipped", "telecentric"])
+@pytest.mark.parametrize(
+    "name", [f"{kind}-misaligned" for kind in DERIVED] + ["distorted", "flipped", "telecentric"]
+)
 def test_derivatives_by_parameters_are_differences(name, distant):
     model = all_free(SENSORS[name])
     points = shown(model, some_points(24), distant)
@@ -89,39 +110,58 @@ def test_derivatives_by_parameters_are_differences(name, distant):
         step = np.zeros(len(values))
         step[k] = h = 1e-6 * min(parameter.scale, max(1.0, abs(parameter.value)))
         moved = [model.with_parameters(values + sign * step).sensor for sign in (1, -1)]
-        after, before = (om.SensorModel(other, ("focal",)).image(points, distant=distant) for other in moved)
+        after, before = (
+            om.SensorModel(other, ("focal",)).image(points, distant=distant) for other in moved
+        )
         seen = image.valid & after.valid & before.valid
         assert seen.any()
         error = (after.pixels - before.pixels - 2 * h * image.d_parameters[:, :, k])[seen]
-        assert np.abs(error).max() < 1e-10 + 1e-5 * np.abs(2 * h * image.d_parameters[seen][:, :, k]).max(), parameter.name
+        assert (
+            np.abs(error).max()
+            < 1e-10 + 1e-5 * np.abs(2 * h * image.d_parameters[seen][:, :, k]).max()
+        ), parameter.name
 
 
 @pytest.mark.parametrize("distant", [False, True])
-@pytest.mark.parametrize("name", few([n for n in sorted(SENSORS) if not n.startswith(("cylinder", "ground"))], *(n for n in FEW if not n.startswith("cylinder"))))
+@pytest.mark.parametrize(
+    "name",
+    few(
+        [n for n in sorted(SENSORS) if not n.startswith(("cylinder", "ground"))],
+        *(n for n in FEW if not n.startswith("cylinder")),
+    ),
+)
 def test_derivatives_by_points_are_differences(name, distant):
     sensor = SENSORS[name]
     model = om.SensorModel(sensor)
-    points = shown(model, some_points(24) * (1e-3 if distant else 1.0), distant)  # directions of length about 1
+    points = shown(
+        model, some_points(24) * (1e-3 if distant else 1.0), distant
+    )  # directions of length about 1
     image, h = model.image(points, distant=distant), 1e-6 if distant else 1e-3
     for axis in np.eye(3):
         after, before = (model.image(points + s * h * axis, distant=distant) for s in (1, -1))
         seen = image.valid & after.valid & before.valid
         difference = (after.pixels - before.pixels)[seen] / (2 * h)
         scale = np.abs(image.d_points[seen]).max(initial=1.0)
-        np.testing.assert_allclose(difference, image.d_points[seen] @ axis, rtol=0, atol=1e-5 * scale)
+        np.testing.assert_allclose(
+            difference, image.d_points[seen] @ axis, rtol=0, atol=1e-5 * scale
+        )
 
 
 def test_points_beyond_rim_project_smoothly():
     """An estimate with a slightly small mirror must keep the points that correct it."""
     sensor = sensor_of("hyperboloid")
     omega = np.radians(sensor.field_deg[1] + np.linspace(-2.0, 4.0, 121))
-    image = om.SensorModel(sensor).image(np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True)
+    image = om.SensorModel(sensor).image(
+        np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True
+    )
     assert image.valid.all()
     assert np.ptp(np.diff(image.pixels[:, 0], n=2)) < 0.01
 
 
 def test_invisible_points_are_invalid_and_nan():
-    image = om.SensorModel(sensor_of("sphere")).image([[0.0, 0.0, 500.0], [np.nan, 0.0, 0.0], [400.0, 0.0, 0.0]])
+    image = om.SensorModel(sensor_of("sphere")).image(
+        [[0.0, 0.0, 500.0], [np.nan, 0.0, 0.0], [400.0, 0.0, 0.0]]
+    )
     assert image.valid.tolist() == [False, False, True]
     assert np.isnan(image.pixels[:2]).all()
     assert np.isnan(image.d_parameters[:2]).all()
@@ -138,20 +178,28 @@ def test_parameters_round_trip_and_others_are_unchanged():
     assert moved.priors == model.priors
     assert moved.with_parameters(values).parameters == model.parameters
     assert moved.sensor.mirror_distance_mm == sensor.mirror_distance_mm
-    assert replace(moved.sensor.imager, centre_px=sensor.imager.centre) == replace(sensor.imager, centre_px=sensor.imager.centre)
+    assert replace(moved.sensor.imager, centre_px=sensor.imager.centre) == replace(
+        sensor.imager, centre_px=sensor.imager.centre
+    )
 
 
 def test_parameter_scale_moves_image_by_one_pixel():
     model, points = all_free(sensor_of("conic-asphere")), some_points()
     image = model.image(points)
-    moved = np.linalg.norm(image.d_parameters[image.valid], axis=1) * [p.scale for p in model.parameters]
+    moved = np.linalg.norm(image.d_parameters[image.valid], axis=1) * [
+        p.scale for p in model.parameters
+    ]
     assert ((np.median(moved, axis=0) > 0.3) & (np.median(moved, axis=0) < 3)).all()
 
 
 def test_priors_are_tolerances_of_the_design():
     sensor = sensor_of("sphere")
     model = om.SensorModel(sensor, ("focal", "tilt"))
-    assert {p.name: (p.value, p.sigma) for p in model.priors} == {"lens.focal_length_mm": (11.6, pytest.approx(0.58)), "mirror_pose.tilt_x_deg": (0.0, 3.0), "mirror_pose.tilt_y_deg": (0.0, 3.0)}
+    assert {p.name: (p.value, p.sigma) for p in model.priors} == {
+        "lens.focal_length_mm": (11.6, pytest.approx(0.58)),
+        "mirror_pose.tilt_x_deg": (0.0, 3.0),
+        "mirror_pose.tilt_y_deg": (0.0, 3.0),
+    }
     own = om.SensorModel(sensor, ("focal",), (("lens.focal_length_mm", 11.5, 0.1),))
     assert own.priors[0].value == 11.5
 
@@ -160,10 +208,18 @@ def test_priors_are_tolerances_of_the_design():
     ("free", "priors", "words"),
     [
         (("focus",), None, "groups \\(shape, focal"),
-        (("mirror.a_mm",), None, "parameters of 'sphere' must be among mirror.radius_mm.*got 'mirror.a_mm'"),
+        (
+            ("mirror.a_mm",),
+            None,
+            "parameters of 'sphere' must be among mirror.radius_mm.*got 'mirror.a_mm'",
+        ),
         ((), None, "at least one parameter of 'sphere'"),
         (("focal",), (("mirror.radius_mm", 50.0, 1.0),), "must refer to free parameters"),
-        (("focal",), (("lens.focal_length_mm", 11.0, 0.0),), r"sigma of lens\.focal_length_mm must be greater than 0 and finite; got 0\.0"),
+        (
+            ("focal",),
+            (("lens.focal_length_mm", 11.0, 0.0),),
+            r"sigma of lens\.focal_length_mm must be greater than 0 and finite; got 0\.0",
+        ),
     ],
 )
 def test_errors_report_valid_values(free, priors, words):

@@ -29,7 +29,9 @@ def straightened(camera, corners_px):
     axes = np.stack([right, np.cross(ahead, right), ahead])
     x, y, z = axes @ rays.T
     view = np.stack([x / z, y / z], axis=1)
-    focal_px = np.linalg.norm(corners_px - corners_px.mean(axis=0)) / np.linalg.norm(view - view.mean(axis=0))
+    focal_px = np.linalg.norm(corners_px - corners_px.mean(axis=0)) / np.linalg.norm(
+        view - view.mean(axis=0)
+    )
     return focal_px * view
 
 
@@ -38,7 +40,9 @@ def off_straight_px(camera, detection):
     view = straightened(camera, detection.corners_px)
     rows, columns = np.divmod(np.asarray(detection.ids), BOARD.columns)
     off = []
-    for line in [view[rows == i] for i in range(BOARD.rows)] + [view[columns == i] for i in range(BOARD.columns)]:
+    for line in [view[rows == i] for i in range(BOARD.rows)] + [
+        view[columns == i] for i in range(BOARD.columns)
+    ]:
         if len(line) > 2:
             from_middle = line - line.mean(axis=0)
             off.append(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]))
@@ -55,7 +59,9 @@ def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
     seen = om.simulate_detections(built, BOARD, 8, noise_px=0.1, seed=1)
     others = om.simulate_detections(built, BOARD, 8, noise_px=0.0, seed=2)
     camera = om.calibrate_camera(seen, BOARD, model=drawn).camera
-    off, off_as_drawn = (np.concatenate([off_straight_px(c, d) for d in others]).max() for c in (camera, drawn))
+    off, off_as_drawn = (
+        np.concatenate([off_straight_px(c, d) for d in others]).max() for c in (camera, drawn)
+    )
     assert off < 0.25 * off_as_drawn
     assert off < 1.0
 
@@ -66,7 +72,9 @@ def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
 def test_lines_of_photographed_boards_are_straight():
     """Including boards that are held out of the calibration."""
     detections = om.find_boards(PHOTOGRAPHS[::2], BOARD)
-    camera = om.calibrate_camera(detections[::2] + detections[1:4:2], BOARD, model="radial-spline").camera
+    camera = om.calibrate_camera(
+        detections[::2] + detections[1:4:2], BOARD, model="radial-spline"
+    ).camera
     off = [off_straight_px(camera, d).max() for d in detections]
     assert max(off) < 1.0
 
@@ -76,21 +84,46 @@ CENTRE, SIZE, RIM = (161.0, 157.0), (320, 320), 150.0
 DRAWN = om.load_sensor("paper-equidistant")
 CALIBRATED = {
     "unified": om.Unified(0.9, (130.0, 131.0), CENTRE, SIZE, k1=-0.02, p1=1e-3, rim_radius_px=RIM),
-    "enhanced-unified": om.EnhancedUnified(0.55, 1.1, (60.0, 60.5), CENTRE, SIZE, rim_radius_px=RIM),
+    "enhanced-unified": om.EnhancedUnified(
+        0.55, 1.1, (60.0, 60.5), CENTRE, SIZE, rim_radius_px=RIM
+    ),
     "double-sphere": om.DoubleSphere(0.1, 0.55, (60.0, 60.0), CENTRE, SIZE, rim_radius_px=RIM),
     "kannala-brandt": om.KannalaBrandt((66.0, 66.5), CENTRE, SIZE, k1=-0.01, rim_radius_px=RIM),
     "ocam": om.OCam((-80.0, 0.0, 0.002, 0.0, 1e-8), CENTRE, SIZE, rim_radius_px=RIM),
-    "radial-spline": om.RadialSpline((35.0, 72.0, 108.0, 140.0, 165.0), 270.0, CENTRE, SIZE, rim_radius_px=RIM),
-    "viewpoint-spline": om.ViewpointSpline((35.0, 72.0, 108.0, 140.0, 165.0), (0.0, -2.0, -5.0, -9.0, -14.0), 270.0, CENTRE, SIZE, rim_radius_px=RIM),
-    "a fisheye": om.KannalaBrandt((90.0, 90.0), CENTRE, SIZE, k1=0.01, optics="fisheye", mount=Mount("down"), rim_radius_px=RIM),
-    "sensor": replace(DRAWN, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, -0.5), imager=replace(DRAWN.imager, width_px=320, height_px=320, pixel_pitch_um=3.2 * 5.2)),
+    "radial-spline": om.RadialSpline(
+        (35.0, 72.0, 108.0, 140.0, 165.0), 270.0, CENTRE, SIZE, rim_radius_px=RIM
+    ),
+    "viewpoint-spline": om.ViewpointSpline(
+        (35.0, 72.0, 108.0, 140.0, 165.0),
+        (0.0, -2.0, -5.0, -9.0, -14.0),
+        270.0,
+        CENTRE,
+        SIZE,
+        rim_radius_px=RIM,
+    ),
+    "a fisheye": om.KannalaBrandt(
+        (90.0, 90.0),
+        CENTRE,
+        SIZE,
+        k1=0.01,
+        optics="fisheye",
+        mount=Mount("down"),
+        rim_radius_px=RIM,
+    ),
+    "sensor": replace(
+        DRAWN,
+        mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, -0.5),
+        imager=replace(DRAWN.imager, width_px=320, height_px=320, pixel_pitch_um=3.2 * 5.2),
+    ),
 }
 
 
 EVERY_DAY = ("viewpoint-spline", "a fisheye")
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in CALIBRATED])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in CALIBRATED]
+)
 def test_views_of_calibrated_camera_match_pinhole(name):
     """Dewarped image of distant objects against the scene itself in each direction, every ninth
     pixel."""
@@ -103,8 +136,12 @@ def test_views_of_calibrated_camera_match_pinhole(name):
         screen = om.views.VIEWS[kind](camera, **options)
         shown = om.Dewarper(camera, screen, "linear")(taken, transparent=True)[::3, ::3]
         u, v = np.meshgrid(*(np.arange(0.0, n, 3.0) for n in screen.size))
-        seen = np.isfinite(camera.project_directions(screen.targets_at(u, v).reshape(-1, 3)).pixels[:, 0])
-        if kind == "ground" and not screen.is_distant:  # near points, displaced for a mirror without a single viewpoint
+        seen = np.isfinite(
+            camera.project_directions(screen.targets_at(u, v).reshape(-1, 3)).pixels[:, 0]
+        )
+        if (
+            kind == "ground" and not screen.is_distant
+        ):  # near points, displaced for a mirror without a single viewpoint
             seen &= name not in ("viewpoint-spline", "sensor")
         seen = seen.reshape(u.shape) & (shown[..., 3] == 255)
         true = render_pinhole_image(room, screen.targets_at(u, v))

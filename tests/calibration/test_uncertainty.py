@@ -11,7 +11,15 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.parameters import Uncertainty
 from omnimirror.cameras.frames import Mount
-from omnimirror.cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, MirrorBall, OCam, RadialSpline, Unified
+from omnimirror.cameras.models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    MirrorBall,
+    OCam,
+    RadialSpline,
+    Unified,
+)
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import tables_of
 from tests.commands import omnimirror
@@ -33,10 +41,18 @@ def models():
     sensor = replace(sensor_of("conic-asphere"), mirror_pose=MirrorPose(0.6, -0.3, 0.0, 0.4, -0.5))
     sensor = replace(sensor, mount=Mount("down", 30.0, True, 4.0, -3.0))
     yield om.SensorModel(sensor, FREE)
-    yield Unified(1.0, (260.0, 260.0), (511.5, 511.5), (1024, 1024), optics="mirror", mount=Mount("up"))
+    yield Unified(
+        1.0, (260.0, 260.0), (511.5, 511.5), (1024, 1024), optics="mirror", mount=Mount("up")
+    )
 
 
-@pytest.mark.parametrize("model", [pytest.param(m, id=m.KIND, marks=() if m.KIND == "sensor" else pytest.mark.full) for m in models()])
+@pytest.mark.parametrize(
+    "model",
+    [
+        pytest.param(m, id=m.KIND, marks=() if m.KIND == "sensor" else pytest.mark.full)
+        for m in models()
+    ],
+)
 def test_sampled_parameters_match_uncertainty(model):
     covariance = some_covariance(model, 0.2 if model.KIND == "sensor" else 0.03)
     pixels = np.array([[661.5, 511.5], [511.5, 711.5], [420.0, 450.0], [511.5, 560.0]])
@@ -54,7 +70,9 @@ def test_sampled_parameters_match_uncertainty(model):
     assert np.isfinite(said_deg).all()
     for i, _ in enumerate(pixels):
         spread = np.cov(np.array(directions)[:, i].T)
-        assert np.degrees(np.sqrt(np.linalg.eigvalsh(spread)[-1])) == pytest.approx(said_deg[i], rel=0.12)
+        assert np.degrees(np.sqrt(np.linalg.eigvalsh(spread)[-1])) == pytest.approx(
+            said_deg[i], rel=0.12
+        )
         if np.isfinite(said_mm[i]):
             spread = np.cov(np.array(floor)[:, i].T)
             assert np.sqrt(np.linalg.eigvalsh(spread)[-1]) == pytest.approx(said_mm[i], rel=0.12)
@@ -76,16 +94,24 @@ def test_a_calibrated_sensor_keeps_its_covariance_in_its_file(tmp_path):
     pixels = [[700.0, 500.0], [100.0, 100.0]]
     own = om.direction_uncertainty(read, pixels)
     model = om.SensorModel(sensor, sensor.uncertainty.names)
-    np.testing.assert_array_equal(own, om.direction_uncertainty(model, pixels, covariance=sensor.uncertainty.covariance))
+    np.testing.assert_array_equal(
+        own, om.direction_uncertainty(model, pixels, covariance=sensor.uncertainty.covariance)
+    )
 
 
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"names": ["lens.k1"], "covariance": [[1.0, 0.0]]}, r"sensor file line 27: covariance must have the shape \(1, 1\) for 1 names"),
+        (
+            {"names": ["lens.k1"], "covariance": [[1.0, 0.0]]},
+            r"sensor file line 27: covariance must have the shape \(1, 1\) for 1 names",
+        ),
         ({"names": ["lens.k1"], "covariance": [[-1.0]]}, "negative eigenvalue"),
         ({"names": ["lens.k1"]}, "uncertainty.covariance is missing"),
-        ({"names": ["a", "a"], "covariance": [[1.0, 0.0], [0.0, 1.0]]}, r"sensor file line 27: names must be different names of parameters; got \('a', 'a'\)"),
+        (
+            {"names": ["a", "a"], "covariance": [[1.0, 0.0], [0.0, 1.0]]},
+            r"sensor file line 27: names must be different names of parameters; got \('a', 'a'\)",
+        ),
     ],
 )
 def test_a_wrong_table_is_refused_at_its_line(table, words):
@@ -98,12 +124,16 @@ def test_sensor_without_covariance_raises():
     with pytest.raises(InvalidParameter, match=r"\[uncertainty\]"):
         om.direction_uncertainty(sensor_of("sphere"), [[500.0, 500.0]])
     with pytest.raises(InvalidParameter, match="for the parameters lens"):
-        om.direction_uncertainty(om.SensorModel(sensor_of("sphere")), [[500.0, 500.0]], covariance=np.eye(2))
+        om.direction_uncertainty(
+            om.SensorModel(sensor_of("sphere")), [[500.0, 500.0]], covariance=np.eye(2)
+        )
 
 
 def test_command_prints_and_draws_uncertainty(tmp_path):
     om.save_sensor(calibrated(), tmp_path / "mine.toml")
-    result = omnimirror("uncertainty", tmp_path / "mine.toml", "--height-mm", "1200", "-o", tmp_path / "map.png")
+    result = omnimirror(
+        "uncertainty", tmp_path / "mine.toml", "--height-mm", "1200", "-o", tmp_path / "map.png"
+    )
     assert result.returncode == 0, result.stderr
     assert "points of a floor 1200 mm below: median" in result.stdout + result.stderr
     assert (tmp_path / "map.png").stat().st_size > 1000
@@ -113,7 +143,9 @@ def test_all_interfaces_return_same_direction_uncertainty():
     """Results of a calibration, of pixels of its camera, and of the covariance itself."""
     board = om.Board("chessboard", 11, 7, 30.0)
     truth = om.Unified(0.9, (160.0, 160.0), (322.0, 238.0), (640, 480))
-    found = om.calibrate_camera(om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified")
+    found = om.calibrate_camera(
+        om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified"
+    )
     pixels = np.array([[400.0, 240.0], [322.0, 100.0]])
     ahead = found.model.backproject(pixels).directions @ found.model.mount.rotation()
     said = found.direction_sigma_deg(ahead)
@@ -135,13 +167,17 @@ MODELS = [
 
 def field_angles_deg(camera, pixels):
     """Return angles between pixel rays and the camera axis, from the Camera contract only."""
-    return np.degrees(np.arccos(np.clip(camera.backproject(pixels).directions @ camera.axis, -1, 1)))
+    return np.degrees(
+        np.arccos(np.clip(camera.backproject(pixels).directions @ camera.axis, -1, 1))
+    )
 
 
 @pytest.mark.parametrize("camera", MODELS, ids=lambda c: f"{c.KIND}-{c.optics}")
 def test_uncertainties_are_restricted_to_the_calibrated_field(camera, tmp_path):
     """All models: via files, for directions, floors, maps, tables and figures."""
-    known = Uncertainty(tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 80.0)
+    known = Uncertainty(
+        tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 80.0
+    )
     om.save_camera(replace(camera, uncertainty=known), tmp_path / "camera.toml")
     read = om.load_camera(tmp_path / "camera.toml")
     assert read.uncertainty == known
@@ -154,7 +190,9 @@ def test_uncertainties_are_restricted_to_the_calibrated_field(camera, tmp_path):
     np.testing.assert_array_equal(np.isfinite(whole), seen)
     np.testing.assert_array_equal(om.direction_uncertainty(read, pixels)[inside], whole[inside])
     for height in (1000.0, -1000.0):
-        limited, floor = (om.floor_uncertainty(read, pixels, height_mm=height, field_deg=f) for f in (None, 180.0))
+        limited, floor = (
+            om.floor_uncertainty(read, pixels, height_mm=height, field_deg=f) for f in (None, 180.0)
+        )
         np.testing.assert_array_equal(np.isfinite(limited), np.isfinite(floor) & inside)
         found = om.uncertainty_map(read, height_mm=height, steps=40)
         grid = np.stack(np.meshgrid(found.columns, found.rows), axis=-1).reshape(-1, 2)
@@ -175,14 +213,30 @@ def test_the_command_reports_the_calibrated_field(tmp_path):
     found = om.calibrate_camera(kept, board, model="unified")
     outermost = max(angle for angle in farthest if angle < 95.0)
     assert len(kept) == 8
-    assert 70.0 < found.field_deg == pytest.approx(max(field_angles_deg(truth, d.corners_px).max() for d in kept), abs=0.5)
+    assert (
+        70.0
+        < found.field_deg
+        == pytest.approx(max(field_angles_deg(truth, d.corners_px).max() for d in kept), abs=0.5)
+    )
     assert found.field_deg < outermost + 0.5
     found.save(tmp_path / "camera.toml")
     result = omnimirror("uncertainty", tmp_path / "camera.toml", "--json", tmp_path / "inside.json")
-    assert f"restricted to the calibrated field of 0 to {found.field_deg:.4g} deg; use --field-deg" in result.stdout
-    wide = omnimirror("uncertainty", tmp_path / "camera.toml", "--field-deg", "180", "--json", tmp_path / "all.json")
+    assert (
+        f"restricted to the calibrated field of 0 to {found.field_deg:.4g} deg; use --field-deg"
+        in result.stdout
+    )
+    wide = omnimirror(
+        "uncertainty",
+        tmp_path / "camera.toml",
+        "--field-deg",
+        "180",
+        "--json",
+        tmp_path / "all.json",
+    )
     assert "restricted" not in wide.stdout + wide.stderr
-    inside, everything = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("inside", "all"))
+    inside, everything = (
+        json.loads((tmp_path / f"{name}.json").read_text()) for name in ("inside", "all")
+    )
     assert inside["largest_deg"] < 0.5 * everything["largest_deg"]
     assert (inside["is_restricted"], everything["is_restricted"]) == (True, False)
 
@@ -192,17 +246,23 @@ def test_conversion_is_restricted_to_the_calibrated_field(to, tmp_path):
     """A camera with a k3 that no other program supports, and that deviates from other models beyond
     its corners."""
     camera = Unified(0.9, FOCAL, CENTRE, SIZE, k1=-0.01, k2=1e-3, k3=2e-4, optics="mirror")
-    known = Uncertainty(tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 95.0)
+    known = Uncertainty(
+        tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 95.0
+    )
     known = replace(camera, uncertainty=known)
     file = "a.json" if to == "py-ocamcalib" else "a.yaml"
     made = om.convert(known, tmp_path / file, to=to, tolerance_px=5.0)
     wide = om.convert(known, tmp_path / file, to=to, tolerance_px=50.0, field_deg=180.0)
     assert max(c.at_deg for c in made.costs) < 95.0 + 1e-6
     assert made.largest_px < wide.largest_px / 2
-    assert any("calibrated field of 0 to 95 deg" in note and "--field-deg" in note for note in made.notes)
+    assert any(
+        "calibrated field of 0 to 95 deg" in note and "--field-deg" in note for note in made.notes
+    )
     assert not any("calibrated field" in note for note in wide.notes)
     refused = r"--tolerance-px .*--field-deg"
-    with pytest.raises(InvalidParameter, match=refused + (".*--fix k3" if to == "opencv-omnidir" else "")):
+    with pytest.raises(
+        InvalidParameter, match=refused + (".*--fix k3" if to == "opencv-omnidir" else "")
+    ):
         om.convert(known, tmp_path / file, to=to)
 
 

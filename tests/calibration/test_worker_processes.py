@@ -90,7 +90,9 @@ def test_interrupted_run_leaves_no_results():
         for number, _ in spread.each(where, [(i, 0.2) for i in range(6)]):
             assert number >= 0
             break
-        assert [number for number, _ in spread.map(where, [(i + 10, 0.0) for i in range(6)])] == list(range(10, 16))
+        assert [
+            number for number, _ in spread.map(where, [(i + 10, 0.0) for i in range(6)])
+        ] == list(range(10, 16))
 
 
 def test_parent_runs_all_jobs_without_workers(monkeypatch):
@@ -108,7 +110,9 @@ def chessboards(count: int) -> list[np.ndarray]:
     boards = [np.full((200, 240), 230, np.uint8) for _ in range(count - 1)]
     for side, picture in enumerate(boards, 24):
         v, u = np.mgrid[: 5 * side, : 6 * side]
-        picture[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where((u // side + v // side) % 2, 200, 40)
+        picture[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where(
+            (u // side + v // side) % 2, 200, 40
+        )
     return [*boards, np.full((200, 240), 99, np.uint8)]
 
 
@@ -118,9 +122,17 @@ def test_boards_are_independent_of_workers(long_s, monkeypatch, tmp_path):
     board, pictures = om.Board("chessboard", 5, 4), chessboards(6)
     om.write_image(tmp_path / "a.png", pictures[0])
     told = []
-    found = om.find_boards([*pictures, tmp_path / "a.png", tmp_path / "missing.png"], board, on_progress=lambda done, _: told.append(done))
+    found = om.find_boards(
+        [*pictures, tmp_path / "a.png", tmp_path / "missing.png"],
+        board,
+        on_progress=lambda done, _: told.append(done),
+    )
     assert told == list(range(1, 9))
-    assert [one.name for one in found] == [*(f"image {i}" for i in range(1, 7)), "a.png", "missing.png"]
+    assert [one.name for one in found] == [
+        *(f"image {i}" for i in range(1, 7)),
+        "a.png",
+        "missing.png",
+    ]
     for one, picture in zip(found, pictures, strict=False):
         alone = om.find_board(picture, board)
         assert (one.corners_px == alone.corners_px).all()
@@ -147,6 +159,8 @@ def test_stopped_search_keeps_partial_results(long_s, monkeypatch):
 def test_unguarded_script_can_use_workers(tmp_path):
     """A script that multiprocessing would restart in each of its processes."""
     script = tmp_path / "script.py"
-    script.write_text("import omnimirror.calibration._worker_processes as h\nh.usable_cores = lambda: 2\nwith h.WorkerPool() as spread:\n    print(spread.map(divmod, [(7, 2), (9, 4)]))\n")
+    script.write_text(
+        "import omnimirror.calibration._worker_processes as h\nh.usable_cores = lambda: 2\nwith h.WorkerPool() as spread:\n    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
+    )
     run = subprocess.run([sys.executable, script], capture_output=True, text=True)
     assert (run.stdout, run.stderr, run.returncode) == ("[(3, 1), (2, 1)]\n", "", 0)

@@ -12,12 +12,22 @@ import omnimirror as om
 from omnimirror.base.errors import SpecError
 from omnimirror.calibration.formats import FORMATS, CameraFile, ReadOptions
 from omnimirror.cameras.frames import Mount
-from omnimirror.cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RadialSpline, RationalPinhole, Unified
+from omnimirror.cameras.models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    RadialSpline,
+    RationalPinhole,
+    Unified,
+)
 from tests.calibration.formats.examples import SIZE, THIN_PRISM, C, F
 
 FISHEYE = {"optics": "fisheye"}
 CAMERAS = {
-    "ocam": OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)),
+    "ocam": OCam(
+        (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)
+    ),
     "ocam-degree-7": OCam((-131.5, 0.0, 1.8e-3, 2e-7, -7e-10, 1e-13, 2e-16, 3e-19), C, SIZE),
     "ocam-fisheye": OCam((-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9), (505.5, 381.8), SIZE, **FISHEYE),
     "unified": Unified(0.93, F, C, SIZE, 0.31, -0.01, 0.002, p1=1e-3, p2=-2e-3),
@@ -30,14 +40,23 @@ CAMERAS = {
     "kannala-brandt": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, **FISHEYE),
     "kannala-brandt-no-skew": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, **FISHEYE),
     "radial-spline": RadialSpline.from_model(Unified(0.93, F, C, SIZE), 8, 230.0),
-    "rational": RationalPinhole((600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002),
+    "rational": RationalPinhole(
+        (600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002
+    ),
     "thin-prism": THIN_PRISM,
     "sensor": om.load_sensor("paper-spherical"),
     "kannala-brandt-mirror": KannalaBrandt(F, C, SIZE, -0.02, 0.003),
 }
-LAYOUTS = {name: x for kind in FORMATS.values() for name, x in kind.layouts.items() if not x.is_panorama}
+LAYOUTS = {
+    name: x for kind in FORMATS.values() for name, x in kind.layouts.items() if not x.is_panorama
+}
 HOME = {name: kind for kind in FORMATS.values() for name in kind.layouts}
-HELD = [pytest.param(layout, camera, id=f"{layout}-{camera}") for layout in LAYOUTS for camera in CAMERAS if not LAYOUTS[layout].unsupported(CAMERAS[camera])]
+HELD = [
+    pytest.param(layout, camera, id=f"{layout}-{camera}")
+    for layout in LAYOUTS
+    for camera in CAMERAS
+    if not LAYOUTS[layout].unsupported(CAMERAS[camera])
+]
 
 
 def written(layout, camera):
@@ -46,7 +65,12 @@ def written(layout, camera):
 
 
 def file_name(layout):
-    return "camera" + (LAYOUTS[layout].suffixes[:1] or (".toml" if layout in ("camera", "sensor") else ".txt",))[0]
+    return (
+        "camera"
+        + (
+            LAYOUTS[layout].suffixes[:1] or (".toml" if layout in ("camera", "sensor") else ".txt",)
+        )[0]
+    )
 
 
 def read(layout, data, camera):
@@ -61,12 +85,16 @@ def test_every_layout_holds_something():
 @pytest.mark.parametrize(("layout", "name"), HELD)
 def test_what_is_written_is_recognised_as_that_and_nothing_else(layout, name):
     data = written(layout, CAMERAS[name])
-    found = [kind for kind in FORMATS.values() if kind.recognises(CameraFile(file_name(layout), data))]
+    found = [
+        kind for kind in FORMATS.values() if kind.recognises(CameraFile(file_name(layout), data))
+    ]
     assert [kind.title for kind in found] == [HOME[layout].title]
 
 
 @pytest.mark.parametrize(("layout", "name"), HELD)
-@pytest.mark.parametrize("mount", [Mount(), Mount("forward", 20.0, image_flipped=True)], ids=["plain", "flipped"])
+@pytest.mark.parametrize(
+    "mount", [Mount(), Mount("forward", 20.0, image_flipped=True)], ids=["plain", "flipped"]
+)
 def test_what_is_held_comes_back_to_the_pixel(layout, name, mount):
     camera = replace(CAMERAS[name], mount=mount)
     (stored,) = read(layout, written(layout, camera), camera)
@@ -97,11 +125,27 @@ def test_a_file_that_is_cut_off_or_lacks_a_part_is_refused_in_one_sentence(layou
         a, b = len(data) * i // 10, len(data) * (i + 1) // 10
         for part in (data[:a], data[:a] + data[b:]):
             said = refusal(layout, part, camera)
-            assert said is None or (said.startswith(("camera.", "cannot read camera.")) and "\n" not in said)
+            assert said is None or (
+                said.startswith(("camera.", "cannot read camera.")) and "\n" not in said
+            )
     assert refusal(layout, data[: len(data) // 4], camera) is not None
 
 
-WORDS = [b"nan", b"inf", b"-1e400", b"0", b"-1", b"x", b"[1,2]", b"{}", b"", b"1e308", b"!!int 3", b"*a", b"9" * 5000]
+WORDS = [
+    b"nan",
+    b"inf",
+    b"-1e400",
+    b"0",
+    b"-1",
+    b"x",
+    b"[1,2]",
+    b"{}",
+    b"",
+    b"1e308",
+    b"!!int 3",
+    b"*a",
+    b"9" * 5000,
+]
 
 
 @given(st.sampled_from(HELD), st.integers(0, 40), st.sampled_from(WORDS))

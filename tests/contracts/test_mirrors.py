@@ -10,7 +10,19 @@ import numpy as np
 import pytest
 
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.optics.mirrors import MIRRORS, Cone, ConicAsphere, Ellipsoid, EvenPolynomial, Hyperboloid, Mirror, Paraboloid, SampledProfile, SlopeSpline, Sphere
+from omnimirror.optics.mirrors import (
+    MIRRORS,
+    Cone,
+    ConicAsphere,
+    Ellipsoid,
+    EvenPolynomial,
+    Hyperboloid,
+    Mirror,
+    Paraboloid,
+    SampledProfile,
+    SlopeSpline,
+    Sphere,
+)
 from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror
 from omnimirror.optics.testing import MIRROR_CHECKS
 from tests.conftest import MIRRORS as EXAMPLES
@@ -33,7 +45,10 @@ def exact_sag(mirror: Mirror):
         case EvenPolynomial(c, _, N):
             return lambda x: N * sum(a * (x / mp.mpf(N)) ** (2 * i + 2) for i, a in enumerate(c))
         case ConicAsphere(R, k, _, a, N):
-            return lambda x: (R - mp.sqrt(R**2 - (1 + mp.mpf(k)) * x**2)) / (1 + mp.mpf(k)) + N * sum(c * (x / mp.mpf(N)) ** (2 * i + 4) for i, c in enumerate(a))
+            return lambda x: (
+                (R - mp.sqrt(R**2 - (1 + mp.mpf(k)) * x**2)) / (1 + mp.mpf(k))
+                + N * sum(c * (x / mp.mpf(N)) ** (2 * i + 4) for i, c in enumerate(a))
+            )
         case SampledProfile() | SlopeSpline():  # the samples of conftest are those of a sphere
             return lambda x: mp.mpf("49.9582") - mp.sqrt(mp.mpf("49.9582") ** 2 - x**2)
 
@@ -73,7 +88,11 @@ def exact_points(mirror: MappingMirror):
 def exact_finite_points(mirror: MappingMirror):
     """Return the same from the law of reflection z' = tan((Omega - theta)/2) in x and z, by Taylor
     series."""
-    unit, m, M = (mp.tan(mp.radians(mirror.theta_max_deg)), mp.mpf(mirror.design_distance), mirror.rim_radius_mm)
+    unit, m, M = (
+        mp.tan(mp.radians(mirror.theta_max_deg)),
+        mp.mpf(mirror.design_distance),
+        mirror.rim_radius_mm,
+    )
     top, rim_z = mp.radians(mirror.omega_max_deg), M / unit - m
 
     def omega(x, z):
@@ -94,7 +113,10 @@ def exact_finite_points(mirror: MappingMirror):
         yield x, z, law(x, z), mp.diff(lambda s, x=x, z=z: law(x + s, z + s * law(x, z)), 0)
 
 
-@pytest.mark.parametrize("kind", few(sorted(EXAMPLES), *(kind for kind in EXAMPLES if kind not in ("cylinder", "ground-plane"))))
+@pytest.mark.parametrize(
+    "kind",
+    few(sorted(EXAMPLES), *(kind for kind in EXAMPLES if kind not in ("cylinder", "ground-plane"))),
+)
 def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     mirror, _ = EXAMPLES[kind]
     mp.mp.dps = 15 if kind in ("ground-plane", "cylinder") else 30  # slow with 30 digits
@@ -108,11 +130,19 @@ def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
     # quintic splines: about 120 points of the sag or slope of a sphere, and 62 of a mapping, which
     # loses one derivative less
     of_points = (1e-9, 5e-8, 5e-6)
-    tolerances = {"sampled": of_points, "slope-spline": of_points, "tabulated-mapping": (1e-9, 2e-8, 1e-6)}
+    tolerances = {
+        "sampled": of_points,
+        "slope-spline": of_points,
+        "tabulated-mapping": (1e-9, 2e-8, 1e-6),
+    }
     tolerance = tolerances.get(kind, (1e-13, 1e-13, 1e-12))
     for x, *exact in points:
-        for name, value, truth, rel in zip(("sag", "slope", "curvature"), mirror.profile(float(x)), exact, tolerance, strict=True):
-            assert float(value) == pytest.approx(float(truth), rel=rel, abs=1e-14), f"{name} at x = {x}"
+        for name, value, truth, rel in zip(
+            ("sag", "slope", "curvature"), mirror.profile(float(x)), exact, tolerance, strict=True
+        ):
+            assert float(value) == pytest.approx(float(truth), rel=rel, abs=1e-14), (
+                f"{name} at x = {x}"
+            )
 
 
 def test_every_kind_is_walked():
@@ -141,7 +171,14 @@ def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
             continue
         estimates = []
         for step in (0.02, 0.01):
-            ends = [(x + s * step, float(any_mirror.sag(x + s * step)), float(any_mirror.slope(x + s * step))) for s in (-1, 1)]
+            ends = [
+                (
+                    x + s * step,
+                    float(any_mirror.sag(x + s * step)),
+                    float(any_mirror.slope(x + s * step)),
+                )
+                for s in (-1, 1)
+            ]
             (x1, z1, s1), (x2, z2, s2) = ends  # normals: x + s (z - z0) = x0
             zc = ((x1 + s1 * z1) - (x2 + s2 * z2)) / (s1 - s2)
             xc = x1 - s1 * (zc - z1)
@@ -153,13 +190,30 @@ def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
 def test_at_a_smooth_apex_both_radii_agree(any_mirror):
     if any_mirror.is_pointed:
         pytest.skip("a cone has no smooth apex")
-    assert float(any_mirror.radius_s(0.0)) == pytest.approx(float(any_mirror.radius_t(0.0)), rel=1e-12)
+    assert float(any_mirror.radius_s(0.0)) == pytest.approx(
+        float(any_mirror.radius_t(0.0)), rel=1e-12
+    )
     near = 1e-4 * any_mirror.rim_radius_mm
-    assert float(any_mirror.radius_s(near)) == pytest.approx(float(any_mirror.radius_s(0.0)), rel=1e-6)
+    assert float(any_mirror.radius_s(near)) == pytest.approx(
+        float(any_mirror.radius_s(0.0)), rel=1e-6
+    )
 
 
-@pytest.mark.parametrize(("kind", "name", "low", "high"), [("hyperboloid", "a_mm", 1e-3, 1e6), ("hyperboloid", "b_mm", 1e-3, 1e6), ("sphere", "radius_mm", 1e-3, 1e6), ("ellipsoid", "a_mm", 1e-3, 1e6), ("ellipsoid", "b_mm", 1e-3, 1e6), ("paraboloid", "vertex_radius_mm", 1e-3, 1e6)])
+@pytest.mark.parametrize(
+    ("kind", "name", "low", "high"),
+    [
+        ("hyperboloid", "a_mm", 1e-3, 1e6),
+        ("hyperboloid", "b_mm", 1e-3, 1e6),
+        ("sphere", "radius_mm", 1e-3, 1e6),
+        ("ellipsoid", "a_mm", 1e-3, 1e6),
+        ("ellipsoid", "b_mm", 1e-3, 1e6),
+        ("paraboloid", "vertex_radius_mm", 1e-3, 1e6),
+    ],
+)
 def test_conics_are_refused_outside_their_bounds(kind, name, low, high):
     for value in (0.9 * low, high + 0.5):
-        with pytest.raises(InvalidParameter, match=re.escape(f"{name} must be between {low:g} and {high:g} mm; got {value:g}")):
+        with pytest.raises(
+            InvalidParameter,
+            match=re.escape(f"{name} must be between {low:g} and {high:g} mm; got {value:g}"),
+        ):
             replace(EXAMPLES[kind][0], **{name: value})

@@ -18,7 +18,21 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.cameras.frames import Mount
 from omnimirror.dewarp._source_coordinates import exact_pixels, source_pixels
-from omnimirror.dewarp.screens import LAYOUTS, Composite, CubeMap, Cylinder, DomeMaster, Equirectangular, Ground, LittlePlanet, Mosaic, Plane, Screen, ScreenPart, parts_of
+from omnimirror.dewarp.screens import (
+    LAYOUTS,
+    Composite,
+    CubeMap,
+    Cylinder,
+    DomeMaster,
+    Equirectangular,
+    Ground,
+    LittlePlanet,
+    Mosaic,
+    Plane,
+    Screen,
+    ScreenPart,
+    parts_of,
+)
 from tests.conftest import sensor_of
 from tests.contracts.test_cameras import CATADIOPTRIC, SKEWED
 from tests.dewarp.test_handedness import IMAGE_TOP_IS_FORWARD, sensor_with, shortest_path_pixel
@@ -37,7 +51,10 @@ def perspective(W, H, pan, tilt, roll, hfov, u, v):
     f, a, r = world(pan, tilt), math.radians(pan), math.radians(roll)
     right = np.array([-math.sin(a), -math.cos(a), 0.0])
     down = np.cross(f, right)
-    right, down = (math.cos(r) * right + math.sin(r) * down, -math.sin(r) * right + math.cos(r) * down)
+    right, down = (
+        math.cos(r) * right + math.sin(r) * down,
+        -math.sin(r) * right + math.cos(r) * down,
+    )
     F = W / 2 / math.tan(math.radians(hfov / 2))
     return f + (u - (W - 1) / 2) / F * right + (v - (H - 1) / 2) / F * down
 
@@ -75,21 +92,31 @@ def sphere(u, v):
 
 def dome(u, v):
     omega = math.hypot(u - 9, v - 8.5) * 130 / 9
-    return about_a_pole(omega, pan_in_circle(19, 18, u, v, 25, False), False) if 10 <= omega <= 130 else None
+    return (
+        about_a_pole(omega, pan_in_circle(19, 18, u, v, 25, False), False)
+        if 10 <= omega <= 130
+        else None
+    )
 
 
 def zenith_dome(u, v):
     omega = math.hypot(u - 8, v - 9) * 120 / 8.5
-    return about_a_pole(omega, pan_in_circle(17, 19, u, v, 25, True), True) if omega <= 120 else None
+    return (
+        about_a_pole(omega, pan_in_circle(17, 19, u, v, 25, True), True) if omega <= 120 else None
+    )
 
 
 def planet(u, v):
-    omega = 2 * math.degrees(math.atan(math.hypot(u - 9.5, v - 7) * math.tan(math.radians(230 / 4)) / 10))
+    omega = 2 * math.degrees(
+        math.atan(math.hypot(u - 9.5, v - 7) * math.tan(math.radians(230 / 4)) / 10)
+    )
     return about_a_pole(omega, pan_in_circle(20, 15, u, v, -70, False), False)
 
 
 def zenith_planet(u, v):
-    omega = 2 * math.degrees(math.atan(math.hypot(u - 7, v - 9.5) * math.tan(math.radians(300 / 4)) / 7.5))
+    omega = 2 * math.degrees(
+        math.atan(math.hypot(u - 7, v - 9.5) * math.tan(math.radians(300 / 4)) / 7.5)
+    )
     return about_a_pole(omega, pan_in_circle(15, 20, u, v, -70, True), True)
 
 
@@ -98,14 +125,24 @@ SHAPES = {
     "cylinder": (Cylinder((24, 14), -80.0, 60.0, 10.0, 300.0), cylinder),
     "tall-cylinder": (Cylinder((21, 13), -45.0, TALL, -20.0, 360.0, "height"), tall_cylinder),
     "sphere": (Equirectangular((24, 12)), sphere),
-    "plane": (Plane((16, 11), 35.0, -25.0, 20.0, 100.0), lambda u, v: perspective(16, 11, 35, -25, 20, 100, u, v)),
-    "plane-down": (Plane((9, 8), 35.0, -90.0, 0.0, 60.0), lambda u, v: perspective(9, 8, 35, -90, 0, 60, u, v)),
+    "plane": (
+        Plane((16, 11), 35.0, -25.0, 20.0, 100.0),
+        lambda u, v: perspective(16, 11, 35, -25, 20, 100, u, v),
+    ),
+    "plane-down": (
+        Plane((9, 8), 35.0, -90.0, 0.0, 60.0),
+        lambda u, v: perspective(9, 8, 35, -90, 0, 60, u, v),
+    ),
     "dome": (DomeMaster((19, 18), 130.0, "nadir", 25.0, 10.0), dome),
     "zenith-dome": (DomeMaster((17, 19), 120.0, "zenith", 25.0), zenith_dome),
     "planet": (LittlePlanet((20, 15), 230.0, "nadir", -70.0), planet),
     "zenith-planet": (LittlePlanet((15, 20), 300.0, "zenith", -70.0), zenith_planet),
 }
-PLACES = {"distant": (inf, (0.0, 0.0, 0.0)), "near": (300.0, (0.0, 0.0, 0.0)), "moved": (900.0, MOVED)}
+PLACES = {
+    "distant": (inf, (0.0, 0.0, 0.0)),
+    "near": (300.0, (0.0, 0.0, 0.0)),
+    "moved": (900.0, MOVED),
+}
 
 
 def placed(shape, distance, offset):
@@ -127,15 +164,33 @@ def ground(u, v):
     return (7 - v) * 50 * forward + (u - 6.5) * 50 * right + [100, -50, -600 + 20]
 
 
-SCREENS = {**{f"{shape}-{place}": placed(shape, *PLACES[place]) for shape in SHAPES for place in PLACES}, "ground": (Ground((14, 15), 600.0, 50.0, 30.0, (100.0, -50.0, 20.0)), ground), "ceiling": (Ground((3, 3), -600.0, 200.0), lambda u, v: np.array([(1 - v) * 200, (1 - u) * 200, 600]))}
+SCREENS = {
+    **{f"{shape}-{place}": placed(shape, *PLACES[place]) for shape in SHAPES for place in PLACES},
+    "ground": (Ground((14, 15), 600.0, 50.0, 30.0, (100.0, -50.0, 20.0)), ground),
+    "ceiling": (
+        Ground((3, 3), -600.0, 200.0),
+        lambda u, v: np.array([(1 - v) * 200, (1 - u) * 200, 600]),
+    ),
+}
 CAMERAS = {
-    **{name: om.load_sensor(name) for name in ("paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric")},
+    **{
+        name: om.load_sensor(name)
+        for name in ("paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric")
+    },
     **{kind: sensor_of(kind) for kind in ("cone", "equidistant", "ellipsoid")},
     "ocam": om.OCam(CATADIOPTRIC, (515.3, 382.3), (1024, 768), SKEWED, rim_radius_px=452.0),
     "ball": om.MirrorBall((500.0, 500.0), 499.0, 300.0, (1001, 1001)),
 }
 MOUNTS = [Mount("up"), Mount("down", 20.0), Mount("forward"), Mount("up", 33.0, True, 4.0, -9.0)]
-STANDING = [pytest.param(replace(camera, mount=mount), id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}", marks=() if (n - m) % len(MOUNTS) == 0 else pytest.mark.full) for n, (name, camera) in enumerate(CAMERAS.items()) for m, mount in enumerate(MOUNTS)]
+STANDING = [
+    pytest.param(
+        replace(camera, mount=mount),
+        id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}",
+        marks=() if (n - m) % len(MOUNTS) == 0 else pytest.mark.full,
+    )
+    for n, (name, camera) in enumerate(CAMERAS.items())
+    for m, mount in enumerate(MOUNTS)
+]
 """Daily cases: each camera with one mount, another than that of the preceding camera."""
 
 
@@ -159,7 +214,10 @@ def test_pixels_look_where_the_conventions_say(name):
             else:
                 found, expected = targets[v, u], np.asarray(expected, float)
                 if screen.is_distant:
-                    found, expected = (found / np.linalg.norm(found), expected / np.linalg.norm(expected))
+                    found, expected = (
+                        found / np.linalg.norm(found),
+                        expected / np.linalg.norm(expected),
+                    )
                 np.testing.assert_allclose(found, expected, atol=1e-12 * scale, rtol=1e-12)
 
 
@@ -168,13 +226,19 @@ def test_points_land_on_the_pixels_that_look_at_them(camera):
     """The ray of every source pixel passes through the point, and points without a pixel are far
     from all rays."""
     width, height = camera.image_size
-    grid = np.stack(np.meshgrid(np.arange(0, width, 12.0), np.arange(0, height, 12.0)), -1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(np.arange(0, width, 12.0), np.arange(0, height, 12.0)), -1).reshape(
+        -1, 2
+    )
     margin = 22  # px: for a cone, whose angular resolution is at most that of its lens, 0.56 deg
     steps = margin * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
     inside = np.all([camera.backproject(grid + s).valid for s in steps], 0)
     far_inside = camera.backproject(grid[inside])
     for name, (screen, _) in SCREENS.items():
-        pixels = om.Dewarper(camera, screen).coordinates(exact=True).reshape(-1, 2) if sees(camera, screen) else None
+        pixels = (
+            om.Dewarper(camera, screen).coordinates(exact=True).reshape(-1, 2)
+            if sees(camera, screen)
+            else None
+        )
         if pixels is None:
             continue
         targets = whole(screen).reshape(-1, 3)
@@ -196,7 +260,9 @@ def sees(camera, screen):
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
-@pytest.mark.parametrize("name", [n for n in SCREENS if "near" in n or "moved" in n or n == "ground"])
+@pytest.mark.parametrize(
+    "name", [n for n in SCREENS if "near" in n or "moved" in n or n == "ground"]
+)
 def test_points_are_seen_along_the_shortest_path(name, looks):
     """Compared with Fermat's principle for a sphere, without the optics of the package."""
     screen, target = SCREENS[name]
@@ -309,10 +375,19 @@ def test_pan_turns_about_the_vertical(name):
 def test_tilt_moves_rows_up():
     plane = Plane((5, 5), 10.0, 20.0)
     assert plane.panned(5.0, 10.0) == Plane((5, 5), 15.0, 30.0)
-    assert Equirectangular((8, 4), -40.0, 20.0).panned(0.0, 10.0) == Equirectangular((8, 4), -30.0, 30.0)
+    assert Equirectangular((8, 4), -40.0, 20.0).panned(0.0, 10.0) == Equirectangular(
+        (8, 4), -30.0, 30.0
+    )
     bent = Cylinder((8, 5), -45.0, 45.0, rows="height").panned(0.0, 45.0)
-    assert (bent.tilt_min_deg, bent.tilt_max_deg) == pytest.approx((0.0, math.degrees(math.atan(2))))
-    for screen in (DomeMaster((5, 5), 90.0), LittlePlanet((5, 5)), Ground((5, 5), 100.0, 1.0), CubeMap((6, 1), "strip")):
+    assert (bent.tilt_min_deg, bent.tilt_max_deg) == pytest.approx(
+        (0.0, math.degrees(math.atan(2)))
+    )
+    for screen in (
+        DomeMaster((5, 5), 90.0),
+        LittlePlanet((5, 5)),
+        Ground((5, 5), 100.0, 1.0),
+        CubeMap((6, 1), "strip"),
+    ):
         with pytest.raises(InvalidParameter, match=r"tilt_deg must be 0 .*; got 5 deg"):
             screen.panned(0.0, 5.0)
     with pytest.raises(InvalidParameter, match="got -80 and 100 deg"):
@@ -340,12 +415,21 @@ def test_faces_of_a_cube_are_views_at_right_angles(layout, place):
     assert isinstance(cube, Composite)
     assert not isinstance(cube, Screen)
     assert eval(repr(cube)) == cube
-    looks = {"front": (20, 0), "right": (110, 0), "back": (200, 0), "left": (-70, 0), "up": (20, 90), "down": (20, -90)}
+    looks = {
+        "front": (20, 0),
+        "right": (110, 0),
+        "back": (200, 0),
+        "left": (-70, 0),
+        "up": (20, 90),
+        "down": (20, -90),
+    }
     camera = CAMERAS["ball"]
     pixels = source_pixels(camera, cube, exact=True)
     shown = np.zeros(pixels.shape[:2], bool)
     for name, (pan, tilt) in looks.items():
-        ((j, i),) = [(j, i) for j, row in enumerate(LAYOUTS[layout]) for i, n in enumerate(row) if n == name]
+        ((j, i),) = [
+            (j, i) for j, row in enumerate(LAYOUTS[layout]) for i, n in enumerate(row) if n == name
+        ]
         part = pixels[j * 6 : j * 6 + 6, i * 6 : i * 6 + 6]
         face = Plane((6, 6), pan, tilt, 0.0, 90.0, *place)
         np.testing.assert_array_equal(part, source_pixels(camera, face, exact=True))
@@ -355,9 +439,15 @@ def test_faces_of_a_cube_are_views_at_right_angles(layout, place):
 
 def test_faces_of_a_cross_join():
     """The last pixel of one face and the first of the next are 0.5 px to either side of their edge."""
-    faces = {name: whole(CubeMap((400, 300)).face(name)) for name in ("front", "right", "up", "down")}
+    faces = {
+        name: whole(CubeMap((400, 300)).face(name)) for name in ("front", "right", "up", "down")
+    }
     f = faces["front"]
-    for edge, neighbour in ((f[:, -1], faces["right"][:, 0]), (f[0], faces["up"][-1]), (f[-1], faces["down"][0])):
+    for edge, neighbour in (
+        (f[:, -1], faces["right"][:, 0]),
+        (f[0], faces["up"][-1]),
+        (f[-1], faces["down"][0]),
+    ):
         a, b = (x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (edge, neighbour))
         angles = np.degrees(np.arccos(np.clip((a * b).sum(axis=-1), -1, 1)))
         assert angles.max() < 0.6
@@ -368,7 +458,9 @@ def test_a_mosaic_is_its_views():
     sensor = CAMERAS["paper-spherical"]
     near, far = Plane((8, 6), 20.0, -20.0, distance_mm=200.0), Plane((8, 6), 20.0, -20.0)
     cube = CubeMap((12, 2), "strip", distance_mm=500.0)
-    mosaic = Mosaic((20, 16), ((0, 0, near), (10, 0, far), (3, 7, cube), (1, 1, Equirectangular((4, 2)))))
+    mosaic = Mosaic(
+        (20, 16), ((0, 0, near), (10, 0, far), (3, 7, cube), (1, 1, Equirectangular((4, 2))))
+    )
     assert mosaic.parts[0] == ScreenPart(0, 0, near)
     assert len(parts_of(mosaic)) == 9
     assert eval(repr(mosaic)) == mosaic
@@ -377,7 +469,9 @@ def test_a_mosaic_is_its_views():
     expected[:6, 10:18] = source_pixels(sensor, far, exact=True)
     expected[7:9, 3:15] = source_pixels(sensor, cube, exact=True)
     expected[1:3, 1:5] = source_pixels(sensor, Equirectangular((4, 2)))
-    np.testing.assert_allclose(om.Dewarper(sensor, mosaic).coordinates(exact=True), expected, atol=1e-9)
+    np.testing.assert_allclose(
+        om.Dewarper(sensor, mosaic).coordinates(exact=True), expected, atol=1e-9
+    )
     assert not np.allclose(expected[0, :8], expected[0, 10:18], atol=2.0)
     picture = np.full((1024, 1024), 255, np.uint8)
     straight = om.Dewarper(sensor, mosaic, "nearest")(picture)
@@ -410,7 +504,10 @@ def test_stacked_views_stand_in_the_middle():
 @pytest.mark.parametrize("shape", SHAPES)
 def test_places_that_cannot_be_are_refused(shape):
     screen = SHAPES[shape][0]
-    with pytest.raises(InvalidParameter, match=r"offset_mm must be \(0, 0, 0\) for a screen at infinity; got \(0, 0, 9.0\)"):
+    with pytest.raises(
+        InvalidParameter,
+        match=r"offset_mm must be \(0, 0, 0\) for a screen at infinity; got \(0, 0, 9.0\)",
+    ):
         replace(screen, offset_mm=(0, 0, 9.0))
     for distance in (0.0, -5.0, np.nan):
         with pytest.raises(InvalidParameter, match="distance_mm must be above 0 mm or infinite"):
@@ -423,28 +520,61 @@ def test_places_that_cannot_be_are_refused(shape):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Cylinder((5, 5), -90.0, 10.0, rows="height"), "above -90 and below 90 deg with rows = 'height'"),
-        (lambda: Cylinder((5, 5), -9.0, 10.0, rows="mm"), "rows must be one of tilt, height; got 'mm'"),
-        (lambda: Cylinder.wall((5, 5), (100.0, 100.0), 500.0), "edge of the wall; got 100 and 100 mm"),
-        (lambda: Cylinder((5, 5), -45.0, 9.0, rows="height").panned(0.0, 90.0), "tilt_deg must be above -90 and below 90 deg; got 90"),
-        (lambda: Equirectangular((5, 5), 10.0, -10.0), "increase within -90 to 90 deg; got 10 and -10 deg"),
+        (
+            lambda: Cylinder((5, 5), -90.0, 10.0, rows="height"),
+            "above -90 and below 90 deg with rows = 'height'",
+        ),
+        (
+            lambda: Cylinder((5, 5), -9.0, 10.0, rows="mm"),
+            "rows must be one of tilt, height; got 'mm'",
+        ),
+        (
+            lambda: Cylinder.wall((5, 5), (100.0, 100.0), 500.0),
+            "edge of the wall; got 100 and 100 mm",
+        ),
+        (
+            lambda: Cylinder((5, 5), -45.0, 9.0, rows="height").panned(0.0, 90.0),
+            "tilt_deg must be above -90 and below 90 deg; got 90",
+        ),
+        (
+            lambda: Equirectangular((5, 5), 10.0, -10.0),
+            "increase within -90 to 90 deg; got 10 and -10 deg",
+        ),
         (lambda: Ground((5, 5), np.nan, 1.0), "height_mm must be finite; got nan"),
         (lambda: Ground((5, 5), 100.0, 0.0), "mm_per_px must be finite and above 0; got 0"),
         (lambda: Ground((5, 5), 100.0, inf), "mm_per_px must be finite and above 0; got inf"),
-        (lambda: LittlePlanet((5, 5), 360.0), "hfov_deg must be above 0 and below 360 deg; got 360"),
-        (lambda: LittlePlanet((5, 5), pole="south"), "pole must be one of nadir, zenith; got 'south'"),
-        (lambda: CubeMap((5, 5)), "4 n x 3 n px for square faces in the layout cross, for example 1024 x 768"),
+        (
+            lambda: LittlePlanet((5, 5), 360.0),
+            "hfov_deg must be above 0 and below 360 deg; got 360",
+        ),
+        (
+            lambda: LittlePlanet((5, 5), pole="south"),
+            "pole must be one of nadir, zenith; got 'south'",
+        ),
+        (
+            lambda: CubeMap((5, 5)),
+            "4 n x 3 n px for square faces in the layout cross, for example 1024 x 768",
+        ),
         (lambda: CubeMap((8, 8), "3x2"), "3 n x 2 n px for square faces in the layout 3x2"),
         (lambda: CubeMap((2, 1), "3x2"), "for square faces"),
         (lambda: CubeMap((6, 1), "row"), "layout must be one of cross, strip, 3x2; got 'row'"),
         (lambda: CubeMap((6, 1), "strip", offset_mm=(1.0, 0.0, 0.0)), "offset_mm must be"),
-        (lambda: CubeMap((6, 1), "strip").face("top"), "one of right, left, up, down, front, back; got 'top'"),
+        (
+            lambda: CubeMap((6, 1), "strip").face("top"),
+            "one of right, left, up, down, front, back; got 'top'",
+        ),
         (lambda: Mosaic((5, 5), ()), "at least one view"),
-        (lambda: Mosaic((5, 5), ((0, 0, Plane((6, 5))),)), r"within the 5 x 5 px of the mosaic; got one from \(0, 0\) to \(6, 5\)"),
+        (
+            lambda: Mosaic((5, 5), ((0, 0, Plane((6, 5))),)),
+            r"within the 5 x 5 px of the mosaic; got one from \(0, 0\) to \(6, 5\)",
+        ),
         (lambda: Mosaic((9, 9), ((-1, 0, Plane((6, 5))),)), r"got \(-1, 0\)"),
         (lambda: Mosaic((9, 9), ((0, 0.5, Plane((6, 5))),)), r"got \(0, 0.5\)"),
         (lambda: Mosaic.stacked([]), "size"),
-        (lambda: Mosaic.stacked([[Plane((5, 5))], []]), "each row of the mosaic must contain at least one view"),
+        (
+            lambda: Mosaic.stacked([[Plane((5, 5))], []]),
+            "each row of the mosaic must contain at least one view",
+        ),
     ],
 )
 def test_a_screen_that_cannot_be_is_refused(make, message):

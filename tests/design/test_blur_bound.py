@@ -28,12 +28,16 @@ def sensor_with(mirror, rim_distance, focal_length_mm=11.6, f_number=4.0):
 
 def paper(omega_max=135.0, **lens):
     slope = np.tan(np.radians((omega_max - THETA) / 2))
-    return sensor_with(Sphere(M * np.sqrt(1 + 1 / slope**2), M), M / np.tan(np.radians(THETA)), **lens)
+    return sensor_with(
+        Sphere(M * np.sqrt(1 + 1 / slope**2), M), M / np.tan(np.radians(THETA)), **lens
+    )
 
 
 def worst(sensor, distance=np.inf, **options):
     """Return the largest single blur (deg) over the field."""
-    result = om.evaluate(sensor, np.linspace(*sensor.field_deg, 1501), object_distance_mm=distance, **options)
+    result = om.evaluate(
+        sensor, np.linspace(*sensor.field_deg, 1501), object_distance_mm=distance, **options
+    )
     return max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
 
 
@@ -47,7 +51,9 @@ def reaching(bound, sensor):
         return replace(sensor, mirror=mirror, lens=sensor.lens.focused_at(bound.focus_mm))
     rim = sensor.mirror_distance_mm + float(sensor.mirror.sag(sensor.mirror.rim_radius_mm))
     m = rim - float(mirror.sag(mirror.rim_radius_mm))
-    return replace(sensor, mirror=mirror, mirror_distance_mm=m, lens=sensor.lens.focused_at(bound.focus_mm))
+    return replace(
+        sensor, mirror=mirror, mirror_distance_mm=m, lens=sensor.lens.focused_at(bound.focus_mm)
+    )
 
 
 def blur_of(sensor, omega, distance):
@@ -82,12 +88,16 @@ def test_a_mirror_reaches_it(omega_max, distance):
         assert worst(again, distance) == pytest.approx(bound.blur_deg, rel=5e-4)
     tangential, _ = blur_of(again, np.linspace(0.5, omega_max, 300), distance)
     np.testing.assert_allclose(tangential[:-30], bound.blur_deg, rtol=2e-5)
-    np.testing.assert_allclose(tangential, bound.blur_deg, rtol=5e-4)  # except at the end of the spline
+    np.testing.assert_allclose(
+        tangential, bound.blur_deg, rtol=5e-4
+    )  # except at the end of the spline
 
 
 def test_a_mirror_under_a_telecentric_lens_reaches_it():
     lens = Orthographic(0.0592, 4.0, 22.0)
-    sensor = om.Sensor(Sphere(M / np.sin(np.radians(60)), M), lens, Imager(1024, 1024, 5.2), name="mirror")
+    sensor = om.Sensor(
+        Sphere(M / np.sin(np.radians(60)), M), lens, Imager(1024, 1024, 5.2), name="mirror"
+    )
     for distance in (np.inf, 200.0):
         bound = om.blur_bound(sensor, distance)
         assert bound.is_reached
@@ -105,7 +115,11 @@ def test_no_mirror_is_sharper(seed):
     kind = [Equidistant, Equiareal, "sphere", Conformal, "waves"][seed % 5]
     far = M / np.tan(np.radians(theta))
     slope = np.tan(np.radians((omega_max - theta) / 2))
-    mirror = Sphere(M * np.sqrt(1 + 1 / slope**2), M) if isinstance(kind, str) else kind(omega_max, theta, M)
+    mirror = (
+        Sphere(M * np.sqrt(1 + 1 / slope**2), M)
+        if isinstance(kind, str)
+        else kind(omega_max, theta, M)
+    )
     sensor = sensor_with(mirror, far, f_number=F)
     if kind == "waves":
         sensor = waved(sensor, rng)
@@ -148,9 +162,13 @@ def test_a_narrow_field_asks_for_no_blur():
 
 def test_what_has_no_bound_is_refused():
     assert om.blur_bound(paper(), 1e-6).blur_deg == 0.0  # no bound for objects on the mirror
-    with pytest.raises(InvalidParameter, match="object_distance_mm must be at least 1e-09 mm, or inf; got 0"):
+    with pytest.raises(
+        InvalidParameter, match="object_distance_mm must be at least 1e-09 mm, or inf; got 0"
+    ):
         om.blur_bound(paper(), 0.0)
-    with pytest.raises(InvalidParameter, match="omega_min_deg must be in the field, 0 to 135 deg; got 140"):
+    with pytest.raises(
+        InvalidParameter, match="omega_min_deg must be in the field, 0 to 135 deg; got 140"
+    ):
         om.blur_bound(paper(), omega_min_deg=140.0)
     lens = Perspective(11.6, 4.0, 210.0, k1=-0.1)
     with pytest.raises(InvalidParameter, match="must be free of distortion"):
@@ -159,7 +177,9 @@ def test_what_has_no_bound_is_refused():
         om.blur_bound(om.load_sensor("folded-spherical"))
 
 
-@pytest.mark.parametrize("wrong", [{"mode": "Paper"}, {"image_radius_px": -5.0}, {"image_radius_px": np.nan}])
+@pytest.mark.parametrize(
+    "wrong", [{"mode": "Paper"}, {"image_radius_px": -5.0}, {"image_radius_px": np.nan}]
+)
 def test_words_and_radii_that_mean_nothing_are_refused(wrong):
     with pytest.raises(InvalidParameter, match=r"is not (known|valid|a number)|finite"):
         om.blur_bound(paper(), **wrong)

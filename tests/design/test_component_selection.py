@@ -9,7 +9,17 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
-from omnimirror.design.catalogue import BallComponent, Catalogue, DomeComponent, ExtraComponent, ImagerComponent, LensComponent, TelecentricComponent, mounts_fit, read_catalogue
+from omnimirror.design.catalogue import (
+    BallComponent,
+    Catalogue,
+    DomeComponent,
+    ExtraComponent,
+    ImagerComponent,
+    LensComponent,
+    TelecentricComponent,
+    mounts_fit,
+    read_catalogue,
+)
 from omnimirror.design.component_selection import best_apertures, choose_parts, rings_for
 from omnimirror.optics.lenses import Perspective
 from tests.everyday import few
@@ -28,7 +38,13 @@ def at(sensor, side, F, focus, mode="exact"):
 
 
 @pytest.mark.parametrize("mode", ["exact", "paper"])
-@pytest.mark.parametrize("name", few(["paper-spherical", "paper-equidistant", "paper-hyperboloidal", "paraboloid-telecentric"], "paper-spherical"))
+@pytest.mark.parametrize(
+    "name",
+    few(
+        ["paper-spherical", "paper-equidistant", "paper-hyperboloidal", "paraboloid-telecentric"],
+        "paper-spherical",
+    ),
+)
 def test_no_other_aperture_and_focus_is_better(name, mode):
     sensor = om.load_sensor(name)
     for best in best_apertures(sensor, mode=mode):
@@ -74,7 +90,9 @@ def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
     sensor = om.load_sensor("paraboloid-telecentric")
     width = 2 * sensor.mirror.rim_radius_mm
     imager = ImagerComponent("imager", 2448, 2048, 3.45)
-    lenses = [TelecentricComponent(f"front {d:g}", 0.1, 8.0, 16.0, d) for d in (width * 0.99, width)]
+    lenses = [
+        TelecentricComponent(f"front {d:g}", 0.1, 8.0, 16.0, d) for d in (width * 0.99, width)
+    ]
     ordinary = LensComponent("12 mm", 12.0, 2.0, 8.0, 100.0)
     wide, narrow = choose_parts(sensor, Catalogue((*lenses, ordinary), (imager,)))[:2]
     assert wide.fits
@@ -92,7 +110,9 @@ def test_rings_reach_what_the_lens_equation_says():
     assert rings_for(lens, 240.0)[0] == 0.5
     _, (sentence,) = rings_for(lens, 100.0)
     assert "requires extension rings of 2.15 to 3.05 mm" in sentence
-    assert rings_for(replace(lens, extension_rings_mm=()), 240.0)[1] == ["minimum focus 300 mm, required 240 mm"]
+    assert rings_for(replace(lens, extension_rings_mm=()), 240.0)[1] == [
+        "minimum focus 300 mm, required 240 mm"
+    ]
 
 
 LENS_TABLE = "[[lens]]\nname = 'A'\nfocal_length_mm = 12\nf_number_min = 1.4\nf_number_max = 16\nminimum_focus_mm = 100\n"
@@ -125,7 +145,22 @@ def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
         "A,,,,,,,,,,,,,,,,,,,heater, 20 ,5\r\n".encode()
     )
     expected = Catalogue(
-        (LensComponent("A", 12.0, 1.4, 16.0, 100.0, None, (5.0, 0.5), "C CS", price=120.0, mass_g=63.5, source="data sheet"), TelecentricComponent("T", 0.1, 8.0, 8.0, 90.0)),
+        (
+            LensComponent(
+                "A",
+                12.0,
+                1.4,
+                16.0,
+                100.0,
+                None,
+                (5.0, 0.5),
+                "C CS",
+                price=120.0,
+                mass_g=63.5,
+                source="data sheet",
+            ),
+            TelecentricComponent("T", 0.1, 8.0, 8.0, 90.0),
+        ),
         (ImagerComponent("A", 640, 480, 3.0),),
         (BallComponent("A", 60.0),),
         (DomeComponent("A", 110.0, 3.0, "polycarbonate"),),
@@ -136,10 +171,24 @@ def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
         assert read == expected
         assert isinstance(read.imagers[0].width_px, int)
     (tmp_path / "more.toml").write_text(BALL_TABLE.replace("'A'", "'B'"))
-    assert [b.name for b in read_catalogue(tmp_path / "more.toml", "typical", tmp_path / "parts.toml").balls][-1] == "A"
+    assert [
+        b.name
+        for b in read_catalogue(tmp_path / "more.toml", "typical", tmp_path / "parts.toml").balls
+    ][-1] == "A"
 
 
-@pytest.mark.parametrize(("lens", "imager", "fit"), [("C", "C", True), ("C CS", "M12 CS", True), ("C", "CS", False), ("M12", "C CS", False), ("", "C", True), ("C", "", True), ("", "", True)])
+@pytest.mark.parametrize(
+    ("lens", "imager", "fit"),
+    [
+        ("C", "C", True),
+        ("C CS", "M12 CS", True),
+        ("C", "CS", False),
+        ("M12", "C CS", False),
+        ("", "C", True),
+        ("C", "", True),
+        ("", "", True),
+    ],
+)
 def test_parts_of_a_catalogue_fit_by_a_mount_that_both_have(lens, imager, fit):
     camera = ImagerComponent("imager", 640, 480, 3.0, mount=imager)
     assert mounts_fit(LensComponent("lens", 8.0, 2.0, 2.0, 70.0, mount=lens), camera) is fit
@@ -185,13 +234,34 @@ def test_ranges_of_a_catalogue_include_their_ends(part, name, low, high):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("name,pixel_pitch\nA,3\n", r"parts\.csv line 1: unknown column 'pixel_pitch'; did you mean pixel_pitch_um"),
-        ("name,use,mass_g,use\nA,arm\n", r"parts\.csv line 1: columns must be unique; use is repeated"),
-        ("name,use\nA,arm\nB,arm,3\n", r"parts\.csv line 3 must have 2 cells, as many as the header; got 3"),
-        ("name,use\nA,arm\n\nA,heater\n", r"parts\.csv line 4: names must be unique; the extra 'A' is also in .*parts\.csv line 2"),
-        ("name,use,mass_g\nA,arm,heavy\n", r"parts\.csv line 2: column mass_g must be a number; got 'heavy'"),
-        ("name,use,mass_g\nA,arm,3 4\n", r"parts\.csv line 2: column mass_g must be a number; got '3 4'"),
-        ("name,ball_diameter_mm,use\nA,60,arm\n", r"parts\.csv line 2: unknown column use; valid are name"),
+        (
+            "name,pixel_pitch\nA,3\n",
+            r"parts\.csv line 1: unknown column 'pixel_pitch'; did you mean pixel_pitch_um",
+        ),
+        (
+            "name,use,mass_g,use\nA,arm\n",
+            r"parts\.csv line 1: columns must be unique; use is repeated",
+        ),
+        (
+            "name,use\nA,arm\nB,arm,3\n",
+            r"parts\.csv line 3 must have 2 cells, as many as the header; got 3",
+        ),
+        (
+            "name,use\nA,arm\n\nA,heater\n",
+            r"parts\.csv line 4: names must be unique; the extra 'A' is also in .*parts\.csv line 2",
+        ),
+        (
+            "name,use,mass_g\nA,arm,heavy\n",
+            r"parts\.csv line 2: column mass_g must be a number; got 'heavy'",
+        ),
+        (
+            "name,use,mass_g\nA,arm,3 4\n",
+            r"parts\.csv line 2: column mass_g must be a number; got '3 4'",
+        ),
+        (
+            "name,ball_diameter_mm,use\nA,60,arm\n",
+            r"parts\.csv line 2: unknown column use; valid are name",
+        ),
         ("name,mass_g\nA,3\n", r"parts\.csv line 2: column focal_length_mm is missing"),
         ("", "at least one lens is required"),
     ],
@@ -220,14 +290,18 @@ def test_a_lens_of_a_catalogue_takes_its_numbers_from_its_file(tmp_path):
         return read_catalogue(tmp_path / "parts.toml").lenses[0]
 
     part = lens()
-    assert (part.focal_length_mm, part.f_number_min, part.f_number_max) == pytest.approx((f, stop, stop), rel=1e-9)
+    assert (part.focal_length_mm, part.f_number_min, part.f_number_max) == pytest.approx(
+        (f, stop, stop), rel=1e-9
+    )
     assert part.optics.focal_length_mm == pytest.approx(f, rel=1e-9)
     assert LENS.optics is None
     assert lens(f_number_max=22.0).f_number_max == 22.0
     for share in (0.991, 1.009):
         assert lens(focal_length_mm=share * f).focal_length_mm == pytest.approx(f, rel=1e-9)
     for share in (0.989, 1.011, -1.0):
-        with pytest.raises(OmnimirrorError, match=r"lens 1: focal_length_mm must be that of own\.zmx, 11\..*; omit"):
+        with pytest.raises(
+            OmnimirrorError, match=r"lens 1: focal_length_mm must be that of own\.zmx, 11\..*; omit"
+        ):
             lens(focal_length_mm=share * f)
     with pytest.raises(OmnimirrorError, match=r"lens 1: .*other\.zmx"):
         lens(file="'other.zmx'")
@@ -237,10 +311,17 @@ def test_a_lens_of_a_catalogue_takes_its_numbers_from_its_file(tmp_path):
 
 
 def test_catalogues_as_csv(tmp_path):
-    (tmp_path / "lenses.csv").write_text("name,focal_length_mm,f_number_min,f_number_max,minimum_focus_mm,extension_rings_mm,image_circle_mm\nA,12,1.4,16,250,0.5 1,\nB,16,1.4,16,300,,11\n")
-    (tmp_path / "imagers.csv").write_text("name,width_px,height_px,pixel_pitch_um\nC,1280,1024,5.2\n")
+    (tmp_path / "lenses.csv").write_text(
+        "name,focal_length_mm,f_number_min,f_number_max,minimum_focus_mm,extension_rings_mm,image_circle_mm\nA,12,1.4,16,250,0.5 1,\nB,16,1.4,16,300,,11\n"
+    )
+    (tmp_path / "imagers.csv").write_text(
+        "name,width_px,height_px,pixel_pitch_um\nC,1280,1024,5.2\n"
+    )
     read = read_catalogue(tmp_path / "lenses.csv", tmp_path / "imagers.csv")
-    assert read.lenses == (LensComponent("A", 12.0, 1.4, 16.0, 250.0, None, (0.5, 1.0)), LensComponent("B", 16.0, 1.4, 16.0, 300.0, 11.0, ()))
+    assert read.lenses == (
+        LensComponent("A", 12.0, 1.4, 16.0, 250.0, None, (0.5, 1.0)),
+        LensComponent("B", 16.0, 1.4, 16.0, 300.0, 11.0, ()),
+    )
     assert read.imagers == (ImagerComponent("C", 1280, 1024, 5.2),)
 
 
@@ -251,32 +332,83 @@ def test_catalogues_as_csv(tmp_path):
         ("[[lens]]\nname = 'A'\nfocal = 3\n", "unknown entry focal"),
         ("[[camera]]\nname = 'A'\n", "got camera"),
         ("lens = 3\n", "got lens"),
-        ("[[imager]]\nname = 'A'\nwidth_px = 'wide'\nheight_px = 3\npixel_pitch_um = 3\n", "must be a number; got 'wide'"),
-        ("[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = -3\n", r"parts\.toml, imager 1: A: pixel_pitch_um must be between 0\.01 and 10000 um; got -3"),
-        ("[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = 3\n", "at least one lens is required"),
-        ("[[lens", r"parts\.toml must be valid TOML: Expected '\]\]' at the end of an array declaration \(at end of"),
-        ("[lens]\nname = 'A'\n", r"tables must be \[\[lens\]\], \[\[imager\]\], \[\[ball.*; got lens"),
+        (
+            "[[imager]]\nname = 'A'\nwidth_px = 'wide'\nheight_px = 3\npixel_pitch_um = 3\n",
+            "must be a number; got 'wide'",
+        ),
+        (
+            "[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = -3\n",
+            r"parts\.toml, imager 1: A: pixel_pitch_um must be between 0\.01 and 10000 um; got -3",
+        ),
+        (
+            "[[imager]]\nname = 'A'\nwidth_px = 3\nheight_px = 3\npixel_pitch_um = 3\n",
+            "at least one lens is required",
+        ),
+        (
+            "[[lens",
+            r"parts\.toml must be valid TOML: Expected '\]\]' at the end of an array declaration \(at end of",
+        ),
+        (
+            "[lens]\nname = 'A'\n",
+            r"tables must be \[\[lens\]\], \[\[imager\]\], \[\[ball.*; got lens",
+        ),
         ("lens = [3]\n", r"parts\.toml: lens 1 must be a table, one of \[\[lens\]\]"),
-        (BALL_TABLE + "[[ball]]\nname = 'B'\nwall_mm = 2\n", r"parts\.toml, ball 2: unknown entry wall_mm; valid are"),
-        (BALL_TABLE + BALL_TABLE, r"parts\.toml, ball 2: names must be unique; the ball 'A' is also in .*parts\.toml, ball 1"),
-        (BALL_TABLE.replace("ball]", "dome]"), r"parts\.toml, dome 1 has the entries of a ball; move it .* \[\[ball\]\]"),
-        ("[[extra]]\nname = 'A'\n", r"extra 1: use is missing; the name and all dimensions of the part are required"),
+        (
+            BALL_TABLE + "[[ball]]\nname = 'B'\nwall_mm = 2\n",
+            r"parts\.toml, ball 2: unknown entry wall_mm; valid are",
+        ),
+        (
+            BALL_TABLE + BALL_TABLE,
+            r"parts\.toml, ball 2: names must be unique; the ball 'A' is also in .*parts\.toml, ball 1",
+        ),
+        (
+            BALL_TABLE.replace("ball]", "dome]"),
+            r"parts\.toml, dome 1 has the entries of a ball; move it .* \[\[ball\]\]",
+        ),
+        (
+            "[[extra]]\nname = 'A'\n",
+            r"extra 1: use is missing; the name and all dimensions of the part are required",
+        ),
         ("[[extra]]\nname = ''\nuse = 'arm'\n", r"extra 1: name must be a name; got ''"),
         ("[[extra]]\nname = 3\nuse = 'arm'\n", r"extra 1: name must be a name; got 3"),
-        (IMAGER_TABLE.replace("= 640", "= 640.5"), r"imager 1: width_px must be an integer number of pixels; got 640\.5"),
-        (IMAGER_TABLE.replace("= 480", "= 480.5"), r"imager 1: height_px must be an integer number of pixels; got 480\.5"),
-        (IMAGER_TABLE.replace("= 480", "= true"), r"imager 1: height_px must be a number; got True"),
+        (
+            IMAGER_TABLE.replace("= 640", "= 640.5"),
+            r"imager 1: width_px must be an integer number of pixels; got 640\.5",
+        ),
+        (
+            IMAGER_TABLE.replace("= 480", "= 480.5"),
+            r"imager 1: height_px must be an integer number of pixels; got 480\.5",
+        ),
+        (
+            IMAGER_TABLE.replace("= 480", "= true"),
+            r"imager 1: height_px must be a number; got True",
+        ),
         (IMAGER_TABLE.replace("= 480", "= inf"), r"imager 1: height_px must be a number; got inf"),
         (IMAGER_TABLE.replace("= 480", "= [480]"), "at least one lens is required"),
-        (IMAGER_TABLE.replace("= 480", "= [480, 2]"), r"imager 1: height_px must be a number; got \[480, 2\]"),
+        (
+            IMAGER_TABLE.replace("= 480", "= [480, 2]"),
+            r"imager 1: height_px must be a number; got \[480, 2\]",
+        ),
         (IMAGER_TABLE.replace("= 480", "= []"), r"imager 1: height_px must be a number; got \[\]"),
         (LENS_TABLE + "file = 3\n", "lens 1: file must be a name; got 3"),
         (LENS_TABLE + "file = ''\n", "lens 1: file must be a name; got ''"),
         (LENS_TABLE, "at least one imager is required"),
-        (LENS_TABLE + "extension_rings_mm = [1, 'b']\n", r"lens 1: extension_rings_mm must be a number; got \[1, 'b'\]"),
-        (LENS_TABLE + "extension_rings_mm = [1.0, 0.0]\n", r"parts\.toml, lens 1: A: extension_rings_mm\[1\] must be between 0\.001 and 1000 mm; got 0"),
-        (LENS_TABLE.replace("100", "12"), "A: minimum_focus_mm must be greater than the focal length, 12 mm; got 12"),
-        (LENS_TABLE.replace("= 16", "= 1.3"), r"A: f_number_max must be at least f_number_min = 1\.4; got 1\.3"),
+        (
+            LENS_TABLE + "extension_rings_mm = [1, 'b']\n",
+            r"lens 1: extension_rings_mm must be a number; got \[1, 'b'\]",
+        ),
+        (
+            LENS_TABLE + "extension_rings_mm = [1.0, 0.0]\n",
+            r"parts\.toml, lens 1: A: extension_rings_mm\[1\] must be between 0\.001 and 1000 mm; got 0",
+        ),
+        (
+            LENS_TABLE.replace("100", "12"),
+            "A: minimum_focus_mm must be greater than the focal length, 12 mm; got 12",
+        ),
+        (
+            LENS_TABLE.replace("= 16", "= 1.3"),
+            r"A: f_number_max must be at least f_number_min = 1\.4; got 1\.3",
+        ),
     ],
 )
 def test_wrong_catalogues_are_refused_with_the_entry(tmp_path, text, sentence):
@@ -295,6 +427,11 @@ def test_an_unknown_mode_of_blur_is_refused(mode):
 
 @pytest.mark.parametrize("distance", [0, 0.0, -5.0])
 def test_an_object_nowhere_is_refused(distance):
-    for ask in (lambda **at: choose_parts(SPHERE, read_catalogue(), **at), lambda **at: best_apertures(SPHERE, **at)):
-        with pytest.raises(InvalidParameter, match="object_distance_mm must be at least 1e-09 mm, or inf; got -5"):
+    for ask in (
+        lambda **at: choose_parts(SPHERE, read_catalogue(), **at),
+        lambda **at: best_apertures(SPHERE, **at),
+    ):
+        with pytest.raises(
+            InvalidParameter, match="object_distance_mm must be at least 1e-09 mm, or inf; got -5"
+        ):
             ask(object_distance_mm=distance)

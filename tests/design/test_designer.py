@@ -28,7 +28,9 @@ theta_max_deg = 12
 
 
 def test_the_common_case_is_the_bundled_exact_sensor():
-    design = design_sensor(parse_requirements(COMMON.replace("[lens]", "[lens]\nfocal_length_mm = 11.6")))
+    design = design_sensor(
+        parse_requirements(COMMON.replace("[lens]", "[lens]\nfocal_length_mm = 11.6"))
+    )
     bundled = om.load_sensor("exact-equidistant")
     assert design.is_met
     assert design.conflict is None
@@ -42,7 +44,10 @@ def test_the_common_case_is_the_bundled_exact_sensor():
 
 @pytest.mark.parametrize("given", ["theta_max_deg = 12", "focal_length_mm = 9.5"])
 def test_what_is_not_given_of_the_lens_makes_the_rim_fill_the_imager(given):
-    text = COMMON.replace("theta_max_deg = 12", given) + "[imager]\nwidth_px = 1600\nheight_px = 1200\npixel_pitch_um = 3.0"
+    text = (
+        COMMON.replace("theta_max_deg = 12", given)
+        + "[imager]\nwidth_px = 1600\nheight_px = 1200\npixel_pitch_um = 3.0"
+    )
     design = design_sensor(parse_requirements(text))
     assert design.is_met
     assert design.sensor.rim_radius_px == pytest.approx(600.0, abs=0.02)
@@ -61,9 +66,14 @@ def test_a_rim_past_the_imager_is_missed_and_a_smaller_angle_or_lens_would_do():
     alone = {r.name: r for r in design.conflict.alone}
     for name, asked in (("theta_max_deg", "12"), ("focal_length_mm", "14.0")):
         needed = alone[name].needed  # the value at which the imager is filled
-        tried = [best(parse_requirements(text.replace(f"{name} = {asked}", f"{name} = {value}"))) for value in (needed, needed * 1.005)]
+        tried = [
+            best(parse_requirements(text.replace(f"{name} = {asked}", f"{name} = {value}")))
+            for value in (needed, needed * 1.005)
+        ]
         assert [verdict.is_met for verdict in tried] == [True, False]
-    far_px = 14.0 * np.tan(np.radians(12)) / (design.sensor.imager.pixel_pitch_um * 1e-3)  # focused at infinity
+    far_px = (
+        14.0 * np.tan(np.radians(12)) / (design.sensor.imager.pixel_pitch_um * 1e-3)
+    )  # focused at infinity
     assert far_px < alone["image_radius_px"].needed <= image.reached
 
 
@@ -98,14 +108,20 @@ def test_the_table_is_what_evaluation_says(limited):
     omega = np.linspace(0, 130, 2000)
     near, far = (om.evaluate(limited.sensor, omega, object_distance_mm=d) for d in (600.0, np.inf))
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
-    assert row(limited, "total_blur_px").reached == pytest.approx(np.hypot(worst, near.airy_px), rel=1e-4)
-    part = om.evaluate(limited.sensor, np.linspace(20, 120, 2000), object_distance_mm=600.0)  # the coarser
+    assert row(limited, "total_blur_px").reached == pytest.approx(
+        np.hypot(worst, near.airy_px), rel=1e-4
+    )
+    part = om.evaluate(
+        limited.sensor, np.linspace(20, 120, 2000), object_distance_mm=600.0
+    )  # the coarser
     finest = np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg)
     resolution = row(limited, "resolution_px_per_deg")
     assert resolution.reached == pytest.approx(finest.min(), rel=1e-4)
     assert resolution.omega_deg == pytest.approx(part.omega_deg[finest.argmin()], abs=0.2)
     assert resolution.margin == pytest.approx(resolution.reached - 2.0)
-    assert row(limited, "viewpoint_spread_mm").reached == pytest.approx(np.ptp(far.viewpoint_z_mm), rel=1e-6)
+    assert row(limited, "viewpoint_spread_mm").reached == pytest.approx(
+        np.ptp(far.viewpoint_z_mm), rel=1e-6
+    )
 
 
 def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
@@ -115,7 +131,11 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
     assert limited.conflict.missed == ("total_blur_px",)
     tried = 0
     for relaxation in limited.conflict.alone:
-        if relaxation.needed is None or relaxation.needed == relaxation.asked or relaxation.name not in numbers:
+        if (
+            relaxation.needed is None
+            or relaxation.needed == relaxation.asked
+            or relaxation.name not in numbers
+        ):
             continue
         tried += 1
         assert best(wanted.changed(**{relaxation.name: relaxation.needed})).is_met, relaxation
@@ -129,7 +149,9 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
 
 def test_what_gives_jointly_is_enough(limited):
     wanted = limited.requirements
-    assert 0 < limited.conflict.joint_share < max(r.share for r in limited.conflict.alone if r.share)
+    assert (
+        0 < limited.conflict.joint_share < max(r.share for r in limited.conflict.alone if r.share)
+    )
     numbers, limits = ranges_of(wanted), list(wanted.limits)
     for relaxation in limited.conflict.joint:
         if relaxation.name in numbers:
@@ -140,15 +162,24 @@ def test_what_gives_jointly_is_enough(limited):
 
 
 def test_a_range_is_used_where_it_helps():
-    design = design_sensor(parse_requirements(LIMITED.replace("theta_max_deg = 12", "theta_max_deg = 12\nf_number = [2, 16]")))
+    design = design_sensor(
+        parse_requirements(
+            LIMITED.replace("theta_max_deg = 12", "theta_max_deg = 12\nf_number = [2, 16]")
+        )
+    )
     assert design.is_met
     search = RangeSearch(design.requirements)
-    blurs = [search.judged(search.middle().changed(f_number=float(F))).cost for F in np.linspace(2, 16, 5)]
+    blurs = [
+        search.judged(search.middle().changed(f_number=float(F))).cost
+        for F in np.linspace(2, 16, 5)
+    ]
     assert max(r.shortfall for r in design.rows if r.is_limit) <= min(blurs) + 1e-3
 
 
 def test_the_ellipsoid_left_free_is_the_sharpest_of_its_family():
-    design = design_sensor(parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "ellipsoid"')))
+    design = design_sensor(
+        parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "ellipsoid"'))
+    )
     search = RangeSearch(design.requirements)
     conic = design.sensor.mirror.conic
     here = search.judged(search.middle().changed(conic=conic)).cost
@@ -158,7 +189,11 @@ def test_the_ellipsoid_left_free_is_the_sharpest_of_its_family():
 
 
 def test_a_telecentric_lens_is_as_wide_as_the_mirror():
-    design = design_sensor(parse_requirements('field.omega_max_deg = 120\n[mirror]\nmapping = "equiareal"\nrim_radius_mm = 20\n[lens]\nkind = "orthographic"'))
+    design = design_sensor(
+        parse_requirements(
+            'field.omega_max_deg = 120\n[mirror]\nmapping = "equiareal"\nrim_radius_mm = 20\n[lens]\nkind = "orthographic"'
+        )
+    )
     assert design.is_met
     assert design.sensor.lens.magnification == pytest.approx(512 * 5.2e-3 / 20)
     areas = om.evaluate(design.sensor, np.linspace(1, 119, 30)).area_px2
@@ -168,7 +203,10 @@ def test_a_telecentric_lens_is_as_wide_as_the_mirror():
 def test_a_field_that_begins_past_the_camera():
     """The camera obscures the centre: a smooth mirror images it nevertheless, a pointed one
     excludes it."""
-    text = COMMON.replace("field.omega_max_deg = 135", "field = {omega_max_deg = 135, omega_min_deg = 30}\nhousing.camera.diameter_mm = 60")
+    text = COMMON.replace(
+        "field.omega_max_deg = 135",
+        "field = {omega_max_deg = 135, omega_min_deg = 30}\nhousing.camera.diameter_mm = 60",
+    )
     smooth = design_sensor(parse_requirements(text))
     pointed = design_sensor(parse_requirements(text.replace("[lens]", 'apex = "pointed"\n[lens]')))
     assert smooth.is_met
@@ -205,13 +243,19 @@ def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
 
 @pytest.mark.full
 def test_a_cone_says_from_where_its_field_begins():
-    design = design_sensor(parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "cone"')))
+    design = design_sensor(
+        parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "cone"'))
+    )
     assert design.conflict.missed == ("omega_min_deg",)
-    assert [r.needed for r in design.conflict.alone if r.name == "omega_min_deg"] == [pytest.approx(123)]
+    assert [r.needed for r in design.conflict.alone if r.name == "omega_min_deg"] == [
+        pytest.approx(123)
+    ]
 
 
 def test_the_fit_is_reported_in_pixels():
-    design = design_sensor(parse_requirements(COMMON.replace("[lens]", 'fit = "polynomial:4"\n[lens]')))
+    design = design_sensor(
+        parse_requirements(COMMON.replace("[lens]", 'fit = "polynomial:4"\n[lens]'))
+    )
     omega = np.linspace(1, 135, 1500)
     result = om.evaluate(design.sensor, omega)
     b0, pitch = design.sensor.lens.image_distance, 5.2e-3
@@ -222,18 +266,30 @@ def test_the_fit_is_reported_in_pixels():
 
 def test_what_cannot_be_made_at_all_is_said():
     with pytest.raises(InvalidParameter, match="omega_max_deg must be between 50 and 130 deg"):
-        design_sensor(parse_requirements(COMMON.replace("theta_max_deg = 12", "theta_max_deg = 50")))
-    with pytest.raises(SpecError, match="line 4: the ground-plane mapping requires plane_distance_mm"):
-        design_sensor(parse_requirements(COMMON.replace("equidistant", "ground-plane").replace("135", "70")))
+        design_sensor(
+            parse_requirements(COMMON.replace("theta_max_deg = 12", "theta_max_deg = 50"))
+        )
+    with pytest.raises(
+        SpecError, match="line 4: the ground-plane mapping requires plane_distance_mm"
+    ):
+        design_sensor(
+            parse_requirements(COMMON.replace("equidistant", "ground-plane").replace("135", "70"))
+        )
 
 
 def test_what_a_mapping_cannot_reach_names_its_line():
     common = COMMON.replace("field.omega", "[field]\nomega")
     ground = common.replace('"equidistant"', '"ground-plane"\nplane_distance_mm = 800')
-    with pytest.raises(SpecError, match=r"line \d+: omega_max_deg must be less than 90 deg for the ground-plane mapping; got 135"):
+    with pytest.raises(
+        SpecError,
+        match=r"line \d+: omega_max_deg must be less than 90 deg for the ground-plane mapping; got 135",
+    ):
         parse_requirements(ground)
     rows = "omega_deg = [0, 20, 40, 60, 80, 100]\nheight = [{}, 1, 2, 3, 4, 5]"
-    for first, sentence in ((0, "omega_max_deg must be the last angle of the mapping table, 100 deg; got 135"), (0.5, "height must start with 0")):
+    for first, sentence in (
+        (0, "omega_max_deg must be the last angle of the mapping table, 100 deg; got 135"),
+        (0.5, "height must start with 0"),
+    ):
         table = common.replace('"equidistant"', '"tabulated-mapping"\n' + rows.format(first))
         with pytest.raises(SpecError, match=rf"line \d+: {sentence}"):
             parse_requirements(table)

@@ -110,7 +110,18 @@ def test_requirements_of_a_random_sensor_are_met(seed):
     assert om.judge(wanted, found.sensor).is_met
 
 
-@pytest.mark.parametrize(("omega", "fit"), few([(60.0, "polynomial:5"), (60.0, "asphere:3"), (50.0, "polynomial:4"), (65.0, "polynomial:6")], (60.0, "polynomial:5")))
+@pytest.mark.parametrize(
+    ("omega", "fit"),
+    few(
+        [
+            (60.0, "polynomial:5"),
+            (60.0, "asphere:3"),
+            (50.0, "polynomial:4"),
+            (65.0, "polynomial:6"),
+        ],
+        (60.0, "polynomial:5"),
+    ),
+)
 def test_a_fitted_mirror_fills_the_imager_and_nothing_is_missed_without_limits(omega, fit):
     found = best(parse_requirements(FITTED.format(omega=omega, fit=fit)))
     assert found.is_met
@@ -118,23 +129,51 @@ def test_a_fitted_mirror_fills_the_imager_and_nothing_is_missed_without_limits(o
     assert all(r.margin >= 0 for r in found.rows)
 
 
-CYLINDER, EQUIDISTANT = ('mapping = "cylinder"\ncylinder_radius_mm = 150.0', 'mapping = "equidistant"\napex = "pointed"')
+CYLINDER, EQUIDISTANT = (
+    'mapping = "cylinder"\ncylinder_radius_mm = 150.0',
+    'mapping = "equidistant"\napex = "pointed"',
+)
 
 
-@pytest.mark.parametrize(("mirror", "low", "diameter"), few([(CYLINDER, 45.0, 60.0), (CYLINDER, 60.0, 90.0), (EQUIDISTANT, 50.0, 60.0), (EQUIDISTANT, 60.0, 90.0)], (CYLINDER, 45.0, 60.0), (EQUIDISTANT, 60.0, 90.0)))
-def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested(mirror, low, diameter):
+@pytest.mark.parametrize(
+    ("mirror", "low", "diameter"),
+    few(
+        [
+            (CYLINDER, 45.0, 60.0),
+            (CYLINDER, 60.0, 90.0),
+            (EQUIDISTANT, 50.0, 60.0),
+            (EQUIDISTANT, 60.0, 90.0),
+        ],
+        (CYLINDER, 45.0, 60.0),
+        (EQUIDISTANT, 60.0, 90.0),
+    ),
+)
+def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested(
+    mirror, low, diameter
+):
     sensor = make(parse_requirements(PIPE.format(mirror=mirror, low=low, diameter=diameter))).sensor
     assert sensor.field_deg == pytest.approx((low, 110.0), abs=1e-6)
     rays = sensor.meridian.trace(np.array([sensor.meridian.x_min, 22.0]))
-    snell = np.degrees(np.arccos(1.333 * np.cos(np.radians([low, 110.0]))))  # water to air at parallel walls
-    np.testing.assert_allclose(np.degrees(rays.reflected), snell, atol=0.05)  # index to three decimals
+    snell = np.degrees(
+        np.arccos(1.333 * np.cos(np.radians([low, 110.0])))
+    )  # water to air at parallel walls
+    np.testing.assert_allclose(
+        np.degrees(rays.reflected), snell, atol=0.05
+    )  # index to three decimals
 
 
 @pytest.mark.parametrize("seed", few(range(40), 0, 2, 3))
 def test_values_that_one_search_reaches_are_met_by_a_search_that_requires_them(seed):
     wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
     reached = best(wanted)
-    exactly = [replace(limit, at_least=limit.at_least and row.reached * 0.9998, at_most=limit.at_most and row.reached * 1.0002) for limit, row in zip(wanted.limits, reached.limits, strict=True)]
+    exactly = [
+        replace(
+            limit,
+            at_least=limit.at_least and row.reached * 0.9998,
+            at_most=limit.at_most and row.reached * 1.0002,
+        )
+        for limit, row in zip(wanted.limits, reached.limits, strict=True)
+    ]
     found = best(replace(wanted, limits=tuple(exactly)))
     assert found.is_met, found.missed
 
@@ -151,7 +190,12 @@ SPHERE, CONIC = 'family = "sphere"', 'family = "hyperboloid"'
 CONFLICTS = {
     "one number and a blur": (SPHERE, "focal_length_mm = 11.6", "total_blur_px", "at_most = 4.0"),
     "a resolution": (SPHERE, "focal_length_mm = 11.6", "resolution_px_per_deg", "at_least = 3.3"),
-    "a mapping": ('mapping = "equidistant"', "theta_max_deg = 12", "total_blur_px", "at_most = 6.0"),
+    "a mapping": (
+        'mapping = "equidistant"',
+        "theta_max_deg = 12",
+        "total_blur_px",
+        "at_most = 6.0",
+    ),
     "a conic": (CONIC, "focal_length_mm = 11.6", "area_ratio", "at_least = 0.5"),
     "a range": (SPHERE, "focal_length_mm = [8, 11.6]", "total_blur_deg", "at_most = 0.3"),
     "a spread": (SPHERE, "theta_max_deg = 12", "viewpoint_spread_mm", "at_most = 5.0"),
@@ -218,7 +262,9 @@ def test_a_signal_during_the_search_for_relaxations_leaves_table_and_sensor(tmp_
     assert om.load_sensor(tmp_path / "best.toml").mirror.rim_radius_mm == 43.9
 
 
-def test_few_alternatives_are_searched_and_none_is_reported_better_than_a_design_meets_it(monkeypatch):
+def test_few_alternatives_are_searched_and_none_is_reported_better_than_a_design_meets_it(
+    monkeypatch,
+):
     searched = list[om.Requirements]()
     followed = RangeSearch.followed
 
@@ -226,7 +272,9 @@ def test_few_alternatives_are_searched_and_none_is_reported_better_than_a_design
         searched.append(search.requirements)
         return followed(search, start, enough)
 
-    wanted = parse_requirements(CONFLICT.format(SPHERE, "focal_length_mm = 11.6", "total_blur_deg", "at_most = 0.3"))
+    wanted = parse_requirements(
+        CONFLICT.format(SPHERE, "focal_length_mm = 11.6", "total_blur_deg", "at_most = 0.3")
+    )
     reached = best(wanted)
     monkeypatch.setattr(RangeSearch, "followed", counted)
     found = [*find_alternatives(wanted, reached, lambda words: None)]
@@ -243,8 +291,14 @@ def test_the_largest_resolution_of_a_probe_in_a_water_pipe_is_that_of_a_scan():
     """The scan covers focus and F-number; the relaxation of the resolution ends at the same value."""
     text = PIPE.format(mirror=CYLINDER, low=45.0, diameter=60.0)
     text = text.replace("focal_length_mm = 6.0", "focal_length_mm = 6.0\nf_number = [4, 11]")
-    text = text.replace("omega_max_deg = 110.0", "omega_max_deg = 110.0\nobject_cylinder_radius_mm = 150.0")
-    wanted = parse_requirements(text + '[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 4.0\n' + '[[limit]]\nquantity = "total_blur_deg"\nat_most = 0.9\n')
+    text = text.replace(
+        "omega_max_deg = 110.0", "omega_max_deg = 110.0\nobject_cylinder_radius_mm = 150.0"
+    )
+    wanted = parse_requirements(
+        text
+        + '[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 4.0\n'
+        + '[[limit]]\nquantity = "total_blur_deg"\nat_most = 0.9\n'
+    )
     scanned = []
     for f_number in (4.0, 4.5, 5.5, 8.0):
         for focus in np.linspace(74.0, 92.0, 37):
@@ -263,8 +317,12 @@ def test_the_largest_resolution_of_a_probe_in_a_water_pipe_is_that_of_a_scan():
 @pytest.mark.full
 def test_a_discrete_choice_that_meets_the_requirements_is_recommended():
     """A smooth apex has at most 7 px/deg at its centre here, a pointed one almost none."""
-    text = INFEASIBLE.replace("total_blur_px", "resolution_px_per_deg").replace("at_most = 2.0", "at_least = 2.0")
-    text = text.replace('"equidistant"', '"equidistant"\napex = "pointed"').replace("omega_max_deg = 135", "omega_max_deg = 135\nomega_min_deg = 40")
+    text = INFEASIBLE.replace("total_blur_px", "resolution_px_per_deg").replace(
+        "at_most = 2.0", "at_least = 2.0"
+    )
+    text = text.replace('"equidistant"', '"equidistant"\napex = "pointed"').replace(
+        "omega_max_deg = 135", "omega_max_deg = 135\nomega_min_deg = 40"
+    )
     design = design_sensor(parse_requirements(text))
     assert not design.is_met
     smooth = next(a for a in design.conflict.alternatives if a.entry == "mirror.apex")

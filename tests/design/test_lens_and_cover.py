@@ -73,14 +73,32 @@ def test_a_mapping_comes_out_right_behind_lens_and_dome(asked):
     np.testing.assert_allclose(rays[:, 1], rays[-1, 1] * rays[:, 0] / rays[-1, 0], atol=1e-3)
 
 
-SHELLS = {"dome in water": Dome(medium="water"), "tube in water": Tube(medium="water"), "tube": Tube()}
+SHELLS = {
+    "dome in water": Dome(medium="water"),
+    "tube in water": Tube(medium="water"),
+    "tube": Tube(),
+}
 EVERY_DAY = {("dome in water", False)}  # real lenses behind covers: the command below
 
 
-@pytest.mark.parametrize(("shell", "optics"), [pytest.param(shell, optics, id=f"{lens}-{name}", marks=() if (name, optics) in EVERY_DAY else pytest.mark.full) for name, shell in SHELLS.items() for lens, optics in (("triplet", True), ("ideal lens", False))])
+@pytest.mark.parametrize(
+    ("shell", "optics"),
+    [
+        pytest.param(
+            shell,
+            optics,
+            id=f"{lens}-{name}",
+            marks=() if (name, optics) in EVERY_DAY else pytest.mark.full,
+        )
+        for name, shell in SHELLS.items()
+        for lens, optics in (("triplet", True), ("ideal lens", False))
+    ],
+)
 def test_the_rim_of_a_family_sees_as_far_as_asked_outside(asked, shell, optics):
     lens = asked.lens if optics else om.LensRequirements(focal_length_mm=11.6, focus_mm=160.0)
-    own = replace(asked.changed(mapping=None, family="sphere"), lens=lens, housing=Housing(shell=shell))
+    own = replace(
+        asked.changed(mapping=None, family="sphere"), lens=lens, housing=Housing(shell=shell)
+    )
     sensor = om.design_sensor(own.changed(omega_min_deg=50.0)).sensor
     assert sensor.mirror.KIND == "sphere"
     assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-7)
@@ -108,13 +126,18 @@ def test_limits_of_blur_count_what_the_lens_blurs_by_itself(asked):
     verdict = om.judge(replace(asked, limits=(limit,)), om.design_sensor(asked).sensor)
     result = om.evaluate(verdict.sensor, np.linspace(verdict.sensor.clear_field_deg[0], 120, 1001))
     own = result.of_lens
-    sides = (np.sqrt(result.blur_t_px**2 + own["lens_blur_t_px"] ** 2 + result.airy_px**2), np.sqrt(result.blur_s_px**2 + own["lens_blur_s_px"] ** 2 + result.airy_px**2))
+    sides = (
+        np.sqrt(result.blur_t_px**2 + own["lens_blur_t_px"] ** 2 + result.airy_px**2),
+        np.sqrt(result.blur_s_px**2 + own["lens_blur_s_px"] ** 2 + result.airy_px**2),
+    )
     assert verdict.limits[0].reached == pytest.approx(np.max(sides), rel=1e-9)
     assert "with the blur of the lens alone" in verdict.limits[0].remarks[-1]
 
 
 def test_requirements_with_a_lens_are_written_and_read_again(asked, tmp_path):
-    (tmp_path / "again.toml").write_text(om.format_requirements(asked))  # surfaces as numbers: no file required
+    (tmp_path / "again.toml").write_text(
+        om.format_requirements(asked)
+    )  # surfaces as numbers: no file required
     assert om.load_requirements(tmp_path / "again.toml") == asked
 
 
@@ -127,14 +150,31 @@ def test_the_command_designs_with_it(file, tmp_path):
     assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("more", "said"), [("lens.focal_length_mm = 8", "lens.focal_length_mm and lens.optics must not be given together"), ('lens.kind = "orthographic"', "lens.kind must be 'perspective' with lens.optics"), ('lens.optics.kind = "perspective"', "must be surfaces or table; got 'perspective'")])
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (
+            "lens.focal_length_mm = 8",
+            "lens.focal_length_mm and lens.optics must not be given together",
+        ),
+        ('lens.kind = "orthographic"', "lens.kind must be 'perspective' with lens.optics"),
+        ('lens.optics.kind = "perspective"', "must be surfaces or table; got 'perspective'"),
+    ],
+)
 def test_what_does_not_go_with_a_real_lens_is_refused(file, more, said):
     name, value = (part.strip() for part in more.split("="))
     *tables, entry = name.split(".")
     plain = {"8": 8.0}.get(value, value.strip('"'))
     lens = {entry: plain}
     if len(tables) > 1:
-        lens = {"optics": {"kind": "perspective", "focal_length_mm": 8.0, "f_number": 2.0, "focus_distance_mm": 100.0}}
+        lens = {
+            "optics": {
+                "kind": "perspective",
+                "focal_length_mm": 8.0,
+                "f_number": 2.0,
+                "focus_distance_mm": 100.0,
+            }
+        }
     with pytest.raises(SpecError, match=said):
         om.load_requirements(file, {"lens": lens})
 
@@ -144,7 +184,9 @@ def test_the_space_of_free_form_is_that_of_sensors_behind_lens_and_dome(asked, m
     """Field, image and blur of a point in the design space equal those of its evaluated sensor;
     derivatives equal differences."""
     housing = Housing(shell=Dome(medium=medium))
-    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=30)
+    mirror = om.MirrorRequirements(
+        optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=30
+    )
     space = DesignSpace(problem_of(replace(asked, mirror=mirror, housing=housing)))
     _, y = start(space, 0, 0)
     sensor, u = space.sensor(y), np.linspace(0, 1, 7)
@@ -160,7 +202,9 @@ def test_the_space_of_free_form_is_that_of_sensors_behind_lens_and_dome(asked, m
     np.testing.assert_allclose(here.field.t_px[0], result.blur_t_px, atol=2e-3)
     for e in np.eye(space.dim):
         by_steps = (state(y + 1e-6 * e).field.t_px - state(y - 1e-6 * e).field.t_px) / 2e-6
-        np.testing.assert_allclose(state(y + 1e-30j * e).field.t_px.imag / 1e-30, by_steps, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(
+            state(y + 1e-30j * e).field.t_px.imag / 1e-30, by_steps, rtol=1e-5, atol=1e-6
+        )
 
 
 SIZES = ("overall_diameter_mm", "overall_height_mm", "mirror_body_mass_g")
@@ -171,14 +215,20 @@ def test_the_space_of_free_form_knows_the_whole(asked, kind):
     """Size and mass of its points, in the search and in batches of thousands, equal those of their
     sensors."""
     limits = tuple(om.Limit(name, at_most=1e3) for name in SIZES)
-    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40))
+    mirror = om.MirrorRequirements(
+        optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40)
+    )
     plain = om.LensRequirements(focal_length_mm=8.0, f_number=8.0)
     telecentric = om.LensRequirements(kind="orthographic", f_number=8.0)
     lens = {"perspective": plain, "telecentric": telecentric}.get(kind, asked.lens)
     rimmed = Housing(CameraBody(70.0), rim=Rim(width_mm=2.0, thickness_mm=8.0))
-    housing = {"perspective": rimmed, "telecentric": replace(rimmed, camera=None)}.get(kind, asked.housing)
+    housing = {"perspective": rimmed, "telecentric": replace(rimmed, camera=None)}.get(
+        kind, asked.housing
+    )
     thermal = om.Thermal(mirror_material="acrylic")
-    wanted = replace(asked, mirror=mirror, lens=lens, limits=limits, housing=housing, thermal=thermal)
+    wanted = replace(
+        asked, mirror=mirror, lens=lens, limits=limits, housing=housing, thermal=thermal
+    )
     space = DesignSpace(problem_of(wanted))
     _, y = start(space, 0, 0)
     sensor = replace(space.sensor(y), thermal=thermal)
@@ -187,18 +237,24 @@ def test_the_space_of_free_form_knows_the_whole(asked, kind):
     searched = space.state(y[None], u, space.basis(u)).field
     many = space.field(y[None], space.evaluate(y[None], 7))
     for field in (searched, many):
-        np.testing.assert_allclose([getattr(field, name).item() for name in SIZES], expected, rtol=1e-9)
+        np.testing.assert_allclose(
+            [getattr(field, name).item() for name in SIZES], expected, rtol=1e-9
+        )
 
 
 def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
     """Larger mirrors have less blur, and this one is as large as the height limit allows."""
     field, imager = om.FieldRequirements(omega_max_deg=110.0), Imager(1600, 1200, 4.5)
-    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40))
+    mirror = om.MirrorRequirements(
+        optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 40)
+    )
     lens = om.LensRequirements(focal_length_mm=8.0, f_number=8.0)
     asked = om.Requirements(field=field, mirror=mirror, lens=lens, imager=imager)
     once = om.SearchOptions(starts=1)
     free = om.design_sensor(asked, search=once).sensor
-    held = om.design_sensor(replace(asked, limits=(om.Limit("overall_height_mm", at_most=120.0),)), search=once)
+    held = om.design_sensor(
+        replace(asked, limits=(om.Limit("overall_height_mm", at_most=120.0),)), search=once
+    )
     assert outer_size(free).height_mm > 135
     assert held.is_met
     assert outer_size(held.sensor).height_mm == pytest.approx(120.0, rel=2e-3)
@@ -207,7 +263,9 @@ def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
 @pytest.mark.full
 def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
     """Better than the sphere solved for them; its merit equals that of the evaluation."""
-    mirror = om.MirrorRequirements(optimise="worst_floored_area_deg2", shape="polynomial:3", rim_radius_mm=30)
+    mirror = om.MirrorRequirements(
+        optimise="worst_floored_area_deg2", shape="polynomial:3", rim_radius_mm=30
+    )
     design = om.design_sensor(replace(asked, mirror=mirror), search=om.SearchOptions(starts=1))
     sphere = om.design_sensor(asked.changed(mapping=None, family="sphere")).sensor
 
@@ -219,11 +277,16 @@ def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
     assert design.sensor.lens.KIND == "surfaces"
     assert worst(design.sensor) == pytest.approx(design.optimum.value, rel=2e-3)
     assert worst(design.sensor) < 0.6 * worst(sphere)
-    assert problem_from(json.loads(json.dumps(described(design.optimum.problem)))) == design.optimum.problem
+    assert (
+        problem_from(json.loads(json.dumps(described(design.optimum.problem))))
+        == design.optimum.problem
+    )
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("way", [{"family": "sphere"}, {"optimise": "worst_blur_deg", "shape": "polynomial:3"}])
+@pytest.mark.parametrize(
+    "way", [{"family": "sphere"}, {"optimise": "worst_blur_deg", "shape": "polynomial:3"}]
+)
 def test_what_cannot_be_kept_is_told_and_the_lens_stays(asked, way):
     """A real lens has no free parameters; the advice concerns the other requirements."""
     limits = (om.Limit("length_mm", at_most=60.0), om.Limit("obscured_percent", at_most=90.0))

@@ -58,7 +58,9 @@ def test_sizes_and_mass_are_those_of_solids():
     assert outer_size(behind_a_window).diameter_mm == pytest.approx(2 * M)
 
 
-@pytest.mark.parametrize(("quantity", "most"), [("mirror_body_mass_g", 40.0), ("overall_height_mm", 120.0)])
+@pytest.mark.parametrize(
+    ("quantity", "most"), [("mirror_body_mass_g", 40.0), ("overall_height_mm", 120.0)]
+)
 def test_a_design_keeps_them(quantity, most):
     """Larger mirrors with this lens are sharper: a blur limit favours those, and size and mass
     limits oppose it."""
@@ -120,7 +122,9 @@ def test_limits_are_judged_at_the_ends_of_the_range():
 
 def test_a_design_says_how_temperature_moves_it():
     found = om.design_sensor(parse_requirements(WARM))
-    assert found.sensor.thermal == om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
+    assert found.sensor.thermal == om.Thermal(
+        mirror_material="acrylic", spacer_material="aluminium"
+    )
 
 
 @pytest.mark.parametrize(
@@ -130,7 +134,10 @@ def test_a_design_says_how_temperature_moves_it():
         (WARM.replace("[-20, 60]", "[-20]"), "range_c"),
         (WARM.replace('"acrylic"', '"cheese"'), "mirror_material"),
         (WARM.replace('"acrylic"', '"acrylic"\nmirror_ppm_per_k = 3.0'), "must not both be given"),
-        (WARM.replace(limited("total_blur_px", 7.0), ""), "requires at least one \\[\\[limit\\]\\]"),
+        (
+            WARM.replace(limited("total_blur_px", 7.0), ""),
+            "requires at least one \\[\\[limit\\]\\]",
+        ),
     ],
 )
 def test_wrong_entries_are_one_sentence(text, sentence):

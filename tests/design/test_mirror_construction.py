@@ -22,13 +22,20 @@ def test_table_1_of_the_paper():
     sphere, hyperboloid = FAMILIES["sphere"](rim, None), FAMILIES["hyperboloid"](rim, None)
     assert sphere.mirror.radius_mm == pytest.approx(1.138, abs=5e-4)
     assert sphere.distance_mm == pytest.approx(4.110, abs=5e-4)
-    assert (hyperboloid.mirror.a_mm, hyperboloid.mirror.b_mm) == pytest.approx((0.7407, 1.698), abs=5e-4)
+    assert (hyperboloid.mirror.a_mm, hyperboloid.mirror.b_mm) == pytest.approx(
+        (0.7407, 1.698), abs=5e-4
+    )
     assert hyperboloid.distance_mm == pytest.approx(3.55007544592, abs=6e-12)
     equidistant = generated_mirror("equidistant", rim)
     assert equidistant.distance_mm == pytest.approx(3.92426760151, abs=6e-12)
 
 
-@given(family=st.sampled_from(sorted(FAMILIES)), omega=st.floats(20, 165), theta=st.just(0.0) | st.floats(0.5, 50), conic=st.floats(-0.95, 5))
+@given(
+    family=st.sampled_from(sorted(FAMILIES)),
+    omega=st.floats(20, 165),
+    theta=st.just(0.0) | st.floats(0.5, 50),
+    conic=st.floats(-0.95, 5),
+)
 def test_every_family_meets_what_is_asked_of_the_rim(family, omega, theta, conic):
     if not theta + 2 < omega < 178 - theta or (theta == 0 and family in ("cone", "hyperboloid")):
         return
@@ -45,9 +52,13 @@ def test_conics_left_free_join_at_their_borders(theta):
     paraboloid."""
     rim, x = RimRay(120.0, theta, M), np.linspace(0, M, 50)
     sphere, paraboloid = FAMILIES["sphere"](rim, None), FAMILIES["paraboloid"](rim, None)
-    np.testing.assert_allclose(FAMILIES["ellipsoid"](rim, 0.0).mirror.sag(x), sphere.mirror.sag(x), rtol=1e-12)
+    np.testing.assert_allclose(
+        FAMILIES["ellipsoid"](rim, 0.0).mirror.sag(x), sphere.mirror.sag(x), rtol=1e-12
+    )
     for family, conic in (("ellipsoid", -1 + 1e-4), ("hyperboloid", -1 - 1e-4)):
-        np.testing.assert_allclose(FAMILIES[family](rim, conic).mirror.sag(x), paraboloid.mirror.sag(x), rtol=2e-4)
+        np.testing.assert_allclose(
+            FAMILIES[family](rim, conic).mirror.sag(x), paraboloid.mirror.sag(x), rtol=2e-4
+        )
 
 
 def test_the_free_hyperboloid_has_one_viewpoint():
@@ -63,12 +74,30 @@ def test_the_free_hyperboloid_has_one_viewpoint():
         (lambda: RimRay(170.0, 12.0, M), "omega_max_deg must be between 12 and 168 .* got 170"),
         (lambda: RimRay(10.0, 12.0, M), "omega_max_deg must be between .* got 10"),
         (lambda: RimRay(100.0, 12.0, 0.0), "rim_radius_mm must be greater than 0; got 0"),
-        (lambda: FAMILIES["sphere"](RimRay(135.0, 12.0, M), -0.5), "conic must be omitted for a sphere; got -0.5"),
-        (lambda: FAMILIES["ellipsoid"](RimRay(135.0, 12.0, M), None), "an ellipsoid requires conic"),
-        (lambda: FAMILIES["ellipsoid"](RimRay(135.0, 12.0, M), -1.2), "conic of an ellipsoid must be greater than -1; got -1.2"),
-        (lambda: FAMILIES["hyperboloid"](RimRay(135.0, 12.0, M), -0.2), "conic of a hyperboloid must be less than -1; got -0.2"),
-        (lambda: FAMILIES["hyperboloid"](RimRay(135.0, 12.0, M), -1.9), "conic must be greater than -1.29.* got -1.9"),
-        (lambda: FAMILIES["hyperboloid"](RimRay(135.0, 0.0, M), None), "no single viewpoint with an orthographic"),
+        (
+            lambda: FAMILIES["sphere"](RimRay(135.0, 12.0, M), -0.5),
+            "conic must be omitted for a sphere; got -0.5",
+        ),
+        (
+            lambda: FAMILIES["ellipsoid"](RimRay(135.0, 12.0, M), None),
+            "an ellipsoid requires conic",
+        ),
+        (
+            lambda: FAMILIES["ellipsoid"](RimRay(135.0, 12.0, M), -1.2),
+            "conic of an ellipsoid must be greater than -1; got -1.2",
+        ),
+        (
+            lambda: FAMILIES["hyperboloid"](RimRay(135.0, 12.0, M), -0.2),
+            "conic of a hyperboloid must be less than -1; got -0.2",
+        ),
+        (
+            lambda: FAMILIES["hyperboloid"](RimRay(135.0, 12.0, M), -1.9),
+            "conic must be greater than -1.29.* got -1.9",
+        ),
+        (
+            lambda: FAMILIES["hyperboloid"](RimRay(135.0, 0.0, M), None),
+            "no single viewpoint with an orthographic",
+        ),
         (lambda: FAMILIES["cone"](RimRay(135.0, 0.0, M), None), "images a single field angle"),
     ],
 )
@@ -97,9 +126,21 @@ def test_a_function_is_a_mapping_too():
         ("equidistent", {}, "mapping must be one of equidistant, equiangular.*; got 'equidistent'"),
         ("ground-plane", {}, "the ground-plane mapping requires plane_distance_mm"),
         ("cylinder", {"cylinder_radius_mm": 900.0}, "the cylinder mapping requires omega_min_deg"),
-        ("equidistant", {"plane_distance_mm": 900.0}, "for the equidistant mapping; it applies to ground"),
-        ("unit-aspect", {"omega_min_deg": 20.0}, "field starts on the axis; pointed mirrors are possible for equidistant"),
-        ("tabulated-mapping", {"omega_deg": (0.0, 20, 40, 60, 80, 90), "height": (0.0, 1, 2, 3, 4, 5)}, "last angle of the mapping table, 90 deg"),
+        (
+            "equidistant",
+            {"plane_distance_mm": 900.0},
+            "for the equidistant mapping; it applies to ground",
+        ),
+        (
+            "unit-aspect",
+            {"omega_min_deg": 20.0},
+            "field starts on the axis; pointed mirrors are possible for equidistant",
+        ),
+        (
+            "tabulated-mapping",
+            {"omega_deg": (0.0, 20, 40, 60, 80, 90), "height": (0.0, 1, 2, 3, 4, 5)},
+            "last angle of the mapping table, 90 deg",
+        ),
     ],
 )
 def test_a_mapping_that_is_not_stated_whole_is_refused(mapping, entries, message):
@@ -111,4 +152,6 @@ def test_every_generated_mirror_of_the_registry_is_a_mapping_to_ask_for():
     from omnimirror.optics.mirrors import MIRRORS
     from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror
 
-    assert set(MAPPINGS) == {kind for kind, cls in MIRRORS.items() if issubclass(cls, MappingMirror)}
+    assert set(MAPPINGS) == {
+        kind for kind, cls in MIRRORS.items() if issubclass(cls, MappingMirror)
+    }

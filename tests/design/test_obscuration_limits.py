@@ -15,11 +15,21 @@ from omnimirror.optics.housing import CameraBody, Housing, Rim, Rod, Tube
 from tests.commands import omnimirror
 from tests.everyday import few
 
-HOUSINGS = {"camera": Housing(CameraBody(60.0, height_mm=20.0)), "camera and rod": Housing(CameraBody(60.0), Rod(5.0)), "tube and flange": Housing(shell=Tube(), rim=Rim(width_mm=4.0, setback_mm=1.0))}
+HOUSINGS = {
+    "camera": Housing(CameraBody(60.0, height_mm=20.0)),
+    "camera and rod": Housing(CameraBody(60.0), Rod(5.0)),
+    "tube and flange": Housing(shell=Tube(), rim=Rim(width_mm=4.0, setback_mm=1.0)),
+}
 
 
 def asked(*limits, rim=(20.0, 60.0), housing=None):
-    return om.Requirements(field=om.FieldRequirements(omega_max_deg=120), mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=rim), lens=om.LensRequirements(theta_max_deg=12, f_number=8), housing=housing or HOUSINGS["camera"], limits=limits)
+    return om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=120),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=rim),
+        lens=om.LensRequirements(theta_max_deg=12, f_number=8),
+        housing=housing or HOUSINGS["camera"],
+        limits=limits,
+    )
 
 
 @pytest.mark.parametrize("name", few(HOUSINGS, "camera", "tube and flange"))
@@ -74,7 +84,16 @@ def test_a_part_of_the_field_does_not_apply():
 def test_a_design_without_limits_says_what_its_camera_hides():
     """The disc around the lens obscures light from a field angle on: by rays of the designed
     sphere."""
-    words = ("--mirror", "sphere", "--omega-max-deg", 110, "--rim-radius-mm", 30, "--focal-length-mm", 8)
+    words = (
+        "--mirror",
+        "sphere",
+        "--omega-max-deg",
+        110,
+        "--rim-radius-mm",
+        30,
+        "--focal-length-mm",
+        8,
+    )
     said = omnimirror("design", *words, "--f-number", 4, "--camera-diameter-mm", 120).stdout
     assert "obscured: camera 0 to " in said
     told = float(re.search(r"camera 0 to ([\d.]+) deg", said)[1])

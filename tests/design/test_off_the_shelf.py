@@ -13,8 +13,22 @@ from omnimirror.base.errors import OmnimirrorError
 from omnimirror.design import _parameter_search, format_requirements, parse_requirements
 from omnimirror.design import off_the_shelf as parts_search
 from omnimirror.design._mass_and_size import mirror_mass_g, outer_size
-from omnimirror.design._part_combinations import combinations_of, cut, nearest_focus_mm, requirements_with_parts
-from omnimirror.design.catalogue import BallComponent, Catalogue, DomeComponent, ExtraComponent, ImagerComponent, LensComponent, TelecentricComponent, read_catalogue
+from omnimirror.design._part_combinations import (
+    combinations_of,
+    cut,
+    nearest_focus_mm,
+    requirements_with_parts,
+)
+from omnimirror.design.catalogue import (
+    BallComponent,
+    Catalogue,
+    DomeComponent,
+    ExtraComponent,
+    ImagerComponent,
+    LensComponent,
+    TelecentricComponent,
+    read_catalogue,
+)
 from omnimirror.design.off_the_shelf import SLACK
 from omnimirror.optics.lenses import SurfaceLens
 from omnimirror.optics.mirrors import Sphere
@@ -23,15 +37,36 @@ from tests.optics.lenses import prescriptions
 
 RINGS = (0.5, 1.0)
 LENSES = tuple(
-    LensComponent(f"{f:g} mm", f, F, most, near, circle, rings, price=price, mass_g=20.0, mount=mount)
-    for f, F, most, near, circle, rings, price, mount in ((2.8, 2.0, 2.0, 30.0, 6.6, (), 8.0, "M12"), (4.0, 1.8, 8.0, 40.0, 7.2, (), 40.0, ""), (8.0, 1.4, 16.0, 100.0, 11.0, RINGS, 120.0, "C"), (12.0, 1.4, 16.0, 250.0, 11.0, RINGS, 100.0, "C"), (25.0, 1.4, 16.0, 300.0, 11.0, (), 95.0, "C"))
+    LensComponent(
+        f"{f:g} mm", f, F, most, near, circle, rings, price=price, mass_g=20.0, mount=mount
+    )
+    for f, F, most, near, circle, rings, price, mount in (
+        (2.8, 2.0, 2.0, 30.0, 6.6, (), 8.0, "M12"),
+        (4.0, 1.8, 8.0, 40.0, 7.2, (), 40.0, ""),
+        (8.0, 1.4, 16.0, 100.0, 11.0, RINGS, 120.0, "C"),
+        (12.0, 1.4, 16.0, 250.0, 11.0, RINGS, 100.0, "C"),
+        (25.0, 1.4, 16.0, 300.0, 11.0, (), 95.0, "C"),
+    )
 )
-IMAGERS = (ImagerComponent("small", 640, 480, 5.6, price=15.0, mass_g=10.0, mount="C M12"), ImagerComponent("fine", 3280, 2464, 1.12, price=25.0, mass_g=10.0, mount="M12"), ImagerComponent("large", 2448, 2048, 3.45, price=500.0, mass_g=50.0, mount="C"))
+IMAGERS = (
+    ImagerComponent("small", 640, 480, 5.6, price=15.0, mass_g=10.0, mount="C M12"),
+    ImagerComponent("fine", 3280, 2464, 1.12, price=25.0, mass_g=10.0, mount="M12"),
+    ImagerComponent("large", 2448, 2048, 3.45, price=500.0, mass_g=50.0, mount="C"),
+)
 SHELF = Catalogue(
-    (*LENSES, TelecentricComponent("wide", 0.1, 8.0, 16.0, 100.0, 11.0, price=1500.0, mass_g=1200.0)),
+    (
+        *LENSES,
+        TelecentricComponent("wide", 0.1, 8.0, 16.0, 100.0, 11.0, price=1500.0, mass_g=1200.0),
+    ),
     IMAGERS,
-    (BallComponent("ball 50", 50.0, price=5.0, mass_g=30.0), BallComponent("ball 80", 80.0, price=9.0, mass_g=60.0)),
-    (DomeComponent("dome 60", 60.0, 2.0, price=8.0), DomeComponent("dome 200", 200.0, 3.0, price=12.0)),
+    (
+        BallComponent("ball 50", 50.0, price=5.0, mass_g=30.0),
+        BallComponent("ball 80", 80.0, price=9.0, mass_g=60.0),
+    ),
+    (
+        DomeComponent("dome 60", 60.0, 2.0, price=8.0),
+        DomeComponent("dome 200", 200.0, 3.0, price=12.0),
+    ),
 )
 FEW = Catalogue((*SHELF.lenses[:3], SHELF.lenses[-1]), IMAGERS[:2])
 BLUR = om.Limit("total_blur_deg", at_most=0.9)
@@ -39,7 +74,15 @@ FINE = om.Limit("resolution_px_per_deg", at_least=4.0, omega_deg=(40, 100))
 
 
 def asked(*limits, mirror=None, lens=None, **parts):
-    return om.Requirements(field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=15, object_distance_mm=(800, np.inf)), mirror=mirror or om.MirrorRequirements(family="sphere", rim_radius_mm=30), lens=lens or om.LensRequirements(f_number=(1, 32)), limits=limits, parts=om.PartsRequirements(**parts))
+    return om.Requirements(
+        field=om.FieldRequirements(
+            omega_max_deg=120, omega_min_deg=15, object_distance_mm=(800, np.inf)
+        ),
+        mirror=mirror or om.MirrorRequirements(family="sphere", rim_radius_mm=30),
+        lens=lens or om.LensRequirements(f_number=(1, 32)),
+        limits=limits,
+        parts=om.PartsRequirements(**parts),
+    )
 
 
 def by_itself(wanted, combination):
@@ -51,33 +94,57 @@ def by_itself(wanted, combination):
     return best
 
 
-WANTED = [asked(BLUR, FINE), asked(om.Limit("mtf", at_least=0.25, cycles_per_px=0.2, omega_deg=(20, 90)), om.Limit("length_mm", at_most=150)), asked(BLUR, FINE, mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=30))]
+WANTED = [
+    asked(BLUR, FINE),
+    asked(
+        om.Limit("mtf", at_least=0.25, cycles_per_px=0.2, omega_deg=(20, 90)),
+        om.Limit("length_mm", at_most=150),
+    ),
+    asked(BLUR, FINE, mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=30)),
+]
 
 
 SMALL = Catalogue(LENSES[1:2], IMAGERS[:2])
 
 
 @pytest.mark.parametrize(
-    ("wanted", "shelf"), [pytest.param(WANTED[0], FEW, id="few"), pytest.param(WANTED[0], SHELF, id="blur", marks=pytest.mark.full), pytest.param(WANTED[1], SMALL, id="contrast", marks=pytest.mark.full), pytest.param(WANTED[2], Catalogue(LENSES[1:4], IMAGERS), id="mapping", marks=pytest.mark.full)]
+    ("wanted", "shelf"),
+    [
+        pytest.param(WANTED[0], FEW, id="few"),
+        pytest.param(WANTED[0], SHELF, id="blur", marks=pytest.mark.full),
+        pytest.param(WANTED[1], SMALL, id="contrast", marks=pytest.mark.full),
+        pytest.param(
+            WANTED[2], Catalogue(LENSES[1:4], IMAGERS), id="mapping", marks=pytest.mark.full
+        ),
+    ],
 )
 def test_the_search_finds_what_designing_every_combination_finds(wanted, shelf):
     found = om.design_from_parts(wanted, shelf, most=100)
     names = {design.combination.name for design in found.found}
     everything = combinations_of(shelf, wanted)
     for combination in everything:
-        if combination.lens.mount and not set(combination.lens.mount.split()) & set(combination.imager.mount.split()):
+        if combination.lens.mount and not set(combination.lens.mount.split()) & set(
+            combination.imager.mount.split()
+        ):
             assert combination.name not in names
             continue
         best = by_itself(wanted, combination)
         does = best is not None and best.verdict.is_met and reaches(combination, best.sensor)
         assert does == (combination.name in names), combination.name
     assert names
-    assert len(names) + sum(found.cut.values()) + sum(found.missed.values()) == found.combinations == len(everything)
+    assert (
+        len(names) + sum(found.cut.values()) + sum(found.missed.values())
+        == found.combinations
+        == len(everything)
+    )
 
 
 def reaches(combination, sensor):
     lens = combination.lens
-    return isinstance(lens, TelecentricComponent) or sensor.lens.focus_distance_mm >= nearest_focus_mm(lens) - 1e-6
+    return (
+        isinstance(lens, TelecentricComponent)
+        or sensor.lens.focus_distance_mm >= nearest_focus_mm(lens) - 1e-6
+    )
 
 
 @pytest.mark.full
@@ -85,8 +152,12 @@ def reaches(combination, sensor):
 def test_what_a_bound_cuts_cannot_be_designed(shelf):
     """Limits close to the values of these parts; bounds exclude some of them and keep others."""
     finer = om.Limit("resolution_px_per_deg", at_least=3.1, omega_deg=(16, 119))
-    wanted = asked(finer, om.Limit("length_mm", at_most=150), om.Limit("total_blur_deg", at_most=2.0))
-    reasons = {combination: cut(wanted, combination) for combination in combinations_of(shelf, wanted)}
+    wanted = asked(
+        finer, om.Limit("length_mm", at_most=150), om.Limit("total_blur_deg", at_most=2.0)
+    )
+    reasons = {
+        combination: cut(wanted, combination) for combination in combinations_of(shelf, wanted)
+    }
     for combination, reason in reasons.items():
         if reason in ("too large", "too few pixels", "too much diffraction"):
             best = by_itself(wanted, combination)
@@ -149,11 +220,15 @@ def test_a_front_has_what_no_cheaper_one_is_sharper_than():
     assert [design.combination.name for design in front] == wanted
 
 
-@pytest.mark.parametrize("shelf", [FEW, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"])
+@pytest.mark.parametrize(
+    "shelf", [FEW, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
+)
 def test_several_processes_find_the_same(monkeypatch, shelf):
     monkeypatch.setattr(parts_search, "FEW", 0)
     one, two = (om.design_from_parts(WANTED[0], shelf, most=100, processes=n) for n in (1, 2))
-    assert [(d.combination, d.worst_floored_area_deg2) for d in one.found] == [(d.combination, d.worst_floored_area_deg2) for d in two.found]
+    assert [(d.combination, d.worst_floored_area_deg2) for d in one.found] == [
+        (d.combination, d.worst_floored_area_deg2) for d in two.found
+    ]
     assert one.missed == two.missed
 
 
@@ -167,7 +242,11 @@ def test_ranges_of_the_mirror_are_searched_for_each_combination():
 # -- balls, domes, size and mass -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shelf", [replace(SHELF, lenses=LENSES[1:4]), pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"])
+@pytest.mark.parametrize(
+    "shelf",
+    [replace(SHELF, lenses=LENSES[1:4]), pytest.param(SHELF, marks=pytest.mark.full)],
+    ids=["few", "all"],
+)
 def test_a_ball_is_as_large_a_cap_as_the_field_asks_for(shelf):
     mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=(10, 60))
     wanted = asked(om.Limit("total_blur_deg", at_most=1.5), mirror=mirror)
@@ -177,7 +256,9 @@ def test_a_ball_is_as_large_a_cap_as_the_field_asks_for(shelf):
     for design in found:
         sensor = design.design.sensor
         assert isinstance(sensor.mirror, Sphere)
-        assert 2 * sensor.mirror.radius_mm == pytest.approx(design.combination.ball.ball_diameter_mm, rel=1e-6)
+        assert 2 * sensor.mirror.radius_mm == pytest.approx(
+            design.combination.ball.ball_diameter_mm, rel=1e-6
+        )
         assert sensor.field_deg[1] == pytest.approx(120, abs=1e-4)
         assert design.price == sum(part.price for part in design.combination.parts)
 
@@ -186,7 +267,9 @@ def test_a_dome_stands_around_the_mirror_where_it_fits():
     wanted = asked(om.Limit("total_blur_deg", at_most=2.0, omega_deg=(90, 110)), dome=True)
     wanted = replace(wanted, field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=89))
     found = om.design_from_parts(wanted, SHELF, most=100)
-    assert {design.combination.dome.name for design in found.found} == {"dome 200"}  # mirror of 60 mm
+    assert {design.combination.dome.name for design in found.found} == {
+        "dome 200"
+    }  # mirror of 60 mm
     for design in found.found:
         assert design.design.sensor.housing.shell.diameter_mm == 200.0
         assert outer_size(design.design.sensor).diameter_mm == 200.0
@@ -200,13 +283,27 @@ def test_the_whole_is_as_large_and_heavy_as_its_parts():
     b0 = 1 / (1 / sensor.lens.focal_length_mm - 1 / sensor.lens.focus_distance_mm)
     assert height == pytest.approx(30 + b0 + sensor.mirror_distance_mm + top + 5)
     A, M = sensor.mirror.radius_mm, sensor.mirror.rim_radius_mm
-    cap = np.pi * top**2 * (3 * A - top) / 3  # of the sphere; the body is the cap and the plate behind
-    assert mirror_mass_g(sensor.mirror, 5.0) == pytest.approx(2.7e-3 * (cap + np.pi * M**2 * 5), rel=1e-6)
+    cap = (
+        np.pi * top**2 * (3 * A - top) / 3
+    )  # of the sphere; the body is the cap and the plate behind
+    assert mirror_mass_g(sensor.mirror, 5.0) == pytest.approx(
+        2.7e-3 * (cap + np.pi * M**2 * 5), rel=1e-6
+    )
 
 
-@pytest.mark.parametrize(("parts", "reason"), [({"most_price": 60.0}, "too expensive, or of unknown price"), ({"most_mass_g": 25.0}, "too heavy, or of unknown mass"), ({"most_diameter_mm": 50.0}, "too large"), ({"most_height_mm": 60.0}, "too large")])
+@pytest.mark.parametrize(
+    ("parts", "reason"),
+    [
+        ({"most_price": 60.0}, "too expensive, or of unknown price"),
+        ({"most_mass_g": 25.0}, "too heavy, or of unknown mass"),
+        ({"most_diameter_mm": 50.0}, "too large"),
+        ({"most_height_mm": 60.0}, "too large"),
+    ],
+)
 def test_what_is_too_much_of_the_whole_is_cut_and_said(parts, reason):
-    found = om.design_from_parts(asked(om.Limit("total_blur_deg", at_most=2.0), **parts), SHELF, most=100)
+    found = om.design_from_parts(
+        asked(om.Limit("total_blur_deg", at_most=2.0), **parts), SHELF, most=100
+    )
     assert found.cut[reason] > 0
     for design in found.found:
         rows = {row.name: row for row in design.design.rows}
@@ -243,21 +340,39 @@ at_most = 0.8
 def test_a_csv_of_one_s_own_from_the_file_and_the_command_line(tmp_path):
     (tmp_path / "shelf.csv").write_text(CSV)
     (tmp_path / "asked.toml").write_text(FILE)
-    run = omnimirror("design", "asked.toml", "-o", "best.toml", "--json", "found.json", cwd=tmp_path)
+    run = omnimirror(
+        "design", "asked.toml", "-o", "best.toml", "--json", "found.json", cwd=tmp_path
+    )
     assert run.returncode == 0, run.stderr
     assert "2 combinations; 2 of them listed above" in run.stdout
     found = json.loads((tmp_path / "found.json").read_text())["found"]
-    assert [(f["lens"], f["imager"], f["price"]) for f in found] == [("C 8 mm, iris", "2 MP", 180.0), ("C 8 mm, iris", "8 MP", 210.0)]
+    assert [(f["lens"], f["imager"], f["price"]) for f in found] == [
+        ("C 8 mm, iris", "2 MP", 180.0),
+        ("C 8 mm, iris", "8 MP", 210.0),
+    ]
     assert om.load_sensor(tmp_path / "best.toml").imager.size == (1920, 1080)
-    options = ("--omega-max-deg", "120", "--mirror", "sphere", "--rim-radius-mm", "30", "--at-most", "total_blur_deg=.8")
-    again = omnimirror("design", *options, "--parts", "shelf.csv", "--max-designs", "1", cwd=tmp_path)
+    options = (
+        "--omega-max-deg",
+        "120",
+        "--mirror",
+        "sphere",
+        "--rim-radius-mm",
+        "30",
+        "--at-most",
+        "total_blur_deg=.8",
+    )
+    again = omnimirror(
+        "design", *options, "--parts", "shelf.csv", "--max-designs", "1", cwd=tmp_path
+    )
     assert again.returncode == 0, again.stderr
     assert "C 8 mm, iris + 2 MP" in again.stdout
     assert "1 more expensive combinations not evaluated" in again.stdout
     none = omnimirror("design", *options, "--parts", "shelf.csv", "--max-price", "10", cwd=tmp_path)
     assert none.returncode == 3
     assert "2 too expensive" in none.stdout
-    assert "--max-designs requires --parts" in fails("design", *options, "--focal-length-mm", "8", "--max-designs", "3", cwd=tmp_path)
+    assert "--max-designs requires --parts" in fails(
+        "design", *options, "--focal-length-mm", "8", "--max-designs", "3", cwd=tmp_path
+    )
 
 
 def test_parts_go_into_a_file_and_come_back(tmp_path):
@@ -269,11 +384,23 @@ def test_parts_go_into_a_file_and_come_back(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('family = "sphere"', 'optimise = "worst_blur_deg"', "mirror.optimise must not be given together with parts"),
+        (
+            'family = "sphere"',
+            'optimise = "worst_blur_deg"',
+            "mirror.optimise must not be given together with parts",
+        ),
         ("most_price = 400", 'mirror = "cone"', "parts.mirror must be one of"),
         ("most_price = 400", "most_price = 0", "parts.most_price must be greater than 0"),
-        ("rim_radius_mm = 30\n[parts]", 'rim_radius_mm = 30\nfit = "polynomial:3"\n[parts]\nmirror = "ball"', "parts.mirror = .ball. requires mirror.family = .sphere. without a fit"),
-        ("most_price = 400", "dome = true\n[housing.tube]", "must not be given together with a cover"),
+        (
+            "rim_radius_mm = 30\n[parts]",
+            'rim_radius_mm = 30\nfit = "polynomial:3"\n[parts]\nmirror = "ball"',
+            "parts.mirror = .ball. requires mirror.family = .sphere. without a fit",
+        ),
+        (
+            "most_price = 400",
+            "dome = true\n[housing.tube]",
+            "must not be given together with a cover",
+        ),
         ("most_price = 400", "catalog = 3", "parts.catalog is not known"),
     ],
 )
@@ -286,7 +413,9 @@ def test_parts_that_cannot_be_asked_for_are_refused(old, new, sentence, tmp_path
 
 def test_a_search_without_parts_or_balls_is_refused():
     with pytest.raises(OmnimirrorError, match="must contain parts"):
-        om.design_from_parts(replace(asked(BLUR), parts=None, lens=om.LensRequirements(theta_max_deg=10)))
+        om.design_from_parts(
+            replace(asked(BLUR), parts=None, lens=om.LensRequirements(theta_max_deg=10))
+        )
     wanted = replace(asked(BLUR), parts=om.PartsRequirements(mirror="ball"))
     with pytest.raises(OmnimirrorError, match="the catalogue must contain a ball"):
         om.design_from_parts(wanted, Catalogue(LENSES, IMAGERS))
@@ -299,12 +428,24 @@ def test_a_search_without_parts_or_balls_is_refused():
     [
         (("price,mount\n", "cost,mount\n"), "line 1: unknown column 'cost'"),
         (("price,mount\n", "price,price\n"), "line 1: columns must be unique; price is repeated"),
-        ((",8,1.4,16", ",eight,1.4,16"), "line 2: column focal_length_mm must be a number; got 'eight'"),
-        ((",8,1.4,16", ",-8,1.4,16"), r"shelf\.csv line 2: C 8 mm, iris: focal_length_mm must be between 0\.1 and 10000 mm; got -8"),
+        (
+            (",8,1.4,16", ",eight,1.4,16"),
+            "line 2: column focal_length_mm must be a number; got 'eight'",
+        ),
+        (
+            (",8,1.4,16", ",-8,1.4,16"),
+            r"shelf\.csv line 2: C 8 mm, iris: focal_length_mm must be between 0\.1 and 10000 mm; got -8",
+        ),
         ((",8,1.4,16", ",8,1.4,"), "line 2: column f_number_max is missing"),
-        (("3840,2160", "3840.5,2160"), "line 3: column width_px must be an integer number of pixels; got 3840.5"),
+        (
+            ("3840,2160", "3840.5,2160"),
+            "line 3: column width_px must be an integer number of pixels; got 3840.5",
+        ),
         (("8 MP,,", "8 MP,8,"), "line 3: unknown column focal_length_mm; valid are"),
-        (("2 MP,", "8 MP,"), "line 4: names must be unique; the imager '8 MP' is also in .* line 3"),
+        (
+            ("2 MP,", "8 MP,"),
+            "line 4: names must be unique; the imager '8 MP' is also in .* line 3",
+        ),
         ((",120,C", ",120,C,more"), "line 2 must have 10 cells, as many as the header; got 11"),
     ],
 )
@@ -327,13 +468,23 @@ def test_the_bundled_catalogue_says_where_its_numbers_come_from():
 
 
 def test_what_is_bought_besides_counts_in_price_and_mass():
-    extras = (ExtraComponent("mat", "heater", price=15.0, mass_g=12.0), ExtraComponent("film", "heater", price=9.0, mass_g=20.0), ExtraComponent("profile", "arm", price=10.0, mass_g=240.0))
+    extras = (
+        ExtraComponent("mat", "heater", price=15.0, mass_g=12.0),
+        ExtraComponent("film", "heater", price=9.0, mass_g=20.0),
+        ExtraComponent("profile", "arm", price=10.0, mass_g=240.0),
+    )
     shelf = replace(SMALL, extras=extras)
-    plain, more = (om.design_from_parts(asked(BLUR, **given), shelf, most=1).found[0] for given in ({}, {"extras": ("heater", "arm")}))
+    plain, more = (
+        om.design_from_parts(asked(BLUR, **given), shelf, most=1).found[0]
+        for given in ({}, {"extras": ("heater", "arm")})
+    )
     assert more.price == plain.price + 19.0
     assert more.mass_g == pytest.approx(plain.mass_g + 260.0)
     assert more.to_dict()["extra"] == ["film", "profile"]
-    with pytest.raises(OmnimirrorError, match=r"must contain an extra part with the use 'fan' .* it has heater, arm"):
+    with pytest.raises(
+        OmnimirrorError,
+        match=r"must contain an extra part with the use 'fan' .* it has heater, arm",
+    ):
         om.design_from_parts(asked(BLUR, extras=("fan",)), shelf)
 
 
@@ -346,7 +497,9 @@ def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
     """Its mirror is solved for it: the field is kept behind the glass, unlike with the thin lens of
     the same numbers."""
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
-    (tmp_path / "shelf.csv").write_text("name,file,minimum_focus_mm,f_number_max,price,mass_g,width_px,height_px,pixel_pitch_um\ntriplet,triplet.zmx,60,11,80,20,,,\n1 MP,,,,90,30,1024,1024,5.2\n")
+    (tmp_path / "shelf.csv").write_text(
+        "name,file,minimum_focus_mm,f_number_max,price,mass_g,width_px,height_px,pixel_pitch_um\ntriplet,triplet.zmx,60,11,80,20,,,\n1 MP,,,,90,30,1024,1024,5.2\n"
+    )
     shelf = read_catalogue(tmp_path / "shelf.csv")
     (lens,) = shelf.lenses
     assert lens.focal_length_mm == pytest.approx(11.6, rel=0.01)
@@ -362,9 +515,17 @@ def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
     assert sensor.mirror.radius_mm == pytest.approx(alone.mirror.radius_mm, rel=1e-6)
 
 
-@pytest.mark.parametrize(("line", "sentence"), [("triplet,none.zmx,60,,", "line 2: .*none.zmx cannot be read"), ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm must be that of triplet.zmx")])
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("triplet,none.zmx,60,,", "line 2: .*none.zmx cannot be read"),
+        ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm must be that of triplet.zmx"),
+    ],
+)
 def test_wrong_files_of_lenses_are_named(line, sentence, tmp_path):
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
-    (tmp_path / "shelf.csv").write_text(f"name,file,minimum_focus_mm,focal_length_mm,price\n{line}\n")
+    (tmp_path / "shelf.csv").write_text(
+        f"name,file,minimum_focus_mm,focal_length_mm,price\n{line}\n"
+    )
     with pytest.raises(OmnimirrorError, match=sentence):
         read_catalogue(tmp_path / "shelf.csv")

@@ -15,11 +15,16 @@ from omnimirror.optics.housing import Housing, Rod
 
 SPHERE = om.load_sensor("paper-spherical")
 WANTED = om.Requirements(
-    field=om.FieldRequirements(omega_max_deg=130, omega_min_deg=20, object_distance_mm=(500, np.inf)),
+    field=om.FieldRequirements(
+        omega_max_deg=130, omega_min_deg=20, object_distance_mm=(500, np.inf)
+    ),
     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=(40, 45)),
     lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=(8, 11), f_number=4),
     imager=SPHERE.imager,
-    limits=[om.Limit("total_blur_px", at_most=9.0), om.Limit("resolution_px_per_deg", at_least=3.0, omega_deg=(30, 90))],
+    limits=[
+        om.Limit("total_blur_px", at_most=9.0),
+        om.Limit("resolution_px_per_deg", at_least=3.0, omega_deg=(30, 90)),
+    ],
 )
 
 
@@ -29,18 +34,36 @@ def rows_of(verdict):
 
 def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
     rows = rows_of(om.judge(WANTED, SPHERE))
-    assert [*rows] == ["omega_max_deg", "omega_min_deg", "rim_radius_mm", "image_radius_px", "focal_length_mm", "f_number", "theta_max_deg", "total_blur_px", "resolution_px_per_deg, 30 to 90 deg"]
+    assert [*rows] == [
+        "omega_max_deg",
+        "omega_min_deg",
+        "rim_radius_mm",
+        "image_radius_px",
+        "focal_length_mm",
+        "f_number",
+        "theta_max_deg",
+        "total_blur_px",
+        "resolution_px_per_deg, 30 to 90 deg",
+    ]
     assert rows["rim_radius_mm"].reached == SPHERE.mirror.rim_radius_mm
     assert rows["omega_max_deg"].margin == pytest.approx(SPHERE.field_deg[1] - 130)
     rim = SPHERE.mirror.rim_radius_mm
     theta = np.degrees(np.arctan(rim / (SPHERE.mirror_distance_mm + float(SPHERE.mirror.sag(rim)))))
     assert rows["theta_max_deg"].reached == pytest.approx(theta)
     assert not rows["theta_max_deg"].is_met  # 12 deg
-    near, far = (om.evaluate(SPHERE, np.linspace(20, 130, 2001), object_distance_mm=d) for d in (500.0, np.inf))
+    near, far = (
+        om.evaluate(SPHERE, np.linspace(20, 130, 2001), object_distance_mm=d)
+        for d in (500.0, np.inf)
+    )
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
     assert rows["total_blur_px"].reached == pytest.approx(np.hypot(worst, far.airy_px), rel=1e-4)
-    parts = [om.evaluate(SPHERE, np.linspace(30, 90, 2001), object_distance_mm=d) for d in (500.0, np.inf)]
-    finest = min(np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg).min() for part in parts)
+    parts = [
+        om.evaluate(SPHERE, np.linspace(30, 90, 2001), object_distance_mm=d)
+        for d in (500.0, np.inf)
+    ]
+    finest = min(
+        np.minimum(part.dh_domega_px_per_deg, part.width_px_per_deg).min() for part in parts
+    )
     assert rows["resolution_px_per_deg, 30 to 90 deg"].reached == pytest.approx(finest, rel=1e-4)
 
 
@@ -48,9 +71,16 @@ def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
 def test_a_limit_is_met_from_what_is_reached_on(name):
     """Limits on both sides of the value of the sensor."""
     sensor = om.load_sensor(name)
-    wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(omega_min_deg=30, omega_max_deg=100)
+    wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(
+        omega_min_deg=30, omega_max_deg=100
+    )
     (found,) = om.judge(wanted, sensor).limits
-    for share, is_met in ((1.001, True), (1 - 1e-7, True), (1 - 1e-5, False), (0.999, False)):  # 1e-6 is rounding
+    for share, is_met in (
+        (1.001, True),
+        (1 - 1e-7, True),
+        (1 - 1e-5, False),
+        (0.999, False),
+    ):  # 1e-6 is rounding
         moved = replace(wanted, limits=(om.Limit("total_blur_px", found.reached * share),))
         (row,) = om.judge(moved, sensor).limits
         assert row.is_met == is_met
@@ -109,14 +139,18 @@ def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
         (row,) = om.judge(wanted, SPHERE).limits
         assert row.omega_deg == pytest.approx(end)
         there = om.evaluate(SPHERE, [SPHERE.field_deg[1]])
-        assert row.reached == pytest.approx(min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0]), rel=1e-6)
+        assert row.reached == pytest.approx(
+            min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0]), rel=1e-6
+        )
 
 
 def test_the_first_of_equally_bad_angles_is_named():
     """A resolution that is constant except for rounding: the first angle is reported."""
     sensor = om.load_sensor("exact-equidistant")
     limit = om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100))
-    wanted = replace(WANTED, limits=(limit,), field=replace(WANTED.field, object_distance_mm=np.inf))
+    wanted = replace(
+        WANTED, limits=(limit,), field=replace(WANTED.field, object_distance_mm=np.inf)
+    )
     (row,) = om.judge(wanted.changed(omega_max_deg=100), sensor).limits
     assert row.omega_deg == 40.0
     values = om.evaluate(sensor, np.linspace(40, 100, 1001)).dh_domega_px_per_deg
@@ -124,8 +158,13 @@ def test_the_first_of_equally_bad_angles_is_named():
 
 
 def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
-    wanted, sensor = (replace(WANTED, limits=(om.Limit("total_blur_px", at_least=1.0),)), om.load_sensor("paper-equidistant"))
-    found, same, other = (om.judge(wanted, sensor, **n).rows for n in ({}, {"angles": 1001}, {"angles": 1000}))
+    wanted, sensor = (
+        replace(WANTED, limits=(om.Limit("total_blur_px", at_least=1.0),)),
+        om.load_sensor("paper-equidistant"),
+    )
+    found, same, other = (
+        om.judge(wanted, sensor, **n).rows for n in ({}, {"angles": 1001}, {"angles": 1000})
+    )
     assert 30 < found[-1].omega_deg < 120  # between the ends, where the number of angles matters
     assert found == same != other
     assert om.judge(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
@@ -149,10 +188,18 @@ def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
 def test_a_limit_of_blur_below_the_airy_disk_says_that_no_focus_helps(name, is_blur):
     airy = om.evaluate(SPHERE, [90.0]).airy_px
     for share in (0.9, 1.1):
-        (row,) = om.judge(replace(WANTED, limits=(om.Limit(name, at_most=share * airy),)), SPHERE).limits
-        said = [remark for remark in row.remarks if remark.startswith(f"the Airy disk alone is {airy:.4g} px at F/4")]
+        (row,) = om.judge(
+            replace(WANTED, limits=(om.Limit(name, at_most=share * airy),)), SPHERE
+        ).limits
+        said = [
+            remark
+            for remark in row.remarks
+            if remark.startswith(f"the Airy disk alone is {airy:.4g} px at F/4")
+        ]
         assert len(said) == (is_blur and share < 1)
-    (row,) = om.judge(replace(WANTED, limits=(om.Limit("resolution_px_per_deg", at_least=9e9),)), SPHERE).limits
+    (row,) = om.judge(
+        replace(WANTED, limits=(om.Limit("resolution_px_per_deg", at_least=9e9),)), SPHERE
+    ).limits
     assert not any("Airy" in remark for remark in row.remarks)
 
 
@@ -171,37 +218,64 @@ def test_a_sensor_without_a_housing_is_judged_with_that_of_the_requirements(own,
 def test_over_a_range_of_temperatures_the_worst_counts():
     """Each limit at its worst temperature, from an evaluation at each; at 20 C without a remark."""
     thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
-    wanted = replace(WANTED, thermal=thermal, temperatures_c=(-30.0, 70.0), limits=(om.Limit("total_blur_px", at_most=9.0),))
+    wanted = replace(
+        WANTED,
+        thermal=thermal,
+        temperatures_c=(-30.0, 70.0),
+        limits=(om.Limit("total_blur_px", at_most=9.0),),
+    )
     sensor = replace(SPHERE, thermal=thermal)
     alone = replace(wanted, temperatures_c=None)
     (row,) = om.judge(wanted, SPHERE).limits
-    reached = {c: om.judge(alone, om.at_temperature(sensor, c)).limits[0].reached for c in (-30.0, 20.0, 70.0)}
+    reached = {
+        c: om.judge(alone, om.at_temperature(sensor, c)).limits[0].reached
+        for c in (-30.0, 20.0, 70.0)
+    }
     worst = max(reached, key=reached.get)
     assert row.reached == pytest.approx(reached[worst], rel=1e-12)
-    assert [remark for remark in row.remarks if remark.startswith("smallest margin at")] == ([] if worst == 20.0 else [f"smallest margin at {worst:g} C"])
+    assert [remark for remark in row.remarks if remark.startswith("smallest margin at")] == (
+        [] if worst == 20.0 else [f"smallest margin at {worst:g} C"]
+    )
     fewest = replace(wanted, limits=(om.Limit("total_blur_px", at_least=1.0),))
     (row,) = om.judge(fewest, SPHERE).limits
-    reached = {c: om.judge(replace(fewest, temperatures_c=None), om.at_temperature(sensor, c)).limits[0].reached for c in (-30.0, 20.0, 70.0)}
+    reached = {
+        c: om.judge(replace(fewest, temperatures_c=None), om.at_temperature(sensor, c))
+        .limits[0]
+        .reached
+        for c in (-30.0, 20.0, 70.0)
+    }
     assert row.reached == pytest.approx(min(reached.values()), rel=1e-12)
 
 
 def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
     """The central rod obscures the axis: a blur limit excludes it, whereas the length is a scalar."""
-    wanted = replace(WANTED, field=om.FieldRequirements(omega_max_deg=165), limits=(om.Limit("total_blur_px", at_most=9.0), om.Limit("length_mm", at_most=500.0)))
+    wanted = replace(
+        WANTED,
+        field=om.FieldRequirements(omega_max_deg=165),
+        limits=(om.Limit("total_blur_px", at_most=9.0), om.Limit("length_mm", at_most=500.0)),
+    )
     blur, length = om.judge(wanted, SPHERE).limits
     assert any("135" in remark for remark in blur.remarks)
     assert length.remarks == ()
 
 
 def test_what_cannot_be_judged_is_said():
-    with pytest.raises(InvalidParameter, match=r"the lens of the sensor must be perspective, .* got orthographic"):
+    with pytest.raises(
+        InvalidParameter, match=r"the lens of the sensor must be perspective, .* got orthographic"
+    ):
         om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))
     limits = [om.Limit("aspect", 9.0, omega_deg=(150, 160))]
     beyond = replace(WANTED, limits=limits, field=om.FieldRequirements(omega_max_deg=165))
-    with pytest.raises(InvalidParameter, match=r"no field angle from 150 to 160 deg can be evaluated: the field ends at 135"):
+    with pytest.raises(
+        InvalidParameter,
+        match=r"no field angle from 150 to 160 deg can be evaluated: the field ends at 135",
+    ):
         om.judge(beyond, SPHERE)
     for odd in (None, "paper-spherical", 3):
-        with pytest.raises(OmnimirrorError, match=r"sensor must be a sensor, such as om\.load_sensor gives; got None"):
+        with pytest.raises(
+            OmnimirrorError,
+            match=r"sensor must be a sensor, such as om\.load_sensor gives; got None",
+        ):
             om.judge(WANTED, odd)
         with pytest.raises(OmnimirrorError, match=r"must be .*; got"):
             om.judge(odd, SPHERE)
@@ -217,7 +291,11 @@ def test_what_cannot_be_judged_is_said():
     ],
 )
 def test_what_fills_the_imager_stays_within_its_range(focal, theta, radius_px, image_px):
-    asked = om.Requirements(field=om.FieldRequirements(omega_max_deg=120), mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40), lens=om.LensRequirements(focal_length_mm=focal, theta_max_deg=theta, f_number=4))
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=120),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40),
+        lens=om.LensRequirements(focal_length_mm=focal, theta_max_deg=theta, f_number=4),
+    )
     found = om.design_sensor(asked)
     assert found.is_met, found.verdict.missed
     sensor = found.sensor
@@ -225,6 +303,8 @@ def test_what_fills_the_imager_stays_within_its_range(focal, theta, radius_px, i
         assert sensor.rim_radius_px == pytest.approx(radius_px, abs=0.02)
         return
     ends = {"theta": np.degrees(sensor.meridian.theta_max), "focal": sensor.lens.focal_length_mm}
-    assert ends["theta" if isinstance(theta, tuple) else "focal"] == pytest.approx(image_px, rel=1e-9)
+    assert ends["theta" if isinstance(theta, tuple) else "focal"] == pytest.approx(
+        image_px, rel=1e-9
+    )
     assert sensor.rim_radius_px < 511
     assert any("the rim does not fill the imager" in note for note in found.notes)

@@ -69,53 +69,187 @@ def test_changes_go_before_the_file(tmp_path):
 def test_a_table_beside_the_file_is_followed(tmp_path):
     rows = "\n".join(f"{o},{2 * o}" for o in range(0, 121, 5))
     (tmp_path / "map.csv").write_text(f"omega_deg,height\n{rows}\n")
-    text = GOOD.replace('mapping = "equidistant"', 'mapping = "tabulated-mapping"\nmapping_csv = "map.csv"')
+    text = GOOD.replace(
+        'mapping = "equidistant"', 'mapping = "tabulated-mapping"\nmapping_csv = "map.csv"'
+    )
     (tmp_path / "r.toml").write_text(text)
     assert load_requirements(tmp_path / "r.toml").mirror.omega_deg[-1] == 120.0
 
 
 BAD = [
     ("[field]", "[feild]", r"line 3: unknown entry feild; did you mean field\?"),
-    ("omega_max_deg = 120", "omega_max = 120", r"line 4: unknown entry field.omega_max; did you mean omega_max_deg\?"),
+    (
+        "omega_max_deg = 120",
+        "omega_max = 120",
+        r"line 4: unknown entry field.omega_max; did you mean omega_max_deg\?",
+    ),
     ("omega_max_deg = 120\n", "", "line 3: field.omega_max_deg is missing .field angle at the rim"),
-    ("omega_max_deg = 120", "omega_max_deg = 200", "line 4: field.omega_max_deg must be less than or equal"),
-    ("omega_min_deg = 10.0", "omega_min_deg = 130", "line 5: field.omega_min_deg must be less than omega_max_deg = 120; got 130"),
+    (
+        "omega_max_deg = 120",
+        "omega_max_deg = 200",
+        "line 4: field.omega_max_deg must be less than or equal",
+    ),
+    (
+        "omega_min_deg = 10.0",
+        "omega_min_deg = 130",
+        "line 5: field.omega_min_deg must be less than omega_max_deg = 120; got 130",
+    ),
     ("[500, inf]", "[500, 100]", r"line 6: field.object_distance_mm must be a number"),
     ("[500, inf]", "nan", "line 6: field.object_distance_mm must be a number"),
-    ('"equidistant"', '"equidist"', r"line 9: mirror.mapping must be one of .*; got 'equidist'; did you mean equidistant\?"),
-    ('mapping = "equidistant"', 'family = "torus"', "line 9: mirror.family must be one of sphere.*; got 'torus'"),
-    ('mapping = "equidistant"', 'family = "polynomial:99"', "line 9: fit must be .*; got 'polynomial:99'"),
-    ('mapping = "equidistant"\n', "", "line 8: mirror must have exactly one of mapping, family and optimise; got none"),
-    ('mapping = "equidistant"', 'mapping = "equidistant"\nfamily = "sphere"', "line 8: .* must have exactly one of .*; got mapping and family"),
-    ("rim_radius_mm = 40", 'rim_radius_mm = 40\nfit = "spline:3"', "line 11: fit must be .*; got 'spline:3'"),
-    ("rim_radius_mm = 40", "rim_radius_mm = [40, 50, 60]", "line 10: mirror.rim_radius_mm = .*or a range .LOW, HIGH"),
-    ("rim_radius_mm = 40", "rim_radius_mm = true", "line 10: mirror.rim_radius_mm must be a number"),
+    (
+        '"equidistant"',
+        '"equidist"',
+        r"line 9: mirror.mapping must be one of .*; got 'equidist'; did you mean equidistant\?",
+    ),
+    (
+        'mapping = "equidistant"',
+        'family = "torus"',
+        "line 9: mirror.family must be one of sphere.*; got 'torus'",
+    ),
+    (
+        'mapping = "equidistant"',
+        'family = "polynomial:99"',
+        "line 9: fit must be .*; got 'polynomial:99'",
+    ),
+    (
+        'mapping = "equidistant"\n',
+        "",
+        "line 8: mirror must have exactly one of mapping, family and optimise; got none",
+    ),
+    (
+        'mapping = "equidistant"',
+        'mapping = "equidistant"\nfamily = "sphere"',
+        "line 8: .* must have exactly one of .*; got mapping and family",
+    ),
+    (
+        "rim_radius_mm = 40",
+        'rim_radius_mm = 40\nfit = "spline:3"',
+        "line 11: fit must be .*; got 'spline:3'",
+    ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = [40, 50, 60]",
+        "line 10: mirror.rim_radius_mm = .*or a range .LOW, HIGH",
+    ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = true",
+        "line 10: mirror.rim_radius_mm must be a number",
+    ),
     ("theta_max_deg = [10, 14.0]\n", "", "line 12: lens requires focal_length_mm or theta_max_deg"),
-    ("f_number = 5.6", 'kind = "orthographic"', "line 13: lens.theta_max_deg must be omitted for an orthographic lens"),
-    ("width_px = 1280", "width_px = 0", "line 17: imager.width_px must be greater than or equal to 1"),
-    ('quantity = "total_blur_px"', 'quantity = "blur"', r"line 22: limit.quantity must be one of total_blur_px.*; got 'blur'"),
+    (
+        "f_number = 5.6",
+        'kind = "orthographic"',
+        "line 13: lens.theta_max_deg must be omitted for an orthographic lens",
+    ),
+    (
+        "width_px = 1280",
+        "width_px = 0",
+        "line 17: imager.width_px must be greater than or equal to 1",
+    ),
+    (
+        'quantity = "total_blur_px"',
+        'quantity = "blur"',
+        r"line 22: limit.quantity must be one of total_blur_px.*; got 'blur'",
+    ),
     ("at_most = 4\n", "", "line 21: limit of total_blur_px must have at_most or at_least"),
-    ("at_least = 0.8", "at_least = 2", "line 25: limit of aspect: at_least must not exceed at_most"),
-    ("[20, 100]", "[20, 130]", r"line 29: limit.omega_deg must be \[FROM, TO\] up to 120 deg; got \[20.0, 130.0\]"),
+    (
+        "at_least = 0.8",
+        "at_least = 2",
+        "line 25: limit of aspect: at_least must not exceed at_most",
+    ),
+    (
+        "[20, 100]",
+        "[20, 130]",
+        r"line 29: limit.omega_deg must be \[FROM, TO\] up to 120 deg; got \[20.0, 130.0\]",
+    ),
     ("[20, 100]", "[20]", "line 29: limit.1.omega_deg"),
-    ("at_least = 0.8", "atleast = 0.8", r"line 27: unknown entry limit.1.atleast; did you mean at_least\?"),
-    ('quantity = "total_blur_px"\nat_most = 4', 'quantity = "total_blur_px"\nat_most = -4', "line 21: limit of total_blur_px: at_most must be at least 0; got -4"),
-    ('quantity = "total_blur_px"\nat_most = 4', 'quantity = "area_ratio"\nat_least = 1.5', "line 21: limit of area_ratio: at_least must be at most 1; got 1.5"),
-    ('quantity = "total_blur_px"\nat_most = 4', 'quantity = "aspect"\nat_most = 0.5', "line 25: limit 2 contradicts limit 1: aspect at least 0.8 and at most 0.5"),
-    ("rim_radius_mm = 40", "rim_radius_mm = 0.001", "line 10: mirror.rim_radius_mm must be a number from 0.1"),
+    (
+        "at_least = 0.8",
+        "atleast = 0.8",
+        r"line 27: unknown entry limit.1.atleast; did you mean at_least\?",
+    ),
+    (
+        'quantity = "total_blur_px"\nat_most = 4',
+        'quantity = "total_blur_px"\nat_most = -4',
+        "line 21: limit of total_blur_px: at_most must be at least 0; got -4",
+    ),
+    (
+        'quantity = "total_blur_px"\nat_most = 4',
+        'quantity = "area_ratio"\nat_least = 1.5',
+        "line 21: limit of area_ratio: at_least must be at most 1; got 1.5",
+    ),
+    (
+        'quantity = "total_blur_px"\nat_most = 4',
+        'quantity = "aspect"\nat_most = 0.5',
+        "line 25: limit 2 contradicts limit 1: aspect at least 0.8 and at most 0.5",
+    ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = 0.001",
+        "line 10: mirror.rim_radius_mm must be a number from 0.1",
+    ),
     ("[500, inf]", "0.01", "line 6: field.object_distance_mm must be a number from 1 to inf"),
-    ("[mirror]", "[housing.camera]\ndiameter_mm = 1000\n[mirror]", "line 9: housing.camera.diameter_mm must be at most 400, 5 times .*; got 1000"),
-    ("rim_radius_mm = 40", "rim_radius_mm = 40\nconic = -1.5", "line 11: mirror.conic must be omitted for the equidistant mapping; it applies to hyperboloid"),
-    ('mapping = "equidistant"', 'family = "sphere"\nconic = 0.5', "line 10: mirror.conic must be omitted for the family sphere"),
-    ("rim_radius_mm = 40", "rim_radius_mm = 40\nplane_distance_mm = 700", "line 11: plane_distance_mm must be omitted for the equidistant mapping; it applies to ground-plane"),
-    ('mapping = "equidistant"', 'mapping = "ground-plane"\nplane_distance_mm = -700', r"mine\.toml line 10: plane_distance_mm must be between 0\.001 and 1e\+07 mm; got -700"),
-    ('mapping = "equidistant"', 'mapping = "ground-plane"', "line 9: the ground-plane mapping requires plane_distance_mm"),
-    ('mapping = "equidistant"', 'mapping = "cylinder"\ncylinder_radius_mm = 30', "line 10: cylinder_radius_mm must be greater than rim_radius_mm = 40; got 30"),
-    ('mapping = "equidistant"', 'mapping = "cylinder"\ncylinder_radius_mm = "far"', "line 10: mirror.cylinder_radius_mm must be a valid number"),
-    ('mapping = "equidistant"', 'family = "sphere"\ncylinder_radius_mm = 300', "line 10: mirror.cylinder_radius_mm must be omitted for the family sphere"),
-    ('quantity = "total_blur_px"\nat_most = 4', 'quantity = "total_blur_deg"\nat_most = 0', "line 21: limit of total_blur_deg: at_most must be greater than 0; got 0"),
-    ("at_most = 4\n", 'at_most = 2\n[[limit]]\nquantity = "total_blur_t_px"\nat_least = 3\n', "line 24: limit 2 contradicts limit 1: total_blur_t_px at least 3 and total_blur_px at most 2, which"),
-    ("[[limit]]\nquantity", "[limit]\nquantity", r"mine\.toml must be valid TOML: must be \(at line 25, column 8\)"),
+    (
+        "[mirror]",
+        "[housing.camera]\ndiameter_mm = 1000\n[mirror]",
+        "line 9: housing.camera.diameter_mm must be at most 400, 5 times .*; got 1000",
+    ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = 40\nconic = -1.5",
+        "line 11: mirror.conic must be omitted for the equidistant mapping; it applies to hyperboloid",
+    ),
+    (
+        'mapping = "equidistant"',
+        'family = "sphere"\nconic = 0.5',
+        "line 10: mirror.conic must be omitted for the family sphere",
+    ),
+    (
+        "rim_radius_mm = 40",
+        "rim_radius_mm = 40\nplane_distance_mm = 700",
+        "line 11: plane_distance_mm must be omitted for the equidistant mapping; it applies to ground-plane",
+    ),
+    (
+        'mapping = "equidistant"',
+        'mapping = "ground-plane"\nplane_distance_mm = -700',
+        r"mine\.toml line 10: plane_distance_mm must be between 0\.001 and 1e\+07 mm; got -700",
+    ),
+    (
+        'mapping = "equidistant"',
+        'mapping = "ground-plane"',
+        "line 9: the ground-plane mapping requires plane_distance_mm",
+    ),
+    (
+        'mapping = "equidistant"',
+        'mapping = "cylinder"\ncylinder_radius_mm = 30',
+        "line 10: cylinder_radius_mm must be greater than rim_radius_mm = 40; got 30",
+    ),
+    (
+        'mapping = "equidistant"',
+        'mapping = "cylinder"\ncylinder_radius_mm = "far"',
+        "line 10: mirror.cylinder_radius_mm must be a valid number",
+    ),
+    (
+        'mapping = "equidistant"',
+        'family = "sphere"\ncylinder_radius_mm = 300',
+        "line 10: mirror.cylinder_radius_mm must be omitted for the family sphere",
+    ),
+    (
+        'quantity = "total_blur_px"\nat_most = 4',
+        'quantity = "total_blur_deg"\nat_most = 0',
+        "line 21: limit of total_blur_deg: at_most must be greater than 0; got 0",
+    ),
+    (
+        "at_most = 4\n",
+        'at_most = 2\n[[limit]]\nquantity = "total_blur_t_px"\nat_least = 3\n',
+        "line 24: limit 2 contradicts limit 1: total_blur_t_px at least 3 and total_blur_px at most 2, which",
+    ),
+    (
+        "[[limit]]\nquantity",
+        "[limit]\nquantity",
+        r"mine\.toml must be valid TOML: must be \(at line 25, column 8\)",
+    ),
     ("\nname", "\nformat = 7\nname", "line 2: format must be .* got 7"),
 ]
 
@@ -142,12 +276,17 @@ def test_a_byte_order_mark_is_no_part_of_the_file(tmp_path):
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "x", None, True, [1.0]])
 def test_a_limit_that_is_no_number_is_refused(value):
-    with pytest.raises(InvalidParameter, match=r"at_most.* of total_blur_px|total_blur_px must have at_most or"):
+    with pytest.raises(
+        InvalidParameter, match=r"at_most.* of total_blur_px|total_blur_px must have at_most or"
+    ):
         Limit("total_blur_px", at_most=value)
 
 
 def test_limits_of_parts_that_do_not_meet_are_no_contradiction():
-    apart = (Limit("aspect", at_most=0.5, omega_deg=(0.0, 19.0)), Limit("aspect", at_least=0.8, omega_deg=(20.0, 100.0)))
+    apart = (
+        Limit("aspect", at_most=0.5, omega_deg=(0.0, 19.0)),
+        Limit("aspect", at_least=0.8, omega_deg=(20.0, 100.0)),
+    )
     assert apart[0].contradicts(apart[1]) is None
     assert "at least 0.8 and at most 0.5" in Limit("aspect", at_most=0.5).contradicts(apart[1])
 
@@ -159,13 +298,37 @@ WITHIN, AROUND = (20.0, 60.0), (10.0, 90.0)
     ("low", "high", "is_contradiction"),
     [
         (Limit("total_blur_s_deg", at_least=0.3), Limit("total_blur_deg", at_most=0.2), True),
-        (Limit("total_blur_deg", at_least=0.3), Limit("total_blur_s_deg", at_most=0.2), False),  # the other part may be larger
-        (Limit("resolution_px_per_deg", at_least=4.0), Limit("width_px_per_deg", at_most=3.0), True),
-        (Limit("dh_domega_px_per_deg", at_least=4.0), Limit("width_px_per_deg", at_most=3.0), False),
+        (
+            Limit("total_blur_deg", at_least=0.3),
+            Limit("total_blur_s_deg", at_most=0.2),
+            False,
+        ),  # the other part may be larger
+        (
+            Limit("resolution_px_per_deg", at_least=4.0),
+            Limit("width_px_per_deg", at_most=3.0),
+            True,
+        ),
+        (
+            Limit("dh_domega_px_per_deg", at_least=4.0),
+            Limit("width_px_per_deg", at_most=3.0),
+            False,
+        ),
         (Limit("sag_mm", at_least=40.0), Limit("length_mm", at_most=30.0), True),
-        (Limit("total_blur_t_px", at_least=3.0, omega_deg=(0, 20)), Limit("total_blur_px", at_most=2.0, omega_deg=(21, 90)), False),
-        (Limit("viewpoint_spread_mm", None, 9.0, WITHIN), Limit("viewpoint_spread_mm", 5.0, None, AROUND), True),
-        (Limit("viewpoint_spread_mm", None, 9.0, AROUND), Limit("viewpoint_spread_mm", 5.0, None, WITHIN), False),
+        (
+            Limit("total_blur_t_px", at_least=3.0, omega_deg=(0, 20)),
+            Limit("total_blur_px", at_most=2.0, omega_deg=(21, 90)),
+            False,
+        ),
+        (
+            Limit("viewpoint_spread_mm", None, 9.0, WITHIN),
+            Limit("viewpoint_spread_mm", 5.0, None, AROUND),
+            True,
+        ),
+        (
+            Limit("viewpoint_spread_mm", None, 9.0, AROUND),
+            Limit("viewpoint_spread_mm", 5.0, None, WITHIN),
+            False,
+        ),
         (Limit("area_ratio", None, 0.9, AROUND), Limit("area_ratio", 0.5, None, WITHIN), True),
         (Limit("area_ratio", None, 0.9, WITHIN), Limit("area_ratio", 0.5, None, AROUND), False),
     ],
@@ -186,11 +349,16 @@ def test_a_single_viewpoint_may_be_asked_for():
 def made_in_python():
     return om.Requirements(
         name="mine",
-        field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=10.0, object_distance_mm=(500, np.inf)),
+        field=om.FieldRequirements(
+            omega_max_deg=120, omega_min_deg=10.0, object_distance_mm=(500, np.inf)
+        ),
         mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40),
         lens=om.LensRequirements(theta_max_deg=(10, 14.0), f_number=5.6),
         imager=Imager(1280, 1024, 4.8),
-        limits=[om.Limit("total_blur_px", 4), om.Limit("aspect", at_least=0.8, at_most=1.25, omega_deg=[20, 100])],
+        limits=[
+            om.Limit("total_blur_px", 4),
+            om.Limit("aspect", at_least=0.8, at_most=1.25, omega_deg=[20, 100]),
+        ],
     )
 
 
@@ -219,7 +387,10 @@ height = [0, 1, 2, 3, 4, 5.5]
 rim_radius_mm = 3
 """,
 ]
-ALL = [GOOD, *(f"name = 'x'\nnotes = 'a\u00b5b'\nfield.omega_max_deg = 150\n{text}" for text in OTHERS)]
+ALL = [
+    GOOD,
+    *(f"name = 'x'\nnotes = 'a\u00b5b'\nfield.omega_max_deg = 150\n{text}" for text in OTHERS),
+]
 
 
 @pytest.mark.parametrize("text", ALL)
@@ -235,14 +406,29 @@ def test_requirements_go_into_a_file_and_come_back(text):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda: om.FieldRequirements(omega_max_deg=200), "field.omega_max_deg must be less than or equal"),
-        (lambda: om.FieldRequirements(omega_max_deg="wide"), "field.omega_max_deg must be a valid num"),
+        (
+            lambda: om.FieldRequirements(omega_max_deg=200),
+            "field.omega_max_deg must be less than or equal",
+        ),
+        (
+            lambda: om.FieldRequirements(omega_max_deg="wide"),
+            "field.omega_max_deg must be a valid num",
+        ),
         (lambda: om.LensRequirements(f_number=(8, 4)), r"lens.f_number must be a number from 0.1"),
         (lambda: replace(made_in_python().mirror, apex="sharp"), "mirror.apex must be one of"),
-        (lambda: replace(made_in_python(), lens=om.LensRequirements()), "lens requires focal_length_mm or theta"),
-        (lambda: replace(made_in_python(), field=3), "field must be of kind FieldRequirements; got 3"),
+        (
+            lambda: replace(made_in_python(), lens=om.LensRequirements()),
+            "lens requires focal_length_mm or theta",
+        ),
+        (
+            lambda: replace(made_in_python(), field=3),
+            "field must be of kind FieldRequirements; got 3",
+        ),
         (lambda: replace(made_in_python(), limits=[3]), "limits must be a list of limits; got 3"),
-        (lambda: replace(made_in_python(), field=om.FieldRequirements(omega_max_deg=90)), r"limit.omega_deg must be \[FROM, TO\] up to 90 deg"),
+        (
+            lambda: replace(made_in_python(), field=om.FieldRequirements(omega_max_deg=90)),
+            r"limit.omega_deg must be \[FROM, TO\] up to 90 deg",
+        ),
     ],
 )
 def test_what_is_wrong_in_python_is_said_as_in_a_file(change, message):
@@ -252,11 +438,17 @@ def test_what_is_wrong_in_python_is_said_as_in_a_file(change, message):
 
 
 def test_numbers_of_numpy_are_numbers():
-    field = om.FieldRequirements(omega_max_deg=np.int64(120), object_distance_mm=np.array([500, np.inf]))
-    assert field == made_in_python().field.__class__(omega_max_deg=120.0, object_distance_mm=(500.0, np.inf))
+    field = om.FieldRequirements(
+        omega_max_deg=np.int64(120), object_distance_mm=np.array([500, np.inf])
+    )
+    assert field == made_in_python().field.__class__(
+        omega_max_deg=120.0, object_distance_mm=(500.0, np.inf)
+    )
 
 
-@pytest.mark.parametrize("change", [{"image_radius_px": 0}, {"image_radius_px": float("nan")}, {"mode": "Exact"}])
+@pytest.mark.parametrize(
+    "change", [{"image_radius_px": 0}, {"image_radius_px": float("nan")}, {"mode": "Exact"}]
+)
 def test_a_problem_with_no_image_or_an_unknown_mode_is_refused(change):
     with pytest.raises(InvalidParameter, match=next(iter(change))):
         DesignProblem(**change)
@@ -270,8 +462,17 @@ def test_files_that_cannot_be_read(tmp_path):
         load_requirements(tmp_path / "b.toml")
 
 
-@pytest.mark.parametrize(("lens", "valid"), [("focal_length_mm = 8.0\nfocus_mm = [3, 5]", "8"), ("focus_mm = -4\ntheta_max_deg = 12.0", "0")])
+@pytest.mark.parametrize(
+    ("lens", "valid"),
+    [
+        ("focal_length_mm = 8.0\nfocus_mm = [3, 5]", "8"),
+        ("focus_mm = -4\ntheta_max_deg = 12.0", "0"),
+    ],
+)
 def test_a_focus_nearer_than_the_focal_length_is_refused(lens, valid):
     text = f'field.omega_max_deg = 100\n[mirror]\nmapping = "equiangular"\nrim_radius_mm = 20\n[lens]\n{lens}\n'
-    with pytest.raises(SpecError, match=rf"line [67]: lens.focus_mm must be greater than the focal length, {valid} mm"):
+    with pytest.raises(
+        SpecError,
+        match=rf"line [67]: lens.focus_mm must be greater than the focal length, {valid} mm",
+    ):
         parse_requirements(text)

@@ -44,7 +44,12 @@ at_most = 40
 """
 
 
-def parsed(field="elevation_deg = [-60, 20]", looks="up", lens="focal_length_mm = 6", part="elevation_deg = 0"):
+def parsed(
+    field="elevation_deg = [-60, 20]",
+    looks="up",
+    lens="focal_length_mm = 6",
+    part="elevation_deg = 0",
+):
     return parse_requirements(TEXT.format(field=field, looks=looks, lens=lens, part=part))
 
 
@@ -57,7 +62,9 @@ def test_elevations_are_those_of_the_directions_that_the_sensor_sees(looks, fiel
     assert (asked.field.omega_min_deg, asked.field.omega_max_deg) == field
     assert asked.limits[0].omega_deg == (90.0, 90.0)
     sensor = replace(SPHERE, mount=Mount(looks))
-    for elevation, omega in zip((-40.0, 20.0), sorted(Mount(looks).field_angles_deg((-40.0, 20.0))), strict=True):
+    for elevation, omega in zip(
+        (-40.0, 20.0), sorted(Mount(looks).field_angles_deg((-40.0, 20.0))), strict=True
+    ):
         tilt = np.radians(elevation if looks == "up" else -20.0 - elevation)
         (pixel,), seen = sensor.project_directions([[np.cos(tilt), 0.0, np.sin(tilt)]])
         assert seen.all()
@@ -75,11 +82,23 @@ def test_elevations_come_back_from_a_file_as_they_were_said():
     ("change", "sentence"),
     [
         ({"looks": "forward"}, r"line 3: camera_looks must be .* for elevations; got \"forward\""),
-        ({"field": "elevation_deg = [20, -60]"}, r"line 3: field.elevation_deg must be \[LOW, HIGH\] in the field"),
-        ({"field": "elevation_deg = [-60, 99]"}, "line 3: field.elevation_deg.* less than or equal to 90"),
+        (
+            {"field": "elevation_deg = [20, -60]"},
+            r"line 3: field.elevation_deg must be \[LOW, HIGH\] in the field",
+        ),
+        (
+            {"field": "elevation_deg = [-60, 99]"},
+            "line 3: field.elevation_deg.* less than or equal to 90",
+        ),
         ({"field": "elevation_deg = 20"}, "line 3: field.elevation_deg must be a valid list"),
-        ({"field": "elevation_deg = [-60, 20]\nomega_max_deg = 100"}, "field.elevation_deg and field.omega_max_deg must not be given together"),
-        ({"part": "elevation_deg = 0\nomega_deg = 90"}, "limit.elevation_deg and limit.omega_deg must not be given together"),
+        (
+            {"field": "elevation_deg = [-60, 20]\nomega_max_deg = 100"},
+            "field.elevation_deg and field.omega_max_deg must not be given together",
+        ),
+        (
+            {"part": "elevation_deg = 0\nomega_deg = 90"},
+            "limit.elevation_deg and limit.omega_deg must not be given together",
+        ),
         ({"part": "elevation_deg = 30"}, r"limit.omega_deg must be \[FROM, TO\]"),
         ({"part": "elevation_deg = [10, 0]"}, r"limit.0.elevation_deg must be \[LOW, HIGH\]"),
     ],
@@ -99,21 +118,34 @@ def test_a_leaning_sensor_has_no_elevations():
 
 
 def test_limits_on_the_command_line_say_where_and_at_which_frequency():
-    assert limit("mtf:0.25=0.3@90") == ("mtf", 0.3, {"cycles_per_px": 0.25, "omega_deg": [90.0, 90.0]})
+    assert limit("mtf:0.25=0.3@90") == (
+        "mtf",
+        0.3,
+        {"cycles_per_px": 0.25, "omega_deg": [90.0, 90.0]},
+    )
     assert limit("aspect=2@elevation=-10:20") == ("aspect", 2.0, {"elevation_deg": [-10.0, 20.0]})
 
 
 def test_a_limit_at_one_angle_is_judged_there_alone():
-    asked = om.Requirements(field=om.FieldRequirements(omega_max_deg=135), mirror=MIRROR, lens=om.LensRequirements(focal_length_mm=11.6), limits=[om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(90, 90))])
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=135),
+        mirror=MIRROR,
+        lens=om.LensRequirements(focal_length_mm=11.6),
+        limits=[om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(90, 90))],
+    )
     (row,) = om.judge(asked, SPHERE).limits
     there = om.evaluate(SPHERE, [90.0])
     assert row.label == "resolution_px_per_deg, at 90 deg"
-    assert row.reached == pytest.approx(min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0]))
+    assert row.reached == pytest.approx(
+        min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0])
+    )
 
 
 # -- object surfaces -------------------------------------------------------------------------------
 
-ROOM = om.FieldRequirements(omega_max_deg=130, object_plane_distance_mm=700, object_cylinder_radius_mm=900)
+ROOM = om.FieldRequirements(
+    omega_max_deg=130, object_plane_distance_mm=700, object_cylinder_radius_mm=900
+)
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
@@ -150,7 +182,10 @@ def test_behind_a_cover_the_surface_is_where_the_bent_ray_meets_it():
 
 PIPE = {"object_cylinder_radius_mm": 150.0}
 FLOOR = {"object_plane_distance_mm": 300.0}
-TUBE, DOME = (Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")), Housing(shell=Dome(160.0, 3.0, 1.49, centre_mm=-25.0)))
+TUBE, DOME = (
+    Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")),
+    Housing(shell=Dome(160.0, 3.0, 1.49, centre_mm=-25.0)),
+)
 
 
 def finite_resolution(sensor, h, surface):
@@ -193,26 +228,61 @@ def finite_resolution(sensor, h, surface):
     return omega, 0.02 / np.degrees(across / p), h / np.degrees(there[0] / p)
 
 
-@pytest.mark.parametrize(("housing", "surface", "height"), [(TUBE, PIPE, 590.0), (TUBE, PIPE, 300.0), (TUBE, PIPE, 130.0), (DOME, PIPE, 400.0), (DOME, FLOOR, 250.0)])
+@pytest.mark.parametrize(
+    ("housing", "surface", "height"),
+    [
+        (TUBE, PIPE, 590.0),
+        (TUBE, PIPE, 300.0),
+        (TUBE, PIPE, 130.0),
+        (DOME, PIPE, 400.0),
+        (DOME, FLOOR, 250.0),
+    ],
+)
 def test_resolution_on_an_object_surface_is_that_of_finite_rays(housing, surface, height):
-    sensor = om.Sensor(Sphere(28.384, 22.0), Perspective(6.0, 4.0, 79.46), Imager(1920, 1200, 3.0), Mount(), 68.874, housing=housing)
+    sensor = om.Sensor(
+        Sphere(28.384, 22.0),
+        Perspective(6.0, 4.0, 79.46),
+        Imager(1920, 1200, 3.0),
+        Mount(),
+        68.874,
+        housing=housing,
+    )
     omega, along, around = finite_resolution(sensor, height, surface)
-    limits = [om.Limit(f"{name}_px_per_deg", at_least=1.0, omega_deg=(omega, omega)) for name in ("dh_domega", "width")]
-    wanted = om.Requirements(field=om.FieldRequirements(omega_max_deg=110, **surface), mirror=MIRROR, lens=om.LensRequirements(focal_length_mm=6.0), limits=limits)
-    assert [row.reached for row in om.judge(wanted, sensor).limits] == pytest.approx([along, around], rel=1e-5)
+    limits = [
+        om.Limit(f"{name}_px_per_deg", at_least=1.0, omega_deg=(omega, omega))
+        for name in ("dh_domega", "width")
+    ]
+    wanted = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=110, **surface),
+        mirror=MIRROR,
+        lens=om.LensRequirements(focal_length_mm=6.0),
+        limits=limits,
+    )
+    assert [row.reached for row in om.judge(wanted, sensor).limits] == pytest.approx(
+        [along, around], rel=1e-5
+    )
     reached = focusing(wanted, sensor).at(np.full((1, 1), 1 / 79.46), limits[0])
     assert [reached.dh[0, 0], reached.dw[0, 0]] == pytest.approx([along, around], rel=1e-5)
 
 
 def test_a_design_before_a_wall_is_focused_on_it():
     """Blur by the evaluation with the distance of each angle, against all other focus settings."""
-    asked = om.Requirements(field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=40, object_cylinder_radius_mm=60), mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=20), lens=om.LensRequirements(focal_length_mm=8, f_number=8), limits=[om.Limit("total_blur_px", at_most=30.0)])
+    asked = om.Requirements(
+        field=om.FieldRequirements(
+            omega_max_deg=120, omega_min_deg=40, object_cylinder_radius_mm=60
+        ),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=20),
+        lens=om.LensRequirements(focal_length_mm=8, f_number=8),
+        limits=[om.Limit("total_blur_px", at_most=30.0)],
+    )
     sensor = om.design_sensor(asked).sensor
     omega = np.linspace(40.0, sensor.field_deg[1], 181)
 
     def worst(focus_mm):
         (result,) = evaluations(asked, sensor.with_lens(sensor.lens.focused_at(focus_mm)), omega)
-        return np.hypot(np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px).max()
+        return np.hypot(
+            np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px
+        ).max()
 
     focus = sensor.lens.focus_distance_mm
     assert om.judge(asked, sensor).limits[0].reached == pytest.approx(worst(focus), rel=1e-3)
@@ -222,14 +292,30 @@ def test_a_design_before_a_wall_is_focused_on_it():
 @pytest.mark.parametrize(
     ("field", "mirror", "sentence"),
     [
-        ({"object_distance_mm": 500}, {}, "object_distance_mm must not be given together with an object plane"),
-        ({}, {"rim_radius_mm": 1000}, "object_cylinder_radius_mm must be greater than rim_radius_mm = 1000; got 900"),
-        ({}, {"optimise": "worst_blur_deg", "family": None}, "must not be given together with an object plane or cylinder"),
+        (
+            {"object_distance_mm": 500},
+            {},
+            "object_distance_mm must not be given together with an object plane",
+        ),
+        (
+            {},
+            {"rim_radius_mm": 1000},
+            "object_cylinder_radius_mm must be greater than rim_radius_mm = 1000; got 900",
+        ),
+        (
+            {},
+            {"optimise": "worst_blur_deg", "family": None},
+            "must not be given together with an object plane or cylinder",
+        ),
     ],
 )
 def test_surfaces_that_do_not_fit_are_refused(field, mirror, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
-        om.Requirements(field=replace(ROOM, **field), mirror=replace(MIRROR, **mirror), lens=om.LensRequirements(theta_max_deg=10))
+        om.Requirements(
+            field=replace(ROOM, **field),
+            mirror=replace(MIRROR, **mirror),
+            lens=om.LensRequirements(theta_max_deg=10),
+        )
 
 
 # -- contrast and light ----------------------------------------------------------------------------
@@ -243,12 +329,18 @@ def test_contrast_is_that_of_waves_through_the_aperture(name, cycles):
     sensor = om.load_sensor(name)
     omega = np.linspace(10.0, 0.99 * sensor.field_deg[1], 5)
     waves, found = om.mtf(sensor, omega, cycles_per_px=[cycles]), om.evaluate(sensor, omega)
-    for blur, there, near in ((found.blur_t_px, waves.tangential, 0.013), (found.blur_s_px, waves.sagittal, 0.002)):
+    for blur, there, near in (
+        (found.blur_t_px, waves.tangential, 0.013),
+        (found.blur_s_px, waves.sagittal, 0.002),
+    ):
         assert np.abs(contrast(blur, found.airy_px, cycles)) == pytest.approx(there[:, 0], abs=near)
 
 
 def test_contrast_has_exact_derivatives():
-    for real in (lambda v: contrast(v, np.array([1.09]), 0.3), lambda v: contrast(np.array([2.0]), v, 0.3)):
+    for real in (
+        lambda v: contrast(v, np.array([1.09]), 0.3),
+        lambda v: contrast(np.array([2.0]), v, 0.3),
+    ):
         at = np.array([1.7])
         slope = real(at + 1e-30j).imag / 1e-30
         assert slope == pytest.approx((real(at + 1e-6) - real(at - 1e-6)) / 2e-6, rel=1e-6)
@@ -268,9 +360,19 @@ def test_light_is_what_the_rays_through_the_aperture_bring(name):
 
 
 def test_a_mirror_of_free_form_keeps_contrast_and_light():
-    mirror = om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=43.9)
-    limits = [om.Limit("mtf_t", at_least=0.5, cycles_per_px=0.25, omega_deg=(20, 130)), om.Limit("lens_illumination", at_least=0.9)]
-    asked = om.Requirements(field=om.FieldRequirements(omega_max_deg=135), mirror=mirror, lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12, f_number=8), limits=limits)
+    mirror = om.MirrorRequirements(
+        optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=43.9
+    )
+    limits = [
+        om.Limit("mtf_t", at_least=0.5, cycles_per_px=0.25, omega_deg=(20, 130)),
+        om.Limit("lens_illumination", at_least=0.9),
+    ]
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=135),
+        mirror=mirror,
+        lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12, f_number=8),
+        limits=limits,
+    )
     space = DesignSpace(problem_of(asked))
     design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
     assert design.is_met
@@ -283,9 +385,18 @@ def test_a_mirror_of_free_form_keeps_contrast_and_light():
     ("entries", "sentence"),
     [
         ({"quantity": "mtf", "at_least": 0.3}, "requires a spatial frequency"),
-        ({"quantity": "mtf", "at_least": 0.3, "cycles_per_px": 0.0}, r"limit\.cycles_per_px must be greater than 0 and at most 10; got 0\.0"),
-        ({"quantity": "mtf", "at_least": 1.3, "cycles_per_px": 0.2}, "at_least must be at most 1; got 1.3"),
-        ({"quantity": "aspect", "at_least": 0.3, "cycles_per_px": 0.2}, "cycles_per_px requires the quantity mtf"),
+        (
+            {"quantity": "mtf", "at_least": 0.3, "cycles_per_px": 0.0},
+            r"limit\.cycles_per_px must be greater than 0 and at most 10; got 0\.0",
+        ),
+        (
+            {"quantity": "mtf", "at_least": 1.3, "cycles_per_px": 0.2},
+            "at_least must be at most 1; got 1.3",
+        ),
+        (
+            {"quantity": "aspect", "at_least": 0.3, "cycles_per_px": 0.2},
+            "cycles_per_px requires the quantity mtf",
+        ),
     ],
 )
 def test_wrong_frequencies_are_refused(entries, sentence):
@@ -294,7 +405,10 @@ def test_wrong_frequencies_are_refused(entries, sentence):
 
 
 def test_contrasts_of_two_frequencies_are_no_contradiction():
-    fine, coarse = (om.Limit("mtf", 0.3, cycles_per_px=0.4), om.Limit("mtf", at_least=0.5, cycles_per_px=0.1))
+    fine, coarse = (
+        om.Limit("mtf", 0.3, cycles_per_px=0.4),
+        om.Limit("mtf", at_least=0.5, cycles_per_px=0.1),
+    )
     assert fine.contradicts(coarse) is None
     assert "at least 0.5 and at most 0.3" in replace(fine, cycles_per_px=0.1).contradicts(coarse)
 
@@ -304,7 +418,11 @@ def test_contrasts_of_two_frequencies_are_no_contradiction():
 
 @pytest.mark.parametrize("magnification", [0.02, 0.05, (0.02, 0.05)])
 def test_a_telecentric_lens_that_is_bought_keeps_its_magnification(magnification):
-    asked = om.Requirements(field=om.FieldRequirements(omega_max_deg=90), mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30), lens=om.LensRequirements(kind="orthographic", magnification=magnification, f_number=8))
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=90),
+        mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
+        lens=om.LensRequirements(kind="orthographic", magnification=magnification, f_number=8),
+    )
     design = om.design_sensor(asked)
     mu = design.sensor.lens.magnification
     assert 0.02 <= mu <= 0.05
@@ -314,13 +432,23 @@ def test_a_telecentric_lens_that_is_bought_keeps_its_magnification(magnification
 
 @pytest.mark.full
 def test_a_magnification_that_overfills_the_imager_is_told():
-    asked = om.Requirements(field=om.FieldRequirements(omega_max_deg=90), mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30), lens=om.LensRequirements(kind="orthographic", magnification=0.2, f_number=8))
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=90),
+        mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
+        lens=om.LensRequirements(kind="orthographic", magnification=0.2, f_number=8),
+    )
     verdict = om.design_sensor(asked).verdict
     assert verdict.missed == ("image_radius_px",)
 
 
 def test_a_free_form_under_a_telecentric_lens_that_is_bought():
-    asked = om.Requirements(field=om.FieldRequirements(omega_max_deg=90), mirror=om.MirrorRequirements(optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 30)), lens=om.LensRequirements(kind="orthographic", magnification=0.1, f_number=8))
+    asked = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=90),
+        mirror=om.MirrorRequirements(
+            optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 30)
+        ),
+        lens=om.LensRequirements(kind="orthographic", magnification=0.1, f_number=8),
+    )
     design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
     assert design.is_met
     assert design.sensor.lens.magnification == 0.1
@@ -328,7 +456,12 @@ def test_a_free_form_under_a_telecentric_lens_that_is_bought():
 
 
 def strip(**lens):
-    return om.Requirements(field=om.FieldRequirements(omega_max_deg=130), mirror=MIRROR, lens=om.LensRequirements(focal_length_mm=6, **lens), imager=Imager(1920, 1080, 3.0))
+    return om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=130),
+        mirror=MIRROR,
+        lens=om.LensRequirements(focal_length_mm=6, **lens),
+        imager=Imager(1920, 1080, 3.0),
+    )
 
 
 def test_a_strip_may_be_filled_along_its_long_side_and_what_falls_off_is_told():
@@ -352,7 +485,9 @@ def test_a_lens_that_covers_less_than_the_imager_keeps_the_rim_within():
 
 
 def test_the_smallest_focus_of_a_lens_is_the_low_end_of_a_range():
-    asked = parsed("omega_max_deg = 110", lens="focal_length_mm = 6\nfocus_mm = [200, inf]", part="")
+    asked = parsed(
+        "omega_max_deg = 110", lens="focal_length_mm = 6\nfocus_mm = [200, inf]", part=""
+    )
     verdict = om.design_sensor(asked).verdict
     (row,) = (row for row in verdict.rows if row.name == "focus_mm")
     assert row.reached >= 200 - 1e-6
@@ -362,7 +497,10 @@ def test_the_smallest_focus_of_a_lens_is_the_low_end_of_a_range():
 @pytest.mark.parametrize(
     ("lens", "sentence"),
     [
-        ("focal_length_mm = 6\nmagnification = 0.1", "lens.magnification requires an orthographic lens"),
+        (
+            "focal_length_mm = 6\nmagnification = 0.1",
+            "lens.magnification requires an orthographic lens",
+        ),
         ('kind = "orthographic"\nmagnification = 0', "lens.magnification must be a number"),
         ('focal_length_mm = 6\nfills = "all"', "lens.fills must be one of"),
         ("focal_length_mm = 6\nimage_circle_mm = -1", "lens.image_circle_mm = -1"),

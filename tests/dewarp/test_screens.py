@@ -13,14 +13,24 @@ from omnimirror.dewarp.screens import Cylinder, DomeMaster, Equirectangular, Pla
 
 def world(pan, tilt):
     """x forward, y left, z up; pan to the right."""
-    return np.array([math.cos(tilt) * math.cos(pan), -math.cos(tilt) * math.sin(pan), math.sin(tilt)])
+    return np.array(
+        [math.cos(tilt) * math.cos(pan), -math.cos(tilt) * math.sin(pan), math.sin(tilt)]
+    )
 
 
 def whole(screen):
     return screen.targets(0, screen.size[1])
 
 
-@pytest.mark.parametrize("screen", [Cylinder((7, 5), -30.0, 45.0, 10.0, 300.0), Plane((7, 5), 20.0, -30.0, 40.0, 100.0), DomeMaster((7, 5), 120.0), DomeMaster((4, 8), 120.0, "zenith", 30.0, 20.0)])
+@pytest.mark.parametrize(
+    "screen",
+    [
+        Cylinder((7, 5), -30.0, 45.0, 10.0, 300.0),
+        Plane((7, 5), 20.0, -30.0, 40.0, 100.0),
+        DomeMaster((7, 5), 120.0),
+        DomeMaster((4, 8), 120.0, "zenith", 30.0, 20.0),
+    ],
+)
 def test_screen_implements_protocol(screen):
     assert isinstance(screen, Screen)
     targets = whole(screen)
@@ -37,7 +47,9 @@ def test_panorama_columns_and_rows():
         for v in range(H):
             pan = centre + ((u + 0.5) / W - 0.5) * span
             tilt = high - (v + 0.5) / H * (high - low)
-            np.testing.assert_allclose(targets[v, u], world(math.radians(pan), math.radians(tilt)), atol=1e-14)
+            np.testing.assert_allclose(
+                targets[v, u], world(math.radians(pan), math.radians(tilt)), atol=1e-14
+            )
 
 
 def test_panorama_right_is_right_of_forward():
@@ -47,7 +59,14 @@ def test_panorama_right_is_right_of_forward():
 
 
 def test_perspective_pixel_directions():
-    W, H, pan, tilt, roll, hfov = (8, 5, math.radians(35), math.radians(-20), math.radians(15), math.radians(80))
+    W, H, pan, tilt, roll, hfov = (
+        8,
+        5,
+        math.radians(35),
+        math.radians(-20),
+        math.radians(15),
+        math.radians(80),
+    )
     targets = whole(Plane((W, H), 35.0, -20.0, 15.0, 80.0))
     f = world(pan, tilt)
     right = np.array([-math.sin(pan), -math.cos(pan), 0.0])
@@ -77,8 +96,12 @@ def test_dome_forward_is_at_top(pole, side):
     up = -1.0 if pole == "nadir" else 1.0
     np.testing.assert_allclose(targets[50, 50], [0, 0, up], atol=1e-15)
     omega = math.radians(40 * 120.0 / 50.5)
-    np.testing.assert_allclose(targets[10, 50], [math.sin(omega), 0, up * math.cos(omega)], atol=1e-14)
-    np.testing.assert_allclose(targets[50, 90], [0, -side * math.sin(omega), up * math.cos(omega)], atol=1e-14)
+    np.testing.assert_allclose(
+        targets[10, 50], [math.sin(omega), 0, up * math.cos(omega)], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        targets[50, 90], [0, -side * math.sin(omega), up * math.cos(omega)], atol=1e-14
+    )
 
 
 def test_dome_is_equidistant_and_rotates_with_pan():
@@ -103,12 +126,21 @@ def test_dome_is_equidistant_and_rotates_with_pan():
         (lambda: Cylinder((5, 5), -np.nan, 10.0), "^tilt_min_deg .*nan"),
         (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=361.0), "span_deg must be .*; got 361"),
         (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=0.0), "span_deg must be .*; got 0"),
-        (lambda: Cylinder((5, 5), -10.0, 10.0, pan_deg=np.inf), "pan_deg must be a finite number; got inf"),
-        (lambda: Plane((5, 5), hfov_deg=180.0), "hfov_deg must be above 0 and below 180 deg; got 180"),
+        (
+            lambda: Cylinder((5, 5), -10.0, 10.0, pan_deg=np.inf),
+            "pan_deg must be a finite number; got inf",
+        ),
+        (
+            lambda: Plane((5, 5), hfov_deg=180.0),
+            "hfov_deg must be above 0 and below 180 deg; got 180",
+        ),
         (lambda: Plane((5, 5), tilt_deg=np.nan), "tilt_deg must be a finite number; got nan"),
         (lambda: DomeMaster((5, 5), 181.0), "within 0 to 180 deg; got 0 and 181 deg"),
         (lambda: DomeMaster((5, 5), 90.0, omega_min_deg=90.0), "got 90 and 90"),
-        (lambda: DomeMaster((5, 5), 90.0, "north"), "pole must be one of nadir, zenith; got 'north'"),
+        (
+            lambda: DomeMaster((5, 5), 90.0, "north"),
+            "pole must be one of nadir, zenith; got 'north'",
+        ),
     ],
 )
 def test_invalid_screen_raises(make, message):
@@ -116,7 +148,9 @@ def test_invalid_screen_raises(make, message):
         make()
 
 
-@pytest.mark.parametrize(("layout", "ffmpeg", "size"), [("3x2", "c3x2", (300, 200)), ("strip", "c6x1", (600, 100))])
+@pytest.mark.parametrize(
+    ("layout", "ffmpeg", "size"), [("3x2", "c3x2", (300, 200)), ("strip", "c6x1", (600, 100))]
+)
 def test_cube_map_matches_ffmpeg(layout, ffmpeg, size):
     """The v360 filter of FFmpeg converts a cube map to the correct sphere and not to its mirror
     image."""
@@ -153,5 +187,7 @@ def test_panorama_zoom_is_limited_and_described(kind):
     assert (whole.tilt_min_deg, whole.tilt_max_deg, whole.span_deg) == (-90.0, 90.0, 360.0)
     assert str(whole) == f"{name} (elevation -90 to 90 deg)"
     for upper in (-20.0 + 1e-7, -20.0 + 1e-12):
-        with pytest.raises(InvalidParameter, match=r"tilt_max_deg must be at least .*; got -20 and -20 deg"):
+        with pytest.raises(
+            InvalidParameter, match=r"tilt_max_deg must be at least .*; got -20 and -20 deg"
+        ):
             kind((90, 40), -20.0, upper)

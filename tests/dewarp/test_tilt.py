@@ -42,22 +42,30 @@ def test_tilt_signs():
 @pytest.mark.parametrize("angles", [(PITCH, ROLL), (-90.0, 0.0), (0.0, 180.0), (-3.3, 121.0)])
 def test_mount_tilt_order(looks, angles):
     mount = Mount(looks, 33.0, pitch_deg=angles[0], roll_deg=angles[1])
-    np.testing.assert_allclose(mount.rotation(), lean(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15)
+    np.testing.assert_allclose(
+        mount.rotation(), lean(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15
+    )
     assert mount.levelled == Mount(looks, 33.0)
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
 def test_tilted_projection_matches_shortest_path(looks):
     axes = [lean(PITCH, ROLL) @ axis for axis in IMAGE_RIGHT_IS_FORWARD[looks]]
-    sensor = replace(om.load_sensor("paper-spherical"), mount=Mount(looks, 0.0, pitch_deg=PITCH, roll_deg=ROLL))
+    sensor = replace(
+        om.load_sensor("paper-spherical"), mount=Mount(looks, 0.0, pitch_deg=PITCH, roll_deg=ROLL)
+    )
     for point in ([3000.0, 400.0, 0.0], [700.0, -900.0, 300.0], [-200.0, 300.0, -100.0]):
         expected = shortest_path_pixel(np.array(point), axes)
         np.testing.assert_allclose(sensor.project([point]).pixels[0], expected, atol=2e-3)
 
 
-@pytest.mark.parametrize("wrong", [{"pitch_deg": 91.0}, {"roll_deg": -181.0}, {"pitch_deg": np.nan}])
+@pytest.mark.parametrize(
+    "wrong", [{"pitch_deg": 91.0}, {"roll_deg": -181.0}, {"pitch_deg": np.nan}]
+)
 def test_invalid_tilt_raises(wrong):
-    with pytest.raises(InvalidParameter, match=r"must be between -|pitch_deg must be a number; got nan"):
+    with pytest.raises(
+        InvalidParameter, match=r"must be between -|pitch_deg must be a number; got nan"
+    ):
         Mount(**wrong)
 
 
@@ -66,8 +74,12 @@ def test_invalid_tilt_raises(wrong):
 CAMERAS = {
     "sphere": om.load_sensor("paper-spherical"),
     "telecentric": om.load_sensor("paraboloid-telecentric"),
-    "ocam": om.OCam((-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), rim_radius_px=380.0),
-    "stretched": om.OCam((-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), (0.99, 0.004, -0.003)),
+    "ocam": om.OCam(
+        (-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), rim_radius_px=380.0
+    ),
+    "stretched": om.OCam(
+        (-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), (0.99, 0.004, -0.003)
+    ),
     "ball": om.MirrorBall((500.0, 500.0), 499.0, 300.0, (1001, 1001)),
 }
 NEAR = {"distance_mm": 700.0, "offset_mm": (60.0, -40.0, 30.0)}
@@ -96,14 +108,18 @@ def test_tilted_view_matches_rotated_scene(camera, view):
     found = om.Dewarper(leaning, screen).coordinates()
     for left, top, part in parts_of(screen):
         width, height = part.size
-        targets = part.targets_at(np.arange(width, dtype=float), np.arange(height, dtype=float)[:, None])
+        targets = part.targets_at(
+            np.arange(width, dtype=float), np.arange(height, dtype=float)[:, None]
+        )
         turned = targets.reshape(-1, 3) @ lean(PITCH, ROLL)
         project = upright.project_directions if part.is_distant else upright.project
         wanted = project(turned).pixels.reshape(height, width, 2)
         given = found[top : top + height, left : left + width]
         differ = np.isnan(given[..., 0]) != np.isnan(wanted[..., 0])
         assert differ.sum() <= 2, f"{differ.sum()} pixels are seen by one only"
-        error = np.linalg.norm(given - wanted, axis=-1)[~np.isnan(given[..., 0]) & ~np.isnan(wanted[..., 0])]
+        error = np.linalg.norm(given - wanted, axis=-1)[
+            ~np.isnan(given[..., 0]) & ~np.isnan(wanted[..., 0])
+        ]
         assert error.max(initial=0) < 0.01
 
 
@@ -148,7 +164,9 @@ def leaning_of(sensor: om.Sensor) -> om.Sensor:
 
 def test_tilted_sensor_matches_posed_sensor(small, world):
     taken = om.render_image(leaning_of(small), world, samples=1)
-    placed = om.render_image(small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1)
+    placed = om.render_image(
+        small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1
+    )
     assert np.abs(taken.astype(int) - placed).max() <= 1
     assert (np.abs(taken.astype(int) - om.render_image(small, world, samples=1)) > 20).mean() > 0.2
 
@@ -174,10 +192,16 @@ def test_gpano_pose_levels_panorama(pan, angles):
     """GPano: pitch of the centre above the horizon, and a roll that rotates the horizon
     counter-clockwise."""
     pitch, roll = Mount(pitch_deg=angles[0], roll_deg=angles[1]).view_tilt_deg(pan)
-    panned = om.screens.Equirectangular((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)  # directions of its tilted pixels
-    as_if_ahead = om.screens.Equirectangular((36, 18)).targets(0, 18).reshape(-1, 3)  # ... relative to its centre
+    panned = (
+        om.screens.Equirectangular((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)
+    )  # directions of its tilted pixels
+    as_if_ahead = (
+        om.screens.Equirectangular((36, 18)).targets(0, 18).reshape(-1, 3)
+    )  # ... relative to its centre
     truth, stored = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
-    np.testing.assert_allclose(stored[:, 2], truth[:, 2], atol=1e-12)  # level; the heading requires a compass
+    np.testing.assert_allclose(
+        stored[:, 2], truth[:, 2], atol=1e-12
+    )  # level; the heading requires a compass
     np.testing.assert_allclose(stored @ stored[40], truth @ truth[40], atol=1e-12)
 
 
@@ -204,15 +228,21 @@ def test_command_line_levels_and_reports(folder):
     view = ("--elevation-deg=-60:40", "--size", "120x")
     by_file = dewarp("--sensor", "leaning.toml", *view)
     assert pose_told() == (0, 0)
-    np.testing.assert_array_equal(dewarp("--sensor", "plumb.toml", f"--level={PITCH},{ROLL}", *view), by_file)
+    np.testing.assert_array_equal(
+        dewarp("--sensor", "plumb.toml", f"--level={PITCH},{ROLL}", *view), by_file
+    )
     plumb = dewarp("--sensor", "plumb.toml", *view)
     assert (plumb != by_file).mean() > 0.5
-    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--level", "0,0", *view), plumb)
+    np.testing.assert_array_equal(
+        dewarp("--sensor", "leaning.toml", "--level", "0,0", *view), plumb
+    )
     assert pose_told() == (0, 0)
     np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-tilt", *view), plumb)
     assert pose_told() == (PITCH, ROLL)
     dewarp("--sensor", "leaning.toml", "--keep-tilt", "--pan-deg", "90", *view)
-    assert pose_told() == pytest.approx(Mount(pitch_deg=PITCH, roll_deg=ROLL).view_tilt_deg(90.0), abs=1e-3)
+    assert pose_told() == pytest.approx(
+        Mount(pitch_deg=PITCH, roll_deg=ROLL).view_tilt_deg(90.0), abs=1e-3
+    )
 
 
 def test_mirror_ball_and_omega_range_are_levelled(folder):
@@ -224,7 +254,10 @@ def test_mirror_ball_and_omega_range_are_levelled(folder):
 
 
 def test_invalid_tilt_on_command_line(folder, capsys):
-    for text, message in (("10", "'10' is not PITCH,ROLL in degrees"), ("95,0", "pitch_deg must be between -90 and 90 deg; got 95")):
+    for text, message in (
+        ("10", "'10' is not PITCH,ROLL in degrees"),
+        ("95,0", "pitch_deg must be between -90 and 90 deg; got 95"),
+    ):
         with pytest.raises(SystemExit, match=r"^[12]$"):
             main(["dewarp", "a.png", "--sensor", "plumb.toml", "--level", text, "-o", "no.png"])
         assert message in " ".join(capsys.readouterr().err.split())

@@ -45,7 +45,9 @@ def error_px(screen, viewpoint):
     return (screen.pixels(np.arange(1001.0)) - found)[:, 1] * RIM_500
 
 
-@pytest.mark.parametrize(("n", "linear_px", "paper_v0", "real_px"), [(7, 4.75, 0.2623, 4.93), (40, 0.91, 0.2541, 0.917)])
+@pytest.mark.parametrize(
+    ("n", "linear_px", "paper_v0", "real_px"), [(7, 4.75, 0.2623, 4.93), (40, 0.91, 0.2541, 0.917)]
+)
 def test_single_viewpoint_error_matches_paper(n, linear_px, paper_v0, real_px):
     """The paper multiplies the angle by dh/dOmega at the point; over 3 deg at the rim this is 5 %
     too small."""
@@ -55,7 +57,9 @@ def test_single_viewpoint_error_matches_paper(n, linear_px, paper_v0, real_px):
     assert -single.min() == pytest.approx(real_px, abs=0.005)
     assert single.max() == pytest.approx(real_px, abs=0.005)
     true = om.best_viewpoint(SPHERE, n * M, image_radius_px=500)
-    assert (true.z_mm, true.worst_px) == pytest.approx((single_viewpoint(SPHERE, n * M), real_px), rel=3e-3)
+    assert (true.z_mm, true.worst_px) == pytest.approx(
+        (single_viewpoint(SPHERE, n * M), real_px), rel=3e-3
+    )
     best = om.best_viewpoint(SPHERE, n * M, image_radius_px=500, linearised=True)
     assert (best.z_mm / M, best.worst_px) == pytest.approx((paper_v0, linear_px), abs=6e-3)
     of_the_paper = error_px(screen, best.z_mm)
@@ -64,16 +68,22 @@ def test_single_viewpoint_error_matches_paper(n, linear_px, paper_v0, real_px):
     assert single_viewpoint(SPHERE, n * M) == pytest.approx(best.z_mm, abs=0.01 * M)
 
 
-@pytest.mark.parametrize("mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)])
+@pytest.mark.parametrize(
+    "mount", [Mount("up"), Mount("down", 30.0), Mount("forward"), Mount("up", 0.0, True)]
+)
 def test_viewpoint_is_on_axis(mount):
     """A point is observed in its direction from V0, written out with the rotation of the mount."""
     sensor = replace(SPHERE, mount=mount)
     view = om.screens.Equirectangular((40, 20), distance_mm=400.0, offset_mm=(30.0, -20.0, 10.0))
     eye = mount.rotation() @ [0.0, 0.0, 12.5]
     np.testing.assert_allclose(point_on_axis(sensor, 12.5), eye, atol=1e-12)
-    expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(20, 40, 2)
+    expected = sensor.project_directions(view.targets(0, 20).reshape(-1, 3) - eye).pixels.reshape(
+        20, 40, 2
+    )
     np.testing.assert_array_equal(source_pixels(sensor, view, 12.5, exact=True), expected)
-    assert single_viewpoint(sensor, 300.0) == pytest.approx(single_viewpoint(SPHERE, 300.0), abs=1e-3)
+    assert single_viewpoint(sensor, 300.0) == pytest.approx(
+        single_viewpoint(SPHERE, 300.0), abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("distance", [200.0, 1000.0])
@@ -93,7 +103,9 @@ def test_screen_distance_is_median():
     plane = om.screens.Plane((30, 20), distance_mm=400.0)
     assert 400 < middle_distance(plane) < 560
     assert middle_distance(om.screens.Ground((1, 1), 200.0, 20.0)) == pytest.approx(200.0)
-    assert middle_distance(om.screens.DomeMaster((40, 40), 90.0, distance_mm=70.0)) == pytest.approx(70.0)
+    assert middle_distance(
+        om.screens.DomeMaster((40, 40), 90.0, distance_mm=70.0)
+    ) == pytest.approx(70.0)
     empty = om.screens.DomeMaster((1, 1), 90.0, omega_min_deg=50.0, distance_mm=70.0)
     assert middle_distance(empty) == np.inf
 
@@ -115,7 +127,15 @@ def test_distant_screen_ignores_viewpoint():
         np.testing.assert_array_equal(source_pixels(SPHERE, view, viewpoint, exact=True), expected)
 
 
-@pytest.mark.parametrize(("viewpoint", "message"), [("best", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"), ("", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"), (np.nan, "viewpoint must be a finite number; got nan"), (np.inf, "viewpoint must be a finite number; got inf")])
+@pytest.mark.parametrize(
+    ("viewpoint", "message"),
+    [
+        ("best", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"),
+        ("", "viewpoint must be 'exact', 'single' or a height above the vertex in mm"),
+        (np.nan, "viewpoint must be a finite number; got nan"),
+        (np.inf, "viewpoint must be a finite number; got inf"),
+    ],
+)
 def test_unknown_viewpoint_raises(viewpoint, message):
     with pytest.raises(InvalidParameter, match=message):
         om.Dewarper(SPHERE, om.screens.Plane((3, 2)), viewpoint=viewpoint)
@@ -124,12 +144,19 @@ def test_unknown_viewpoint_raises(viewpoint, message):
 def test_invalid_viewpoint_raises():
     stretched = om.OCam((-200.0, 0.0, 1e-3), (320.0, 240.0), (640, 480), (1.001, 0.0, 0.0))
     view = om.screens.Plane((3, 2), tilt_deg=-40.0, distance_mm=500.0)
-    with pytest.raises(InvalidParameter, match="must be 'exact' for a camera without axial symmetry; got 5 mm"):
+    with pytest.raises(
+        InvalidParameter, match="must be 'exact' for a camera without axial symmetry; got 5 mm"
+    ):
         om.Dewarper(stretched, view, viewpoint=5.0).coordinates()
-    np.testing.assert_array_equal(source_pixels(stretched, view, "single", exact=True), source_pixels(stretched, view, exact=True))
+    np.testing.assert_array_equal(
+        source_pixels(stretched, view, "single", exact=True),
+        source_pixels(stretched, view, exact=True),
+    )
     sky = om.screens.Plane((3, 2), tilt_deg=90.0, hfov_deg=20.0, distance_mm=500.0)
     blind = om.MirrorBall((9999.0, 50.0), 50.0, 300.0, (101, 101))
-    with pytest.raises(OutsideField, match="at least one pixel of the camera must observe the scene"):
+    with pytest.raises(
+        OutsideField, match="at least one pixel of the camera must observe the scene"
+    ):
         single_viewpoint(blind, 500.0)
     with pytest.raises(OutsideField, match="must overlap the field of the camera"):
         om.Dewarper(SPHERE, sky, viewpoint="single").coordinates()

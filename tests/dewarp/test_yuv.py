@@ -16,14 +16,26 @@ from tests.everyday import few
 
 SIZE = (401, 400)  # odd and even
 BALL = om.MirrorBall((199.7, 200.2), 190.0, 270.0, SIZE)
-CUT = om.MirrorBall((203.0, 198.0), 230.0, 270.0, (400, 400))  # with a field beyond all image borders
+CUT = om.MirrorBall(
+    (203.0, 198.0), 230.0, 270.0, (400, 400)
+)  # with a field beyond all image borders
 SENSOR = om.load_sensor("paper-spherical")
 SCREENS = {
     "view": om.screens.Plane((320, 241), pan_deg=30.0, tilt_deg=-25.0, roll_deg=20.0),
-    "wide view": om.screens.Plane((183, 121), tilt_deg=-60.0, hfov_deg=140.0),  # with a finer lattice
+    "wide view": om.screens.Plane(
+        (183, 121), tilt_deg=-60.0, hfov_deg=140.0
+    ),  # with a finer lattice
     "panorama": om.screens.Cylinder((721, 180), -70.0, 30.0),
-    "near wall": om.screens.Cylinder((400, 120), -40.0, 20.0, distance_mm=600.0, offset_mm=(100.0, 0.0, 0.0)),
-    "mosaic": om.screens.Mosaic((301, 150), ((0, 0, om.screens.Plane((151, 150), tilt_deg=-30.0)), (151, 0, om.screens.Plane((150, 149), 90.0)))),
+    "near wall": om.screens.Cylinder(
+        (400, 120), -40.0, 20.0, distance_mm=600.0, offset_mm=(100.0, 0.0, 0.0)
+    ),
+    "mosaic": om.screens.Mosaic(
+        (301, 150),
+        (
+            (0, 0, om.screens.Plane((151, 150), tilt_deg=-30.0)),
+            (151, 0, om.screens.Plane((150, 149), 90.0)),
+        ),
+    ),
 }
 
 
@@ -33,7 +45,9 @@ def ramps(size, siting, bits=16):
     width, height = size
     u = np.broadcast_to(np.arange(width), (height, width))
     x, y = SITINGS[siting]
-    across, down = np.meshgrid(2 * np.arange((width + 1) // 2) + x, 2 * np.arange((height + 1) // 2) + y)
+    across, down = np.meshgrid(
+        2 * np.arange((width + 1) // 2) + x, 2 * np.arange((height + 1) // 2) + y
+    )
     values = [256 + 64 * u, 256 + 64 * across, 256 + 32 * (across + down)]
     return tuple(np.rint(value).astype(np.uint16) for value in values)
 
@@ -47,7 +61,11 @@ def exact(camera, screen, columns, rows):
 
 
 def parts_of(view):
-    return [(p.left, p.top, p.view) for p in view.parts] if isinstance(view, om.screens.Mosaic) else [(0, 0, view)]
+    return (
+        [(p.left, p.top, p.view) for p in view.parts]
+        if isinstance(view, om.screens.Mosaic)
+        else [(0, 0, view)]
+    )
 
 
 def test_halved_row_with_one_visible_half():
@@ -68,19 +86,32 @@ def test_halved_sample_at_mosaic_boundary():
     u, v = np.meshgrid([0.0, 40.0, 44.0, 48.0], [0.0, 10.0, 30.0])
     labels = np.array([[1, 2, 2, 2]] * 3, np.int32)
     found = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), labels)
-    np.testing.assert_allclose(found, [[[0.0, 0.0], [23.0, 2.5]], [[0.0, 15.0], [23.0, 20.0]]], atol=1e-12)
+    np.testing.assert_allclose(
+        found, [[[0.0, 0.0], [23.0, 2.5]], [[0.0, 15.0], [23.0, 20.0]]], atol=1e-12
+    )
     rows = np.array([[1] * 4, [2] * 4, [2] * 4], np.int32)
     found = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), rows)
-    np.testing.assert_allclose(found, [[[0.0, 0.0], [22.0, 0.0]], [[10.0, 20.0], [23.0, 20.0]]], atol=1e-12)
+    np.testing.assert_allclose(
+        found, [[[0.0, 0.0], [22.0, 0.0]], [[10.0, 20.0], [23.0, 20.0]]], atol=1e-12
+    )
 
 
 def test_odd_pairs_are_extrapolated():
-    assert pairs(np.array([0.0, 1.0, 4.0, 9.0, 16.0])).tolist() == [[0.0, 1.0], [4.0, 9.0], [16.0, 23.0]]
+    assert pairs(np.array([0.0, 1.0, 4.0, 9.0, 16.0])).tolist() == [
+        [0.0, 1.0],
+        [4.0, 9.0],
+        [16.0, 23.0],
+    ]
     assert pairs(np.array([3.0])).tolist() == [[3.0, 3.0]]
     assert pairs(np.array([3.0, 5.0])).tolist() == [[3.0, 5.0]]
 
 
-@pytest.mark.parametrize(("siting", "to_siting"), few([*((s, s) for s in SITINGS), ("center", "left")], ("topleft", "topleft"), ("center", "left")))
+@pytest.mark.parametrize(
+    ("siting", "to_siting"),
+    few(
+        [*((s, s) for s in SITINGS), ("center", "left")], ("topleft", "topleft"), ("center", "left")
+    ),
+)
 @pytest.mark.parametrize("name", SCREENS)
 @pytest.mark.parametrize("camera", [BALL, CUT, SENSOR], ids=["ball", "cut", "sensor"])
 def test_chroma_matches_exact_projection(camera, name, siting, to_siting):
@@ -94,13 +125,18 @@ def test_chroma_matches_exact_projection(camera, name, siting, to_siting):
         luma, u, v = dewarp.planes(planes, None, siting, to_siting, full_range=True, bits=16)
         for left, top, screen in parts_of(view):
             width, height = screen.size
-            columns, rows = (np.arange(-(-left // 2), (left + width) // 2), np.arange(-(-top // 2), (top + height) // 2))
+            columns, rows = (
+                np.arange(-(-left // 2), (left + width) // 2),
+                np.arange(-(-top // 2), (top + height) // 2),
+            )
             at = exact(camera, screen, 2 * columns + x - left, 2 * rows + y - top)
             inner = ((at > 2) & (at < last - 1)).all(axis=-1)
             assert inner.mean() > 0.25
             for plane, expected in ((u, 256 + 64 * at[..., 0]), (v, 256 + 32 * at.sum(axis=-1))):
                 off = np.abs(plane[np.ix_(rows, columns)] - expected)[inner]
-                bend = np.nanmax(np.abs(np.diff(at, 2, axis=1))) / 8  # error of linear interpolation
+                bend = (
+                    np.nanmax(np.abs(np.diff(at, 2, axis=1))) / 8
+                )  # error of linear interpolation
                 assert off.max() < 1.5 + 64 * (0.02 + bend)
         np.testing.assert_array_equal(luma, other(planes[0]))
 
@@ -113,13 +149,17 @@ def test_chroma_inside_and_outside_field(camera, name, siting):
     dewarp = om.Dewarper(camera, SCREENS[name])
     width, height = camera.image_size
     parts = [np.full((height, width), 200, np.uint8)]
-    parts += [np.full(((height + 1) // 2, (width + 1) // 2), value, np.uint8) for value in (90, 170)]
+    parts += [
+        np.full(((height + 1) // 2, (width + 1) // 2), value, np.uint8) for value in (90, 170)
+    ]
     for full_range in (False, True):
         y, u, v = dewarp.planes(tuple(parts), siting=siting, full_range=full_range)
         valid = dewarp.valid
         np.testing.assert_array_equal(y, np.where(valid, 200, 0 if full_range else 16))
         rows, columns = valid.shape
-        quads = np.pad(valid, ((0, rows % 2), (0, columns % 2)), "edge").reshape(*u.shape[:1], 2, u.shape[1], 2)
+        quads = np.pad(valid, ((0, rows % 2), (0, columns % 2)), "edge").reshape(
+            *u.shape[:1], 2, u.shape[1], 2
+        )
         seen = quads.sum(axis=(1, 3))
         assert (u[seen == 4] == 90).all()
         assert (v[seen == 4] == 170).all()
@@ -130,8 +170,14 @@ def test_chroma_inside_and_outside_field(camera, name, siting):
 
 
 def test_black_of_high_bit_depths():
-    dewarp = om.Dewarper(BALL, om.screens.Cylinder((720, 180), -90.0, 90.0))  # the sky is outside the field
-    for bits, full_range, expected in ((10, False, (64, 512)), (10, True, (0, 512)), (16, False, (4096, 32768))):
+    dewarp = om.Dewarper(
+        BALL, om.screens.Cylinder((720, 180), -90.0, 90.0)
+    )  # the sky is outside the field
+    for bits, full_range, expected in (
+        (10, False, (64, 512)),
+        (10, True, (0, 512)),
+        (16, False, (4096, 32768)),
+    ):
         y, u, v = dewarp.planes(ramps(SIZE, "left"), full_range=full_range, bits=bits)
         assert (y[~dewarp.valid] == expected[0]).all()
         for plane in (u, v):
@@ -141,14 +187,22 @@ def test_black_of_high_bit_depths():
 def test_border_of_planes():
     view = om.screens.Cylinder((720, 180), -90.0, 90.0)
     parts = tuple(part.astype(np.uint8) for part in ramps(SIZE, "left", 8))
-    for border, full_range, expected in ((255, False, (235, 128, 128)), (255, True, (255, 128, 128)), (0, True, (0, 128, 128)), ((90, 30, 200), False, (90, 30, 200))):
+    for border, full_range, expected in (
+        (255, False, (235, 128, 128)),
+        (255, True, (255, 128, 128)),
+        (0, True, (0, 128, 128)),
+        ((90, 30, 200), False, (90, 30, 200)),
+    ):
         dewarp = om.Dewarper(BALL, view, border=border)
         y, u, v = dewarp.planes(parts, full_range=full_range)
         luma, pairs = dewarp.planes((parts[0], np.dstack(parts[1:])), full_range=full_range)
         assert (y[0, 0], u[0, 0], v[0, 0]) == expected
         assert (luma[0, 0], *pairs[0, 0]) == expected
         assert (y[~dewarp.valid] == expected[0]).all()
-    for border, message in ((256, "border must be between 0 and 255 for 8 bits; got 256"), ((1, 2), r"border must be a grey level or \(y, u, v\)")):
+    for border, message in (
+        (256, "border must be between 0 and 255 for 8 bits; got 256"),
+        ((1, 2), r"border must be a grey level or \(y, u, v\)"),
+    ):
         with pytest.raises(InvalidParameter, match=message):
             om.Dewarper(BALL, view, border=border).planes(parts)
 
@@ -157,28 +211,40 @@ def test_border_of_planes():
 @pytest.mark.parametrize("name", SCREENS)
 def test_nv12_matches_yuv420p(name, interpolation):
     dewarp = om.Dewarper(BALL, SCREENS[name], interpolation)
-    y, u, v = (np.random.default_rng(i).integers(0, 256, p.shape, np.uint8) for i, p in enumerate(ramps(SIZE, "left")))
+    y, u, v = (
+        np.random.default_rng(i).integers(0, 256, p.shape, np.uint8)
+        for i, p in enumerate(ramps(SIZE, "left"))
+    )
     as_pairs = om.Dewarper(BALL, SCREENS[name], interpolation)
     for _ in range(2):
         luma, pairs = as_pairs.planes((y, np.dstack([u, v])))
-        for one, other in zip(dewarp.planes((y, u, v)), (luma, pairs[..., 0], pairs[..., 1]), strict=True):
+        for one, other in zip(
+            dewarp.planes((y, u, v)), (luma, pairs[..., 0], pairs[..., 1]), strict=True
+        ):
             np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_planes_match_opencv(name, uncompiled):
     dewarp = om.Dewarper(BALL, SCREENS[name])
-    smooth = [cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, s, np.uint8), (0, 0), 2) for s in ((400, 401), (200, 201), (200, 201))]
+    smooth = [
+        cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, s, np.uint8), (0, 0), 2)
+        for s in ((400, 401), (200, 201), (200, 201))
+    ]
     y, u, v = smooth
     taken = [*dewarp.planes((y, u, v)), *dewarp.planes((y, np.dstack([u, v])))]
     uncompiled()
-    for one, other in zip(taken, [*dewarp.planes((y, u, v)), *dewarp.planes((y, np.dstack([u, v])))], strict=True):
+    for one, other in zip(
+        taken, [*dewarp.planes((y, u, v)), *dewarp.planes((y, np.dstack([u, v])))], strict=True
+    ):
         assert np.abs(one.astype(int) - other).max() <= 1
 
 
 def test_strided_planes_are_filled_in_place():
     dewarp = om.Dewarper(BALL, SCREENS["view"])
-    parts = tuple(np.random.default_rng(0).integers(0, 256, p.shape, np.uint8) for p in ramps(SIZE, "left"))
+    parts = tuple(
+        np.random.default_rng(0).integers(0, 256, p.shape, np.uint8) for p in ramps(SIZE, "left")
+    )
     dewarp.planes(parts)
     for planes in (parts, (parts[0], np.dstack(parts[1:]))):
         apart = [np.full((p.shape[0], p.shape[1] + 31, *p.shape[2:]), 7, np.uint8) for p in planes]
@@ -186,7 +252,9 @@ def test_strided_planes_are_filled_in_place():
         for view, plane in zip(views, planes, strict=True):
             view[:] = plane
         expected = dewarp.planes(planes)
-        memories = [np.full((p.shape[0], p.shape[1] + 13, *p.shape[2:]), 99, np.uint8) for p in expected]
+        memories = [
+            np.full((p.shape[0], p.shape[1] + 13, *p.shape[2:]), 99, np.uint8) for p in expected
+        ]
         out = tuple(memory[:, : p.shape[1]] for memory, p in zip(memories, expected, strict=True))
         assert dewarp.planes(views, out) is out
         for one, other, memory in zip(out, expected, memories, strict=True):
@@ -197,13 +265,43 @@ def test_strided_planes_are_filled_in_place():
 @pytest.mark.parametrize(
     ("shapes", "dtype", "more", "message"),
     [
-        ([(400, 401), (200, 200), (200, 200)], np.uint8, {}, "planes must have the shapes .* for 401 x 400 px"),
+        (
+            [(400, 401), (200, 200), (200, 200)],
+            np.uint8,
+            {},
+            "planes must have the shapes .* for 401 x 400 px",
+        ),
         ([(400, 401)], np.uint8, {}, "planes must have the shapes"),
-        ([(400, 401), (200, 201, 2)], np.float32, {}, "planes must be all uint8 or all uint16; got float32"),
-        ([(400, 401), (200, 201, 2)], np.uint8, {"bits": 10}, "bits must be between 8 and 8 for uint8 planes; got 10"),
-        ([(400, 401), (200, 201, 2)], np.uint16, {}, "bits must be between 9 and 16 for uint16 planes; got 8"),
-        ([(400, 401), (200, 201, 2)], np.uint8, {"siting": "above"}, "siting must be one of left, center, topleft, right, top, bottom; got 'above'"),
-        ([(400, 401), (200, 201, 2)], np.uint8, {"out": (np.empty((9, 9), np.uint8),)}, r"planes must have the shapes .*; got \(9, 9\)"),
+        (
+            [(400, 401), (200, 201, 2)],
+            np.float32,
+            {},
+            "planes must be all uint8 or all uint16; got float32",
+        ),
+        (
+            [(400, 401), (200, 201, 2)],
+            np.uint8,
+            {"bits": 10},
+            "bits must be between 8 and 8 for uint8 planes; got 10",
+        ),
+        (
+            [(400, 401), (200, 201, 2)],
+            np.uint16,
+            {},
+            "bits must be between 9 and 16 for uint16 planes; got 8",
+        ),
+        (
+            [(400, 401), (200, 201, 2)],
+            np.uint8,
+            {"siting": "above"},
+            "siting must be one of left, center, topleft, right, top, bottom; got 'above'",
+        ),
+        (
+            [(400, 401), (200, 201, 2)],
+            np.uint8,
+            {"out": (np.empty((9, 9), np.uint8),)},
+            r"planes must have the shapes .*; got \(9, 9\)",
+        ),
     ],
 )
 def test_invalid_planes_raise(shapes, dtype, more, message):
@@ -226,13 +324,17 @@ def test_uniform_maps_are_exact(data):
     site, to_site = (np.array(SITINGS[siting]) for siting in sitings)
     offsets = (SITINGS[siting] for siting in sitings)
     found = halved_pixels(luma(np.arange(width), np.arange(height)), *offsets, size)
-    columns, rows = (2 * np.arange((n + 1) // 2) + s for n, s in zip((width, height), to_site, strict=True))
+    columns, rows = (
+        2 * np.arange((n + 1) // 2) + s for n, s in zip((width, height), to_site, strict=True)
+    )
     np.testing.assert_allclose(found, (luma(columns, rows) - site) / 2, atol=1e-9)
 
 
 # -- comparison with dewarping in RGB --------------------------------------------------------------
 
-TO_YUV = np.array([[0.2126, 0.7152, 0.0722], [-0.1146, -0.3854, 0.5], [0.5, -0.4542, -0.0458]])  # BT.709
+TO_YUV = np.array(
+    [[0.2126, 0.7152, 0.0722], [-0.1146, -0.3854, 0.5], [0.5, -0.4542, -0.0458]]
+)  # BT.709
 
 
 def yuv_of(rgb, full_range=False):
@@ -245,9 +347,15 @@ def coded(picture, full_range=False):
     """Return (y, u, v) in 4:2:0 with centred chroma, and the image that it represents."""
     yuv = yuv_of(picture, full_range)
     height, width = picture.shape[:2]
-    u, v = (np.rint(yuv[..., k].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3))) for k in (1, 2))
+    u, v = (
+        np.rint(yuv[..., k].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3)))
+        for k in (1, 2)
+    )
     y = np.rint(yuv[..., 0])
-    whole = [y, *(cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR) for plane in (u, v))]
+    whole = [
+        y,
+        *(cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR) for plane in (u, v)),
+    ]
     scale = np.array([255, 255, 255]) if full_range else np.array([219, 224, 224])
     rgb = (np.dstack(whole) - [0 if full_range else 16, 128, 128]) / scale @ np.linalg.inv(TO_YUV).T
     return tuple(plane.astype(np.uint8) for plane in (y, u, v)), rgb.astype(np.float32)
@@ -268,7 +376,10 @@ def test_chroma_subsamplings_match(scene, full_range, request):
     else:
         picture, camera = om.render_image(SENSOR, om.Room(), samples=2), SENSOR
     planes, whole = coded(picture, full_range)
-    for screen in (om.screens.Cylinder((1440, 360), -70.0, 30.0), om.screens.Plane((640, 480), pan_deg=20.0, tilt_deg=-25.0)):
+    for screen in (
+        om.screens.Cylinder((1440, 360), -70.0, 30.0),
+        om.screens.Plane((640, 480), pan_deg=20.0, tilt_deg=-25.0),
+    ):
         dewarp = om.Dewarper(camera, screen)
         width, height = screen.size
         expected = yuv_of(255 * dewarp(whole), full_range)

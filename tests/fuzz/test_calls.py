@@ -43,11 +43,37 @@ from . import workflows
 SENSOR = om.load_sensor("paper-spherical")
 SMALL = replace(SENSOR, imager=Imager(32, 32, 166.4))
 PICTURE = np.zeros((32, 32, 3), np.uint8)
-WANTED = om.Requirements(field=om.FieldRequirements(omega_max_deg=120.0), mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0), lens=om.LensRequirements(theta_max_deg=12.0))
-OCAM = _scaramuzza.write_ocamcalib(om.OCam((-240.0, 0.0, 1e-3, 0.0, 0.0), (320.0, 240.0), (640, 480)))
+WANTED = om.Requirements(
+    field=om.FieldRequirements(omega_max_deg=120.0),
+    mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0),
+    lens=om.LensRequirements(theta_max_deg=12.0),
+)
+OCAM = _scaramuzza.write_ocamcalib(
+    om.OCam((-240.0, 0.0, 1e-3, 0.0, 0.0), (320.0, 240.0), (640, 480))
+)
 
-FOCAL = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size": (32, 32), "skew_px": 0.1, "optics": "mirror", "rim_radius_px": None, "uncertainty": None, "mount": Mount()}
-SPLINE = {"radii_px": (5.0, 9.0, 13.0), "field_deg": 200.0, "centre_px": (16.0, 15.0), "image_size": (32, 32), "stretch_x": 0.01, "shear": 0.0, "p1": 1e-5, "p2": 0.0, "optics": "mirror", "rim_radius_px": 12.0}
+FOCAL = {
+    "focal_px": (20.0, 21.0),
+    "centre_px": (16.0, 15.0),
+    "image_size": (32, 32),
+    "skew_px": 0.1,
+    "optics": "mirror",
+    "rim_radius_px": None,
+    "uncertainty": None,
+    "mount": Mount(),
+}
+SPLINE = {
+    "radii_px": (5.0, 9.0, 13.0),
+    "field_deg": 200.0,
+    "centre_px": (16.0, 15.0),
+    "image_size": (32, 32),
+    "stretch_x": 0.01,
+    "shear": 0.0,
+    "p1": 1e-5,
+    "p2": 0.0,
+    "optics": "mirror",
+    "rim_radius_px": 12.0,
+}
 
 
 def used(kind: type[RadialModel]) -> Callable[..., None]:
@@ -63,58 +89,255 @@ def used(kind: type[RadialModel]) -> Callable[..., None]:
 
 
 CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
-    "spots": (om.spots, {"sensor": SENSOR, "omega_deg": [0.0, 60.0], "focus_mm": 210.0, "azimuth_deg": 0.0, "object_distance_mm": np.inf}),
-    "psf": (om.psf, {"sensor": SENSOR, "omega_deg": 30.0, "focus_mm": 210.0, "azimuth_deg": 0.0, "object_distance_mm": np.inf, "kind": "geometric", "wavelength_nm": 550.0, "width_px": 9.0}),
-    "mtf": (om.mtf, {"sensor": SENSOR, "omega_deg": [30.0], "cycles_per_px": [0.1], "focus_mm": 210.0, "kind": "geometric", "wavelength_nm": 550.0}),
-    "illumination": (om.illumination, {"sensor": SENSOR, "omega_deg": [30.0], "azimuth_deg": 0.0, "reflectivity": 0.9, "transmission": 0.9}),
-    "check_blur": (om.check_blur, {"sensor": SENSOR, "f_numbers": [4.0], "omega_deg": [30.0], "object_distance_mm": np.inf}),
-    "evaluate": (om.evaluate, {"sensor": SENSOR, "omega_deg": [30.0], "object_distance_mm": np.inf, "focus_mm": 210.0, "merit": "worst_floored_area_deg2", "mode": "exact", "wavelength_nm": 550.0, "image_radius_px": 500.0, "tolerance_px": 1.0}),
-    "best_focus": (om.best_focus, {"sensor": SENSOR, "merit": "worst_blur_area_deg2", "omega_deg": [0.0, 90.0], "object_distance_mm": np.inf, "mode": "exact", "image_radius_px": 500.0}),
-    "best_viewpoint": (om.best_viewpoint, {"sensor": SENSOR, "object_distance_mm": 1e3, "image_radius_px": 500.0}),
+    "spots": (
+        om.spots,
+        {
+            "sensor": SENSOR,
+            "omega_deg": [0.0, 60.0],
+            "focus_mm": 210.0,
+            "azimuth_deg": 0.0,
+            "object_distance_mm": np.inf,
+        },
+    ),
+    "psf": (
+        om.psf,
+        {
+            "sensor": SENSOR,
+            "omega_deg": 30.0,
+            "focus_mm": 210.0,
+            "azimuth_deg": 0.0,
+            "object_distance_mm": np.inf,
+            "kind": "geometric",
+            "wavelength_nm": 550.0,
+            "width_px": 9.0,
+        },
+    ),
+    "mtf": (
+        om.mtf,
+        {
+            "sensor": SENSOR,
+            "omega_deg": [30.0],
+            "cycles_per_px": [0.1],
+            "focus_mm": 210.0,
+            "kind": "geometric",
+            "wavelength_nm": 550.0,
+        },
+    ),
+    "illumination": (
+        om.illumination,
+        {
+            "sensor": SENSOR,
+            "omega_deg": [30.0],
+            "azimuth_deg": 0.0,
+            "reflectivity": 0.9,
+            "transmission": 0.9,
+        },
+    ),
+    "check_blur": (
+        om.check_blur,
+        {"sensor": SENSOR, "f_numbers": [4.0], "omega_deg": [30.0], "object_distance_mm": np.inf},
+    ),
+    "evaluate": (
+        om.evaluate,
+        {
+            "sensor": SENSOR,
+            "omega_deg": [30.0],
+            "object_distance_mm": np.inf,
+            "focus_mm": 210.0,
+            "merit": "worst_floored_area_deg2",
+            "mode": "exact",
+            "wavelength_nm": 550.0,
+            "image_radius_px": 500.0,
+            "tolerance_px": 1.0,
+        },
+    ),
+    "best_focus": (
+        om.best_focus,
+        {
+            "sensor": SENSOR,
+            "merit": "worst_blur_area_deg2",
+            "omega_deg": [0.0, 90.0],
+            "object_distance_mm": np.inf,
+            "mode": "exact",
+            "image_radius_px": 500.0,
+        },
+    ),
+    "best_viewpoint": (
+        om.best_viewpoint,
+        {"sensor": SENSOR, "object_distance_mm": 1e3, "image_radius_px": 500.0},
+    ),
     "compare": (om.compare, {"sensors": [SENSOR]}),
     "load_sensor": (om.load_sensor, {"name_or_path": "paper-spherical"}),
     "load_requirements": (om.load_requirements, {"path": "wanted.toml"}),
     "load_ocam": (om.load_ocam, {"path": "calib.txt", "optics": "mirror", "rim_radius_px": 200.0}),
     "read_image": (om.read_image, {"path": "a.png"}),
     "write_image": (om.write_image, {"path": "b.png", "image": PICTURE, "panorama": None}),
-    "MirrorBall": (om.MirrorBall, {"centre_px": (16.0, 16.0), "rim_radius_px": 10.0, "image_size": (32, 32), "field_deg": 300.0}),
-    "OCam": (om.OCam, {"polynomial": (-100.0, 0.0, 0.001), "centre_px": (16.0, 16.0), "image_size": (32, 32), "affine": (1.0, 0.0, 0.0), "optics": "mirror"}),
-    "Unified": (used(om.Unified), {"xi": 0.9, **FOCAL, "k1": -0.1, "k2": 0.0, "k3": 0.0, "p1": 0.0, "p2": 0.01}),
+    "MirrorBall": (
+        om.MirrorBall,
+        {
+            "centre_px": (16.0, 16.0),
+            "rim_radius_px": 10.0,
+            "image_size": (32, 32),
+            "field_deg": 300.0,
+        },
+    ),
+    "OCam": (
+        om.OCam,
+        {
+            "polynomial": (-100.0, 0.0, 0.001),
+            "centre_px": (16.0, 16.0),
+            "image_size": (32, 32),
+            "affine": (1.0, 0.0, 0.0),
+            "optics": "mirror",
+        },
+    ),
+    "Unified": (
+        used(om.Unified),
+        {"xi": 0.9, **FOCAL, "k1": -0.1, "k2": 0.0, "k3": 0.0, "p1": 0.0, "p2": 0.01},
+    ),
     "EnhancedUnified": (used(om.EnhancedUnified), {"alpha": 0.6, "beta": 1.1, **FOCAL}),
     "DoubleSphere": (used(om.DoubleSphere), {"xi": -0.2, "alpha": 0.6, **FOCAL}),
-    "KannalaBrandt": (used(om.KannalaBrandt), {**FOCAL, "k1": -0.1, "k2": 0.0, "k3": 0.0, "k4": 0.0}),
+    "KannalaBrandt": (
+        used(om.KannalaBrandt),
+        {**FOCAL, "k1": -0.1, "k2": 0.0, "k3": 0.0, "k4": 0.0},
+    ),
     "RadialSpline": (used(om.RadialSpline), SPLINE),
     "ViewpointSpline": (used(om.ViewpointSpline), {"viewpoints_mm": (-1.0, 0.0, 2.0), **SPLINE}),
-    "evaluate_camera": (om.evaluate_camera, {"camera": om.RadialSpline(**SPLINE), "omega_deg": [10.0, 20.0]}),
+    "evaluate_camera": (
+        om.evaluate_camera,
+        {"camera": om.RadialSpline(**SPLINE), "omega_deg": [10.0, 20.0]},
+    ),
     "image": (om.RadialSpline(**SPLINE).image, {"points_mm": [[1.0, 2.0, -3.0]]}),
-    "with_parameters": (om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)).with_parameters, {"values": [9.0, 1, 2]}),
+    "with_parameters": (
+        om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)).with_parameters,
+        {"values": [9.0, 1, 2]},
+    ),
     "load_camera": (om.load_camera, {"name_or_path": "calib.txt"}),
     "Limit": (om.Limit, {"quantity": "total_blur_px", "at_most": 1.0}),
-    "FieldRequirements": (om.FieldRequirements, {"omega_max_deg": 120.0, "omega_min_deg": 0.0, "object_distance_mm": (500.0, np.inf)}),
-    "MirrorRequirements": (om.MirrorRequirements, {"mapping": "equidistant", "rim_radius_mm": 40.0, "fit": None, "omega_deg": None, "conic": None, "plane_distance_mm": None}),
-    "PartsRequirements": (om.PartsRequirements, {"catalogue": ("a.csv",), "mirror": "ball", "dome": True, "most_price": 100.0, "most_height_mm": 200.0}),
-    "LensRequirements": (om.LensRequirements, {"kind": "perspective", "theta_max_deg": 12.0, "f_number": 4.0, "focus_mm": None}),
-    "Requirements": (om.Requirements, {"field": WANTED.field, "mirror": WANTED.mirror, "lens": WANTED.lens, "imager": WANTED.imager, "limits": (), "name": "a"}),
+    "FieldRequirements": (
+        om.FieldRequirements,
+        {"omega_max_deg": 120.0, "omega_min_deg": 0.0, "object_distance_mm": (500.0, np.inf)},
+    ),
+    "MirrorRequirements": (
+        om.MirrorRequirements,
+        {
+            "mapping": "equidistant",
+            "rim_radius_mm": 40.0,
+            "fit": None,
+            "omega_deg": None,
+            "conic": None,
+            "plane_distance_mm": None,
+        },
+    ),
+    "PartsRequirements": (
+        om.PartsRequirements,
+        {
+            "catalogue": ("a.csv",),
+            "mirror": "ball",
+            "dome": True,
+            "most_price": 100.0,
+            "most_height_mm": 200.0,
+        },
+    ),
+    "LensRequirements": (
+        om.LensRequirements,
+        {"kind": "perspective", "theta_max_deg": 12.0, "f_number": 4.0, "focus_mm": None},
+    ),
+    "Requirements": (
+        om.Requirements,
+        {
+            "field": WANTED.field,
+            "mirror": WANTED.mirror,
+            "lens": WANTED.lens,
+            "imager": WANTED.imager,
+            "limits": (),
+            "name": "a",
+        },
+    ),
     "format_requirements": (om.format_requirements, {"requirements": WANTED}),
     "judge": (om.judge, {"requirements": WANTED, "sensor": SENSOR, "angles": 11}),
-    "Dewarper": (lambda **words: om.Dewarper(**words)(PICTURE), {"camera": SMALL, "view": om.screens.Cylinder((36, 12), -40.0, 20.0), "interpolation": "linear", "viewpoint": "exact", "border": 0}),
-    "ColourDewarper": (lambda **words: om.ColourDewarper(**words)(PICTURE), {"cameras": (SMALL,) * 3, "view": om.screens.Cylinder((36, 12), -40.0, 20.0), "interpolation": "linear", "viewpoint": "exact", "border": 0}),
-    "picture": (om.Dewarper(SMALL, om.screens.Cylinder((36, 12), -40.0, 20.0)), {"image": PICTURE, "transparent": False, "out": None}),
-    "Cylinder": (om.screens.Cylinder, {"size": (36, 10), "tilt_min_deg": -20.0, "tilt_max_deg": 20.0, "pan_deg": 0.0, "span_deg": 360.0, "distance_mm": np.inf}),
+    "Dewarper": (
+        lambda **words: om.Dewarper(**words)(PICTURE),
+        {
+            "camera": SMALL,
+            "view": om.screens.Cylinder((36, 12), -40.0, 20.0),
+            "interpolation": "linear",
+            "viewpoint": "exact",
+            "border": 0,
+        },
+    ),
+    "ColourDewarper": (
+        lambda **words: om.ColourDewarper(**words)(PICTURE),
+        {
+            "cameras": (SMALL,) * 3,
+            "view": om.screens.Cylinder((36, 12), -40.0, 20.0),
+            "interpolation": "linear",
+            "viewpoint": "exact",
+            "border": 0,
+        },
+    ),
+    "picture": (
+        om.Dewarper(SMALL, om.screens.Cylinder((36, 12), -40.0, 20.0)),
+        {"image": PICTURE, "transparent": False, "out": None},
+    ),
+    "Cylinder": (
+        om.screens.Cylinder,
+        {
+            "size": (36, 10),
+            "tilt_min_deg": -20.0,
+            "tilt_max_deg": 20.0,
+            "pan_deg": 0.0,
+            "span_deg": 360.0,
+            "distance_mm": np.inf,
+        },
+    ),
     "panorama": (om.views.panorama, {"camera": SMALL, "size": (36, 12), "pan_deg": 0.0}),
-    "render_image": (om.render_image, {"camera": SMALL, "scene": om.Room(), "samples": 1, "blur": False, "seed": 0}),
-    "plan_bracket": (om.plan_bracket, {"sensor": SENSOR, "limit_px": 2.0, "object_distance_mm": np.inf}),
+    "render_image": (
+        om.render_image,
+        {"camera": SMALL, "scene": om.Room(), "samples": 1, "blur": False, "seed": 0},
+    ),
+    "plan_bracket": (
+        om.plan_bracket,
+        {"sensor": SENSOR, "limit_px": 2.0, "object_distance_mm": np.inf},
+    ),
     "backproject": (SENSOR.backproject, {"pixels": [[500.0, 500.0]]}),
     "project": (SENSOR.project, {"points_mm": [[100.0, 0.0, 50.0]]}),
     "project_directions": (SENSOR.project_directions, {"directions": [[1.0, 0.0, 0.0]]}),
-    "project (ball)": (om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)).project, {"points_mm": [[1.0, 2.0, -3.0]]}),
+    "project (ball)": (
+        om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)).project,
+        {"points_mm": [[1.0, 2.0, -3.0]]},
+    ),
     "aperture_rays": (SENSOR.aperture_rays, {"pixels": [[500.0, 500.0]], "pupil": [0.5, 0.0]}),
     "x_from_height_px": (SENSOR.x_from_height_px, {"h_px": [100.0]}),
     "radius_from_centre_px": (SENSOR.radius_from_centre_px, {"pixels": [[500.0, 500.0]]}),
     "to_csv": (om.evaluate(SENSOR, [30.0]).to_csv, {"path": "table.csv"}),
     "to_json": (om.evaluate(SENSOR, [30.0]).to_json, {"path": "table.json"}),
-    "Sensor": (om.Sensor, {"mirror": SENSOR.mirror, "lens": SENSOR.lens, "imager": SENSOR.imager, "mirror_distance_mm": 185.93}),
-    "convert": (om.convert, {"source": om.Unified(0.9, (20.0, 20.0), (31.5, 23.5), (64, 48)), "target": "out.yaml", "to": "kalibr-ds", "camera": 0, "optics": "mirror", "mount": None, "image_size": None, "rim_radius_px": None, "flip": False, "tolerance_px": 50.0, "distance_mm": [500.0], "field_deg": 90.0}),
+    "Sensor": (
+        om.Sensor,
+        {
+            "mirror": SENSOR.mirror,
+            "lens": SENSOR.lens,
+            "imager": SENSOR.imager,
+            "mirror_distance_mm": 185.93,
+        },
+    ),
+    "convert": (
+        om.convert,
+        {
+            "source": om.Unified(0.9, (20.0, 20.0), (31.5, 23.5), (64, 48)),
+            "target": "out.yaml",
+            "to": "kalibr-ds",
+            "camera": 0,
+            "optics": "mirror",
+            "mount": None,
+            "image_size": None,
+            "rim_radius_px": None,
+            "flip": False,
+            "tolerance_px": 50.0,
+            "distance_mm": [500.0],
+            "field_deg": 90.0,
+        },
+    ),
     "show": (om.show, {"picture": PICTURE, "camera": SMALL, "height_px": 300}),
     "Imager": (Imager, {"width_px": 32, "height_px": 32, "pixel_pitch_um": 5.0}),
     **workflows.CALLS,
@@ -169,11 +392,50 @@ ELSEWHERE = {
     "write_video_dataset",
 }
 """Public names without a call here: too slow for hundreds of calls, or results of other functions."""
-SLOW = ("calibrate_camera", "write_comparison", "convert")  # covered sufficiently by ``test_any_values...``
+SLOW = (
+    "calibrate_camera",
+    "write_comparison",
+    "convert",
+)  # covered sufficiently by ``test_any_values...``
 LONG = ("calibrate_camera", "write_calibration_dataset", "write_comparison", "write_tolerances")
-ODD = (None, "", "x", "x" * 5000, "a\0b", b"x", True, 0, -1, 10**400, 1e308, -1e308, float("nan"), float("inf"), 1j, [], [[]], [float("nan")], [60.0, float("inf")], [[1, 2], [3]], ["a"], {}, (1,), object(), len, np.zeros(0), np.zeros((2, 2, 2)), np.zeros(3, "datetime64[s]"))
+ODD = (
+    None,
+    "",
+    "x",
+    "x" * 5000,
+    "a\0b",
+    b"x",
+    True,
+    0,
+    -1,
+    10**400,
+    1e308,
+    -1e308,
+    float("nan"),
+    float("inf"),
+    1j,
+    [],
+    [[]],
+    [float("nan")],
+    [60.0, float("inf")],
+    [[1, 2], [3]],
+    ["a"],
+    {},
+    (1,),
+    object(),
+    len,
+    np.zeros(0),
+    np.zeros((2, 2, 2)),
+    np.zeros(3, "datetime64[s]"),
+)
 NUMBERS = st.one_of(st.floats(), st.integers(), st.floats(-200, 200))
-VALUES = st.one_of(st.sampled_from(ODD), NUMBERS, st.lists(NUMBERS, max_size=4), st.text(max_size=8), st.tuples(NUMBERS, NUMBERS))
+VALUES = st.one_of(
+    st.sampled_from(ODD),
+    NUMBERS,
+    st.lists(NUMBERS, max_size=4),
+    st.text(max_size=8),
+    st.tuples(NUMBERS, NUMBERS),
+)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -182,7 +444,9 @@ def _files(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         (folder / "calib.txt").write_text(OCAM)
-        (folder / "wanted.toml").write_text('field.omega_max_deg = 90\nmirror = {mapping = "equidistant", rim_radius_mm = 40.0}\nlens.theta_max_deg = 12.0\n')
+        (folder / "wanted.toml").write_text(
+            'field.omega_max_deg = 90\nmirror = {mapping = "equidistant", rim_radius_mm = 40.0}\nlens.theta_max_deg = 12.0\n'
+        )
         workflows.write_files(folder)
         patch.setattr(simulated_video, "MAX_FRAMES", 20)  # larger values are valid and take hours
         patch.setattr(pixel_rays, "MAX_SAMPLES", 1024)
@@ -199,7 +463,9 @@ def call(name: str, changed: dict[str, Any]) -> None:
             sentence = str(e)
             assert "\n" not in sentence
             assert len(sentence) < 700, sentence
-    assert not [path for path in Path().iterdir() if TEMPORARY_MARK in path.name]  # no partial output remains
+    assert not [
+        path for path in Path().iterdir() if TEMPORARY_MARK in path.name
+    ]  # no partial output remains
 
 
 @pytest.mark.parametrize("name", few(CALLS, *(name for name in CALLS if name not in LONG)))
@@ -207,7 +473,9 @@ def test_the_calls_are_right_as_they_stand(name):
     function, words = CALLS[name]
     found = function(**words)
     if not isinstance(found, str | list):
-        assert len(repr(found)) < 15_000  # console output of a result: its numbers, not its thousand angles
+        assert (
+            len(repr(found)) < 15_000
+        )  # console output of a result: its numbers, not its thousand angles
 
 
 def test_every_public_name_is_called():
@@ -215,9 +483,17 @@ def test_every_public_name_is_called():
     assert not {name for name in om.__all__ if not name.startswith("__")} - called - ELSEWHERE
 
 
-@pytest.mark.parametrize("name", few((name for name in CALLS if name not in SLOW), *(name for name in CALLS if name not in (*SLOW, *LONG))))
+@pytest.mark.parametrize(
+    "name",
+    few(
+        (name for name in CALLS if name not in SLOW),
+        *(name for name in CALLS if name not in (*SLOW, *LONG)),
+    ),
+)
 def test_odd_values_are_refused_with_a_sentence(name):
-    few = range(0, len(ODD), 3)  # every third value of each argument, with another offset for the next
+    few = range(
+        0, len(ODD), 3
+    )  # every third value of each argument, with another offset for the next
     for i, argument in enumerate(CALLS[name][1]):
         for k in few:
             value = ODD[(k + i) % len(ODD)]
@@ -232,12 +508,22 @@ def test_odd_values_are_refused_with_a_sentence(name):
 @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_values_are_refused_with_a_sentence(name, data):
-    names = data.draw(st.lists(st.sampled_from(list(CALLS[name][1])), min_size=1, max_size=2, unique=True))
+    names = data.draw(
+        st.lists(st.sampled_from(list(CALLS[name][1])), min_size=1, max_size=2, unique=True)
+    )
     call(name, {argument: data.draw(VALUES) for argument in names})
 
 
 @pytest.mark.parametrize(
-    ("name", "argument", "value"), [("UnitAspect as a part", "theta_max_deg", 5e-324), ("GroundPlane as a part", "theta_max_deg", 5e-297), ("ViewpointSpline", "field_deg", 2e-281), ("direction_uncertainty", "pixels", np.zeros((2, 2, 2))), ("floor_uncertainty", "pixels", np.zeros((2, 2, 2))), ("tolerance", "seed", -1)]
+    ("name", "argument", "value"),
+    [
+        ("UnitAspect as a part", "theta_max_deg", 5e-324),
+        ("GroundPlane as a part", "theta_max_deg", 5e-297),
+        ("ViewpointSpline", "field_deg", 2e-281),
+        ("direction_uncertainty", "pixels", np.zeros((2, 2, 2))),
+        ("floor_uncertainty", "pixels", np.zeros((2, 2, 2))),
+        ("tolerance", "seed", -1),
+    ],
 )
 def test_values_that_no_sensor_has_are_refused_with_a_sentence(name, argument, value):
     function, words = CALLS[name]
@@ -246,13 +532,21 @@ def test_values_that_no_sensor_has_are_refused_with_a_sentence(name, argument, v
 
 
 def test_a_whole_number_may_be_longer_than_numpys():
-    assert om.screens.Cylinder((36, 10), -20.0, 20.0, distance_mm=2**64)._place == ", at 1.84467e+19 mm"
+    assert (
+        om.screens.Cylinder((36, 10), -20.0, 20.0, distance_mm=2**64)._place
+        == ", at 1.84467e+19 mm"
+    )
 
 
-@pytest.mark.parametrize(("name", "argument"), [("uncertainty_map", "steps"), ("simulate_detections", "count"), ("refine_corners", "passes")])
+@pytest.mark.parametrize(
+    ("name", "argument"),
+    [("uncertainty_map", "steps"), ("simulate_detections", "count"), ("refine_corners", "passes")],
+)
 def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argument):
     function, words = CALLS[name]
-    with pytest.raises(OmnimirrorError, match=f"{argument} must be an integer between .*; got 1000000000"):
+    with pytest.raises(
+        OmnimirrorError, match=f"{argument} must be an integer between .*; got 1000000000"
+    ):
         function(**words | {argument: 10**9})
 
 
@@ -277,7 +571,10 @@ def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argumen
 )
 def test_numbers_lists_pairs_and_cameras_that_are_none(name, words):
     function, usual = CALLS[name]
-    with pytest.raises(OmnimirrorError, match=r"valid|must|cannot be read as numbers| is not | not a name|Not a directory"):
+    with pytest.raises(
+        OmnimirrorError,
+        match=r"valid|must|cannot be read as numbers| is not | not a name|Not a directory",
+    ):
         function(**usual | words)
 
 
@@ -294,38 +591,130 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[500.0, 600.0], weights=[1.0]), "1 weights for 2 wavelengths"),
-        (lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[550.0, 99.0]), "wavelength_nm must be 100 to 20000 nm; got 99"),
-        (lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=20001.0), "wavelength_nm must be 100 to 20000 nm; got 20001"),
-        (lambda _: om.evaluate(SENSOR, [0.0], wavelength_nm=99.9), "wavelength_nm must be 100 to 20000 nm; got 99.9"),
-        (lambda _: om.evaluate(SENSOR, [1.0, 2.0], focus_mm="auto", object_distance_mm=[9.0, 8.0]), "needs one object_distance_mm for all field angles"),
+        (
+            lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[500.0, 600.0], weights=[1.0]),
+            "1 weights for 2 wavelengths",
+        ),
+        (
+            lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[550.0, 99.0]),
+            "wavelength_nm must be 100 to 20000 nm; got 99",
+        ),
+        (
+            lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=20001.0),
+            "wavelength_nm must be 100 to 20000 nm; got 20001",
+        ),
+        (
+            lambda _: om.evaluate(SENSOR, [0.0], wavelength_nm=99.9),
+            "wavelength_nm must be 100 to 20000 nm; got 99.9",
+        ),
+        (
+            lambda _: om.evaluate(
+                SENSOR, [1.0, 2.0], focus_mm="auto", object_distance_mm=[9.0, 8.0]
+            ),
+            "needs one object_distance_mm for all field angles",
+        ),
         (lambda _: family("spheres", 2), "'spheres' is no family .* even-polynomial"),
-        (lambda _: family("even-polynomial", 0), "terms = 0 does not suit even-polynomial, which takes 1 to"),
-        (lambda _: Designs(family("even-polynomial", 3), np.ones((2, 2)), 150.0, 44.0, 11.6, 4.0, 5.2), r"coefficients have shape \(2, 2\); even-polynomial with 3 terms needs \(n, 3\)"),
-        (lambda _: best_apertures(SENSOR, f_number=(8.0, 2.0)), "must be a range with 0 < low <= high; got 8 to 2"),
-        (lambda _: best_apertures(SENSOR, f_number=0.0), "must be a range with 0 < low <= high; got 0 to 0"),
-        (lambda _: om.Unified(0.9, *PINHOLE[:2], (64, 48, 3)), r"image_size must be two numbers .*; got \(64, 48, 3\)"),
-        (lambda _: om.Unified(0.9, PINHOLE[0], (1.0,), PINHOLE[2]), r"centre_px must be two numbers \(u, v\); got \(1\.0,\)"),
-        (lambda _: om.OCam((-9.0, 0.0), *PINHOLE[1:], affine=(1.0, 0.0)), r"affine must be three numbers .*; got \(1\.0, 0\.0\)"),
-        (lambda _: om.OCam(((-9.0,),), *PINHOLE[1:]), r"polynomial must be numbers of shape \(n,\)"),
-        (lambda _: om.Unified(0.9, *PINHOLE).with_parameters([1.0]), r"values must have the shape \(\d+,\) for the parameters of unified; got shape \(1,\)"),
-        (lambda _: Uncertainty(("k1", "k1"), ((1.0, 0.0), (0.0, 1.0))), "names must be different names of parameters"),
-        (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.0), (0.0,))), r"covariance must have the shape \(2, 2\)"),
-        (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))), r"covariance must have the shape \(2, 2\)"),
-        (lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.1), (0.2, 1.0))), "covariance must be symmetric"),
+        (
+            lambda _: family("even-polynomial", 0),
+            "terms = 0 does not suit even-polynomial, which takes 1 to",
+        ),
+        (
+            lambda _: Designs(
+                family("even-polynomial", 3), np.ones((2, 2)), 150.0, 44.0, 11.6, 4.0, 5.2
+            ),
+            r"coefficients have shape \(2, 2\); even-polynomial with 3 terms needs \(n, 3\)",
+        ),
+        (
+            lambda _: best_apertures(SENSOR, f_number=(8.0, 2.0)),
+            "must be a range with 0 < low <= high; got 8 to 2",
+        ),
+        (
+            lambda _: best_apertures(SENSOR, f_number=0.0),
+            "must be a range with 0 < low <= high; got 0 to 0",
+        ),
+        (
+            lambda _: om.Unified(0.9, *PINHOLE[:2], (64, 48, 3)),
+            r"image_size must be two numbers .*; got \(64, 48, 3\)",
+        ),
+        (
+            lambda _: om.Unified(0.9, PINHOLE[0], (1.0,), PINHOLE[2]),
+            r"centre_px must be two numbers \(u, v\); got \(1\.0,\)",
+        ),
+        (
+            lambda _: om.OCam((-9.0, 0.0), *PINHOLE[1:], affine=(1.0, 0.0)),
+            r"affine must be three numbers .*; got \(1\.0, 0\.0\)",
+        ),
+        (
+            lambda _: om.OCam(((-9.0,),), *PINHOLE[1:]),
+            r"polynomial must be numbers of shape \(n,\)",
+        ),
+        (
+            lambda _: om.Unified(0.9, *PINHOLE).with_parameters([1.0]),
+            r"values must have the shape \(\d+,\) for the parameters of unified; got shape \(1,\)",
+        ),
+        (
+            lambda _: Uncertainty(("k1", "k1"), ((1.0, 0.0), (0.0, 1.0))),
+            "names must be different names of parameters",
+        ),
+        (
+            lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.0), (0.0,))),
+            r"covariance must have the shape \(2, 2\)",
+        ),
+        (
+            lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
+            r"covariance must have the shape \(2, 2\)",
+        ),
+        (
+            lambda _: Uncertainty(("k1", "k2"), ((1.0, 0.1), (0.2, 1.0))),
+            "covariance must be symmetric",
+        ),
         (lambda _: Uncertainty(("k1", "k2"), ((1.0, 2.0), (2.0, 1.0))), "covariance"),
         (lambda _: om.screens.Cylinder((9, 9), [0.0], [1.0]), "^tilt_min_deg "),
-        (lambda _: om.views.panorama(BALL, (9, 9, 9)), r"size must be a tuple of 2 values .*; got \(9, 9, 9\)"),
+        (
+            lambda _: om.views.panorama(BALL, (9, 9, 9)),
+            r"size must be a tuple of 2 values .*; got \(9, 9, 9\)",
+        ),
         (lambda _: om.read_image("a\0.png"), "must have only characters that file names support"),
-        (lambda _: om.register_format("x", "y"), "kind must be an omnimirror.manufacturing.Format; got 'y'"),
-        (lambda _: om.register_view("panorama", om.views.dome), "the name of a view must be unique; got 'panorama'"),
-        (lambda _: om.find_boards([np.zeros((9, 9), np.uint8)], om.Board("chessboard", 5, 4), names=["a", "b"]), "names must have one entry per image; got 2 names for 1 images"),
-        (lambda _: om.plan_bracket(SENSOR, limit_px=0.01), "limit_px must be between 0.05 and 1000 px; got 0.01"),
-        (lambda _: TabulatedMapping((0.0, 60.0), (0.0, 1.0), 11.0, 40.0), "omega_deg must have at least 6 values; got 2"),
-        (lambda _: keyframes.Keyframes.load("keyframes.txt"), r"keyframes must be a \.csv or \.toml file"),
-        (lambda _: first_number(Path("p%03d.png")), "must be numbered without gaps; .*p002.png is missing"),
-        (lambda _: om.dewarp_video("a.mp4", "b.mp4", camera=BALL, settings=VideoSettings(frame_rate=9.0)), "frame_rate must be omitted unless the source is an image sequence; got 9"),
-        (lambda taken: listen("127.0.0.1", taken), "cannot listen on 127.0.0.1, port .*: Address already in use"),
+        (
+            lambda _: om.register_format("x", "y"),
+            "kind must be an omnimirror.manufacturing.Format; got 'y'",
+        ),
+        (
+            lambda _: om.register_view("panorama", om.views.dome),
+            "the name of a view must be unique; got 'panorama'",
+        ),
+        (
+            lambda _: om.find_boards(
+                [np.zeros((9, 9), np.uint8)], om.Board("chessboard", 5, 4), names=["a", "b"]
+            ),
+            "names must have one entry per image; got 2 names for 1 images",
+        ),
+        (
+            lambda _: om.plan_bracket(SENSOR, limit_px=0.01),
+            "limit_px must be between 0.05 and 1000 px; got 0.01",
+        ),
+        (
+            lambda _: TabulatedMapping((0.0, 60.0), (0.0, 1.0), 11.0, 40.0),
+            "omega_deg must have at least 6 values; got 2",
+        ),
+        (
+            lambda _: keyframes.Keyframes.load("keyframes.txt"),
+            r"keyframes must be a \.csv or \.toml file",
+        ),
+        (
+            lambda _: first_number(Path("p%03d.png")),
+            "must be numbered without gaps; .*p002.png is missing",
+        ),
+        (
+            lambda _: om.dewarp_video(
+                "a.mp4", "b.mp4", camera=BALL, settings=VideoSettings(frame_rate=9.0)
+            ),
+            "frame_rate must be omitted unless the source is an image sequence; got 9",
+        ),
+        (
+            lambda taken: listen("127.0.0.1", taken),
+            "cannot listen on 127.0.0.1, port .*: Address already in use",
+        ),
     ],
 )
 def test_refusals_name_the_argument_and_what_is_valid(call, sentence, tmp_path, monkeypatch):
@@ -353,7 +742,15 @@ def test_messages_are_short_whatever_they_are_about():
 
 @pytest.mark.parametrize("name", ["x" * 5000, "a folder\n/" * 500])
 def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
-    readers = (om.parse_camera, om.parse_sensor, keyframes.parse_csv, keyframes.parse_toml, parse_ocam, parse_requirements, partial(parse_tolerances, sensor=SENSOR))
+    readers = (
+        om.parse_camera,
+        om.parse_sensor,
+        keyframes.parse_csv,
+        keyframes.parse_toml,
+        parse_ocam,
+        parse_requirements,
+        partial(parse_tolerances, sensor=SENSOR),
+    )
     for read in readers:
         for text in ("9 0", "a = [", "a = 1"):
             with pytest.raises(OmnimirrorError, match=re.escape(name.splitlines()[0][:20])) as said:
@@ -361,12 +758,17 @@ def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
             assert len(str(said.value)) < 300
             assert "\n" not in str(said.value)
     for error in (OmnimirrorError, om.base.errors.SpecError, InvalidType):
-        assert len(str(error(f"there is no mirror {name!r} and no file {'/'.join(name.split())}"))) < 300
+        assert (
+            len(str(error(f"there is no mirror {name!r} and no file {'/'.join(name.split())}")))
+            < 300
+        )
 
 
 def test_messages_keep_where_a_long_name_begins_and_ends():
     path = "/home/someone/" + "pictures/" * 30 + "of the lab.png"
-    assert str(OmnimirrorError(f"there is no {path}")).startswith("there is no /home/someone/pictures/")
+    assert str(OmnimirrorError(f"there is no {path}")).startswith(
+        "there is no /home/someone/pictures/"
+    )
     assert str(OmnimirrorError(f"there is no {path}")).endswith("/of the lab.png")
     prose = "the mirror's rim is hidden, and " * 6 + "the camera's is 'not'"
     assert str(OmnimirrorError(prose)) == prose

@@ -97,7 +97,13 @@ USUAL: dict[str, Any] = {  # by argument name
     "focus_distance_mm": 100.0,
     "wavelength_nm": 600.0,
 }
-CANNOT = {("tilted sensor", "x_from_height_px"), ("environment", "load"), ("cube", "face"), ("cube", "zoomed"), ("sampled mirror", "from_csv")}
+CANNOT = {
+    ("tilted sensor", "x_from_height_px"),
+    ("environment", "load"),
+    ("cube", "face"),
+    ("cube", "zoomed"),
+    ("sampled mirror", "from_csv"),
+}
 OF_LENSES = {  # the others are steps of a trace, with arrays created by it
     "blur",
     "focus_coordinate",
@@ -114,11 +120,22 @@ INSIDE = {"from_spec", "unchecked"}  # readers of checked files, and methods tha
 def methods_of(thing: Any) -> dict[str, Callable[..., Any]]:
     """Return the public methods of an object that have arguments."""
     names = [n for n in dir(thing) if not n.startswith("_") and n not in INSIDE]
-    found = {name: getattr(thing, name) for name in names if callable(getattr(type(thing), name, None))}
-    return {name: method for name, method in found.items() if inspect.ismethod(method) and inspect.signature(method).parameters}
+    found = {
+        name: getattr(thing, name) for name in names if callable(getattr(type(thing), name, None))
+    }
+    return {
+        name: method
+        for name, method in found.items()
+        if inspect.ismethod(method) and inspect.signature(method).parameters
+    }
 
 
-CASES = [(thing, method) for thing in THINGS for method in methods_of(THINGS[thing]) if not isinstance(THINGS[thing], Lens) or method in OF_LENSES]
+CASES = [
+    (thing, method)
+    for thing in THINGS
+    for method in methods_of(THINGS[thing])
+    if not isinstance(THINGS[thing], Lens) or method in OF_LENSES
+]
 
 
 @pytest.fixture(autouse=True)
@@ -126,10 +143,18 @@ def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(("thing", "method"), few(CASES, *(case for case in CASES if case[0] not in ("hall", "street"))), ids=[" ".join(case) for case in CASES])
+@pytest.mark.parametrize(
+    ("thing", "method"),
+    few(CASES, *(case for case in CASES if case[0] not in ("hall", "street"))),
+    ids=[" ".join(case) for case in CASES],
+)
 def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
     called = methods_of(THINGS[thing])[method]
-    told = [p for p in inspect.signature(called).parameters.values() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
+    told = [
+        p
+        for p in inspect.signature(called).parameters.values()
+        if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+    ]
     usual = {p.name: USUAL[p.name] for p in told if p.default is p.empty and p.name in USUAL}
     if "values" in {p.name for p in told}:
         usual["values"] = [p.value for p in THINGS[thing].parameters]
@@ -140,7 +165,9 @@ def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
     for name in (p.name for p in told):
         for odd in ODD:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # values far outside the field may overflow to NaN
+                warnings.simplefilter(
+                    "ignore", RuntimeWarning
+                )  # values far outside the field may overflow to NaN
                 try:
                     called(**usual | {name: odd})
                 except OmnimirrorError as e:

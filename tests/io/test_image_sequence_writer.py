@@ -17,8 +17,19 @@ from omnimirror.io.video_writer import ImageSequenceWriter, VideoWriter
 from tests.commands import fails, omnimirror
 from tests.io.synthetic import pictures_of
 
-BALL = ["--ball", "31.5,31.5,30,260", "--view", "perspective", "--tilt-deg", "-30", "--size", "32x24"]
-DEWARP = om.Dewarper(om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64)), om.screens.Plane((32, 24), tilt_deg=-30.0))
+BALL = [
+    "--ball",
+    "31.5,31.5,30,260",
+    "--view",
+    "perspective",
+    "--tilt-deg",
+    "-30",
+    "--size",
+    "32x24",
+]
+DEWARP = om.Dewarper(
+    om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64)), om.screens.Plane((32, 24), tilt_deg=-30.0)
+)
 
 
 def picture(number: int) -> np.ndarray:
@@ -80,7 +91,18 @@ def test_existing_images_are_skipped(film, tmp_path):
 
 def test_sigterm_leaves_complete_images(film, tmp_path):
     out, program = tmp_path / "out", Path(sys.executable).with_name("omnimirror")
-    words = ["dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "512x256", "-o", out / "%d.png", "-o", "-"]
+    words = [
+        "dewarp",
+        film,
+        "--ball",
+        "31.5,31.5,30,260",
+        "--size",
+        "512x256",
+        "-o",
+        out / "%d.png",
+        "-o",
+        "-",
+    ]
     with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
         assert run.stdout.read(9) == b"YUV4MPEG2"  # the writer blocks at a full pipe
         run.send_signal(signal.SIGTERM)
@@ -95,13 +117,41 @@ def test_sigterm_leaves_complete_images(film, tmp_path):
 @pytest.mark.parametrize(
     ("source", "output", "message"),
     [
-        ("in.mp4", "f.png", "cannot write f.png: the name must contain a number, such as f%04d.png"),
-        ("in.mp4", "f%s.png", "cannot write f%s.png: the name must contain a number, such as f%04d.png"),
-        ("in.mp4", "f%d-%d.png", "cannot write f%d-%d.png: the name must contain one number and no other %, such as f%04d.png"),
-        ("in.mp4", "100%/f%d.png", "cannot write 100%/f%d.png: the name must contain one number and no other %, such as f%04d.png"),
-        ("in.mp4", "f%4d.png", "cannot write f%4d.png: the number must have at most 9 digits with leading zeros, such as f"),
-        ("in.mp4", "f%099999999d.png", "cannot write f%099999999d.png: the number must have at most 9 digits with leading zeros, s"),
-        ("in.mp4", "f%04d.gif", "cannot write f%04d.gif: the suffix of an image sequence must be one of .png, .jpg, .jpeg, "),
+        (
+            "in.mp4",
+            "f.png",
+            "cannot write f.png: the name must contain a number, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%s.png",
+            "cannot write f%s.png: the name must contain a number, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%d-%d.png",
+            "cannot write f%d-%d.png: the name must contain one number and no other %, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "100%/f%d.png",
+            "cannot write 100%/f%d.png: the name must contain one number and no other %, such as f%04d.png",
+        ),
+        (
+            "in.mp4",
+            "f%4d.png",
+            "cannot write f%4d.png: the number must have at most 9 digits with leading zeros, such as f",
+        ),
+        (
+            "in.mp4",
+            "f%099999999d.png",
+            "cannot write f%099999999d.png: the number must have at most 9 digits with leading zeros, s",
+        ),
+        (
+            "in.mp4",
+            "f%04d.gif",
+            "cannot write f%04d.gif: the suffix of an image sequence must be one of .png, .jpg, .jpeg, ",
+        ),
         ("f%04d.png", "./f%03d.png", "must not overwrite the source images f%04d.png"),
     ],
 )
@@ -115,14 +165,18 @@ def test_video_options_are_rejected_for_images(film, tmp_path):
     for option in (["--crf", "3"], ["--pixel-format", "yuv420p"]):
         fails("dewarp", film, *BALL, *option, "-o", tmp_path / "%d.png")
     words = ["--skip-existing", "-o", tmp_path / "%d.png", "-o", tmp_path / "a.mp4"]
-    assert "skip_existing must be used with a single image sequence" in fails("dewarp", film, *BALL, *words)
+    assert "skip_existing must be used with a single image sequence" in fails(
+        "dewarp", film, *BALL, *words
+    )
     assert names(tmp_path) == ["in.mp4"]
 
 
 # -- depth -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("bits", "pixel_format"), [(10, "yuv420p10le"), (12, "yuv444p12le"), (16, "yuv444p16le")])
+@pytest.mark.parametrize(
+    ("bits", "pixel_format"), [(10, "yuv420p10le"), (12, "yuv444p12le"), (16, "yuv444p16le")]
+)
 def test_more_than_8_bits_are_written_as_16(tmp_path, bits, pixel_format):
     """Luma of n bits is black at 16/256 and white at 235/256 (ITU-R BT.2100)."""
     scale = 1 << (bits - 8)
@@ -134,7 +188,9 @@ def test_more_than_8_bits_are_written_as_16(tmp_path, bits, pixel_format):
     made = om.read_image(tmp_path / "1.png")
     assert made.dtype == np.uint16
     expected = (y[0] / scale - 16) / 219
-    np.testing.assert_allclose(made / 65535, np.repeat(expected[None, :, None], 3, 2).repeat(48, 0), atol=4e-4)
+    np.testing.assert_allclose(
+        made / 65535, np.repeat(expected[None, :, None], 3, 2).repeat(48, 0), atol=4e-4
+    )
 
 
 def test_transparency_is_kept(tmp_path):
@@ -170,7 +226,9 @@ def test_chroma_is_centre_sited(tmp_path):
 
 
 def test_panorama_metadata_of_image_sequences(film, tmp_path):
-    run = omnimirror("dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "128x64", "-o", tmp_path / "%d.jpg")
+    run = omnimirror(
+        "dewarp", film, "--ball", "31.5,31.5,30,260", "--size", "128x64", "-o", tmp_path / "%d.jpg"
+    )
     assert run.returncode == 0, run.stderr
     assert b"GPano" in (tmp_path / "1.jpg").read_bytes()
     assert av.open(str(tmp_path / "1.jpg")).streams.video[0].width == 128

@@ -17,7 +17,13 @@ from omnimirror.io.images import FORMATS
 
 RNG = np.random.default_rng(3)
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1}
-LOSSLESS = [(suffix, dtype, channels) for suffix, kind in FORMATS.items() for dtype in kind.depths for channels in kind.channels if suffix not in (".jpg", ".jpeg", ".hdr")]
+LOSSLESS = [
+    (suffix, dtype, channels)
+    for suffix, kind in FORMATS.items()
+    for dtype in kind.depths
+    for channels in kind.channels
+    if suffix not in (".jpg", ".jpeg", ".hdr")
+]
 
 
 def picture(dtype="uint8", channels=3, size=(17, 23)):
@@ -39,7 +45,10 @@ def test_lossless_round_trip(tmp_path, suffix, dtype, channels):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
-@pytest.mark.parametrize(("suffix", "dtype", "tolerance"), [(".jpg", "uint8", 8), (".JPEG", "uint8", 8), (".hdr", "float32", 0.01)])
+@pytest.mark.parametrize(
+    ("suffix", "dtype", "tolerance"),
+    [(".jpg", "uint8", 8), (".JPEG", "uint8", 8), (".hdr", "float32", 0.01)],
+)
 def test_lossy_round_trip(tmp_path, suffix, dtype, tolerance):
     smooth = cv2.GaussianBlur(picture(dtype, 3, (60, 80)), (15, 15), 5)
     om.write_image(tmp_path / f"a{suffix}", smooth)
@@ -88,7 +97,9 @@ def test_opencv_errors_are_media_errors(tmp_path, monkeypatch):
     path = tmp_path / "a.png"
     om.write_image(path, picture())
     monkeypatch.setattr(cv2, "imdecode", fail)
-    with pytest.raises(MediaError, match=r"OpenCV\(4\.99\) /source/file\.cpp:12: error: \(-2\) no memory"):
+    with pytest.raises(
+        MediaError, match=r"OpenCV\(4\.99\) /source/file\.cpp:12: error: \(-2\) no memory"
+    ):
         om.read_image(path)
     monkeypatch.setattr(cv2, "imencode", fail)
     with pytest.raises(MediaError, match=r"^cannot write .*b\.png: .*no memory$"):
@@ -107,7 +118,9 @@ def test_single_channel_axis_is_grey(tmp_path):
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp", ".hdr", ".exr"])
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
 def test_truncated_image_raises(tmp_path, suffix, share, capfd):
-    image = cv2.GaussianBlur(picture("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2)
+    image = cv2.GaussianBlur(
+        picture("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2
+    )
     om.write_image(tmp_path / f"whole{suffix}", image)
     data = (tmp_path / f"whole{suffix}").read_bytes()
     path = tmp_path / f"part{suffix}"
@@ -133,7 +146,10 @@ def test_png_header_exceeding_capacity_raises_before_decompression(tmp_path, mon
     assert _with_header(data) == data
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
     path.write_bytes(_with_header(data, width=20_000, height=17_000))
-    with pytest.raises(MediaError, match=f"20000 x 17000 px in the PNG header exceed the capacity of {len(data)} bytes"):
+    with pytest.raises(
+        MediaError,
+        match=f"20000 x 17000 px in the PNG header exceed the capacity of {len(data)} bytes",
+    ):
         om.read_image(path)
     for damaged in (data[:18] + b"\x40" + data[19:], data[:20] + data[21:]):
         path.write_bytes(damaged)
@@ -167,7 +183,9 @@ def test_decoded_size_equals_size_of_image(name, tmp_path, monkeypatch):
     assert om.read_image(path).shape == decoded.shape
     monkeypatch.setattr(images, "MAX_DECODED_BYTES", decoded.nbytes - 1)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
-    with pytest.raises(MediaError, match=rf"{name} must have at most 0 MB after decoding; got 1 MB"):
+    with pytest.raises(
+        MediaError, match=rf"{name} must have at most 0 MB after decoding; got 1 MB"
+    ):
         om.read_image(path)
 
 
@@ -185,7 +203,9 @@ def test_decoded_size_of_exr_includes_all_channels(tmp_path):
 def test_jpeg_declaring_gigabytes_raises_before_decoding(tmp_path, monkeypatch):
     data = images.encoded(picture(size=(16, 16)), ".jpg")
     at = data.index(b"\xff\xc0") + 5
-    (tmp_path / "a.jpg").write_bytes(data[:at] + struct.pack(">HH", 30_000, 30_000) + data[at + 4 :])
+    (tmp_path / "a.jpg").write_bytes(
+        data[:at] + struct.pack(">HH", 30_000, 30_000) + data[at + 4 :]
+    )
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
     with pytest.raises(MediaError, match=r"must have at most 2048 MB after decoding"):
         om.read_image(tmp_path / "a.jpg")
@@ -196,7 +216,12 @@ def test_png_at_maximum_compression_is_read(tmp_path):
     _, data = cv2.imencode(".png", np.zeros((4000, 8000), np.uint8), [cv2.IMWRITE_PNG_BILEVEL, 1])
     packed = zlib.compress(bytes(4000 * 1001), 9)
     chunk = b"IDAT" + packed
-    small = data.tobytes()[:33] + len(packed).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    small = (
+        data.tobytes()[:33]
+        + len(packed).to_bytes(4, "big")
+        + chunk
+        + zlib.crc32(chunk).to_bytes(4, "big")
+    )
     path = tmp_path / "a.png"
     path.write_bytes(small + b"\0\0\0\0IEND\xaeB`\x82")
     assert 4000 * 1000 / path.stat().st_size > 950
@@ -223,8 +248,14 @@ def test_jpeg_with_end_of_thumbnail_only_is_truncated(tmp_path):
         (b"", "is empty"),
         (b"hello, world" * 50, r"it must be an undamaged image file \(PNG, JPEG, TIFF, WebP, AV"),
         (b"\xff\xd8\xff", r"the file is truncated"),
-        (b"\0\0\0\x24ftypheic\0\0\0\0mif1MiHBheic" + b"\0" * 90, r"HEIC is not supported; save it as JPEG \(iPhone: Camera, Forma"),
-        (b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic" + b"\0" * 90, r"HEIC is not supported; save it as JPEG \(iPhone: Camera, Forma"),
+        (
+            b"\0\0\0\x24ftypheic\0\0\0\0mif1MiHBheic" + b"\0" * 90,
+            r"HEIC is not supported; save it as JPEG \(iPhone: Camera, Forma",
+        ),
+        (
+            b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic" + b"\0" * 90,
+            r"HEIC is not supported; save it as JPEG \(iPhone: Camera, Forma",
+        ),
     ],
 )
 def test_invalid_image_file_raises(tmp_path, content, message):
@@ -239,7 +270,9 @@ def test_invalid_image_file_raises(tmp_path, content, message):
 def test_raw_file_raises_with_remedy(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"II*\0\x08\0\0\0" + b"\0" * 100)
-    with pytest.raises(MediaError, match=r"raw files are not supported; convert it to \.tif or \.png"):
+    with pytest.raises(
+        MediaError, match=r"raw files are not supported; convert it to \.tif or \.png"
+    ):
         om.read_image(path)
 
 
@@ -251,13 +284,41 @@ def test_folder_as_image_raises(tmp_path):
 @pytest.mark.parametrize(
     ("name", "image", "message"),
     [
-        ("a.gif", picture(), r"the suffix must be one of \.png, \.jpg, \.jpeg, \.tif, \.tiff, \.webp, \.bmp,"),
-        ("a", picture(), r"the suffix must be one of \.png, \.jpg, \.jpeg, \.tif, \.tiff, \.webp, \.bmp, \.hd"),
-        ("a.jpg", picture("uint16"), r"\.jpg images must be uint8 with 1 or 3 channels; got uint16 with 3"),
-        ("a.jpg", picture(channels=4), r"\.jpg images must be uint8 with 1 or 3 channels; got uint8 with 4"),
-        ("a.png", picture("float32"), r"\.png images must be uint8 or uint16 with 1 or 3 or 4 channels; got float32 with 3"),
-        ("a.png", np.zeros((0, 5), np.uint8), r"image must have the shape \(h, w\) or \(h, w, c\); got shape \(0, 5\)"),
-        ("a.png", np.zeros((5, 5, 2), np.uint8), r"\.png images must be uint8 or uint16 with 1 or 3 or 4 channels; got uint8 with 2"),
+        (
+            "a.gif",
+            picture(),
+            r"the suffix must be one of \.png, \.jpg, \.jpeg, \.tif, \.tiff, \.webp, \.bmp,",
+        ),
+        (
+            "a",
+            picture(),
+            r"the suffix must be one of \.png, \.jpg, \.jpeg, \.tif, \.tiff, \.webp, \.bmp, \.hd",
+        ),
+        (
+            "a.jpg",
+            picture("uint16"),
+            r"\.jpg images must be uint8 with 1 or 3 channels; got uint16 with 3",
+        ),
+        (
+            "a.jpg",
+            picture(channels=4),
+            r"\.jpg images must be uint8 with 1 or 3 channels; got uint8 with 4",
+        ),
+        (
+            "a.png",
+            picture("float32"),
+            r"\.png images must be uint8 or uint16 with 1 or 3 or 4 channels; got float32 with 3",
+        ),
+        (
+            "a.png",
+            np.zeros((0, 5), np.uint8),
+            r"image must have the shape \(h, w\) or \(h, w, c\); got shape \(0, 5\)",
+        ),
+        (
+            "a.png",
+            np.zeros((5, 5, 2), np.uint8),
+            r"\.png images must be uint8 or uint16 with 1 or 3 or 4 channels; got uint8 with 2",
+        ),
     ],
 )
 def test_unsupported_image_raises(tmp_path, name, image, message):
@@ -269,7 +330,9 @@ def test_unsupported_image_raises(tmp_path, name, image, message):
 @pytest.mark.parametrize("shape", [(1, 65501, 3), (65501, 1, 3)])
 def test_image_exceeding_format_size_raises(shape, tmp_path):
     size = f"{shape[1]} x {shape[0]}"
-    with pytest.raises(MediaError, match=f"images must have at most 65500 px per side; got {size} px"):
+    with pytest.raises(
+        MediaError, match=f"images must have at most 65500 px per side; got {size} px"
+    ):
         om.write_image(tmp_path / "a.jpg", np.zeros(shape, np.uint8))
     assert list(tmp_path.iterdir()) == []
 
@@ -307,9 +370,14 @@ def test_exr_of_other_programs(tmp_path, compression, capfd):
     """Half precision, additional channels, and all compression types."""
     library = pytest.importorskip("OpenEXR")
     red, green, blue = (RNG.random((70, 50)).astype(np.float16) for _ in range(3))
-    header = {"compression": getattr(library, f"{compression}_COMPRESSION"), "type": library.scanlineimage}
+    header = {
+        "compression": getattr(library, f"{compression}_COMPRESSION"),
+        "type": library.scanlineimage,
+    }
     path = tmp_path / "a.exr"
-    with library.File(header, {"R": red, "G": green, "B": blue, "Z": RNG.random((70, 50), np.float32)}) as file:
+    with library.File(
+        header, {"R": red, "G": green, "B": blue, "Z": RNG.random((70, 50), np.float32)}
+    ) as file:
         file.write(str(path))
     image = om.read_image(path)
     assert image.dtype == np.float32
@@ -333,7 +401,9 @@ def test_exr_without_colour_channels_raises(tmp_path):
 
 def test_exr_without_package_raises_with_remedy(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    with pytest.raises(MediaError, match=r"OpenEXR must be installed for .*: pip install 'omnimirror\[exr\]'"):
+    with pytest.raises(
+        MediaError, match=r"OpenEXR must be installed for .*: pip install 'omnimirror\[exr\]'"
+    ):
         om.write_image(tmp_path / "a.exr", picture("float32"))
     assert not list(tmp_path.iterdir())
 

@@ -50,7 +50,9 @@ def test_orientation_equals_pillow_and_opencv(tmp_path, orientation, suffix):
     assert np.abs(image.astype(int) - shown).max() <= 2
     assert carried.orientation == orientation
     if suffix != ".avif":  # whose rotation OpenCV ignores
-        theirs = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        theirs = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)[
+            ..., ::-1
+        ]
         np.testing.assert_array_equal(image, theirs)
     stored = om.read_image(path, stored_orientation=True)
     assert stored.shape == FIELD.shape
@@ -86,7 +88,9 @@ def test_invalid_orientations_are_ignored(tmp_path, value):
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".tif"])
 def test_written_images_have_no_orientation(tmp_path, suffix):
     image, carried = read_image_and_metadata(tagged(tmp_path / "a.jpg", FIELD, 6))
-    om.write_image(tmp_path / f"b{suffix}", image, carried=carried.that_fits(f"b{suffix}", image)[0])
+    om.write_image(
+        tmp_path / f"b{suffix}", image, carried=carried.that_fits(f"b{suffix}", image)[0]
+    )
     with Image.open(tmp_path / f"b{suffix}") as written:
         assert written.size == (48, 72)
         assert written.getexif().get(0x0112, 1) == 1
@@ -95,14 +99,18 @@ def test_written_images_have_no_orientation(tmp_path, suffix):
 # -- all readers ----------------------------------------------------------------------------------
 
 SPHERE = om.load_sensor("paper-spherical")
-WIDE = om.MirrorBall(centre_px=(70.0, 50.0), rim_radius_px=40.0, field_deg=280.0, image_size=(140, 96))
+WIDE = om.MirrorBall(
+    centre_px=(70.0, 50.0), rim_radius_px=40.0, field_deg=280.0, image_size=(140, 96)
+)
 BOARD = om.Board("chessboard", 7, 5, 20.0)
 
 
 @pytest.fixture
 def turned(tmp_path):
     """A landscape image, and the file of a camera that was rotated by 90 deg."""
-    image = cv2.resize(np.random.default_rng(6).integers(0, 255, (12, 18, 3), np.uint8), WIDE.image_size)
+    image = cv2.resize(
+        np.random.default_rng(6).integers(0, 255, (12, 18, 3), np.uint8), WIDE.image_size
+    )
     om.write_image(tmp_path / "upright.png", image)
     return image, tagged(tmp_path / "turned.png", np.rot90(image).copy(), 6)
 
@@ -113,24 +121,39 @@ def test_dewarping_applies_and_reports_orientation(tmp_path, turned, capsys):
     told = straight(turned[1], tmp_path / "b.png")
     assert "orient" not in expected
     assert "rotated by 90 deg clockwise according to EXIF; --stored-orientation" in told
-    np.testing.assert_array_equal(om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png"))
+    np.testing.assert_array_equal(
+        om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
+    )
     with pytest.raises(InvalidParameter, match="96 x 140 px, as stored; omit --stored-orientation"):
         ImageDewarper(DewarpRequest(WIDE, stored_orientation=True))(turned[1], tmp_path / "c.png")
     found = om.dewarp_images(tmp_path / "turned.png", tmp_path / "many", camera=WIDE)
     assert sum(found.oriented.values()) == 1
-    np.testing.assert_array_equal(om.read_image(tmp_path / "many" / "turned.png"), om.read_image(tmp_path / "a.png"))
+    np.testing.assert_array_equal(
+        om.read_image(tmp_path / "many" / "turned.png"), om.read_image(tmp_path / "a.png")
+    )
 
 
 def test_dewarping_stored_pixels_reports_option(tmp_path, turned):
     """A camera calibrated with stored pixels."""
-    tall = om.MirrorBall(centre_px=(50.0, 70.0), rim_radius_px=40.0, field_deg=280.0, image_size=(96, 140))
-    with pytest.raises(InvalidParameter, match=r"must have the 96 x 140 px .* clockwise; --stored-orientation"):
+    tall = om.MirrorBall(
+        centre_px=(50.0, 70.0), rim_radius_px=40.0, field_deg=280.0, image_size=(96, 140)
+    )
+    with pytest.raises(
+        InvalidParameter, match=r"must have the 96 x 140 px .* clockwise; --stored-orientation"
+    ):
         ImageDewarper(DewarpRequest(tall))(turned[1], tmp_path / "b.png")
     om.write_image(tmp_path / "stored.png", np.rot90(turned[0]).copy())
     ImageDewarper(DewarpRequest(tall))(tmp_path / "stored.png", tmp_path / "a.png")
-    told = ImageDewarper(DewarpRequest(tall, stored_orientation=True))(turned[1], tmp_path / "b.png")
-    assert "b.png: panorama (elevation -90 to 50 deg), 134 x 52 px, all of it inside the field, as sto" in told
-    np.testing.assert_array_equal(om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png"))
+    told = ImageDewarper(DewarpRequest(tall, stored_orientation=True))(
+        turned[1], tmp_path / "b.png"
+    )
+    assert (
+        "b.png: panorama (elevation -90 to 50 deg), 134 x 52 px, all of it inside the field, as sto"
+        in told
+    )
+    np.testing.assert_array_equal(
+        om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
+    )
 
 
 def test_studio_uses_displayed_orientation(tmp_path, turned):
@@ -149,7 +172,13 @@ def test_boards_are_detected_in_displayed_orientation(tmp_path):
     grey = np.where((u // 24 + v // 24) % 2, 200, 40).astype(np.uint8)
     image = np.pad(grey[:144, :192], ((20, 30), (40, 10)), constant_values=200)
     path = tagged(tmp_path / "a.png", np.rot90(image).copy(), 6)
-    upright, applied, stored = (om.find_boards([image], BOARD), *(om.find_boards([path], BOARD, stored_orientation=is_stored) for is_stored in (False, True)))
+    upright, applied, stored = (
+        om.find_boards([image], BOARD),
+        *(
+            om.find_boards([path], BOARD, stored_orientation=is_stored)
+            for is_stored in (False, True)
+        ),
+    )
     assert upright[0].used
     assert applied[0].image_size == image.shape[::-1]
     np.testing.assert_allclose(applied[0].corners_px, upright[0].corners_px)
@@ -160,14 +189,24 @@ def test_boards_are_detected_in_displayed_orientation(tmp_path):
 def test_commands_report_orientation(tmp_path, turned, command, capsys):
     """Each command reports the applied orientation before its other errors on the plain image."""
     _, path = turned
-    words = {"rim": ["rim", path], "colmap": ["colmap", SPHERE.name, path, "-o", tmp_path / "project"], "calibrate": ["calibrate", path, "--board", "7x5", "--square-mm", "20"], "lines": ["lines", path, "--rim", "70", "50", "40"]}[command]
-    for option, told in (([], "rotated by 90 deg clockwise according to EXIF"), ([STORED], "as stored; the EXIF")):
+    words = {
+        "rim": ["rim", path],
+        "colmap": ["colmap", SPHERE.name, path, "-o", tmp_path / "project"],
+        "calibrate": ["calibrate", path, "--board", "7x5", "--square-mm", "20"],
+        "lines": ["lines", path, "--rim", "70", "50", "40"],
+    }[command]
+    for option, told in (
+        ([], "rotated by 90 deg clockwise according to EXIF"),
+        ([STORED], "as stored; the EXIF"),
+    ):
         run = CliRunner().invoke(app, [*map(str, words), *option])
         assert f"1 of 1 images {told}" in run.stderr, run.output
 
 
 def test_rim_detection_uses_displayed_orientation(tmp_path, capsys):
-    ball = om.MirrorBall(centre_px=(190.0, 150.0), rim_radius_px=120.0, field_deg=300.0, image_size=(400, 300))
+    ball = om.MirrorBall(
+        centre_px=(190.0, 150.0), rim_radius_px=120.0, field_deg=300.0, image_size=(400, 300)
+    )
     image = render_image(ball, om.Room(texel_mm=20.0), samples=2)
     path = tagged(tmp_path / "a.png", np.rot90(image).copy(), 6)
     main(["rim", str(path), "--json", str(tmp_path / "rim.json")])

@@ -40,7 +40,9 @@ def bar(field: int) -> np.ndarray:
 def marked(frames, mode):
     """Set the field order of frames."""
     graph = Graph()
-    source = graph.add_buffer(width=WIDTH, height=HEIGHT, format="yuv420p", time_base=Fraction(1, 25))
+    source = graph.add_buffer(
+        width=WIDTH, height=HEIGHT, format="yuv420p", time_base=Fraction(1, 25)
+    )
     setfield, sink = graph.add("setfield", mode), graph.add("buffersink")
     source.link_to(setfield)
     setfield.link_to(sink)
@@ -135,7 +137,9 @@ def deep_png(path: Path) -> Path:
     row = b"\0" + struct.pack(">3H", *(257 * value for value in ORANGE)) * 8
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     head = struct.pack(">2I5B", 8, 8, 16, 2, 0, 0, 0)
     whole = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(row * 8)) + chunk(b"IEND", b"")
@@ -153,7 +157,11 @@ def deep_tiff(path: Path, kind: str) -> Path:
         (256, 3, 1, 8), (257, 3, 1, 8), (258, 3, 3, 146), (259, 3, 1, 1), (262, 3, 1, 2), (273, 4, 1, 158),
         (277, 3, 1, 3), (278, 3, 1, 8), (279, 4, 1, 64 * 3 * size), (284, 3, 1, 1), (339, 3, 3, 152),
     ]  # fmt: skip
-    table = struct.pack("<H", len(entries)) + b"".join(struct.pack("<2H2I", *e) for e in entries) + bytes(4)
+    table = (
+        struct.pack("<H", len(entries))
+        + b"".join(struct.pack("<2H2I", *e) for e in entries)
+        + bytes(4)
+    )
     head = b"II*\0" + struct.pack("<I", 8) + table
     sample_format = 1 if kind == "<u2" else 3
     path.write_bytes(head + struct.pack("<6H", *[bits] * 3, *[sample_format] * 3) + data)
@@ -191,12 +199,16 @@ def test_radiance_files(tmp_path):
     (tmp_path / "theirs.hdr").write_bytes(head + bytes([*ORANGE, 128]) * 16)
     assert_orange(om.read_image(tmp_path / "theirs.hdr") * 256, 0.6)
     om.write_image(tmp_path / "ours.hdr", np.full((4, 4, 3), np.array(ORANGE) / 256, np.float32))
-    assert_orange(np.frombuffer((tmp_path / "ours.hdr").read_bytes()[-64:], np.uint8).reshape(4, 4, 4), 1)
+    assert_orange(
+        np.frombuffer((tmp_path / "ours.hdr").read_bytes()[-64:], np.uint8).reshape(4, 4, 4), 1
+    )
 
 
 def test_openexr_names_its_channels(tmp_path):
     library = pytest.importorskip("OpenEXR")
-    channels = {name: np.full((8, 8), value, np.float32) for name, value in zip("RGB", ORANGE, strict=True)}
+    channels = {
+        name: np.full((8, 8), value, np.float32) for name, value in zip("RGB", ORANGE, strict=True)
+    }
     with library.File({"type": library.scanlineimage}, channels | {"A": channels["R"]}) as file:
         file.write(str(tmp_path / "theirs.exr"))
     assert om.read_image(tmp_path / "theirs.exr")[4, 4].tolist() == [*ORANGE, ORANGE[0]]
@@ -226,7 +238,11 @@ def film_by_pyav(path: Path) -> Path:
         stream = container.add_stream("ffv1", rate=25)
         stream.width, stream.height, stream.pix_fmt = 64, 64, "bgr0"
         for _ in range(3):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(orange(), format="rgb24").reformat(format="bgr0")))
+            container.mux(
+                stream.encode(
+                    av.VideoFrame.from_ndarray(orange(), format="rgb24").reformat(format="bgr0")
+                )
+            )
         container.mux(stream.encode(None))
     return path
 
@@ -244,7 +260,10 @@ def test_frames_of_a_video(tmp_path):
         taken.append(picture)
         return picture
 
-    with VideoReader(tmp_path / "theirs.mkv") as reader, VideoReader(tmp_path / "theirs.mkv") as again:
+    with (
+        VideoReader(tmp_path / "theirs.mkv") as reader,
+        VideoReader(tmp_path / "theirs.mkv") as again,
+    ):
         assert_orange(image_of_frame(next(again.frames())))
         process(reader.items(), VideoWriter(tmp_path / "ours.mp4", (64, 64), 25, crf=1), keep)
     assert_orange(taken[1])
@@ -280,7 +299,17 @@ def test_images_dewarped(tmp_path):
 
 def test_images_dewarped_by_command_line(tmp_path):
     by_pillow(tmp_path / "a.png")
-    args = (*BALL_OPTIONS, "--view", "sphere", "--size", "64x32", "--border", "#0a141e", "--interpolation", "linear")
+    args = (
+        *BALL_OPTIONS,
+        "--view",
+        "sphere",
+        "--size",
+        "64x32",
+        "--border",
+        "#0a141e",
+        "--interpolation",
+        "linear",
+    )
     omnimirror("dewarp", tmp_path / "a.png", *args, "-o", tmp_path / "b.png")
     colours = {tuple(c) for c in seen_by_pillow(tmp_path / "b.png").reshape(-1, 3).tolist()}
     assert colours == {ORANGE, (0x0A, 0x14, 0x1E)}
@@ -305,9 +334,20 @@ def test_images_rendered_by_command_line(sensor, tmp_path, suffix):
     om.save_sensor(sensor, tmp_path / "small.toml")
     by_pillow(tmp_path / "world.png", (128, 64))
     out = tmp_path / f"a{suffix}"
-    omnimirror("simulate", tmp_path / "small.toml", "--scene", tmp_path / "world.png", "--spp", "1", "-o", out)
+    omnimirror(
+        "simulate",
+        tmp_path / "small.toml",
+        "--scene",
+        tmp_path / "world.png",
+        "--spp",
+        "1",
+        "-o",
+        out,
+    )
     if suffix == ".png":
         assert_orange(seen_by_pillow(out))
     else:
         light = om.read_image(out)[32, 32, :3]
-        np.testing.assert_allclose(light, linear_from_srgb(np.array(ORANGE) / 255), rtol=0.02, atol=0.004)
+        np.testing.assert_allclose(
+            light, linear_from_srgb(np.array(ORANGE) / 255), rtol=0.02, atol=0.004
+        )

@@ -52,9 +52,22 @@ def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=
         if words:
             words.codec_context.subtitle_header, words.codec_context.time_base = HEADER, MS
             words.time_base, words.metadata["language"] = MS, "fra"
-        container.set_chapters([{"id": i, "start": a + begins_ms, "end": b + begins_ms, "time_base": MS, "metadata": {"title": title}} for i, (a, b, title) in enumerate(CHAPTERS, 1)])
+        container.set_chapters(
+            [
+                {
+                    "id": i,
+                    "start": a + begins_ms,
+                    "end": b + begins_ms,
+                    "time_base": MS,
+                    "metadata": {"title": title},
+                }
+                for i, (a, b, title) in enumerate(CHAPTERS, 1)
+            ]
+        )
         for number in range(25 * seconds):
-            frame = av.VideoFrame.from_ndarray(np.full((SIZE[1], SIZE[0], 3), 5 * number % 250, np.uint8), "rgb24")
+            frame = av.VideoFrame.from_ndarray(
+                np.full((SIZE[1], SIZE[0], 3), 5 * number % 250, np.uint8), "rgb24"
+            )
             frame.pts, frame.time_base = number * 40 + begins_ms, MS
             container.mux(video.encode(frame))
         container.mux(video.encode(None))
@@ -84,15 +97,29 @@ def through(source, path, **cut):
 def tracks_of(path):
     """Return chapters (s), languages, titles, and texts with their times, as FFmpeg reads them."""
     with av.open(str(path)) as container:
-        chapters = [(float(c["start"] * c["time_base"]), float(c["end"] * c["time_base"]), c["metadata"]["title"]) for c in container.chapters()]
+        chapters = [
+            (
+                float(c["start"] * c["time_base"]),
+                float(c["end"] * c["time_base"]),
+                c["metadata"]["title"],
+            )
+            for c in container.chapters()
+        ]
         languages = [stream.language for stream in container.streams.audio]
-        titles = [stream.metadata.get("title", stream.metadata.get("name")) for stream in container.streams.audio]
+        titles = [
+            stream.metadata.get("title", stream.metadata.get("name"))
+            for stream in container.streams.audio
+        ]
         texts = []
         for stream in container.streams.subtitles:
             assert stream.language == "fra"
             for packet in container.demux(stream):
                 for text in stream.codec_context.decode2(packet) or () if packet.size else ():
-                    words = text.dialogue.decode() if isinstance(text.dialogue, bytes) else text.dialogue
+                    words = (
+                        text.dialogue.decode()
+                        if isinstance(text.dialogue, bytes)
+                        else text.dialogue
+                    )
                     if words:
                         at = float(packet.pts * packet.time_base)
                         texts.append((at, float(packet.duration * packet.time_base), words.strip()))
@@ -125,10 +152,17 @@ GPMF = [b"DEVC\0\0\0\4" + bytes([second] * 4) for second in range(2)]
 def add_data(source, path, codec):
     """Write a copy of the video and audio of a file with a data track of two packets."""
     with av.open(str(source)) as old, av.open(str(path), "w") as new:
-        streams = {s.index: new.add_stream_from_template(s) for s in (*old.streams.video, *old.streams.audio)}
+        streams = {
+            s.index: new.add_stream_from_template(s)
+            for s in (*old.streams.video, *old.streams.audio)
+        }
         data = new.add_data_stream(codec)
         data.time_base, data.metadata["handler_name"] = MS, "GoPro MET"
-        packets = [packet for packet in old.demux(list(old.streams.video) + list(old.streams.audio)) if packet.size]
+        packets = [
+            packet
+            for packet in old.demux(list(old.streams.video) + list(old.streams.audio))
+            if packet.size
+        ]
         for packet in packets:
             packet.stream = streams[packet.stream_index]
             new.mux(packet)
@@ -147,20 +181,35 @@ def data_of(path):
         packets = {stream.index: [] for stream in container.streams.data}
         for packet in container.demux():
             if packet.size and packet.stream_index in packets:
-                packets[packet.stream_index].append((float(packet.pts * packet.time_base) - begin, bytes(packet)))
-        return [(stream.name, stream.metadata.get("handler_name"), packets[stream.index]) for stream in container.streams.data]
+                packets[packet.stream_index].append(
+                    (float(packet.pts * packet.time_base) - begin, bytes(packet))
+                )
+        return [
+            (stream.name, stream.metadata.get("handler_name"), packets[stream.index])
+            for stream in container.streams.data
+        ]
 
 
 @pytest.mark.parametrize(
     ("suffix", "codec", "target", "lost"),
     [
         (".mp4", "bin_data", ".mp4", ""),
-        (".mp4", "bin_data", ".mkv", "b.mkv: not kept are data track 2 (GoPro MET); .mp4 keeps GPMF telemetry"),
+        (
+            ".mp4",
+            "bin_data",
+            ".mkv",
+            "b.mkv: not kept are data track 2 (GoPro MET); .mp4 keeps GPMF telemetry",
+        ),
         (".mp4", "bin_data", ".mov", "b.mov: not kept are data track 2 (GoPro MET)"),
         (".mp4", "bin_data", ".ts", "b.ts: not kept are data track 2 (GoPro MET)"),
         (".ts", "klv", ".ts", ""),
         (".ts", "timed_id3", ".ts", ""),
-        (".ts", "klv", ".mp4", "b.mp4: not kept are data track 2 (klv); .mp4 keeps GPMF telemetry, .ts keeps KLV"),
+        (
+            ".ts",
+            "klv",
+            ".mp4",
+            "b.mp4: not kept are data track 2 (klv); .mp4 keeps GPMF telemetry, .ts keeps KLV",
+        ),
         (".ts", "bin_data", ".mp4", "a.ts: not kept are data track 2 (bin_data)"),
         (".ts", "bin_data", ".ts", "a.ts: not kept are data track 2 (bin_data)"),
     ],
@@ -206,13 +255,17 @@ def test_start_time_is_kept(tmp_path, begins_ms, target):
     with av.open(str(tmp_path / "a.mkv")) as before, av.open(str(tmp_path / f"b{target}")) as after:
         assert before.start_time == begins_ms * 1000
         for a, b in zip(before.streams.video + before.streams.audio, after.streams, strict=False):
-            primed = 0 if a.type == "video" else Fraction(256, 48000)  # AC-3 starts earlier, which MP4 counts
+            primed = (
+                0 if a.type == "video" else Fraction(256, 48000)
+            )  # AC-3 starts earlier, which MP4 counts
             assert abs(b.start_time * b.time_base - a.start_time * a.time_base) <= primed + MS
         times = [float(frame.time) for frame in after.decode(video=0)]
     np.testing.assert_allclose(times, 0.04 * np.arange(50) + begins_ms / 1000, atol=1e-3)
     chapters, *_, texts = tracks_of(tmp_path / f"b{target}")
     assert chapters[1][0] == pytest.approx(1 + begins_ms / 1000)
-    np.testing.assert_allclose([t[0] for t in texts], [0.2 + begins_ms / 1000, 1.0 + begins_ms / 1000], atol=2e-3)
+    np.testing.assert_allclose(
+        [t[0] for t in texts], [0.2 + begins_ms / 1000, 1.0 + begins_ms / 1000], atol=2e-3
+    )
 
 
 def test_part_starts_at_zero_with_chapters_and_subtitles(tmp_path):
@@ -227,7 +280,12 @@ def test_part_starts_at_zero_with_chapters_and_subtitles(tmp_path):
 
 def test_dewarping_keeps_tracks(tmp_path):
     make_film(tmp_path / "a.mkv", 1200)
-    om.dewarp_video(tmp_path / "a.mkv", tmp_path / "b.mp4", camera=BALL, view=om.screens.Cylinder((64, 32), -40.0, 20.0))
+    om.dewarp_video(
+        tmp_path / "a.mkv",
+        tmp_path / "b.mp4",
+        camera=BALL,
+        view=om.screens.Cylinder((64, 32), -40.0, 20.0),
+    )
     chapters, languages, _, texts = tracks_of(tmp_path / "b.mp4")
     assert ([c[2] for c in chapters], languages) == (["First", "Second"], ["deu", "eng"])
     assert [text for *_, text in texts] == ["Hello there", "Second\nline"]
@@ -236,7 +294,10 @@ def test_dewarping_keeps_tracks(tmp_path):
 def test_losses_are_reported(tmp_path):
     make_film(tmp_path / "a.mkv", languages=("deu", "gsw"))
     (note,) = through(tmp_path / "a.mkv", tmp_path / "b.ts")
-    assert "b.ts: dropped the titles of tracks and 2 chapters and 1 subtitle track; .mkv supports them" in note
+    assert (
+        "b.ts: dropped the titles of tracks and 2 chapters and 1 subtitle track; .mkv supports them"
+        in note
+    )
     (note,) = through(tmp_path / "a.mkv", tmp_path / "b.mov")
     assert "dropped the language 'gsw'" in note
     assert through(tmp_path / "a.mkv", tmp_path / "b.mp4") == []
@@ -268,10 +329,17 @@ P3 = [0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329]
 @pytest.fixture
 def graded(tmp_path):
     with av.open(str(tmp_path / "in.mp4"), "w") as container:
-        stream = container.add_stream("libx265", rate=25, options={"x265-params": f"{GRADED}:log-level=none"})
+        stream = container.add_stream(
+            "libx265", rate=25, options={"x265-params": f"{GRADED}:log-level=none"}
+        )
         stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p10le"
         context = stream.codec_context
-        context.color_range, context.colorspace, context.color_primaries, context.color_trc = (1, 9, 9, 16)
+        context.color_range, context.colorspace, context.color_primaries, context.color_trc = (
+            1,
+            9,
+            9,
+            16,
+        )
         for i in range(3):
             frame = av.VideoFrame(128, 96, "yuv420p10le")
             for plane in frame.planes:
@@ -299,16 +367,25 @@ def test_mastering_display_is_kept(graded, tmp_path, codec):
         light = struct.unpack("2I", bytes(beside.get(SideData.CONTENT_LIGHT_LEVEL)))
     values = np.array(mastering[:20:2]) / np.array(mastering[1:20:2])
     np.testing.assert_allclose(values[:8], P3, atol=2e-5)
-    np.testing.assert_allclose(values[8:], [1e-4, 1000], rtol=0.3)  # AV1 stores the minimum in units of 1/16384
+    np.testing.assert_allclose(
+        values[8:], [1e-4, 1000], rtol=0.3
+    )  # AV1 stores the minimum in units of 1/16384
     assert light == (1000, 400)
 
 
 def test_lost_mastering_display_is_reported(graded, tmp_path):
-    assert "out.mkv: HDR metadata of the mastering display are lost; use --codec ffv1 with .mkv, --cod" in copied(graded, tmp_path / "out.mkv", "ffv1")[0]
+    assert (
+        "out.mkv: HDR metadata of the mastering display are lost; use --codec ffv1 with .mkv, --cod"
+        in copied(graded, tmp_path / "out.mkv", "ffv1")[0]
+    )
     ball = ["--ball", "63.5,47.5,40,260", "--view", "perspective", "--size", "64x48"]
     run = omnimirror("dewarp", graded, *ball, "-o", tmp_path / "%d.png")
     assert "%d.png: HDR metadata of the mastering display are lost" in run.stderr
-    beside = {SideData.DYNAMIC_HDR_PLUS: object(), SideData.DOVI_METADATA: object(), SideData.DOVI_RPU_BUFFER: 1}
+    beside = {
+        SideData.DYNAMIC_HDR_PLUS: object(),
+        SideData.DOVI_METADATA: object(),
+        SideData.DOVI_RPU_BUFFER: 1,
+    }
     assert dynamic_hdr_names(beside) == "HDR10+ and Dolby Vision"
     assert not dynamic_hdr_names({SideData.CONTENT_LIGHT_LEVEL: object()})
 
@@ -317,11 +394,21 @@ def test_lost_mastering_display_is_reported(graded, tmp_path):
 def test_stream_keeps_colour_coding_and_display(graded, tmp_path, pixel_format):
     """A file given by its URL is read as a stream."""
     notes = []
-    om.dewarp_video(graded.as_uri(), tmp_path / "out.mp4", camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)), view=om.screens.Plane((64, 48), tilt_deg=-30.0), callbacks=VideoCallbacks(on_warning=notes.append), settings=om.VideoSettings(duration_s=0.01, pixel_format=pixel_format))
+    om.dewarp_video(
+        graded.as_uri(),
+        tmp_path / "out.mp4",
+        camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)),
+        view=om.screens.Plane((64, 48), tilt_deg=-30.0),
+        callbacks=VideoCallbacks(on_warning=notes.append),
+        settings=om.VideoSettings(duration_s=0.01, pixel_format=pixel_format),
+    )
     with av.open(str(tmp_path / "out.mp4")) as container:
         frame = next(container.decode(video=0))
     assert (frame.color_trc, frame.color_primaries, frame.colorspace) == (16, 9, 9)
-    assert struct.unpack("2I", bytes(frame.side_data.get(SideData.CONTENT_LIGHT_LEVEL))) == (1000, 400)
+    assert struct.unpack("2I", bytes(frame.side_data.get(SideData.CONTENT_LIGHT_LEVEL))) == (
+        1000,
+        400,
+    )
     assert any("HDR with 8 bits causes banding" in note for note in notes) == (pixel_format is None)
 
 

@@ -37,7 +37,9 @@ NAMES = ["-drawing.pdf", "-sag.csv", ".3mf", ".dat", ".dxf", ".step", ".stl", ".
 def test_all_mirrors_export_to_all_formats(kind, tmp_path):
     files = om.export(sensor_of(kind), tmp_path / "out", grid_points=33, chord_tolerance_um=50.0)
     assert sorted(f.path.name for f in files) == [f"{kind}{name}" for name in NAMES]
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{kind}{name}" for name in NAMES]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        f"{kind}{name}" for name in NAMES
+    ]
     for file in files:
         assert file.path.stat().st_size > 1000
         assert (file.deviation_um is None) == (file.path.suffix == ".pdf")
@@ -49,9 +51,19 @@ def test_all_mirrors_export_to_all_formats(kind, tmp_path):
 SENSORS = {name: om.load_sensor(name) for name in bundled_sensors()} | {s.name: s for s in COVERED}
 
 
-@pytest.mark.parametrize(("name", "kind"), few([(name, kind) for name in SENSORS for kind in FORMATS], *((name, "svg") for name in ("in-water", "in-dome", "before-window", "folded-spherical")), ("in-water", "zmx"), ("paraboloid-telecentric", "gcode")))
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    few(
+        [(name, kind) for name in SENSORS for kind in FORMATS],
+        *((name, "svg") for name in ("in-water", "in-dome", "before-window", "folded-spherical")),
+        ("in-water", "zmx"),
+        ("paraboloid-telecentric", "gcode"),
+    ),
+)
 def test_all_sensors_export_to_all_formats(name, kind, tmp_path):
-    files = om.export(SENSORS[name], tmp_path, formats=[kind], grid_points=33, chord_tolerance_um=50.0)
+    files = om.export(
+        SENSORS[name], tmp_path, formats=[kind], grid_points=33, chord_tolerance_um=50.0
+    )
     assert {f.path for f in files} == set(tmp_path.iterdir())
     for file in files:
         assert file.path.stat().st_size > 300
@@ -70,14 +82,28 @@ def test_default_bodies_do_not_change_the_sensor(name):
     ("name", "options", "words"),
     [
         ("in-dome", {"body": Body(flange_width_mm=80.0)}, ["dome", "hides"]),
-        ("fitted-dome", {"body": Body(flange_width_mm=5.0)}, ["dome diameter_mm 238 -> 242", "obscured_percent"]),
-        ("paper-spherical", {"body": Body(flange_width_mm=5.0)}, ["rim hides nothing -> 129.3 to 135 deg"]),
-        ("paper-spherical", {"housing": Housing(rod=Rod())}, ["rod hides nothing", "obscured_to_deg"]),
+        (
+            "fitted-dome",
+            {"body": Body(flange_width_mm=5.0)},
+            ["dome diameter_mm 238 -> 242", "obscured_percent"],
+        ),
+        (
+            "paper-spherical",
+            {"body": Body(flange_width_mm=5.0)},
+            ["rim hides nothing -> 129.3 to 135 deg"],
+        ),
+        (
+            "paper-spherical",
+            {"housing": Housing(rod=Rod())},
+            ["rod hides nothing", "obscured_to_deg"],
+        ),
         ("in-water", {"housing": Housing()}, ["cover tube -> none", "field_from_deg"]),
     ],
 )
 def test_changes_of_the_evaluated_sensor_stop_the_export(name, options, words, tmp_path):
-    fitted = replace(SENSORS["paper-spherical"], housing=Housing(shell=Dome(material="polycarbonate")))
+    fitted = replace(
+        SENSORS["paper-spherical"], housing=Housing(shell=Dome(material="polycarbonate"))
+    )
     sensor = SENSORS.get(name, fitted)
     if name == "in-dome":  # the dome has no space for such a flange
         with pytest.raises(InvalidParameter, match="to enclose the mirror"):
@@ -96,11 +122,17 @@ def test_invisible_bodies_are_not_changes(body, tmp_path):
     assert om.export(om.load_sensor("paper-spherical"), tmp_path / "a.csv", body=body)
 
 
-@pytest.mark.parametrize("suffix", few([".stp", ".STEP", ".svg", ".png", ".dat", ".csv"], ".STEP", ".svg", ".dat"))
+@pytest.mark.parametrize(
+    "suffix", few([".stp", ".STEP", ".svg", ".png", ".dat", ".csv"], ".STEP", ".svg", ".dat")
+)
 def test_suffix_selects_the_format(suffix, tmp_path):
-    file, *others = om.export(om.load_sensor("paper-spherical"), tmp_path / f"mirror{suffix}", grid_points=9)
+    file, *others = om.export(
+        om.load_sensor("paper-spherical"), tmp_path / f"mirror{suffix}", grid_points=9
+    )
     assert file.path == tmp_path / f"mirror{suffix}"
-    assert [other.path.name for other in others] == [f"mirror-mirror{suffix}"] * (suffix in (".svg", ".png"))
+    assert [other.path.name for other in others] == [f"mirror-mirror{suffix}"] * (
+        suffix in (".svg", ".png")
+    )
     assert all(f.path.exists() for f in (file, *others))
 
 
@@ -110,7 +142,14 @@ def test_sensor_names_are_converted_to_file_names(tmp_path):
     assert file.path == tmp_path / "my-sensor-no-1-2-sag.csv"
 
 
-@pytest.mark.parametrize(("path", "formats", "sentence"), [("mirror.sldprt", None, "one of the suffixes .step"), ("out", ["step", "iges"], "names from step, stl.* got 'iges'"), ("mirror.step", ["stl"], "a folder for the formats stl; got the step file")])
+@pytest.mark.parametrize(
+    ("path", "formats", "sentence"),
+    [
+        ("mirror.sldprt", None, "one of the suffixes .step"),
+        ("out", ["step", "iges"], "names from step, stl.* got 'iges'"),
+        ("mirror.step", ["stl"], "a folder for the formats stl; got the step file"),
+    ],
+)
 def test_invalid_formats_are_rejected(path, formats, sentence, tmp_path):
     with pytest.raises(InvalidParameter, match=sentence):
         om.export(om.load_sensor("paper-spherical"), tmp_path / path, formats=formats)
@@ -121,19 +160,28 @@ def test_failed_export_leaves_existing_files_unchanged(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     (tmp_path / "paper-spherical-sag.csv").write_text("precious")
     with pytest.raises(InvalidParameter, match="got a hole"):
-        om.export(sensor, tmp_path, formats=["csv", "zmx", "step"], body=Body(bore_diameter_mm=5.0, bore_depth_mm=40.0))
+        om.export(
+            sensor,
+            tmp_path,
+            formats=["csv", "zmx", "step"],
+            body=Body(bore_diameter_mm=5.0, bore_depth_mm=40.0),
+        )
     assert [p.name for p in tmp_path.iterdir()] == ["paper-spherical-sag.csv"]
     assert (tmp_path / "paper-spherical-sag.csv").read_text() == "precious"
 
 
 def test_missing_package_message(tmp_path, monkeypatch):
     module = sys.modules[FORMATS["zmx"].write.__module__]
-    monkeypatch.setattr(module, "find_spec", lambda name: None if name in ("OCP", "ezdxf") else object())
+    monkeypatch.setattr(
+        module, "find_spec", lambda name: None if name in ("OCP", "ezdxf") else object()
+    )
     sensor = om.load_sensor("paper-spherical")
     said = "step, dxf require OCP, ezdxf; install with pip install 'omnimirror[cad]', or select stl, 3mf, zmx, gridsag, csv, pdf"
     with pytest.raises(OmnimirrorError, match=f"^{re.escape(said)}$"):
         om.export(sensor, tmp_path)
-    with pytest.raises(OmnimirrorError, match=r"^step requires OCP; install with pip install 'omnimirror\[cad\]'$"):
+    with pytest.raises(
+        OmnimirrorError, match=r"^step requires OCP; install with pip install 'omnimirror\[cad\]'$"
+    ):
         om.export(sensor, tmp_path / "mirror.step")
     assert len(om.export(sensor, tmp_path, formats=["csv", "zmx"])) == 2
 
@@ -151,7 +199,17 @@ def test_core_formats_import_no_optional_package():
 
 
 def test_command_prints_files_and_deviations(tmp_path):
-    run = omnimirror("export", "exact-equidistant", "-o", "out", "--thread", "M6", "--grid-points", "65", cwd=tmp_path)
+    run = omnimirror(
+        "export",
+        "exact-equidistant",
+        "-o",
+        "out",
+        "--thread",
+        "M6",
+        "--grid-points",
+        "65",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""
     lines = [line.split() for line in run.stdout.splitlines() if line.startswith("out/")]
@@ -170,9 +228,24 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         main(["export", "paper-spherical", "-o", name, *options])
         return (tmp_path / name).read_text(encoding="utf-8", errors="replace")
 
-    assert write("a.csv", "--step-deg", "45", "--digits", "2").splitlines()[-2].startswith("43.90,26.12,135.00,")
+    assert (
+        write("a.csv", "--step-deg", "45", "--digits", "2")
+        .splitlines()[-2]
+        .startswith("43.90,26.12,135.00,")
+    )
     assert write("a.dat", "--grid-points", "11").startswith("11 11 ")
-    svg = write("a.svg", "--support", "rod", "--support-diameter-mm", "5", "--allow-changes", "--sheet", "A4", "--scale", "1:5")
+    svg = write(
+        "a.svg",
+        "--support",
+        "rod",
+        "--support-diameter-mm",
+        "5",
+        "--allow-changes",
+        "--sheet",
+        "A4",
+        "--scale",
+        "1:5",
+    )
     assert "rod Ø5" in svg
     assert "SENSOR  1:5" in svg
     coarse, fine = (len(write("a.stl", "--chord-tolerance-um", t)) for t in ("100", "10"))
@@ -192,7 +265,9 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         (["--digits", "40"], "digits must be an integer between 0 and 15; got 40"),
     ],
 )
-def test_invalid_options_print_one_message_and_write_no_file(options, sentence, tmp_path, monkeypatch, capsys):
+def test_invalid_options_print_one_message_and_write_no_file(
+    options, sentence, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", "out", *options])
@@ -208,7 +283,13 @@ def test_full_disk_prints_one_message_and_keeps_files(suffix, tmp_path):
     path = tmp_path / f"out{suffix}"
     path.write_text("precious")
     run = subprocess.run(
-        [Path(sys.executable).with_name("omnimirror"), "export", "paper-spherical", "-o", path.name],
+        [
+            Path(sys.executable).with_name("omnimirror"),
+            "export",
+            "paper-spherical",
+            "-o",
+            path.name,
+        ],
         capture_output=True,
         text=True,
         cwd=tmp_path,
@@ -236,10 +317,14 @@ def test_inaccurate_lens_file_prints_a_warning(tmp_path):
     sphere = om.load_sensor("paper-spherical")
     x = np.linspace(0, sphere.mirror.rim_radius_mm, 41)
     slopes = sphere.mirror.slope(x) * (1 + 2e-3 * np.sin(x))
-    wavy = replace(sphere, mirror=SlopeSpline(tuple(slopes), sphere.mirror.rim_radius_mm), name="wavy")
+    wavy = replace(
+        sphere, mirror=SlopeSpline(tuple(slopes), sphere.mirror.rim_radius_mm), name="wavy"
+    )
     (file,) = om.export(wavy, tmp_path, formats=["zmx"])
     r = np.linspace(0, wavy.mirror.rim_radius_mm, 4001)
-    turned = 2 * np.degrees(np.abs(np.arctan(fit_asphere(wavy.mirror).profile(r)[1]) - np.arctan(wavy.mirror.slope(r))))
+    turned = 2 * np.degrees(
+        np.abs(np.arctan(fit_asphere(wavy.mirror).profile(r)[1]) - np.arctan(wavy.mirror.slope(r)))
+    )
     assert file.ray_deg == pytest.approx(turned.max(), rel=1e-2)
     assert file.ray_deg > 0.05
     assert not file.follows
@@ -247,7 +332,9 @@ def test_inaccurate_lens_file_prints_a_warning(tmp_path):
     assert exact.ray_deg == 0
     assert exact.follows
     save_sensor(wavy, tmp_path / "wavy.toml")
-    said = omnimirror("export", tmp_path / "wavy.toml", "-o", tmp_path / "lens", "--formats", "zmx,gridsag").stdout
+    said = omnimirror(
+        "export", tmp_path / "wavy.toml", "-o", tmp_path / "lens", "--formats", "zmx,gridsag"
+    ).stdout
     assert f"{file.ray_deg:.2g}" in said
     assert "wavy.zmx is not accurate" in said
     assert "grid sag" in said
@@ -278,19 +365,43 @@ def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, c
     """Margins are those of ``om.judge`` for the evaluated sensor and for the sensor with the flange in its housing."""
     monkeypatch.chdir(tmp_path)
     Path("requirements.toml").write_text(REQUIREMENTS)
-    sensor, requirements = (om.load_sensor("paper-spherical"), om.load_requirements("requirements.toml"))
+    sensor, requirements = (
+        om.load_sensor("paper-spherical"),
+        om.load_requirements("requirements.toml"),
+    )
     with_rim = replace(sensor, housing=replace(sensor.housing, rim=Rim(5.0, 3.0, 5.0)))
-    before, after = ({row.label: row for row in om.judge(requirements, s).rows} for s in (sensor, with_rim))
-    changed = {label for label, row in before.items() if abs(row.margin - after[label].margin) > 1e-6}
+    before, after = (
+        {row.label: row for row in om.judge(requirements, s).rows} for s in (sensor, with_rim)
+    )
+    changed = {
+        label for label, row in before.items() if abs(row.margin - after[label].margin) > 1e-6
+    }
     assert "omega_max_deg" in changed
     with pytest.raises(InvalidParameter, match="change the evaluated sensor") as refused:
-        om.export(sensor, "out", formats=["csv"], body=Body(flange_width_mm=5.0), requirements="requirements.toml")
+        om.export(
+            sensor,
+            "out",
+            formats=["csv"],
+            body=Body(flange_width_mm=5.0),
+            requirements="requirements.toml",
+        )
     message = str(refused.value)
     for label, row in before.items():
         entry = f"{label}: margin {row.margin:.4g} -> {after[label].margin:.4g}"
         assert (entry in message) == (label in changed)
     assert "omega_max_deg: margin 5.005 -> -0.6733 deg (not met)" in message
     with pytest.raises(SystemExit, match=r"^[12]$"):
-        main(["export", "paper-spherical", "-o", "out", "--flange-width-mm", "5", "--requirements", "requirements.toml"])
+        main(
+            [
+                "export",
+                "paper-spherical",
+                "-o",
+                "out",
+                "--flange-width-mm",
+                "5",
+                "--requirements",
+                "requirements.toml",
+            ]
+        )
     assert "obscured_percent: margin 2 -> -1.416 % (not met)" in capsys.readouterr().err
     assert not Path("out").exists()

@@ -50,7 +50,9 @@ def marched(sensor, solid, count=1500):
         t = np.linspace(0, 1, 4000)[1:]
         foot = x[i] if sensor.lens.TELECENTRIC else 0.0
         inner = np.stack([x[i] + t * (foot - x[i]), rays.z[i] + t * (lens - rays.z[i])])
-        outer = np.stack([x[i] + 400 * t * np.sin(rays.omega[i]), rays.z[i] - 400 * t * np.cos(rays.omega[i])])
+        outer = np.stack(
+            [x[i] + 400 * t * np.sin(rays.omega[i]), rays.z[i] - 400 * t * np.cos(rays.omega[i])]
+        )
         hidden[i] = any(solid(*leg).any() for leg in (inner, outer))
     h = sensor.image_height_px(rays) / sensor.rim_radius_px
     edges = np.concatenate([[0.0], (h[1:] + h[:-1]) / 2, [1.0]])
@@ -58,7 +60,11 @@ def marched(sensor, solid, count=1500):
     return np.degrees(rays.omega[hidden]), share
 
 
-@pytest.mark.parametrize("sensor", [SPH, om.load_sensor("paper-hyperboloidal"), om.load_sensor("paraboloid-telecentric")], ids=lambda s: s.name)
+@pytest.mark.parametrize(
+    "sensor",
+    [SPH, om.load_sensor("paper-hyperboloidal"), om.load_sensor("paraboloid-telecentric")],
+    ids=lambda s: s.name,
+)
 def test_rod_obscures_the_centre(sensor):
     (ring,) = drawn(sensor, Housing(rod=Rod(4.0, gap_mm=30.0))).obscurations
     foot = lens_height(sensor) + 30.0
@@ -76,19 +82,27 @@ def test_tube_obscures_at_its_ends(diameter):
     inner, back, lens = diameter / 2 - 3.0, body.back_mm(SPH.mirror), lens_height(SPH)
     rings = sensor.obscurations
 
-    def solid(x, z):  # thin discs inside the tube, except the back of the mirror and the position of the lens
+    def solid(
+        x, z
+    ):  # thin discs inside the tube, except the back of the mirror and the position of the lens
         base = (np.abs(z - lens) < 0.06) & (x < inner) & (x > 0.2)
         cap = (np.abs(z - back) < 0.06) & (x < inner) & (x > SPH.mirror.rim_radius_mm)
         return base | cap
 
     omega, share = marched(SPH, solid)
     assert percent(sensor) == pytest.approx(share, abs=0.3)
-    assert {r.part for r in rings} == ({"tube's base"} if diameter == 100 else {"tube's base", "tube's cap"})
+    assert {r.part for r in rings} == (
+        {"tube's base"} if diameter == 100 else {"tube's base", "tube's cap"}
+    )
     low = omega[omega < 90].max()
-    assert next(r for r in rings if r.part == "tube's base").omega_deg[1] == pytest.approx(low, abs=0.3)
+    assert next(r for r in rings if r.part == "tube's base").omega_deg[1] == pytest.approx(
+        low, abs=0.3
+    )
     if diameter == 130:
         high = omega[omega > 90].min()
-        assert next(r for r in rings if r.part == "tube's cap").omega_deg[0] == pytest.approx(high, abs=0.3)
+        assert next(r for r in rings if r.part == "tube's cap").omega_deg[0] == pytest.approx(
+            high, abs=0.3
+        )
 
 
 def test_default_tube_clears_the_rim_ray():
@@ -115,7 +129,9 @@ def test_rim_and_flange_are_equivalent():
         rim = body.rim(SPH.mirror)
         assert astuple(Body.of(rim, SPH.mirror).rim(SPH.mirror)) == pytest.approx(astuple(rim))
         sensor = replace(SPH, housing=Housing(rim=rim))
-        assert parts_of(sensor)[0].body.outer_radius_mm(SPH.mirror) == body.outer_radius_mm(SPH.mirror)
+        assert parts_of(sensor)[0].body.outer_radius_mm(SPH.mirror) == body.outer_radius_mm(
+            SPH.mirror
+        )
         assert drawn(sensor, None).obscured == sensor.obscured
 
 
@@ -146,7 +162,11 @@ def test_all_mirrors_can_be_supported(kind):
         (Dome, {"inner_shift_mm": 3.0}, "must be smaller in magnitude than wall_mm, 3 mm"),
         (Rod, {"gap_mm": 200.0}, "less than 180.429 mm"),
         (Rod, {"diameter_mm": 95.0}, "diameter_mm must be at most 87.81 mm at the mirror.* got 95"),
-        (Rod, {"end_diameter_mm": 87.9}, "end_diameter_mm must be at most .* at the mirror.* got 87.9"),
+        (
+            Rod,
+            {"end_diameter_mm": 87.9},
+            "end_diameter_mm must be at most .* at the mirror.* got 87.9",
+        ),
         (Tube, {"diameter_mm": 5.0}, "must be less than 2.5 mm, the outer radius of the tube"),
         (Tube, {"refractive_index": 0.9}, r"refractive_index must be between 1 and 4; got 0\.9"),
     ],
@@ -161,7 +181,9 @@ def test_transmission_at_brewsters_angle():
     n = 1.5
     brewster = 90.0 - np.degrees(np.arctan(n))
     r = ((n**2 - 1) / (n**2 + 1)) ** 2
-    assert float(wall_transmission(np.radians(90.0 - brewster), n)) == pytest.approx((1 + (1 - r) / (1 + r)) / 2, rel=1e-12)
+    assert float(wall_transmission(np.radians(90.0 - brewster), n)) == pytest.approx(
+        (1 + (1 - r) / (1 + r)) / 2, rel=1e-12
+    )
 
 
 def test_sheet_states_shift_and_transmission():
@@ -175,7 +197,9 @@ def test_sheet_states_shift_and_transmission():
     assert word == "tube at Ω = 135°"
     assert shift == f"shift {3.0 / np.cos(t) * np.sin(i - t):.2f} mm"
     s, p = (np.sin(i - t) / np.sin(i + t)) ** 2, (np.tan(i - t) / np.tan(i + t)) ** 2
-    assert float(passed.split()[0]) == pytest.approx(100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06)
+    assert float(passed.split()[0]) == pytest.approx(
+        100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06
+    )
 
 
 # -- manufacturing errors
@@ -194,14 +218,30 @@ def test_distance_shift_matches_a_perturbed_sensor(name):
     heights = []
     for sign in (1, -1):
         other = replace(sensor, mirror_distance_mm=sensor.mirror_distance_mm + sign * step)
-        heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
+        heights.append(
+            other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega)))
+        )
     motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
     assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.02)
 
 
-IN_WATER = om.Sensor(Sphere(28.39142, 22.0), Perspective(6.0, 4.0, 81.9085), Imager(1920, 1200, 3.0), mirror_distance_mm=68.68475, housing=Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")), name="in-water")
+IN_WATER = om.Sensor(
+    Sphere(28.39142, 22.0),
+    Perspective(6.0, 4.0, 81.9085),
+    Imager(1920, 1200, 3.0),
+    mirror_distance_mm=68.68475,
+    housing=Housing(shell=Tube(60.0, 2.0, material="sapphire", medium="water")),
+    name="in-water",
+)
 IN_DOME = replace(SPH, housing=Housing(shell=Dome(300.0, material="polycarbonate")), name="in-dome")
-BEFORE_WINDOW = om.Sensor(Sphere(80.0, 20.0), Perspective(8.0, 4.0, 100.0), Imager(1024, 1024, 5.2), mirror_distance_mm=90.0, housing=Housing(shell=FlatWindow(material="bk7")), name="before-window")
+BEFORE_WINDOW = om.Sensor(
+    Sphere(80.0, 20.0),
+    Perspective(8.0, 4.0, 100.0),
+    Imager(1024, 1024, 5.2),
+    mirror_distance_mm=90.0,
+    housing=Housing(shell=FlatWindow(material="bk7")),
+    name="before-window",
+)
 
 
 @pytest.mark.parametrize("sensor", [IN_WATER, IN_DOME, BEFORE_WINDOW], ids=lambda s: s.name)
@@ -213,7 +253,9 @@ def test_shift_behind_a_cover_matches_a_perturbed_sensor(sensor):
     heights = []
     for sign in (1, -1):
         other = replace(sensor, mirror_pose=MirrorPose(displacement_mm=sign * step))
-        heights.append(other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega))))
+        heights.append(
+            other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega)))
+        )
     motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
     assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.03)
 
@@ -227,20 +269,26 @@ def test_tube_obscuration_is_not_attributed_to_the_secondary():
 def test_slope_error_doubles_in_reflection():
     omega = np.linspace(2.0, 134.0, 300)
     rate = om.evaluate(SPH, omega).dh_domega_px_per_deg
-    assert found(SPH)["surface slope"].px_per_unit == pytest.approx(2 * rate.max() * np.degrees(1e-3), rel=1e-3)
+    assert found(SPH)["surface slope"].px_per_unit == pytest.approx(
+        2 * rate.max() * np.degrees(1e-3), rel=1e-3
+    )
 
 
 def test_sphere_tilt_is_equivalent_to_decentre():
     """A tilt moves the centre by R times the angle, to first order."""
     errors = found(SPH)
     moved = SPH.mirror.radius_mm * np.radians(1.0)
-    assert errors["mirror tilt"].px_per_unit == pytest.approx(moved * errors["mirror decentre"].px_per_unit, rel=1e-3)
+    assert errors["mirror tilt"].px_per_unit == pytest.approx(
+        moved * errors["mirror decentre"].px_per_unit, rel=1e-3
+    )
 
 
 def test_form_shift_is_slope_times_slope_sensitivity():
     errors = found(SPH)
     slope_mrad = np.pi / SPH.mirror.rim_radius_mm  # of a bump of 1 um
-    assert errors["surface form"].px_per_unit == pytest.approx(slope_mrad * errors["surface slope"].px_per_unit, rel=0.1)
+    assert errors["surface form"].px_per_unit == pytest.approx(
+        slope_mrad * errors["surface slope"].px_per_unit, rel=0.1
+    )
 
 
 def test_distance_has_no_effect_on_telecentric_sensors_and_cones():
@@ -248,16 +296,32 @@ def test_distance_has_no_effect_on_telecentric_sensors_and_cones():
     assert found(sensor_of("cone"))["mirror distance"].tolerance() == np.inf
 
 
-@pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric"])
-@pytest.mark.parametrize(("error", "field", "step"), [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)])
+@pytest.mark.parametrize(
+    "name", ["paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric"]
+)
+@pytest.mark.parametrize(
+    ("error", "field", "step"),
+    [("mirror decentre", "decentre_x_mm", 1e-3), ("mirror tilt", "tilt_y_deg", 1e-3)],
+)
 def test_decentre_and_tilt_match_skew_rays(name, error, field, step):
     """The meridian is the azimuth of maximum effect."""
     sensor = om.load_sensor(name)
-    omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[:, None]
+    omega = sensor.meridian.trace(np.linspace(0.02, 0.99, 121) * sensor.mirror.rim_radius_mm).omega[
+        :, None
+    ]
     azimuth = np.radians(np.arange(0, 181, 15))
-    rays = [np.sin(omega) * np.cos(azimuth), np.sin(omega) * np.sin(azimuth), -np.cos(omega) + 0 * azimuth]
+    rays = [
+        np.sin(omega) * np.cos(azimuth),
+        np.sin(omega) * np.sin(azimuth),
+        -np.cos(omega) + 0 * azimuth,
+    ]
     directions = np.stack(rays, axis=-1).reshape(-1, 3) @ sensor.mount.rotation().T
-    pixels = [replace(sensor, mirror_pose=MirrorPose(**{field: sign * step})).project_directions(directions).pixels for sign in (1, -1)]
+    pixels = [
+        replace(sensor, mirror_pose=MirrorPose(**{field: sign * step}))
+        .project_directions(directions)
+        .pixels
+        for sign in (1, -1)
+    ]
     motion = np.nanmax(np.hypot(*(pixels[0] - pixels[1]).T)) / (2 * step)
     assert found(sensor)[error].px_per_unit == pytest.approx(motion, rel=0.02)
 

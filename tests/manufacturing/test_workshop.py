@@ -12,7 +12,10 @@ from scipy.integrate import quad
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.manufacturing import Body, PartSpecification, Workshop
-from omnimirror.manufacturing.tolerancing.tolerance_file import load_allocated_tolerances, tolerance_template
+from omnimirror.manufacturing.tolerancing.tolerance_file import (
+    load_allocated_tolerances,
+    tolerance_template,
+)
 from omnimirror.manufacturing.workshop import parse_workshop
 from omnimirror.optics.thermal import DENSITIES_G_PER_CM3, EXPANSIONS_PPM
 from tests.commands import omnimirror
@@ -23,7 +26,12 @@ BODIES = {
     "flange": Body(thickness_mm=8.0, flange_width_mm=4.0),
     "drilled": Body(thickness_mm=8.0, bore_diameter_mm=5.0, bore_depth_mm=6.0),
     "through": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf),
-    "counterbore": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf, counterbore_diameter_mm=14.0, counterbore_depth_mm=4.0),
+    "counterbore": Body(
+        bore_diameter_mm=6.0,
+        bore_depth_mm=np.inf,
+        counterbore_diameter_mm=14.0,
+        counterbore_depth_mm=4.0,
+    ),
 }
 
 
@@ -33,7 +41,14 @@ def test_volume_matches_integration_by_shells(kind, body):
     """Integrate ring by ring, independent of the outline."""
     mirror, _ = MIRRORS[kind]
     rim, back = mirror.rim_radius_mm, body.back_mm(mirror)
-    shells = quad(lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))), body.start_mm(), rim, epsabs=1e-9, epsrel=1e-11, limit=200)[0]
+    shells = quad(
+        lambda x: 2 * np.pi * x * (back - float(mirror.sag(x))),
+        body.start_mm(),
+        rim,
+        epsabs=1e-9,
+        epsrel=1e-11,
+        limit=200,
+    )[0]
     shells += np.pi * ((rim + body.flange_width_mm) ** 2 - rim**2) * body.flange_thickness_mm
     if body.bore_mm and not body.bore_goes_through:
         r = body.bore_mm / 2
@@ -45,7 +60,10 @@ def test_volume_matches_integration_by_shells(kind, body):
 
 def test_all_materials_have_a_density():
     assert set(DENSITIES_G_PER_CM3) == set(EXPANSIONS_PPM)
-    assert PartSpecification(material="stainless steel 1.4301").density == DENSITIES_G_PER_CM3["stainless_steel"]
+    assert (
+        PartSpecification(material="stainless steel 1.4301").density
+        == DENSITIES_G_PER_CM3["stainless_steel"]
+    )
     assert PartSpecification(material="brass", density_g_per_cm3=8.4).density == 8.4
     assert PartSpecification(material="RSA-6061").density is None
 
@@ -55,9 +73,15 @@ def test_all_materials_have_a_density():
     [
         ("[title]\nnumbr = 'A'", "line 2: unknown entry title.numbr; did you mean number"),
         ("[title]\nnumber = 7", "workshop file line 2: number must be a string; got 7"),
-        ("[title]\nowner = 'x'\ndate = '22.11.2026'", "line 3: date must have the format 2026-11-22; got '22.11.2026'"),
+        (
+            "[title]\nowner = 'x'\ndate = '22.11.2026'",
+            "line 3: date must have the format 2026-11-22; got '22.11.2026'",
+        ),
         ("[title]\ntitle = '" + 60 * "x" + "'", "printable text of at most 48 characters"),
-        ("[mirror]\nmaterial = 'brass'\nform_um = -1", r"workshop file line 3: form_um must be between 0\.0001 and 10000 um; got -1"),
+        (
+            "[mirror]\nmaterial = 'brass'\nform_um = -1",
+            r"workshop file line 3: form_um must be between 0\.0001 and 10000 um; got -1",
+        ),
         ("[mirrors]\nform_um = 1", "unknown entry mirrors; did you mean mirror"),
         ("[mirror", "workshop file"),
     ],
@@ -72,7 +96,16 @@ def test_negative_tolerance_is_rejected():
         Workshop(tolerances={"mirror.conic": -1.0})
 
 
-@pytest.mark.parametrize(("options", "sentence"), [({"counterbore_diameter_mm": 10.0}, "the diameter of a through bore"), ({"bore_diameter_mm": 12.0, "bore_depth_mm": np.inf, "counterbore_diameter_mm": 10.0}, "larger than the diameter of a through bore")])
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"counterbore_diameter_mm": 10.0}, "the diameter of a through bore"),
+        (
+            {"bore_diameter_mm": 12.0, "bore_depth_mm": np.inf, "counterbore_diameter_mm": 10.0},
+            "larger than the diameter of a through bore",
+        ),
+    ],
+)
 def test_counterbore_requires_a_through_bore(options, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         Body(**options)
@@ -94,10 +127,21 @@ def test_allocated_tolerances_are_read_from_toml_and_json(tmp_path):
     asked = load_allocated_tolerances(tmp_path / "t.toml", sensor)
     assert asked["mirror.decentre_x_mm"] == 0.05
     rows = [{"name": name, "tolerance": value} for name, value in asked.items()]
-    for allocation, wanted in ((None, asked), ({"tolerances": {"mirror.tilt_x_deg": 0.03}}, {"mirror.tilt_x_deg": 0.03})):
-        (tmp_path / "t.json").write_text(json.dumps({"allocation": allocation, "sensitivities": rows}))
+    for allocation, wanted in (
+        (None, asked),
+        ({"tolerances": {"mirror.tilt_x_deg": 0.03}}, {"mirror.tilt_x_deg": 0.03}),
+    ):
+        (tmp_path / "t.json").write_text(
+            json.dumps({"allocation": allocation, "sensitivities": rows})
+        )
         assert load_allocated_tolerances(tmp_path / "t.json", sensor) == wanted
-    for text, sentence in (("[]", "is not a file of omnimirror tolerance"), ('{"allocation": {"tolerances": {"mirror.tilt_z_deg": 1}}}', "'mirror.tilt_z_deg' is not an error source")):
+    for text, sentence in (
+        ("[]", "is not a file of omnimirror tolerance"),
+        (
+            '{"allocation": {"tolerances": {"mirror.tilt_z_deg": 1}}}',
+            "'mirror.tilt_z_deg' is not an error source",
+        ),
+    ):
         (tmp_path / "t.json").write_text(text)
         with pytest.raises((SpecError, InvalidParameter), match=sentence):
             load_allocated_tolerances(tmp_path / "t.json", sensor)
@@ -107,8 +151,12 @@ def test_command_lists_missing_entries(tmp_path):
     run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", cwd=tmp_path)
     words = " ".join(run.stdout.split())
     assert "Missing entries of the drawing: number, owner, approved_by, mirror.material" in words
-    (tmp_path / "w.toml").write_text("[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\nimperfections = '5x0.16'\n")
-    run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", "--workshop", "w.toml", cwd=tmp_path)
+    (tmp_path / "w.toml").write_text(
+        "[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\nimperfections = '5x0.16'\n"
+    )
+    run = omnimirror(
+        "export", "paper-spherical", "-o", "mirror.svg", "--workshop", "w.toml", cwd=tmp_path
+    )
     assert "A shop" not in run.stdout
     assert "OM-7" in (tmp_path / "mirror-mirror.svg").read_text()
 
@@ -119,19 +167,45 @@ SPHERE = om.load_sensor("paper-spherical")
 @pytest.mark.parametrize(
     ("making", "tolerances", "sentence"),
     [
-        ({"centring_deg": 0.2}, {"mirror.tilt_x_deg": 0.5, "mirror.tilt_y_deg": 0.1}, "tilt of the mirror"),
-        ({"centring_deg": 0.07, "back_flatness_mm": 0.1}, {"mirror.tilt_x_deg": 0.1}, "use 0.135 deg of the 0.1 deg"),
+        (
+            {"centring_deg": 0.2},
+            {"mirror.tilt_x_deg": 0.5, "mirror.tilt_y_deg": 0.1},
+            "tilt of the mirror",
+        ),
+        (
+            {"centring_deg": 0.07, "back_flatness_mm": 0.1},
+            {"mirror.tilt_x_deg": 0.1},
+            "use 0.135 deg of the 0.1 deg",
+        ),
         ({"back_flatness_mm": 0.1, "centring_deg": 0.05}, {}, "lets datum A tilt by 0.0652 deg"),
-        ({"centring_mm": 0.03, "diameter_tolerance_mm": 0.02}, {"mirror.decentre_y_mm": 0.05}, "decentre of the mirror"),
-        ({}, {"mirror.decentre_x_mm": 0.2}, r"general tolerance of the diameter \(ISO 2768-m\) uses 0.3 mm"),
+        (
+            {"centring_mm": 0.03, "diameter_tolerance_mm": 0.02},
+            {"mirror.decentre_y_mm": 0.05},
+            "decentre of the mirror",
+        ),
+        (
+            {},
+            {"mirror.decentre_x_mm": 0.2},
+            r"general tolerance of the diameter \(ISO 2768-m\) uses 0.3 mm",
+        ),
         ({"thickness_tolerance_mm": 0.1}, {"mirror.displacement_mm": 0.1}, "spacing of the mirror"),
-        ({"form_um": 1.0}, {"mirror.zernike_4_um": 0.3}, "permits an RMS of 0.605 um along z, and 0.173 um"),
-        ({"form_um": 1.0}, {"mirror.vertex_radius_mm": 0.05}, r"vertex_radius_mm ± 0.05 departs by .* P-V"),
+        (
+            {"form_um": 1.0},
+            {"mirror.zernike_4_um": 0.3},
+            "permits an RMS of 0.605 um along z, and 0.173 um",
+        ),
+        (
+            {"form_um": 1.0},
+            {"mirror.vertex_radius_mm": 0.05},
+            r"vertex_radius_mm ± 0.05 departs by .* P-V",
+        ),
         ({"form_um": 1.0}, {"mirror.conic": 0.005}, r"mirror.conic ± 0.005 departs by .* P-V"),
     ],
 )
 def test_conflicting_tolerances_are_listed(making, tolerances, sentence):
-    (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances))
+    (found,) = om.tolerance_conflicts(
+        SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances)
+    )
     assert re.search(sentence, found), found
 
 
@@ -146,22 +220,48 @@ def test_conflicting_tolerances_are_listed(making, tolerances, sentence):
     ],
 )
 def test_consistent_tolerances_have_no_conflict(making, tolerances):
-    assert om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances)) == []
+    assert (
+        om.tolerance_conflicts(
+            SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances)
+        )
+        == []
+    )
 
 
 def test_radius_error_zone_matches_brute_force():
     """Search the axial shift in steps, with distances along the nominal normal."""
     told = {"mirror.vertex_radius_mm": 0.05}
-    (found,) = om.tolerance_conflicts(SPHERE, Workshop(mirror=PartSpecification(form_um=1.0), tolerances=told))
+    (found,) = om.tolerance_conflicts(
+        SPHERE, Workshop(mirror=PartSpecification(form_um=1.0), tolerances=told)
+    )
     r, R = np.linspace(0, 43.905, 2001), 49.9582
     dz = 1e3 * ((R + 0.05 - np.sqrt((R + 0.05) ** 2 - r**2)) - (R - np.sqrt(R**2 - r**2)))
-    zones = [2 * np.abs((dz - shift) * np.sqrt(1 - (r / R) ** 2)).max() for shift in np.linspace(dz.min(), 0, 4001)]
-    assert float(re.search(r"departs by ([\d.]+) um", found)[1]) == pytest.approx(min(zones), rel=0.01)
+    zones = [
+        2 * np.abs((dz - shift) * np.sqrt(1 - (r / R) ** 2)).max()
+        for shift in np.linspace(dz.min(), 0, 4001)
+    ]
+    assert float(re.search(r"departs by ([\d.]+) um", found)[1]) == pytest.approx(
+        min(zones), rel=0.01
+    )
 
 
 def test_command_warns_of_conflicting_tolerances(tmp_path):
     (tmp_path / "shop.toml").write_text("[mirror]\ncentring_deg = 0.5\n")
-    (tmp_path / "tolerances.toml").write_text('[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n')
-    done = omnimirror("export", "paper-spherical", "-o", "a.svg", "--workshop", "shop.toml", "--tolerances", "tolerances.toml", cwd=tmp_path)
+    (tmp_path / "tolerances.toml").write_text(
+        '[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n'
+    )
+    done = omnimirror(
+        "export",
+        "paper-spherical",
+        "-o",
+        "a.svg",
+        "--workshop",
+        "shop.toml",
+        "--tolerances",
+        "tolerances.toml",
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
-    assert "inconsistent tolerances: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(done.stdout.split())
+    assert "inconsistent tolerances: mirror.centring_deg = 0.5 uses 0.5 deg" in " ".join(
+        done.stdout.split()
+    )

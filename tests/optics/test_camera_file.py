@@ -49,7 +49,10 @@ def some_uncertainty(model):
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_camera_file_round_trip(model, mount, tmp_path):
     path = tmp_path / "camera.toml"
-    for camera in (replace(model, mount=mount), replace(model, mount=mount, uncertainty=some_uncertainty(model))):
+    for camera in (
+        replace(model, mount=mount),
+        replace(model, mount=mount, uncertainty=some_uncertainty(model)),
+    ):
         om.save_camera(camera, path, notes="calibrated\non a board")
         assert om.load_camera(path) == camera
         assert path.read_text().startswith("# calibrated\n# on a board\n")
@@ -62,7 +65,16 @@ def test_all_camera_kinds_tested():
 
 def test_camera_file_text():
     camera = om.parse_camera(GOOD)
-    assert camera == om.Unified(0.96, (220.0, 221.5), (319.5, 239.5), (640, 480), k1=-0.05, rim_radius_px=230.0, mount=Mount("down", pitch_deg=3.0), uncertainty=Uncertainty(("xi", "cx"), ((1e-6, 1e-5), (1e-5, 0.04))))
+    assert camera == om.Unified(
+        0.96,
+        (220.0, 221.5),
+        (319.5, 239.5),
+        (640, 480),
+        k1=-0.05,
+        rim_radius_px=230.0,
+        mount=Mount("down", pitch_deg=3.0),
+        uncertainty=Uncertainty(("xi", "cx"), ((1e-6, 1e-5), (1e-5, 0.04))),
+    )
     assert camera.uncertainty.sigmas == {"xi": pytest.approx(1e-3), "cx": pytest.approx(0.2)}
     table = tomllib.loads(format_camera(camera))["camera"]
     assert "k2" not in table  # defaults to 0
@@ -72,26 +84,53 @@ def test_camera_file_text():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('"unified"', '"unfied"'), r"mine line 5: unknown camera.kind 'unfied'; did you mean unified\?"),
-        (('kind = "unified"\n', ""), "mine line 4: camera.kind is missing; use unified, enhanced-unified"),
+        (
+            ('"unified"', '"unfied"'),
+            r"mine line 5: unknown camera.kind 'unfied'; did you mean unified\?",
+        ),
+        (
+            ('kind = "unified"\n', ""),
+            "mine line 4: camera.kind is missing; use unified, enhanced-unified",
+        ),
         (("xi = 0.96", 'xi = "1"'), "line 6: camera.xi must be a valid number; got '1'"),
         (("xi = 0.96\n", ""), "line 4: camera.xi is missing"),
-        (("xi = 0.96", "xi = -1"), r"mine line 6: camera\.xi must be between 0 and 10000; got -1\.0"),
+        (
+            ("xi = 0.96", "xi = -1"),
+            r"mine line 6: camera\.xi must be between 0 and 10000; got -1\.0",
+        ),
         (("k1 =", "skew ="), r"line 10: unknown entry camera.skew; did you mean skew_px\?"),
         (("[220, 221.5]", "[220]"), "line 7: camera.focal_px must have at least 2 items"),
-        (("[220, 221.5]", "[220, -1]"), r"mine line 7: camera\.focal_px .* two numbers \(fx, fy\) greater than 0 px; got \(220\.0, -1\.0\)"),
+        (
+            ("[220, 221.5]", "[220, -1]"),
+            r"mine line 7: camera\.focal_px .* two numbers \(fx, fy\) greater than 0 px; got \(220\.0, -1\.0\)",
+        ),
         (("[220, 221.5]", "[220, inf]"), "line 7: camera.focal_px"),
         (("[640, 480]", "[640.5, 480]"), "line 9: camera.image_size"),
-        (("[640, 480]", "[640, 0]"), "mine line 4: image height must be an integer between 1 and 100000 px; got 0"),
-        (("rim_radius_px = 230.0", "rim_radius_px = 0"), r"mine line 11: camera\.rim_radius_px must be greater than 0 px and at most 1e\+06 px; got 0\.0"),
+        (
+            ("[640, 480]", "[640, 0]"),
+            "mine line 4: image height must be an integer between 1 and 100000 px; got 0",
+        ),
+        (
+            ("rim_radius_px = 230.0", "rim_radius_px = 0"),
+            r"mine line 11: camera\.rim_radius_px must be greater than 0 px and at most 1e\+06 px; got 0\.0",
+        ),
         (('"down"', '"sideways"'), "line 14: mount.camera_looks"),
         (("[mount]", "[mounts]"), r"unknown entry mounts; did you mean mount\?"),
         (("format = 1", "format = 2"), "line 2: format must be .* got 2"),
-        (('"xi", "cx"', '"xi"'), r"mine line 17: covariance must have the shape \(1, 1\) for 1 names"),
-        (('"xi", "cx"', '"xi", "f"'), "mine line 17: the parameters of the uncertainty must be from xi, fx, fy, skew, cx, cy, k1,"),
+        (
+            ('"xi", "cx"', '"xi"'),
+            r"mine line 17: covariance must have the shape \(1, 1\) for 1 names",
+        ),
+        (
+            ('"xi", "cx"', '"xi", "f"'),
+            "mine line 17: the parameters of the uncertainty must be from xi, fx, fy, skew, cx, cy, k1,",
+        ),
         (("0.04]]", "-0.04]]"), "mine line 17: covariance must have no negative eigenvalues"),
         (("[1e-5, 0.04]", "[2e-5, 0.04]"), "mine line 17: covariance must be symmetric"),
-        (("[camera]", "[camera"), r"mine must be valid TOML: Expected '\]' at the end of a table declaration \(at line 4, column 8\)"),
+        (
+            ("[camera]", "[camera"),
+            r"mine must be valid TOML: Expected '\]' at the end of a table declaration \(at line 4, column 8\)",
+        ),
     ],
 )
 def test_camera_file_errors_give_line(change, message):
@@ -113,16 +152,33 @@ def test_camera_file_formats_read(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     assert om.load_camera("paper-spherical") == sensor
     om.save_camera(sensor, tmp_path / "sensor.toml")
-    assert om.load_camera(tmp_path / "sensor.toml") == om.load_sensor(tmp_path / "sensor.toml") == sensor
-    om.convert(om.OCam((-100.0, 0.0, 2.5e-3), (319.5, 239.5), (640, 480)), tmp_path / "calib.txt", to="ocamcalib")
+    assert (
+        om.load_camera(tmp_path / "sensor.toml")
+        == om.load_sensor(tmp_path / "sensor.toml")
+        == sensor
+    )
+    om.convert(
+        om.OCam((-100.0, 0.0, 2.5e-3), (319.5, 239.5), (640, 480)),
+        tmp_path / "calib.txt",
+        to="ocamcalib",
+    )
     assert om.load_camera(tmp_path / "calib.txt") == om.load_ocam(tmp_path / "calib.txt")
     (tmp_path / "camchain.yaml").write_text("cam0:\n  camera_model: ds\n")
-    with pytest.raises(SpecError, match=r"camchain\.yaml must be valid TOML: .*convert camera files key in a key/value pair \(at line other programs with omnimirror convert"):
+    with pytest.raises(
+        SpecError,
+        match=r"camchain\.yaml must be valid TOML: .*convert camera files key in a key/value pair \(at line other programs with omnimirror convert",
+    ):
         om.load_camera(tmp_path / "camchain.yaml")
     (tmp_path / "found.json").write_text('{"rms_px": 0.1, "held_out_rms_px": 0.1}')
-    with pytest.raises(SpecError, match=r"found.json .* contains the results of a calibration; .* the output file of its -o option$"):
+    with pytest.raises(
+        SpecError,
+        match=r"found.json .* contains the results of a calibration; .* the output file of its -o option$",
+    ):
         om.load_camera(tmp_path / "found.json")
-    with pytest.raises(SpecError, match=r"sensor file, camera file or bundled sensor 'paper-sperical' does not exist; did"):
+    with pytest.raises(
+        SpecError,
+        match=r"sensor file, camera file or bundled sensor 'paper-sperical' does not exist; did",
+    ):
         om.load_camera("paper-sperical")
     with pytest.raises(InvalidParameter, match="camera must be a sensor, or a camera of kind"):
         om.save_camera("paper-spherical", tmp_path / "x.toml")

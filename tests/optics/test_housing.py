@@ -47,7 +47,9 @@ def test_cover_sizes_out_of_bounds_rejected(name):
     kind = {"centre_mm": Dome, "inner_shift_mm": Dome, "height_mm": FlatWindow}.get(name, Tube)
     low, high = WALLS[name]
     for value in (low - 1e-4, high + 0.1):
-        with pytest.raises(InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")):
+        with pytest.raises(
+            InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")
+        ):
             kind(**{name: value})
 
 
@@ -57,13 +59,17 @@ def test_cover_default_sizes():
     envelope = Envelope(-180.0, -180.0, 20.0, 45.0)
     tube, dome = Tube(wall_mm=4.0), Dome(wall_mm=4.0, centre_mm=-50.0)
     assert tube.diameters(45.0) == (98.0, 104.0)
-    assert dome.diameters(-180.0, 20.0, 45.0)[0] == pytest.approx(2 * (np.hypot(45.0, 70.0) + 4.0), rel=1e-12)
+    assert dome.diameters(-180.0, 20.0, 45.0)[0] == pytest.approx(
+        2 * (np.hypot(45.0, 70.0) + 4.0), rel=1e-12
+    )
     assert dome.diameters(-180.0, 20.0, 45.0)[1] == np.ceil(2 * (np.hypot(48.0, 130.0) + 4.0))
     for shell, least in ((tube, 98.0), (dome, 2 * (np.hypot(45.0, 70.0) + 4.0))):
         with pytest.raises(InvalidParameter, match=f"diameter_mm .* must be at least {least:.4g}"):
             replace(shell, diameter_mm=least - 0.01).fitted(envelope)
     assert replace(tube, diameter_mm=98.0).fitted(envelope).diameter_mm == 98.0
-    with pytest.raises(InvalidParameter, match=r"greater than 268 mm, to reach the plane of the lens at -180 mm"):
+    with pytest.raises(
+        InvalidParameter, match=r"greater than 268 mm, to reach the plane of the lens at -180 mm"
+    ):
         replace(dome, diameter_mm=268.0).fitted(envelope)
 
 
@@ -71,7 +77,9 @@ def test_cover_default_sizes():
 def test_dome_inner_radius(shift):
     dome = Dome(200.0, 5.0, centre_mm=-40.0, inner_shift_mm=shift)
     for height in (-100.0, -40.0, 0.0, 30.0):
-        assert dome.inner_radius_mm(height) == pytest.approx(np.sqrt(95.0**2 - (height + 40.0 - shift) ** 2), rel=1e-12)
+        assert dome.inner_radius_mm(height) == pytest.approx(
+            np.sqrt(95.0**2 - (height + 40.0 - shift) ** 2), rel=1e-12
+        )
     assert dome.inner_radius_mm(80.0) == 0.0
 
 
@@ -100,10 +108,15 @@ def magnified(sensor, omega_deg):
 
 def test_image_dark_at_obscured_angles(sensor):
     """Agreement to 0.01 deg, in the compiled kernels and in the ground truth."""
-    white, edges = (Environment(np.ones((4, 8, 3), np.float32)), set(sensor.clear_field_deg) - set(sensor.field_deg))
+    white, edges = (
+        Environment(np.ones((4, 8, 3), np.float32)),
+        set(sensor.clear_field_deg) - set(sensor.field_deg),
+    )
     for edge in edges:
         near = magnified(sensor, edge)
-        light = expose(near, white, samples=1, radiometry=Radiometry(housing_light=0.0))[0, :, 0] > 0.3
+        light = (
+            expose(near, white, samples=1, radiometry=Radiometry(housing_light=0.0))[0, :, 0] > 0.3
+        )
         dark_first = edge == sensor.clear_field_deg[0]
         hidden = trace_pixels(near, np.stack([np.arange(WIDTH), np.zeros(WIDTH)], axis=-1)).hidden
         for dark in (~light, hidden):
@@ -116,13 +129,22 @@ def test_image_dark_at_obscured_angles(sensor):
 def test_misaligned_image_dark_at_obscured_pixels(name):
     rod = replace(SPH, housing=Housing(rod=Rod(0.5, 16.0, gap_mm=160.0)))
     sensor = replace(CASES.get(name, rod), mirror_pose=MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6))
-    if name == "rod in mirror":  # the vertex is inside the rod end, from which rays pass the rest of it
+    if (
+        name == "rod in mirror"
+    ):  # the vertex is inside the rod end, from which rays pass the rest of it
         sensor = replace(sensor, mirror_pose=replace(sensor.mirror_pose, displacement_mm=-0.7))
     sensor = replace(sensor, imager=Imager(200, 200, 5.2 * 1024 / 200))
-    pixels = np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2).astype(float)
+    pixels = (
+        np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2).astype(float)
+    )
     hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
     np.testing.assert_array_equal(trace_pixels(sensor, pixels).hidden, hidden)
-    light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1, radiometry=Radiometry(housing_light=0.0))
+    light = expose(
+        sensor,
+        Environment(np.ones((4, 8, 3), np.float32)),
+        samples=1,
+        radiometry=Radiometry(housing_light=0.0),
+    )
     sees = sensor.backproject(pixels).valid
     dark = light[..., 0].ravel() < 0.3
     assert hidden.sum() > 100

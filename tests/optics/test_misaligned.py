@@ -19,8 +19,14 @@ from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
-POSES = [MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0), MirrorPose(-6.0, 4.0, -5.0, -5.0, 7.0), MirrorPose(0, 0, 2.0, 0, 1e-9)]
-ALMOST = MirrorPose(decentre_x_mm=1e-300)  # misaligned by a negligible amount, which selects tracing in space
+POSES = [
+    MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0),
+    MirrorPose(-6.0, 4.0, -5.0, -5.0, 7.0),
+    MirrorPose(0, 0, 2.0, 0, 1e-9),
+]
+ALMOST = MirrorPose(
+    decentre_x_mm=1e-300
+)  # misaligned by a negligible amount, which selects tracing in space
 
 
 def pixels_all_over(sensor, count=600):
@@ -42,7 +48,9 @@ def test_thread_safety_of_ray_tracing():
 
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
-@pytest.mark.parametrize("kind", few(sorted(MIRRORS), "cone", "conic-asphere", "sampled", "equidistant"))
+@pytest.mark.parametrize(
+    "kind", few(sorted(MIRRORS), "cone", "conic-asphere", "sampled", "equidistant")
+)
 def test_skew_trace_of_aligned_mirror_matches_meridian(kind, lens):
     if lens == "orthographic" and kind in ("cone", "equidistant"):
         pytest.skip("made for a perspective lens")
@@ -103,12 +111,24 @@ def test_projected_points_on_back_projected_rays(kind):
     near = sensor.project(150 * away)
     rays = sensor.backproject(near.pixels[near.valid])
     off = 150 * away[near.valid] - rays.origins
-    np.testing.assert_allclose(rays.directions, off / np.linalg.norm(off, axis=1, keepdims=True), atol=1e-9)
+    np.testing.assert_allclose(
+        rays.directions, off / np.linalg.norm(off, axis=1, keepdims=True), atol=1e-9
+    )
 
 
-@given(x=st.floats(-3, 3), y=st.floats(-3, 3), z=st.floats(-4, 4), tip=st.floats(-4, 4), side=st.floats(-4, 4), looks=st.sampled_from(["up", "down", "forward"]), flipped=st.booleans())
+@given(
+    x=st.floats(-3, 3),
+    y=st.floats(-3, 3),
+    z=st.floats(-4, 4),
+    tip=st.floats(-4, 4),
+    side=st.floats(-4, 4),
+    looks=st.sampled_from(["up", "down", "forward"]),
+    flipped=st.booleans(),
+)
 def test_random_misalignments_round_trip(x, y, z, tip, side, looks, flipped):
-    sensor = replace(SPH, mirror_pose=MirrorPose(x, y, z, tip, side), mount=Mount(looks, 30.0, flipped))
+    sensor = replace(
+        SPH, mirror_pose=MirrorPose(x, y, z, tip, side), mount=Mount(looks, 30.0, flipped)
+    )
     pixels = np.array([[511.5, 500.0], [300.0, 700.0], [900.0, 400.0]])
     origins, directions, valid = sensor.backproject(pixels)
     assert valid.all()
@@ -155,12 +175,24 @@ def test_decentred_mirror_shifts_image(lens):
     """A shift of 1 mm to the right moves the image to the right, by the scale of the lens."""
     sensor = sensor_of("sphere", lens)
     moved = replace(sensor, mirror_pose=MirrorPose(decentre_x_mm=1.0, decentre_y_mm=-0.5))
-    scale = sensor.lens.image_height(np.ones(1), np.full(1, sensor.mirror_distance_mm))[0] / sensor.imager.pitch_mm
+    scale = (
+        sensor.lens.image_height(np.ones(1), np.full(1, sensor.mirror_distance_mm))[0]
+        / sensor.imager.pitch_mm
+    )
     before, after = (s.project_directions([s.axis]).pixels[0] for s in (sensor, moved))
     np.testing.assert_allclose(after - before, [scale, -scale / 2], rtol=0.15)
 
 
-@pytest.mark.parametrize("view", [om.screens.Cylinder((720, 180), -60, 30), om.screens.Plane((320, 240), pan_deg=40, hfov_deg=80), om.screens.Plane((320, 240), distance_mm=300.0), om.screens.DomeMaster((240, 240), 120.0)], ids=["panorama", "perspective", "near wall", "dome"])
+@pytest.mark.parametrize(
+    "view",
+    [
+        om.screens.Cylinder((720, 180), -60, 30),
+        om.screens.Plane((320, 240), pan_deg=40, hfov_deg=80),
+        om.screens.Plane((320, 240), distance_mm=300.0),
+        om.screens.DomeMaster((240, 240), 120.0),
+    ],
+    ids=["panorama", "perspective", "near wall", "dome"],
+)
 def test_dewarping_of_misaligned_sensor_is_exact(view):
     sensor = replace(SPH, mirror_pose=POSES[0])
     dewarper = om.Dewarper(sensor, view)
@@ -173,12 +205,21 @@ def test_dewarping_of_misaligned_sensor_is_exact(view):
 
 def test_meridional_evaluation_rejects_misaligned_sensor():
     sensor = replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=0.5))
-    for ask in (om.evaluate, om.best_focus, lambda s: om.best_viewpoint(s, 300.0), lambda s: s.field_deg):
-        with pytest.raises(InvalidParameter, match=r"'paper-spherical' must be aligned .*sensor\.aligned\(\)"):
+    for ask in (
+        om.evaluate,
+        om.best_focus,
+        lambda s: om.best_viewpoint(s, 300.0),
+        lambda s: s.field_deg,
+    ):
+        with pytest.raises(
+            InvalidParameter, match=r"'paper-spherical' must be aligned .*sensor\.aligned\(\)"
+        ):
             ask(sensor)
     assert sensor.aligned() == SPH
     with pytest.raises(InvalidParameter, match="viewpoints lie about no axis"):
-        om.Dewarper(sensor, om.screens.Plane((32, 24), distance_mm=300.0), viewpoint="single").coordinates()
+        om.Dewarper(
+            sensor, om.screens.Plane((32, 24), distance_mm=300.0), viewpoint="single"
+        ).coordinates()
 
 
 POSE_TABLE = "\n[mirror_pose]\ndecentre_x_mm = 0.25\ntilt_y_deg = -0.5\n"
@@ -194,7 +235,11 @@ def test_pose_file_round_trip():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("tilt_y_deg = -0.5", "tilt_deg = 1.0", r"unknown entry mirror_pose.tilt_deg; did you mean tilt_\w_deg\?"),
+        (
+            "tilt_y_deg = -0.5",
+            "tilt_deg = 1.0",
+            r"unknown entry mirror_pose.tilt_deg; did you mean tilt_\w_deg\?",
+        ),
         ("-0.5", "-70.0", "mirror_pose.tilt_y_deg must be greater than or equal to -60"),
         ("0.25", '"left"', "mirror_pose.decentre_x_mm must be a valid number; got 'left'"),
         ("[mirror_pose]", "[miror_pose]", r"unknown entry miror_pose; did you mean mirror_pose\?"),

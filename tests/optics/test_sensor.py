@@ -34,7 +34,9 @@ def test_forward_wall_orientation(looks, azimuth):
     # the observation of those pixels is in those panorama columns
     _, directions, _ = sensor.backproject([a, b])
     pans = np.degrees(np.arctan2(-directions[:, 1], directions[:, 0]))
-    assert 1799.5 + 10 * pans == pytest.approx(columns, abs=0.2)  # backproject starts at the mirror, not at the origin
+    assert 1799.5 + 10 * pans == pytest.approx(
+        columns, abs=0.2
+    )  # backproject starts at the mirror, not at the origin
 
 
 def test_manually_traced_ray_gives_pixel():
@@ -73,7 +75,9 @@ def test_mounts_are_rotations(looks, azimuth):
     axis = {"up": [0, 0, 1], "down": [0, 0, -1], "forward": [1, 0, 0]}[looks]
     np.testing.assert_allclose(R @ [0, 0, 1], axis, atol=1e-15)
     c, s = np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))
-    np.testing.assert_allclose(R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12
+    )
 
 
 def test_integer_azimuth_accepted():
@@ -97,7 +101,9 @@ def test_raw_image_is_reversed_unless_flipped():
         (a, b, c), _ = sensor.project(word)
         up = sensor.project([[2000.0, 0.0, 300.0]]).pixels[0] - b
         right = c - a
-        return np.sign(right[0] * up[1] - right[1] * up[0])  # -1 if up is to the left of right: readable
+        return np.sign(
+            right[0] * up[1] - right[1] * up[0]
+        )  # -1 if up is to the left of right: readable
 
     for looks in ("up", "down", "forward"):
         sensor = replace(SPH, mount=Mount(looks))
@@ -114,19 +120,27 @@ def test_raw_image_is_reversed_unless_flipped():
 def test_centre_refers_to_unflipped_image(tilt_deg):
     """The delivered image is the array reversed by columns, for any position of the optical axis."""
     sensor = om.load_sensor("paper-spherical")
-    imager = replace(sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0))
+    imager = replace(
+        sensor.imager, width_px=60, height_px=48, pixel_pitch_um=90.0, centre_px=(21.0, 26.0)
+    )
     straight = replace(sensor, imager=imager, mirror_pose=MirrorPose(tilt_x_deg=tilt_deg))
     flipped = replace(straight, mount=replace(sensor.mount, image_flipped=True))
     towards = straight.backproject([[21.0, 26.0], [30.0, 12.0]]).directions
-    np.testing.assert_allclose(straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9)
-    np.testing.assert_allclose(flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9)
+    np.testing.assert_allclose(
+        straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9
+    )
     room = om.Room(texel_mm=40.0)
     one, other = (om.expose(s, room, samples=1) for s in (straight, flipped))
     np.testing.assert_allclose(other, one[:, ::-1], atol=1e-5)
 
 
 def test_pixels_outside_rim_or_image_invalid():
-    _, directions, valid = SPH.backproject([[511.5, 511.5], [5.0, 5.0], [-3.0, 511.5], [1013.2, 511.5], [1013.0, 511.5]])
+    _, directions, valid = SPH.backproject(
+        [[511.5, 511.5], [5.0, 5.0], [-3.0, 511.5], [1013.2, 511.5], [1013.0, 511.5]]
+    )
     assert valid.tolist() == [True, False, False, False, True]
     assert np.isnan(directions[~valid]).all()
     small = replace(SPH, imager=Imager(600, 600, 5.2))
@@ -137,8 +151,16 @@ def test_pixels_outside_rim_or_image_invalid():
 
 
 def test_zero_directions_and_hidden_points_invalid():
-    assert SPH.project_directions([[0, 0, 0], [0, 0, -1], [0, 0, 1]]).valid.tolist() == [False, True, False]
-    assert SPH.project([[0, 0, 500], [0, 0, -100], [np.nan, 0, 0]]).valid.tolist() == [False, True, False]
+    assert SPH.project_directions([[0, 0, 0], [0, 0, -1], [0, 0, 1]]).valid.tolist() == [
+        False,
+        True,
+        False,
+    ]
+    assert SPH.project([[0, 0, 500], [0, 0, -100], [np.nan, 0, 0]]).valid.tolist() == [
+        False,
+        True,
+        False,
+    ]
 
 
 def test_distant_point_matches_direction():
@@ -157,7 +179,9 @@ def test_sensor_is_camera_with_symmetry():
     s = SPH.symmetry
     np.testing.assert_array_equal(s.axis, [0, 0, -1])
     angles = np.radians([0.0, 60.0, 135.0])
-    np.testing.assert_allclose(s.radius_px(angles), om.evaluate(SPH, np.degrees(angles)).h_px, rtol=1e-12)
+    np.testing.assert_allclose(
+        s.radius_px(angles), om.evaluate(SPH, np.degrees(angles)).h_px, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -167,7 +191,10 @@ def test_sensor_is_camera_with_symmetry():
         (lambda: Mount("up", float("inf")), "forward_azimuth_deg must be a finite number; got inf"),
         (lambda: Imager(0, 10, 5.0), "width_px must be between 1 and 100000 px; got 0"),
         (lambda: Imager(10, 10.5, 5.0), "height_px must be an integer number of pixels; got 10.5"),
-        (lambda: Imager(10, 10, float("nan")), r"pixel_pitch_um must be between 0\.01 and 10000 um; got nan"),
+        (
+            lambda: Imager(10, 10, float("nan")),
+            r"pixel_pitch_um must be between 0\.01 and 10000 um; got nan",
+        ),
         (lambda: Imager(10, 10, 5.0, (1.0,)), "centre_px must be a pair .* got 1 numbers"),
     ],
 )

@@ -47,15 +47,31 @@ mirror_distance_mm = 186.0
 
 
 def test_bundled_sensor_list():
-    assert set(bundled_sensors()) >= {"paper-spherical", "paper-equidistant", "paper-hyperboloidal", "prototype-spherical", "prototype-hyperboloidal", "paraboloid-telecentric", "exact-equidistant"}
-    for name, rim, focus in (("spherical", 43.905, 212), ("equidistant", 43.9, 205), ("hyperboloidal", 43.9, 190)):
+    assert set(bundled_sensors()) >= {
+        "paper-spherical",
+        "paper-equidistant",
+        "paper-hyperboloidal",
+        "prototype-spherical",
+        "prototype-hyperboloidal",
+        "paraboloid-telecentric",
+        "exact-equidistant",
+    }
+    for name, rim, focus in (
+        ("spherical", 43.905, 212),
+        ("equidistant", 43.9, 205),
+        ("hyperboloidal", 43.9, 190),
+    ):
         sensor = load_sensor(f"paper-{name}")
         assert sensor.mirror.rim_radius_mm == rim
         assert sensor.lens == Perspective(11.6, 4.0, focus)
         assert sensor.imager == Imager(1024, 1024, 5.2)
     assert load_sensor("paper-spherical").mirror_distance_mm == pytest.approx(4.110 * M)
-    assert load_sensor("paper-hyperboloidal").mirror_distance_mm == pytest.approx(3.5505227 * M, abs=1e-7 * M)
-    assert load_sensor("exact-equidistant").mirror_distance_mm == pytest.approx(3.92426760151 * M, rel=1e-11)
+    assert load_sensor("paper-hyperboloidal").mirror_distance_mm == pytest.approx(
+        3.5505227 * M, abs=1e-7 * M
+    )
+    assert load_sensor("exact-equidistant").mirror_distance_mm == pytest.approx(
+        3.92426760151 * M, rel=1e-11
+    )
 
 
 def test_prototypes_match_section_5_1():
@@ -64,7 +80,9 @@ def test_prototypes_match_section_5_1():
     assert sphere.field_deg[1] == pytest.approx(135, abs=1e-4)
     assert hyperboloid.mirror.rim_radius_mm == 30.0
     assert hyperboloid.field_deg[1] == pytest.approx(105, abs=1e-3)
-    assert hyperboloid.mirror_distance_mm == pytest.approx(hyperboloid.mirror.single_viewpoint_distance, rel=1e-15)
+    assert hyperboloid.mirror_distance_mm == pytest.approx(
+        hyperboloid.mirror.single_viewpoint_distance, rel=1e-15
+    )
 
 
 def test_bundled_images_fit_imager(bundled):
@@ -81,15 +99,37 @@ def test_bundled_sensor_round_trip(bundled):
     assert parse_sensor(format_sensor(bundled)) == bundled
 
 
-@given(name=st.text(max_size=30), notes=st.text(max_size=80), coefficients=st.lists(st.floats(-1e-3, 1e-3), min_size=1, max_size=6), distance=st.floats(1e-3, 1e6), azimuth=st.floats(-360, 360), looks=st.sampled_from(["up", "down", "forward"]), centre=st.none() | st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)))
+@given(
+    name=st.text(max_size=30),
+    notes=st.text(max_size=80),
+    coefficients=st.lists(st.floats(-1e-3, 1e-3), min_size=1, max_size=6),
+    distance=st.floats(1e-3, 1e6),
+    azimuth=st.floats(-360, 360),
+    looks=st.sampled_from(["up", "down", "forward"]),
+    centre=st.none() | st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)),
+)
 def test_random_sensor_round_trip(name, notes, coefficients, distance, azimuth, looks, centre):
-    sensor = om.Sensor(EvenPolynomial(tuple(coefficients), 10.0), Perspective(11.6, 4.0, 212.0), Imager(640, 480, 3.45, centre), Mount(looks, azimuth, True), distance, name, notes)
+    sensor = om.Sensor(
+        EvenPolynomial(tuple(coefficients), 10.0),
+        Perspective(11.6, 4.0, 212.0),
+        Imager(640, 480, 3.45, centre),
+        Mount(looks, azimuth, True),
+        distance,
+        name,
+        notes,
+    )
     assert parse_sensor(format_sensor(sensor)) == sensor
 
 
 def test_default_poses_omitted_from_file():
     plain = om.load_sensor("paper-spherical")
-    moved = replace(plain, mirror_pose=MirrorPose(0.1, -0.2), mirror_form=MirrorForm((5,), (2.0,)), imager_pose=ImagerPose(tilt_x_deg=0.5), mount=replace(plain.mount, pitch_deg=2.0, roll_deg=-1.0))
+    moved = replace(
+        plain,
+        mirror_pose=MirrorPose(0.1, -0.2),
+        mirror_form=MirrorForm((5,), (2.0,)),
+        imager_pose=ImagerPose(tilt_x_deg=0.5),
+        mount=replace(plain.mount, pitch_deg=2.0, roll_deg=-1.0),
+    )
     tables, entries = ("mirror_pose", "mirror_form", "imager_pose"), ("pitch_deg", "roll_deg")
     for sensor, is_moved in ((plain, False), (moved, True)):
         data = tomllib.loads(format_sensor(sensor))
@@ -102,11 +142,15 @@ def test_profile_file_relative_to_sensor_file(tmp_path):
     x = np.linspace(0, 44, 60)
     rows = "\n".join(f"{a},{50 - np.sqrt(2500 - a * a)}" for a in x)
     (tmp_path / "profile.csv").write_text(f"# measured\nx_mm,z_mm\n{rows}\n")
-    text = GOOD.replace('"sphere"\nradius_mm = 50.0\nrim_radius_mm = 44', '"sampled"\nprofile_csv = "profile.csv"')
+    text = GOOD.replace(
+        '"sphere"\nradius_mm = 50.0\nrim_radius_mm = 44', '"sampled"\nprofile_csv = "profile.csv"'
+    )
     (tmp_path / "s.toml").write_text(text)
     sensor, sphere = load_sensor(tmp_path / "s.toml"), parse_sensor(GOOD)
     angles = np.linspace(0, 130, 14)
-    np.testing.assert_allclose(om.evaluate(sensor, angles).h_px, om.evaluate(sphere, angles).h_px, rtol=1e-7)
+    np.testing.assert_allclose(
+        om.evaluate(sensor, angles).h_px, om.evaluate(sphere, angles).h_px, rtol=1e-7
+    )
     assert parse_sensor(format_sensor(sensor)) == sensor  # including the points
 
 
@@ -145,14 +189,42 @@ def test_housing_round_trip_with_defaults():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[housing.camera]", "[housing.kamera]", r"line 21: unknown entry housing.kamera; did you mean camera\?"),
-        ("[housing.tube]", "[housing.tube]\ndiameter_mm = 90", r"line 27: diameter_mm of the tube must be at least 97 mm.* got 90"),
-        ("[housing.tube]", "[housing.tube]\nwall_mm = 0", "line 28: housing.tube.wall_mm must be greater than"),
-        ("[housing.tube]", "[housing.tube]\nwall = 3", r"line 28: unknown entry housing.tube.wall; did you mean wall_mm"),
+        (
+            "[housing.camera]",
+            "[housing.kamera]",
+            r"line 21: unknown entry housing.kamera; did you mean camera\?",
+        ),
+        (
+            "[housing.tube]",
+            "[housing.tube]\ndiameter_mm = 90",
+            r"line 27: diameter_mm of the tube must be at least 97 mm.* got 90",
+        ),
+        (
+            "[housing.tube]",
+            "[housing.tube]\nwall_mm = 0",
+            "line 28: housing.tube.wall_mm must be greater than",
+        ),
+        (
+            "[housing.tube]",
+            "[housing.tube]\nwall = 3",
+            r"line 28: unknown entry housing.tube.wall; did you mean wall_mm",
+        ),
         ("diameter_mm = 30.0\n", "", "line 21: housing.camera.diameter_mm is missing"),
-        ("[housing.tube]", "[housing.dome]\n[housing.tube]", "housing must not have both a tube and a dome"),
-        ("[housing.rod]\nend_diameter_mm", "[housing]\nrod", r"line 25: housing.rod must be a table \[housing.rod\]; got 2.0"),
-        ("end_diameter_mm = 2.0", "gap_mm = 200", "line 24: gap_mm must be less than 186 mm, the distance from lens to mirror; got 200"),
+        (
+            "[housing.tube]",
+            "[housing.dome]\n[housing.tube]",
+            "housing must not have both a tube and a dome",
+        ),
+        (
+            "[housing.rod]\nend_diameter_mm",
+            "[housing]\nrod",
+            r"line 25: housing.rod must be a table \[housing.rod\]; got 2.0",
+        ),
+        (
+            "end_diameter_mm = 2.0",
+            "gap_mm = 200",
+            "line 24: gap_mm must be less than 186 mm, the distance from lens to mirror; got 200",
+        ),
     ],
 )
 def test_invalid_housing_error_gives_line(old, new, message):
@@ -164,35 +236,106 @@ def test_invalid_housing_error_gives_line(old, new, message):
 
 def test_template_housing_is_valid():
     head, tail = sensor_template("mine").split("# [housing.camera]")
-    sensor = parse_sensor(head + "\n".join(line.removeprefix("# ") for line in ("# [housing.camera]" + tail).splitlines()))
+    sensor = parse_sensor(
+        head
+        + "\n".join(line.removeprefix("# ") for line in ("# [housing.camera]" + tail).splitlines())
+    )
     assert {ring.part for ring in sensor.obscurations} >= {"camera", "rod", "tube's base"}
 
 
 BAD = [
-    ("[mirror]\nkind = ", "[mirror\nkind = ", r"mine\.toml must be valid TOML: Expected '\]' at the end of a table declaration \(at line 2, c"),
+    (
+        "[mirror]\nkind = ",
+        "[mirror\nkind = ",
+        r"mine\.toml must be valid TOML: Expected '\]' at the end of a table declaration \(at line 2, c",
+    ),
     ("[mount]", "[mout]", r"line 18: unknown entry mout; did you mean mount\?"),
-    ("radius_mm = 50.0", "raduis_mm = 50.0", r"line 4: unknown entry mirror.raduis_mm; did you mean radius_mm\?"),
+    (
+        "radius_mm = 50.0",
+        "raduis_mm = 50.0",
+        r"line 4: unknown entry mirror.raduis_mm; did you mean radius_mm\?",
+    ),
     ("radius_mm = 50.0\n", "", "line 2: mirror.radius_mm is missing .radius of the sphere"),
-    ("radius_mm = 50.0", 'radius_mm = "50"', "line 4: mirror.radius_mm must be a valid number; got '50'"),
-    ("radius_mm = 50.0", "radius_mm = -50.0", "line 4: mirror.radius_mm must be greater than or equal to .* got -50.0"),
-    ("radius_mm = 50.0", "radius_mm = nan", "line 4: mirror.radius_mm must be a finite number; got nan"),
-    ("radius_mm = 50.0", "radius_mm = 40.0", "line 2: rim_radius_mm must be less than 40 mm, where the sphere ends; got 44"),
-    ('kind = "sphere"', 'kind = "spere"', r"line 3: unknown mirror.kind 'spere'; did you mean sphere\?"),
+    (
+        "radius_mm = 50.0",
+        'radius_mm = "50"',
+        "line 4: mirror.radius_mm must be a valid number; got '50'",
+    ),
+    (
+        "radius_mm = 50.0",
+        "radius_mm = -50.0",
+        "line 4: mirror.radius_mm must be greater than or equal to .* got -50.0",
+    ),
+    (
+        "radius_mm = 50.0",
+        "radius_mm = nan",
+        "line 4: mirror.radius_mm must be a finite number; got nan",
+    ),
+    (
+        "radius_mm = 50.0",
+        "radius_mm = 40.0",
+        "line 2: rim_radius_mm must be less than 40 mm, where the sphere ends; got 44",
+    ),
+    (
+        'kind = "sphere"',
+        'kind = "spere"',
+        r"line 3: unknown mirror.kind 'spere'; did you mean sphere\?",
+    ),
     ('kind = "sphere"\n', "", "line 2: mirror.kind is missing; use sphere, hyperboloid"),
-    ('kind = "perspective"', 'kind = "fisheye"', "line 8: unknown lens.kind 'fisheye'; use perspective"),
+    (
+        'kind = "perspective"',
+        'kind = "fisheye"',
+        "line 8: unknown lens.kind 'fisheye'; use perspective",
+    ),
     ("f_number = 4.0", "f_number = 0", "line 10: lens.f_number must be greater"),
-    ("focus_distance_mm = 218.0", "focus_distance_mm = 11.0", "line 7: focus_distance_mm must be greater than focal_length_mm"),
-    ("width_px = 1024", "width_px = 10.5", "line 14: imager.width_px must be a valid integer; got 10.5"),
-    ("pixel_pitch_um = 5.2", "pixel_pitch_um = true", "line 16: imager.pixel_pitch_um must be a valid number; got True"),
-    ("pixel_pitch_um = 5.2", "centre_px = [1, 2, 3]\npixel_pitch_um = 5.2", r"centre_px must be a pair \(u, v\); got 3"),
-    ("mirror_distance_mm = 186.0", "mirror_distance_mm = -1.0", "line 19: mount.mirror_distance_mm must be"),
-    ("mirror_distance_mm = 186.0", 'camera_looks = "left"', "mount.camera_looks must be one of 'up', 'down'"),
+    (
+        "focus_distance_mm = 218.0",
+        "focus_distance_mm = 11.0",
+        "line 7: focus_distance_mm must be greater than focal_length_mm",
+    ),
+    (
+        "width_px = 1024",
+        "width_px = 10.5",
+        "line 14: imager.width_px must be a valid integer; got 10.5",
+    ),
+    (
+        "pixel_pitch_um = 5.2",
+        "pixel_pitch_um = true",
+        "line 16: imager.pixel_pitch_um must be a valid number; got True",
+    ),
+    (
+        "pixel_pitch_um = 5.2",
+        "centre_px = [1, 2, 3]\npixel_pitch_um = 5.2",
+        r"centre_px must be a pair \(u, v\); got 3",
+    ),
+    (
+        "mirror_distance_mm = 186.0",
+        "mirror_distance_mm = -1.0",
+        "line 19: mount.mirror_distance_mm must be",
+    ),
+    (
+        "mirror_distance_mm = 186.0",
+        'camera_looks = "left"',
+        "mount.camera_looks must be one of 'up', 'down'",
+    ),
     ("mirror_distance_mm = 186.0", "", "must be finite and greater than 0 for a perspective lens"),
-    ("mirror_distance_mm = 186.0", "distance_mm = 186.0", r"unknown entry mount.distance_mm; did you mean mirror_distance_mm\?"),
-    ("[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n", "", r"the table \[imager\] is missing"),
+    (
+        "mirror_distance_mm = 186.0",
+        "distance_mm = 186.0",
+        r"unknown entry mount.distance_mm; did you mean mirror_distance_mm\?",
+    ),
+    (
+        "[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n",
+        "",
+        r"the table \[imager\] is missing",
+    ),
     ("\n[mirror]", "format = 9\n[mirror]", "line 1: format must be 1 .* got 9"),
     ("\n[mirror]", "name = 3\n[mirror]", "line 1: name must be a string in quotes; got 3"),
-    ('kind = "sphere"\nradius_mm = 50.0\nrim_radius_mm = 44', 'kind = "sampled"\nprofile_csv = "no.csv"', "cannot read the profile"),
+    (
+        'kind = "sphere"\nradius_mm = 50.0\nrim_radius_mm = 44',
+        'kind = "sampled"\nprofile_csv = "no.csv"',
+        "cannot read the profile",
+    ),
 ]
 
 
@@ -206,7 +349,10 @@ def test_invalid_file_error_gives_line_and_valid_values(old, new, message):
 
 
 def test_unreadable_files_rejected(tmp_path):
-    with pytest.raises(SpecError, match=r"sensor file or bundled sensor 'paper-sferical' does not exist; did you mean paper-spherical\?"):
+    with pytest.raises(
+        SpecError,
+        match=r"sensor file or bundled sensor 'paper-sferical' does not exist; did you mean paper-spherical\?",
+    ):
         load_sensor("paper-sferical")
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(SpecError, match=r"the file must be text in UTF-8"):
@@ -237,7 +383,10 @@ def test_sampled_profile_rejects_rim_beyond_points():
     from omnimirror.optics.mirrors import SampledProfile
 
     x = tuple(np.linspace(0, 10, 11))
-    with pytest.raises(OmnimirrorError, match="rim_radius_mm must be at most 10 mm, the last point of the profile; got 12"):
+    with pytest.raises(
+        OmnimirrorError,
+        match="rim_radius_mm must be at most 10 mm, the last point of the profile; got 12",
+    ):
         SampledProfile(x, tuple(0.01 * np.square(x)), rim_radius_mm=12.0)
     with pytest.raises(OmnimirrorError, match="equally many values; got 11 and 10"):
         SampledProfile(x, x[:-1])
@@ -258,7 +407,18 @@ def test_failed_save_keeps_existing_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
-@pytest.mark.parametrize(("path", "line"), [(("mirror", "radius_mm"), 8), (("mirror", "missing"), 7), (("lens", "kind"), 10), (("limit", "1", "at_most"), 18), (("limit", "1", "field", "in_a_line"), 19), (("imager", "width_px"), 21), (("nothing",), None)])
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        (("mirror", "radius_mm"), 8),
+        (("mirror", "missing"), 7),
+        (("lens", "kind"), 10),
+        (("limit", "1", "at_most"), 18),
+        (("limit", "1", "field", "in_a_line"), 19),
+        (("imager", "width_px"), 21),
+        (("nothing",), None),
+    ],
+)
 def test_line_numbers_of_dotted_and_quoted_keys(path, line):
     text = """# a comment with ''' in it
 name = "x # [lens]"

@@ -19,8 +19,18 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, MediaError
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
-from omnimirror.simulation.dataset_manifest import CalibrationRecipe, VideoRecipe, format_of, load_recipe, recipe_record
-from omnimirror.simulation.datasets import render_views, write_calibration_dataset, write_video_dataset
+from omnimirror.simulation.dataset_manifest import (
+    CalibrationRecipe,
+    VideoRecipe,
+    format_of,
+    load_recipe,
+    recipe_record,
+)
+from omnimirror.simulation.datasets import (
+    render_views,
+    write_calibration_dataset,
+    write_video_dataset,
+)
 from omnimirror.simulation.detector import Detector
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.scenes.calibration_hall import Hall
@@ -47,11 +57,28 @@ def write(kind, folder, after=lambda done: None):
     """Write a dataset of five images."""
     sensor = small(64)
     if kind == "calibration":
-        images = write_calibration_dataset(sensor, folder, views=5, samples=4, blur=False, detector=Detector(full_well_e=1e4), hall=HALL)
+        images = write_calibration_dataset(
+            sensor,
+            folder,
+            views=5,
+            samples=4,
+            blur=False,
+            detector=Detector(full_well_e=1e4),
+            hall=HALL,
+        )
         for number, _ in enumerate(images, start=1):
             after(number)
     else:
-        write_video_dataset(sensor, Room(texel_mm=40.0), path=PATH, folder=folder, frame_rate=4.0, samples=4, blur=False, on_progress=lambda n, _: after(n))
+        write_video_dataset(
+            sensor,
+            Room(texel_mm=40.0),
+            path=PATH,
+            folder=folder,
+            frame_rate=4.0,
+            samples=4,
+            blur=False,
+            on_progress=lambda n, _: after(n),
+        )
 
 
 def until(true, what):
@@ -63,14 +90,18 @@ def until(true, what):
 
 
 def contents(folder):
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sets")
     om.save_sensor(small(64), folder / "small.toml")
-    om.write_image(folder / "sky.hdr", np.random.default_rng(1).uniform(0, 1, (16, 32, 3)).astype(np.float32))
+    om.write_image(
+        folder / "sky.hdr", np.random.default_rng(1).uniform(0, 1, (16, 32, 3)).astype(np.float32)
+    )
     (folder / "path.csv").write_text("time_s,pan_deg\n0,0\n0.2,90\n")
     return folder
 
@@ -103,7 +134,9 @@ def test_killed_dataset_is_resumed(kind, tmp_path):
         assert all(view["corners_px"] for view in data["views"])
     before = {name: om.read_image(killed / name) for name in kept}
     stamps = {name: (killed / name).stat().st_mtime_ns for name in kept}
-    (killed / {"calibration": ".view-003-abcd_123.png", "video": ".video-abcd_123.mp4"}[kind]).touch()
+    (
+        killed / {"calibration": ".view-003-abcd_123.png", "video": ".video-abcd_123.mp4"}[kind]
+    ).touch()
 
     def compare(number):
         if number == 4:
@@ -118,7 +151,9 @@ def test_killed_dataset_is_resumed(kind, tmp_path):
 
 def test_changed_image_is_rendered_again(tmp_path):
     def write():
-        return list(write_calibration_dataset(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL))
+        return list(
+            write_calibration_dataset(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
+        )
 
     write()
     first = contents(tmp_path)
@@ -133,14 +168,26 @@ def test_other_dataset_is_not_overwritten(tmp_path):
     list(write_calibration_dataset(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
     before = contents(tmp_path)
     with pytest.raises(InvalidParameter, match="differs in samples, seed"):
-        list(write_calibration_dataset(small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2))
+        list(
+            write_calibration_dataset(
+                small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2
+            )
+        )
     assert contents(tmp_path) == before
 
 
 def test_failed_dataset_leaves_no_files(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
     with pytest.raises(InvalidParameter, match="must be inside the room"):
-        write_video_dataset(small(), Room(texel_mm=40.0), path=far, folder=tmp_path / "set", frame_rate=2.0, samples=1, blur=False)
+        write_video_dataset(
+            small(),
+            Room(texel_mm=40.0),
+            path=far,
+            folder=tmp_path / "set",
+            frame_rate=2.0,
+            samples=1,
+            blur=False,
+        )
     assert not (tmp_path / "set").exists()
 
 
@@ -153,7 +200,12 @@ def test_failed_dataset_leaves_no_files(tmp_path):
 def test_recipe_round_trip(tmp_path, shell, reflectivity):
     """Round trip of every argument of the writers."""
     asked = VideoRecipe(
-        sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))), radiometry=Radiometry(reflectivity=reflectivity), detector=Detector(0.7, 1e4, 2.5, 12, "linear", "RGGB", 64.0), path=Keyframes({"x_mm": ((0.0, 0.1), (1.0, 600.0))}, "linear"), scene=SceneSource("street", 50.0), seed=7
+        sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
+        radiometry=Radiometry(reflectivity=reflectivity),
+        detector=Detector(0.7, 1e4, 2.5, 12, "linear", "RGGB", 64.0),
+        path=Keyframes({"x_mm": ((0.0, 0.1), (1.0, 600.0))}, "linear"),
+        scene=SceneSource("street", 50.0),
+        seed=7,
     )
     written = {"format": format_of("video"), "recipe": recipe_record(asked)}
     (tmp_path / "dataset.json").write_text(json.dumps(written))
@@ -164,17 +216,35 @@ def test_recipe_round_trip(tmp_path, shell, reflectivity):
 
 def test_other_format_raises(tmp_path):
     """Datasets of format 2 stored the housing outside the sensor, as 'hardware' and 'shell'."""
-    recipe = recipe_record(CalibrationRecipe(sensor=small())) | {"hardware": {"rod_radius_mm": 4.0}, "shell": None}
-    (tmp_path / "dataset.json").write_text(json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe}))
-    stderr = fails("simulate", "dataset", "--reproduce", tmp_path / "dataset.json", "-o", tmp_path / "other")
-    assert "must have the format 'omnimirror calibration dataset 3'; got 'omnimirror calibration set 2'" in stderr
+    recipe = recipe_record(CalibrationRecipe(sensor=small())) | {
+        "hardware": {"rod_radius_mm": 4.0},
+        "shell": None,
+    }
+    (tmp_path / "dataset.json").write_text(
+        json.dumps({"format": "omnimirror calibration set 2", "recipe": recipe})
+    )
+    stderr = fails(
+        "simulate", "dataset", "--reproduce", tmp_path / "dataset.json", "-o", tmp_path / "other"
+    )
+    assert (
+        "must have the format 'omnimirror calibration dataset 3'; got 'omnimirror calibration set 2'"
+        in stderr
+    )
     assert not (tmp_path / "other").exists()
 
 
 def made_again(place, name, *options):
     run = omnimirror("simulate", "dataset", "small.toml", *options, "-o", name, cwd=place)
     assert run.returncode == 0, run.stderr
-    run = omnimirror("simulate", "dataset", "--reproduce", f"{name}/dataset.json", "-o", f"{name}-again", cwd=place)
+    run = omnimirror(
+        "simulate",
+        "dataset",
+        "--reproduce",
+        f"{name}/dataset.json",
+        "-o",
+        f"{name}-again",
+        cwd=place,
+    )
     assert run.returncode == 0, run.stderr
     files = contents(place / name)
     assert files == contents(place / f"{name}-again")
@@ -184,8 +254,22 @@ def made_again(place, name, *options):
 def test_video_dataset_is_reproducible(place):
     pytest.importorskip("av")
     pytest.importorskip("OpenEXR")
-    options = ("--path", "path.csv", "--fps", 10, "--scene", "sky.hdr", "--heading-deg", 30, "--spp", 4, "--truth")
-    files = made_again(place, "drive", *options, "--support", "tube", "--full-well-e", 5000, "--seed", 3)
+    options = (
+        "--path",
+        "path.csv",
+        "--fps",
+        10,
+        "--scene",
+        "sky.hdr",
+        "--heading-deg",
+        30,
+        "--spp",
+        4,
+        "--truth",
+    )
+    files = made_again(
+        place, "drive", *options, "--support", "tube", "--full-well-e", 5000, "--seed", 3
+    )
     frames = [f"frame-{number:05d}.exr" for number in range(3)]
     assert sorted(files) == ["dataset.json", *frames, "poses.csv", "sensor.toml", "video.mp4"]
     data = json.loads(files["dataset.json"])
@@ -199,7 +283,19 @@ def test_calibration_dataset_is_reproducible(tmp_path):
     sensor = replace(small(), housing=Housing(CameraBody(50.0), shell=Dome(260.0), rim=Rim(1.0)))
     dim = Radiometry(reflectivity=("gold", 0.96 + 6.69j, 0.5))
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
-    list(write_calibration_dataset(sensor, tmp_path / "a", views=2, samples=1, blur=True, radiometry=dim, detector=camera, seed=5, hall=HALL))
+    list(
+        write_calibration_dataset(
+            sensor,
+            tmp_path / "a",
+            views=2,
+            samples=1,
+            blur=True,
+            radiometry=dim,
+            detector=camera,
+            seed=5,
+            hall=HALL,
+        )
+    )
     recipe, _ = load_recipe(tmp_path / "a" / "dataset.json")
     assert isinstance(recipe, CalibrationRecipe)
     list(render_views(recipe, tmp_path / "b"))
@@ -210,9 +306,19 @@ def test_changed_scene_or_option_raises(place, tmp_path):
     pytest.importorskip("av")
     (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
-    write_video_dataset(small(64), source, path=PATH, folder=tmp_path / "set", frame_rate=1.0, duration_s=0.0, samples=1)
+    write_video_dataset(
+        small(64),
+        source,
+        path=PATH,
+        folder=tmp_path / "set",
+        frame_rate=1.0,
+        duration_s=0.0,
+        samples=1,
+    )
     description = tmp_path / "set" / "dataset.json"
-    assert "must not be given together" in fails("simulate", "dataset", "--reproduce", description, "--seed", 4, "-o", tmp_path / "other")
+    assert "must not be given together" in fails(
+        "simulate", "dataset", "--reproduce", description, "--seed", 4, "-o", tmp_path / "other"
+    )
     om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))
     with pytest.raises(MediaError, match=r"sky.hdr of the dataset has changed"):
         load_recipe(description)
@@ -234,12 +340,18 @@ def test_corners_in_tube_match_images(tmp_path):
     import cv2
 
     sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))
-    (*_, description) = write_calibration_dataset(sensor, tmp_path, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5))
+    (*_, description) = write_calibration_dataset(
+        sensor, tmp_path, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)
+    )
     view = json.loads(description.read_text())["views"][0]
     grey = om.read_image(tmp_path / view["image"])[..., 1].copy()
-    true = np.array([c for board in view["corners_px"].values() for row in board for c in row if c is not None])
+    true = np.array(
+        [c for board in view["corners_px"].values() for row in board for c in row if c is not None]
+    )
     inner = true[np.hypot(*(true - 511.5).T) < 440]
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-    found = cv2.cornerSubPix(grey, inner.astype(np.float32)[:, None].copy(), (3, 3), (-1, -1), criteria)[:, 0]
+    found = cv2.cornerSubPix(
+        grey, inner.astype(np.float32)[:, None].copy(), (3, 3), (-1, -1), criteria
+    )[:, 0]
     assert np.median(np.hypot(*(found - inner).T)) < 0.1
     assert abs(np.median(found - inner, axis=0)).max() < 0.02

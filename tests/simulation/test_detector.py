@@ -33,25 +33,35 @@ def variance_of(mean_e):
     return GAIN**2 * (mean_e + READ**2) + 1 / 12
 
 
-@pytest.mark.parametrize("share", [0.0, 1e-3, 0.04, 0.5, 0.94], ids=["dark", "dusk", "dim", "mid", "near saturation"])
-@pytest.mark.parametrize("changes", [{}, {"black_level_dn": 64.0}, {"bayer": "RGGB"}], ids=["auto", "64", "bayer"])
+@pytest.mark.parametrize(
+    "share", [0.0, 1e-3, 0.04, 0.5, 0.94], ids=["dark", "dusk", "dim", "mid", "near saturation"]
+)
+@pytest.mark.parametrize(
+    "changes", [{}, {"black_level_dn": 64.0}, {"bayer": "RGGB"}], ids=["auto", "64", "bayer"]
+)
 def test_mean_and_variance_match_emva_1288(share, changes):
     camera = Detector(full_well_e=FULL, read_noise_e=READ, bits=12, curve="linear", **changes)
     side = 1000 if "bayer" in changes else 600
     values = camera.read(np.full((side, side, 3), share, np.float32), seed=7).astype(float)
-    assert values.mean() == pytest.approx(GAIN * share * FULL + camera.offset_dn, abs=5e-3 * np.sqrt(values.var()))
+    assert values.mean() == pytest.approx(
+        GAIN * share * FULL + camera.offset_dn, abs=5e-3 * np.sqrt(values.var())
+    )
     assert values.var() == pytest.approx(variance_of(share * FULL), rel=0.01)
     assert (values == 0).mean() < 1e-5
 
 
 def test_oversaturated_light_is_white():
     """A pixel with twice its full-well capacity is white in any readout."""
-    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear").read(np.full((200, 200, 3), 2.0, np.float32))
+    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear").read(
+        np.full((200, 200, 3), 2.0, np.float32)
+    )
     assert (values == 4095).all()
 
 
 def test_noise_at_saturation():
-    values = Detector(full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear", black_level_dn=0.0).read(np.full((300, 300, 3), 1.0, np.float32))
+    values = Detector(
+        full_well_e=FULL, read_noise_e=50.0, bits=12, curve="linear", black_level_dn=0.0
+    ).read(np.full((300, 300, 3), 1.0, np.float32))
     assert (values == 4095).mean() == pytest.approx(0.5, abs=0.01)
 
 
@@ -70,7 +80,11 @@ def test_large_light_values(light):
     ("light", "seed", "message"),
     [
         (np.full((4, 4, 3), np.nan), 0, "light must not contain NaN"),
-        (np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5), 0, "light must not contain NaN"),  # one value of one pixel
+        (
+            np.where(np.arange(48).reshape(4, 4, 3) == 25, np.nan, 0.5),
+            0,
+            "light must not contain NaN",
+        ),  # one value of one pixel
         (np.zeros((4, 4)), 0, r"got \(4, 4\)"),
         (np.array([[["a", "b", "c"]]]), 0, "light must be numbers"),
         (np.zeros((4, 4, 3)), -1, "seed must be .*; got -1"),
@@ -101,7 +115,9 @@ def test_bayer_mosaic_matches_opencv(bayer):
 
     colour = np.float32([0.8, 0.4, 0.1])
     raw = Detector(curve="linear", bayer=bayer).read(np.tile(colour, (8, 8, 1)))
-    code = getattr(cv2, f"COLOR_Bayer{ {'RGGB': 'BG', 'BGGR': 'RG', 'GRBG': 'GB', 'GBRG': 'GR'}[bayer] }2RGB")
+    code = getattr(
+        cv2, f"COLOR_Bayer{ {'RGGB': 'BG', 'BGGR': 'RG', 'GRBG': 'GB', 'GBRG': 'GR'}[bayer] }2RGB"
+    )
     np.testing.assert_allclose(cv2.cvtColor(raw, code)[4, 4], np.rint(255 * colour), atol=1)
 
 
@@ -116,7 +132,9 @@ def test_is_pointwise(bayer, full_well_e):
 def test_mosaic_of_parts_matches_full_image(first):
     light = np.random.default_rng(3).uniform(0, 1, (6, 8, 3)).astype(np.float32)
     detector = Detector(curve="linear", bayer="GRBG")
-    np.testing.assert_array_equal(filtered_light(detector, light[first:], first), filtered_light(detector, light)[first:])
+    np.testing.assert_array_equal(
+        filtered_light(detector, light[first:], first), filtered_light(detector, light)[first:]
+    )
 
 
 @pytest.mark.parametrize(
@@ -124,8 +142,14 @@ def test_mosaic_of_parts_matches_full_image(first):
     [
         ({"exposure": 1.1e9}, r"exposure must be between 1e-09 and 1e\+09; got 1\.1e\+09"),
         ({"full_well_e": 9.9}, r"full_well_e must be between 10 and 1e\+09 electrons; got 9\.9"),
-        ({"read_noise_e": 1e6 + 0.5, "full_well_e": 1e8}, r"read_noise_e must be between 0 and 1e\+06 electrons; got 1e\+06"),
-        ({"black_level_dn": 65535.5, "curve": "linear"}, r"black_level_dn must be between 0 and 65535 DN; got 65535\.5"),
+        (
+            {"read_noise_e": 1e6 + 0.5, "full_well_e": 1e8},
+            r"read_noise_e must be between 0 and 1e\+06 electrons; got 1e\+06",
+        ),
+        (
+            {"black_level_dn": 65535.5, "curve": "linear"},
+            r"black_level_dn must be between 0 and 65535 DN; got 65535\.5",
+        ),
         ({"bits": 17}, "bits must be between 8 and 16; got 17"),
         ({"bits": 7}, "bits must be between 8 and 16; got 7"),
         ({"bits": 9.5}, r"^bits .*9\.5"),
@@ -136,7 +160,10 @@ def test_mosaic_of_parts_matches_full_image(first):
         ({"full_well_e": np.nan}, "full_well_e must be a number; got nan"),
         ({"black_level_dn": 10.0}, "curve must be 'linear' with black_level_dn"),
         ({"black_level_dn": 200.0, "curve": "linear"}, "at most 127"),
-        ({"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"}, "reduce black_level_dn or read_noise_e"),
+        (
+            {"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"},
+            "reduce black_level_dn or read_noise_e",
+        ),
     ],
 )
 def test_invalid_detector_raises(changes, message):
@@ -153,19 +180,39 @@ DETECTORS = {
     "noise": om.Detector(exposure=1.4, full_well_e=9000.0, read_noise_e=5.0),
     "many electrons": om.Detector(full_well_e=2e5, read_noise_e=20.0, bits=16),
     "mosaic": om.Detector(bayer="GBRG", bits=12, curve="linear"),
-    "noisy mosaic": om.Detector(full_well_e=4000.0, read_noise_e=3.0, bayer="RGGB", curve="linear", bits=10),
+    "noisy mosaic": om.Detector(
+        full_well_e=4000.0, read_noise_e=3.0, bayer="RGGB", curve="linear", bits=10
+    ),
 }
 
 
-@pytest.mark.parametrize("more", [{}, pytest.param({"wavelengths_nm": (620.0, 540.0, 460.0)}, marks=pytest.mark.full)], ids=["grey", "coloured"])
+@pytest.mark.parametrize(
+    "more",
+    [{}, pytest.param({"wavelengths_nm": (620.0, 540.0, 460.0)}, marks=pytest.mark.full)],
+    ids=["grey", "coloured"],
+)
 @pytest.mark.parametrize("samples", [1, 1024], ids=["wide parts", "narrow parts"])
-@pytest.mark.parametrize("detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS)
+@pytest.mark.parametrize(
+    "detector", few(DETECTORS.values(), DETECTORS["noisy mosaic"]), ids=DETECTORS
+)
 def test_readout_matches_detector(detector, samples, more):
-    scene = om.Environment(np.random.default_rng(2).random((16, 32, 3)).astype(np.float32)) if samples == 1 else ROOM
+    scene = (
+        om.Environment(np.random.default_rng(2).random((16, 32, 3)).astype(np.float32))
+        if samples == 1
+        else ROOM
+    )
     light = om.expose(SENSOR, scene, samples=samples, **more)
     readout = Readout(detector, seed=7)
     rows = []
-    taken = render_light(SENSOR, scene, readout.conversion, samples=samples, on_progress=lambda done, _: rows.append(done), workers=3, **more)
+    taken = render_light(
+        SENSOR,
+        scene,
+        readout.conversion,
+        samples=samples,
+        on_progress=lambda done, _: rows.append(done),
+        workers=3,
+        **more,
+    )
     numbers = readout.digital_values(taken)
     assert numbers.dtype == detector.dtype
     np.testing.assert_array_equal(numbers, detector.read(light, seed=7))
@@ -173,16 +220,25 @@ def test_readout_matches_detector(detector, samples, more):
 
 
 def test_noise_is_independent_of_tiling():
-    light, detector = (np.random.default_rng(3).random((30, 20, 3)).astype(np.float32), DETECTORS["noisy mosaic"])
+    light, detector = (
+        np.random.default_rng(3).random((30, 20, 3)).astype(np.float32),
+        DETECTORS["noisy mosaic"],
+    )
     readout = Readout(detector, seed=4)
     parts = [readout.conversion.read(light[a:b]) for a, b in ((0, 7), (7, 8), (8, 30))]
-    np.testing.assert_array_equal(readout.digital_values(np.concatenate(parts)), detector.read(light, seed=4))
+    np.testing.assert_array_equal(
+        readout.digital_values(np.concatenate(parts)), detector.read(light, seed=4)
+    )
 
 
 def test_readout_memory():
     """Including odd sizes, for 1-byte numbers from 2-byte electrons, and for numbers of equal size."""
     light = np.random.default_rng(5).random((7, 5, 3)).astype(np.float32)
-    for detector in (om.Detector(full_well_e=1e4), om.Detector(full_well_e=1e4, bits=12), om.Detector(full_well_e=1e9)):
+    for detector in (
+        om.Detector(full_well_e=1e4),
+        om.Detector(full_well_e=1e4, bits=12),
+        om.Detector(full_well_e=1e9),
+    ):
         readout = Readout(detector, seed=2)
         numbers = readout.digital_values(readout.conversion.read(light))
         assert numbers.shape == light.shape

@@ -20,7 +20,9 @@ def domed():
     """A strongly decentred dome of dispersive glass, with colour shifts of pixels."""
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=256, height_px=256, pixel_pitch_um=20.8)
-    return replace(sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0)))
+    return replace(
+        sensor, imager=imager, housing=Housing(shell=Dome(material="polycarbonate", wall_mm=20.0))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,9 @@ def test_colour_dewarper_aligns_channels(domed):
 @pytest.mark.parametrize("channels", [3, 4])
 @pytest.mark.parametrize("transparent", [False, True])
 def test_channels_use_their_camera(domed, channels, transparent):
-    view = om.views.panorama(domed, (200, None), elevation_deg=(-60.0, 60.0))  # extends beyond the field
+    view = om.views.panorama(
+        domed, (200, None), elevation_deg=(-60.0, 60.0)
+    )  # extends beyond the field
     own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
     picture = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
     border = (9, 8, 7, 0)[:channels]
@@ -79,7 +83,15 @@ def test_command_line_aligns_channels(domed, tmp_path):
     om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
     fringes = []
     for i, asked in enumerate([(), ("--wavelengths-nm", ",".join(map(str, WAVES)))]):
-        arguments = ("rings.png", "--sensor", "domed.toml", "--elevation-deg=-30:30", "--size", "256x", "--black")
+        arguments = (
+            "rings.png",
+            "--sensor",
+            "domed.toml",
+            "--elevation-deg=-30:30",
+            "--size",
+            "256x",
+            "--black",
+        )
         done = omnimirror("dewarp", *arguments, *asked, "-o", f"{i}.png", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         dewarped = om.read_image(tmp_path / f"{i}.png").astype(float)
@@ -97,8 +109,12 @@ def test_wavelengths_require_sensor(domed, tmp_path):
         om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)
     om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
     arguments = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
-    assert "wavelengths_nm must be omitted unless the camera is a sensor" in fails("dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *arguments)
-    assert "--wavelengths-nm requires images" in fails("dewarp", "ride.mp4", "--sensor", "paper-spherical", *arguments)
+    assert "wavelengths_nm must be omitted unless the camera is a sensor" in fails(
+        "dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *arguments
+    )
+    assert "--wavelengths-nm requires images" in fails(
+        "dewarp", "ride.mp4", "--sensor", "paper-spherical", *arguments
+    )
 
 
 def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
@@ -109,5 +125,13 @@ def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
     ball = om.MirrorBall((63.5, 63.5), 50.0, 250.0, (128, 128))
     with pytest.raises(InvalidParameter, match="unless the camera is a sensor"):
         om.expose(ball, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
-    stderr = fails("simulate", "dataset", "paper-spherical", "--wavelengths-nm", "610,540,465", "-o", tmp_path / "set")
+    stderr = fails(
+        "simulate",
+        "dataset",
+        "paper-spherical",
+        "--wavelengths-nm",
+        "610,540,465",
+        "-o",
+        tmp_path / "set",
+    )
     assert "--wavelengths-nm requires a single image" in stderr

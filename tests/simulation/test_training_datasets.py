@@ -24,16 +24,37 @@ from tests.commands import fails, omnimirror
 from tests.simulation.scenes.test_moving_objects import BODIES
 
 SPH = om.load_sensor("paper-spherical")
-SMALL = replace(SPH, imager=replace(SPH.imager, width_px=96, height_px=96, pixel_pitch_um=5.2 * 1024 / 96), housing=Housing(CameraBody(60.0)))
-CART = om.MovingBox((300.0, 400.0, 500.0), Keyframes({"x_mm": ((0.0, 900.0), (1.0, 1300.0)), "y_mm": ((0.0, -900.0), (1.0, 300.0)), "pan_deg": ((0.0, 0.0), (1.0, 50.0))}, "linear"), name="cart")
+SMALL = replace(
+    SPH,
+    imager=replace(SPH.imager, width_px=96, height_px=96, pixel_pitch_um=5.2 * 1024 / 96),
+    housing=Housing(CameraBody(60.0)),
+)
+CART = om.MovingBox(
+    (300.0, 400.0, 500.0),
+    Keyframes(
+        {
+            "x_mm": ((0.0, 900.0), (1.0, 1300.0)),
+            "y_mm": ((0.0, -900.0), (1.0, 300.0)),
+            "pan_deg": ((0.0, 0.0), (1.0, 50.0)),
+        },
+        "linear",
+    ),
+    name="cart",
+)
 ON_CART = 7 + len(FURNITURE)
-POSES = (om.Pose(100.0, 50.0, 30.0, pan_deg=20.0, tilt_deg=4.0), om.Pose(190.0, 20.0, 40.0, pan_deg=31.0, roll_deg=2.0))
+POSES = (
+    om.Pose(100.0, 50.0, 30.0, pan_deg=20.0, tilt_deg=4.0),
+    om.Pose(190.0, 20.0, 40.0, pan_deg=31.0, roll_deg=2.0),
+)
 
 
 @pytest.fixture(scope="module")
 def moments():
     room = om.Room(texel_mm=40.0)
-    return [Moment(SceneWithBodies(room, (CART,), time), pose) for time, pose in zip((0.2, 0.35), POSES, strict=True)]
+    return [
+        Moment(SceneWithBodies(room, (CART,), time), pose)
+        for time, pose in zip((0.2, 0.35), POSES, strict=True)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +63,9 @@ def found(moments):
 
 
 def in_scene(moment, truth, valid):
-    return moment.pose.to_scene(truth.origins_mm[valid]), truth.directions[valid] @ moment.pose.rotation().T
+    return moment.pose.to_scene(truth.origins_mm[valid]), truth.directions[
+        valid
+    ] @ moment.pose.rotation().T
 
 
 def test_normals_match_faces(moments, found):
@@ -87,7 +110,9 @@ def test_body_normals(moments, found):
     turn = CART.pose_at(0.2).rotation().T @ moments[0].pose.rotation()
     own = np.abs(found.normals[on] @ turn.T)
     np.testing.assert_allclose(own.max(axis=1), 1.0, atol=1e-6)
-    place = CART.pose_at(0.2).to_sensor(moments[0].pose.to_scene(found.truth.points_mm[on])) / (np.array(CART.size_mm) / 2)
+    place = CART.pose_at(0.2).to_sensor(moments[0].pose.to_scene(found.truth.points_mm[on])) / (
+        np.array(CART.size_mm) / 2
+    )
     np.testing.assert_allclose(np.abs(place).max(axis=1), 1.0, atol=1e-9)
     assert (np.abs(place).argmax(axis=1) == own.argmax(axis=1)).all()
 
@@ -106,7 +131,10 @@ def test_labels_match_scene(moments, found):
         assert on.sum() > 10 or name not in ("table", "bookcase", "armchair"), name
         points = moments[0].pose.to_scene(found.truth.points_mm[on])
         boxes = [piece.box for piece in PIECES if piece.name == name]
-        outside = [np.maximum(np.array(b.low) - points, points - np.array(b.high)).max(axis=1) for b in boxes]
+        outside = [
+            np.maximum(np.array(b.low) - points, points - np.array(b.high)).max(axis=1)
+            for b in boxes
+        ]
         assert np.abs(np.min(outside, axis=0)).max(initial=0.0) < 1e-6, name
 
 
@@ -134,15 +162,30 @@ def test_occluded_points_are_not_visible_again(moments, found):
     lost = without.visible_again & ~found.visible_again & (found.labels == without.labels)
     v, u = np.nonzero(lost)
     rays = SMALL.backproject(np.stack([u, v], axis=1) + without.flow_px[lost])
-    labels = moments[1].scene.labels(moments[1].pose.to_scene(rays.origins), rays.directions @ moments[1].pose.rotation().T)
+    labels = moments[1].scene.labels(
+        moments[1].pose.to_scene(rays.origins), rays.directions @ moments[1].pose.rotation().T
+    )
     assert len(labels) > 10
     assert (labels == ON_CART).mean() > 0.99
 
 
 def test_shards_are_complete_and_reproducible(tmp_path):
     path = Keyframes({"x_mm": ((0.0, 0.0), (0.08, 100.0))}, "linear")
-    tiny = replace(SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32))
-    made = [om.write_training_dataset(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / name, bodies=(CART,), samples=1, per_shard=2) for name in ("a", "b")]
+    tiny = replace(
+        SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
+    )
+    made = [
+        om.write_training_dataset(
+            tiny,
+            om.Room(texel_mm=40.0),
+            path=path,
+            folder=tmp_path / name,
+            bodies=(CART,),
+            samples=1,
+            per_shard=2,
+        )
+        for name in ("a", "b")
+    ]
     assert [p.read_bytes() for p in made[0]] == [p.read_bytes() for p in made[1]]
     names, samples = [], {}
     for shard in made[0]:
@@ -166,7 +209,10 @@ def test_shards_are_complete_and_reproducible(tmp_path):
 
 def test_sky_flow():
     street = Street(texel_mm=100.0)
-    first, second = (Moment(SceneWithBodies(street, (), 0.0), pose) for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0)))
+    first, second = (
+        Moment(SceneWithBodies(street, (), 0.0), pose)
+        for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
+    )
     found = training_ground_truth(SMALL, first, second)
     sky = np.isinf(found.truth.depth_mm)
     assert sky.sum() > 200
@@ -187,14 +233,37 @@ def test_sky_flow():
 
 def test_command_matches_python(tmp_path):
     sensor, lines = tmp_path / "small.toml", "time_s,x_mm\n0,0\n0.08,100\n"
-    om.save_sensor(replace(SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)), sensor)
+    om.save_sensor(
+        replace(
+            SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
+        ),
+        sensor,
+    )
     (tmp_path / "walk.csv").write_text(lines)
     (tmp_path / "bodies.toml").write_text(BODIES)
     (tmp_path / "lamp.csv").write_text("time_s,x_mm,y_mm\n0,-800,300\n")
-    arguments = ("simulate", "training", sensor, "--path", tmp_path / "walk.csv", "--bodies", tmp_path / "bodies.toml")
-    run = omnimirror(*arguments, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "command")
+    arguments = (
+        "simulate",
+        "training",
+        sensor,
+        "--path",
+        tmp_path / "walk.csv",
+        "--bodies",
+        tmp_path / "bodies.toml",
+    )
+    run = omnimirror(
+        *arguments, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "command"
+    )
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
-    made = om.write_training_dataset(om.load_sensor(sensor), om.load_scene("room"), path=om.load_path(tmp_path / "walk.csv"), folder=tmp_path / "made", bodies=om.load_bodies(tmp_path / "bodies.toml"), samples=1, per_shard=2)
+    made = om.write_training_dataset(
+        om.load_sensor(sensor),
+        om.load_scene("room"),
+        path=om.load_path(tmp_path / "walk.csv"),
+        folder=tmp_path / "made",
+        bodies=om.load_bodies(tmp_path / "bodies.toml"),
+        samples=1,
+        per_shard=2,
+    )
     assert len(made) == 2
     for path in (tmp_path / "made").iterdir():
         assert (tmp_path / "command" / path.name).read_bytes() == path.read_bytes(), path.name
@@ -203,5 +272,7 @@ def test_command_matches_python(tmp_path):
 
 
 def test_training_dataset_requires_path(tmp_path):
-    assert "give a --path" in fails("simulate", "training", "paper-spherical", "-o", tmp_path / "set")
+    assert "give a --path" in fails(
+        "simulate", "training", "paper-spherical", "-o", tmp_path / "set"
+    )
     assert not (tmp_path / "set").exists()

@@ -12,7 +12,11 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.tracing.shell_transmission import passage as passage_of
-from omnimirror.optics.tracing.shell_transmission import through_dome, through_tube, wall_transmission
+from omnimirror.optics.tracing.shell_transmission import (
+    through_dome,
+    through_tube,
+    wall_transmission,
+)
 from omnimirror.simulation.pixel_rays import ThroughShell
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
@@ -43,7 +47,10 @@ def test_tube_conserves_skew_invariants():
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     passage = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
     np.testing.assert_allclose(passage.directions[:, 2], directions[:, 2], atol=1e-12)
-    moments = [np.cross(p, d)[:, 2] for p, d in ((points, directions), (passage.points, passage.directions))]
+    moments = [
+        np.cross(p, d)[:, 2]
+        for p, d in ((points, directions), (passage.points, passage.directions))
+    ]
     np.testing.assert_allclose(*moments, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(passage.directions, axis=1), 1, atol=1e-12)
     np.testing.assert_allclose(np.hypot(*passage.points.T[:2]), 60.0)
@@ -56,7 +63,9 @@ def test_ghost_radiance_matches_reflectance():
     inside = ThroughShell(Environment(half), Tube(120.0), om.load_sensor("paper-spherical"))
     seen = inside.radiance(np.full((2, 3), [0, 0, -20.0]), np.array([[0, 1.0, 0], [0, -1.0, 0]]))
     passed = float(wall_transmission(0.0, 1.49))
-    np.testing.assert_allclose(seen[:, 0], [passed + (1 - passed) ** 2 * passed, (1 - passed) * passed], atol=1e-6)
+    np.testing.assert_allclose(
+        seen[:, 0], [passed + (1 - passed) ** 2 * passed, (1 - passed) * passed], atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("shell", [Tube(120.0), Dome(440.0)], ids=["tube", "dome"])
@@ -68,8 +77,17 @@ def test_ghosts_reflect_at_mirror_and_end_at_lids(shell):
     below = np.zeros((64, 128, 3), np.float32)
     below[-8:] = 1.0  # only the region below the sensor is bright
     if isinstance(shell, Dome):
-        shell = replace(shell, centre_mm=float(-rays.origins[0] @ sensor.axis))  # horizontal rays pass its centre
-    seen, closed = (float(ThroughShell(Environment(below), shell, sensor, lids).radiance(rays.origins, rays.directions)[0, 0]) for lids in ((), (-sensor.mirror_distance_mm,)))
+        shell = replace(
+            shell, centre_mm=float(-rays.origins[0] @ sensor.axis)
+        )  # horizontal rays pass its centre
+    seen, closed = (
+        float(
+            ThroughShell(Environment(below), shell, sensor, lids).radiance(
+                rays.origins, rays.directions
+            )[0, 0]
+        )
+        for lids in ((), (-sensor.mirror_distance_mm,))
+    )
     assert seen > 0.02  # it leaves through the wall below the lens, or the open end
     assert closed == 0
 
@@ -81,16 +99,33 @@ def test_axial_rays_and_invalid_origins():
     world, sensor = Environment(np.ones((4, 8, 3), np.float32)), om.load_sensor("paper-spherical")
     for shell in (Tube(120.0), Dome(120.0, centre_mm=0.0)):
         with pytest.raises(InvalidParameter, match="within 57 mm of the axis"):
-            ThroughShell(world, shell, sensor).radiance(np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]]))
+            ThroughShell(world, shell, sensor).radiance(
+                np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]])
+            )
 
 
-@pytest.mark.parametrize("housing", few([Housing(rod=Rod(6.0)), Housing(rod=Rod(3.0, 16.0)), Housing(shell=Tube()), Housing(shell=Dome())], Housing(rod=Rod(3.0, 16.0)), Housing(shell=Dome())), ids=["rod", "wide rod", "tube", "dome"])
+@pytest.mark.parametrize(
+    "housing",
+    few(
+        [
+            Housing(rod=Rod(6.0)),
+            Housing(rod=Rod(3.0, 16.0)),
+            Housing(shell=Tube()),
+            Housing(shell=Dome()),
+        ],
+        Housing(rod=Rod(3.0, 16.0)),
+        Housing(shell=Dome()),
+    ),
+    ids=["rod", "wide rod", "tube", "dome"],
+)
 def test_rendered_housing_matches_obscured_angles(housing):
     sensor = replace(om.load_sensor("paper-spherical"), housing=housing)
     light = expose(sensor, Environment(np.ones((4, 8, 3), np.float32)), samples=1)
     (ring,) = sensor.obscurations
     dark = int((light[512, :, 0] < 0.5)[512 - 450 : 512 + 450].sum())
-    assert dark == pytest.approx(2 * sensor.rim_radius_px * np.sqrt(ring.image_percent / 100), abs=2)
+    assert dark == pytest.approx(
+        2 * sensor.rim_radius_px * np.sqrt(ring.image_percent / 100), abs=2
+    )
 
 
 def test_misaligned_mirror_in_housing():
@@ -106,16 +141,24 @@ def test_misaligned_mirror_in_housing():
 def some_rays(count, reach):
     chance = np.random.default_rng(3)
     directions = chance.normal(size=(count, 3))
-    return chance.uniform(-reach, reach, (count, 3)), directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return chance.uniform(-reach, reach, (count, 3)), directions / np.linalg.norm(
+        directions, axis=1, keepdims=True
+    )
 
 
 def test_concentric_dome_matches_closed_form():
     a, b, n, centre = 97.0, 100.0, 1.49, np.array([0.0, 0.0, -20.0])
     points, directions = some_rays(200, 30.0)
     passage = through_dome(points, directions, (centre, a), (centre, b), n, 1.0)
-    s, left = (np.linalg.norm(np.cross(p - centre, d), axis=1) for p, d in ((points, directions), (passage.points, passage.directions)))
+    s, left = (
+        np.linalg.norm(np.cross(p - centre, d), axis=1)
+        for p, d in ((points, directions), (passage.points, passage.directions))
+    )
     turned = np.arcsin(s / a) - np.arcsin(s / (n * a)) + np.arcsin(s / (n * b)) - np.arcsin(s / b)
-    found = np.arctan2(np.linalg.norm(np.cross(directions, passage.directions), axis=1), np.einsum("ni,ni->n", directions, passage.directions))
+    found = np.arctan2(
+        np.linalg.norm(np.cross(directions, passage.directions), axis=1),
+        np.einsum("ni,ni->n", directions, passage.directions),
+    )
     np.testing.assert_allclose(left, s, atol=1e-9)
     np.testing.assert_allclose(found, turned, atol=1e-12)
     assert np.degrees(turned.max()) > 0.3
@@ -128,7 +171,9 @@ def test_dome_about_viewpoint_preserves_directions():
     turn = sensor.mount.rotation()
     origins, directions = rays.origins[rays.valid] @ turn, rays.directions[rays.valid] @ turn
     passage = passage_of(Dome(160.0, 4.0, centre_mm=height), origins, directions)
-    np.testing.assert_allclose(passage.directions, directions, atol=2e-6)  # to the precision of the file
+    np.testing.assert_allclose(
+        passage.directions, directions, atol=2e-6
+    )  # to the precision of the file
     np.testing.assert_allclose(passage.passed, wall_transmission(0.0, 1.49), atol=1e-6)
 
 
@@ -137,7 +182,10 @@ def test_eccentric_dome_matches_mitsuba(mi):  # noqa: F811
     points, directions = some_rays(100, 40.0)
     points[:, 2] -= 40.0
     passage = passage_of(dome, points, directions)
-    spheres = [{"type": "sphere", "radius": 92.0, "center": [0, 0, -36.0], "bsdf": glass(1.0, 1.6)}, {"type": "sphere", "radius": 100.0, "center": [0, 0, -40.0], "bsdf": glass(1.6, 1.0)}]
+    spheres = [
+        {"type": "sphere", "radius": 92.0, "center": [0, 0, -36.0], "bsdf": glass(1.0, 1.6)},
+        {"type": "sphere", "radius": 100.0, "center": [0, 0, -40.0], "bsdf": glass(1.6, 1.0)},
+    ]
     scenes = [mi.load_dict({"type": "scene", "sphere": sphere}) for sphere in spheres]
     for i, (point, towards) in enumerate(zip(points, directions, strict=True)):
         for scene in scenes:
@@ -159,7 +207,10 @@ def test_dome_image_matches_mitsuba(mi):  # noqa: F811
     dome = Dome(236.0, centre_mm=-75.0)
     image = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)
     plain = expose(sensor, Environment(ours), samples=64, blur=True)
-    shells = {name: {"type": "sphere", "radius": r, "center": [0, 0, -75.0], "bsdf": glass(*indices)} for name, r, indices in (("inner", 115.0, (1.0, 1.49)), ("outer", 118.0, (1.49, 1.0)))}
+    shells = {
+        name: {"type": "sphere", "radius": r, "center": [0, 0, -75.0], "bsdf": glass(*indices)}
+        for name, r, indices in (("inner", 115.0, (1.0, 1.49)), ("outer", 118.0, (1.49, 1.0)))
+    }
     other = rendered(mi, sensor, ball(sensor), theirs, 2500, shells)
     decibels, shift = compared(sensor, image, other)
     print(f"{decibels:.1f} dB, no sector shifted by more than {shift:.4f} px")

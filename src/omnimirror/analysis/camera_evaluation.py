@@ -25,7 +25,10 @@ AZIMUTHS = 36  # azimuths of the mean values
 NEAR_AXIS_RAD = 1e-3  # radians; a ring at this angle still has distinct azimuths
 SCAN_STEP_DEG = 0.5
 BISECTIONS = 24  # bisections for the end of the field
-MAPPING_COLUMNS = (*("omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "area_px2", "aspect"), *("viewpoint_z_mm", "direction_sigma_deg"))
+MAPPING_COLUMNS = (
+    *("omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "area_px2", "aspect"),
+    *("viewpoint_z_mm", "direction_sigma_deg"),
+)
 
 
 @dataclass(frozen=True)
@@ -81,11 +84,18 @@ class CameraMapping:
     def columns(self) -> dict[str, Array]:
         """Return the columns (n,) of the table; uncertainties are included if known."""
         is_known = self.camera.uncertainty is not None
-        return {name: getattr(self, name) for name in MAPPING_COLUMNS if is_known or name != "direction_sigma_deg"}
+        return {
+            name: getattr(self, name)
+            for name in MAPPING_COLUMNS
+            if is_known or name != "direction_sigma_deg"
+        }
 
     def texts(self) -> dict[str, list[str]]:
         """Return the columns as formatted text, one list of cells each."""
-        return {name: [QUANTITIES[name].text(v) for v in values] for name, values in self.columns().items()}
+        return {
+            name: [QUANTITIES[name].text(v) for v in values]
+            for name, values in self.columns().items()
+        }
 
     def summary(self) -> dict[str, Any]:
         """Return the scalar results: model, parameters and field."""
@@ -99,7 +109,10 @@ class CameraMapping:
             "calibrated_field_deg": camera.uncertainty.field_deg if camera.uncertainty else None,
             "is_central": isinstance(camera, RadialModel) and camera.is_central,
             "azimuthal_variation_percent": self.azimuthal_variation_percent,
-            "parameters": [{"name": p.name, "value": p.value, "sigma": sigmas.get(p.name), "unit": p.unit} for p in camera.parameters],
+            "parameters": [
+                {"name": p.name, "value": p.value, "sigma": sigmas.get(p.name), "unit": p.unit}
+                for p in camera.parameters
+            ],
         }
 
     def to_csv(self, path: str | Path) -> None:
@@ -110,8 +123,13 @@ class CameraMapping:
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns as JSON; unknown values become null."""
-        columns = {k: [v if np.isfinite(v) else None for v in c.tolist()] for k, c in self.columns().items()}
-        write_text(path, json.dumps({"summary": self.summary(), "columns": columns}, indent=1) + "\n")
+        columns = {
+            k: [v if np.isfinite(v) else None for v in c.tolist()]
+            for k, c in self.columns().items()
+        }
+        write_text(
+            path, json.dumps({"summary": self.summary(), "columns": columns}, indent=1) + "\n"
+        )
 
 
 def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> CameraMapping:
@@ -149,10 +167,16 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     (array([ 82.84271247, 200.        ]), array([1., 1.]))
     """
     instance("camera", camera, CameraModel, "a calibrated camera (see om.load_camera)")
-    end = float(np.degrees(camera.omega_max)) if isinstance(camera, RadialModel) else _field_end_deg(camera)
+    end = (
+        float(np.degrees(camera.omega_max))
+        if isinstance(camera, RadialModel)
+        else _field_end_deg(camera)
+    )
     requested = every_step(end) if omega_deg is None else row("omega_deg", omega_deg)
     if (outside := ~((requested >= 0) & (requested <= end * (1 + 1e-12)))).any():
-        raise OutsideField(f"omega_deg must be 0 to {end:.6g} deg, the field of the camera; got {requested[outside][0]:g}")
+        raise OutsideField(
+            f"omega_deg must be 0 to {end:.6g} deg, the field of the camera; got {requested[outside][0]:g}"
+        )
     if not isinstance(camera, RadialModel):
         return _evaluate_skew(camera, requested, end)
     omega = np.minimum(np.radians(requested), camera.omega_max)
@@ -160,7 +184,9 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     along = np.radians(rate)
     with np.errstate(divide="ignore", invalid="ignore"):
         across = np.where(np.sin(omega) > 1e-12, radius * np.radians(1.0) / np.sin(omega), along)
-    sigma = np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    sigma = (
+        np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    )
     columns = (radius, along, across, along * across, across / along, height, sigma)
     return CameraMapping(requested, *columns, camera, end, camera.field_radius_px)
 
@@ -177,13 +203,28 @@ def _evaluate_skew(camera: CameraModel, omega_deg: Array, end: float) -> CameraM
     sizes = [np.linalg.norm(part, axis=-1) for part in (along, across)]
     high, wide = (_mean(size, visible) for size in sizes)
     radius = _mean(np.linalg.norm(pixels - _image_centre(camera, end), axis=-1), visible)
-    deviations = [np.abs(size / mean[:, None] - 1)[visible] for size, mean in zip(sizes, (high, wide), strict=True)]
-    sigma = np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    deviations = [
+        np.abs(size / mean[:, None] - 1)[visible]
+        for size, mean in zip(sizes, (high, wide), strict=True)
+    ]
+    sigma = (
+        np.full(len(omega), np.nan) if camera.uncertainty is None else mean_sigma_deg(camera, omega)
+    )
     heights = _viewpoints(camera, pixels, visible)
-    columns = (radius, high, wide, _mean(area, visible), _mean(sizes[1] / sizes[0], visible), heights, sigma)
+    columns = (
+        radius,
+        high,
+        wide,
+        _mean(area, visible),
+        _mean(sizes[1] / sizes[0], visible),
+        heights,
+        sigma,
+    )
     h, dh, dw, ds, aspect, height, error = (column[:-1] for column in columns)
     variation = 100 * float(np.max(np.concatenate(deviations)))
-    return CameraMapping(omega_deg, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), variation)
+    return CameraMapping(
+        omega_deg, h, dh, dw, ds, aspect, height, error, camera, end, float(radius[-1]), variation
+    )
 
 
 def _image_centre(camera: CameraModel, end: float) -> Array:
@@ -192,7 +233,9 @@ def _image_centre(camera: CameraModel, end: float) -> Array:
     image = camera.image(_rings(camera, rings)[0].reshape(-1, 3), distant=True)
     complete = np.flatnonzero(image.valid.reshape(-1, AZIMUTHS).all(axis=1))
     if not len(complete):
-        raise OutsideField("the camera must image at least one field angle at all azimuths, to define the centre of its image")
+        raise OutsideField(
+            "the camera must image at least one field angle at all azimuths, to define the centre of its image"
+        )
     return np.asarray(image.pixels.reshape(-1, AZIMUTHS, 2)[complete[0]].mean(axis=0))
 
 
@@ -202,11 +245,16 @@ def _viewpoints(camera: CameraModel, pixels: Array, visible: NDArray[np.bool_]) 
     world = camera.mount.rotation()
     for i in np.flatnonzero(visible.sum(axis=1) > 1):
         rays = camera.backproject(pixels[i, visible[i]])
-        origins, directions = (rotate_vectors(rays.origins[rays.valid], world), rotate_vectors(rays.directions[rays.valid], world))
+        origins, directions = (
+            rotate_vectors(rays.origins[rays.valid], world),
+            rotate_vectors(rays.directions[rays.valid], world),
+        )
         if len(directions) > 1:
             # least squares: the point nearest to lines (p, d) satisfies sum(I - d d^T) v = sum(I - d d^T) p
             across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-            heights[i] = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0][2]
+            heights[i] = np.linalg.lstsq(
+                across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
+            )[0][2]
     return heights
 
 
@@ -222,11 +270,15 @@ def _field_end_deg(camera: CameraModel) -> float:
     angles = np.radians(np.arange(SCAN_STEP_DEG, 180.0, SCAN_STEP_DEG))
     rings = np.flatnonzero(_sees(camera, angles).any(axis=1))
     if not len(rings):
-        raise OutsideField("the camera must image a part of its field; use a mirror whose centre is in the image")
+        raise OutsideField(
+            "the camera must image a part of its field; use a mirror whose centre is in the image"
+        )
     low, high = angles[rings[-1]], angles[rings[-1]] + np.radians(SCAN_STEP_DEG)
     for _ in range(BISECTIONS):
         midpoint = (low + high) / 2
-        low, high = (midpoint, high) if _sees(camera, np.array([midpoint])).any() else (low, midpoint)
+        low, high = (
+            (midpoint, high) if _sees(camera, np.array([midpoint])).any() else (low, midpoint)
+        )
     return float(np.degrees(low))
 
 

@@ -90,7 +90,9 @@ class Comparison:
         for row in self.rows:
             if row.name == name:
                 return row
-        raise InvalidParameter(f"the quantity must be one of {', '.join(r.name for r in self.rows)}; got {name!r}")
+        raise InvalidParameter(
+            f"the quantity must be one of {', '.join(r.name for r in self.rows)}; got {name!r}"
+        )
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table as CSV, a line per quantity and a column per sensor."""
@@ -98,12 +100,20 @@ class Comparison:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["quantity", *map(csv_cell, self.names)])
         for row in self.rows:
-            writer.writerow([row.name, *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values)])
+            writer.writerow(
+                [
+                    row.name,
+                    *(csv_cell(v) if isinstance(v, str) else f"{v:.17g}" for v in row.values),
+                ]
+            )
         write_text(path, text.getvalue())
 
     def to_json(self, path: str | Path) -> None:
         """Write the sensors as JSON objects; non-finite numbers become strings."""
-        sensors = [{"name": name, **{row.name: _word(row.values[i]) for row in self.rows}} for i, name in enumerate(self.names)]
+        sensors = [
+            {"name": name, **{row.name: _word(row.values[i]) for row in self.rows}}
+            for i, name in enumerate(self.names)
+        ]
         write_text(path, json_text(sensors, indent=1) + "\n")
 
 
@@ -145,7 +155,9 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
     for i, sensor in enumerate(sensors):
         check_sensor(sensor, f"sensors[{i}]")
     if not 1 <= len(sensors) <= MAX_SENSORS:
-        raise InvalidParameter(f"the number of sensors must be 1 to {MAX_SENSORS}; got {len(sensors)}")
+        raise InvalidParameter(
+            f"the number of sensors must be 1 to {MAX_SENSORS}; got {len(sensors)}"
+        )
     unique = _with_unique_names(sensors)
     distance = float(distances("object_distance_mm", object_distance_mm))
     studies = [replace(_study(s), object_distance_mm=distance) for s in unique]
@@ -179,7 +191,12 @@ def _note(study: Study, sensor: Sensor) -> str:
 def _with_unique_names(sensors: Sequence[Sensor]) -> list[Sensor]:
     """Return the sensors with unique names."""
     names = [s.name for s in sensors]
-    return [s if names.count(s.name) == 1 else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})") for i, s in enumerate(sensors)]
+    return [
+        s
+        if names.count(s.name) == 1
+        else replace(s, name=f"{s.name} ({names[: i + 1].count(s.name)})")
+        for i, s in enumerate(sensors)
+    ]
 
 
 # -- compared quantities ---------------------------------------------------------------------------
@@ -207,7 +224,9 @@ class Study:
     def near_objects(self) -> Evaluation:
         """Return the evaluation of the aligned sensor for objects at the finite distance."""
         omega_deg = self.evaluation.omega_deg
-        return evaluate(self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm)
+        return evaluate(
+            self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm
+        )
 
     def object_size(self, surface: str) -> float:
         """Return the smallest length per pixel, mm, the larger of both directions."""
@@ -283,7 +302,16 @@ class FullFieldStudy(Study):
     def at_sensor_focus(self) -> Any:
         """Return the columns over the whole image."""
         blur = self.full_field.at_sensor_focus
-        return SimpleNamespace(dh_domega_px_per_deg=blur.imaging.height, area_px2=blur.imaging.area, aspect=blur.imaging.aspect, blur_t_px=blur.t_px, blur_s_px=blur.s_px, blur_t_deg=blur.t_deg, blur_s_deg=blur.s_deg, floored_area_deg2=blur.floored_area())
+        return SimpleNamespace(
+            dh_domega_px_per_deg=blur.imaging.height,
+            area_px2=blur.imaging.area,
+            aspect=blur.imaging.aspect,
+            blur_t_px=blur.t_px,
+            blur_s_px=blur.s_px,
+            blur_t_deg=blur.t_deg,
+            blur_s_deg=blur.s_deg,
+            floored_area_deg2=blur.floored_area(),
+        )
 
     @cached_property
     def best_focus_optimum(self) -> tuple[float, float]:

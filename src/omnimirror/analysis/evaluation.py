@@ -32,7 +32,9 @@ from .viewpoints import viewpoint_z
 PERTURBATION = 1e-4  # perturbation of the profile relative to a standard deviation
 
 
-def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str, Array]]) -> dict[str, Array]:
+def standard_deviations(
+    mirror: Mirror, columns_of: Callable[[Mirror], dict[str, Array]]
+) -> dict[str, Array]:
     """Return standard deviations (n,) of columns (n,) computed from a measured mirror.
 
     The smoothed curve is linear in the heights; therefore the effects of its independent deviations
@@ -42,7 +44,10 @@ def standard_deviations(mirror: Mirror, columns_of: Callable[[Mirror], dict[str,
         return {}
     nominal, *moved = (columns_of(m) for m in mirror.deviated(PERTURBATION))
     with np.errstate(invalid="ignore"):  # lengths per pixel of distant objects are infinite
-        return {name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / PERTURBATION for name in nominal}
+        return {
+            name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / PERTURBATION
+            for name in nominal
+        }
 
 
 # -- Tabular results -------------------------------------------------------------------------------
@@ -58,7 +63,10 @@ class TabularResult(ABC):
     def to_csv(self, path: str | Path) -> None:
         """Write one CSV line per record, with ten significant digits."""
         records = self.records()
-        lines = [",".join(records[0]), *(",".join(f"{v:.10g}" for v in record.values()) for record in records)]
+        lines = [
+            ",".join(records[0]),
+            *(",".join(f"{v:.10g}" for v in record.values()) for record in records),
+        ]
         write_text(path, "\n".join(lines) + "\n")
 
     def to_json(self, path: str | Path) -> None:
@@ -74,7 +82,23 @@ COLUMNS = tuple(q.name for q in quantities.FIELD_QUANTITIES if q.name != "floore
 UNCERTAIN = (*COLUMNS, "floored_area_deg2")
 """Columns with a standard deviation."""
 
-READ_COLUMNS = ("omega_deg", "x_mm", "theta_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "aspect", "viewpoint_z_mm", "distance_t_mm", "distance_s_mm", "blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2")
+READ_COLUMNS = (
+    "omega_deg",
+    "x_mm",
+    "theta_deg",
+    "h_px",
+    "dh_domega_px_per_deg",
+    "width_px_per_deg",
+    "aspect",
+    "viewpoint_z_mm",
+    "distance_t_mm",
+    "distance_s_mm",
+    "blur_t_px",
+    "blur_s_px",
+    "blur_t_deg",
+    "blur_s_deg",
+    "floored_area_deg2",
+)
 """Columns of printed tables, in order; files contain all columns."""
 
 
@@ -141,7 +165,9 @@ class Evaluation:
         """
         p = self.object_distance_mm
         columns = {name: getattr(self, name)[which] for name in UNCERTAIN}
-        return replace(self, object_distance_mm=p[which] if isinstance(p, np.ndarray) else p, **columns)
+        return replace(
+            self, object_distance_mm=p[which] if isinstance(p, np.ndarray) else p, **columns
+        )
 
     @property
     def focus_mm(self) -> float:
@@ -156,7 +182,9 @@ class Evaluation:
     @property
     def depth_of_field_mm(self) -> DepthOfField:
         """Return the depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
-        return self.sensor.lens.depth_of_field(self.tolerance_px * self.sensor.imager.pitch_mm, self.mode)
+        return self.sensor.lens.depth_of_field(
+            self.tolerance_px * self.sensor.imager.pitch_mm, self.mode
+        )
 
     def columns(self) -> dict[str, Array]:
         """Return the columns of the table in fixed order, followed by those of a real lens."""
@@ -173,8 +201,16 @@ class Evaluation:
         tangent = np.tan(np.radians(self.theta_deg))
         t, s = lens.own_blur(lens.principal_distance * tangent)
         colour = lens.field.odd(tangent)
-        values = (t / pitch, s / pitch, lens.field.at(tangent).illumination, (colour["short"] - colour["long"]) / pitch, lens.pupil.position(tangent))
-        return {q.name: column for q, column in zip(quantities.LENS_QUANTITIES, values, strict=True)}
+        values = (
+            t / pitch,
+            s / pitch,
+            lens.field.at(tangent).illumination,
+            (colour["short"] - colour["long"]) / pitch,
+            lens.pupil.position(tangent),
+        )
+        return {
+            q.name: column for q, column in zip(quantities.LENS_QUANTITIES, values, strict=True)
+        }
 
     @validate_arguments
     def texts(self, names: Iterable[str] = READ_COLUMNS) -> dict[str, list[str]]:
@@ -203,7 +239,9 @@ class Evaluation:
             "image_radius_px": self.image_radius_px,
         }
         if isinstance(self.sensor.lens, GaussianLens):
-            values["hyperfocal_mm"] = self.sensor.lens.hyperfocal_distance(self.tolerance_px * self.sensor.imager.pitch_mm)
+            values["hyperfocal_mm"] = self.sensor.lens.hyperfocal_distance(
+                self.tolerance_px * self.sensor.imager.pitch_mm
+            )
         if not self.sensor.housing.is_empty:
             values["obscurations"] = [ring._asdict() for ring in self.sensor.obscurations]
             values["clear_field_deg"] = list(self.sensor.clear_field_deg)
@@ -233,7 +271,10 @@ class Evaluation:
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns as JSON; non-finite numbers become "inf", "-inf" and "nan"."""
-        data = {"summary": self.summary(), "columns": {k: v.tolist() for k, v in self.columns().items()}}
+        data = {
+            "summary": self.summary(),
+            "columns": {k: v.tolist() for k, v in self.columns().items()},
+        }
         if deviations := self.standard_deviations():
             data["standard_deviations"] = {k: v.tolist() for k, v in deviations.items()}
         write_text(path, json.dumps(_finite(data), indent=1) + "\n")
@@ -318,7 +359,15 @@ def evaluate(
         image_radius_px = image_radius(image_radius_px)
     if isinstance(focus_mm, str) and focus_mm == "auto":
         distance = _scalar_distance(object_distance_mm)
-        focus_mm = best_focus(sensor, merit, omega_deg=None, object_distance_mm=distance, mode=mode, image_radius_px=image_radius_px, wavelength_nm=wavelength_nm).focus_mm
+        focus_mm = best_focus(
+            sensor,
+            merit,
+            omega_deg=None,
+            object_distance_mm=distance,
+            mode=mode,
+            image_radius_px=image_radius_px,
+            wavelength_nm=wavelength_nm,
+        ).focus_mm
     if focus_mm is not None:
         sensor = replace(sensor, lens=sensor.lens.focused_at(number("focus_mm", focus_mm)))
     field_angles_deg, x = _mirror_points(sensor, specified, image_radius_px)
@@ -327,7 +376,15 @@ def evaluate(
     columns = _columns(study)
     if field_angles_deg is not None:  # preserve the given values exactly
         columns["omega_deg"] = field_angles_deg
-    return Evaluation(**columns, sensor=sensor, object_distance_mm=float(p) if p.ndim == 0 else p, mode=mode, wavelength_nm=wavelength_nm, image_radius_px=image_radius_px, tolerance_px=tolerance_px)
+    return Evaluation(
+        **columns,
+        sensor=sensor,
+        object_distance_mm=float(p) if p.ndim == 0 else p,
+        mode=mode,
+        wavelength_nm=wavelength_nm,
+        image_radius_px=image_radius_px,
+        tolerance_px=tolerance_px,
+    )
 
 
 def _columns(study: FocusStudy) -> dict[str, Array]:
@@ -394,7 +451,11 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
         # the tangential length is larger by 1/cos(Omega) or 1/sin(Omega).
         t = across / dh
         cosine = np.abs(np.cos(omega))
-        return {"plane_t_mm_per_px": np.where(cosine < PARALLEL, np.inf, t / cosine), "cylinder_t_mm_per_px": t / np.sin(omega), "object_s_mm_per_px": across / dw}
+        return {
+            "plane_t_mm_per_px": np.where(cosine < PARALLEL, np.inf, t / cosine),
+            "cylinder_t_mm_per_px": t / np.sin(omega),
+            "object_s_mm_per_px": across / dw,
+        }
 
 
 def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
@@ -402,7 +463,16 @@ def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
     sensor = replace(result.sensor, mirror=mirror)
     in_field = sensor.meridian.sees(np.radians(result.omega_deg))
     p, radius = np.asarray(result.object_distance_mm), result.image_radius_px
-    evaluation = evaluate(sensor, result.omega_deg[in_field], object_distance_mm=p[in_field] if p.size > 1 else p, mode=result.mode, wavelength_nm=result.wavelength_nm, image_radius_px=None if radius is None else radius * sensor.rim_radius_px / result.sensor.rim_radius_px)
+    evaluation = evaluate(
+        sensor,
+        result.omega_deg[in_field],
+        object_distance_mm=p[in_field] if p.size > 1 else p,
+        mode=result.mode,
+        wavelength_nm=result.wavelength_nm,
+        image_radius_px=None
+        if radius is None
+        else radius * sensor.rim_radius_px / result.sensor.rim_radius_px,
+    )
     columns = {name: np.full(len(result), np.nan) for name in UNCERTAIN}
     for name, column in columns.items():
         column[in_field] = getattr(evaluation, name)
@@ -438,11 +508,16 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     """
     number("step_deg", step_deg, low=MIN_STEP_DEG, unit="deg")
     low, high = sensor.field_deg
-    angles = step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1) + 0.0  # no -0
+    angles = (
+        step_deg * np.arange(np.ceil(low / step_deg - 1e-9), np.floor(high / step_deg + 1e-9) + 1)
+        + 0.0
+    )  # no -0
     return angles if angles.size else np.array([low, high])
 
 
-def _mirror_points(sensor: Sensor, specified: dict[str, ArrayLike], image_radius_px: float | None) -> tuple[Array | None, Array]:
+def _mirror_points(
+    sensor: Sensor, specified: dict[str, ArrayLike], image_radius_px: float | None
+) -> tuple[Array | None, Array]:
     """Return the given field angles, or None, and the mirror points, (n,) mm.
 
     Heights and pixels refer to the image scaled to ``image_radius_px``.
@@ -466,7 +541,9 @@ def _mirror_points(sensor: Sensor, specified: dict[str, ArrayLike], image_radius
 def _scalar_distance(distance: ArrayLike) -> float:
     p = np.unique(np.asarray(distance, dtype=float))
     if p.size != 1:
-        raise InvalidParameter("focus 'auto' requires one object_distance_mm for all field angles; got several")
+        raise InvalidParameter(
+            "focus 'auto' requires one object_distance_mm for all field angles; got several"
+        )
     return float(p[0])
 
 

@@ -95,22 +95,37 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     height = rays.z + sensor.mirror_pose.displacement_mm
     zeros = np.zeros_like(omega)
     points = np.stack([rays.x, zeros, height], axis=-1)
-    first = transmit_rays(shell, points, np.stack([np.sin(rays.reflected), zeros, -np.cos(rays.reflected)], axis=-1))
+    first = transmit_rays(
+        shell, points, np.stack([np.sin(rays.reflected), zeros, -np.cos(rays.reflected)], axis=-1)
+    )
 
     start, direction = first.met + ORIGIN_OFFSET_MM * first.reflected, first.reflected
     again = sensor.optical_train.posed_mirror.trace(start, direction)
     by_mirror = again.valid
     start = np.where(by_mirror[:, None], again.points + ORIGIN_OFFSET_MM * again.directions, start)
     direction = np.where(by_mirror[:, None], again.directions, direction)
-    is_blocked = np.logical_or.reduce([*obstructions.blocks(start, direction, direction, sensor.mirror_pose).values(), _meets_back(sensor, start, direction)])
+    is_blocked = np.logical_or.reduce(
+        [
+            *obstructions.blocks(start, direction, direction, sensor.mirror_pose).values(),
+            _meets_back(sensor, start, direction),
+        ]
+    )
     second = transmit_rays(shell, start, direction)
     out = second.directions
-    angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(out[:, 0] < 0, -1.0, 1.0)
+    angle = np.degrees(np.arctan2(np.hypot(out[:, 0], out[:, 1]), -out[:, 2])) * np.where(
+        out[:, 0] < 0, -1.0, 1.0
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         # reflected at the wall, transmitted by the opposite one, relative to the direct light; absorption
         # and further reflections are neglected
         ratio = (1 - first.passed) * second.passed / first.passed
-    return Ghosts(omega, 100 * first.passed, np.where(is_blocked, np.nan, angle), np.where(is_blocked, 0.0, 100 * ratio), by_mirror & ~is_blocked)
+    return Ghosts(
+        omega,
+        100 * first.passed,
+        np.where(is_blocked, np.nan, angle),
+        np.where(is_blocked, 0.0, 100 * ratio),
+        by_mirror & ~is_blocked,
+    )
 
 
 def _clear_angles(sensor: Sensor) -> Array:

@@ -53,7 +53,11 @@ def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
     """
     wavelength_nm = number("wavelength_nm", wavelength_nm, low=300.0, high=1100.0, unit="nm")
     shell = sensor.housing.shell
-    housing = sensor.housing if shell is None else replace(sensor.housing, shell=shell.at_wavelength(wavelength_nm))
+    housing = (
+        sensor.housing
+        if shell is None
+        else replace(sensor.housing, shell=shell.at_wavelength(wavelength_nm))
+    )
     return replace(sensor, lens=sensor.lens.at_wavelength(wavelength_nm), housing=housing)
 
 
@@ -94,13 +98,20 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
     """
     thermal = sensor.thermal
     if thermal is None:
-        raise InvalidParameter(f'the thermal model of {sensor.name!r} is missing; add a table [thermal] to its file, for example with mirror_material = "acrylic", spacer_material = "aluminium"')
-    warmer = number("temperature_c", temperature_c, low=-273.0, high=1000.0, unit="C") - thermal.reference_c
+        raise InvalidParameter(
+            f'the thermal model of {sensor.name!r} is missing; add a table [thermal] to its file, for example with mirror_material = "acrylic", spacer_material = "aluminium"'
+        )
+    warmer = (
+        number("temperature_c", temperature_c, low=-273.0, high=1000.0, unit="C")
+        - thermal.reference_c
+    )
     if not warmer:
         return sensor
     mirror_grows = 1 + PPM * thermal.expansion_ppm("mirror") * warmer
     spacer_grows = 1 + PPM * thermal.expansion_ppm("spacer") * warmer
-    attachment = float(sensor.mirror.sag(sensor.mirror.rim_radius_mm)) if thermal.held_at == "rim" else 0.0
+    attachment = (
+        float(sensor.mirror.sag(sensor.mirror.rim_radius_mm)) if thermal.held_at == "rim" else 0.0
+    )
     # the spacer, from lens to attachment, and the mirror, from attachment to vertex, expand separately
     distance = (sensor.mirror_distance_mm + attachment) * spacer_grows - attachment * mirror_grows
     pose = sensor.mirror_pose
@@ -108,7 +119,12 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
     lengths = {name: getattr(pose, name) * spacer_grows for name in shifts}
     second = sensor.secondary
     if second is not None:
-        second = replace(second, mirror=second.mirror.scaled(mirror_grows), distance_mm=second.distance_mm * spacer_grows, bore_radius_mm=second.bore_radius_mm * mirror_grows)
+        second = replace(
+            second,
+            mirror=second.mirror.scaled(mirror_grows),
+            distance_mm=second.distance_mm * spacer_grows,
+            bore_radius_mm=second.bore_radius_mm * mirror_grows,
+        )
     imager = sensor.imager
     pitch = imager.pixel_pitch_um * (1 + PPM * thermal.imager_ppm_per_k * warmer)
     return replace(
@@ -130,11 +146,15 @@ def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
     if not (focal or mount):
         return lens
     if not isinstance(lens, Perspective):
-        raise InvalidParameter(f"thermal changes of focal length and mount are not supported for a {lens.KIND} lens; remove focal_ppm_per_k, mount_material and mount_ppm_per_k from [thermal]")
+        raise InvalidParameter(
+            f"thermal changes of focal length and mount are not supported for a {lens.KIND} lens; remove focal_ppm_per_k, mount_material and mount_ppm_per_k from [thermal]"
+        )
     f = lens.focal_length_mm * (1 + PPM * focal * warmer)
     behind = lens.image_distance * (1 + PPM * mount * warmer)
     if not behind > f:
-        raise InvalidParameter(f"the imager must be farther behind the lens than its focal length, {f:.4f} mm; at {warmer:+g} K it is at {behind:.4f} mm, where no object is in focus")
+        raise InvalidParameter(
+            f"the imager must be farther behind the lens than its focal length, {f:.4f} mm; at {warmer:+g} K it is at {behind:.4f} mm, where no object is in focus"
+        )
     # The imager stays at its expanded distance b: the focus follows from 1/L0 = 1/f - 1/b.
     return replace(lens, focal_length_mm=f, focus_distance_mm=1 / (1 / f - 1 / behind))
 
@@ -147,16 +167,25 @@ def _housing(housing: Housing, warmer: float) -> Housing:
     changed: dict[str, Any] = {}
     if shell.material is not None:
         grows = 1 + PPM * EXPANSIONS_PPM.get(shell.material, 0.0) * warmer
-        changed |= {name: getattr(shell, name) * grows for name, parameter in shell.PARAMETERS.items() if parameter.unit == "mm" and getattr(shell, name) is not None}
+        changed |= {
+            name: getattr(shell, name) * grows
+            for name, parameter in shell.PARAMETERS.items()
+            if parameter.unit == "mm" and getattr(shell, name) is not None
+        }
         index = shell.index + INDEX_RATES_PER_K.get(shell.material, 0.0) * warmer
         changed |= {"material": None, "refractive_index": index}
     if shell.medium is not None and shell.medium in INDEX_RATES_PER_K:
-        changed |= {"medium": None, "medium_index": shell.outer_index + INDEX_RATES_PER_K[shell.medium] * warmer}
+        changed |= {
+            "medium": None,
+            "medium_index": shell.outer_index + INDEX_RATES_PER_K[shell.medium] * warmer,
+        }
     return replace(housing, shell=replace(shell, **changed))
 
 
 @validate_arguments
-def thermal_motion_px(sensor: Sensor, temperature_c: float, *, omega_deg: ArrayLike | None = None) -> float:
+def thermal_motion_px(
+    sensor: Sensor, temperature_c: float, *, omega_deg: ArrayLike | None = None
+) -> float:
     """Compute the largest image motion due to a change of temperature.
 
     Parameters
@@ -190,7 +219,9 @@ def thermal_motion_px(sensor: Sensor, temperature_c: float, *, omega_deg: ArrayL
 
     moved = at_temperature(sensor, temperature_c)
     if omega_deg is None:
-        low, high = (f(a, b) for f, a, b in zip((max, min), sensor.field_deg, moved.field_deg, strict=True))
+        low, high = (
+            f(a, b) for f, a, b in zip((max, min), sensor.field_deg, moved.field_deg, strict=True)
+        )
         omega_deg = np.linspace(low, high, 181)
     before, after = (evaluate(states, omega_deg).h_px for states in (sensor, moved))
     return float(np.nanmax(np.abs(after - before)))

@@ -70,7 +70,9 @@ class Psf:
         t0, s0 = (float(light.sum(axis=axis) @ fine) / self.light_within for axis in (0, 1))
         rings = (np.hypot(fine - t0, (fine - s0)[:, None]) / step).astype(int)
         energy = np.concatenate([[0.0], np.cumsum(np.bincount(rings.ravel(), light.ravel()))])
-        fractions: Array = np.interp(np.asarray(radius_px, dtype=float), step * np.arange(len(energy)), energy)
+        fractions: Array = np.interp(
+            np.asarray(radius_px, dtype=float), step * np.arange(len(energy)), energy
+        )
         return fractions
 
     def on_pixels(self) -> Array:
@@ -87,7 +89,18 @@ class Psf:
         return float(self.offset_px[1] - self.offset_px[0])
 
 
-def psf(sensor: Sensor, omega_deg: float, *, focus_mm: float | None = None, azimuth_deg: float = 0.0, object_distance_mm: float = np.inf, kind: Kind = "diffraction", wavelength_nm: float = 550.0, width_px: float | None = None, step_px: float | None = None) -> Psf:
+def psf(
+    sensor: Sensor,
+    omega_deg: float,
+    *,
+    focus_mm: float | None = None,
+    azimuth_deg: float = 0.0,
+    object_distance_mm: float = np.inf,
+    kind: Kind = "diffraction",
+    wavelength_nm: float = 550.0,
+    width_px: float | None = None,
+    step_px: float | None = None,
+) -> Psf:
     """Compute the point-spread function of one object.
 
     Parameters
@@ -133,10 +146,14 @@ def psf(sensor: Sensor, omega_deg: float, *, focus_mm: float | None = None, azim
     number("wavelength_nm", wavelength_nm, above=0.0, unit="nm")
     omega_deg, azimuth_deg = number("omega_deg", omega_deg), number("azimuth_deg", azimuth_deg)
     if distances("object_distance_mm", object_distance_mm).ndim:
-        raise InvalidParameter(f"object_distance_mm must be one number; got {format_value(object_distance_mm)}")
+        raise InvalidParameter(
+            f"object_distance_mm must be one number; got {format_value(object_distance_mm)}"
+        )
     bundles = trace_bundles(sensor, [omega_deg], FITTED, azimuth_deg, object_distance_mm)
     if not bundles.passes.any():
-        raise OutsideField(f"omega = {omega_deg:.10g} deg must not be obscured; {sensor.name!r} blocks all of its light")
+        raise OutsideField(
+            f"omega = {omega_deg:.10g} deg must not be obscured; {sensor.name!r} blocks all of its light"
+        )
     focus = sensor.lens.focus_distance_mm if focus_mm is None else number("focus_mm", focus_mm)
     (wave,) = wavefronts(bundles, focus)
     pitch, wavelength_mm = sensor.imager.pitch_mm, wavelength_nm * 1e-6
@@ -152,17 +169,25 @@ def psf(sensor: Sensor, omega_deg: float, *, focus_mm: float | None = None, azim
     return Psf(density, offset, float(omega_deg), float(azimuth_deg), focus, kind, ideal)
 
 
-def _offsets(wave: Wavefront, pitch: float, airy: float, width_px: float | None, step_px: float | None) -> Array:
+def _offsets(
+    wave: Wavefront, pitch: float, airy: float, width_px: float | None, step_px: float | None
+) -> Array:
     """Return sample positions (n,) px along each side, symmetric about 0."""
     _, landing, _ = wave.at(FITTED.points)
     width = 2.6 * float(np.abs(landing).max()) / pitch + 6 * airy
     if width_px is not None:
         width = number("width_px", width_px, above=0.0, unit="px")
-    step = airy / STEPS_PER_AIRY if step_px is None else number("step_px", step_px, above=0.0, unit="px")
+    step = (
+        airy / STEPS_PER_AIRY
+        if step_px is None
+        else number("step_px", step_px, above=0.0, unit="px")
+    )
     steps = width / step if width < MAX_SAMPLES * step else np.inf
     half = int(np.ceil(min(steps, MAX_SAMPLES) / 2))
     if 2 * half + 1 > MAX_SAMPLES:
-        raise InvalidParameter(f"step_px must be at least {width / (MAX_SAMPLES - 1):.2g}: a PSF has at most {MAX_SAMPLES} samples a side; got {step:g} px for a width of {width:g} px")
+        raise InvalidParameter(
+            f"step_px must be at least {width / (MAX_SAMPLES - 1):.2g}: a PSF has at most {MAX_SAMPLES} samples a side; got {step:g} px for a width of {width:g} px"
+        )
     return step * np.arange(-half, half + 1, dtype=np.float64)
 
 
@@ -171,7 +196,9 @@ def _geometric_density(wave: Wavefront, offset: Array, pitch: float) -> Array:
     _, landing, light = wave.at(fibonacci(GEOMETRIC_RAYS).points)
     step = offset[1] - offset[0]
     edges = np.concatenate([offset - step / 2, offset[-1:] + step / 2])
-    counts, _, _ = np.histogram2d(landing[:, 1] / pitch, landing[:, 0] / pitch, (edges, edges), weights=light)
+    counts, _, _ = np.histogram2d(
+        landing[:, 1] / pitch, landing[:, 0] / pitch, (edges, edges), weights=light
+    )
     density: Array = counts / light.sum() / step**2
     return density
 
@@ -180,9 +207,13 @@ def _diffraction_density(wave: Wavefront, offset_mm: Array, wavelength_mm: float
     """Return the density (n, n) per mm^2 of the diffracted wave, a Fourier integral by rows."""
     k = 2 * np.pi / wavelength_mm
     F_t, F_s = wave.f_numbers
-    fringes = offset_mm[-1] * (1 / F_t + 1 / F_s) / wavelength_mm / 2  # fringes across the aperture at the corner
+    fringes = (
+        offset_mm[-1] * (1 / F_t + 1 / F_s) / wavelength_mm / 2
+    )  # fringes across the aperture at the corner
     nodes = int(min(wave.nodes(wavelength_mm) + 2 * fringes, 1200))
-    psi = np.pi * np.arange(1, nodes + 1) / (nodes + 1)  # Gauss-Chebyshev of the second kind: rows of the disk
+    psi = (
+        np.pi * np.arange(1, nodes + 1) / (nodes + 1)
+    )  # Gauss-Chebyshev of the second kind: rows of the disk
     x, weight = np.polynomial.legendre.leggauss(nodes)
     y = np.cos(psi)
     t, s = np.sin(psi)[:, None] * x, np.broadcast_to(y[:, None], (nodes, nodes))
@@ -262,17 +293,44 @@ class Mtf(TabularResult):
 
     def first(self, count: int) -> Mtf:
         """Return the MTF at the first ``count`` frequencies."""
-        return replace(self, cycles_per_px=self.cycles_per_px[:count], tangential=self.tangential[:, :count], sagittal=self.sagittal[:, :count])
+        return replace(
+            self,
+            cycles_per_px=self.cycles_per_px[:count],
+            tangential=self.tangential[:, :count],
+            sagittal=self.sagittal[:, :count],
+        )
 
     def records(self) -> list[dict[str, float]]:
         """Return one record per field angle and frequency, in all three units of frequency."""
-        columns = {"omega_deg": self.omega_deg[:, None], "azimuth_deg": self.azimuth_deg[:, None], "cycles_per_px": self.cycles_per_px, "lp_per_mm": self.line_pairs_per_mm, "cycles_per_deg_t": self.cycles_per_deg_t, "mtf_t": self.tangential, "cycles_per_deg_s": self.cycles_per_deg_s, "mtf_s": self.sagittal}
-        rows = zip(*(np.broadcast_to(c, self.tangential.shape).ravel().tolist() for c in columns.values()), strict=True)
+        columns = {
+            "omega_deg": self.omega_deg[:, None],
+            "azimuth_deg": self.azimuth_deg[:, None],
+            "cycles_per_px": self.cycles_per_px,
+            "lp_per_mm": self.line_pairs_per_mm,
+            "cycles_per_deg_t": self.cycles_per_deg_t,
+            "mtf_t": self.tangential,
+            "cycles_per_deg_s": self.cycles_per_deg_s,
+            "mtf_s": self.sagittal,
+        }
+        rows = zip(
+            *(np.broadcast_to(c, self.tangential.shape).ravel().tolist() for c in columns.values()),
+            strict=True,
+        )
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def mtf(
-    sensor: Sensor, omega_deg: ArrayLike | None = None, *, cycles_per_px: ArrayLike | None = None, focus_mm: float | None = None, azimuth_deg: ArrayLike = 0.0, object_distance_mm: ArrayLike = np.inf, kind: Kind = "diffraction", wavelength_nm: ArrayLike = 550.0, weights: ArrayLike | None = None, pixel: bool = True
+    sensor: Sensor,
+    omega_deg: ArrayLike | None = None,
+    *,
+    cycles_per_px: ArrayLike | None = None,
+    focus_mm: float | None = None,
+    azimuth_deg: ArrayLike = 0.0,
+    object_distance_mm: ArrayLike = np.inf,
+    kind: Kind = "diffraction",
+    wavelength_nm: ArrayLike = 550.0,
+    weights: ArrayLike | None = None,
+    pixel: bool = True,
 ) -> Mtf:
     """Compute tangential and sagittal MTF over the field.
 
@@ -315,7 +373,11 @@ def mtf(
     """
     check_sensor(sensor)
     choice("kind", kind, KINDS)
-    frequencies = np.linspace(0, 1, FREQUENCIES) if cycles_per_px is None else row("cycles_per_px", cycles_per_px)
+    frequencies = (
+        np.linspace(0, 1, FREQUENCIES)
+        if cycles_per_px is None
+        else row("cycles_per_px", cycles_per_px)
+    )
     nu = finite("cycles_per_px", frequencies, 0.0, MAX_FREQUENCY)
     waves, wave_weights = _spectrum(wavelength_nm, weights)
     angles = field_angles(sensor, 15.0) if omega_deg is None else omega_deg
@@ -330,14 +392,30 @@ def mtf(
             if kind == "geometric":
                 curves[axis, i] = np.abs(geometric_otf(wave, per_mm, axis))
             else:
-                curves[axis, i] = np.abs(wave_weights @ [diffraction_otf(wave, per_mm, axis, nm * 1e-6) for nm in waves])
+                curves[axis, i] = np.abs(
+                    wave_weights @ [diffraction_otf(wave, per_mm, axis, nm * 1e-6) for nm in waves]
+                )
     if pixel:
         curves *= _pixel_mtf(bundles, nu)
     px_t, px_s = bundles.px_per_deg()
-    return Mtf(bundles.omega_deg, bundles.azimuth_deg, focus, nu, curves[0], curves[1], sensor.imager.pixel_pitch_um, px_t, px_s, kind, pixel)
+    return Mtf(
+        bundles.omega_deg,
+        bundles.azimuth_deg,
+        focus,
+        nu,
+        curves[0],
+        curves[1],
+        sensor.imager.pixel_pitch_um,
+        px_t,
+        px_s,
+        kind,
+        pixel,
+    )
 
 
-def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
+def diffraction_otf(
+    wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: float
+) -> NDArray[np.complex128]:
     """Return the optical transfer function (f,) at frequencies (f,), cycles per mm: the
     autocorrelation of the aperture.
 
@@ -367,7 +445,9 @@ def diffraction_otf(wave: Wavefront, per_mm: Array, axis: int, wavelength_mm: fl
     return otf
 
 
-def _grid_otf(wave: Wavefront, shift: Array, axis: int, wavelength_mm: float) -> NDArray[np.complex128]:
+def _grid_otf(
+    wave: Wavefront, shift: Array, axis: int, wavelength_mm: float
+) -> NDArray[np.complex128]:
     """Return the optical transfer function (f,) at shifts (f,), in radii, of a vignetted aperture.
 
     The autocorrelation of a grid is computed by FFT, with spline interpolation between integer
@@ -390,7 +470,9 @@ def _grid_otf(wave: Wavefront, shift: Array, axis: int, wavelength_mm: float) ->
     autocorrelation[0] = (density * open_fraction).sum()
     spline = CubicSpline(np.arange(cells + 1) * 2 / cells, autocorrelation / autocorrelation[0])
     inside_both = np.minimum(shift, 2.0)
-    otf: NDArray[np.complex128] = np.where(shift < 2, spline(inside_both) * np.exp(1j * tilt * inside_both), 0.0)
+    otf: NDArray[np.complex128] = np.where(
+        shift < 2, spline(inside_both) * np.exp(1j * tilt * inside_both), 0.0
+    )
     return otf
 
 
@@ -401,7 +483,9 @@ def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.compl
     pupil = gaussian(int(np.clip(12 + 2 * cycles, 16, 200)))
     _, landing, light = wave.at(pupil.points)
     weights = light * pupil.weights
-    otf: NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(per_mm, landing[:, axis])) @ weights / weights.sum()
+    otf: NDArray[np.complex128] = (
+        np.exp(-2j * np.pi * np.outer(per_mm, landing[:, axis])) @ weights / weights.sum()
+    )
     return otf
 
 
@@ -432,7 +516,9 @@ def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Arra
     waves = row("wavelength_nm", wavelength_nm)
     spectral_weights = np.ones(len(waves)) if weights is None else row("weights", weights)
     if len(spectral_weights) != len(waves):
-        raise InvalidParameter(f"weights must have one value for each of the {len(waves)} wavelengths; got {len(spectral_weights)}")
+        raise InvalidParameter(
+            f"weights must have one value for each of the {len(waves)} wavelengths; got {len(spectral_weights)}"
+        )
     valid = (waves >= 100) & (waves <= 20000)
     if not valid.all():
         raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {waves[~valid][0]:g}")

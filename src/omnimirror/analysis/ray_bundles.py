@@ -43,7 +43,9 @@ def hexapolar(rings: int) -> Pupil:
     azimuths = np.repeat(np.arange(rings + 1), [1, *(6 * np.arange(1, rings + 1))])
     index = np.concatenate([[0.0], *(np.arange(6 * j) / (6 * j) for j in range(1, rings + 1))])
     radius, phi = azimuths / rings, 2 * np.pi * index
-    borders = np.clip((np.arange(rings + 2) - 0.5) / rings, 0, 1)  # halfway to the neighbouring rings
+    borders = np.clip(
+        (np.arange(rings + 2) - 0.5) / rings, 0, 1
+    )  # halfway to the neighbouring rings
     area = np.diff(borders**2) / np.maximum(6 * np.arange(rings + 1), 1)
     return Pupil(np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1), area[azimuths])
 
@@ -55,7 +57,9 @@ def fibonacci(count: int) -> Pupil:
     (100, 2)
     """
     if not 1 <= count <= 10_000_000:
-        raise InvalidParameter(f"the number of points of a pupil must be 1 to 10000000; got {count}")
+        raise InvalidParameter(
+            f"the number of points of a pupil must be 1 to 10000000; got {count}"
+        )
     i = np.arange(count) + 0.5
     radius, phi = np.sqrt(i / count), i * np.pi * (3 - 5**0.5)
     points = np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1)
@@ -73,7 +77,9 @@ def gaussian(rings: int) -> Pupil:
     u, weight = np.polynomial.legendre.leggauss(rings)
     radius, spokes = np.sqrt((u + 1) / 2), 4 * rings
     phi = 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
-    points = np.stack([np.outer(radius, np.cos(phi)), np.outer(radius, np.sin(phi))], axis=-1).reshape(-1, 2)
+    points = np.stack(
+        [np.outer(radius, np.cos(phi)), np.outer(radius, np.sin(phi))], axis=-1
+    ).reshape(-1, 2)
     return Pupil(points, np.repeat(weight / 2 / spokes, spokes))
 
 
@@ -126,9 +132,13 @@ def _positive_share(values: Array) -> Array:
     """
     finite = np.isfinite(values)
     largest = np.max(np.abs(values), axis=1, where=finite, initial=0.0, keepdims=True)
-    low, middle, high = np.sort(np.where(finite, values, np.where(values < 0, -largest, largest)), axis=1).T
+    low, middle, high = np.sort(
+        np.where(finite, values, np.where(values < 0, -largest, largest)), axis=1
+    ).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        one_in = high**2 / ((high - middle) * (high - low))  # the corner of the positive value is cut off
+        one_in = high**2 / (
+            (high - middle) * (high - low)
+        )  # the corner of the positive value is cut off
         one_out = 1 - low**2 / ((middle - low) * (high - low))
     return np.select([low >= 0, high <= 0, middle <= 0], [1.0, 0.0, one_in], one_out)
 
@@ -189,16 +199,26 @@ class Bundles:
     def clearances(self) -> dict[str, Array]:
         """Return the clearances (k, n), mm, of the rays at each edge, by edge name."""
         shape = self.path.shape
-        flat = (a.reshape(-1, 3) for a in (self.facing_points, self.points, self.to_pupils, self.to_targets))
-        return {name: edge.reshape(shape) for name, edge in self.sensor.optical_train.clearances(*flat).items()}
+        flat = (
+            a.reshape(-1, 3)
+            for a in (self.facing_points, self.points, self.to_pupils, self.to_targets)
+        )
+        return {
+            name: edge.reshape(shape)
+            for name, edge in self.sensor.optical_train.clearances(*flat).items()
+        }
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Return ray positions (k, n, 2) on the imager, mm from the axis, for a focused sensor."""
-        return sensor.lens.image_of(self.facing_points - sensor.optical_train.lens_offset, self.to_pupils)
+        return sensor.lens.image_of(
+            self.facing_points - sensor.optical_train.lens_offset, self.to_pupils
+        )
 
     def chief_mm(self, sensor: Sensor) -> Array:
         """Return the chief ray positions (k, 2) on the imager, mm from the optical axis."""
-        return sensor.lens.image_of(self.chief.facing_points - sensor.optical_train.lens_offset, self.chief.to_pupils)
+        return sensor.lens.image_of(
+            self.chief.facing_points - sensor.optical_train.lens_offset, self.chief.to_pupils
+        )
 
     def chief_path(self) -> Array:
         """Return the optical path lengths (k,) of the chief rays, defined like :attr:`path`."""
@@ -206,7 +226,9 @@ class Bundles:
         is_finite = np.isfinite(self.object_distance_mm)
         if is_finite.any():
             distances = np.where(is_finite, self.object_distance_mm, NEARLY_INFINITE_MM)
-            objects = self.sensor.optical_train.effective_mirror.objects_at(self.chief, distances)[is_finite]
+            objects = self.sensor.optical_train.effective_mirror.objects_at(self.chief, distances)[
+                is_finite
+            ]
             path[is_finite] = self.sensor.optical_train.chief_rays_to(RayEndpoints(objects)).path
         return path
 
@@ -217,7 +239,11 @@ class Bundles:
         azimuth = np.radians(self.azimuth_deg)
         on_axis = away < 1e-9 * self.sensor.imager.pitch_mm
         safe = np.where(on_axis, 1.0, away)
-        t = np.where(on_axis[:, None], np.stack([np.cos(azimuth), np.sin(azimuth)], -1), chief / safe[:, None])
+        t = np.where(
+            on_axis[:, None],
+            np.stack([np.cos(azimuth), np.sin(azimuth)], -1),
+            chief / safe[:, None],
+        )
         return np.stack([t, np.stack([-t[:, 1], t[:, 0]], axis=-1)], axis=1)
 
     def px_per_deg(self) -> tuple[Array, Array]:
@@ -228,7 +254,12 @@ class Bundles:
         steps = (outwards, np.cross(towards, outwards))
         scales = []
         for step in steps:
-            neighbours = [self.sensor.optical_train.chief_rays_to(RayEndpoints.of(towards + s * DIFFERENCE_STEP * step, True)) for s in (1, -1)]
+            neighbours = [
+                self.sensor.optical_train.chief_rays_to(
+                    RayEndpoints.of(towards + s * DIFFERENCE_STEP * step, True)
+                )
+                for s in (1, -1)
+            ]
             lens, offset = self.sensor.lens, self.sensor.optical_train.lens_offset
             a, b = (lens.image_of(e.facing_points - offset, e.to_pupils) for e in neighbours)
             angle = np.degrees(2 * np.arctan(DIFFERENCE_STEP))
@@ -236,7 +267,13 @@ class Bundles:
         return scales[0], scales[1]
 
 
-def trace_bundles(sensor: Sensor, omega_deg: ArrayLike, pupil: Pupil, azimuth_deg: ArrayLike = 0.0, object_distance_mm: ArrayLike = np.inf) -> Bundles:
+def trace_bundles(
+    sensor: Sensor,
+    omega_deg: ArrayLike,
+    pupil: Pupil,
+    azimuth_deg: ArrayLike = 0.0,
+    object_distance_mm: ArrayLike = np.inf,
+) -> Bundles:
     """Trace bundles of objects at field angles (k,) and azimuths, through the points of a pupil.
 
     Raises
@@ -257,27 +294,52 @@ def trace_bundles(sensor: Sensor, omega_deg: ArrayLike, pupil: Pupil, azimuth_de
     """
     check_sensor(sensor)
     sensor.check("ray tracing through the whole aperture (spots, PSF, MTF)", "perpendicular imager")
-    angles, azimuths = (finite("omega_deg", row("omega_deg", omega_deg)), finite("azimuth_deg", row("azimuth_deg", azimuth_deg)))
+    angles, azimuths = (
+        finite("omega_deg", row("omega_deg", omega_deg)),
+        finite("azimuth_deg", row("azimuth_deg", azimuth_deg)),
+    )
     p = row("object_distance_mm", distances("object_distance_mm", object_distance_mm))
     if len({len(a) for a in (angles, azimuths, p)} - {1}) > 1:
-        raise InvalidParameter(f"omega_deg, azimuth_deg and object_distance_mm must have one value, or equally many; got {len(angles)}, {len(azimuths)} and {len(p)}")
+        raise InvalidParameter(
+            f"omega_deg, azimuth_deg and object_distance_mm must have one value, or equally many; got {len(angles)}, {len(azimuths)} and {len(p)}"
+        )
     omega, azimuth, p = np.broadcast_arrays(angles, azimuths, p)
     towards = camera_direction(np.radians(omega), np.radians(azimuth))
     chief = sensor.optical_train.chief_rays_to(RayEndpoints(towards, True))
     if not chief.valid.all():
-        raise OutsideField(f"{_named(omega, azimuth, chief.valid)} must be in the field of {sensor.name!r}")
+        raise OutsideField(
+            f"{_named(omega, azimuth, chief.valid)} must be in the field of {sensor.name!r}"
+        )
     k, n = len(omega), len(pupil.points)
     reflections, density = _aperture(sensor, pupil, chief, towards, p)
     is_complete: Mask = np.logical_and.reduce(reflections.reflects.reshape(k, n), axis=1)
     if not is_complete.all():
-        raise OutsideField(f"{_named(omega, azimuth, is_complete)} must be visible through the whole aperture; the aperture is too wide for the mirror")
+        raise OutsideField(
+            f"{_named(omega, azimuth, is_complete)} must be visible through the whole aperture; the aperture is too wide for the mirror"
+        )
     mean = density @ pupil.weights
-    bundles = Bundles(sensor, omega, azimuth, p, pupil, reflections.points.reshape(k, n, 3), reflections.to_pupils.reshape(k, n, 3), reflections.path.reshape(k, n), density / mean[:, None], reflections.valid.reshape(k, n), chief, reflections.facing_points.reshape(k, n, 3), reflections.to_targets.reshape(k, n, 3))
+    bundles = Bundles(
+        sensor,
+        omega,
+        azimuth,
+        p,
+        pupil,
+        reflections.points.reshape(k, n, 3),
+        reflections.to_pupils.reshape(k, n, 3),
+        reflections.path.reshape(k, n),
+        density / mean[:, None],
+        reflections.valid.reshape(k, n),
+        chief,
+        reflections.facing_points.reshape(k, n, 3),
+        reflections.to_targets.reshape(k, n, 3),
+    )
     clear = [edge >= 0 for edge in bundles.clearances().values()]
     return replace(bundles, passes=np.logical_and.reduce([bundles.passes, *clear]))
 
 
-def _aperture(sensor: Sensor, pupil: Pupil, chief: ReflectionPoints, towards: Array, p: Array) -> tuple[ReflectionPoints, Array]:
+def _aperture(
+    sensor: Sensor, pupil: Pupil, chief: ReflectionPoints, towards: Array, p: Array
+) -> tuple[ReflectionPoints, Array]:
     """Return mirror points (k n,) and light (k, n) through the aperture."""
     k, n = len(p), len(pupil.points)
     train, mirror = sensor.optical_train, sensor.optical_train.effective_mirror
@@ -285,14 +347,20 @@ def _aperture(sensor: Sensor, pupil: Pupil, chief: ReflectionPoints, towards: Ar
     density = np.empty((k, n))
     objects = mirror.objects_at(chief, np.where(np.isfinite(p), p, NEARLY_INFINITE_MM))
     for i in range(k):
-        target = RayEndpoints(towards[i : i + 1], True) if np.isinf(p[i]) else RayEndpoints(objects[i : i + 1])
+        target = (
+            RayEndpoints(towards[i : i + 1], True)
+            if np.isinf(p[i])
+            else RayEndpoints(objects[i : i + 1])
+        )
         slopes = chief.chief_slopes[i : i + 1]
         ends = train.entrance_pupil_points(pupil.points, slopes)
         reflections = mirror.specular(ends, target, chief.points[i])
         motion = sensor.lens.entrance_pupil_motion(pupil.points, slopes)
         density[i] = mirror.beam(ends, target, reflections, motion)
         parts.append(reflections)
-    return ReflectionPoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), density
+    return ReflectionPoints(
+        *(np.concatenate(columns) for columns in zip(*parts, strict=True))
+    ), density
 
 
 def _named(omega: Array, azimuth: Array, fine: Mask) -> str:

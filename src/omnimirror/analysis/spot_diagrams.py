@@ -57,7 +57,12 @@ class Spots(TabularResult):
         """Return the unvignetted fraction (k,) of the aperture, with an error below 0.003 for 12 rings."""
         bundles = self.bundles
         edges = [*bundles.clearances().values()]
-        return np.array([open_share(bundles.pupil, [edge[i] for edge in edges], passes) for i, passes in enumerate(bundles.passes)])
+        return np.array(
+            [
+                open_share(bundles.pupil, [edge[i] for edge in edges], passes)
+                for i, passes in enumerate(bundles.passes)
+            ]
+        )
 
     def centroid_px(self) -> tuple[Array, Array]:
         """Return tangential and sagittal centroids (k, m) relative to the chief ray."""
@@ -75,7 +80,11 @@ class Spots(TabularResult):
     def extent_px(self) -> tuple[Array, Array]:
         """Return the full tangential and sagittal widths (k, m) of unvignetted rays, 0 if none."""
         passes = self.bundles.passes[:, None, :]
-        t, s = (np.max(a, axis=-1, where=passes, initial=-np.inf) - np.min(a, axis=-1, where=passes, initial=np.inf) for a in (self.t_px, self.s_px))
+        t, s = (
+            np.max(a, axis=-1, where=passes, initial=-np.inf)
+            - np.min(a, axis=-1, where=passes, initial=np.inf)
+            for a in (self.t_px, self.s_px)
+        )
         return np.maximum(t, 0.0), np.maximum(s, 0.0)
 
     def encircled_energy(self, radius_px: ArrayLike) -> Array:
@@ -83,7 +92,10 @@ class Spots(TabularResult):
 
         :meth:`omnimirror.analysis.Psf.encircled_energy` includes diffraction.
         """
-        t, s = (a - c[..., None] for a, c in zip((self.t_px, self.s_px), self.centroid_px(), strict=True))
+        t, s = (
+            a - c[..., None]
+            for a, c in zip((self.t_px, self.s_px), self.centroid_px(), strict=True)
+        )
         within = np.hypot(t, s)[..., None] <= np.asarray(radius_px, dtype=float)
         energy: Array = np.einsum("kn,kmnr->kmr", self.weights, within)
         return energy
@@ -106,16 +118,28 @@ class Spots(TabularResult):
             "extent_t_px": et,
             "extent_s_px": es,
         }
-        rows = zip(*(np.broadcast_to(c, shape).ravel().tolist() for c in columns.values()), strict=True)
+        rows = zip(
+            *(np.broadcast_to(c, shape).ravel().tolist() for c in columns.values()), strict=True
+        )
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def _mean(self, values: Array) -> Array:
         # rays that miss a lens surface have no position and no weight
-        mean: Array = np.einsum("kn,kmn->km", self.weights, np.where(self.bundles.passes[:, None], values, 0.0))
+        mean: Array = np.einsum(
+            "kn,kmn->km", self.weights, np.where(self.bundles.passes[:, None], values, 0.0)
+        )
         return mean
 
 
-def spots(sensor: Sensor, omega_deg: ArrayLike | None = None, *, focus_mm: ArrayLike | None = None, azimuth_deg: ArrayLike = 0.0, object_distance_mm: ArrayLike = np.inf, pupil: Pupil | None = None) -> Spots:
+def spots(
+    sensor: Sensor,
+    omega_deg: ArrayLike | None = None,
+    *,
+    focus_mm: ArrayLike | None = None,
+    azimuth_deg: ArrayLike = 0.0,
+    object_distance_mm: ArrayLike = np.inf,
+    pupil: Pupil | None = None,
+) -> Spots:
     """Compute spot diagrams of point objects, from real rays through the whole aperture.
 
     Parameters
@@ -153,14 +177,22 @@ def spots(sensor: Sensor, omega_deg: ArrayLike | None = None, *, focus_mm: Array
     array([0.37, 0.25, 1.51])
     """
     check_sensor(sensor)
-    bundles = trace_bundles(sensor, field_angles(sensor, 15.0) if omega_deg is None else omega_deg, hexapolar(RINGS) if pupil is None else pupil, azimuth_deg, object_distance_mm)
+    bundles = trace_bundles(
+        sensor,
+        field_angles(sensor, 15.0) if omega_deg is None else omega_deg,
+        hexapolar(RINGS) if pupil is None else pupil,
+        azimuth_deg,
+        object_distance_mm,
+    )
     focus = row("focus_mm", sensor.lens.focus_distance_mm if focus_mm is None else focus_mm)
     axes, pitch = bundles.axes(), sensor.imager.pitch_mm
     across, heights = [], []
     for L0 in focus:
         focused = bundles.focused_at(float(L0))
         chief = bundles.chief_mm(focused)
-        across.append(np.einsum("knc,kac->akn", bundles.image_mm(focused) - chief[:, None], axes) / pitch)
+        across.append(
+            np.einsum("knc,kac->akn", bundles.image_mm(focused) - chief[:, None], axes) / pitch
+        )
         heights.append(np.hypot(*chief.T) / pitch)
     t, s = np.stack(across, axis=2)
     weights = bundles.density * bundles.pupil.weights * bundles.passes
@@ -172,7 +204,9 @@ def spots(sensor: Sensor, omega_deg: ArrayLike | None = None, *, focus_mm: Array
 # -- Validation of the blur formula by real rays ---------------------------------------------------
 
 FAN_RAYS = 81  # rays across a fan
-RIM_CLEARANCE_DEG = 0.5  # deg; distance of the field angles from the rim, which would vignette bundles
+RIM_CLEARANCE_DEG = (
+    0.5  # deg; distance of the field angles from the rim, which would vignette bundles
+)
 
 
 @dataclass(frozen=True)
@@ -199,7 +233,13 @@ class BlurCheck:
         return maximum
 
 
-def check_blur(sensor: Sensor, f_numbers: ArrayLike, *, omega_deg: ArrayLike | None = None, object_distance_mm: float = np.inf) -> BlurCheck:
+def check_blur(
+    sensor: Sensor,
+    f_numbers: ArrayLike,
+    *,
+    omega_deg: ArrayLike | None = None,
+    object_distance_mm: float = np.inf,
+) -> BlurCheck:
     """Compare the blur of Eq. 28 with real rays, for an aligned sensor and several F-numbers.
 
     The formula includes the two curvatures of the mirror at the chief ray only. The variation of
@@ -238,11 +278,18 @@ def check_blur(sensor: Sensor, f_numbers: ArrayLike, *, omega_deg: ArrayLike | N
     name = "f_number" if isinstance(sensor.lens, GaussianLens) else "working_f_number"
     low, high = sensor.field_deg
     angles = field_angles(sensor) if omega_deg is None else row("omega_deg", omega_deg)
-    angles = angles[(angles >= low) & (angles <= high - RIM_CLEARANCE_DEG)] if omega_deg is None else angles
+    angles = (
+        angles[(angles >= low) & (angles <= high - RIM_CLEARANCE_DEG)]
+        if omega_deg is None
+        else angles
+    )
     if not angles.size:
         raise InvalidParameter("omega_deg must contain at least one field angle")
     u = np.linspace(-1, 1, FAN_RAYS)
-    fans = Pupil(np.concatenate([np.outer(u, [1, 0]), np.outer(u, [0, 1])]), np.full(2 * FAN_RAYS, 0.5 / FAN_RAYS))
+    fans = Pupil(
+        np.concatenate([np.outer(u, [1, 0]), np.outer(u, [0, 1])]),
+        np.full(2 * FAN_RAYS, 0.5 / FAN_RAYS),
+    )
     rows = []
     for F in numbers:
         changed = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]
@@ -253,4 +300,13 @@ def check_blur(sensor: Sensor, f_numbers: ArrayLike, *, omega_deg: ArrayLike | N
         edges = (np.abs(a[:, -1] - a[:, 0]) for a in (t, s))
         rows.append([blur_t, blur_s, *edges, np.ptp(t, axis=1), np.ptp(s, axis=1)])
     blur_t, blur_s, edge_t, edge_s, extent_t, extent_s = np.array(rows).transpose(1, 0, 2)
-    return BlurCheck(numbers, angles, blur_t, blur_s, edge_t - blur_t, edge_s - blur_s, extent_t - blur_t, extent_s - blur_s)
+    return BlurCheck(
+        numbers,
+        angles,
+        blur_t,
+        blur_s,
+        edge_t - blur_t,
+        edge_s - blur_s,
+        extent_t - blur_t,
+        extent_s - blur_s,
+    )

@@ -30,7 +30,9 @@ MIN_BRACKET_REDUCTION = 1e-3  # minimum fraction of a bracket removed by each st
 BISECTION_PERIOD = 4  # period of bisection steps
 
 
-def minimise_scalar(function: Callable[[float], float], low: float, high: float, scan: int = 129) -> float:
+def minimise_scalar(
+    function: Callable[[float], float], low: float, high: float, scan: int = 129
+) -> float:
     """Minimise a scalar function on [low, high] by a grid scan and golden-section search.
 
     >>> round(minimise_scalar(lambda x: abs(x - 0.3) + 0.1 * np.cos(9 * x), -1.0, 1.0), 6)
@@ -59,7 +61,9 @@ def minimise_scalar(function: Callable[[float], float], low: float, high: float,
     return (a + b) / 2
 
 
-def minimise_with_derivative(worst: WorstFunction, low: float, high: float, scan: int = 65, close: float = 1e-11) -> float:
+def minimise_with_derivative(
+    worst: WorstFunction, low: float, high: float, scan: int = 65, close: float = 1e-11
+) -> float:
     """Minimise a scalar function with known derivative on [low, high], to a relative tolerance
     ``close``.
 
@@ -85,7 +89,9 @@ def minimise_with_derivative(worst: WorstFunction, low: float, high: float, scan
         lower_bounds = (fa * gb - fb * ga - ga * gb * (xa - xb)) / (gb - ga)
     lowest = int(samples[1].argmin())
     valleys &= lower_bounds < samples[1, lowest]
-    brackets = [(tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)]
+    brackets = [
+        (tuple(map(float, a[:, i])), tuple(map(float, b[:, i]))) for i in np.flatnonzero(valleys)
+    ]
     minima = [_minimise_bracket(*ends, close * (high - low), worst) for ends in brackets]
     if len(brackets) == 1 and x[lowest] in (brackets[0][0][0], brackets[0][1][0]):
         return minima[0]  # below both ends
@@ -116,7 +122,9 @@ def _minimise_bracket(a: BracketEnd, b: BracketEnd, close: float, worst: WorstFu
     return (a[0] + b[0]) / 2
 
 
-def minimise_brackets(a: Array, b: Array, close: float | Array, worst: Callable[[Array, RowIndices], WorstValues]) -> Array:
+def minimise_brackets(
+    a: Array, b: Array, close: float | Array, worst: Callable[[Array, RowIndices], WorstValues]
+) -> Array:
     """Minimise functions that decrease at a and increase at b, to within ``close``.
 
     Both ends are (4, ...) arrays: position, and the value, derivative and index from ``worst``.
@@ -152,10 +160,14 @@ def _next_positions(a: Array, b: Array, width: Array) -> Array:
     # The tangents fa + ga s and fb + gb (s - w) intersect at s = (fb - fa - gb w) / (ga - gb). If one
     # function is the largest at both ends, the secant zero of its derivative is -ga w / (gb - ga).
     with np.errstate(divide="ignore", invalid="ignore"):
-        step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(ja == jb, gb - ga, ga - gb)
+        step = np.where(ja == jb, -ga * width, fb - fa - gb * width) / np.where(
+            ja == jb, gb - ga, ga - gb
+        )
     is_valid = np.isfinite(step) & (ga < 0) & (gb > 0)
     margin = MIN_BRACKET_REDUCTION * width
-    return np.asarray(x + np.where(is_valid, np.minimum(np.maximum(step, margin), width - margin), width / 2))
+    return np.asarray(
+        x + np.where(is_valid, np.minimum(np.maximum(step, margin), width - margin), width / 2)
+    )
 
 
 # -- Minimax optimisation: sequential linear programming with a trust region ------------------------
@@ -289,7 +301,15 @@ def solve_minimax(
     return MinimaxResult(y, here.value, here.violation, tuple(history))
 
 
-def minimise_mean(values: Callable[[Array], ObjectiveValues], rows: Callable[[Array], LinearisedValues], start: Array, bounds: tuple[Array, Array], tolerance: float = 1e-9, max_steps: int = 200, on_step: Callable[[float], None] | None = None) -> MinimaxResult:
+def minimise_mean(
+    values: Callable[[Array], ObjectiveValues],
+    rows: Callable[[Array], LinearisedValues],
+    start: Array,
+    bounds: tuple[Array, Array],
+    tolerance: float = 1e-9,
+    max_steps: int = 200,
+    on_step: Callable[[float], None] | None = None,
+) -> MinimaxResult:
     """Minimise a single smooth function under constraints: sequential quadratic programming
     (SciPy's SLSQP).
 
@@ -316,8 +336,15 @@ def minimise_mean(values: Callable[[Array], ObjectiveValues], rows: Callable[[Ar
         function,
         best,
         jac=lambda y: rows(y).objective_jacobian[0],
-        constraints={"type": "ineq", "fun": lambda y: -np.nan_to_num(values(y).constraints, nan=1e3), "jac": lambda y: -np.nan_to_num(rows(y).constraint_jacobian)},
-        bounds=[(None if np.isinf(a) else a, None if np.isinf(b) else b) for a, b in zip(*bounds, strict=True)],
+        constraints={
+            "type": "ineq",
+            "fun": lambda y: -np.nan_to_num(values(y).constraints, nan=1e3),
+            "jac": lambda y: -np.nan_to_num(rows(y).constraint_jacobian),
+        },
+        bounds=[
+            (None if np.isinf(a) else a, None if np.isinf(b) else b)
+            for a, b in zip(*bounds, strict=True)
+        ],
         method="SLSQP",
         options={"maxiter": max_steps, "ftol": tolerance},
     )
@@ -341,7 +368,9 @@ def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
     return _Price(value, violation, value + VIOLATION_PENALTY * violation)
 
 
-def _second_order_model(linear: LinearisedValues, ahead: ObjectiveValues, step: Array) -> LinearisedValues:
+def _second_order_model(
+    linear: LinearisedValues, ahead: ObjectiveValues, step: Array
+) -> LinearisedValues:
     """Return the linear model shifted to the exact values at the end of a step (second-order
     correction).
     """
@@ -349,7 +378,9 @@ def _second_order_model(linear: LinearisedValues, ahead: ObjectiveValues, step: 
     return LinearisedValues(ahead.objective - J @ step, ahead.constraints - K @ step, J, K)
 
 
-def _trust_region_step(linear: LinearisedValues, y: Array, bounds: tuple[Array, Array], trust: float, is_spread: bool) -> tuple[Array, float]:
+def _trust_region_step(
+    linear: LinearisedValues, y: Array, bounds: tuple[Array, Array], trust: float, is_spread: bool
+) -> tuple[Array, float]:
     """Return the step (dim,) within the trust region, and its predicted price."""
     dim = y.size
     g, J = _reachable_rows(linear.objective, linear.objective_jacobian, trust, is_spread)
@@ -366,9 +397,17 @@ def _trust_region_step(linear: LinearisedValues, y: Array, bounds: tuple[Array, 
     A.append(np.hstack([K, np.zeros((len(c), 2)), -np.ones((len(c), 1))]))
     b.append(-c)
     low, high = np.maximum(bounds[0] - y, -trust), np.minimum(bounds[1] - y, trust)
-    selected = np.concatenate([_initial_rows(part[:, :dim], limit, low, high) for part, limit in zip(A, b, strict=True)])
+    selected = np.concatenate(
+        [_initial_rows(part[:, :dim], limit, low, high) for part, limit in zip(A, b, strict=True)]
+    )
     ranges = [*zip(low, high, strict=True), (None, None), (None, None), (0, None)]
-    x = _solve_linear_programme(np.r_[np.zeros(dim), 1.0, 0.0, VIOLATION_PENALTY], np.vstack(A), np.concatenate(b), ranges, selected)
+    x = _solve_linear_programme(
+        np.r_[np.zeros(dim), 1.0, 0.0, VIOLATION_PENALTY],
+        np.vstack(A),
+        np.concatenate(b),
+        ranges,
+        selected,
+    )
     if x is None:
         return np.zeros(dim), np.inf
     return np.clip(x[:dim], low, high), float(x[dim] + VIOLATION_PENALTY * x[-1])
@@ -383,7 +422,13 @@ def _initial_rows(A: Array, b: Array, low: Array, high: Array) -> NDArray[np.boo
     return selected
 
 
-def _solve_linear_programme(cost: Array, A: Array, b: Array, ranges: Sequence[tuple[float | None, float | None]], selected: NDArray[np.bool_]) -> Array | None:
+def _solve_linear_programme(
+    cost: Array,
+    A: Array,
+    b: Array,
+    ranges: Sequence[tuple[float | None, float | None]],
+    selected: NDArray[np.bool_],
+) -> Array | None:
     """Solve a linear programme: minimum cost with A x <= b within ranges; None if infeasible.
 
     Among thousands of rows that sample a few smooth curves, about as many are active at the optimum
@@ -398,7 +443,12 @@ def _solve_linear_programme(cost: Array, A: Array, b: Array, ranges: Sequence[tu
         if solution.x is None:
             return None
         excess = np.pad(A @ solution.x - b, 1, constant_values=-np.inf)
-        peaks = (excess[1:-1] >= excess[:-2]) & (excess[1:-1] >= excess[2:]) & (excess[1:-1] > FEASIBILITY_TOLERANCE) & ~used
+        peaks = (
+            (excess[1:-1] >= excess[:-2])
+            & (excess[1:-1] >= excess[2:])
+            & (excess[1:-1] > FEASIBILITY_TOLERANCE)
+            & ~used
+        )
         if not peaks.any():
             optimum: Array = solution.x
             return optimum

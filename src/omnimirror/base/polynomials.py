@@ -56,7 +56,9 @@ def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
         if k not in around:
             around[k] = z**k
         if (n, k) not in radial:
-            radial[n, k] = sqrt((n + 1) * (2 if k else 1)) * eval_jacobi((n - k) // 2, 0, k, argument)
+            radial[n, k] = sqrt((n + 1) * (2 if k else 1)) * eval_jacobi(
+                (n - k) // 2, 0, k, argument
+            )
         values[:, column] = radial[n, k] * (around[k].imag if m < 0 else around[k].real)
     return values
 
@@ -99,7 +101,9 @@ def _add_harmonic(row: Array, factor: float, rings: int, m: int) -> None:
             continue
         sign = (-1) ** (k // 2)
         for r in range(rings + 1):  # (x^2 + y^2)^rings
-            row[monomial_index(abs(m) - k + 2 * (rings - r), k + 2 * r)] += factor * sign * comb(abs(m), k) * comb(rings, r)
+            row[monomial_index(abs(m) - k + 2 * (rings - r), k + 2 * r)] += (
+                factor * sign * comb(abs(m), k) * comb(rings, r)
+            )
 
 
 # -- Forbes polynomials of rotationally symmetric aspheres (Opt. Express 15, 5218; 18, 13851) ------

@@ -17,7 +17,14 @@ from ..optics.mirrors import ConicAsphere, SlopeSpline
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import trace_chief_rays
 from .projection_derivatives import profile_derivatives
-from .sensor_parameters import ParameterLocation, ParameterPrior, parameter_location, shape_names, value_of, with_values
+from .sensor_parameters import (
+    ParameterLocation,
+    ParameterPrior,
+    parameter_location,
+    shape_names,
+    value_of,
+    with_values,
+)
 
 Model = TypeVar("Model", bound=CameraModel)
 
@@ -58,14 +65,18 @@ def radial_projection(central: CameraModel, omega_max_deg: float) -> MeridionalP
     rings = np.where(visible[:, None], image.pixels, np.nan).reshape(RINGS, SPOKES, 2)
     is_complete = np.asarray(visible.reshape(RINGS, SPOKES).all(axis=1))
     if not is_complete[:2].all():
-        raise InvalidParameter("central must project all directions next to its axis; use another initial model")
+        raise InvalidParameter(
+            "central must project all directions next to its axis; use another initial model"
+        )
     u, v = rings[:2].mean(axis=(0, 1))
     fractions = visible.reshape(RINGS, SPOKES).mean(axis=1)
     retained = np.logical_and.accumulate(fractions >= MIN_VISIBLE_FRACTION)
     radius = np.nanmean(np.hypot(rings[retained, :, 0] - u, rings[retained, :, 1] - v), axis=1)
     increases = np.concatenate([[True], np.diff(radius) > 0])
     increasing = np.logical_and.accumulate(increases)
-    return MeridionalProjection((float(u), float(v)), omega[retained][increasing], radius[increasing])
+    return MeridionalProjection(
+        (float(u), float(v)), omega[retained][increasing], radius[increasing]
+    )
 
 
 def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, Array]:
@@ -74,10 +85,14 @@ def ring_directions(central: CameraModel, omega_max_deg: float) -> tuple[Array, 
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)
     forward = -1.0 if central.optics == "mirror" else 1.0
     o, p = (a.ravel() for a in np.meshgrid(omega, phi, indexing="ij"))
-    return np.stack([np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), forward * np.cos(o)], axis=-1), omega
+    return np.stack(
+        [np.sin(o) * np.cos(p), np.sin(o) * np.sin(p), forward * np.cos(o)], axis=-1
+    ), omega
 
 
-def unknown_sensor(central: CameraModel, projection: MeridionalProjection, rim_radius_mm: float, distance_mm: float) -> Sensor:
+def unknown_sensor(
+    central: CameraModel, projection: MeridionalProjection, rim_radius_mm: float, distance_mm: float
+) -> Sensor:
     """Return a sensor with an unknown mirror of given size and distance for a central model.
 
     The focal length follows from the radius of the field in the image.
@@ -88,10 +103,19 @@ def unknown_sensor(central: CameraModel, projection: MeridionalProjection, rim_r
     width, height = central.image_size
     mount = central.mount
     u = width - 1 - projection.centre_px[0] if mount.image_flipped else projection.centre_px[0]
-    return Sensor(ConicAsphere(rim_radius_mm, -1.0, rim_radius_mm, (0.0,) * 4, rim_radius_mm), Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance), Imager(width, height, pitch_um, (u, projection.centre_px[1])), mount, distance, name="calibrated")
+    return Sensor(
+        ConicAsphere(rim_radius_mm, -1.0, rim_radius_mm, (0.0,) * 4, rim_radius_mm),
+        Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance),
+        Imager(width, height, pitch_um, (u, projection.centre_px[1])),
+        mount,
+        distance,
+        name="calibrated",
+    )
 
 
-def estimate_mirror_size(central: CameraModel, omega_max_deg: float, omega: Array, viewpoint_mm: Array) -> tuple[float, float] | None:
+def estimate_mirror_size(
+    central: CameraModel, omega_max_deg: float, omega: Array, viewpoint_mm: Array
+) -> tuple[float, float] | None:
     """Estimate rim radius and distance (mm) of an unknown mirror from the motion of its viewpoint.
 
     For each distance in rim radii, one mirror shape reproduces the projection of a central model;
@@ -113,7 +137,9 @@ def estimate_mirror_size(central: CameraModel, omega_max_deg: float, omega: Arra
     measured = viewpoint_mm - viewpoint_mm.mean()
     guesses = []
     for distance in DISTANCES:
-        sensor = with_prescribed_projection(projection, unknown_sensor(central, projection, 1.0, distance), rim_is_known=False)
+        sensor = with_prescribed_projection(
+            projection, unknown_sensor(central, projection, 1.0, distance), rim_is_known=False
+        )
         x = np.linspace(0.02, 1.0, RINGS) * sensor.mirror.rim_radius_mm
         rays = sensor.meridian.trace(x)
         predicted = np.interp(omega, rays.omega, rays.z + rays.viewpoint_offset())
@@ -122,11 +148,15 @@ def estimate_mirror_size(central: CameraModel, omega_max_deg: float, omega: Arra
         size = float(predicted @ measured / max(predicted @ predicted, 1e-12))
         guesses.append((float(np.sum((measured - size * predicted) ** 2)), size, distance * size))
     residual, size, distance_mm = min(guesses)
-    is_known = SIZES_MM[0] < size < SIZES_MM[1] and residual < MAX_RESIDUAL_MOTION**2 * float(measured @ measured)
+    is_known = SIZES_MM[0] < size < SIZES_MM[1] and residual < MAX_RESIDUAL_MOTION**2 * float(
+        measured @ measured
+    )
     return (size, distance_mm) if is_known else None
 
 
-def with_prescribed_projection(projection: MeridionalProjection, sensor: Sensor, rim_is_known: bool) -> Sensor:
+def with_prescribed_projection(
+    projection: MeridionalProjection, sensor: Sensor, rim_is_known: bool
+) -> Sensor:
     """Return the sensor with the mirror shape that projects distant points as prescribed.
 
     An unknown rim is placed at the end of the prescribed projection.
@@ -144,7 +174,9 @@ def with_prescribed_projection(projection: MeridionalProjection, sensor: Sensor,
         mirror = replace(mirror, rim_radius_mm=float(x[-1]))  # type: ignore[type-var]
     if isinstance(mirror, SlopeSpline):
         at = np.linspace(0.0, mirror.rim_radius_mm, len(mirror.slopes))
-        return replace(sensor, mirror=SlopeSpline((0.0, *np.interp(at[1:], x, slope)), mirror.rim_radius_mm))
+        return replace(
+            sensor, mirror=SlopeSpline((0.0, *np.interp(at[1:], x, slope)), mirror.rim_radius_mm)
+        )
     locations = tuple(parameter_location(sensor, name) for name in shape_names(sensor))
     initial = replace(sensor, mirror=mirror)
     return replace(initial, mirror=_fitted_slopes(initial, locations, x, slope).mirror)
@@ -185,7 +217,9 @@ def _prescribed_slopes(projection: MeridionalProjection, sensor: Sensor) -> tupl
     return x, np.tan((omega - at) / 2)
 
 
-def _fitted_slopes(sensor: Sensor, locations: tuple[ParameterLocation, ...], x: Array, slope: Array) -> Sensor:
+def _fitted_slopes(
+    sensor: Sensor, locations: tuple[ParameterLocation, ...], x: Array, slope: Array
+) -> Sensor:
     """Return the sensor whose mirror has slopes (n,) at x (n,), by damped least squares."""
     values = np.array([value_of(sensor, location) for location in locations])
 
@@ -194,19 +228,29 @@ def _fitted_slopes(sensor: Sensor, locations: tuple[ParameterLocation, ...], x: 
             trial = with_values(sensor, locations, at)
         except OmnimirrorError:
             return None
-        return trial, np.arctan(trial.mirror.slope(np.minimum(x, sensor.mirror.rim_radius_mm))) - np.arctan(slope)
+        return trial, np.arctan(
+            trial.mirror.slope(np.minimum(x, sensor.mirror.rim_radius_mm))
+        ) - np.arctan(slope)
 
     state, damping = evaluate(values), 1e-3
     if state is None:
-        raise InvalidParameter(f"the initial mirror must allow a radius of {x[-1]:.4g} mm; got {sensor.mirror.KIND}; use another mirror")
+        raise InvalidParameter(
+            f"the initial mirror must allow a radius of {x[-1]:.4g} mm; got {sensor.mirror.KIND}; use another mirror"
+        )
     for _ in range(MAX_STEPS):
         current, error = state
-        derivatives = profile_derivatives(current.mirror, np.minimum(x, current.mirror.rim_radius_mm), locations)[1]
-        step = _damped_step(derivatives / (1 + current.mirror.slope(x) ** 2)[:, None], error, damping)
+        derivatives = profile_derivatives(
+            current.mirror, np.minimum(x, current.mirror.rim_radius_mm), locations
+        )[1]
+        step = _damped_step(
+            derivatives / (1 + current.mirror.slope(x) ** 2)[:, None], error, damping
+        )
         trial = evaluate(values - step)
         if trial is not None and (trial[1] ** 2).sum() <= (error**2).sum():
             values, damping = values - step, damping / 5
-            has_converged = (error**2).sum() - (trial[1] ** 2).sum() <= RELATIVE_TOLERANCE * (error**2).sum()
+            has_converged = (error**2).sum() - (trial[1] ** 2).sum() <= RELATIVE_TOLERANCE * (
+                error**2
+            ).sum()
             state = trial
             if has_converged:
                 break
@@ -215,7 +259,9 @@ def _fitted_slopes(sensor: Sensor, locations: tuple[ParameterLocation, ...], x: 
     return state[0]
 
 
-def fit_to_central_model(model: Model, central: CameraModel, priors: tuple[ParameterPrior, ...], omega_max_deg: float) -> Model:
+def fit_to_central_model(
+    model: Model, central: CameraModel, priors: tuple[ParameterPrior, ...], omega_max_deg: float
+) -> Model:
     """Fit the free parameters to the projection of distant points by a central model, with priors."""
     directions = ring_directions(central, omega_max_deg)[0]
     target = central.image(directions, distant=True)
@@ -232,11 +278,18 @@ def fit_to_central_model(model: Model, central: CameraModel, priors: tuple[Param
     def evaluate(candidate: Model) -> tuple[Array, Array]:
         image = candidate.image(directions, distant=True)
         residuals, derivatives = image.pixels - pixels, image.d_parameters
-        weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(residuals**2, axis=1)), 0.0)[:, None]  # robust
-        residuals, derivatives = (np.where(image.valid[:, None], residuals, 0.0), np.where(image.valid[:, None, None], derivatives, 0.0))
+        weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(residuals**2, axis=1)), 0.0)[
+            :, None
+        ]  # robust
+        residuals, derivatives = (
+            np.where(image.valid[:, None], residuals, 0.0),
+            np.where(image.valid[:, None, None], derivatives, 0.0),
+        )
         at = np.array([p.value for p in candidate.parameters])
         error = np.concatenate([(weight * residuals).ravel(), rows @ at - means.sum(axis=1)])
-        return error, np.concatenate([(weight[:, :, None] * derivatives).reshape(-1, len(names)), rows])
+        return error, np.concatenate(
+            [(weight[:, :, None] * derivatives).reshape(-1, len(names)), rows]
+        )
 
     (error, derivatives), damping = evaluate(model), 1e-3
     for _ in range(MAX_STEPS):

@@ -18,7 +18,17 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.typing import Array
 from ..cameras.camera import Camera
 from ..cameras.frames import Mount, rotate_vectors
-from ..cameras.models import CameraModel, DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, PointImages, RationalPinhole, ThinPrismFisheye, Unified
+from ..cameras.models import (
+    CameraModel,
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    PointImages,
+    RationalPinhole,
+    ThinPrismFisheye,
+    Unified,
+)
 
 # -- Sampled rays in the frame of camera files -----------------------------------------------------
 
@@ -73,7 +83,13 @@ class Sample:
     @property
     def signs(self) -> Array:
         """Signs (3,) that convert directions from the camera frame to the frame of files."""
-        return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.is_backward_facing else 1.0])
+        return np.array(
+            [
+                -1.0 if self.mount.image_flipped else 1.0,
+                1.0,
+                -1.0 if self.is_backward_facing else 1.0,
+            ]
+        )
 
     def points(self, distance_mm: float) -> Array:
         """Return points (n, 3) mm on the rays at a distance from the origin.
@@ -85,7 +101,9 @@ class Sample:
         along = np.sum(self.origins * self.directions, axis=1)
         discriminant = distance_mm**2 - np.sum(self.origins**2, axis=1) + along**2
         if discriminant.min() < 0:
-            raise InvalidParameter(f"distance_mm must be larger than the distances of the ray origins, up to {np.linalg.norm(self.origins, axis=1).max():.4g} mm; got {distance_mm:g}")
+            raise InvalidParameter(
+                f"distance_mm must be larger than the distances of the ray origins, up to {np.linalg.norm(self.origins, axis=1).max():.4g} mm; got {distance_mm:g}"
+            )
         # |o + t d| = distance: t = -o.d + sqrt(distance^2 - |o|^2 + (o.d)^2)
         points: Array = self.origins + (np.sqrt(discriminant) - along)[:, None] * self.directions
         return points
@@ -102,17 +120,32 @@ class Sample:
         limits = [f"{name} = {value:g}" for name, value in bounds.items() if value is not None]
         if not limits:
             return self
-        low, high = (0.0 if inner_deg is None else inner_deg, 180.0 if field_deg is None else field_deg)
+        low, high = (
+            0.0 if inner_deg is None else inner_deg,
+            180.0 if field_deg is None else field_deg,
+        )
         inside = (self.omega >= np.radians(low)) & (self.omega <= np.radians(high))
         if inside.sum() < MIN_PIXELS:
-            raise InvalidParameter(f"inner_deg and field_deg must include part of the field, {np.degrees(self.omega.min()):.4g} to {np.degrees(self.omega.max()):.4g} deg from the axis; got {' and '.join(limits)}")
-        return replace(self, pixels=self.pixels[inside], origins=self.origins[inside], directions=self.directions[inside])
+            raise InvalidParameter(
+                f"inner_deg and field_deg must include part of the field, {np.degrees(self.omega.min()):.4g} to {np.degrees(self.omega.max()):.4g} deg from the axis; got {' and '.join(limits)}"
+            )
+        return replace(
+            self,
+            pixels=self.pixels[inside],
+            origins=self.origins[inside],
+            directions=self.directions[inside],
+        )
 
     def with_rim_of(self, other: Sample) -> Sample:
         """Return this sample with the outermost pixels of a denser one, to cover the whole field."""
         outermost = np.sort(other.omega)[-N_OUTERMOST_PIXELS:][0] - SAME_DIRECTION_RAD
         is_outermost = other.omega >= outermost
-        return replace(self, pixels=np.concatenate([self.pixels, other.pixels[is_outermost]]), origins=np.concatenate([self.origins, other.origins[is_outermost]]), directions=np.concatenate([self.directions, other.directions[is_outermost]]))
+        return replace(
+            self,
+            pixels=np.concatenate([self.pixels, other.pixels[is_outermost]]),
+            origins=np.concatenate([self.origins, other.origins[is_outermost]]),
+            directions=np.concatenate([self.directions, other.directions[is_outermost]]),
+        )
 
 
 def sample(camera: Camera, mount: Mount, count: int) -> Sample:
@@ -131,7 +164,13 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
     if not valid.any():
         raise InvalidParameter("camera must have at least one pixel with a ray; got none")
     to_camera = mount.rotation()
-    return Sample(pixels[valid], rotate_vectors(origins[valid], to_camera), rotate_vectors(directions[valid], to_camera), _looks_back(camera, pixels[valid], rotate_vectors(directions[valid], to_camera)), mount)
+    return Sample(
+        pixels[valid],
+        rotate_vectors(origins[valid], to_camera),
+        rotate_vectors(directions[valid], to_camera),
+        _looks_back(camera, pixels[valid], rotate_vectors(directions[valid], to_camera)),
+        mount,
+    )
 
 
 def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
@@ -139,7 +178,9 @@ def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
     specified = getattr(camera, "is_backward_facing", None)
     if isinstance(specified, bool):
         return specified
-    centre = np.array(camera.symmetry.centre_px if camera.symmetry else np.array(camera.image_size) / 2)
+    centre = np.array(
+        camera.symmetry.centre_px if camera.symmetry else np.array(camera.image_size) / 2
+    )
     nearest = np.argsort(np.linalg.norm(pixels - centre, axis=1))[: max(8, len(pixels) // 50)]
     outermost = np.argsort(np.linalg.norm(pixels - centre, axis=1))[-max(8, len(pixels) // 50) :]
     return bool(directions[nearest, 2].mean() < directions[outermost, 2].mean())
@@ -185,20 +226,31 @@ def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> Rotati
     columns = np.zeros((n, 2, 2 + len(ODD_POWERS)))
     columns[:, 0, 0] = columns[:, 1, 1] = 1.0
     columns[:, :, 2:] = side[:, :, None] * powers[:, None, :]
-    coefficients = np.linalg.lstsq(columns.reshape(2 * n, -1), sample.pixels.reshape(-1), rcond=None)[0]
+    coefficients = np.linalg.lstsq(
+        columns.reshape(2 * n, -1), sample.pixels.reshape(-1), rcond=None
+    )[0]
     radius = powers @ coefficients[2:]
     flat = np.column_stack([radius[:, None] * side, np.ones(n)])
     solution = np.linalg.lstsq(flat, sample.pixels, rcond=None)[0]
     matrix, centre = solution[:2].T, solution[2]
     if not np.linalg.det(matrix) > 1e-3:
-        raise InvalidParameter("the image radius must increase with the field angle around a centre; no model fits this camera")
+        raise InvalidParameter(
+            "the image radius must increase with the field angle around a centre; no model fits this camera"
+        )
     plane = (sample.pixels - centre) @ np.linalg.inv(matrix).T
     u, v = (float(x) for x in centre)
-    common: dict[str, Any] = {"centre_px": (u, v), "image_size": image_size, "optics": "mirror" if sample.is_backward_facing else "fisheye", "mount": sample.mount}
+    common: dict[str, Any] = {
+        "centre_px": (u, v),
+        "image_size": image_size,
+        "optics": "mirror" if sample.is_backward_facing else "fisheye",
+        "mount": sample.mount,
+    }
     return RotationalProjection((u, v), matrix, omega, np.sum(plane * side, axis=1), common)
 
 
-def initial_models(kind: type[CameraModel], parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def initial_models(
+    kind: type[CameraModel], parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield initial models of a kind, simplest first.
 
     Parameters
@@ -218,7 +270,9 @@ def initial_models(kind: type[CameraModel], parameters: frozenset[str] | None, p
     yield from INITIAL_MODELS[kind](parameters, projection)
 
 
-def _focal(f: float, parameters: frozenset[str] | None, projection: RotationalProjection) -> dict[str, Any]:
+def _focal(
+    f: float, parameters: frozenset[str] | None, projection: RotationalProjection
+) -> dict[str, Any]:
     (a, skew), (_, d) = projection.matrix
     arguments = {"focal_px": (float(a * f), float(d * f)), **projection.common}
     if parameters is None or "skew" in parameters:
@@ -226,18 +280,24 @@ def _focal(f: float, parameters: frozenset[str] | None, projection: RotationalPr
     return arguments
 
 
-def _kannala_brandt(parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def _kannala_brandt(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield the fit of ``r = f (Omega + k1 Omega^3 + ...)``, which is linear in f and f k."""
     scale = projection.omega.max()
     powers = 2 * np.arange(5) + 1
-    coefficients = np.linalg.lstsq((projection.omega / scale)[:, None] ** powers, projection.radius, rcond=None)[0]
+    coefficients = np.linalg.lstsq(
+        (projection.omega / scale)[:, None] ** powers, projection.radius, rcond=None
+    )[0]
     f, *rest = coefficients / scale**powers
     ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
     kind = ThinPrismFisheye if parameters is not None and "k6" in parameters else KannalaBrandt
     yield kind(**_focal(f, parameters, projection), **ks)
 
 
-def _unified(parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def _unified(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield models with the best xi below and above 1, or a pinhole if xi is fixed."""
     if parameters is not None and "xi" not in parameters:
         yield from _pinhole(Unified, {"xi": 0.0}, parameters, projection)
@@ -246,7 +306,17 @@ def _unified(parameters: frozenset[str] | None, projection: RotationalProjection
     error = InvalidParameter("")
     for xi in (np.linspace(0.0, 1.0, 41), np.linspace(1.0, 3.0, 41)):
         try:
-            models.append(Unified(**_best(projection, parameters, _unified_radius, lambda o, xi: np.cos(o) + xi, {"xi": xi})))
+            models.append(
+                Unified(
+                    **_best(
+                        projection,
+                        parameters,
+                        _unified_radius,
+                        lambda o, xi: np.cos(o) + xi,
+                        {"xi": xi},
+                    )
+                )
+            )
         except InvalidParameter as e:
             error = e
     if not models:
@@ -254,20 +324,32 @@ def _unified(parameters: frozenset[str] | None, projection: RotationalProjection
     yield from models
 
 
-def _pinhole(kind: Any, fixed: dict[str, float], parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def _pinhole(
+    kind: Any,
+    fixed: dict[str, float],
+    parameters: frozenset[str] | None,
+    projection: RotationalProjection,
+) -> Iterator[CameraModel]:
     """Yield the fit of ``r = f (t + k1 t^3 + k2 t^5 + k3 t^7)`` with ``t = tan(Omega)``.
 
     The number of terms is the maximum for which the projection does not fold within the field.
     """
     if not projection.omega.max() < MAX_PINHOLE_ANGLE:
-        raise InvalidParameter(f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg from the axis: a pinhole projection is limited to less than 90 deg")
+        raise InvalidParameter(
+            f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg from the axis: a pinhole projection is limited to less than 90 deg"
+        )
     tan = np.tan(projection.omega)
     scale = tan.max()
     for terms in (4, 3, 2, 1):
         powers = 2 * np.arange(terms) + 1
-        f, *rest = np.linalg.lstsq((tan / scale)[:, None] ** powers, projection.radius, rcond=None)[0] / scale**powers
+        f, *rest = (
+            np.linalg.lstsq((tan / scale)[:, None] ** powers, projection.radius, rcond=None)[0]
+            / scale**powers
+        )
         if f > 0:
-            ks: dict[str, Any] = {f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)}
+            ks: dict[str, Any] = {
+                f"k{i}": float(value / f) for i, value in enumerate(rest, start=1)
+            }
             model: CameraModel = kind(**fixed, **_focal(float(f), parameters, projection), **ks)
             if model.image(_boundary_directions(projection), distant=True).valid.all():
                 yield model
@@ -279,53 +361,87 @@ def _boundary_directions(projection: RotationalProjection) -> Array:
     phi = np.linspace(0, 2 * np.pi, 16)
     ahead = -1.0 if projection.common["optics"] == "mirror" else 1.0
     omega = projection.omega.max()
-    return np.stack([np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), np.full(16, ahead * np.cos(omega))], -1)
+    return np.stack(
+        [
+            np.sin(omega) * np.cos(phi),
+            np.sin(omega) * np.sin(phi),
+            np.full(16, ahead * np.cos(omega)),
+        ],
+        -1,
+    )
 
 
 def _unified_radius(omega: Array, xi: float) -> Array:
     return np.asarray(np.sin(omega) / (np.cos(omega) + xi))
 
 
-def _rational(parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def _rational(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield a pinhole model without denominator."""
     yield from _pinhole(RationalPinhole, {}, parameters, projection)
 
 
-def _enhanced(parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def _enhanced(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     def depth(o: Array, alpha: float, beta: float) -> Array:
-        return np.asarray(alpha * np.sqrt(beta * np.sin(o) ** 2 + np.cos(o) ** 2) + (1 - alpha) * np.cos(o))
+        return np.asarray(
+            alpha * np.sqrt(beta * np.sin(o) ** 2 + np.cos(o) ** 2) + (1 - alpha) * np.cos(o)
+        )
 
     grid = {"alpha": np.linspace(0.02, 0.98, 25), "beta": np.geomspace(0.3, 4.0, 25)}
-    yield EnhancedUnified(**_best(projection, parameters, lambda o, a, b: np.sin(o) / depth(o, a, b), depth, grid))
+    yield EnhancedUnified(
+        **_best(projection, parameters, lambda o, a, b: np.sin(o) / depth(o, a, b), depth, grid)
+    )
 
 
-def _double(parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def _double(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     def depth(o: Array, xi: float, alpha: float) -> Array:
         z = xi + np.cos(o)
         return np.asarray(alpha * np.hypot(np.sin(o), z) + (1 - alpha) * z)
 
     grid = {"xi": np.linspace(-0.9, 0.95, 25), "alpha": np.linspace(0.02, 0.98, 25)}
-    yield DoubleSphere(**_best(projection, parameters, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid))
+    yield DoubleSphere(
+        **_best(projection, parameters, lambda o, xi, a: np.sin(o) / depth(o, xi, a), depth, grid)
+    )
 
 
-def _best(projection: RotationalProjection, parameters: frozenset[str] | None, radius_of: Callable[..., Array], depth: Callable[..., Array], grid: dict[str, Array]) -> dict[str, Any]:
+def _best(
+    projection: RotationalProjection,
+    parameters: frozenset[str] | None,
+    radius_of: Callable[..., Array],
+    depth: Callable[..., Array],
+    grid: dict[str, Array],
+) -> dict[str, Any]:
     """Return the arguments of the best fit among models with increasing radius over the field."""
     omega = np.linspace(0.0, projection.omega.max(), 200)
     best, arguments = np.inf, None
     for values in product(*grid.values()):
         with np.errstate(all="ignore"):
-            is_increasing = (depth(omega, *values) > 1e-3).all() and (np.diff(radius_of(omega, *values)) > 0).all()
+            is_increasing = (depth(omega, *values) > 1e-3).all() and (
+                np.diff(radius_of(omega, *values)) > 0
+            ).all()
         if is_increasing:
             f, residual = projection.least_squares(radius_of(projection.omega, *values))
             if residual < best:
                 best = residual
-                arguments = {**dict(zip(grid, map(float, values), strict=True)), **_focal(f, parameters, projection)}
+                arguments = {
+                    **dict(zip(grid, map(float, values), strict=True)),
+                    **_focal(f, parameters, projection),
+                }
     if arguments is None:
-        raise InvalidParameter(f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg from the axis")
+        raise InvalidParameter(
+            f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg from the axis"
+        )
     return arguments
 
 
-def _ocam(parameters: frozenset[str] | None, projection: RotationalProjection) -> Iterator[CameraModel]:
+def _ocam(
+    parameters: frozenset[str] | None, projection: RotationalProjection
+) -> Iterator[CameraModel]:
     """Yield fits of ``f(rho) sin(Omega) = -rho cos(Omega)``, linear in the coefficients."""
     (a, e), (d, c) = projection.matrix
     rho = a * projection.radius
@@ -333,14 +449,26 @@ def _ocam(parameters: frozenset[str] | None, projection: RotationalProjection) -
     for degree in (4,) if parameters is not None else (4, 6, 8):
         powers = np.array([0, *range(2, degree + 1)])
         terms = (rho / scale)[:, None] ** powers * np.sin(projection.omega)[:, None]
-        coefficients = np.linalg.lstsq(terms, -rho * np.cos(projection.omega), rcond=None)[0] / scale**powers
+        coefficients = (
+            np.linalg.lstsq(terms, -rho * np.cos(projection.omega), rcond=None)[0] / scale**powers
+        )
         polynomial = (float(coefficients[0]), 0.0, *map(float, coefficients[1:]))
         is_round = parameters is not None and "c" not in parameters
         affine = (1.0, 0.0, 0.0) if is_round else (float(c / a), float(d / a), float(e / a))
         yield OCam(polynomial, affine=affine, **projection.common)
 
 
-INITIAL_MODELS: dict[type[Any], Callable[[frozenset[str] | None, RotationalProjection], Iterator[CameraModel]]] = {KannalaBrandt: _kannala_brandt, ThinPrismFisheye: _kannala_brandt, RationalPinhole: _rational, Unified: _unified, EnhancedUnified: _enhanced, DoubleSphere: _double, OCam: _ocam}
+INITIAL_MODELS: dict[
+    type[Any], Callable[[frozenset[str] | None, RotationalProjection], Iterator[CameraModel]]
+] = {
+    KannalaBrandt: _kannala_brandt,
+    ThinPrismFisheye: _kannala_brandt,
+    RationalPinhole: _rational,
+    Unified: _unified,
+    EnhancedUnified: _enhanced,
+    DoubleSphere: _double,
+    OCam: _ocam,
+}
 
 
 # -- Nonlinear least-squares fit -------------------------------------------------------------------
@@ -372,7 +500,9 @@ class FittedModel:
     viewpoint_mm: Array
 
 
-def fit_model(start: CameraModel, sample: Sample, free: list[bool], distances_mm: tuple[float, ...]) -> FittedModel:
+def fit_model(
+    start: CameraModel, sample: Sample, free: list[bool], distances_mm: tuple[float, ...]
+) -> FittedModel:
     """Fit a model's parameters to the pixels of a sample for points at several distances.
 
     Levenberg-Marquardt iteration with the analytic derivatives of the model. For a camera without a
@@ -418,7 +548,13 @@ class _Problem:
     the camera pose). Formats without the affine matrix have no rotation.
     """
 
-    def __init__(self, start: CameraModel, sample: Sample, free: NDArray[np.intp], distances_mm: tuple[float, ...]) -> None:
+    def __init__(
+        self,
+        start: CameraModel,
+        sample: Sample,
+        free: NDArray[np.intp],
+        distances_mm: tuple[float, ...],
+    ) -> None:
         self.start, self.sample, self.free = start, sample, free
         self.values = np.array([p.value for p in start.parameters])
         self.scale = np.array([p.scale for p in start.parameters])
@@ -470,11 +606,16 @@ class _Problem:
         if self.turns:
             signs = self.sample.signs
             x, y, _ = (points * signs).T
-            slopes[:, :, -1] = image.d_points[:, :, 0] * (-y * signs[0])[:, None] + image.d_points[:, :, 1] * x[:, None]
+            slopes[:, :, -1] = (
+                image.d_points[:, :, 0] * (-y * signs[0])[:, None]
+                + image.d_points[:, :, 1] * x[:, None]
+            )
         return slopes.reshape(2 * n, self.count)
 
 
-def _rotated_stretch(affine: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
+def _rotated_stretch(
+    affine: tuple[float, float, float], angle: float
+) -> tuple[float, float, float]:
     """Return OCamCalib's c, d, e after a prior image rotation (radians), up to scale."""
     c, d, e = affine
     cos, sin = np.cos(angle), np.sin(angle)
@@ -504,7 +645,9 @@ def nearest_point_to_rays(origins: Array, directions: Array) -> Array:
     return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
 
 
-def parallax(sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float) -> Cost:
+def parallax(
+    sample: Sample, viewpoint_mm: Array, distance_mm: float, pixels_per_degree: float
+) -> Cost:
     """Return the parallax error of near points in a panorama with the directions of distant points."""
     towards = sample.points(distance_mm) - (0.0 if np.isinf(distance_mm) else viewpoint_mm)
     across = np.linalg.norm(np.cross(towards, sample.directions), axis=1)
@@ -517,4 +660,10 @@ def _cost_summary(error: Array, sample: Sample, distance_mm: float) -> Cost:
     """Return the summary of errors (n,) px."""
     index = int(np.argmax(error))
     u, v = sample.pixels[index]
-    return Cost(distance_mm, float(np.sqrt(np.mean(error**2))), float(error[index]), (float(u), float(v)), float(np.degrees(sample.omega[index])))
+    return Cost(
+        distance_mm,
+        float(np.sqrt(np.mean(error**2))),
+        float(error[index]),
+        (float(u), float(v)),
+        float(np.degrees(sample.omega[index])),
+    )

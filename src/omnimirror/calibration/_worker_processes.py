@@ -71,11 +71,15 @@ class WorkerPool:
             results[number] = result
         return results  # type: ignore[return-value]
 
-    def each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, T]]:
+    def each(
+        self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, T]]:
         """Yield each result with its index, in order of completion."""
         pending, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
         for worker in self._running_workers(min(len(jobs), usable_cores()) - 1):
-            Thread(target=_process_jobs, args=(worker, function, pending, done), daemon=True).start()
+            Thread(
+                target=_process_jobs, args=(worker, function, pending, done), daemon=True
+            ).start()
         remaining = len(jobs)
         try:
             while remaining:
@@ -122,7 +126,12 @@ class _WorkerFailure(Exception):
     """Failure of a worker process."""
 
 
-def _process_jobs(worker: subprocess.Popen[bytes], function: Callable[..., T], pending: deque[tuple[int, Any]], done: SimpleQueue[_Result[T]]) -> None:
+def _process_jobs(
+    worker: subprocess.Popen[bytes],
+    function: Callable[..., T],
+    pending: deque[tuple[int, Any]],
+    done: SimpleQueue[_Result[T]],
+) -> None:
     """Process jobs with a worker until none is pending.
 
     The job of a dead worker returns to the queue.
@@ -145,10 +154,18 @@ def _start_worker() -> subprocess.Popen[bytes]:
     """Start a worker with the same module search path and without Ctrl-C handling."""
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     search_path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen([sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, env=os.environ | search_path | one_thread)
+    return subprocess.Popen(
+        [sys.executable, "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        env=os.environ | search_path | one_thread,
+    )
 
 
-def _compute(worker: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]) -> Any:
+def _compute(
+    worker: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]
+) -> Any:
     assert worker.stdin is not None
     assert worker.stdout is not None
     try:

@@ -9,7 +9,16 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..base.arguments import InvalidType, choice, distances, file_name, format_value, instance, integer, optional_number
+from ..base.arguments import (
+    InvalidType,
+    choice,
+    distances,
+    file_name,
+    format_value,
+    instance,
+    integer,
+    optional_number,
+)
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import atomic_output
 from ..cameras.camera import Camera
@@ -19,7 +28,19 @@ from ..cameras.models.camera_model import FIELD_ROUNDING_DEG, Optics
 from ..dewarp.views import sphere
 from ..optics.sensor import Sensor
 from ..optics.sensor_files import bundled_sensors, load_sensor
-from ._model_fitting import INITIAL_MODELS, Cost, FittedModel, Sample, fit_model, initial_models, nearest_point_to_rays, parallax, reprojection_errors, rotational_projection, sample
+from ._model_fitting import (
+    INITIAL_MODELS,
+    Cost,
+    FittedModel,
+    Sample,
+    fit_model,
+    initial_models,
+    nearest_point_to_rays,
+    parallax,
+    reprojection_errors,
+    rotational_projection,
+    sample,
+)
 from .formats._camera_format import CameraEntry, ReadOptions
 from .formats._registry import OutputLayout, output_layouts, read_cameras
 from .sensor_model import SensorModel
@@ -66,7 +87,10 @@ def flipped(camera: Model) -> Model:
     if not hasattr(model, "centre_px"):
         raise InvalidParameter(f"camera must have an image centre to be flipped; got {camera.KIND}")
     (u, v), width = model.centre_px, camera.image_size[0]
-    changes: dict[str, Any] = {"centre_px": (width - 1 - u, v), "mount": replace(camera.mount, image_flipped=not camera.mount.image_flipped)}
+    changes: dict[str, Any] = {
+        "centre_px": (width - 1 - u, v),
+        "mount": replace(camera.mount, image_flipped=not camera.mount.image_flipped),
+    }
     changes |= {name: -getattr(model, name) for name in ODD_FIELDS if getattr(model, name, 0.0)}
     if hasattr(model, "affine"):
         c, d, e = model.affine
@@ -235,32 +259,64 @@ def convert(
     instance("flip", flip, bool, "true or false")
     reading = _read_options(source, optics, mount, rim_radius_px, image_size)
     tolerance = optional_number("tolerance_px", tolerance_px, above=0.0, unit="px")
-    field = (optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"), optional_number("inner_deg", inner_deg, above=0.0, high=180.0, unit="deg"))
+    field = (
+        optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg"),
+        optional_number("inner_deg", inner_deg, above=0.0, high=180.0, unit="deg"),
+    )
     object_distances = _object_distances(distance_mm)
     targets = output_layouts(target, to)
     source = source.sensor if isinstance(source, SensorModel) else source
-    format_name, stored = ("", CameraEntry("", source)) if isinstance(source, Camera) else _read_camera(source, reading, from_, camera)
+    format_name, stored = (
+        ("", CameraEntry("", source))
+        if isinstance(source, Camera)
+        else _read_camera(source, reading, from_, camera)
+    )
     result = _exact_target(stored.camera, targets)
     exact = result is not None
     if result is None:
         calibrated_deg = _calibrated_deg(stored.camera)
-        result = _approximate(stored.camera, targets, tolerance, object_distances, (calibrated_deg if field[0] is None else field[0], field[1]))
+        result = _approximate(
+            stored.camera,
+            targets,
+            tolerance,
+            object_distances,
+            (calibrated_deg if field[0] is None else field[0], field[1]),
+        )
     elif result.target.layout.is_panorama:
         result = _panorama(stored.camera, result.target, object_distances)
         exact = not result.costs
-    output_camera = flipped(result.found.model) if flip and not result.target.layout.is_panorama else result.found.model
+    output_camera = (
+        flipped(result.found.model)
+        if flip and not result.target.layout.is_panorama
+        else result.found.model
+    )
     content = result.target.layout.write(output_camera, stored.name)
-    notes = (*stored.notes, *_notes(stored.camera, output_camera, result), *_field_notes(stored.camera, result, field[0]))
+    notes = (
+        *stored.notes,
+        *_notes(stored.camera, output_camera, result),
+        *_field_notes(stored.camera, result, field[0]),
+    )
     with atomic_output(target) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     x, y, z = (float(v) for v in result.found.viewpoint_mm)
-    return Conversion(target, format_name, result.target.name, output_camera, exact, result.costs, (x, y, z), notes)
+    return Conversion(
+        target,
+        format_name,
+        result.target.name,
+        output_camera,
+        exact,
+        result.costs,
+        (x, y, z),
+        notes,
+    )
 
 
 # -- arguments --------------------------------------------------------------------------------
 
 
-def _read_options(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any) -> ReadOptions:
+def _read_options(
+    source: Any, optics: Optics, mount: Any, rim_radius_px: Any, image_size: Any
+) -> ReadOptions:
     choice("optics", optics, ("mirror", "fisheye"))
     orientation = Mount() if mount is None else instance("mount", mount, Mount, "a mount")
     rim = optional_number("rim_radius_px", rim_radius_px, above=0.0, unit="px")
@@ -270,7 +326,9 @@ def _read_options(source: Any, optics: Optics, mount: Any, rim_radius_px: Any, i
 def _object_distances(distance_mm: Any) -> tuple[float, ...]:
     far = np.unique(distances("distance_mm", _number_list("distance_mm", distance_mm)))
     if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
-        raise InvalidParameter(f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {format_value(distance_mm)}")
+        raise InvalidParameter(
+            f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {format_value(distance_mm)}"
+        )
     return tuple(far.tolist())
 
 
@@ -291,7 +349,9 @@ def _number_list(name: str, value: Any, count: int | None = None) -> list[Any]:
     return values
 
 
-def _read_camera(source: Any, reading: ReadOptions, name: str | None, camera: int | str) -> tuple[str, CameraEntry]:
+def _read_camera(
+    source: Any, reading: ReadOptions, name: str | None, camera: int | str
+) -> tuple[str, CameraEntry]:
     path = file_name("source", source)
     if name is None and not path.exists() and str(source) in bundled_sensors():
         return "omnimirror", CameraEntry(str(source), load_sensor(source))
@@ -300,10 +360,14 @@ def _read_camera(source: Any, reading: ReadOptions, name: str | None, camera: in
     if isinstance(camera, str) and camera in names:
         return format_name, cameras[names.index(camera)]
     if isinstance(camera, str) and not (camera.isascii() and camera.isdecimal()):
-        raise InvalidParameter(f"camera must be one of {', '.join(filter(None, names))} in {source}; got {format_value(camera)}")
+        raise InvalidParameter(
+            f"camera must be one of {', '.join(filter(None, names))} in {source}; got {format_value(camera)}"
+        )
     index = integer("camera", float(camera) if isinstance(camera, str) else camera)
     if index >= len(cameras):
-        raise InvalidParameter(f"camera must be an index from 0 to {len(cameras) - 1} in {source}; got {index}")
+        raise InvalidParameter(
+            f"camera must be an index from 0 to {len(cameras) - 1} in {source}; got {index}"
+        )
     return format_name, cameras[index]
 
 
@@ -327,15 +391,29 @@ def _panorama(camera: Camera, target: OutputLayout, distances: tuple[float, ...]
         return _StoredCamera(target, FittedModel(model, np.zeros(3)), ())
     viewpoint = nearest_point_to_rays(visible.origins, visible.directions)
     scale = sphere(camera).size[0] / 360
-    return _StoredCamera(target, FittedModel(model, viewpoint), tuple(parallax(visible, viewpoint, d, scale) for d in distances))
+    return _StoredCamera(
+        target,
+        FittedModel(model, viewpoint),
+        tuple(parallax(visible, viewpoint, d, scale) for d in distances),
+    )
 
 
-def _approximate(camera: Camera, targets: list[OutputLayout], tolerance: float | None, distances: tuple[float, ...], field: _Field) -> _StoredCamera:
+def _approximate(
+    camera: Camera,
+    targets: list[OutputLayout],
+    tolerance: float | None,
+    distances: tuple[float, ...],
+    field: _Field,
+) -> _StoredCamera:
     """Return the target with the smallest error, if within the tolerance."""
     mount = getattr(camera, "mount", Mount())
     full_field = sample(camera, mount, N_EVALUATION_PIXELS)
     evaluated = full_field.within(*field)
-    fit_sample = sample(camera, mount, N_EVALUATION_PIXELS // FIT_THINNING).within(*field).with_rim_of(evaluated)
+    fit_sample = (
+        sample(camera, mount, N_EVALUATION_PIXELS // FIT_THINNING)
+        .within(*field)
+        .with_rim_of(evaluated)
+    )
     trials, reasons = [], []
     for target in targets:
         if target.layout.kind not in INITIAL_MODELS:
@@ -346,18 +424,34 @@ def _approximate(camera: Camera, targets: list[OutputLayout], tolerance: float |
         except OmnimirrorError as e:
             reasons.append(f"{target.name} ({target.layout.description}) {e}")
     usable = [trial for trial in trials if np.isfinite(trial.largest_px)]
-    reasons += [f"{trial.target.name} ({trial.target.layout.description}) does not cover the field of {np.degrees(evaluated.omega.max()):.4g} deg from the axis" for trial in trials if trial not in usable]
+    reasons += [
+        f"{trial.target.name} ({trial.target.layout.description}) does not cover the field of {np.degrees(evaluated.omega.max()):.4g} deg from the axis"
+        for trial in trials
+        if trial not in usable
+    ]
     if not usable:
-        remedy = f"; {REACH_REMEDY}" if any(t.layout.kind in INITIAL_MODELS for t in targets) else ""
+        remedy = (
+            f"; {REACH_REMEDY}" if any(t.layout.kind in INITIAL_MODELS for t in targets) else ""
+        )
         raise InvalidParameter(f"this camera cannot be converted: {'; '.join(reasons)}{remedy}")
     best = min(usable, key=lambda trial: trial.largest_px)
-    whole_field = [trial for trial in usable if trial.target.layout.max_field_angle_deg > np.degrees(evaluated.omega.max())]
+    whole_field = [
+        trial
+        for trial in usable
+        if trial.target.layout.max_field_angle_deg > np.degrees(evaluated.omega.max())
+    ]
     if whole_field and tolerance is not None:  # prefer a model for the whole field
         best_full_field = min(whole_field, key=lambda trial: trial.largest_px)
         best = best_full_field if best_full_field.largest_px <= tolerance else best
     if tolerance is None or best.largest_px > tolerance:
-        verdict = f"set tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to accept this error" if tolerance is None else f"the error must be at most tolerance_px = {tolerance:g}"
-        raise InvalidParameter(f"{best.target.name} {best.target.layout.unsupported(camera)}; the best fit has an error of {_description(best, evaluated.is_central)}; {verdict}{_remedies(camera, best)}")
+        verdict = (
+            f"set tolerance_px (--tolerance-px {_rounded_up(best.largest_px):g}) to accept this error"
+            if tolerance is None
+            else f"the error must be at most tolerance_px = {tolerance:g}"
+        )
+        raise InvalidParameter(
+            f"{best.target.name} {best.target.layout.unsupported(camera)}; the best fit has an error of {_description(best, evaluated.is_central)}; {verdict}{_remedies(camera, best)}"
+        )
     return best._replace(is_restricted=len(evaluated.pixels) < len(full_field.pixels))
 
 
@@ -381,21 +475,35 @@ def _remedies(camera: Camera, best: _StoredCamera) -> str:
     """Return alternatives for a conversion, such as a smaller field or fixed parameters."""
     max_error_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
     remedies = [f"or a field_deg (--field-deg) below {max_error_deg:.3g} deg"]
-    if getattr(camera, "uncertainty", None) is not None and (names := best.target.layout.unsupported_parameters(camera)):
+    if getattr(camera, "uncertainty", None) is not None and (
+        names := best.target.layout.unsupported_parameters(camera)
+    ):
         options = " ".join(f"--fix {name}" for name in names)
         remedies.append(f"or calibrate with {options} (fixed) for an exact conversion")
     return "".join(f", {remedy}" for remedy in remedies)
 
 
-def _best_fit(target: OutputLayout, fit_sample: Sample, evaluated: Sample, size: tuple[int, int], distances: tuple[float, ...]) -> _StoredCamera:
+def _best_fit(
+    target: OutputLayout,
+    fit_sample: Sample,
+    evaluated: Sample,
+    size: tuple[int, int],
+    distances: tuple[float, ...],
+) -> _StoredCamera:
     """Return the best fit among the models of a target, or the first with negligible error."""
     layout = target.layout
     best = None
-    for model in initial_models(layout.kind, layout.parameters, rotational_projection(fit_sample, size)):
+    for model in initial_models(
+        layout.kind, layout.parameters, rotational_projection(fit_sample, size)
+    ):
         free = [layout.parameters is None or p.name in layout.parameters for p in model.parameters]
         model_fit = fit_model(model, fit_sample, free, distances)
         distances = (np.inf,) if evaluated.is_central else distances
-        trial = _StoredCamera(target, model_fit, tuple(reprojection_errors(model_fit, evaluated, distance) for distance in distances))
+        trial = _StoredCamera(
+            target,
+            model_fit,
+            tuple(reprojection_errors(model_fit, evaluated, distance) for distance in distances),
+        )
         if best is None or trial.largest_px < best.largest_px:
             best = trial
         if best.largest_px < SUFFICIENT_ERROR_PX:
@@ -414,12 +522,23 @@ def _description(stored: _StoredCamera, is_central: bool) -> str:
 def _field_notes(source: Camera, stored: _StoredCamera, field_deg: float | None) -> Iterable[str]:
     """Yield notes on the calibrated field in which the file is valid."""
     calibrated_deg = _calibrated_deg(source)
-    if calibrated_deg is None or field_deg is not None or stored.target.layout.kind in (RadialModel, Sensor):
+    if (
+        calibrated_deg is None
+        or field_deg is not None
+        or stored.target.layout.kind in (RadialModel, Sensor)
+    ):
         return
     if stored.is_restricted:
-        yield (f"the fit is restricted to the calibrated field of 0 to {calibrated_deg:.4g} deg; use field_deg (--field-deg) to include angles beyond it, where the camera is an extrapolation")
-    elif not stored.costs and np.degrees(getattr(source, "omega_max", 0.0)) > calibrated_deg + FIELD_ROUNDING_DEG:
-        yield (f"the calibrated field of 0 to {calibrated_deg:.4g} deg is not in the file: beyond it the camera is an extrapolation")
+        yield (
+            f"the fit is restricted to the calibrated field of 0 to {calibrated_deg:.4g} deg; use field_deg (--field-deg) to include angles beyond it, where the camera is an extrapolation"
+        )
+    elif (
+        not stored.costs
+        and np.degrees(getattr(source, "omega_max", 0.0)) > calibrated_deg + FIELD_ROUNDING_DEG
+    ):
+        yield (
+            f"the calibrated field of 0 to {calibrated_deg:.4g} deg is not in the file: beyond it the camera is an extrapolation"
+        )
 
 
 def _notes(source: Camera, output_camera: Any, stored: _StoredCamera) -> Iterable[str]:
@@ -427,20 +546,28 @@ def _notes(source: Camera, output_camera: Any, stored: _StoredCamera) -> Iterabl
     target = stored.target
     if np.any(stored.found.viewpoint_mm):
         x, y, z = (round(float(v), 3) + 0.0 for v in stored.found.viewpoint_mm)
-        yield (f"the origin of the file's frame is the best single viewpoint, ({x:g}, {y:g}, {z:g}) mm in the camera frame")
+        yield (
+            f"the origin of the file's frame is the best single viewpoint, ({x:g}, {y:g}, {z:g}) mm in the camera frame"
+        )
     if target.layout.is_panorama:
         width, height = sphere(source).size
-        yield (f"the file describes a panorama; dewarp each image first with omnimirror dewarp --view sphere --size {width}x{height}; the axes of its frame are the world's right, down and forward")
+        yield (
+            f"the file describes a panorama; dewarp each image first with omnimirror dewarp --view sphere --size {width}x{height}; the axes of its frame are the world's right, down and forward"
+        )
         return
     if not isinstance(output_camera, CameraModel) or target.layout.kind is RadialModel:
         return
     if output_camera.is_image_reversed:
-        yield ("the image is mirrored: the file's frame (right, down, viewing direction of the image centre) is left-handed; flip writes the camera of the flipped image, whose frame is right-handed")
+        yield (
+            "the image is mirrored: the file's frame (right, down, viewing direction of the image centre) is left-handed; flip writes the camera of the flipped image, whose frame is right-handed"
+        )
     elif output_camera.mount.image_flipped:
         yield "the file applies to the image flipped left to right"
     field_angle = np.degrees(getattr(output_camera, "omega_max", 0.0))
     if field_angle > target.layout.max_field_angle_deg:
-        yield (f"programs that read this format project less than {target.layout.max_field_angle_deg:g} deg from the axis; the field of the camera is {field_angle:.4g} deg")
+        yield (
+            f"programs that read this format project less than {target.layout.max_field_angle_deg:g} deg from the axis; the field of the camera is {field_angle:.4g} deg"
+        )
     if isinstance(source, Sensor) or getattr(source, "rim_radius_px", None) is not None:
         yield "the boundary of the field (rim_radius_px) is not in the file"
     if getattr(source, "mount", Mount()) != Mount():

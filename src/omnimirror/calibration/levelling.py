@@ -56,7 +56,13 @@ class Level(NamedTuple):
         return replace(mount, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg)
 
 
-def level_from_image(image: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float) -> Level | None:
+def level_from_image(
+    image: NDArray[Any],
+    camera: Camera,
+    mount: Mount,
+    centre_px: tuple[float, float],
+    radius_px: float,
+) -> Level | None:
     """Estimate the tilt of a camera from one image; None for too few upright edges.
 
     Edges are traced, and those that the camera straightens define planes of directions. Edges are
@@ -90,7 +96,13 @@ def level_from_image(image: NDArray[Any], camera: Camera, mount: Mount, centre_p
     return level_from_edges(normals, lengths, mount)
 
 
-def _straight_edges(image: NDArray[Any], camera: Camera, mount: Mount, centre_px: tuple[float, float], radius_px: float) -> tuple[Array, Array]:
+def _straight_edges(
+    image: NDArray[Any],
+    camera: Camera,
+    mount: Mount,
+    centre_px: tuple[float, float],
+    radius_px: float,
+) -> tuple[Array, Array]:
     """Return plane normals (n, 3) in the camera frame and lengths (n,) in rad of straight edges.
 
     Large images are reduced: the accuracy remains sufficient, and edges of fine structures are
@@ -106,7 +118,9 @@ def _straight_edges(image: NDArray[Any], camera: Camera, mount: Mount, centre_px
     for chain in edge_chains(image, centre_px=(u, v), radius_px=radius_px / scale):
         rays = camera.backproject((chain + 0.5) * scale - 0.5)
         directions = rotate_vectors(rays.directions[rays.valid], mount.rotation())
-        if len(directions) < MIN_UPRIGHT or directions[0] @ directions[-1] > np.cos(np.radians(MIN_EXTENT_DEG)):
+        if len(directions) < MIN_UPRIGHT or directions[0] @ directions[-1] > np.cos(
+            np.radians(MIN_EXTENT_DEG)
+        ):
             continue
         moments, axes = np.linalg.eigh(directions.T @ directions / len(directions))
         if moments[0] < np.radians(BENT_DEG) ** 2:
@@ -171,7 +185,10 @@ def level_from_edges(normals: Array, lengths: Array, mount: Mount) -> Level | No
     matrix = (across @ (planes[is_upright] * weight[:, None]).T) @ (planes[is_upright] @ across.T)
     noise = float((weight * residuals**2).sum()) / max(int(is_upright.sum()) - 2, 1)
     sigma = np.degrees(np.sqrt(noise / max(float(np.linalg.eigvalsh(matrix)[0]), 1e-12)))
-    pitch, roll = (np.degrees(np.arcsin(np.clip(best[0], -1, 1))), np.degrees(np.arctan2(best[1], best[2])))
+    pitch, roll = (
+        np.degrees(np.arcsin(np.clip(best[0], -1, 1))),
+        np.degrees(np.arctan2(best[1], best[2])),
+    )
     return Level(mount.camera_looks, float(pitch), float(roll), float(sigma), int(is_upright.sum()))
 
 

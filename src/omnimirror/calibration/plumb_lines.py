@@ -21,10 +21,30 @@ from ..optics.sensor import Sensor
 from .edge_detection import edge_chains
 from .levelling import Level, level_from_edges, level_from_image
 from .sensor_model import SensorModel
-from .straight_edges import MIN_MARKED_POINTS, SCALE_PX, Edges, FreeParameters, LinesFit, edges_of, fit_lines, leave_one_out_gradients, normal_equations, read_line_points
+from .straight_edges import (
+    MIN_MARKED_POINTS,
+    SCALE_PX,
+    Edges,
+    FreeParameters,
+    LinesFit,
+    edges_of,
+    fit_lines,
+    leave_one_out_gradients,
+    normal_equations,
+    read_line_points,
+)
 from .uncertainty import direction_uncertainty, measured_field_deg
 
-__all__ = ["Level", "PlumbLineCalibration", "calibrate_plumb_lines", "draw_edges", "edge_chains", "level_from_edges", "level_from_image", "read_line_points"]
+__all__ = [
+    "Level",
+    "PlumbLineCalibration",
+    "calibrate_plumb_lines",
+    "draw_edges",
+    "edge_chains",
+    "level_from_edges",
+    "level_from_image",
+    "read_line_points",
+]
 
 
 # -- Plumb-line calibration ------------------------------------------------------------------------
@@ -107,9 +127,20 @@ class PlumbLineCalibration:
             model = SensorModel(model, tuple(sigmas))
         return {
             "rms_px": self.rms_px,
-            "parameters": [{"name": p.name, "value": p.value, "sigma": sigmas[p.name], "unit": p.unit} for p in model.parameters if p.name in sigmas],
+            "parameters": [
+                {"name": p.name, "value": p.value, "sigma": sigmas[p.name], "unit": p.unit}
+                for p in model.parameters
+                if p.name in sigmas
+            ],
             "free": list(self.free),
-            "images": [{"edges": len(used), "used": sum(used), "level": None if level is None else level._asdict()} for used, level in zip(self.used, self.levels, strict=True)],
+            "images": [
+                {
+                    "edges": len(used),
+                    "used": sum(used),
+                    "level": None if level is None else level._asdict(),
+                }
+                for used, level in zip(self.used, self.levels, strict=True)
+            ],
         }
 
 
@@ -189,58 +220,104 @@ def calibrate_plumb_lines(
         instance("model", model, (Sensor, CameraModel), "a sensor or a camera model")
         initial = SensorModel(model) if isinstance(model, Sensor) else model
         if initial.image_size != size:
-            raise InvalidParameter(f"model must have the size of the images, {size[0]} x {size[1]} px; got {initial.image_size[0]} x {initial.image_size[1]} px")
+            raise InvalidParameter(
+                f"model must have the size of the images, {size[0]} x {size[1]} px; got {initial.image_size[0]} x {initial.image_size[1]} px"
+            )
         free = _parameters_with_priors(initial)
     fit, kept = _without_curved_edges(initial, edges, free, distance_mm)
     covariance, undetermined = _parameter_covariance(fit, kept, free)
     if model is None:
         covariance = covariance + _stretch_covariance(fit.model, free)
     used_starts = {part.start for part in kept.slices}
-    used = [tuple(part.start in used_starts for part in own) for own in _by_image(edges.slices, chains)]
-    image_index = np.repeat(np.arange(len(chains)), [sum(map(len, image_chains)) for image_chains in chains])[[s.start for s in kept.slices]]
+    used = [
+        tuple(part.start in used_starts for part in own) for own in _by_image(edges.slices, chains)
+    ]
+    image_index = np.repeat(
+        np.arange(len(chains)), [sum(map(len, image_chains)) for image_chains in chains]
+    )[[s.start for s in kept.slices]]
     lengths = np.array([float(part.stop - part.start) for part in kept.slices])
-    levels = [level_from_edges(fit.normals[image_index == i], lengths[image_index == i], initial.mount) for i in range(len(chains))]
-    field = measured_field_deg(fit.model, np.concatenate([edges.pixels[part] for part in kept.slices]))
+    levels = [
+        level_from_edges(fit.normals[image_index == i], lengths[image_index == i], initial.mount)
+        for i in range(len(chains))
+    ]
+    field = measured_field_deg(
+        fit.model, np.concatenate([edges.pixels[part] for part in kept.slices])
+    )
     camera = _calibrated_camera(fit.model, covariance, levels[0], field)
     levels = [level and _with_camera_uncertainty(camera, level) for level in levels]
     residuals = np.concatenate([fit.residuals[part] for part in kept.slices])
     rms = float(np.sqrt(np.nanmean(residuals**2)))
-    return PlumbLineCalibration(camera, tuple(map(tuple, chains)), tuple(used), rms, undetermined, tuple(levels), distance_mm)
+    return PlumbLineCalibration(
+        camera,
+        tuple(map(tuple, chains)),
+        tuple(used),
+        rms,
+        undetermined,
+        tuple(levels),
+        distance_mm,
+    )
 
 
-def _size(images: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], specified: tuple[int, int] | None) -> tuple[int, int]:
+def _size(
+    images: Sequence[NDArray[Any]],
+    lines: Sequence[Sequence[Array]],
+    specified: tuple[int, int] | None,
+) -> tuple[int, int]:
     """Return the common size (width, height) of all images."""
-    sizes = {(image.shape[1], image.shape[0]) for image in images} | ({tuple(specified)} if specified else set())
+    sizes = {(image.shape[1], image.shape[0]) for image in images} | (
+        {tuple(specified)} if specified else set()
+    )
     if not images and not lines:
         raise InvalidParameter("images or lines must contain at least one image; got none")
     if not sizes:
-        raise InvalidParameter("image_size (--image-size) must be specified for lines without images")
+        raise InvalidParameter(
+            "image_size (--image-size) must be specified for lines without images"
+        )
     if len(sizes) > 1:
         raise InvalidParameter(f"images must have one size; got {len(sizes)} different sizes")
     ((width, height),) = sizes
     return int(width), int(height)
 
 
-def _chains(images: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], centre: tuple[float, float] | None, radius: float | None, inner: float) -> list[list[Array]]:
+def _chains(
+    images: Sequence[NDArray[Any]],
+    lines: Sequence[Sequence[Array]],
+    centre: tuple[float, float] | None,
+    radius: float | None,
+    inner: float,
+) -> list[list[Array]]:
     """Return the traced and marked edges of each image, after a check of their number."""
-    traced = [edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in images]
+    traced = [
+        edge_chains(p, centre_px=centre, radius_px=radius, inner_radius_px=inner) for p in images
+    ]
     marked = [[_checked_edge(edge) for edge in edges] for edges in lines]
     empty: list[Array] = []
     chains = [[*a, *b] for a, b in zip_longest(traced, marked, fillvalue=empty)]
     count = sum(map(len, chains))
     if count < MIN_CHAINS:
-        raise InvalidParameter(f"images must contain at least {MIN_CHAINS} long edges in different directions; got {count}")
+        raise InvalidParameter(
+            f"images must contain at least {MIN_CHAINS} long edges in different directions; got {count}"
+        )
     return chains
 
 
 def _checked_edge(edge: Array) -> Array:
     points = finite("lines", edge, last=2)
     if points.ndim != 2 or len(points) < MIN_MARKED_POINTS:
-        raise InvalidParameter(f"lines must be arrays (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {points.shape}")
+        raise InvalidParameter(
+            f"lines must be arrays (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {points.shape}"
+        )
     return points
 
 
-def _initial_model(edges: Edges, size: tuple[int, int], optics: Optics, mount: Mount, centre: tuple[float, float] | None, radius: float) -> CameraModel:
+def _initial_model(
+    edges: Edges,
+    size: tuple[int, int],
+    optics: Optics,
+    mount: Mount,
+    centre: tuple[float, float] | None,
+    radius: float,
+) -> CameraModel:
     """Return the unified camera with the straightest edges."""
     principal_point = centre or ((size[0] - 1) / 2, (size[1] - 1) / 2)
     longest = sorted(edges.slices, key=lambda part: part.start - part.stop)[:TRIED]
@@ -249,10 +326,16 @@ def _initial_model(edges: Edges, size: tuple[int, int], optics: Optics, mount: M
     for xi in XIS:
         trials = []
         for focal in FOCALS * radius * (1 + xi) / 2:
-            model = Unified(xi, (float(focal),) * 2, principal_point, size, optics=optics, mount=mount)
-            trials.append(fit_lines(model, sample, _parameters_of_unknown_camera(model, radius), max_steps=0))
+            model = Unified(
+                xi, (float(focal),) * 2, principal_point, size, optics=optics, mount=mount
+            )
+            trials.append(
+                fit_lines(model, sample, _parameters_of_unknown_camera(model, radius), max_steps=0)
+            )
         initial = min(trials, key=lambda fit: fit.cost).model
-        candidate = fit_lines(initial, sample, _parameters_of_unknown_camera(initial, radius), max_steps=SEARCH_STEPS)
+        candidate = fit_lines(
+            initial, sample, _parameters_of_unknown_camera(initial, radius), max_steps=SEARCH_STEPS
+        )
         best = candidate if best is None or candidate.cost < best.cost else best
     assert best is not None
     return best.model
@@ -273,11 +356,20 @@ def _stretch_covariance(model: CameraModel, free: FreeParameters) -> Array:
     do not determine s. For a camera of known type s is fixed; for an unknown one this covariance is
     added.
     """
-    omega, phi = (a.ravel() for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5)))
+    omega, phi = (
+        a.ravel()
+        for a in np.meshgrid(np.radians(np.linspace(10, 110, 11)), np.arange(0, 2 * np.pi, 0.5))
+    )
     across = np.stack([np.cos(phi), np.sin(phi)])
     forward = -1.0 if model.optics == "mirror" else 1.0
-    image = model.image(np.stack([*(np.sin(omega) * across), forward * np.cos(omega)], axis=1), distant=True)
-    d_directions = np.stack([*(np.cos(omega) * across), -forward * np.sin(omega)], axis=1) * np.sin(2 * omega)[:, None] / 2
+    image = model.image(
+        np.stack([*(np.sin(omega) * across), forward * np.cos(omega)], axis=1), distant=True
+    )
+    d_directions = (
+        np.stack([*(np.cos(omega) * across), -forward * np.sin(omega)], axis=1)
+        * np.sin(2 * omega)[:, None]
+        / 2
+    )
     is_valid = image.valid
     d_pixels = np.einsum("nij,nj->ni", image.d_points[is_valid], d_directions[is_valid]).ravel()
     derivatives = (image.d_parameters[is_valid] @ free.turn).reshape(len(d_pixels), -1)
@@ -292,12 +384,21 @@ def _parameters_with_priors(model: CameraModel) -> FreeParameters:
     Priors are the tolerances, or typical changes.
     """
     priors = {p.name: p for p in getattr(model, "priors", ())}
-    expected = np.array([priors[p.name].value - p.value if p.name in priors else 0.0 for p in model.parameters])
-    sigma = np.array([priors[p.name].sigma if p.name in priors else LOOSE_PRIOR * p.scale for p in model.parameters])
+    expected = np.array(
+        [priors[p.name].value - p.value if p.name in priors else 0.0 for p in model.parameters]
+    )
+    sigma = np.array(
+        [
+            priors[p.name].sigma if p.name in priors else LOOSE_PRIOR * p.scale
+            for p in model.parameters
+        ]
+    )
     return _free_parameters(model, tuple((p.name,) for p in model.parameters), expected, sigma)
 
 
-def _free_parameters(model: CameraModel, groups: tuple[tuple[str, ...], ...], expected: Array, sigma: Array) -> FreeParameters:
+def _free_parameters(
+    model: CameraModel, groups: tuple[tuple[str, ...], ...], expected: Array, sigma: Array
+) -> FreeParameters:
     names = [p.name for p in model.parameters]
     jacobian = np.zeros((len(names), len(groups)))
     for column, group in enumerate(groups):
@@ -307,7 +408,9 @@ def _free_parameters(model: CameraModel, groups: tuple[tuple[str, ...], ...], ex
     return FreeParameters(groups, jacobian, expected, SCALE_PX**2 / sigma**2, scales)
 
 
-def _without_curved_edges(model: CameraModel, edges: Edges, free: FreeParameters, distance_mm: float) -> tuple[LinesFit, Edges]:
+def _without_curved_edges(
+    model: CameraModel, edges: Edges, free: FreeParameters, distance_mm: float
+) -> tuple[LinesFit, Edges]:
     """Return the fit to the edges that it straightens, and these edges."""
     retained = edges
     fit = fit_lines(model, retained, free, distance_mm=distance_mm)
@@ -316,7 +419,9 @@ def _without_curved_edges(model: CameraModel, edges: Edges, free: FreeParameters
         limit = max(OUTLYING * float(np.median(rms[np.isfinite(rms)])), LEAST_OUTLYING_PX)
         straight = [part for part, r in zip(retained.slices, rms, strict=True) if r <= limit]
         if len(straight) < MIN_CHAINS:
-            raise InvalidParameter(f"at least {MIN_CHAINS} edges must be straight for one camera; got {len(straight)} of {len(edges.slices)}; check that the images are from this camera")
+            raise InvalidParameter(
+                f"at least {MIN_CHAINS} edges must be straight for one camera; got {len(straight)} of {len(edges.slices)}; check that the images are from this camera"
+            )
         if len(straight) == len(rms):
             break
         retained = Edges(edges.pixels, tuple(straight))
@@ -327,10 +432,15 @@ def _without_curved_edges(model: CameraModel, edges: Edges, free: FreeParameters
 def _by_image(slices: Sequence[slice], chains: Sequence[Sequence[Array]]) -> list[Sequence[slice]]:
     """Return the concatenated chains grouped by image."""
     ends = np.cumsum([len(image_chains) for image_chains in chains])
-    return [slices[int(end) - len(image_chains) : int(end)] for end, image_chains in zip(ends, chains, strict=True)]
+    return [
+        slices[int(end) - len(image_chains) : int(end)]
+        for end, image_chains in zip(ends, chains, strict=True)
+    ]
 
 
-def _parameter_covariance(fit: LinesFit, edges: Edges, free: FreeParameters) -> tuple[Array, tuple[str, ...]]:
+def _parameter_covariance(
+    fit: LinesFit, edges: Edges, free: FreeParameters
+) -> tuple[Array, tuple[str, ...]]:
     """Return the covariance (p, p) of the parameters, and the undetermined combinations.
 
     Errors of points on one edge are correlated if it is not exactly straight, or near. Therefore
@@ -342,7 +452,9 @@ def _parameter_covariance(fit: LinesFit, edges: Edges, free: FreeParameters) -> 
     matrix, _ = normal_equations(fit, edges, free, free.prior)
     gradients = leave_one_out_gradients(fit, edges, matrix)
     count = len(gradients)
-    scatter = gradients.T @ gradients * (count - 1) / count + np.diag(free.information) * SCALE_PX**2
+    scatter = (
+        gradients.T @ gradients * (count - 1) / count + np.diag(free.information) * SCALE_PX**2
+    )
     sizes = np.outer(free.scales, free.scales)
     inverse = np.linalg.pinv(matrix * sizes, hermitian=True)
     scaled = inverse @ (scatter * sizes) @ inverse
@@ -351,17 +463,23 @@ def _parameter_covariance(fit: LinesFit, edges: Edges, free: FreeParameters) -> 
     for value, vector in zip(values, vectors.T, strict=True):
         if np.sqrt(max(value, 0.0)) > FREE_PX:
             order = np.argsort(-np.abs(vector))
-            group_names = [free.names[i] for i in order if abs(vector[i]) > 0.25 * np.abs(vector).max()]
+            group_names = [
+                free.names[i] for i in order if abs(vector[i]) > 0.25 * np.abs(vector).max()
+            ]
             undetermined.append(" with ".join("/".join(group) for group in group_names))
     covariance: Array = free.turn @ (scaled * sizes) @ free.turn.T
     return (covariance + covariance.T) / 2, tuple(undetermined)
 
 
-def _calibrated_camera(model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None) -> Sensor | CameraModel:
+def _calibrated_camera(
+    model: CameraModel, covariance: Array, level: Level | None, field_deg: float | None
+) -> Sensor | CameraModel:
     """Return the levelled camera with its uncertainty and the field in which edges were measured."""
     is_free = np.diag(covariance) > 0
     names = [p.name for p, free in zip(model.parameters, is_free, strict=True) if free]
-    uncertainty = Uncertainty(tuple(names), tuple(map(tuple, covariance[np.ix_(is_free, is_free)])), field_deg)
+    uncertainty = Uncertainty(
+        tuple(names), tuple(map(tuple, covariance[np.ix_(is_free, is_free)])), field_deg
+    )
     camera: Any = model.sensor if isinstance(model, SensorModel) else model
     mount = camera.mount if level is None else level.on(camera.mount)
     calibrated: Sensor | CameraModel = replace(camera, uncertainty=uncertainty, mount=mount)
@@ -379,10 +497,16 @@ def _with_camera_uncertainty(camera: Sensor | CameraModel, level: Level) -> Leve
     pixels = image.pixels[image.valid]
     sigma = direction_uncertainty(camera, pixels, field_deg=180.0) if len(pixels) else np.zeros(0)
     finite_sigma = sigma[np.isfinite(sigma)]
-    return level._replace(sigma_deg=float(np.hypot(level.sigma_deg, finite_sigma.min()))) if len(finite_sigma) else level
+    return (
+        level._replace(sigma_deg=float(np.hypot(level.sigma_deg, finite_sigma.min())))
+        if len(finite_sigma)
+        else level
+    )
 
 
-def draw_edges(image: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]) -> NDArray[np.uint8]:
+def draw_edges(
+    image: NDArray[Any], chains: Sequence[Array], used: Sequence[bool]
+) -> NDArray[np.uint8]:
     """Draw edges on the darkened image: green if straight for the camera, otherwise red."""
     import cv2
 
@@ -390,5 +514,7 @@ def draw_edges(image: NDArray[Any], chains: Sequence[Array], used: Sequence[bool
     canvas: NDArray[np.uint8] = np.ascontiguousarray(rgb // 2).astype(np.uint8)
     for chain, straight in zip(chains, used, strict=True):
         colour = (80, 230, 120) if straight else (240, 80, 60)
-        cv2.polylines(canvas, [np.round(chain * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4)
+        cv2.polylines(
+            canvas, [np.round(chain * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4
+        )
     return canvas

@@ -24,7 +24,12 @@ from ..optics.mirrors.conics_and_aspheres import Conic
 from ..optics.mirrors.splines import spline_of_slopes
 from ..optics.sensor import Sensor
 from ..optics.tracing.optical_train import CoveredMirror
-from ..optics.tracing.reflection import MirrorSurface, RayEndpoints, ReflectionPoints, specular_points
+from ..optics.tracing.reflection import (
+    MirrorSurface,
+    RayEndpoints,
+    ReflectionPoints,
+    specular_points,
+)
 from .sensor_parameters import DISTANCE, ParameterLocation
 
 if TYPE_CHECKING:
@@ -44,7 +49,9 @@ DIFFERENCE_STEP = 1e-5
 """Step of finite differences, relative to the parameter or to 1 if larger."""
 
 
-def profile_derivatives(mirror: Mirror, x: Array, locations: tuple[ParameterLocation, ...]) -> Array:
+def profile_derivatives(
+    mirror: Mirror, x: Array, locations: tuple[ParameterLocation, ...]
+) -> Array:
     """Return derivatives (3, n, k) of sag, slope and curvature at x (n,) by k mirror parameters.
 
     Beyond the rim, they are those of the parabola that continues it
@@ -58,7 +65,9 @@ def profile_derivatives(mirror: Mirror, x: Array, locations: tuple[ParameterLoca
     derivatives = np.empty((3, len(x), len(locations)))
     inside = np.minimum(x, mirror.rim_radius_mm)
     if isinstance(mirror, SlopeSpline):
-        derivatives[:] = _slope_derivatives(mirror, inside)[:, :, [location.item or 0 for location in locations]]
+        derivatives[:] = _slope_derivatives(mirror, inside)[
+            :, :, [location.item or 0 for location in locations]
+        ]
     else:
         for column, location in enumerate(locations):
             derivatives[:, :, column] = _parameter_derivatives(mirror, inside, location)
@@ -67,21 +76,31 @@ def profile_derivatives(mirror: Mirror, x: Array, locations: tuple[ParameterLoca
         curvature = mirror.curvature(inside)[:, None]
         curvature_rate = np.where((excess > 0) & (curvature < 0), 0.0, derivatives[2])
         sag, slope = derivatives[0], derivatives[1]
-        derivatives = np.stack([sag + slope * excess + curvature_rate * excess**2 / 2, slope + curvature_rate * excess, curvature_rate])
+        derivatives = np.stack(
+            [
+                sag + slope * excess + curvature_rate * excess**2 / 2,
+                slope + curvature_rate * excess,
+                curvature_rate,
+            ]
+        )
     return derivatives
 
 
 def _parameter_derivatives(mirror: Mirror, x: Array, location: ParameterLocation) -> Array:
     """Return derivatives (3, n) with respect to one parameter."""
     if isinstance(mirror, ANALYTIC):
-        perturbed = _with_complex_parameter(mirror, location, location.of(mirror) + 1j * COMPLEX_STEP)
+        perturbed = _with_complex_parameter(
+            mirror, location, location.of(mirror) + 1j * COMPLEX_STEP
+        )
         return np.imag(np.stack([np.asarray(a) for a in perturbed.profile(x)])) / COMPLEX_STEP
     value = location.of(mirror)
     step = DIFFERENCE_STEP * max(abs(value), 1.0)
     samples = []
     for sign in (1.0, -1.0):
         try:
-            perturbed_mirror: Mirror = replace(mirror, **location.change(mirror, value + sign * step))  # type: ignore[type-var]
+            perturbed_mirror: Mirror = replace(
+                mirror, **location.change(mirror, value + sign * step)
+            )  # type: ignore[type-var]
             samples.append((sign, np.stack(perturbed_mirror.profile(x))))
         except OmnimirrorError:  # at the limit of its range: one-sided difference
             samples.append((0.0, np.stack(mirror.profile(x))))
@@ -119,7 +138,9 @@ def _with_complex_parameter(mirror: Mirror, location: ParameterLocation, value: 
 # -- Lens and imager -------------------------------------------------------------------------------
 
 
-def lens_image(sensor: Sensor, points: Array, locations: tuple[ParameterLocation, ...]) -> tuple[Array, Mask, Array, Array]:
+def lens_image(
+    sensor: Sensor, points: Array, locations: tuple[ParameterLocation, ...]
+) -> tuple[Array, Mask, Array, Array]:
     """Return pixels (n, 2) of points (n, 3) mm in the camera frame, validity and derivatives.
 
     Returns
@@ -133,7 +154,10 @@ def lens_image(sensor: Sensor, points: Array, locations: tuple[ParameterLocation
         image, valid, by_point, by_key = _perspective(sensor, sensor.lens, points)
     else:
         image, valid, by_point, by_key = _telecentric(sensor, points)
-    pitch, flip = (sensor.imager.pitch_mm, np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0]))
+    pitch, flip = (
+        sensor.imager.pitch_mm,
+        np.array([-1.0 if sensor.mount.image_flipped else 1.0, 1.0]),
+    )
     offsets = image / pitch
     by_key["pixel_pitch_um"] = -image / sensor.imager.pixel_pitch_um
     by_key["centre_px"] = np.full_like(image, pitch)
@@ -144,10 +168,17 @@ def lens_image(sensor: Sensor, points: Array, locations: tuple[ParameterLocation
             by_location[:, rows, k] = by_key[location.key][:, rows] / pitch
     u, v = sensor.imager.centre
     start = np.array([sensor.imager.width_px - 1 - u if flip[0] < 0 else u, v])
-    return (start + flip * offsets, valid, by_point / pitch * flip[:, None], by_location * flip[:, None])
+    return (
+        start + flip * offsets,
+        valid,
+        by_point / pitch * flip[:, None],
+        by_location * flip[:, None],
+    )
 
 
-def _perspective(sensor: Sensor, lens: Perspective, points: Array) -> tuple[Array, Mask, Array, dict[str, Array]]:
+def _perspective(
+    sensor: Sensor, lens: Perspective, points: Array
+) -> tuple[Array, Mask, Array, dict[str, Array]]:
     """Return image points (n, 2) mm, and their derivatives by points and parameters.
 
     Shapes of the derivatives are (n, 2, 3) and (n, 2).
@@ -174,7 +205,12 @@ def _telecentric(sensor: Sensor, points: Array) -> tuple[Array, Mask, Array, dic
     by_point = np.zeros((len(points), 2, 3))
     by_point[:, 0, 0] = by_point[:, 1, 1] = mu
     image = mu * points[:, :2]
-    return (image, np.asarray(np.isfinite(image).all(axis=1)), by_point, {"magnification": points[:, :2].copy()})
+    return (
+        image,
+        np.asarray(np.isfinite(image).all(axis=1)),
+        by_point,
+        {"magnification": points[:, :2].copy()},
+    )
 
 
 # -- Reflection ------------------------------------------------------------------------------------
@@ -214,14 +250,19 @@ class OpticalPath(NamedTuple):
 
     def response(self) -> Array:
         """Return derivatives (n, 2, 2) of the mirror points with respect to the gradient."""
-        second = self.by_point @ self.tangents.transpose(0, 2, 1) + self.pull[:, 2, None, None] * self.surface.bend
+        second = (
+            self.by_point @ self.tangents.transpose(0, 2, 1)
+            + self.pull[:, 2, None, None] * self.surface.bend
+        )
         a, b, c = second[:, 0, 0], second[:, 0, 1], second[:, 1, 1]
         inverse = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=1)
         derivatives: Array = -inverse / (a * c - b * b)[:, None, None]
         return derivatives
 
 
-def image_of_points(sensor: Sensor, points: Array, distant: bool, locations: tuple[ParameterLocation, ...]) -> PointImages:
+def image_of_points(
+    sensor: Sensor, points: Array, distant: bool, locations: tuple[ParameterLocation, ...]
+) -> PointImages:
     """Compute the image of points (n, 3) mm, or directions, with derivatives by k parameters.
 
     Parameters
@@ -241,12 +282,16 @@ def image_of_points(sensor: Sensor, points: Array, distant: bool, locations: tup
         pupils, targets = _path_endpoints(sensor, pose, points, distant)
         reflection = specular_points(sensor.mirror, pupils, targets)
         path = _optical_path(sensor, pupils, targets, reflection, points if distant else None)
-        pixels, valid, by_camera_point, by_location = lens_image(sensor, pose.to_camera(reflection.points), locations)
+        pixels, valid, by_camera_point, by_location = lens_image(
+            sensor, pose.to_camera(reflection.points), locations
+        )
         by_point = by_camera_point @ rotation
         by_gradient = by_point @ path.tangents.transpose(0, 2, 1) @ path.response()
         for k, location in enumerate(locations):
             if location.section in ("mirror_pose", "mount"):
-                disturbance, frame = _pose_effect(sensor, path, reflection, points, distant, location)
+                disturbance, frame = _pose_effect(
+                    sensor, path, reflection, points, distant, location
+                )
                 by_location[:, :, k] += np.einsum("nij,nj->ni", by_gradient, disturbance)
                 by_location[:, :, k] += np.einsum("nij,nj->ni", by_camera_point, frame)
         _add_shape(sensor, path, by_gradient, by_point, locations, by_location)
@@ -258,16 +303,26 @@ def image_of_points(sensor: Sensor, points: Array, distant: bool, locations: tup
     return PointImages(pixels, valid, by_target, by_location)
 
 
-def _path_endpoints(sensor: Sensor, pose: MirrorPose, points: Array, distant: bool) -> tuple[RayEndpoints, RayEndpoints]:
+def _path_endpoints(
+    sensor: Sensor, pose: MirrorPose, points: Array, distant: bool
+) -> tuple[RayEndpoints, RayEndpoints]:
     """Return lens and targets in the mirror frame."""
     if sensor.lens.TELECENTRIC:
         pupils = RayEndpoints(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
         pupils = RayEndpoints(pose.to_mirror(sensor.optical_train.pupil_offset[None]))
-    return pupils, RayEndpoints.of(pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant)
+    return pupils, RayEndpoints.of(
+        pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant
+    )
 
 
-def _optical_path(sensor: Sensor, pupils: RayEndpoints, targets: RayEndpoints, reflection: ReflectionPoints, directions: Array | None) -> OpticalPath:
+def _optical_path(
+    sensor: Sensor,
+    pupils: RayEndpoints,
+    targets: RayEndpoints,
+    reflection: ReflectionPoints,
+    directions: Array | None,
+) -> OpticalPath:
     """Return the optical paths with the derivatives of their gradients."""
     surface = MirrorSurface(sensor.mirror, reflection.points[:, :2])
     from_pupil, by_pupil, pupil_on_point = _unit_vectors(pupils, surface.points)
@@ -276,7 +331,14 @@ def _optical_path(sensor: Sensor, pupils: RayEndpoints, targets: RayEndpoints, r
         by_target = by_target / np.linalg.norm(directions, axis=1)[:, None, None]
     tangents = surface.tangents
     pull = from_pupil + from_target
-    return OpticalPath(surface, tangents, pull, tangents @ by_pupil, tangents @ by_target, tangents @ (pupil_on_point + target_on_point))
+    return OpticalPath(
+        surface,
+        tangents,
+        pull,
+        tangents @ by_pupil,
+        tangents @ by_target,
+        tangents @ (pupil_on_point + target_on_point),
+    )
 
 
 def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Array]:
@@ -292,7 +354,14 @@ def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Arra
     return unit, -across, across
 
 
-def _pose_effect(sensor: Sensor, path: OpticalPath, reflection: ReflectionPoints, points: Array, distant: bool, location: ParameterLocation) -> tuple[Array, Array]:
+def _pose_effect(
+    sensor: Sensor,
+    path: OpticalPath,
+    reflection: ReflectionPoints,
+    points: Array,
+    distant: bool,
+    location: ParameterLocation,
+) -> tuple[Array, Array]:
     """Return the effect of a pose or distance parameter on the optical path.
 
     The results are changes of the gradient and of a fixed mirror point.
@@ -304,14 +373,27 @@ def _pose_effect(sensor: Sensor, path: OpticalPath, reflection: ReflectionPoints
     if location.name == DISTANCE:
         return path.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), zeros
     d_rotation, d_shift = _pose_derivatives(sensor.mirror_pose, location.key)
-    pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.optical_train.pupil_offset - shift
+    pupil = (
+        np.array([0.0, 0.0, -1.0])
+        if sensor.lens.TELECENTRIC
+        else sensor.optical_train.pupil_offset - shift
+    )
     d_pupil = d_rotation.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ d_shift)
-    d_target = rotate_vectors(points if distant else points - shift, d_rotation) - (0.0 if distant else rotation.T @ d_shift)
+    d_target = rotate_vectors(points if distant else points - shift, d_rotation) - (
+        0.0 if distant else rotation.T @ d_shift
+    )
     disturbance = path.by_pupil @ d_pupil + np.einsum("nij,nj->ni", path.by_target, d_target)
     return disturbance, rotate_vectors(reflection.points, d_rotation.T) + d_shift
 
 
-def _add_shape(sensor: Sensor, path: OpticalPath, by_gradient: Array, by_point: Array, locations: tuple[ParameterLocation, ...], by_location: Array) -> None:
+def _add_shape(
+    sensor: Sensor,
+    path: OpticalPath,
+    by_gradient: Array,
+    by_point: Array,
+    locations: tuple[ParameterLocation, ...],
+    by_location: Array,
+) -> None:
     """Add the effect of surface height and slope to the derivatives (n, 2, k)."""
     columns = [k for k, location in enumerate(locations) if location.section == "mirror"]
     if not columns:
@@ -322,12 +404,16 @@ def _add_shape(sensor: Sensor, path: OpticalPath, by_gradient: Array, by_point: 
     radial = xy / np.where(r > 0, r, 1.0)[:, None]
     by_sag = np.einsum("nij,nj->ni", by_gradient, path.by_point[:, :, 2]) + by_point[:, :, 2]
     by_slope = path.pull[:, 2, None] * np.einsum("nij,nj->ni", by_gradient, radial)
-    by_location[:, :, columns] += by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
+    by_location[:, :, columns] += (
+        by_sag[:, :, None] * sag[:, None] + by_slope[:, :, None] * slope[:, None]
+    )
 
 
 def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
     """Return derivatives of a pose's rotation (3, 3) per deg and translation (3,) per mm."""
-    (cx, cy), (sx, sy) = (f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin))
+    (cx, cy), (sx, sy) = (
+        f(np.radians([pose.tilt_x_deg, pose.tilt_y_deg])) for f in (np.cos, np.sin)
+    )
     degree = np.pi / 180
     d_rotation, d_shift = np.zeros((3, 3)), np.zeros(3)
     if key == "tilt_x_deg":
@@ -348,11 +434,16 @@ def _pose_derivatives(pose: MirrorPose, key: str) -> tuple[Array, Array]:
 # both points for changes of parameters and pixel. The cover maps it to the motion of the outer ray,
 # which must continue to meet the point.
 
-NEAR_POINT, FAR_POINT = (1.0, 3.0)  # rim radii from the mirror point: points that define the inner ray
+NEAR_POINT, FAR_POINT = (
+    1.0,
+    3.0,
+)  # rim radii from the mirror point: points that define the inner ray
 COVER_STEP = 1e-5  # rim radii; central differences with an error quadratic in the step
 
 
-def image_through_cover(sensor: Sensor, points: Array, distant: bool, locations: tuple[ParameterLocation, ...]) -> PointImages:
+def image_through_cover(
+    sensor: Sensor, points: Array, distant: bool, locations: tuple[ParameterLocation, ...]
+) -> PointImages:
     """Compute the image of points through a tube or dome, as :func:`image_of_points`."""
     covered, rim = sensor.optical_train.effective_mirror, sensor.mirror.rim_radius_mm
     assert isinstance(covered, CoveredMirror)
@@ -360,18 +451,29 @@ def image_through_cover(sensor: Sensor, points: Array, distant: bool, locations:
     with np.errstate(all="ignore"):  # non-finite results are marked invalid
         pupil = sensor.optical_train.entrance_pupil_points(np.zeros((1, 2)))
         reflection = covered.specular(pupil, RayEndpoints.of(points, distant))
-        inner_points = [reflection.points + multiple * rim * reflection.to_targets for multiple in (NEAR_POINT, FAR_POINT)]
-        images = [image_of_points(bare, inner_point, False, locations) for inner_point in inner_points]
+        inner_points = [
+            reflection.points + multiple * rim * reflection.to_targets
+            for multiple in (NEAR_POINT, FAR_POINT)
+        ]
+        images = [
+            image_of_points(bare, inner_point, False, locations) for inner_point in inner_points
+        ]
         targets = points / np.linalg.norm(points, axis=1, keepdims=True) if distant else points
-        normals, by_inner_point = _deviation_derivatives(covered, inner_points, targets, distant, COVER_STEP * rim)
+        normals, by_inner_point = _deviation_derivatives(
+            covered, inner_points, targets, distant, COVER_STEP * rim
+        )
         by_pixel = np.zeros((len(points), 2, 2))
         by_parameter = np.zeros((len(points), 2, len(locations)))
         for image, derivative in zip(images, by_inner_point, strict=True):
             d = image.d_points
-            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(d @ d.transpose(0, 2, 1))  # across the ray
+            inverse = d.transpose(0, 2, 1) @ np.linalg.inv(
+                d @ d.transpose(0, 2, 1)
+            )  # across the ray
             by_pixel += derivative @ inverse
             by_parameter += derivative @ inverse @ image.d_parameters
-        by_target = -normals / np.linalg.norm(points, axis=1)[:, None, None] if distant else -normals
+        by_target = (
+            -normals / np.linalg.norm(points, axis=1)[:, None, None] if distant else -normals
+        )
         valid = reflection.reflects & images[0].valid & images[1].valid
         valid &= np.isfinite(by_pixel).all(axis=(1, 2))
         pixel_by_deviation = np.linalg.inv(np.where(valid[:, None, None], by_pixel, np.eye(2)))
@@ -382,7 +484,9 @@ def image_through_cover(sensor: Sensor, points: Array, distant: bool, locations:
     return PointImages(pixels, valid, d_points, d_parameters)
 
 
-def _deviation_derivatives(covered: CoveredMirror, inner_points: list[Array], targets: Array, distant: bool, step: float) -> tuple[Array, list[Array]]:
+def _deviation_derivatives(
+    covered: CoveredMirror, inner_points: list[Array], targets: Array, distant: bool, step: float
+) -> tuple[Array, list[Array]]:
     """Return directions (n, 2, 3) perpendicular to the outer rays, and derivatives of their misses.
 
     The miss is the offset of the ray from its target along these directions. Its derivatives
@@ -390,11 +494,16 @@ def _deviation_derivatives(covered: CoveredMirror, inner_points: list[Array], ta
     """
 
     def deviation(positions: list[Array]) -> tuple[Array, Array]:
-        points, outer_directions = covered.outside_of(positions[0] - (positions[1] - positions[0]) * NEAR_POINT / (FAR_POINT - NEAR_POINT), positions[0])
+        points, outer_directions = covered.outside_of(
+            positions[0] - (positions[1] - positions[0]) * NEAR_POINT / (FAR_POINT - NEAR_POINT),
+            positions[0],
+        )
         if distant:
             return outer_directions - targets, outer_directions
         towards = targets - points
-        return np.einsum("ni,ni->n", towards, outer_directions)[:, None] * outer_directions - towards, outer_directions
+        return np.einsum("ni,ni->n", towards, outer_directions)[
+            :, None
+        ] * outer_directions - towards, outer_directions
 
     _, outer_directions = deviation(inner_points)
     reference = np.eye(3)[np.abs(outer_directions).argmin(axis=1)]
@@ -405,7 +514,10 @@ def _deviation_derivatives(covered: CoveredMirror, inner_points: list[Array], ta
     for k in (0, 1):
         columns = []
         for axis in np.eye(3):
-            perturbed = [[p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(inner_points)] for sign in (1, -1)]
+            perturbed = [
+                [p + (sign * step * axis if i == k else 0.0) for i, p in enumerate(inner_points)]
+                for sign in (1, -1)
+            ]
             (up, _), (down, _) = map(deviation, perturbed)
             columns.append(np.einsum("nai,ni->na", normals, up - down) / (2 * step))
         changes.append(np.stack(columns, axis=-1))

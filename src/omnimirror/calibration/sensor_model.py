@@ -22,9 +22,27 @@ from ..optics.lenses import Perspective
 from ..optics.mirrors import Sphere
 from ..optics.mirrors.as_built import MirrorPose
 from ..optics.sensor import Sensor, check_sensor
-from ._initial_sensor import RIM_TO_DISTANCE, fit_to_central_model, radial_projection, unknown_sensor, with_prescribed_projection
+from ._initial_sensor import (
+    RIM_TO_DISTANCE,
+    fit_to_central_model,
+    radial_projection,
+    unknown_sensor,
+    with_prescribed_projection,
+)
 from .projection_derivatives import image_of_points, image_through_cover
-from .sensor_parameters import DEFAULT_GROUPS, ParameterLocation, ParameterPrior, checked_priors, default_priors, free_names, group_names, parameter_location, unknown_mirror_priors, value_of, with_values
+from .sensor_parameters import (
+    DEFAULT_GROUPS,
+    ParameterLocation,
+    ParameterPrior,
+    checked_priors,
+    default_priors,
+    free_names,
+    group_names,
+    parameter_location,
+    unknown_mirror_priors,
+    value_of,
+    with_values,
+)
 
 __all__ = ["ParameterPrior", "SensorModel", "mirror_ball_model"]
 
@@ -83,14 +101,28 @@ class SensorModel(CameraModel):
 
     def __post_init__(self) -> None:
         check_sensor(self.sensor)
-        self.sensor.check("a model with free parameters", "single mirror", "thin lens", "ideal except poses")
+        self.sensor.check(
+            "a model with free parameters", "single mirror", "thin lens", "ideal except poses"
+        )
         if self.sensor.housing.shell is not None:  # constant during an estimation
-            object.__setattr__(self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing))
+            object.__setattr__(
+                self, "sensor", replace(self.sensor, housing=self.sensor.obstructions.housing)
+            )
         uncertainty, requested = self.sensor.uncertainty, cast("tuple[str, ...] | None", self.free)
-        free = requested if requested is not None else DEFAULT_GROUPS if uncertainty is None else uncertainty.names
+        free = (
+            requested
+            if requested is not None
+            else DEFAULT_GROUPS
+            if uncertainty is None
+            else uncertainty.names
+        )
         object.__setattr__(self, "free", free_names(self.sensor, free))
         specified: tuple[ParameterPrior, ...] | None = self.priors
-        priors = default_priors(self.sensor, self.free) if specified is None else checked_priors(self.free, specified)
+        priors = (
+            default_priors(self.sensor, self.free)
+            if specified is None
+            else checked_priors(self.free, specified)
+        )
         object.__setattr__(self, "priors", priors)
 
     # -- camera model interface ------------------------------------------------------------------
@@ -103,7 +135,10 @@ class SensorModel(CameraModel):
     @cached_property
     def parameters(self) -> tuple[ModelParameter, ...]:
         """Free parameters: name, value, unit, and the change that moves the image by 1 px."""
-        return tuple(ModelParameter(location.name, value_of(self.sensor, location), unit, scale) for location, unit, scale in zip(self._places, self._units, self._scales, strict=True))
+        return tuple(
+            ModelParameter(location.name, value_of(self.sensor, location), unit, scale)
+            for location, unit, scale in zip(self._places, self._units, self._scales, strict=True)
+        )
 
     def with_parameters(self, values: ArrayLike) -> Self:
         """Return the model with other values of its free parameters.
@@ -125,7 +160,9 @@ class SensorModel(CameraModel):
         """
         numbers = np.asarray(values, dtype=float)
         if numbers.shape != (len(self.free),) or not np.isfinite(numbers).all():
-            raise InvalidParameter(f"values must be {len(self.free)} finite numbers; got shape {numbers.shape}")
+            raise InvalidParameter(
+                f"values must be {len(self.free)} finite numbers; got shape {numbers.shape}"
+            )
         other = object.__new__(type(self))  # free parameters and priors are already checked
         other.__dict__["sensor"] = with_values(self.sensor, self._places, numbers)
         for name in ("free", "priors", "_places", "_scales"):  # constant during an estimation
@@ -157,10 +194,22 @@ class SensorModel(CameraModel):
             If the shape of the points is wrong.
         """
         image_of = image_of_points if self.sensor.housing.shell is None else image_through_cover
-        return image_of(self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places)
+        return image_of(
+            self.sensor, vectors("points_mm", points_mm, 3, is_list=True), distant, self._places
+        )
 
     @classmethod
-    def from_central_model(cls, central: CameraModel, sensor: Sensor | None = None, *, free: Iterable[str] | None = None, priors: Iterable[ParameterPrior] | None = None, omega_max_deg: float = 170.0, rim_radius_mm: float = 40.0, distance_mm: float | None = None) -> Self:
+    def from_central_model(
+        cls,
+        central: CameraModel,
+        sensor: Sensor | None = None,
+        *,
+        free: Iterable[str] | None = None,
+        priors: Iterable[ParameterPrior] | None = None,
+        omega_max_deg: float = 170.0,
+        rim_radius_mm: float = 40.0,
+        distance_mm: float | None = None,
+    ) -> Self:
         """Create an initial sensor model that reproduces a central model for distant points.
 
         Known parameters are fixed. A free shape is the one that deflects the rays of the lens as
@@ -199,13 +248,25 @@ class SensorModel(CameraModel):
         """
         projection = radial_projection(central, omega_max_deg)
         distance = RIM_TO_DISTANCE * rim_radius_mm if distance_mm is None else distance_mm
-        nominal = unknown_sensor(central, projection, rim_radius_mm, distance) if sensor is None else sensor
-        selection = tuple(free) if free is not None else DEFAULT_GROUPS if sensor is not None else ("shape", *DEFAULT_GROUPS, "centre")
+        nominal = (
+            unknown_sensor(central, projection, rim_radius_mm, distance)
+            if sensor is None
+            else sensor
+        )
+        selection = (
+            tuple(free)
+            if free is not None
+            else DEFAULT_GROUPS
+            if sensor is not None
+            else ("shape", *DEFAULT_GROUPS, "centre")
+        )
         names = free_names(nominal, selection)
         prior_function = unknown_mirror_priors if sensor is None else default_priors
         tolerances = prior_function(nominal, names) if priors is None else tuple(priors)
         if set(group_names(nominal, "shape")) <= set(names):
-            nominal = with_prescribed_projection(projection, nominal, rim_is_known=sensor is not None)
+            nominal = with_prescribed_projection(
+                projection, nominal, rim_is_known=sensor is not None
+            )
         model = cls(nominal, names, tolerances)
         return fit_to_central_model(model, central, model.priors, omega_max_deg)
 
@@ -233,9 +294,16 @@ class SensorModel(CameraModel):
 
     @property
     def _units(self) -> list[str]:
-        parts: dict[str, Any] = {"mirror": self.sensor.mirror, "lens": self.sensor.lens, "imager": self.sensor.imager}
+        parts: dict[str, Any] = {
+            "mirror": self.sensor.mirror,
+            "lens": self.sensor.lens,
+            "imager": self.sensor.imager,
+        }
         parts["mirror_pose"] = self.sensor.mirror_pose
-        return ["mm" if p.section == "mount" else parts[p.section].PARAMETERS[p.key].unit for p in self._places]
+        return [
+            "mm" if p.section == "mount" else parts[p.section].PARAMETERS[p.key].unit
+            for p in self._places
+        ]
 
     @cached_property
     def _scales(self) -> tuple[float, ...]:
@@ -247,7 +315,9 @@ class SensorModel(CameraModel):
         derivatives = image.d_parameters[image.valid]
         if not len(derivatives):
             return (1.0,) * len(self.free)
-        size = np.median(np.linalg.norm(derivatives, axis=1), axis=0)  # unbounded near the tip of a cone
+        size = np.median(
+            np.linalg.norm(derivatives, axis=1), axis=0
+        )  # unbounded near the tip of a cone
         return tuple(float(s) for s in 1 / np.where(size > 0, size, 1.0))
 
     # -- camera interface ------------------------------------------------------------------------
@@ -327,7 +397,15 @@ PITCH_UM = 5.0  # arbitrary: an image determines only angles
 
 
 @validate_arguments
-def mirror_ball_model(image_size: tuple[int, int], centre_px: tuple[float, float], rim_radius_px: float, *, focal_px: float, ball_radius_mm: float = 40.0, mount: Mount | None = None) -> SensorModel:
+def mirror_ball_model(
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float],
+    rim_radius_px: float,
+    *,
+    focal_px: float,
+    ball_radius_mm: float = 40.0,
+    mount: Mount | None = None,
+) -> SensorModel:
     """Create a sensor model of a ball from its outline in the image.
 
     The outline of a ball of radius A at centre distance D has the angular radius
@@ -377,13 +455,31 @@ def mirror_ball_model(image_size: tuple[int, int], centre_px: tuple[float, float
     if orientation.image_flipped:
         across[0] = -across[0]
     offset = float(np.hypot(*across))
-    far, near = (np.arctan((offset + rim_radius_px) / focal_px), np.arctan((offset - rim_radius_px) / focal_px))
+    far, near = (
+        np.arctan((offset + rim_radius_px) / focal_px),
+        np.arctan((offset - rim_radius_px) / focal_px),
+    )
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > MIN_ANGULAR_RADIUS:
-        raise InvalidParameter(f"rim_radius_px must be above {MIN_ANGULAR_RADIUS * focal_px:g} px for focal_px = {focal_px:g}; got {rim_radius_px:g}")
+        raise InvalidParameter(
+            f"rim_radius_px must be above {MIN_ANGULAR_RADIUS * focal_px:g} px for focal_px = {focal_px:g}; got {rim_radius_px:g}"
+        )
     towards = np.append(np.sin(delta) * across / (offset or 1.0), np.cos(delta))
     vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards
     distance, b0 = float(vertex[2]), focal_px * PITCH_UM * 1e-3
-    pose = MirrorPose(decentre_x_mm=float(vertex[0]), decentre_y_mm=float(vertex[1]), tilt_x_deg=float(-np.degrees(np.arcsin(towards[1]))), tilt_y_deg=float(np.degrees(np.arctan2(towards[0], towards[2]))))
-    sensor = Sensor(Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)), Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance), Imager(int(width), int(height), PITCH_UM), orientation, distance, name="mirror ball", mirror_pose=pose)
+    pose = MirrorPose(
+        decentre_x_mm=float(vertex[0]),
+        decentre_y_mm=float(vertex[1]),
+        tilt_x_deg=float(-np.degrees(np.arcsin(towards[1]))),
+        tilt_y_deg=float(np.degrees(np.arctan2(towards[0], towards[2]))),
+    )
+    sensor = Sensor(
+        Sphere(ball_radius_mm, float(ball_radius_mm * np.cos(alpha) * GRAZING)),
+        Perspective(1 / (1 / b0 + 1 / distance), 8.0, distance),
+        Imager(int(width), int(height), PITCH_UM),
+        orientation,
+        distance,
+        name="mirror ball",
+        mirror_pose=pose,
+    )
     return SensorModel(sensor, ("distance", "decentre"))

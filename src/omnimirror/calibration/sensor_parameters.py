@@ -57,7 +57,9 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     match = NAME_PATTERN.fullmatch(name)
     known = list(parameter_names(sensor))
     if match is None or name not in known:
-        raise InvalidParameter(f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {format_value(name)}")
+        raise InvalidParameter(
+            f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {format_value(name)}"
+        )
     section, key, index = match.groups()
     return ParameterLocation(section, key, None if index is None else int(index))
 
@@ -72,7 +74,14 @@ def parameter_names(sensor: Sensor) -> Iterable[str]:
     yield from (f"mirror_pose.{key}" for key in sensor.mirror_pose.PARAMETERS)
 
 
-NON_SHAPE_PARAMETERS = ("omega_min_deg", "rim_radius_mm", "normalization_radius_mm", "uncertainty_um", "x_mm", "height")
+NON_SHAPE_PARAMETERS = (
+    "omega_min_deg",
+    "rim_radius_mm",
+    "normalization_radius_mm",
+    "uncertainty_um",
+    "x_mm",
+    "height",
+)
 """Parameters of the extent and the normalisation of a mirror, which do not affect its shape."""
 LISTS_FROM_AXIS = ("slopes", "z_mm", "omega_deg")
 """Lists whose first element is on the axis, where it is fixed for a smooth mirror."""
@@ -105,7 +114,9 @@ def value_of(sensor: Sensor, location: ParameterLocation) -> float:
     return location.of(sensor if location.section == "mount" else getattr(sensor, location.section))
 
 
-def with_values(sensor: Sensor, locations: Iterable[ParameterLocation], values: Iterable[float]) -> Sensor:
+def with_values(
+    sensor: Sensor, locations: Iterable[ParameterLocation], values: Iterable[float]
+) -> Sensor:
     """Return the sensor with other parameter values and without uncertainty.
 
     >>> import omnimirror as om
@@ -124,7 +135,9 @@ def with_values(sensor: Sensor, locations: Iterable[ParameterLocation], values: 
         part = sensor if location.section == "mount" else getattr(sensor, location.section)
         entries |= location.change(part, float(value))
     sensor_entries = parts.pop("mount", {})
-    replacements = {section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()}
+    replacements = {
+        section: replace(getattr(sensor, section), **entries) for section, entries in parts.items()
+    }
     return replace(sensor, **replacements, **sensor_entries, uncertainty=None)
 
 
@@ -190,9 +203,13 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
         elif NAME_PATTERN.fullmatch(str(entry)):
             names[parameter_location(sensor, entry).name] = None
         else:
-            raise InvalidParameter(f"free must contain groups ({', '.join(GROUPS)}) or parameter names ({', '.join(parameter_names(sensor))}); got {format_value(entry)}")
+            raise InvalidParameter(
+                f"free must contain groups ({', '.join(GROUPS)}) or parameter names ({', '.join(parameter_names(sensor))}); got {format_value(entry)}"
+            )
     if not names:
-        raise InvalidParameter(f"free must contain at least one parameter of {sensor.name!r}, for example of the groups {', '.join(GROUPS)}; got none")
+        raise InvalidParameter(
+            f"free must contain at least one parameter of {sensor.name!r}, for example of the groups {', '.join(GROUPS)}; got none"
+        )
     return tuple(names)
 
 
@@ -204,12 +221,19 @@ def default_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior
     """
     width, rim = sensor.imager.width_px, sensor.mirror.rim_radius_mm
     sigma = {"imager.centre_px[0]": 0.01 * width, "imager.centre_px[1]": 0.01 * width}
-    sigma |= {f"mirror_pose.{key}": 0.03 * rim for key in ("decentre_x_mm", "decentre_y_mm", "displacement_mm")}
+    sigma |= {
+        f"mirror_pose.{key}": 0.03 * rim
+        for key in ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
+    }
     sigma |= {"mirror_pose.tilt_x_deg": 3.0, "mirror_pose.tilt_y_deg": 3.0}
     for name in (DISTANCE, "lens.focal_length_mm", "lens.magnification", "imager.pixel_pitch_um"):
         if name in names:
             sigma[name] = 0.05 * value_of(sensor, parameter_location(sensor, name))
-    return tuple(ParameterPrior(name, value_of(sensor, parameter_location(sensor, name)), sigma[name]) for name in names if name in sigma)
+    return tuple(
+        ParameterPrior(name, value_of(sensor, parameter_location(sensor, name)), sigma[name])
+        for name in names
+        if name in sigma
+    )
 
 
 def unknown_mirror_priors(sensor: Sensor, names: Iterable[str]) -> tuple[ParameterPrior, ...]:
@@ -221,25 +245,42 @@ def unknown_mirror_priors(sensor: Sensor, names: Iterable[str]) -> tuple[Paramet
     shape is a conic with terms that are small relative to the mirror.
     """
     names = tuple(names)
-    sigma = {name: ARBITRARY_SIGMA * value_of(sensor, parameter_location(sensor, name)) for name in (DISTANCE, "lens.focal_length_mm")}
+    sigma = {
+        name: ARBITRARY_SIGMA * value_of(sensor, parameter_location(sensor, name))
+        for name in (DISTANCE, "lens.focal_length_mm")
+    }
     sigma |= {"mirror.conic": ANY_CONIC}
     sigma |= {f"imager.centre_px[{i}]": CENTRE_SIGMA * sensor.imager.width_px for i in (0, 1)}
-    sigma |= {name: TERM * sensor.mirror.rim_radius_mm for name in names if name.startswith("mirror.coefficients")}
+    sigma |= {
+        name: TERM * sensor.mirror.rim_radius_mm
+        for name in names
+        if name.startswith("mirror.coefficients")
+    }
     pose_priors = (prior for prior in default_priors(sensor, names) if prior.name not in sigma)
-    shape_priors = (ParameterPrior(n, value_of(sensor, parameter_location(sensor, n)), sigma[n]) for n in names if n in sigma)
+    shape_priors = (
+        ParameterPrior(n, value_of(sensor, parameter_location(sensor, n)), sigma[n])
+        for n in names
+        if n in sigma
+    )
     return (*shape_priors, *pose_priors)
 
 
 @validate_arguments
-def checked_priors(names: tuple[str, ...], priors: Iterable[ParameterPrior]) -> tuple[ParameterPrior, ...]:
+def checked_priors(
+    names: tuple[str, ...], priors: Iterable[ParameterPrior]
+) -> tuple[ParameterPrior, ...]:
     """Return priors of free parameters after checks, each with a positive tolerance."""
     entries = tuple(priors)
     for prior in entries:
         if not (isinstance(prior, tuple) and len(prior) == len(ParameterPrior._fields)):
-            raise InvalidType(f"priors must be tuples (name, value, standard deviation); got {format_value(prior)}")
+            raise InvalidType(
+                f"priors must be tuples (name, value, standard deviation); got {format_value(prior)}"
+            )
     result = tuple(ParameterPrior(*prior) for prior in entries)
     for prior in result:
         if prior.name not in names:
-            raise InvalidParameter(f"priors must refer to free parameters ({', '.join(names)}); got {format_value(prior.name)}")
+            raise InvalidParameter(
+                f"priors must refer to free parameters ({', '.join(names)}); got {format_value(prior.name)}"
+            )
         number(f"sigma of {prior.name}", prior.sigma, above=0.0)
     return result

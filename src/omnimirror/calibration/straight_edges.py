@@ -36,7 +36,9 @@ def csv_number(entries: dict[str, str], name: str, location: str) -> float:
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
-        raise InvalidParameter(f"{location}: {name} must be a finite number; got {format_value(entries[name])}")
+        raise InvalidParameter(
+            f"{location}: {name} must be a finite number; got {format_value(entries[name])}"
+        )
     return value
 
 
@@ -85,29 +87,46 @@ def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]
         for image, edges in points.items():
             for edge, pixels in edges.items():
                 if len(pixels) < MIN_MARKED_POINTS:
-                    raise InvalidParameter(f"{path.name}: line {edge} of {image} must have at least {MIN_MARKED_POINTS} points; got {len(pixels)}")
-    return {image: tuple(np.array(pixels) for pixels in edges.values()) for image, edges in points.items()}
+                    raise InvalidParameter(
+                        f"{path.name}: line {edge} of {image} must have at least {MIN_MARKED_POINTS} points; got {len(pixels)}"
+                    )
+    return {
+        image: tuple(np.array(pixels) for pixels in edges.values())
+        for image, edges in points.items()
+    }
 
 
 def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     """Return image, edge and pixel of each line of a file."""
     text = read_text(path, "points on lines", InvalidParameter, f"there is no file {path}")
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    lines = [
+        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
+    ]
     if len(lines) < 2:
-        raise InvalidParameter(f"{path} contains no points; its first line must be {','.join(COLUMNS)}")
+        raise InvalidParameter(
+            f"{path} contains no points; its first line must be {','.join(COLUMNS)}"
+        )
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
     if set(columns) - {IMAGE_COLUMN} != set(COLUMNS) or len(set(columns)) < len(columns):
-        raise InvalidParameter(f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and {IMAGE_COLUMN} for several images; got {format_value(head)}")
+        raise InvalidParameter(
+            f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and {IMAGE_COLUMN} for several images; got {format_value(head)}"
+        )
     return [_point(f"{path.name} line {n}", columns, line) for n, line in rest]
 
 
 def _point(location: str, columns: list[str], line: str) -> tuple[str, str, tuple[float, float]]:
     cells = csv_cells(line, location)
     if len(cells) != len(columns):
-        raise InvalidParameter(f"{location} must have {len(columns)} values, as the first line; got {len(cells)}")
+        raise InvalidParameter(
+            f"{location} must have {len(columns)} values, as the first line; got {len(cells)}"
+        )
     entries = dict(zip(columns, cells, strict=True))
-    return (entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME, entries["line"], (csv_number(entries, "u_px", location), csv_number(entries, "v_px", location)))
+    return (
+        entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME,
+        entries["line"],
+        (csv_number(entries, "u_px", location), csv_number(entries, "v_px", location)),
+    )
 
 
 # -- Plumb-line fit --------------------------------------------------------------------------------
@@ -177,7 +196,14 @@ def edges_of(chains: Sequence[Array]) -> Edges:
     return Edges(np.concatenate(chains), parts)
 
 
-def fit_lines(model: CameraModel, edges: Edges, free: FreeParameters, *, distance_mm: float = np.inf, max_steps: int = MAX_STEPS) -> LinesFit:
+def fit_lines(
+    model: CameraModel,
+    edges: Edges,
+    free: FreeParameters,
+    *,
+    distance_mm: float = np.inf,
+    max_steps: int = MAX_STEPS,
+) -> LinesFit:
     """Return the model with the straightest edges, starting from an initial model."""
     start = np.array([p.value for p in model.parameters])
     values = np.zeros(len(free.names))
@@ -207,7 +233,9 @@ def fit_lines(model: CameraModel, edges: Edges, free: FreeParameters, *, distanc
     return fit
 
 
-def normal_equations(fit: LinesFit, edges: Edges, free: FreeParameters, values: Array) -> tuple[Array, Array]:
+def normal_equations(
+    fit: LinesFit, edges: Edges, free: FreeParameters, values: Array
+) -> tuple[Array, Array]:
     """Return matrix (q, q) and gradient (q,) of the weighted squares, including priors."""
     matrix = np.diag(free.information).astype(float)
     gradient = free.information * (values - free.prior)
@@ -228,34 +256,64 @@ def leave_one_out_gradients(fit: LinesFit, edges: Edges, matrix: Array) -> Array
         rates = np.nan_to_num(fit.rates[part]) / scale
         leverage = weight * rates.T @ rates @ inverse
         gradient = weight * rates.T @ np.nan_to_num(fit.residuals[part])
-        gradients.append(np.linalg.lstsq(np.eye(len(leverage)) - leverage, gradient, rcond=None)[0] * scale)
+        gradients.append(
+            np.linalg.lstsq(np.eye(len(leverage)) - leverage, gradient, rcond=None)[0] * scale
+        )
     return np.array(gradients)
 
 
-def _evaluate(model: CameraModel, edges: Edges, free: FreeParameters, values: Array, distance_mm: float) -> LinesFit:
+def _evaluate(
+    model: CameraModel, edges: Edges, free: FreeParameters, values: Array, distance_mm: float
+) -> LinesFit:
     """Evaluate all chains at once, with sums over each chain by reduction."""
     order = np.concatenate([np.arange(part.start, part.stop) for part in edges.slices])
     sizes = np.array([part.stop - part.start for part in edges.slices])
-    owner, starts = (np.repeat(np.arange(len(sizes)), sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]]))
-    directions, by_pixel, by_parameter, visible = _pixel_directions(model, edges.pixels[order], distance_mm)
-    is_sufficient = np.add.reduceat(visible.astype(int), starts) >= np.minimum(MIN_VISIBLE_POINTS, sizes)
+    owner, starts = (
+        np.repeat(np.arange(len(sizes)), sizes),
+        np.concatenate([[0], np.cumsum(sizes)[:-1]]),
+    )
+    directions, by_pixel, by_parameter, visible = _pixel_directions(
+        model, edges.pixels[order], distance_mm
+    )
+    is_sufficient = np.add.reduceat(visible.astype(int), starts) >= np.minimum(
+        MIN_VISIBLE_POINTS, sizes
+    )
     visible &= is_sufficient[owner]
     count = np.maximum(np.add.reduceat(visible.astype(int), starts), 1)
-    e, j, change = (np.where(visible[(...,) + (None,) * (a.ndim - 1)], a, 0.0) for a in (directions, by_pixel, by_parameter))
+    e, j, change = (
+        np.where(visible[(...,) + (None,) * (a.ndim - 1)], a, 0.0)
+        for a in (directions, by_pixel, by_parameter)
+    )
     normal, slant = _planes(e, j, visible, owner, starts)
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
-    by_normal = np.einsum("ni,nik->nk", e, _tangents(normal)[owner]) / slant[:, None]  # by turns of n
+    by_normal = (
+        np.einsum("ni,nik->nk", e, _tangents(normal)[owner]) / slant[:, None]
+    )  # by turns of n
     by_free = np.einsum("nip,ni->np", change, normal[owner]) @ free.turn / slant[:, None]
-    inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(2)
+    inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(
+        2
+    )
     outer = np.add.reduceat(by_normal[:, :, None] * by_free[:, None, :], starts)
-    by_free = by_free - np.einsum("nk,nkq->nq", by_normal, (np.linalg.pinv(inner, hermitian=True) @ outer)[owner])
+    by_free = by_free - np.einsum(
+        "nk,nkq->nq", by_normal, (np.linalg.pinv(inner, hermitian=True) @ outer)[owner]
+    )
     square = np.add.reduceat(r**2, starts) / count
     cost = float((sizes * np.where(is_sufficient, _loss(square), _loss(UNSEEN_PX**2))).sum())
     cost += float((free.information * (values - free.prior) ** 2).sum())
-    residuals, rates = (np.full(len(edges.pixels), np.nan), np.zeros((len(edges.pixels), len(free.names))))
+    residuals, rates = (
+        np.full(len(edges.pixels), np.nan),
+        np.zeros((len(edges.pixels), len(free.names))),
+    )
     residuals[order], rates[order] = np.where(visible, r, np.nan), by_free
     normal[~is_sufficient] = np.nan
-    return LinesFit(model, normal, residuals, rates, cost, np.where(is_sufficient, 1 / (1 + square / SCALE_PX**2), 0.0))
+    return LinesFit(
+        model,
+        normal,
+        residuals,
+        rates,
+        cost,
+        np.where(is_sufficient, 1 / (1 + square / SCALE_PX**2), 0.0),
+    )
 
 
 def _loss(square: Any) -> Any:
@@ -263,7 +321,9 @@ def _loss(square: Any) -> Any:
     return SCALE_PX**2 * np.log1p(square / SCALE_PX**2)
 
 
-def _planes(e: Array, j: Array, visible: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Array, Array]:
+def _planes(
+    e: Array, j: Array, visible: Mask, owner: NDArray[np.int64], starts: NDArray[np.int64]
+) -> tuple[Array, Array]:
     """Return normals (chains, 3) of planes fitted to directions (n, 3) in pixels, and |J^T n| (n,).
 
     The unit of |J^T n| is radians per pixel.
@@ -277,7 +337,9 @@ def _planes(e: Array, j: Array, visible: Mask, owner: NDArray[np.int64], starts:
     return normal, np.where(visible, slant, 1.0)
 
 
-def _pixel_directions(model: CameraModel, pixels: Array, distance_mm: float) -> tuple[Array, Array, Array, Mask]:
+def _pixel_directions(
+    model: CameraModel, pixels: Array, distance_mm: float
+) -> tuple[Array, Array, Array, Mask]:
     """Return directions (n, 3) of pixels in the camera frame and their derivatives.
 
     Derivatives are with respect to pixels (n, 3, 2) and parameters (n, 3, p). For a camera with
@@ -286,7 +348,10 @@ def _pixel_directions(model: CameraModel, pixels: Array, distance_mm: float) -> 
     """
     rays = model.backproject(pixels)
     world = model.mount.rotation()
-    directions, origins = (rotate_vectors(rays.directions, world), rotate_vectors(rays.origins, world))
+    directions, origins = (
+        rotate_vectors(rays.directions, world),
+        rotate_vectors(rays.origins, world),
+    )
     towards, length = directions, np.ones(len(pixels))
     if np.isfinite(distance_mm):
         points = origins + distance_mm * directions
@@ -308,7 +373,9 @@ def _pixel_directions(model: CameraModel, pixels: Array, distance_mm: float) -> 
 def _nearest_point(origins: Array, directions: Array) -> Array:
     """Return the point (3,) nearest to rays with origins (n, 3) and directions (n, 3)."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    point: Array = np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]
+    point: Array = np.linalg.lstsq(
+        across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
+    )[0]
     return point
 
 
@@ -322,7 +389,11 @@ def _tangents(directions: Array) -> Array:
 
 def _rms(residuals: Array) -> float:
     finite_residuals = residuals[np.isfinite(residuals)]
-    return float(np.sqrt((finite_residuals**2).mean())) if len(finite_residuals) >= min(MIN_VISIBLE_POINTS, len(residuals)) else np.inf
+    return (
+        float(np.sqrt((finite_residuals**2).mean()))
+        if len(finite_residuals) >= min(MIN_VISIBLE_POINTS, len(residuals))
+        else np.inf
+    )
 
 
 # -- Edges as observations of a bundle adjustment --------------------------------------------------
@@ -336,7 +407,9 @@ MIN_EDGES = 3  # minimum number of edges
 INDEPENDENT_VALUES = 4  # independent values per edge, whatever its number of points
 MIN_EDGE_NOISE_PX = 0.05
 OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # outlier limits: ratio to median, min and max
-MIN_RELATIVE_EIGENVALUE = 1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
+MIN_RELATIVE_EIGENVALUE = (
+    1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
+)
 
 
 class EdgeInformation(NamedTuple):
@@ -370,7 +443,9 @@ class StraightEdges:
     distance_mm: float = np.inf
 
     @classmethod
-    def of(cls, lines: Mapping[str, Sequence[Array]], distance_mm: float, size: tuple[int, int]) -> StraightEdges:
+    def of(
+        cls, lines: Mapping[str, Sequence[Array]], distance_mm: float, size: tuple[int, int]
+    ) -> StraightEdges:
         """Create from the result of :func:`omnimirror.read_line_points`.
 
         Raises
@@ -384,21 +459,31 @@ class StraightEdges:
             for number_in_image, points in enumerate(image_edges, 1):
                 edge = Edge(image, number_in_image, finite("lines", points, last=2))
                 if edge.pixels.ndim != 2 or len(edge.pixels) < MIN_MARKED_POINTS:
-                    raise InvalidParameter(f"{edge.name} must be an array (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {edge.pixels.shape}")
-                outside = np.any((edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1)
+                    raise InvalidParameter(
+                        f"{edge.name} must be an array (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {edge.pixels.shape}"
+                    )
+                outside = np.any(
+                    (edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1
+                )
                 if outside.any():
                     (u, v), (width, height) = edge.pixels[outside][0], size
-                    raise InvalidParameter(f"{edge.name}: pixels must be inside the image of {width} x {height} px; got {u:g}, {v:g}")
+                    raise InvalidParameter(
+                        f"{edge.name}: pixels must be inside the image of {width} x {height} px; got {u:g}, {v:g}"
+                    )
                 edges.append(edge)
         if len(edges) < MIN_EDGES:
-            raise InvalidParameter(f"lines must contain at least {MIN_EDGES} edges; got {len(edges)}")
+            raise InvalidParameter(
+                f"lines must contain at least {MIN_EDGES} edges; got {len(edges)}"
+            )
         return cls(tuple(edges), distance_mm)
 
     def fit(self, model: CameraModel) -> LinesFit:
         """Evaluate the straightness of the edges for a camera without changing it."""
         names = tuple((p.name,) for p in model.parameters)
         zeros = np.zeros(len(names))
-        free = FreeParameters(names, np.eye(len(names)), zeros, zeros, np.array([p.scale for p in model.parameters]))
+        free = FreeParameters(
+            names, np.eye(len(names)), zeros, zeros, np.array([p.scale for p in model.parameters])
+        )
         chains = edges_of([edge.pixels for edge in self.edges])
         return fit_lines(model, chains, free, distance_mm=self.distance_mm, max_steps=0)
 
@@ -418,7 +503,9 @@ class StraightEdges:
         fit = self.fit(model)
         count = len(model.parameters)
         matrix, gradient, squares, values = np.zeros((count, count)), np.zeros(count), 0.0, 0.0
-        for part, weight in zip(edges_of([e.pixels for e in self.edges]).slices, fit.weights, strict=True):
+        for part, weight in zip(
+            edges_of([e.pixels for e in self.edges]).slices, fit.weights, strict=True
+        ):
             visible = np.isfinite(fit.residuals[part])
             r, a = fit.residuals[part][visible], fit.rates[part][visible]
             independent = min(len(r) - 2, INDEPENDENT_VALUES)  # two define its plane
@@ -426,24 +513,40 @@ class StraightEdges:
                 continue
             point_weight = float(weight) * independent / len(r)
             matrix, gradient = matrix + point_weight * a.T @ a, gradient + point_weight * a.T @ r
-            squares, values = (squares + point_weight * len(r) / (len(r) - 2) * float(r @ r), values + float(weight) * independent)
+            squares, values = (
+                squares + point_weight * len(r) / (len(r) - 2) * float(r @ r),
+                values + float(weight) * independent,
+            )
         noise = max(float(np.sqrt(squares / values)) if values else 1.0, MIN_EDGE_NOISE_PX)
         start = np.array([p.value for p in model.parameters])
-        return EdgeInformation(matrix / noise**2, start - _regularised_solution(matrix, gradient, [p.scale for p in model.parameters]))
+        return EdgeInformation(
+            matrix / noise**2,
+            start - _regularised_solution(matrix, gradient, [p.scale for p in model.parameters]),
+        )
 
     def select_straight(self, model: CameraModel) -> StraightEdges:
         """Return the edges that a camera straightens or does not see; curved edges are removed."""
         rms = self.rms_px(model)
         finite_rms = rms[np.isfinite(rms)]
-        limit = min(max(OUTLYING * float(np.median(finite_rms)), LEAST_OUTLYING_PX), MOST_PX) if len(finite_rms) else 0.0
-        straight = tuple(edge for edge, r in zip(self.edges, rms, strict=True) if r <= limit or np.isinf(r))
+        limit = (
+            min(max(OUTLYING * float(np.median(finite_rms)), LEAST_OUTLYING_PX), MOST_PX)
+            if len(finite_rms)
+            else 0.0
+        )
+        straight = tuple(
+            edge for edge, r in zip(self.edges, rms, strict=True) if r <= limit or np.isinf(r)
+        )
         if (count := int((rms <= limit).sum())) < MIN_EDGES:
-            raise InvalidParameter(f"at least {MIN_EDGES} of {len(self.edges)} edges must be straight for this camera; got {count}; check that the lines belong to its images")
+            raise InvalidParameter(
+                f"at least {MIN_EDGES} of {len(self.edges)} edges must be straight for this camera; got {count}; check that the lines belong to its images"
+            )
         return replace(self, edges=straight)
 
 
 def _regularised_solution(matrix: Array, gradient: Array, scales: Sequence[float]) -> Array:
     """Return the step of minimum norm, in typical parameter changes, to a zero gradient."""
     size = np.asarray(scales)
-    inverse = np.linalg.pinv(matrix * size[:, None] * size, rcond=MIN_RELATIVE_EIGENVALUE, hermitian=True)
+    inverse = np.linalg.pinv(
+        matrix * size[:, None] * size, rcond=MIN_RELATIVE_EIGENVALUE, hermitian=True
+    )
     return np.asarray(size * (inverse @ (size * gradient)))

@@ -8,13 +8,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import finite, instance, integer, number, optional_number, validate_arguments, vectors
+from ..base.arguments import (
+    finite,
+    instance,
+    integer,
+    number,
+    optional_number,
+    validate_arguments,
+    vectors,
+)
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
 from ..cameras.camera import Rays
 from ..cameras.frames import rotate_vectors
-from ..cameras.models.camera_model import CameraModel, direction_covariance_at, direction_sigma_deg, field_angles, major_sigma, within_field
+from ..cameras.models.camera_model import (
+    CameraModel,
+    direction_covariance_at,
+    direction_sigma_deg,
+    field_angles,
+    major_sigma,
+    within_field,
+)
 from ..optics.sensor import Sensor
 from .sensor_model import SensorModel
 
@@ -24,7 +39,13 @@ MAX_FLOOR_DISTANCE = 100.0  # multiple of the height; rays beyond are treated as
 
 
 @validate_arguments
-def direction_uncertainty(camera: Sensor | CameraModel, pixels: ArrayLike, *, covariance: ArrayLike | Uncertainty | None = None, field_deg: float | None = None) -> Array:
+def direction_uncertainty(
+    camera: Sensor | CameraModel,
+    pixels: ArrayLike,
+    *,
+    covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
+) -> Array:
     """Return the standard deviation (n,) in deg of the directions of pixels, along the larger axis.
 
     Formula: :func:`omnimirror.cameras.models.camera_model.direction_covariance`. The orientation of the
@@ -67,11 +88,20 @@ def direction_uncertainty(camera: Sensor | CameraModel, pixels: ArrayLike, *, co
     uncertain = _uncertain_model(camera, covariance, field_deg)
     rays = uncertain.model.backproject(vectors("pixels", pixels, 2, is_list=True))
     directions = rotate_vectors(rays.directions, uncertain.model.mount.rotation())
-    return direction_sigma_deg(uncertain.model, uncertain.covariance, directions, uncertain.field_deg)
+    return direction_sigma_deg(
+        uncertain.model, uncertain.covariance, directions, uncertain.field_deg
+    )
 
 
 @validate_arguments
-def floor_uncertainty(camera: Sensor | CameraModel, pixels: ArrayLike, *, height_mm: float, covariance: ArrayLike | Uncertainty | None = None, field_deg: float | None = None) -> Array:
+def floor_uncertainty(
+    camera: Sensor | CameraModel,
+    pixels: ArrayLike,
+    *,
+    height_mm: float,
+    covariance: ArrayLike | Uncertainty | None = None,
+    field_deg: float | None = None,
+) -> Array:
     """Return the standard deviation (n,) in mm of floor points along the larger axis.
 
     Parameters
@@ -110,15 +140,28 @@ def floor_uncertainty(camera: Sensor | CameraModel, pixels: ArrayLike, *, height
     """
     height = number("height_mm", height_mm, low=-MAX_HEIGHT_MM, high=MAX_HEIGHT_MM, unit="mm")
     if height == 0:
-        raise InvalidParameter("height_mm must be above 0 mm for a floor or below 0 mm for a ceiling; got 0")
+        raise InvalidParameter(
+            "height_mm must be above 0 mm for a floor or below 0 mm for a ceiling; got 0"
+        )
     uncertain = _uncertain_model(camera, covariance, field_deg)
-    model, rays = (uncertain.model, uncertain.model.backproject(vectors("pixels", pixels, 2, is_list=True)))
+    model, rays = (
+        uncertain.model,
+        uncertain.model.backproject(vectors("pixels", pixels, 2, is_list=True)),
+    )
     lengths = _to_floor(rays, height)
     points = rays.origins + lengths[:, None] * rays.directions
     world = model.mount.rotation()
     horizontal = np.broadcast_to(world[:2].T, (len(points), 3, 2))  # world x and y in camera frame
-    sigma = major_sigma(direction_covariance_at(model, uncertain.covariance, rotate_vectors(points, world), horizontal, distant=False))
-    return np.where(within_field(model, rotate_vectors(rays.directions, world), uncertain.field_deg), sigma, np.nan)
+    sigma = major_sigma(
+        direction_covariance_at(
+            model, uncertain.covariance, rotate_vectors(points, world), horizontal, distant=False
+        )
+    )
+    return np.where(
+        within_field(model, rotate_vectors(rays.directions, world), uncertain.field_deg),
+        sigma,
+        np.nan,
+    )
 
 
 @dataclass(frozen=True)
@@ -151,11 +194,22 @@ class UncertaintyMap:
         values = self.sigma[np.isfinite(self.sigma)]
         if not values.size:
             return {}
-        return {f"median_{self.unit}": float(np.median(values)), f"percentile_95_{self.unit}": float(np.percentile(values, 95)), f"largest_{self.unit}": float(values.max())}
+        return {
+            f"median_{self.unit}": float(np.median(values)),
+            f"percentile_95_{self.unit}": float(np.percentile(values, 95)),
+            f"largest_{self.unit}": float(values.max()),
+        }
 
 
 @validate_arguments
-def uncertainty_map(camera: Sensor | CameraModel, *, height_mm: float | None = None, covariance: ArrayLike | Uncertainty | None = None, steps: int = 96, field_deg: float | None = None) -> UncertaintyMap:
+def uncertainty_map(
+    camera: Sensor | CameraModel,
+    *,
+    height_mm: float | None = None,
+    covariance: ArrayLike | Uncertainty | None = None,
+    steps: int = 96,
+    field_deg: float | None = None,
+) -> UncertaintyMap:
     """Compute the standard deviations of directions, or of points on a floor, over the whole image.
 
     Parameters
@@ -195,15 +249,31 @@ def uncertainty_map(camera: Sensor | CameraModel, *, height_mm: float | None = N
     columns, rows = (np.arange(step / 2 - 0.5, size - 0.5, step) for size in (width, height))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     if height_mm is None:
-        sigma, unit = (direction_uncertainty(camera, pixels, covariance=covariance, field_deg=field_deg), "deg")
+        sigma, unit = (
+            direction_uncertainty(camera, pixels, covariance=covariance, field_deg=field_deg),
+            "deg",
+        )
     else:
-        sigma = floor_uncertainty(camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg)
+        sigma = floor_uncertainty(
+            camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg
+        )
         unit = "mm"
     uncertain = _uncertain_model(camera, covariance, field_deg)
     rays = uncertain.model.backproject(pixels)
-    is_inside = within_field(uncertain.model, rotate_vectors(rays.directions, uncertain.model.mount.rotation()), uncertain.field_deg)
+    is_inside = within_field(
+        uncertain.model,
+        rotate_vectors(rays.directions, uncertain.model.mount.rotation()),
+        uncertain.field_deg,
+    )
     is_restricted = bool((rays.valid & ~is_inside).any())
-    return UncertaintyMap(columns, rows, sigma.reshape(len(rows), len(columns)), unit, uncertain.field_deg, is_restricted)
+    return UncertaintyMap(
+        columns,
+        rows,
+        sigma.reshape(len(rows), len(columns)),
+        unit,
+        uncertain.field_deg,
+        is_restricted,
+    )
 
 
 def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
@@ -217,7 +287,9 @@ def _to_floor(rays: Rays, height_mm: float) -> Array:
     """Return the lengths (n,) in mm of rays to the floor; NaN beyond 100 heights."""
     with np.errstate(divide="ignore", invalid="ignore"):
         lengths = (-height_mm - rays.origins[:, 2]) / rays.directions[:, 2]
-        return np.where((lengths > 0) & (lengths < MAX_FLOOR_DISTANCE * abs(height_mm)), lengths, np.nan)
+        return np.where(
+            (lengths > 0) & (lengths < MAX_FLOOR_DISTANCE * abs(height_mm)), lengths, np.nan
+        )
 
 
 class _UncertainModel(NamedTuple):
@@ -228,22 +300,32 @@ class _UncertainModel(NamedTuple):
     field_deg: float | None
 
 
-def _uncertain_model(camera: Sensor | CameraModel, covariance: ArrayLike | Uncertainty | None, field_deg: float | None) -> _UncertainModel:
+def _uncertain_model(
+    camera: Sensor | CameraModel,
+    covariance: ArrayLike | Uncertainty | None,
+    field_deg: float | None,
+) -> _UncertainModel:
     """Return the model, its covariance, and the given or calibrated field."""
     instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")
     field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
     specified = camera.uncertainty if covariance is None else covariance
     if specified is None:
-        raise InvalidParameter("covariance must be specified for a camera without uncertainty; a calibration writes it into the table [uncertainty] of the camera file")
+        raise InvalidParameter(
+            "covariance must be specified for a camera without uncertainty; a calibration writes it into the table [uncertainty] of the camera file"
+        )
     if isinstance(specified, Uncertainty):
         field = specified.field_deg if field is None else field
         if isinstance(camera, Sensor | SensorModel):
             sensor = camera if isinstance(camera, Sensor) else camera.sensor
-            return _UncertainModel(SensorModel(sensor, specified.names), specified.of(specified.names), field)
+            return _UncertainModel(
+                SensorModel(sensor, specified.names), specified.of(specified.names), field
+            )
         return _UncertainModel(camera, specified.of([p.name for p in camera.parameters]), field)
     model = SensorModel(camera) if isinstance(camera, Sensor) else camera
     names = [p.name for p in model.parameters]
     matrix = finite("covariance", specified)
     if matrix.shape != (len(names), len(names)):
-        raise InvalidParameter(f"covariance must have the shape {len(names), len(names)} for the parameters {', '.join(names)}; got {matrix.shape}")
+        raise InvalidParameter(
+            f"covariance must have the shape {len(names), len(names)} for the parameters {', '.join(names)}; got {matrix.shape}"
+        )
     return _UncertainModel(model, matrix, field)

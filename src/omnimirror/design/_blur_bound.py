@@ -67,7 +67,14 @@ class BlurBound:
 
 
 @validate_arguments
-def blur_bound(sensor: Sensor, object_distance_mm: float = np.inf, *, omega_min_deg: float | None = None, mode: BlurMode = "exact", image_radius_px: float | None = None) -> BlurBound:
+def blur_bound(
+    sensor: Sensor,
+    object_distance_mm: float = np.inf,
+    *,
+    omega_min_deg: float | None = None,
+    mode: BlurMode = "exact",
+    image_radius_px: float | None = None,
+) -> BlurBound:
     """Compute the minimum of the worst single blur of any mirror for the rim and lens of a sensor.
 
     The bound applies to all mirrors with the rim radius of the sensor, its field angle and viewing
@@ -118,21 +125,33 @@ def blur_bound(sensor: Sensor, object_distance_mm: float = np.inf, *, omega_min_
     distances("object_distance_mm", object_distance_mm)
     low, high = sensor.field_deg
     if omega_min_deg is not None and not low <= omega_min_deg < high:
-        raise InvalidParameter(f"omega_min_deg must be in the field, {low:.4g} to {high:.4g} deg; got {omega_min_deg:g}")
+        raise InvalidParameter(
+            f"omega_min_deg must be in the field, {low:.4g} to {high:.4g} deg; got {omega_min_deg:g}"
+        )
     begin = low if omega_min_deg is None else omega_min_deg
-    steepest = _steepest(sensor, np.radians((begin, high)), 1 / object_distance_mm, mode, image_radius_px)
+    steepest = _steepest(
+        sensor, np.radians((begin, high)), 1 / object_distance_mm, mode, image_radius_px
+    )
     return steepest.bound()
 
 
-def _steepest(sensor: Sensor, field: Array, near: float, mode: BlurMode, image_radius_px: float | None) -> _Steepest:
+def _steepest(
+    sensor: Sensor, field: Array, near: float, mode: BlurMode, image_radius_px: float | None
+) -> _Steepest:
     lens, M, pitch = sensor.lens, sensor.mirror.rim_radius_mm, sensor.imager.pitch_mm
     ends = float(field[0]), float(field[1]), M
     if isinstance(lens, Perspective):
         if any(lens.brown):
-            raise InvalidParameter(f"the lens of {sensor.name!r} must be free of distortion for the bound of blur")
+            raise InvalidParameter(
+                f"the lens of {sensor.name!r} must be free of distortion for the bound of blur"
+            )
         theta = float(sensor.meridian.theta_max)
-        camera = PerspectiveCamera(lens.focal_length_mm, lens.f_number, np.tan(theta), pitch, mode, image_radius_px)
-        return _UnderPerspective(*ends, theta, near, lambda D: camera.px_per_vergence(D) / camera.px_per_ray(D))
+        camera = PerspectiveCamera(
+            lens.focal_length_mm, lens.f_number, np.tan(theta), pitch, mode, image_radius_px
+        )
+        return _UnderPerspective(
+            *ends, theta, near, lambda D: camera.px_per_vergence(D) / camera.px_per_ray(D)
+        )
     assert isinstance(lens, Orthographic)
     flat = TelecentricCamera(lens.magnification, lens.working_f_number, M, pitch, image_radius_px)
     k = float(flat.px_per_vergence(np.zeros(())) / flat.px_per_ray(np.zeros(())))
@@ -171,7 +190,10 @@ class _UnderPerspective:
 
     def _focus(self, t: float) -> float:
         """Return the nearest focus, as a vergence, with a sagittal blur below t at the rim."""
-        v, k = (np.sin(self.theta) / self.rim, self.scale(np.cos(self.theta) * np.sin(self.theta) / self.rim))
+        v, k = (
+            np.sin(self.theta) / self.rim,
+            self.scale(np.cos(self.theta) * np.sin(self.theta) / self.rim),
+        )
         W = np.sin(self.omega_max) / np.sin(self.theta) + self.near / v
         place = v / np.cos(self.theta) * (W - 1) / W
         D = place
@@ -205,8 +227,13 @@ class _UnderPerspective:
         end, path = self._path(t, D)
         return -end if end > 0 else float(path(np.array([0.0]))[0, 0]) - self.omega_min
 
-    def _blurs(self, theta: Array, omega: Array, v: Array, t: float, D: float) -> tuple[Array, Array]:
-        k, rate = (self.scale(D), np.array([self._rate(a, b, t, D) for a, b in zip(theta, v, strict=True)]))
+    def _blurs(
+        self, theta: Array, omega: Array, v: Array, t: float, D: float
+    ) -> tuple[Array, Array]:
+        k, rate = (
+            self.scale(D),
+            np.array([self._rate(a, b, t, D) for a, b in zip(theta, v, strict=True)]),
+        )
         around = _ratio(np.sin(omega), np.sin(theta), rate)
 
         def off(W: Array) -> Array:
@@ -258,7 +285,9 @@ class _UnderTelecentric:
         return -end if end > 0 else float(path(np.array([0.0]))[0, 0]) - self.omega_min
 
 
-def _followed(rates: Callable[[float, Array], list[float]], start: float, state: list[float], omega_min: float) -> tuple[float, Callable[[Array], Array]]:
+def _followed(
+    rates: Callable[[float, Array], list[float]], start: float, state: list[float], omega_min: float
+) -> tuple[float, Callable[[Array], Array]]:
     """Integrate a mapping from the rim to the axis, or to the inner end of the field."""
     from scipy.integrate import solve_ivp
 
@@ -267,7 +296,16 @@ def _followed(rates: Callable[[float, Array], list[float]], start: float, state:
 
     begins.terminal = True  # type: ignore[attr-defined]
     with np.errstate(all="ignore"):  # a trial step may pass the horizon and is then reduced
-        path = solve_ivp(rates, (start, 0.0), state, method="DOP853", rtol=TOLERANCE, atol=TOLERANCE, events=begins, dense_output=True)
+        path = solve_ivp(
+            rates,
+            (start, 0.0),
+            state,
+            method="DOP853",
+            rtol=TOLERANCE,
+            atol=TOLERANCE,
+            events=begins,
+            dense_output=True,
+        )
     return float(path.t[-1]), path.sol
 
 
@@ -276,7 +314,9 @@ def _least(too_steep: Callable[[float], float]) -> float:
     if too_steep(0.0) <= 0:  # a narrow field without a positive bound
         return 0.0
     if not too_steep(MIN_BLUR_RAD) > 0 or not too_steep(MAX_BLUR_RAD) <= 0:
-        raise InvalidParameter(f"the bound of blur for this field, rim, lens and object distance must be between {np.degrees(MIN_BLUR_RAD):.2g} and {np.degrees(MAX_BLUR_RAD):.3g} deg")
+        raise InvalidParameter(
+            f"the bound of blur for this field, rim, lens and object distance must be between {np.degrees(MIN_BLUR_RAD):.2g} and {np.degrees(MAX_BLUR_RAD):.3g} deg"
+        )
     return sign_change(too_steep, MIN_BLUR_RAD, MAX_BLUR_RAD, 1e-13)
 
 
@@ -286,7 +326,16 @@ def _ratio(over: Array, under: Array, limit: Array) -> Array:
     return np.where(on_axis, limit, over / np.where(on_axis, 1.0, under))
 
 
-def _bound(t: float, focus: float, x: Array, z: Array, slope: Array, omega: Array, blur_t: Array, blur_s: Array) -> BlurBound:
+def _bound(
+    t: float,
+    focus: float,
+    x: Array,
+    z: Array,
+    slope: Array,
+    omega: Array,
+    blur_t: Array,
+    blur_s: Array,
+) -> BlurBound:
     x, z, slope, omega, blur_t, blur_s = (a[::-1] for a in (x, z, slope, omega, blur_t, blur_s))
     degrees = np.degrees(omega), np.degrees(blur_t), np.degrees(blur_s)
     return BlurBound(float(np.degrees(t)), focus, x, z - z[0], slope, *degrees)

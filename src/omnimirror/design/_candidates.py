@@ -19,7 +19,15 @@ from ..optics.mirrors.prescribed_mapping import MappingMirror
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import Meridian
 from ._focusing import POINTS, Focusing
-from .mirror_construction import FAMILIES, LensAndCover, MountedMirror, RimRay, departure, generated_mirror, mapped_mirror
+from .mirror_construction import (
+    FAMILIES,
+    LensAndCover,
+    MountedMirror,
+    RimRay,
+    departure,
+    generated_mirror,
+    mapped_mirror,
+)
 from .mirror_fits import fit_mirror
 from .ranges import ends, ends_or_none, is_free
 from .requirements import FARTHEST_FOCUS, OF_MAPPINGS, MirrorRequirements, Requirements
@@ -54,7 +62,9 @@ def make(settled: Requirements) -> Candidate:
 def _by_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
     entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
     assert mirror.mapping is not None
-    return generated_mirror(mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries)
+    return generated_mirror(
+        mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries
+    )
 
 
 def _by_family(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MountedMirror:
@@ -65,7 +75,10 @@ def _by_family(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) ->
     return fit_mirror(equidistant, mirror.family).mounted
 
 
-WAYS: dict[str, Callable[[MirrorRequirements, RimRay, float], MountedMirror]] = {"mapping": _by_mapping, "family": _by_family}
+WAYS: dict[str, Callable[[MirrorRequirements, RimRay, float], MountedMirror]] = {
+    "mapping": _by_mapping,
+    "family": _by_family,
+}
 """Construction methods by the entry of ``[mirror]`` that selects them."""
 
 
@@ -76,7 +89,9 @@ def _mirror(settled: Requirements, theta_max_deg: float, fitted: bool = True) ->
     return _kept(mirror if fitted else replace(mirror, fit=None), rim, field.omega_min_deg)
 
 
-def _mounted(settled: Requirements, theta_max_deg: float, nearness: float, fitted: bool = True) -> MountedMirror:
+def _mounted(
+    settled: Requirements, theta_max_deg: float, nearness: float, fitted: bool = True
+) -> MountedMirror:
     """Return the mirror for the lens, focused at 1/L0, and the cover; its distance refers to the
     reference point of the lens.
     """
@@ -89,13 +104,21 @@ def _mounted(settled: Requirements, theta_max_deg: float, nearness: float, fitte
 
 
 @lru_cache(maxsize=128)
-def _kept_built(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float, around: LensAndCover, fitted: bool) -> MountedMirror:
+def _kept_built(
+    mirror: MirrorRequirements,
+    rim: RimRay,
+    omega_min_deg: float,
+    around: LensAndCover,
+    fitted: bool,
+) -> MountedMirror:
     """Return the mirror for a lens and a cover (cached)."""
     plain = replace(mirror, fit=None)
     if (exact := exact_mapping(mirror, rim, omega_min_deg)) is not None and around.keep_mapping:
         made = around.made_for_mapping(exact, rim)
     elif mirror.is_pointed:
-        made = around.made_for_ends(lambda inside, low: _kept(plain, inside, low), rim, omega_min_deg)
+        made = around.made_for_ends(
+            lambda inside, low: _kept(plain, inside, low), rim, omega_min_deg
+        )
     else:
         made = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
     if mirror.fit is None or not fitted:
@@ -116,12 +139,16 @@ def lens_and_cover(settled: Requirements, focus_mm: float) -> LensAndCover:
 PINHOLE, PARALLEL = Perspective(1.0, 1.0, 10.0), Orthographic(1.0, 1.0, 0.0)
 
 
-def exact_mapping(mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float) -> MappingMirror | None:
+def exact_mapping(
+    mirror: MirrorRequirements, rim: RimRay, omega_min_deg: float
+) -> MappingMirror | None:
     """Return the mirror with an exact directional mapping for a pinhole; None for others."""
     if mirror.mapping is None:
         return None
     entries = {name: v for name in OF_MAPPINGS if (v := getattr(mirror, name)) is not None}
-    exact = mapped_mirror(mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries)
+    exact = mapped_mirror(
+        mirror.mapping, rim, omega_min_deg if mirror.is_pointed else 0.0, **entries
+    )
     return None if isinstance(exact, FiniteMapping) else exact
 
 
@@ -130,7 +157,9 @@ def _focus_at(settled: Requirements, nearness: float) -> float:
     optics = settled.lens.optics
     if optics is None:
         return 1 / nearness if nearness else FARTHEST_FOCUS
-    return float(np.clip(1 / nearness if nearness else np.inf, optics.nearest_focus_mm, FARTHEST_FOCUS))
+    return float(
+        np.clip(1 / nearness if nearness else np.inf, optics.nearest_focus_mm, FARTHEST_FOCUS)
+    )
 
 
 @lru_cache(maxsize=128)
@@ -154,7 +183,9 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
         rim = RimRay(settled.field.omega_max_deg, theta, sensor.mirror.rim_radius_mm)
         exact = exact_mapping(mirror, rim, settled.field.omega_min_deg)
         made = MountedMirror(sensor.mirror, sensor.mirror_distance_mm)
-        return None if exact is None else departure(around, made, exact, ANGLES) * sensor.rim_radius_px
+        return (
+            None if exact is None else departure(around, made, exact, ANGLES) * sensor.rim_radius_px
+        )
     is_polynomial = mirror.family is not None and ":" in mirror.family
     if mirror.fit is None and not is_polynomial:
         return None
@@ -163,7 +194,9 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
     pinhole = _mirror(settled, float(np.degrees(sensor.meridian.theta_max)), fitted=False)
     target = Meridian(pinhole.mirror, pinhole.distance_mm)
     omega = np.radians(np.linspace(0.0, settled.field.omega_max_deg, ANGLES)[1:])
-    ours, theirs = (m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target))
+    ours, theirs = (
+        m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target)
+    )
     h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (ours, theirs)]
     return float(np.abs(h[0] - h[1]).max())
 
@@ -199,10 +232,14 @@ def _perspective(settled: Requirements) -> Candidate:
     nearness = _first_nearness(settled)
     for fitted in (False, True) if settled.mirror.fit is not None else (False,):
         made, nearness = _settled_focus(settled, nearness, fitted)
-    if not settled.lens.fills_imager or not (settled.lens.focus_mm is None or is_free(settled.lens.focus_mm)):
+    if not settled.lens.fills_imager or not (
+        settled.lens.focus_mm is None or is_free(settled.lens.focus_mm)
+    ):
         return made
     fixed = settled.changed(focus_mm=made.sensor.lens.focus_distance_mm)
-    return replace(_before_lens(fixed, 1 / made.sensor.lens.focus_distance_mm, fitted), settled=settled)
+    return replace(
+        _before_lens(fixed, 1 / made.sensor.lens.focus_distance_mm, fitted), settled=settled
+    )
 
 
 def _first_nearness(settled: Requirements) -> float:
@@ -257,7 +294,9 @@ def viewing(settled: Requirements, nearness: float) -> tuple[float, float]:
     if lens.optics is not None:
         field = lens.optics.focused_at(_focus_at(settled, nearness)).field
         tangent = float(field.tangent_of(np.array([radius]))[0])
-        tangent = field.end if np.isnan(tangent) else tangent  # the imager is larger than the image field of the lens
+        tangent = (
+            field.end if np.isnan(tangent) else tangent
+        )  # the imager is larger than the image field of the lens
     else:
         tangent = radius * (1 / focal[0] - nearness)
     filling = float(np.degrees(np.arctan(tangent)))
@@ -273,7 +312,9 @@ def sketched(settled: Requirements, nearness: float) -> Sensor:
         Mirror that does not exist or cannot be used.
     """
     if settled.lens.is_telecentric:
-        return _unfocused(settled, _mounted(settled, 0.0, 0.0, fitted=False), _telecentric_lens(settled))
+        return _unfocused(
+            settled, _mounted(settled, 0.0, 0.0, fitted=False), _telecentric_lens(settled)
+        )
     theta, focal = viewing(settled, nearness)
     mounted = _mounted(settled, theta, nearness, fitted=False)
     return _unfocused(settled, mounted, _lens(settled, focal, mounted.distance_mm))
@@ -284,7 +325,9 @@ def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candid
     theta, focal = viewing(settled, nearness)
     mounted = _mounted(settled, theta, nearness, fitted)
     asked = ends_or_none(settled.lens.focus_mm)
-    return _focused(settled, mounted, _lens(settled, focal, mounted.distance_mm if asked is None else asked[1]))
+    return _focused(
+        settled, mounted, _lens(settled, focal, mounted.distance_mm if asked is None else asked[1])
+    )
 
 
 def _lens(settled: Requirements, focal: float, focus_mm: float) -> Lens:
@@ -296,7 +339,16 @@ def _lens(settled: Requirements, focal: float, focus_mm: float) -> Lens:
 
 
 def _unfocused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Sensor:
-    return Sensor(mounted.mirror, lens, settled.imager, settled.mount, mounted.distance_mm, settled.name, settled.notes, housing=settled.housing)
+    return Sensor(
+        mounted.mirror,
+        lens,
+        settled.imager,
+        settled.mount,
+        mounted.distance_mm,
+        settled.name,
+        settled.notes,
+        housing=settled.housing,
+    )
 
 
 def _focused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Candidate:
@@ -310,4 +362,6 @@ def _focused(settled: Requirements, mounted: MountedMirror, lens: Lens) -> Candi
 def focusing(settled: Requirements, sensor: Sensor, points: int = POINTS) -> Focusing:
     """Return the focus-dependent properties of a sensor for settled requirements."""
     radius = np.inf if settled.lens.fills_imager else settled.largest_image_px
-    return Focusing(sensor, settled.field, settled.limits, radius, ends_or_none(settled.lens.focus_mm), points)
+    return Focusing(
+        sensor, settled.field, settled.limits, radius, ends_or_none(settled.lens.focus_mm), points
+    )

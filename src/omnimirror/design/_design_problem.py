@@ -12,7 +12,20 @@ from numpy.typing import NDArray
 from ..base.arguments import choice, image_radius
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
-from ..optics.batch.closed_forms import DEGREE, LensTables, PerspectiveCamera, RealCamera, TelecentricCamera, aim_of, built_optics, focus_powers, node_optics, tables_of, telecentric_optics, walls_of
+from ..optics.batch.closed_forms import (
+    DEGREE,
+    LensTables,
+    PerspectiveCamera,
+    RealCamera,
+    TelecentricCamera,
+    aim_of,
+    built_optics,
+    focus_powers,
+    node_optics,
+    tables_of,
+    telecentric_optics,
+    walls_of,
+)
 from ..optics.batch.evaluate import BatchEvaluation, Designs, evaluate_designs
 from ..optics.batch.families import Basis, Family, family
 from ..optics.housing import Housing, Rim, Tube
@@ -35,7 +48,9 @@ Array = NDArray[Any]
 def with_size(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> FieldValues:
     """Return field values of designs (b, dim) with the limited overall quantities (b, 1)."""
     asked = {limit.quantity for limit in space.problem.limits}
-    return field._replace(**{name: of(field, space, y, g) for name, of in SIZES.items() if name in asked})
+    return field._replace(
+        **{name: of(field, space, y, g) for name, of in SIZES.items() if name in asked}
+    )
 
 
 def _rim(space: DesignSpace) -> Rim:
@@ -79,7 +94,11 @@ def _mass(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> Array:
     return mass
 
 
-SIZES: dict[str, Callable[[FieldValues, DesignSpace, Array, Given], Array]] = {"overall_diameter_mm": _diameter, "overall_height_mm": _height, "mirror_body_mass_g": _mass}
+SIZES: dict[str, Callable[[FieldValues, DesignSpace, Array, Given], Array]] = {
+    "overall_diameter_mm": _diameter,
+    "overall_height_mm": _height,
+    "mirror_body_mass_g": _mass,
+}
 
 
 # -- Problem definition of a mirror optimisation: given values, free values and limits -------------
@@ -169,17 +188,23 @@ class DesignProblem:
 
     def __post_init__(self) -> None:
         if self.lens not in LENS_KINDS:
-            raise InvalidParameter(f"lens must be one of {', '.join(LENS_KINDS)}; got {self.lens!r}")
+            raise InvalidParameter(
+                f"lens must be one of {', '.join(LENS_KINDS)}; got {self.lens!r}"
+            )
         if self.optics is not None:
             object.__setattr__(self, "focal_length_mm", self.optics.focal_length_mm)
             object.__setattr__(self, "f_number", self.optics.f_number)
             if self.is_telecentric or self.mode != "exact" or self.image_radius_px is not None:
-                raise InvalidParameter(f"a real lens requires lens = 'perspective', mode = 'exact' and no image_radius_px; got lens = {self.lens!r}, mode = {self.mode!r}, image_radius_px = {self.image_radius_px}")
+                raise InvalidParameter(
+                    f"a real lens requires lens = 'perspective', mode = 'exact' and no image_radius_px; got lens = {self.lens!r}, mode = {self.mode!r}, image_radius_px = {self.image_radius_px}"
+                )
         if self.is_telecentric:
             for name in OF_LENS:
                 object.__setattr__(self, name, None)
         elif self.theta_max_deg is None and self.focal_length_mm is None:
-            raise InvalidParameter("a perspective lens requires theta_max_deg or focal_length_mm, a number or a range")
+            raise InvalidParameter(
+                "a perspective lens requires theta_max_deg or focal_length_mm, a number or a range"
+            )
         choice("mode", self.mode, BLUR_MODES)
         if self.image_radius_px is not None:
             image_radius(self.image_radius_px)
@@ -200,7 +225,14 @@ class DesignProblem:
     @property
     def free(self) -> list[str]:
         """Return the names of the ranges, the free variables in addition to shape and focus."""
-        names = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number")
+        names = (
+            "omega_max_deg",
+            "theta_max_deg",
+            "rim_radius_mm",
+            "focal_length_mm",
+            "magnification",
+            "f_number",
+        )
         return [n for n in names if (v := getattr(self, n)) is not None and ends(v)[0] < ends(v)[1]]
 
     @property
@@ -208,43 +240,69 @@ class DesignProblem:
         """Return whether the size of the rim image depends on free variables."""
         if self.is_telecentric:
             return self.magnification is not None
-        return None not in (self.theta_max_deg, self.focal_length_mm) and any(n in self.free for n in OF_LENS)
+        return None not in (self.theta_max_deg, self.focal_length_mm) and any(
+            n in self.free for n in OF_LENS
+        )
 
     @property
     def image_radius_mm(self) -> float:
         """Return the largest radius of the rim image."""
-        radius = self.imager.inscribed_radius_px if self.largest_image_px is None else self.largest_image_px
+        radius = (
+            self.imager.inscribed_radius_px
+            if self.largest_image_px is None
+            else self.largest_image_px
+        )
         return radius * self.imager.pitch_mm
 
     @property
     def has_view_to_clear(self) -> bool:
         """Return whether an unobscured view past the camera is required from a field angle on."""
-        return self.housing.camera is not None and self.omega_min_deg > 0 and not self.is_telecentric
+        return (
+            self.housing.camera is not None and self.omega_min_deg > 0 and not self.is_telecentric
+        )
 
     def _check_ranges(self) -> None:
-        for name in ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number", "object_distance_mm"):
+        for name in (
+            "omega_max_deg",
+            "theta_max_deg",
+            "rim_radius_mm",
+            "focal_length_mm",
+            "magnification",
+            "f_number",
+            "object_distance_mm",
+        ):
             if (value := getattr(self, name)) is None:
                 continue
             low, high = ends(value)
             if not 0 < low <= high:
                 text = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-                raise InvalidParameter(f"{name} must be a number above 0, or a range with 0 < low <= high; got {text}")
+                raise InvalidParameter(
+                    f"{name} must be a number above 0, or a range with 0 < low <= high; got {text}"
+                )
 
     def _check_focus(self) -> None:
         if self.focus_mm is None:
             return
         low, high = ends(self.focus_mm)
         object.__setattr__(self, "focus_mm", low if low == high else (low, high))
-        if not (np.isfinite([low, high]).all() and low <= high and (low > 0 or self.is_telecentric)):
-            raise InvalidParameter(f"focus_mm must be a distance above 0, or a range with 0 < low <= high; got {low:g} to {high:g}")
+        if not (
+            np.isfinite([low, high]).all() and low <= high and (low > 0 or self.is_telecentric)
+        ):
+            raise InvalidParameter(
+                f"focus_mm must be a distance above 0, or a range with 0 < low <= high; got {low:g} to {high:g}"
+            )
 
     def _check_field(self) -> None:
         omega_min, omega = ends(self.omega_max_deg)
         theta_max = 0.0 if self.theta_max_deg is None else ends(self.theta_max_deg)[1]
         if not (theta_max < omega_min and omega < 180 - theta_max):
-            raise InvalidParameter(f"omega_max_deg must be between {theta_max:g} and {180 - theta_max:g} deg for theta_max_deg = {theta_max:g}; got {omega:g}")
+            raise InvalidParameter(
+                f"omega_max_deg must be between {theta_max:g} and {180 - theta_max:g} deg for theta_max_deg = {theta_max:g}; got {omega:g}"
+            )
         if not 0 <= self.omega_min_deg < omega_min:
-            raise InvalidParameter(f"omega_min_deg must be at least 0 and less than {omega_min:g}; got {self.omega_min_deg:g}")
+            raise InvalidParameter(
+                f"omega_min_deg must be at least 0 and less than {omega_min:g}; got {self.omega_min_deg:g}"
+            )
 
 
 # -- Design space of a problem: points for an optimiser, and their sensors -------------------------
@@ -254,7 +312,9 @@ class DesignProblem:
 # The free variables are slopes at nodes between axis and rim, the focus, and the ranges of the
 # problem. For a telecentric lens Theta is 0 and there is no distance.
 
-ROUNDS_OF_LENS = 10  # iterations for a real lens or a cover; each reduces the residual at least tenfold
+ROUNDS_OF_LENS = (
+    10  # iterations for a real lens or a cover; each reduces the residual at least tenfold
+)
 ROUNDS = 6
 """Iterations for mutually dependent lens and focus; each gains one or two digits."""
 
@@ -315,9 +375,18 @@ class DesignSpace:
     @cached_property
     def names(self) -> list[str]:
         """Return the names of the coordinates."""
-        conic = (["curvature", "conic"] if self.family.terms else ["conic"]) if self.family.has_conic else []
+        conic = (
+            (["curvature", "conic"] if self.family.terms else ["conic"])
+            if self.family.has_conic
+            else []
+        )
         focus = [] if isinstance(self.problem.focus_mm, float) else ["focus"]
-        return [*(f"slope {u:.4f}" for u in self.family.slope_places()[:-1]), *conic, *focus, *self.problem.free]
+        return [
+            *(f"slope {u:.4f}" for u in self.family.slope_places()[:-1]),
+            *conic,
+            *focus,
+            *self.problem.free,
+        ]
 
     @property
     def dim(self) -> int:
@@ -332,11 +401,17 @@ class DesignSpace:
         if isinstance(asked := self.problem.focus_mm, tuple):
             places = sorted(self._place(mm) / self._focus_unit for mm in asked)
             focus = places[0], places[1]
-        for name, ends_of in (("curvature", (1e-3, 10.0)), ("conic", (-20.0, 20.0)), ("focus", focus)):
+        for name, ends_of in (
+            ("curvature", (1e-3, 10.0)),
+            ("conic", (-20.0, 20.0)),
+            ("focus", focus),
+        ):
             if name in self.names:
                 low[self.names.index(name)], high[self.names.index(name)] = ends_of
         for name in self.problem.free:
-            low[self.names.index(name)], high[self.names.index(name)] = np.log(ends(getattr(self.problem, name)))
+            low[self.names.index(name)], high[self.names.index(name)] = np.log(
+                ends(getattr(self.problem, name))
+            )
         return low, high
 
     # -- field, rim and lens -----------------------------------------------------------------------
@@ -349,7 +424,9 @@ class DesignSpace:
 
     def given(self, y: Array) -> Given:
         """Return field, rim and lens of designs (b, dim)."""
-        omega_max, M, F = (self._number(y, n) for n in ("omega_max_deg", "rim_radius_mm", "f_number"))
+        omega_max, M, F = (
+            self._number(y, n) for n in ("omega_max_deg", "rim_radius_mm", "f_number")
+        )
         omega_max = omega_max * DEGREE
         if self.tables is not None:
             return self._inside(y, self._given_real(y, omega_max, M, F, self.tables))
@@ -363,13 +440,23 @@ class DesignSpace:
             tangent = np.tan(theta)
         else:  # the rim fills the imager: tangent = radius/b0, and 1/b0 = 1/f - 1/L0
             near = self._number(y, "focal_length_mm")
-            tangent = radius / near / (1 + radius * relative / M) if fixed is None else radius * (1 / near - fixed)
+            tangent = (
+                radius / near / (1 + radius * relative / M)
+                if fixed is None
+                else radius * (1 / near - fixed)
+            )
             theta = np.arctan(tangent)
         v = relative * tangent / M if fixed is None else fixed
-        focal = self._number(y, "focal_length_mm") if p.focal_length_mm is not None else 1 / (tangent / radius + v)
+        focal = (
+            self._number(y, "focal_length_mm")
+            if p.focal_length_mm is not None
+            else 1 / (tangent / radius + v)
+        )
         return self._inside(y, Given(omega_max, M, theta, tangent, focal, F, v, omega_max))
 
-    def _given_real(self, y: Array, omega_max: Array, M: Array, F: Array, tables: LensTables) -> Given:
+    def _given_real(
+        self, y: Array, omega_max: Array, M: Array, F: Array, tables: LensTables
+    ) -> Given:
         """Return the values for a real lens, at the focus of each design."""
         fixed = self._fixed(y, M)
         relative = 0 * M if fixed is not None else y[:, self.names.index("focus"), None]
@@ -383,7 +470,16 @@ class DesignSpace:
                 missed = self.imager_radius_mm - focus_powers(found.height, q)
                 tangent = tangent + missed / focus_powers(found.rate, q)
         v = relative * tangent / M if fixed is None else fixed
-        return Given(omega_max, M, np.arctan(tangent), tangent, tables.focal_length_mm + 0 * M, F, v, omega_max)
+        return Given(
+            omega_max,
+            M,
+            np.arctan(tangent),
+            tangent,
+            tables.focal_length_mm + 0 * M,
+            F,
+            v,
+            omega_max,
+        )
 
     def _inside(self, y: Array, g: Given) -> Given:
         """Return the values with the angle inside the cover for the given field angle outside."""
@@ -420,14 +516,20 @@ class DesignSpace:
         another outer medium, which has no field near the axis.
         """
         shell = self.problem.housing.shell
-        left = shell is None or not shell.is_axial or (isinstance(shell, Tube) and shell.outer_index != 1.0)
+        left = (
+            shell is None
+            or not shell.is_axial
+            or (isinstance(shell, Tube) and shell.outer_index != 1.0)
+        )
         return Housing() if left else Housing(shell=shell, rim=self.problem.housing.rim)
 
     def _given_telecentric(self, y: Array, omega_max: Array, M: Array, F: Array) -> Given:
         fixed = self._fixed(y, M)
         v = y[:, self.names.index("focus"), None] * M if fixed is None else fixed
         asked = self.problem.magnification
-        magnification = self.imager_radius_mm / M if asked is None else self._number(y, "magnification")
+        magnification = (
+            self.imager_radius_mm / M if asked is None else self._number(y, "magnification")
+        )
         return Given(omega_max, M, 0 * M, np.nan * M, magnification, F, v, omega_max)
 
     def _place(self, focus_mm: Any) -> Any:
@@ -461,8 +563,18 @@ class DesignSpace:
         if self.tables is not None:
             return RealCamera(self.tables, p.imager.pitch_mm, p.wavelength_nm)
         if p.is_telecentric:
-            return TelecentricCamera(g.focal, g.f_number, g.M, p.imager.pitch_mm, p.image_radius_px, p.wavelength_nm)
-        return PerspectiveCamera(g.focal, g.f_number, g.tangent, p.imager.pitch_mm, p.mode, p.image_radius_px, p.wavelength_nm)
+            return TelecentricCamera(
+                g.focal, g.f_number, g.M, p.imager.pitch_mm, p.image_radius_px, p.wavelength_nm
+            )
+        return PerspectiveCamera(
+            g.focal,
+            g.f_number,
+            g.tangent,
+            p.imager.pitch_mm,
+            p.mode,
+            p.image_radius_px,
+            p.wavelength_nm,
+        )
 
     # -- shape and optics --------------------------------------------------------------------------
 
@@ -474,7 +586,9 @@ class DesignSpace:
         slopes = np.concatenate([y[:, :count], rim], axis=1)[:, : self.family.terms]
         if self.family.has_conic:
             k = y[:, self.names.index("conic"), None]
-            if not self.family.terms:  # pure conic, whose vertex radius follows from the slope at the rim
+            if (
+                not self.family.terms
+            ):  # pure conic, whose vertex radius follows from the slope at the rim
                 return slopes[:, :0], np.sqrt(1 / rim**2 + 1 + k), k
             R = 1 / y[:, self.names.index("curvature"), None]
             slopes = slopes - conic_profile(self.family.slope_places(), R, k)[1]
@@ -515,14 +629,24 @@ class DesignSpace:
         reach = rim if self.problem.is_telecentric else self.reach(g)
         if self.tables is not None or self._bending.shell is not None:
             m = self.reach(g) - rim
-            aim, walls = (aim_of(rest[0], m + rest[1], self.tables), walls_of(self._bending, m, rim, g.M))
+            aim, walls = (
+                aim_of(rest[0], m + rest[1], self.tables),
+                walls_of(self._bending, m, rim, g.M),
+            )
             o = built_optics(*rest, aim, near, walls)
         elif self.problem.is_telecentric:
             o = telecentric_optics(*rest, near)
         else:
             o = node_optics(*rest, reach - rim, near)
         field = with_size(values_at(o, self.camera(g), g.focus, reach, rim), self, y, g)
-        return State(field, o.omega, o.domega_dx * g.M, o.cos_incidence, self.hidden(field, o.omega), self.image(g))
+        return State(
+            field,
+            o.omega,
+            o.domega_dx * g.M,
+            o.cos_incidence,
+            self.hidden(field, o.omega),
+            self.image(g),
+        )
 
     def hidden(self, field: FieldValues, omega: Array) -> Array:
         """Return the obscuration by the camera at field angles (b, k), in camera radii.
@@ -543,7 +667,9 @@ class DesignSpace:
         interpolated between nodes.
         """
         low = self.problem.omega_min_deg * DEGREE
-        before = np.clip((omega.real[:, : self._count(omega)] <= low).sum(axis=-1, keepdims=True) - 1, 0, None)
+        before = np.clip(
+            (omega.real[:, : self._count(omega)] <= low).sum(axis=-1, keepdims=True) - 1, 0, None
+        )
         nodes = np.concatenate([before, before + 1], axis=-1)
         (a, b), (h, k) = (np.take_along_axis(v, nodes, axis=-1).T for v in (omega, hidden))
         at: Array = h + (low - a) / (b - a) * (k - h)
@@ -553,7 +679,9 @@ class DesignSpace:
         """Return the number of field angles of one object distance."""
         return int(omega.shape[-1]) // len(self.problem.distances_mm)
 
-    def counting(self, omega: Array, hidden: Array, low_deg: float | None = None, high_deg: float = 180.0) -> NDArray[np.intp]:
+    def counting(
+        self, omega: Array, hidden: Array, low_deg: float | None = None, high_deg: float = 180.0
+    ) -> NDArray[np.intp]:
         """Return the counted columns (b, n) of field angles (b, n) in radians, concatenated over
         object distances: those in view between two angles (by default from the inner end of the
         required field), and the next one beyond either end.
@@ -570,7 +698,9 @@ class DesignSpace:
         first = np.clip(first, 0, n - 1)
         last = np.clip((omega < high_deg * DEGREE).sum(axis=-1, keepdims=True), first, n - 1)
         which = np.clip(np.arange(n), first, last)
-        return np.concatenate([which + i * n for i in range(len(self.problem.distances_mm))], axis=-1)
+        return np.concatenate(
+            [which + i * n for i in range(len(self.problem.distances_mm))], axis=-1
+        )
 
     # -- designs and sensors -----------------------------------------------------------------------
 
@@ -580,16 +710,41 @@ class DesignSpace:
         g = self.given(y)
         coefficients, R, k = self._shapes(y, g)
         sag = self.sags(y, g, np.ones(1))
-        M, m, focal, mu = (g.M[:, 0], (self.reach(g) - g.M * sag)[:, 0], g.focal[:, 0], np.zeros(len(y)))
+        M, m, focal, mu = (
+            g.M[:, 0],
+            (self.reach(g) - g.M * sag)[:, 0],
+            g.focal[:, 0],
+            np.zeros(len(y)),
+        )
         if p.is_telecentric:
             m, focal, mu = np.full_like(mu, np.inf), np.full_like(mu, np.inf), focal
-        return Designs(self.family, coefficients, m, M, focal, g.f_number[:, 0], p.imager.pixel_pitch_um, R[:, 0] * M, k[:, 0], mu, p.mode, p.image_radius_px, p.wavelength_nm, p.distances_mm[-1], p.omega_min_deg, p.optics, self._bending)
+        return Designs(
+            self.family,
+            coefficients,
+            m,
+            M,
+            focal,
+            g.f_number[:, 0],
+            p.imager.pixel_pitch_um,
+            R[:, 0] * M,
+            k[:, 0],
+            mu,
+            p.mode,
+            p.image_radius_px,
+            p.wavelength_nm,
+            p.distances_mm[-1],
+            p.omega_min_deg,
+            p.optics,
+            self._bending,
+        )
 
     def evaluate(self, y: Array, angles: int) -> BatchEvaluation:
         """Evaluate designs (b, dim) for each object distance, with a common focus."""
         distances = np.array(self.problem.distances_mm)
         u = np.tile(np.linspace(0.0, 1.0, angles), distances.size)
-        return evaluate_designs(replace(self.designs(y), object_distance_mm=np.repeat(distances, angles)), u)
+        return evaluate_designs(
+            replace(self.designs(y), object_distance_mm=np.repeat(distances, angles)), u
+        )
 
     def field(self, y: Array, result: BatchEvaluation) -> FieldValues:
         """Return field values of designs (b, dim) evaluated at their own focus."""
@@ -602,11 +757,18 @@ class DesignSpace:
         p = np.repeat(self.problem.distances_mm, self._count(result.h_px))
         if not isinstance(camera, RealCamera):
             light = camera.light(result.h_px / camera.px_per_ray(g.focus))
-            return with_size(values_of(result, light, b0, length, height, airy, None, p), self, y, g)
+            return with_size(
+                values_of(result, light, b0, length, height, airy, None, p), self, y, g
+            )
         u = np.tile(np.linspace(0.0, 1.0, self._count(result.h_px)), len(self.problem.distances_mm))
         z = g.M * self.sags(y, g, u)
-        found, q = (camera.tables.at(aim_of(u * g.M, reach - sag + z, camera.tables).tangent), camera.tables.defocus(g.focus))
-        own_t, own_s = (focus_powers(own, q) / camera.pitch_mm for own in (found.own_t, found.own_s))
+        found, q = (
+            camera.tables.at(aim_of(u * g.M, reach - sag + z, camera.tables).tangent),
+            camera.tables.defocus(g.focus),
+        )
+        own_t, own_s = (
+            focus_powers(own, q) / camera.pitch_mm for own in (found.own_t, found.own_s)
+        )
         field = values_of(result, found.light, b0, length, height, airy, (own_t, own_s), p)
         return with_size(field, self, y, g)
 
@@ -621,7 +783,9 @@ class DesignSpace:
         """Return the points (b, dim) at the focus of minimum worst floored blur area."""
         if "focus" not in self.names:
             return y
-        for _ in range(ROUNDS if None in (self.problem.theta_max_deg, self.problem.focal_length_mm) else 1):
+        for _ in range(
+            ROUNDS if None in (self.problem.theta_max_deg, self.problem.focal_length_mm) else 1
+        ):
             y = self.with_focus(y, self.evaluate(y, angles).focus_mm)
         return y
 
@@ -639,13 +803,21 @@ class DesignSpace:
             y[:, i] = self._place(focus_mm) / self._focus_unit
             y[:, i] = np.clip(y[:, i], *(ends_of[i] for ends_of in self.bounds))
             return y
-        for _ in range(ROUNDS if self.problem.theta_max_deg is None else 1):  # theta may depend on the focus
+        for _ in range(
+            ROUNDS if self.problem.theta_max_deg is None else 1
+        ):  # theta may depend on the focus
             g = self.given(y)
             place = self._place(focus_mm)
-            y[:, i] = place / g.M[:, 0] if self.problem.is_telecentric else (g.M / g.tangent)[:, 0] * place
+            y[:, i] = (
+                place / g.M[:, 0]
+                if self.problem.is_telecentric
+                else (g.M / g.tangent)[:, 0] * place
+            )
         return y
 
     def sensor(self, y: Array, name: str = "design", notes: str = "") -> Sensor:
         """Return a point (dim,) as a sensor at its own focus."""
-        sensor = self.designs(y).sensor(0, self.problem.imager, float(self.focus_mm(y[None])[0]), name)
+        sensor = self.designs(y).sensor(
+            0, self.problem.imager, float(self.focus_mm(y[None])[0]), name
+        )
         return replace(sensor, notes=notes, housing=self.problem.housing)

@@ -18,7 +18,15 @@ from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor
 from ._candidates import Candidate, focusing, make, mapping_deviation_px
 from ._design_problem import OF_LENS
-from ._design_space import BestDesign, Point, Reached, Say, is_more_met, meeting_the_others, priority_note
+from ._design_space import (
+    BestDesign,
+    Point,
+    Reached,
+    Say,
+    is_more_met,
+    meeting_the_others,
+    priority_note,
+)
 from ._focusing import Focusing, vergences_of
 from .evaluated_field import counted_field
 from .optimiser import IMAGE, Key, Slack
@@ -43,7 +51,14 @@ STEPS = 25  # maximum iterations of a search
 KEPT = 1e-6  # tolerance of relative violations
 RELAXED_STARTS = 2  # searches of relaxed requirements, the first from a nearly feasible design
 FITS = 3  # searches with an updated effect of the fit
-TRIED = (0.05, 0.2, 0.5, 1.0, 2.0, 4.0)  # relative changes of a number, tried for the start of its search
+TRIED = (
+    0.05,
+    0.2,
+    0.5,
+    1.0,
+    2.0,
+    4.0,
+)  # relative changes of a number, tried for the start of its search
 SEARCHED = 181  # field angles of a requirement check within a search
 LINEAR = ("conic", "omega_min_deg")  # entries that may be 0 or negative
 FREE_CONIC = (-0.9, 4.0)  # of an ellipsoid with a free conic constant
@@ -62,7 +77,16 @@ def ranges_of(requirements: Requirements) -> dict[str, Span | None]:
         theta = None  # follows from the focal length; its range is a requirement
     elif theta and is_free(focal):
         focal = None
-    return {"omega_max_deg": ends(field.omega_max_deg), "omega_min_deg": ends(field.omega_min_deg), "rim_radius_mm": ends(mirror.rim_radius_mm), "theta_max_deg": theta, "focal_length_mm": focal, "f_number": ends(lens.f_number), "magnification": ends_or_none(lens.magnification), "conic": conic}
+    return {
+        "omega_max_deg": ends(field.omega_max_deg),
+        "omega_min_deg": ends(field.omega_min_deg),
+        "rim_radius_mm": ends(mirror.rim_radius_mm),
+        "theta_max_deg": theta,
+        "focal_length_mm": focal,
+        "f_number": ends(lens.f_number),
+        "magnification": ends_or_none(lens.magnification),
+        "conic": conic,
+    }
 
 
 def free_of(ranges: dict[str, Span | None]) -> dict[str, Span]:
@@ -102,7 +126,11 @@ class ParameterSpace:
         Otherwise the focus minimises the floored blur area, as in an initial design.
         """
         limits = self.requirements.limits
-        hangs = not limits or any(limit.of.is_sharpness for limit in limits) or not self.settled.lens.fills_imager
+        hangs = (
+            not limits
+            or any(limit.of.is_sharpness for limit in limits)
+            or not self.settled.lens.fills_imager
+        )
         return [*self.spans, "focus"] if self._is_focus_free and hangs else [*self.spans]
 
     @property
@@ -114,14 +142,20 @@ class ParameterSpace:
     def _unit(self) -> float:
         """Return the unit of the focus coordinate, 1/(lens to rim) or the rim radius."""
         sensor = self.near
-        return sensor.mirror.rim_radius_mm if sensor.lens.TELECENTRIC else 1 / sensor.mirror_distance_mm
+        return (
+            sensor.mirror.rim_radius_mm
+            if sensor.lens.TELECENTRIC
+            else 1 / sensor.mirror_distance_mm
+        )
 
     def _place(self, focus_mm: float) -> float:
         return -focus_mm if self.near.lens.TELECENTRIC else 1 / focus_mm
 
     def point(self, settled: Requirements, sensor: Sensor) -> Point:
         """Return a design as a point, including fixed numbers."""
-        numbers = {name: ends_or_none(_entry(settled, name)) for name in ranges_of(self.requirements)}
+        numbers = {
+            name: ends_or_none(_entry(settled, name)) for name in ranges_of(self.requirements)
+        }
         point = {name: _inner(name, span[0]) for name, span in numbers.items() if span is not None}
         return point | {"focus": self._place(sensor.lens.focus_distance_mm) / self._unit}
 
@@ -139,7 +173,9 @@ class ParameterSpace:
         if "focus" in point:
             numbers["focus_mm"] = self._place(point["focus"] * self._unit)
         settled = self.settled.changed(**numbers)
-        asked = {name: _entry(settled, name) for name in ("omega_min_deg", "omega_max_deg", "focus_mm")}
+        asked = {
+            name: _entry(settled, name) for name in ("omega_min_deg", "omega_max_deg", "focus_mm")
+        }
         return settled, self.requirements.changed(**asked)
 
     @cached_property
@@ -160,7 +196,11 @@ class ParameterSpace:
     def numbers(self) -> dict[str, float]:
         """Return the fixed numbers of the requirements."""
         spans = ranges_of(self.requirements)
-        found = {n: span[0] for n, span in spans.items() if span is not None and not is_free(span) and span[0] != 0}
+        found = {
+            n: span[0]
+            for n, span in spans.items()
+            if span is not None and not is_free(span) and span[0] != 0
+        }
         if all(limit.omega_deg for limit in self.requirements.limits):
             found.pop("omega_min_deg", None)
         if self.requirements.lens.optics is not None:
@@ -173,7 +213,11 @@ class ParameterSpace:
         lens, settled = self.requirements.lens, self.settled.lens
         keys: list[Key] = [*range(len(self.requirements.limits)), "omega_min_deg"]
         keys += [] if settled.fills_imager else [IMAGE]
-        follow = (n for n in OF_LENS if getattr(lens, n) is not None and ranges_of(self.requirements)[n] is None)
+        follow = (
+            n
+            for n in OF_LENS
+            if getattr(lens, n) is not None and ranges_of(self.requirements)[n] is None
+        )
         return (*keys, *follow)
 
     def freed(self, ranges: dict[str, Span]) -> ParameterSpace:
@@ -199,21 +243,34 @@ class ParameterSpace:
                 break
         return best
 
-    def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
+    def meeting(
+        self, requirements: Requirements, point: Point, is_local: bool = False
+    ) -> Point | None:
         """Return the design for other requirements, found by a local or a global search."""
-        found = self.settled_at(point) if all(name in point for name in self.names) else self.settled
+        found = (
+            self.settled_at(point) if all(name in point for name in self.names) else self.settled
+        )
         spans = free_of(ranges_of(requirements))
-        numbers = {name: float(np.clip(_number(found, name), *span)) for name, span in spans.items()}
-        settled = {name: span[0] for name, span in ranges_of(requirements).items() if span is not None}
+        numbers = {
+            name: float(np.clip(_number(found, name), *span)) for name, span in spans.items()
+        }
+        settled = {
+            name: span[0] for name, span in ranges_of(requirements).items() if span is not None
+        }
         starts = 1 if is_local else RELAXED_STARTS
-        made = self.found_from_scratch(requirements, [requirements.changed(**(settled | numbers))], starts)
+        made = self.found_from_scratch(
+            requirements, [requirements.changed(**(settled | numbers))], starts
+        )
         return None if made is None else self.point(made.settled, made.sensor)
 
     # -- violations --------------------------------------------------------------------------------
 
     def missed(self, point: Point) -> dict[Key, float]:
         """Return the relative violation of each requirement at a point."""
-        return {key: float(rows.max()) for key, rows in self._missed(self._y(point), fitted=True).items()}
+        return {
+            key: float(rows.max())
+            for key, rows in self._missed(self._y(point), fitted=True).items()
+        }
 
     def _missed(self, y: Array, fitted: bool = False) -> dict[Key, Array]:
         """Return the relative violation of each requirement at y, as smooth rows.
@@ -234,7 +291,9 @@ class ParameterSpace:
         found: dict[Key, Array] = {}
         with np.errstate(all="ignore"):
             for i, limit in enumerate(self.requirements.limits):
-                found[i] = np.nan_to_num(np.atleast_2d(limit.excess(looked.at(v, limit), looked.distances))[0], nan=-1.0)
+                found[i] = np.nan_to_num(
+                    np.atleast_2d(limit.excess(looked.at(v, limit), looked.distances))[0], nan=-1.0
+                )
             if not self.requirements.limits:
                 found[AREA] = np.atleast_2d(looked.at(v).log_area)[0]
         for row in given_rows(asked, sensor):
@@ -299,9 +358,22 @@ class ParameterSpace:
                 there = values(y + step)
                 objective.append((there.objective - here.objective) / step[i])
                 constraints.append((there.constraints - here.constraints) / step[i])
-            return LinearisedValues(*here, np.nan_to_num(np.stack(objective, axis=1)), np.nan_to_num(np.stack(constraints, axis=1)))
+            return LinearisedValues(
+                *here,
+                np.nan_to_num(np.stack(objective, axis=1)),
+                np.nan_to_num(np.stack(constraints, axis=1)),
+            )
 
-        return solve_minimax(values, rows, y, self.bounds, tolerance=CLOSE, max_steps=STEPS, last_trust=CLOSE, least_gain=CLOSE)
+        return solve_minimax(
+            values,
+            rows,
+            y,
+            self.bounds,
+            tolerance=CLOSE,
+            max_steps=STEPS,
+            last_trust=CLOSE,
+            least_gain=CLOSE,
+        )
 
     def _moved(self, y: Array, name: str, asked: float, way: int) -> float:
         """Return the relative change of a number."""
@@ -343,12 +415,21 @@ def _outer(name: str, value: float) -> float:
 # first (:mod:`.priorities`).
 
 GRID = {1: 9, 2: 4, 3: 3, 4: 2, 5: 2}  # grid points per free number, by their count
-STARTS, RESTARTS = (12, 5)  # searches from different starts, and restarts of a search at its end point
-SAME, AGREEING = (1e-4, 3)  # relative difference of equal costs; number of searches that have to agree
+STARTS, RESTARTS = (
+    12,
+    5,
+)  # searches from different starts, and restarts of a search at its end point
+SAME, AGREEING = (
+    1e-4,
+    3,
+)  # relative difference of equal costs; number of searches that have to agree
 AGREEING_IF_MET = 2  # the same for feasible candidates
 ENOUGH_IF_MET = 4  # searches after which a feasible candidate is accepted
 NEAR_MISS = 0.05  # cost below which a derivative-free search follows
-SIMPLEX, SIMPLEX_STEPS = (0.05, 60)  # initial steps relative to the ranges; evaluations for each free number
+SIMPLEX, SIMPLEX_STEPS = (
+    0.05,
+    60,
+)  # initial steps relative to the ranges; evaluations for each free number
 GAIN, ROUGH_GAIN = 1e-4, 0.02  # smallest relative gains for a restart: of optima, of feasibility
 INFEASIBLE = 1e6  # deg2, above any floored blur area; penalty for violated given values
 
@@ -397,7 +478,9 @@ class RangeSearch:
         results = evaluations(self.requirements, verdict.sensor, np.linspace(low, high, SEARCHED))
         return max(float(result.floored_area_deg2.max()) for result in results)
 
-    def best(self, begin: Iterable[Requirements] = (), enough: float = -np.inf, starts: int | None = None) -> Ranked:
+    def best(
+        self, begin: Iterable[Requirements] = (), enough: float = -np.inf, starts: int | None = None
+    ) -> Ranked:
         """Return the best candidate of several searches from starts distributed over the ranges.
 
         Parameters
@@ -424,7 +507,11 @@ class RangeSearch:
             best = min(ends, key=lambda c: c.cost)
             agreeing = sum(c.cost - best.cost <= SAME * abs(best.cost) for c in ends)
             enough_agree = agreeing >= (AGREEING_IF_MET if best.cost <= 0 else AGREEING)
-            if best.cost <= enough or enough_agree or (best.cost <= 0 and len(ends) >= ENOUGH_IF_MET):
+            if (
+                best.cost <= enough
+                or enough_agree
+                or (best.cost <= 0 and len(ends) >= ENOUGH_IF_MET)
+            ):
                 break
         if not ends:
             return self.judged(middle)  # raises the reason
@@ -437,9 +524,22 @@ class RangeSearch:
         """
         middle = self.middle()
         grid = [*self._grid(middle)] if self.free else []
-        chosen = [middle, *(grid[i] for i in np.linspace(0, len(grid) - 1, min(count, len(grid))).round().astype(int))]
+        chosen = [
+            middle,
+            *(
+                grid[i]
+                for i in np.linspace(0, len(grid) - 1, min(count, len(grid))).round().astype(int)
+            ),
+        ]
         found = [made for settled in chosen if (made := self._tried(unfitted(settled))) is not None]
-        return next((c for made in sorted(found, key=lambda c: c.cost) if (c := self._fitted(made)) is not None), None)
+        return next(
+            (
+                c
+                for made in sorted(found, key=lambda c: c.cost)
+                if (c := self._fitted(made)) is not None
+            ),
+            None,
+        )
 
     def _fitted(self, unfitted: Ranked) -> Ranked | None:
         """Return a candidate with the requested fit, if any."""
@@ -469,7 +569,9 @@ class RangeSearch:
         """Return the position of a candidate within the free ranges, each scaled to 0 to 1."""
         entries = candidate.made.settled.tables()
         values = {**entries["field"], **entries["mirror"], **entries["lens"]}
-        return np.array([(values[name] - low) / (high - low) for name, (low, high) in self.free.items()])
+        return np.array(
+            [(values[name] - low) / (high - low) for name, (low, high) in self.free.items()]
+        )
 
     def _by_simplex(self, start: Ranked) -> Ranked:
         """Refine a nearly feasible candidate by a derivative-free search until it is feasible.
@@ -487,16 +589,31 @@ class RangeSearch:
             if best.cost <= 0:
                 return INFEASIBLE
             numbers = spans[:, 0] + np.clip(place, 0.0, 1.0) * (spans[:, 1] - spans[:, 0])
-            found = self._tried(settled.changed(**dict(zip(self.free, numbers.tolist(), strict=True))))
+            found = self._tried(
+                settled.changed(**dict(zip(self.free, numbers.tolist(), strict=True)))
+            )
             if found is None:
                 return INFEASIBLE
             best = min(best, found, key=lambda c: c.cost)
             return found.cost
 
         place = self._place(start)
-        corners = [place, *(place + np.where(place < 0.5, SIMPLEX, -SIMPLEX) * unit for unit in np.eye(place.size))]
-        options = {"initial_simplex": np.array(corners), "maxfev": SIMPLEX_STEPS * place.size, "xatol": 1e-6, "fatol": 1e-7}
-        minimize(cost, place, method="Nelder-Mead", bounds=[(0.0, 1.0)] * place.size, options=options)
+        corners = [
+            place,
+            *(
+                place + np.where(place < 0.5, SIMPLEX, -SIMPLEX) * unit
+                for unit in np.eye(place.size)
+            ),
+        ]
+        options = {
+            "initial_simplex": np.array(corners),
+            "maxfev": SIMPLEX_STEPS * place.size,
+            "xatol": 1e-6,
+            "fatol": 1e-7,
+        }
+        minimize(
+            cost, place, method="Nelder-Mead", bounds=[(0.0, 1.0)] * place.size, options=options
+        )
         return best
 
     def followed(self, start: Ranked, enough: float) -> Ranked:
@@ -517,7 +634,9 @@ class RangeSearch:
 
     def space(self, found: Ranked) -> ParameterSpace:
         """Return the design space around a candidate."""
-        return ParameterSpace(self.requirements, found.made.settled, self.free, found.made.sensor, found_from_scratch)
+        return ParameterSpace(
+            self.requirements, found.made.settled, self.free, found.made.sensor, found_from_scratch
+        )
 
     def _polished(self, start: Ranked) -> Ranked:
         """Return the best candidate near a given one over the free parameters."""
@@ -548,7 +667,9 @@ class RangeSearch:
             return None
 
 
-def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[ParameterSpace, BestDesign]:
+def solve(
+    requirements: Requirements, say: Say = lambda words: None
+) -> tuple[ParameterSpace, BestDesign]:
     """Return the best candidate and its design space.
 
     Raises
@@ -568,11 +689,15 @@ def solve(requirements: Requirements, say: Say = lambda words: None) -> tuple[Pa
         except OmnimirrorError:
             continue
         if is_more_met(other.verdict, best.verdict):
-            return space, replace(other, notes=(priority_note(other.verdict, best.verdict), *other.notes))
+            return space, replace(
+                other, notes=(priority_note(other.verdict, best.verdict), *other.notes)
+            )
     return space, best
 
 
-def found_from_scratch(requirements: Requirements, begin: Iterable[Requirements] = (), starts: int | None = None) -> Candidate | None:
+def found_from_scratch(
+    requirements: Requirements, begin: Iterable[Requirements] = (), starts: int | None = None
+) -> Candidate | None:
     """Return the candidate of a search, if feasible; ``begin`` contains earlier designs.
 
     Raises
@@ -587,7 +712,9 @@ def found_from_scratch(requirements: Requirements, begin: Iterable[Requirements]
 def _design(search: RangeSearch, space: ParameterSpace, made: Candidate) -> BestDesign:
     """Return a checked candidate with its point in the design space."""
     verdict = judge(search.requirements, made.sensor)
-    return BestDesign(space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made))
+    return BestDesign(
+        space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made)
+    )
 
 
 def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
@@ -599,17 +726,29 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
         notes.append(f"{name} = {chosen[name]:.6g}, chosen between {low:g} and {high:g}")
     if isinstance(sensor.lens, GaussianLens):
         fills = sensor.rim_radius_px > requirements.largest_image_px - EDGE_PX
-        where = "so that the rim fills the imager" if fills else "the end of its range; the rim does not fill the imager"
+        where = (
+            "so that the rim fills the imager"
+            if fills
+            else "the end of its range; the rim does not fill the imager"
+        )
         if search.ranges["theta_max_deg"] is None:
-            notes.append(f"theta_max_deg = {float(np.degrees(sensor.meridian.theta_max)):.6g}, {where}")
+            notes.append(
+                f"theta_max_deg = {float(np.degrees(sensor.meridian.theta_max)):.6g}, {where}"
+            )
         elif search.ranges["focal_length_mm"] is None:
             notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, {where}")
     if requirements.lens.focus_mm is None or is_free(requirements.lens.focus_mm):
-        notes.append(f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_why_there(requirements, made)}")
+        notes.append(
+            f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_why_there(requirements, made)}"
+        )
     deviation = mapping_deviation_px(made.settled, sensor)
     if deviation is not None:
         mirror = requirements.mirror
-        mirror_text = "the mirror behind lens and cover" if mirror.mapping and not mirror.fit else "the fitted mirror"
+        mirror_text = (
+            "the mirror behind lens and cover"
+            if mirror.mapping and not mirror.fit
+            else "the fitted mirror"
+        )
         notes.append(f"maximum deviation of {mirror_text} from its mapping: {deviation:.3g} px")
     return tuple(notes)
 
@@ -619,7 +758,11 @@ def _why_there(requirements: Requirements, made: Candidate) -> str:
     if made.settled.lens.focus_mm != requirements.lens.focus_mm:
         return "maximising the smallest margin"
     is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
-    return "maximising the margins of blur limits" if is_sharpness else "minimising the worst floored blur area"
+    return (
+        "maximising the margins of blur limits"
+        if is_sharpness
+        else "minimising the worst floored blur area"
+    )
 
 
 def ratios(span: tuple[float, float], count: int) -> list[float]:

@@ -25,7 +25,17 @@ from ..base.errors import InvalidParameter
 from ..optics.housing import Dome
 from ..optics.image_sensor import Imager
 from ._mass_and_size import price
-from .catalogue import BallComponent, Catalogue, Component, DomeComponent, ExtraComponent, ImagerComponent, LensComponent, TelecentricComponent, mounts_fit
+from .catalogue import (
+    BallComponent,
+    Catalogue,
+    Component,
+    DomeComponent,
+    ExtraComponent,
+    ImagerComponent,
+    LensComponent,
+    TelecentricComponent,
+    mounts_fit,
+)
 from .limits import Limit, contrast
 from .ranges import Range, ends, ends_or_none
 from .requirements import FARTHEST_FOCUS, Requirements
@@ -46,7 +56,9 @@ class PartsCombination:
 
     @property
     def parts(self) -> tuple[Component, ...]:
-        return tuple(p for p in (self.lens, self.imager, self.ball, self.dome, *self.extras) if p is not None)
+        return tuple(
+            p for p in (self.lens, self.imager, self.ball, self.dome, *self.extras) if p is not None
+        )
 
     @property
     def name(self) -> str:
@@ -69,7 +81,10 @@ def combinations_of(catalogue: Catalogue, asked: Requirements) -> list[PartsComb
     balls = catalogue.balls if asked.parts.mirror == "ball" else (None,)
     domes = catalogue.domes if asked.parts.dome else (None,)
     extras = tuple(_cheapest(catalogue, use) for use in asked.parts.extras)
-    found = [PartsCombination(*parts, extras) for parts in product(catalogue.lenses, catalogue.imagers, balls, domes)]
+    found = [
+        PartsCombination(*parts, extras)
+        for parts in product(catalogue.lenses, catalogue.imagers, balls, domes)
+    ]
     return sorted(found, key=lambda c: (c.price is None, c.price or 0.0))
 
 
@@ -78,7 +93,9 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
     there = [part for part in catalogue.extras if part.use == use]
     if not there:
         known = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
-        raise InvalidParameter(f"the catalogue must contain an extra part with the use {format_value(use)} for parts.extras; it has {known}")
+        raise InvalidParameter(
+            f"the catalogue must contain an extra part with the use {format_value(use)} for parts.extras; it has {known}"
+        )
     return min(there, key=lambda part: (part.price is None, part.price or 0.0))
 
 
@@ -101,9 +118,17 @@ def requirements_with_parts(asked: Requirements, combination: PartsCombination) 
         table = replace(table, focal_length_mm=focal, focus_mm=focus, optics=optics)
     housing = asked.housing
     if (dome := combination.dome) is not None:
-        shell = Dome(diameter_mm=dome.dome_diameter_mm, wall_mm=dome.wall_mm, material=dome.material)
+        shell = Dome(
+            diameter_mm=dome.dome_diameter_mm, wall_mm=dome.wall_mm, material=dome.material
+        )
         housing = replace(housing, shell=shell)
-    return replace(asked, lens=table, housing=housing, parts=None, imager=Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um))
+    return replace(
+        asked,
+        lens=table,
+        housing=housing,
+        parts=None,
+        imager=Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um),
+    )
 
 
 def nearest_focus_mm(lens: LensComponent) -> float:
@@ -154,7 +179,9 @@ class PartsBounds:
         lens = self.combination.lens
         assert isinstance(lens, LensComponent)
         radius = self.image_px * self.own.imager.pitch_mm
-        if (optics := lens.optics) is not None:  # distortion and focus may increase the field above that of f
+        if (
+            optics := lens.optics
+        ) is not None:  # distortion and focus may increase the field above that of f
             field = optics.focused_at(FARTHEST_FOCUS).field
             tangent = float(field.tangent_of(np.array([radius]))[0])
             filled = field.end if np.isnan(tangent) else max(tangent, radius / lens.focal_length_mm)
@@ -208,7 +235,10 @@ def _has_no_such_angle(b: PartsBounds) -> bool:
 def _is_too_large(b: PartsBounds) -> bool:
     """Return whether the parts exceed the overall dimensions, or a limit of the length."""
     assert b.asked.parts is not None
-    asked, least_rim = (b.asked.parts, 0.0 if b.combination.ball else ends(b.asked.mirror.rim_radius_mm)[0])
+    asked, least_rim = (
+        b.asked.parts,
+        0.0 if b.combination.ball else ends(b.asked.mirror.rim_radius_mm)[0],
+    )
     width = max(2 * least_rim, *(part.diameter_mm or 0.0 for part in b.combination.parts))
     if b.combination.dome is not None:
         width = max(width, b.combination.dome.dome_diameter_mm)
@@ -218,7 +248,11 @@ def _is_too_large(b: PartsBounds) -> bool:
     if isinstance(lens, TelecentricComponent):
         return lens.front_diameter_mm * ROOM < 2 * least_rim
     length = least_rim / b.tangent
-    lengths = [limit.at_most for limit in b.asked.limits if limit.quantity == "length_mm" and limit.at_most is not None]
+    lengths = [
+        limit.at_most
+        for limit in b.asked.limits
+        if limit.quantity == "length_mm" and limit.at_most is not None
+    ]
     lengths += [] if asked.most_height_mm is None else [asked.most_height_mm - lens.focal_length_mm]
     return bool(lengths) and length > min(lengths) * ROOM
 
@@ -228,7 +262,11 @@ def _resolves_too_little(b: PartsBounds) -> bool:
 
 
 def _has_too_few_pixels(limit: Limit, image_px: float, own: Requirements) -> bool:
-    if limit.at_least is None or limit.quantity not in ("resolution_px_per_deg", "dh_domega_px_per_deg", "width_px_per_deg"):
+    if limit.at_least is None or limit.quantity not in (
+        "resolution_px_per_deg",
+        "dh_domega_px_per_deg",
+        "width_px_per_deg",
+    ):
         return False
     if not _judges_all(own):
         return False
@@ -257,9 +295,15 @@ def _is_lost_in_the_disk(limit: Limit, airy_px: float, image_px: float, own: Req
         if not _judges_all(own):
             return False
         low, high = limit.omega_deg or (own.field.omega_min_deg, own.field.omega_max_deg)
-        return limit.quantity != "total_blur_s_deg" and airy_px * (high - low) > limit.at_most * image_px * ROOM
+        return (
+            limit.quantity != "total_blur_s_deg"
+            and airy_px * (high - low) > limit.at_most * image_px * ROOM
+        )
     if limit.at_least is not None and limit.cycles_per_px is not None:
-        return limit.at_least > float(contrast(np.zeros(1), np.array([airy_px]), limit.cycles_per_px)[0]) * ROOM
+        return (
+            limit.at_least
+            > float(contrast(np.zeros(1), np.array([airy_px]), limit.cycles_per_px)[0]) * ROOM
+        )
     return False
 
 

@@ -19,7 +19,9 @@ from ..optics.lenses import SurfaceLens
 from ..optics.materials import MATERIAL_NAMES
 from ..optics.toml_validation import did_you_mean
 
-RINGS = Parameter("mm", 1e-3, 1e3, "thicknesses of available extension rings between lens and camera")
+RINGS = Parameter(
+    "mm", 1e-3, 1e3, "thicknesses of available extension rings between lens and camera"
+)
 F_NUMBER = Parameter("", 0.1, 1e3, "F-number")
 
 
@@ -29,7 +31,12 @@ BUNDLED = Path(__file__).with_name("typical.toml")
 TYPICAL = "typical"
 """Name of the bundled catalogue."""
 
-OUTSIDE = {"price": Parameter("", 0.0, 1e7, "price, in the same currency for the whole catalogue"), "mass_g": Parameter("g", 0.0, 1e6, "mass"), "diameter_mm": Parameter("mm", 0.1, 1e4, "largest diameter"), "length_mm": Parameter("mm", 0.1, 1e4, "length along the axis")}
+OUTSIDE = {
+    "price": Parameter("", 0.0, 1e7, "price, in the same currency for the whole catalogue"),
+    "mass_g": Parameter("g", 0.0, 1e6, "mass"),
+    "diameter_mm": Parameter("mm", 0.1, 1e4, "largest diameter"),
+    "length_mm": Parameter("mm", 0.1, 1e4, "length along the axis"),
+}
 """Optional external properties of a part; None if unknown."""
 
 
@@ -97,7 +104,9 @@ class LensComponent(Component):
         "focal_length_mm": Parameter("mm", 0.1, 1e4, "focal length"),
         "f_number_min": F_NUMBER,
         "f_number_max": F_NUMBER,
-        "minimum_focus_mm": Parameter("mm", 0.1, 1e6, "minimum object distance in focus, from the principal point"),
+        "minimum_focus_mm": Parameter(
+            "mm", 0.1, 1e6, "minimum object distance in focus, from the principal point"
+        ),
         "image_circle_mm": Parameter("mm", 0.1, 1e3, "diameter of the image circle"),
         "extension_rings_mm": RINGS,
     }
@@ -106,7 +115,9 @@ class LensComponent(Component):
         super().__post_init__()
         _check_f_numbers(self.name, self.f_number_min, self.f_number_max)
         if self.minimum_focus_mm <= self.focal_length_mm:
-            raise InvalidParameter(f"{self.name}: minimum_focus_mm must be greater than the focal length, {self.focal_length_mm:g} mm; got {self.minimum_focus_mm:g}")
+            raise InvalidParameter(
+                f"{self.name}: minimum_focus_mm must be greater than the focal length, {self.focal_length_mm:g} mm; got {self.minimum_focus_mm:g}"
+            )
 
     @cached_property
     def optics(self) -> SurfaceLens | None:
@@ -151,7 +162,11 @@ class ImagerComponent(Component):
     mount: str = ""
 
     KIND: ClassVar[str] = "imager"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {"width_px": Parameter("px", 1, 100_000, "number of columns"), "height_px": Parameter("px", 1, 100_000, "number of rows"), "pixel_pitch_um": Parameter("um", 0.01, 1e4, "pixel pitch")}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "width_px": Parameter("px", 1, 100_000, "number of columns"),
+        "height_px": Parameter("px", 1, 100_000, "number of rows"),
+        "pixel_pitch_um": Parameter("um", 0.01, 1e4, "pixel pitch"),
+    }
 
 
 @dataclass(frozen=True)
@@ -162,7 +177,9 @@ class BallComponent(Component):
     ball_diameter_mm: float
 
     KIND: ClassVar[str] = "ball"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {"ball_diameter_mm": Parameter("mm", 0.1, 1e4, "diameter of the reflecting sphere")}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "ball_diameter_mm": Parameter("mm", 0.1, 1e4, "diameter of the reflecting sphere")
+    }
 
 
 @dataclass(frozen=True)
@@ -175,7 +192,11 @@ class DomeComponent(Component):
     material: str = "acrylic"
 
     KIND: ClassVar[str] = "dome"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {"dome_diameter_mm": Parameter("mm", 1.0, 1e4, "outer diameter"), "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"), "material": Parameter("", 0.0, 0.0, "material of the wall", MATERIAL_NAMES)}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "dome_diameter_mm": Parameter("mm", 1.0, 1e4, "outer diameter"),
+        "wall_mm": Parameter("mm", 1e-3, 1e3, "thickness of the wall"),
+        "material": Parameter("", 0.0, 0.0, "material of the wall", MATERIAL_NAMES),
+    }
 
 
 @dataclass(frozen=True)
@@ -202,12 +223,16 @@ def mounts_fit(lens: LensComponent | TelecentricComponent, imager: ImagerCompone
     >>> mounts_fit(lens, ImagerComponent("A", 1280, 960, 3.0, mount="C CS"))
     False
     """
-    return not (lens.mount and imager.mount) or bool(set(lens.mount.split()) & set(imager.mount.split()))
+    return not (lens.mount and imager.mount) or bool(
+        set(lens.mount.split()) & set(imager.mount.split())
+    )
 
 
 def _check_f_numbers(name: str, low: float, high: float) -> None:
     if high < low:
-        raise InvalidParameter(f"{name}: f_number_max must be at least f_number_min = {low:g}; got {high:g}")
+        raise InvalidParameter(
+            f"{name}: f_number_max must be at least f_number_min = {low:g}; got {high:g}"
+        )
 
 
 @dataclass(frozen=True)
@@ -264,7 +289,9 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     for path in paths or (TYPICAL,):
         for place, part in _read(BUNDLED if str(path) == TYPICAL else Path(path)):
             if before := names.get((part.KIND, part.name)):
-                raise OmnimirrorError(f"{place}: names must be unique; the {part.KIND} {format_value(part.name)} is also in {before}")
+                raise OmnimirrorError(
+                    f"{place}: names must be unique; the {part.KIND} {format_value(part.name)} is also in {before}"
+                )
             names[part.KIND, part.name] = place
             parts.append(part)
     lenses = tuple(p for p in parts if isinstance(p, LensComponent | TelecentricComponent))
@@ -274,11 +301,25 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
         raise OmnimirrorError(f"{', '.join(map(str, paths))}: at least one {missing} is required")
     balls = tuple(p for p in parts if isinstance(p, BallComponent))
     domes = tuple(p for p in parts if isinstance(p, DomeComponent))
-    return Catalogue(lenses, imagers, balls, domes, tuple(p for p in parts if isinstance(p, ExtraComponent)))
+    return Catalogue(
+        lenses, imagers, balls, domes, tuple(p for p in parts if isinstance(p, ExtraComponent))
+    )
 
 
-KINDS: dict[str, tuple[type[Component], ...]] = {"lens": (LensComponent, TelecentricComponent), "imager": (ImagerComponent,), "ball": (BallComponent,), "dome": (DomeComponent,), "extra": (ExtraComponent,)}
-TELLING: dict[str, type[Component]] = {"magnification": TelecentricComponent, "pixel_pitch_um": ImagerComponent, "ball_diameter_mm": BallComponent, "dome_diameter_mm": DomeComponent, "use": ExtraComponent}
+KINDS: dict[str, tuple[type[Component], ...]] = {
+    "lens": (LensComponent, TelecentricComponent),
+    "imager": (ImagerComponent,),
+    "ball": (BallComponent,),
+    "dome": (DomeComponent,),
+    "extra": (ExtraComponent,),
+}
+TELLING: dict[str, type[Component]] = {
+    "magnification": TelecentricComponent,
+    "pixel_pitch_um": ImagerComponent,
+    "ball_diameter_mm": BallComponent,
+    "dome_diameter_mm": DomeComponent,
+    "use": ExtraComponent,
+}
 """Entries that identify a kind of part; the default is a lens."""
 WORDS = ("name", "source", "material", "mount", "use", "file")
 SAME = 0.01  # relative tolerance of the focal length with respect to the file
@@ -301,7 +342,9 @@ def _read(path: Path) -> Iterable[tuple[str, Component]]:
                 raise OmnimirrorError(f"{path}: {kind} {number} must be a table, one of {TABLES}")
             part = _part(place, "", _with_file(place, entry, path.parent), KINDS[kind][0])
             if not isinstance(part, KINDS[kind]):
-                raise OmnimirrorError(f"{place} has the entries of a {part.KIND}; move it to a table [[{part.KIND}]]")
+                raise OmnimirrorError(
+                    f"{place} has the entries of a {part.KIND}; move it to a table [[{part.KIND}]]"
+                )
             yield place, part
 
 
@@ -311,7 +354,9 @@ def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
     known = sorted({f.name for classes in KINDS.values() for cls in classes for f in fields(cls)})
     if unknown := [name for name in header if name not in known]:
         hint = did_you_mean(unknown[0], known)
-        raise OmnimirrorError(f"{path} line 1: unknown column {format_value(unknown[0])}{hint}; valid are {', '.join(known)}")
+        raise OmnimirrorError(
+            f"{path} line 1: unknown column {format_value(unknown[0])}{hint}; valid are {', '.join(known)}"
+        )
     if twice := [name for i, name in enumerate(header) if name in header[:i]]:
         raise OmnimirrorError(f"{path} line 1: columns must be unique; {twice[0]} is repeated")
     for cells in rows:
@@ -319,7 +364,9 @@ def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) > len(header):
-            raise OmnimirrorError(f"{place} must have {len(header)} cells, as many as the header; got {len(cells)}")
+            raise OmnimirrorError(
+                f"{place} must have {len(header)} cells, as many as the header; got {len(cells)}"
+            )
         named = zip(header, (cell.strip() for cell in cells), strict=False)
         entry = {name: _number(name, cell) for name, cell in named if cell}
         yield place, _part(place, "column ", _with_file(place, entry, path.parent), LensComponent)
@@ -338,7 +385,9 @@ def _with_file(where: str, entry: dict[str, Any], folder: Path) -> dict[str, Any
     own = {"focal_length_mm": optics.focal_length_mm, "f_number_min": stop, "f_number_max": stop}
     focal = entry.get("focal_length_mm", optics.focal_length_mm)
     if _is_number(focal) and abs(focal / optics.focal_length_mm - 1) > SAME:
-        raise OmnimirrorError(f"{where}: focal_length_mm must be that of {name}, {optics.focal_length_mm:.5g} mm; got {focal:g}; omit it")
+        raise OmnimirrorError(
+            f"{where}: focal_length_mm must be that of {name}, {optics.focal_length_mm:.5g} mm; got {focal:g}; omit it"
+        )
     return {**own, **entry, "focal_length_mm": optics.focal_length_mm, "file": str(folder / name)}
 
 
@@ -364,11 +413,17 @@ def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) 
     cls: type[Any] = next((kind for name, kind in TELLING.items() if name in entry), plain)
     known = {f.name: f for f in fields(cls)}
     if unknown := [k for k in entry if k not in known]:
-        raise OmnimirrorError(f"{where}: unknown {what or 'entry '}{unknown[0]}; valid are {', '.join(known)}")
+        raise OmnimirrorError(
+            f"{where}: unknown {what or 'entry '}{unknown[0]}; valid are {', '.join(known)}"
+        )
     if missing := [k for k, f in known.items() if f.default is MISSING and k not in entry]:
-        raise OmnimirrorError(f"{where}: {what}{missing[0]} is missing; the name and all dimensions of the part are required")
+        raise OmnimirrorError(
+            f"{where}: {what}{missing[0]} is missing; the name and all dimensions of the part are required"
+        )
     try:
-        part: Component = cls(**{key: _value(f"{where}: {what}", key, value, cls) for key, value in entry.items()})
+        part: Component = cls(
+            **{key: _value(f"{where}: {what}", key, value, cls) for key, value in entry.items()}
+        )
     except InvalidParameter as e:
         raise OmnimirrorError(f"{where}: {e}") from None
     return part
@@ -388,6 +443,8 @@ def _value(where: str, key: str, value: Any, cls: type[Component]) -> Any:
         return row
     if cls is ImagerComponent and key in ("width_px", "height_px"):
         if row[0] != int(row[0]):
-            raise OmnimirrorError(f"{where}{key} must be an integer number of pixels; got {row[0]:g}")
+            raise OmnimirrorError(
+                f"{where}{key} must be an integer number of pixels; got {row[0]:g}"
+            )
         return int(row[0])
     return row[0]

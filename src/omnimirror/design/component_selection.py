@@ -57,7 +57,15 @@ class BestAperture:
 
 
 @validate_arguments
-def best_apertures(sensor: Sensor, f_number: float | tuple[float, float] = (0.5, 64.0), *, object_distance_mm: float = np.inf, mode: BlurMode = "exact", wavelength_nm: float = 550.0, omega_min_deg: float = 0.0) -> list[BestAperture]:
+def best_apertures(
+    sensor: Sensor,
+    f_number: float | tuple[float, float] = (0.5, 64.0),
+    *,
+    object_distance_mm: float = np.inf,
+    mode: BlurMode = "exact",
+    wavelength_nm: float = 550.0,
+    omega_min_deg: float = 0.0,
+) -> list[BestAperture]:
     """Compute the optimal F-number and focus for tangential, sagittal and combined blur.
 
     The merit is the root sum of squares of defocus blur and Airy disk at the worst field angle, in
@@ -101,14 +109,25 @@ def best_apertures(sensor: Sensor, f_number: float | tuple[float, float] = (0.5,
     """
     low, high = f_number if isinstance(f_number, Sequence) else (f_number, f_number)
     if not 0 < low <= high:
-        raise InvalidParameter(f"f_number must be a range with 0 < low <= high; got {low:g} to {high:g}")
+        raise InvalidParameter(
+            f"f_number must be a range with 0 < low <= high; got {low:g} to {high:g}"
+        )
     first, last = sensor.field_deg
     if not omega_min_deg < last:
-        raise InvalidParameter(f"omega_min_deg must be less than {last:.6g} deg, the end of the field; got {omega_min_deg:g}")
+        raise InvalidParameter(
+            f"omega_min_deg must be less than {last:.6g} deg, the end of the field; got {omega_min_deg:g}"
+        )
     omega = np.radians(np.linspace(max(first, omega_min_deg), last, FIELD_ANGLES))
     unit = replace(sensor, lens=_at_f_number(sensor.lens, 1.0))
     rays = unit.meridian.trace(unit.meridian.x_from_omega(omega))
-    study = FocusStudy(unit, rays, virtual_images(rays, distances("object_distance_mm", object_distance_mm)), mode, None, wavelength_nm)
+    study = FocusStudy(
+        unit,
+        rays,
+        virtual_images(rays, distances("object_distance_mm", object_distance_mm)),
+        mode,
+        None,
+        wavelength_nm,
+    )
     return [_best(side, study, (low, high)) for side in SIDES]
 
 
@@ -126,9 +145,18 @@ def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestApe
         open_ = {"tangential": t, "sagittal": s, "together": max(t, s)}[side]
         # (B/F)^2 + (a F)^2 is stationary at F^2 = B/a; B and a are blur and Airy disk at F = 1.
         F = float(np.clip(np.sqrt(open_ / blur.airy_px), *f_range))
-        return BestAperture(side, F, focus, float(np.hypot(open_ / F, blur.airy_px * F)), open_ / F, blur.airy_px * F)
+        return BestAperture(
+            side,
+            F,
+            focus,
+            float(np.hypot(open_ / F, blur.airy_px * F)),
+            open_ / F,
+            blur.airy_px * F,
+        )
 
-    return at(minimise_scalar(lambda focus: at(focus).worst_px, float(usable.min()), float(usable.max())))
+    return at(
+        minimise_scalar(lambda focus: at(focus).worst_px, float(usable.min()), float(usable.max()))
+    )
 
 
 def _nearest(lens: Lens) -> float:
@@ -136,7 +164,9 @@ def _nearest(lens: Lens) -> float:
 
 
 def _at_f_number(lens: Lens, f_number: float) -> Lens:
-    change: dict[str, Any] = {"f_number" if isinstance(lens, Perspective) else "working_f_number": f_number}
+    change: dict[str, Any] = {
+        "f_number" if isinstance(lens, Perspective) else "working_f_number": f_number
+    }
     return replace(lens, **change)  # type: ignore[type-var]
 
 
@@ -183,7 +213,13 @@ class Combination:
 
 
 @validate_arguments
-def choose_parts(sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.6, object_distance_mm: float = np.inf) -> list[Combination]:
+def choose_parts(
+    sensor: Sensor,
+    catalogue: Catalogue,
+    *,
+    least_fill: float = 0.6,
+    object_distance_mm: float = np.inf,
+) -> list[Combination]:
     """Evaluate all combinations of lenses and imagers for the mirror of a sensor, best first;
     infeasible combinations are last.
 
@@ -222,30 +258,59 @@ def choose_parts(sensor: Sensor, catalogue: Catalogue, *, least_fill: float = 0.
     if not 0 <= least_fill <= 1:
         raise InvalidParameter(f"least_fill must be a fraction from 0 to 1; got {least_fill:g}")
     distances("object_distance_mm", object_distance_mm)
-    found = [_combine(sensor, lens, imager, least_fill, object_distance_mm) for lens in catalogue.lenses for imager in catalogue.imagers]
+    found = [
+        _combine(sensor, lens, imager, least_fill, object_distance_mm)
+        for lens in catalogue.lenses
+        for imager in catalogue.imagers
+    ]
     return sorted(found, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
 
 
-def _combine(sensor: Sensor, lens: LensComponent | TelecentricComponent, imager: ImagerComponent, least_fill: float, distance: float) -> Combination:
+def _combine(
+    sensor: Sensor,
+    lens: LensComponent | TelecentricComponent,
+    imager: ImagerComponent,
+    least_fill: float,
+    distance: float,
+) -> Combination:
     if isinstance(lens, TelecentricComponent) != sensor.lens.TELECENTRIC:
         required = "a telecentric lens" if sensor.lens.TELECENTRIC else "a perspective lens"
-        return Combination(lens.name, imager.name, (f"the mirror requires {required}",), 0.0, 0.0, 0.0, None, np.inf)
+        return Combination(
+            lens.name,
+            imager.name,
+            (f"the mirror requires {required}",),
+            0.0,
+            0.0,
+            0.0,
+            None,
+            np.inf,
+        )
     part = Imager(imager.width_px, imager.height_px, imager.pixel_pitch_um)
     best, area = _at_best_aperture(replace(sensor, imager=part), lens, distance)
     rim, half = best.rim_radius_px, min(part.size) / 2
-    reasons = [] if mounts_fit(lens, imager) else [f"lens mount {lens.mount} differs from imager mount {imager.mount}"]
+    reasons = (
+        []
+        if mounts_fit(lens, imager)
+        else [f"lens mount {lens.mount} differs from imager mount {imager.mount}"]
+    )
     if rim > half:
         reasons.append(f"rim image radius {rim:.0f} px exceeds {half:g} px")
     if rim < least_fill * half:
-        reasons.append(f"rim image radius {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px")
+        reasons.append(
+            f"rim image radius {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px"
+        )
     if lens.image_circle_mm is not None and 2 * rim * part.pitch_mm > lens.image_circle_mm:
-        reasons.append(f"image circle {lens.image_circle_mm:g} mm, required {2 * rim * part.pitch_mm:.1f} mm")
+        reasons.append(
+            f"image circle {lens.image_circle_mm:g} mm, required {2 * rim * part.pitch_mm:.1f} mm"
+        )
     ring = 0.0
     if isinstance(lens, LensComponent):
         ring, more = rings_for(lens, best.lens.focus_distance_mm)
         reasons += more
     elif lens.front_diameter_mm < (width := 2 * sensor.mirror.rim_radius_mm):
-        reasons.append(f"front diameter {lens.front_diameter_mm:g} mm is less than that of the mirror, {width:g} mm")
+        reasons.append(
+            f"front diameter {lens.front_diameter_mm:g} mm is less than that of the mirror, {width:g} mm"
+        )
     return Combination(lens.name, imager.name, tuple(reasons), rim / half, rim, ring, best, area)
 
 
@@ -262,37 +327,61 @@ def rings_for(part: LensComponent, focus_mm: float) -> tuple[float, list[str]]:
     f = part.focal_length_mm
     needed, travel = f * f / (focus_mm - f), f * f / (part.minimum_focus_mm - f)
     rings = part.extension_rings_mm
-    for ring in sorted(float(sum(chosen)) for n in range(len(rings) + 1) for chosen in combinations(rings, n)):
+    for ring in sorted(
+        float(sum(chosen)) for n in range(len(rings) + 1) for chosen in combinations(rings, n)
+    ):
         if ring <= needed <= ring + travel:
             return ring, []
     reason = f"minimum focus {part.minimum_focus_mm:g} mm, required {focus_mm:.0f} mm"
     if rings:
-        reason += f", which requires extension rings of {needed - travel:.2f} to {needed:.2f} mm in total"
+        reason += (
+            f", which requires extension rings of {needed - travel:.2f} to {needed:.2f} mm in total"
+        )
     return 0.0, [reason]
 
 
-def _at_best_aperture(sensor: Sensor, part: LensComponent | TelecentricComponent, distance: float) -> tuple[Sensor, float]:
+def _at_best_aperture(
+    sensor: Sensor, part: LensComponent | TelecentricComponent, distance: float
+) -> tuple[Sensor, float]:
     """Return the sensor at F-number and focus of minimum worst blur area, and that area."""
     low, high = part.f_number_min, part.f_number_max
     stops = np.concatenate([[low], STOPS[(low < STOPS) & (high > STOPS)], [high]])
     if isinstance(part, TelecentricComponent):
         lenses: list[Lens] = [Orthographic(part.magnification, float(F), 0.0) for F in stops]
-        foci = [best_focus(replace(sensor, lens=lens), object_distance_mm=distance) for lens in lenses]
+        foci = [
+            best_focus(replace(sensor, lens=lens), object_distance_mm=distance) for lens in lenses
+        ]
         i = int(np.argmin([f.value for f in foci]))
         return replace(sensor, lens=lenses[i].focused_at(foci[i].focus_mm)), foci[i].value
     focus, area = _foci(sensor, part.focal_length_mm, stops, distance)
     i = int(area.argmin())
-    return replace(sensor, lens=Perspective(part.focal_length_mm, float(stops[i]), float(focus[i]))), float(area[i])
+    return replace(
+        sensor, lens=Perspective(part.focal_length_mm, float(stops[i]), float(focus[i]))
+    ), float(area[i])
 
 
-def _foci(sensor: Sensor, focal_length_mm: float, stops: Array, distance: float) -> tuple[Array, Array]:
+def _foci(
+    sensor: Sensor, focal_length_mm: float, stops: Array, distance: float
+) -> tuple[Array, Array]:
     """Return the best focus (mm) and the worst floored area (deg2) for each F-number (n,)."""
     rays = sensor.meridian.trace(np.linspace(0.0, sensor.mirror.rim_radius_mm, MIRROR_POINTS))
     with np.errstate(divide="ignore", invalid="ignore"):
         slope_over_x = np.where(rays.x > 0, rays.slope / rays.x, rays.curvature)
-        o = node_optics(rays.x, rays.z, rays.slope, rays.curvature, slope_over_x, np.asarray(rays.m), 1 / distance)
+        o = node_optics(
+            rays.x,
+            rays.z,
+            rays.slope,
+            rays.curvature,
+            slope_over_x,
+            np.asarray(rays.m),
+            1 / distance,
+        )
         density = 1 / (o.magnification_t * o.magnification_s) ** 2
     camera = PerspectiveCamera(focal_length_mm, stops, o.ray[-1], sensor.imager.pitch_mm)
-    vergence_t, vergence_s, density = (np.repeat(a[None], len(stops), axis=0) for a in (o.vergence_t, o.vergence_s, density))
-    v, area = best_vergences(IdealAreas(vergence_t, vergence_s, density, AreaModel.of(camera, len(stops))))
+    vergence_t, vergence_s, density = (
+        np.repeat(a[None], len(stops), axis=0) for a in (o.vergence_t, o.vergence_s, density)
+    )
+    v, area = best_vergences(
+        IdealAreas(vergence_t, vergence_s, density, AreaModel.of(camera, len(stops)))
+    )
     return 1 / v, area

@@ -14,18 +14,47 @@ from ..optics.batch.families import FreeformFamily
 from ..optics.lenses import BlurMode, GaussianLens
 from ..optics.sensor import Sensor
 from ._design_problem import DesignProblem, DesignSpace
-from ._design_space import BestDesign, Point, Reached, is_more_met, meeting_the_others, priority_note
+from ._design_space import (
+    BestDesign,
+    Point,
+    Reached,
+    is_more_met,
+    meeting_the_others,
+    priority_note,
+)
 from .merits import merit_named
-from .optimiser import CLOSE, FINE, KEPT, POLISH_TRUST, Key, Objective, Optimum, Slack, coarse_nodes, follow, optimised, start
+from .optimiser import (
+    CLOSE,
+    FINE,
+    KEPT,
+    POLISH_TRUST,
+    Key,
+    Objective,
+    Optimum,
+    Slack,
+    coarse_nodes,
+    follow,
+    optimised,
+    start,
+)
 from .ranges import ends
 from .requirement_check import judge
 from .requirements import OF_OPTICS, Requirements
 
 SHAPE = "spline"  # default shape
-NUMBERS = ("omega_max_deg", "theta_max_deg", "rim_radius_mm", "focal_length_mm", "magnification", "f_number")
+NUMBERS = (
+    "omega_max_deg",
+    "theta_max_deg",
+    "rim_radius_mm",
+    "focal_length_mm",
+    "magnification",
+    "f_number",
+)
 
 
-def problem_of(requirements: Requirements, mode: BlurMode = "exact", image_radius_px: float | None = None) -> DesignProblem:
+def problem_of(
+    requirements: Requirements, mode: BlurMode = "exact", image_radius_px: float | None = None
+) -> DesignProblem:
     """Return the optimisation problem of requirements; ranges become free variables."""
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     shape, largest = FreeformFamily.parse(mirror.shape or SHAPE), requirements.largest_image_px
@@ -48,7 +77,9 @@ def problem_of(requirements: Requirements, mode: BlurMode = "exact", image_radiu
         limits=requirements.limits,
         mode=mode,
         image_radius_px=image_radius_px,
-        mirror_material=None if requirements.thermal is None else requirements.thermal.mirror_material,
+        mirror_material=None
+        if requirements.thermal is None
+        else requirements.thermal.mirror_material,
         optics=lens.optics,
     )
 
@@ -68,7 +99,11 @@ class FreeformDesignSpace:
     def numbers(self) -> dict[str, float]:
         """Return the fixed numbers of the problem."""
         own = () if self.problem.optics is None else OF_OPTICS
-        given = {name: getattr(self.problem, name) for name in NUMBERS if name not in (*self.problem.free, *own)}
+        given = {
+            name: getattr(self.problem, name)
+            for name in NUMBERS
+            if name not in (*self.problem.free, *own)
+        }
         return {name: ends(value)[0] for name, value in given.items() if value is not None}
 
     @cached_property
@@ -102,7 +137,9 @@ class FreeformDesignSpace:
         """Return the relative violation of each requirement at a point."""
         return self._objective(()).missed(self.y(point))
 
-    def meeting(self, requirements: Requirements, point: Point, is_local: bool = False) -> Point | None:
+    def meeting(
+        self, requirements: Requirements, point: Point, is_local: bool = False
+    ) -> Point | None:
         """Return the nearby mirror of minimum violation of other requirements, if feasible."""
         problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
         space = FreeformDesignSpace(requirements, problem)
@@ -117,7 +154,9 @@ class FreeformDesignSpace:
         return Objective(self.designs, Slack(keys), coarse_nodes(self.problem))
 
 
-def solve(requirements: Requirements, problem: DesignProblem, **search: Any) -> tuple[FreeformDesignSpace, BestDesign]:
+def solve(
+    requirements: Requirements, problem: DesignProblem, **search: Any
+) -> tuple[FreeformDesignSpace, BestDesign]:
     """Return the best freeform mirror and its design space.
 
     If no start converges to a feasible mirror, the largest violation is minimised.
@@ -145,11 +184,19 @@ def solve(requirements: Requirements, problem: DesignProblem, **search: Any) -> 
         y = space.y(point)
         other = _design(space, y, space.designs.sensor(y), None, ())
         if is_more_met(other.verdict, best.verdict):
-            return space, replace(other, notes=(priority_note(other.verdict, best.verdict), *other.notes))
+            return space, replace(
+                other, notes=(priority_note(other.verdict, best.verdict), *other.notes)
+            )
     return space, best
 
 
-def _design(space: FreeformDesignSpace, y: Array, sensor: Sensor, optimum: Optimum | None, first: tuple[str, ...]) -> BestDesign:
+def _design(
+    space: FreeformDesignSpace,
+    y: Array,
+    sensor: Sensor,
+    optimum: Optimum | None,
+    first: tuple[str, ...],
+) -> BestDesign:
     """Return a checked mirror with its point in the design space."""
     sensor = replace(sensor, name=space.requirements.name)
     notes = (*first, *freeform_notes(space.problem, sensor))
@@ -174,15 +221,22 @@ def freeform_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
     lens, notes = sensor.lens, []
     reached = {"rim_radius_mm": sensor.mirror.rim_radius_mm, "f_number": lens.stop_number}
     if isinstance(lens, GaussianLens):
-        reached |= {"focal_length_mm": lens.focal_length_mm, "theta_max_deg": float(np.degrees(sensor.meridian.theta_max))}
+        reached |= {
+            "focal_length_mm": lens.focal_length_mm,
+            "theta_max_deg": float(np.degrees(sensor.meridian.theta_max)),
+        }
     for name, value in reached.items():
         asked = getattr(problem, name)
         if asked is None:
             notes.append(f"{name} = {value:.6g}, so that the rim fills the imager")
         elif name in problem.free:
-            notes.append("{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(asked)))
+            notes.append(
+                "{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(asked))
+            )
     if problem.is_telecentric:
-        notes.append(f"the diameter of the telecentric lens must be that of the mirror, {2 * reached['rim_radius_mm']:g} mm")
+        notes.append(
+            f"the diameter of the telecentric lens must be that of the mirror, {2 * reached['rim_radius_mm']:g} mm"
+        )
     if not isinstance(problem.focus_mm, float):
         notes.append(f"focused at {lens.focus_distance_mm:.5g} mm")
     return tuple(notes)

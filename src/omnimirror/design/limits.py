@@ -31,7 +31,10 @@ from .merits import OF_THE_WHOLE, FieldValues
 Array = NDArray[Any]
 
 AIRY = 2.44  # diameter of the Airy disk in wavelengths times the F-number
-NODES, PER_RADIAN = (24, 0.5)  # Gauss-Legendre nodes: minimum, and number per radian of phase at the edge
+NODES, PER_RADIAN = (
+    24,
+    0.5,
+)  # Gauss-Legendre nodes: minimum, and number per radian of phase at the edge
 
 
 def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
@@ -130,10 +133,14 @@ class Limitable:
         if self.takes in ("largest", "smallest"):
             value = parts[0]
             for part in parts[1:]:
-                is_other = part.real > value.real if self.takes == "largest" else part.real < value.real
+                is_other = (
+                    part.real > value.real if self.takes == "largest" else part.real < value.real
+                )
                 value = np.where(is_other, part, value)
             return value
-        low, high = (_at(parts[0], where) for where in (parts[0].real.argmin(-1), parts[0].real.argmax(-1)))
+        low, high = (
+            _at(parts[0], where) for where in (parts[0].real.argmin(-1), parts[0].real.argmax(-1))
+        )
         return high - low if self.takes == "spread" else low / high
 
     def extreme(self, field: FieldValues, largest: bool) -> tuple[float, int | None]:
@@ -210,10 +217,23 @@ def _in_quadrature(blur: Array, airy: Array) -> Array:
 
 def _total_blur(name: str, *disks: Disk) -> Limitable:
     """Return the largest total blur of several disks; the signed blurs are the straight rows."""
-    return Limitable(QUANTITIES[name], lambda f: tuple(_in_quadrature(*disk(f)) for disk in disks), "largest", is_sharpness=True, is_blur=True, straight=lambda f: tuple(sign * disk(f)[0] for disk in disks for sign in (1, -1)))
+    return Limitable(
+        QUANTITIES[name],
+        lambda f: tuple(_in_quadrature(*disk(f)) for disk in disks),
+        "largest",
+        is_sharpness=True,
+        is_blur=True,
+        straight=lambda f: tuple(sign * disk(f)[0] for disk in disks for sign in (1, -1)),
+    )
 
 
-def _one(name: str, takes: Takes, part: Callable[[FieldValues], Array], is_sharpness: bool = False, is_scale: bool = False) -> Limitable:
+def _one(
+    name: str,
+    takes: Takes,
+    part: Callable[[FieldValues], Array],
+    is_sharpness: bool = False,
+    is_scale: bool = False,
+) -> Limitable:
     return Limitable(QUANTITIES[name], lambda f: (part(f),), takes, is_sharpness, is_scale=is_scale)
 
 
@@ -223,7 +243,13 @@ def _mtf(name: str, *sides: Callable[[FieldValues], Array]) -> Limitable:
     def of_frequency(cycles: float) -> Callable[[FieldValues], tuple[Array, ...]]:
         return lambda f: tuple(contrast(side(f), f.airy_px, cycles) for side in sides)
 
-    return Limitable(QUANTITIES[name], of_frequency(0.0), "smallest", is_sharpness=True, of_frequency=of_frequency)
+    return Limitable(
+        QUANTITIES[name],
+        of_frequency(0.0),
+        "smallest",
+        is_sharpness=True,
+        of_frequency=of_frequency,
+    )
 
 
 T_PX: Disk = lambda f: (f.t_px, f.disk_t_px)  # noqa: E731 - a table of four
@@ -242,12 +268,24 @@ _OURS: dict[str, Limitable] = {
         _total_blur("total_blur_t_deg", T_DEG),
         _total_blur("total_blur_s_deg", S_DEG),
         _one("floored_area_deg2", "largest", lambda f: np.exp(f.log_area), is_sharpness=True),
-        Limitable(QUANTITIES["resolution_px_per_deg"], lambda f: (f.dh, f.dw), "smallest", is_scale=True),
+        Limitable(
+            QUANTITIES["resolution_px_per_deg"], lambda f: (f.dh, f.dw), "smallest", is_scale=True
+        ),
         _one("dh_domega_px_per_deg", "smallest", lambda f: f.dh, is_scale=True),
         _one("width_px_per_deg", "smallest", lambda f: f.dw, is_scale=True),
         _one("aspect", "smallest", lambda f: f.dw / f.dh),
-        Limitable(QUANTITIES["plane_mm_per_px"], lambda f: (f.plane_t_mm_per_px, f.object_s_mm_per_px), "largest", is_scale=True),
-        Limitable(QUANTITIES["cylinder_mm_per_px"], lambda f: (f.cylinder_t_mm_per_px, f.object_s_mm_per_px), "largest", is_scale=True),
+        Limitable(
+            QUANTITIES["plane_mm_per_px"],
+            lambda f: (f.plane_t_mm_per_px, f.object_s_mm_per_px),
+            "largest",
+            is_scale=True,
+        ),
+        Limitable(
+            QUANTITIES["cylinder_mm_per_px"],
+            lambda f: (f.cylinder_t_mm_per_px, f.object_s_mm_per_px),
+            "largest",
+            is_scale=True,
+        ),
         _one("viewpoint_spread_mm", "spread", lambda f: f.viewpoint_z),
         _one("area_ratio", "ratio", lambda f: f.dh * f.dw),
         _one("lens_illumination", "smallest", lambda f: f.light),
@@ -267,12 +305,18 @@ _OURS: dict[str, Limitable] = {
 
 def _check_limitable(name: str, limitable: Any) -> None:
     if not isinstance(limitable, Limitable):
-        raise InvalidType(f"the quantity must be an omnimirror.design.Limitable; got {format_value(limitable)}")
+        raise InvalidType(
+            f"the quantity must be an omnimirror.design.Limitable; got {format_value(limitable)}"
+        )
     if limitable.quantity.name != name:
-        raise InvalidParameter(f"the entry point must have the name of its quantity, {format_value(limitable.quantity.name)}")
+        raise InvalidParameter(
+            f"the entry point must have the name of its quantity, {format_value(limitable.quantity.name)}"
+        )
 
 
-LIMITABLE: Registry[Limitable] = Registry("omnimirror.quantities", "a quantity", _OURS, _check_limitable)
+LIMITABLE: Registry[Limitable] = Registry(
+    "omnimirror.quantities", "a quantity", _OURS, _check_limitable
+)
 """Limitable quantities by name, including registered ones."""
 
 
@@ -309,7 +353,15 @@ def register_quantity(limitable: Limitable) -> None:
     LIMITABLE.register(getattr(getattr(limitable, "quantity", None), "name", ""), limitable)
 
 
-NEVER_ABOVE = {"total_blur_t_px": ("total_blur_px",), "total_blur_s_px": ("total_blur_px",), "total_blur_t_deg": ("total_blur_deg",), "total_blur_s_deg": ("total_blur_deg",), "resolution_px_per_deg": ("dh_domega_px_per_deg", "width_px_per_deg"), "mtf": ("mtf_t", "mtf_s"), "sag_mm": ("length_mm",)}
+NEVER_ABOVE = {
+    "total_blur_t_px": ("total_blur_px",),
+    "total_blur_s_px": ("total_blur_px",),
+    "total_blur_t_deg": ("total_blur_deg",),
+    "total_blur_s_deg": ("total_blur_deg",),
+    "resolution_px_per_deg": ("dh_domega_px_per_deg", "width_px_per_deg"),
+    "mtf": ("mtf_t", "mtf_s"),
+    "sag_mm": ("length_mm",),
+}
 """Quantities that are bounds by definition: each key never exceeds the listed quantities."""
 
 
@@ -352,7 +404,9 @@ class Limit:
     def __post_init__(self) -> None:
         if not isinstance(self.quantity, str) or self.quantity not in LIMITABLE:
             hint = did_you_mean(str(self.quantity)[:60], LIMITABLE)
-            raise InvalidParameter(f"limit.quantity must be one of {', '.join(LIMITABLE)}; got {format_value(self.quantity)}{hint}")
+            raise InvalidParameter(
+                f"limit.quantity must be one of {', '.join(LIMITABLE)}; got {format_value(self.quantity)}{hint}"
+            )
         if self.at_most is None and self.at_least is None:
             raise InvalidParameter(f"limit of {self.quantity} must have at_most or at_least")
         self._check_frequency()
@@ -362,30 +416,53 @@ class Limit:
         if self.at_most is not None and self.at_least is not None and self.at_least > self.at_most:
             raise InvalidParameter(f"limit of {self.quantity}: at_least must not exceed at_most")
         if self.omega_deg is not None and self.quantity in OF_THE_WHOLE:
-            raise InvalidParameter(f"limit of {self.quantity}: omega_deg must be omitted, since the quantity concerns the whole sensor")
+            raise InvalidParameter(
+                f"limit of {self.quantity}: omega_deg must be omitted, since the quantity concerns the whole sensor"
+            )
         if self.omega_deg is not None:
             low, high = finite("limit.omega_deg", self.omega_deg, last=2)
             object.__setattr__(self, "omega_deg", (float(low), float(high)))
             if not 0 <= low <= high:
-                raise InvalidParameter(f"limit.omega_deg must be [FROM, TO] with 0 <= FROM <= TO; got {list(self.omega_deg)}")
+                raise InvalidParameter(
+                    f"limit.omega_deg must be [FROM, TO] with 0 <= FROM <= TO; got {list(self.omega_deg)}"
+                )
 
     def _check_frequency(self) -> None:
         if LIMITABLE[self.quantity].of_frequency is None:
             if self.cycles_per_px is not None:
-                raise InvalidParameter(f"limit of {self.quantity}: cycles_per_px requires the quantity mtf, mtf_t or mtf_s")
+                raise InvalidParameter(
+                    f"limit of {self.quantity}: cycles_per_px requires the quantity mtf, mtf_t or mtf_s"
+                )
         elif self.cycles_per_px is None:
-            raise InvalidParameter(f"limit of {self.quantity} requires a spatial frequency, cycles_per_px, such as 0.25")
+            raise InvalidParameter(
+                f"limit of {self.quantity} requires a spatial frequency, cycles_per_px, such as 0.25"
+            )
         else:
             number("limit.cycles_per_px", self.cycles_per_px, above=0.0, high=FINEST)
 
     def _check_side(self, side: str, value: float) -> None:
         number(f"{side} of {self.quantity}", value)
         if value < 0:
-            raise InvalidParameter(f"limit of {self.quantity}: {side} must be at least 0; got {value:g}")
-        if side == "at_most" and value == 0 and self.of.takes != "spread" and self.quantity not in MAY_BE_0:
-            raise InvalidParameter(f"limit of {self.quantity}: at_most must be greater than 0; got 0")
-        if side == "at_least" and value > 1 and (self.of.takes == "ratio" or self.quantity in SHARES):
-            raise InvalidParameter(f"limit of {self.quantity}: at_least must be at most 1; got {value:g}")
+            raise InvalidParameter(
+                f"limit of {self.quantity}: {side} must be at least 0; got {value:g}"
+            )
+        if (
+            side == "at_most"
+            and value == 0
+            and self.of.takes != "spread"
+            and self.quantity not in MAY_BE_0
+        ):
+            raise InvalidParameter(
+                f"limit of {self.quantity}: at_most must be greater than 0; got 0"
+            )
+        if (
+            side == "at_least"
+            and value > 1
+            and (self.of.takes == "ratio" or self.quantity in SHARES)
+        ):
+            raise InvalidParameter(
+                f"limit of {self.quantity}: at_least must be at most 1; got {value:g}"
+            )
 
     def contradicts(self, other: Limit) -> str | None:
         """Return the reason why two limits are contradictory, if their numbers imply it.
@@ -403,7 +480,10 @@ class Limit:
         for low, high in ((self, other), (other, self)):
             if low.at_least is None or high.at_most is None or low.at_least <= high.at_most:
                 continue
-            if not (high.quantity in (low.quantity, *NEVER_ABOVE.get(low.quantity, ())) and _are_comparable(low, high)):
+            if not (
+                high.quantity in (low.quantity, *NEVER_ABOVE.get(low.quantity, ()))
+                and _are_comparable(low, high)
+            ):
                 continue
             if low.cycles_per_px != high.cycles_per_px:
                 continue
@@ -427,7 +507,9 @@ class Limit:
     @property
     def name(self) -> str:
         """Return the quantity with its spatial frequency."""
-        return self.quantity + (f" at {self.cycles_per_px:g} cycles/px" if self.cycles_per_px is not None else "")
+        return self.quantity + (
+            f" at {self.cycles_per_px:g} cycles/px" if self.cycles_per_px is not None else ""
+        )
 
     @property
     def label(self) -> str:
@@ -449,8 +531,14 @@ class Limit:
         """
         values = self.of.values(field)
         with np.errstate(invalid="ignore"):
-            high = -np.inf if self.at_most is None else np.fmax.reduce(values, axis=-1) - self.at_most
-            low = -np.inf if self.at_least is None else self.at_least - np.fmin.reduce(values, axis=-1)
+            high = (
+                -np.inf if self.at_most is None else np.fmax.reduce(values, axis=-1) - self.at_most
+            )
+            low = (
+                -np.inf
+                if self.at_least is None
+                else self.at_least - np.fmin.reduce(values, axis=-1)
+            )
         share: Array = np.maximum(high, low) / self.scale
         return share
 

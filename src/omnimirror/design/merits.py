@@ -95,7 +95,9 @@ class FieldValues(NamedTuple):
 
     def _length(self, px_per_deg: Array) -> Array:
         with np.errstate(all="ignore"):
-            length: Array = np.where(self.near == 0, np.inf, np.radians(1.0) / (self.near * px_per_deg))
+            length: Array = np.where(
+                self.near == 0, np.inf, np.radians(1.0) / (self.near * px_per_deg)
+            )
         return length
 
     @property
@@ -150,8 +152,12 @@ class FieldValues(NamedTuple):
     def at(self, which: NDArray[np.intp]) -> FieldValues:
         """Return the values at selected field angles (..., k), with weight 0 for repeated ones."""
         index = np.arange(which.shape[-1])
-        taken = [a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self]
-        return FieldValues(*taken)._replace(solid_angle=np.where(which == index, self.solid_angle, 0.0))
+        taken = [
+            a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self
+        ]
+        return FieldValues(*taken)._replace(
+            solid_angle=np.where(which == index, self.solid_angle, 0.0)
+        )
 
 
 def _like(which: NDArray[np.intp], values: Array) -> NDArray[np.intp]:
@@ -168,7 +174,9 @@ OF_THE_WHOLE: dict[str, Callable[[Sensor], float]] = {
 """Quantities of the sensor as a whole, independent of the field angle."""
 
 
-def with_whole(field: FieldValues, sensor: Sensor, names: Iterable[str] = tuple(OF_THE_WHOLE)) -> FieldValues:
+def with_whole(
+    field: FieldValues, sensor: Sensor, names: Iterable[str] = tuple(OF_THE_WHOLE)
+) -> FieldValues:
     """Return field values completed with quantities of the whole sensor."""
     return field._replace(**{name: np.array([OF_THE_WHOLE[name](sensor)]) for name in names})
 
@@ -179,17 +187,47 @@ def _in_quadrature(blur: Array, own: Array) -> Array:
     return both
 
 
-def values_at(o: MirrorPointOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array) -> FieldValues:
+def values_at(
+    o: MirrorPointOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array
+) -> FieldValues:
     """Return field values of mirror points (..., k) for cameras focused at vergences v (..., 1)."""
     look = camera.at(o, v)
     floor = 1 + look.airy_px**2
     t, s, own_t, own_s = look.t_px, look.s_px, look.own_t_px, look.own_s_px
-    log_area = np.log((t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor)) / 2 - np.log(look.dh * look.dw)
+    log_area = np.log(
+        (t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor)
+    ) / 2 - np.log(look.dh * look.dw)
     b0 = camera.image_distance(v)
-    return FieldValues(t, s, look.dh, look.dw, log_area, o.viewpoint_z, solid_angle(o.omega), b0, length, sag, look.airy_px, look.light, own_t, own_s, omega=o.omega, near=np.broadcast_to(o.near, np.shape(o.omega)))
+    return FieldValues(
+        t,
+        s,
+        look.dh,
+        look.dw,
+        log_area,
+        o.viewpoint_z,
+        solid_angle(o.omega),
+        b0,
+        length,
+        sag,
+        look.airy_px,
+        look.light,
+        own_t,
+        own_s,
+        omega=o.omega,
+        near=np.broadcast_to(o.near, np.shape(o.omega)),
+    )
 
 
-def values_of(result: Any, light: Array, image_distance: ArrayLike, length: ArrayLike, sag: ArrayLike, airy_px: ArrayLike, own_px: tuple[Array, Array] | None = None, object_distance_mm: ArrayLike = np.inf) -> FieldValues:
+def values_of(
+    result: Any,
+    light: Array,
+    image_distance: ArrayLike,
+    length: ArrayLike,
+    sag: ArrayLike,
+    airy_px: ArrayLike,
+    own_px: tuple[Array, Array] | None = None,
+    object_distance_mm: ArrayLike = np.inf,
+) -> FieldValues:
     """Return field values from an :class:`~omnimirror.analysis.Evaluation` or a batch of designs.
 
     Field angles must increase along the last axis; the other values (...) are those of
@@ -197,7 +235,9 @@ def values_of(result: Any, light: Array, image_distance: ArrayLike, length: Arra
     ``object_distance_mm`` the object distance or distances (k,).
     """
     omega = np.radians(result.omega_deg)
-    b0, reach, height, airy = (np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px))
+    b0, reach, height, airy = (
+        np.asarray(v, dtype=float)[..., None] for v in (image_distance, length, sag, airy_px)
+    )
     with np.errstate(all="ignore"):
         return FieldValues(
             result.blur_t_px,
@@ -226,7 +266,14 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     if isinstance(lens, FieldLens):
         real = result.of_lens
         own = real["lens_blur_t_px"], real["lens_blur_s_px"]
-        found = values_of(result, real["lens_illumination"], lens.imager_mm, *numbers, own, result.object_distance_mm)
+        found = values_of(
+            result,
+            real["lens_illumination"],
+            lens.imager_mm,
+            *numbers,
+            own,
+            result.object_distance_mm,
+        )
     else:
         b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
         tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
@@ -249,7 +296,9 @@ def solid_angle(omega: Array) -> Array:
     steps = np.diff(omega, axis=-1) / 2
     steps = np.where(steps.real > 0, steps, 0.0)
     none = np.zeros_like(omega[..., :1])
-    shares: Array = np.sin(omega) * (np.concatenate([steps, none], -1) + np.concatenate([none, steps], -1))
+    shares: Array = np.sin(omega) * (
+        np.concatenate([steps, none], -1) + np.concatenate([none, steps], -1)
+    )
     return shares
 
 
@@ -291,14 +340,19 @@ class Merit:
             rows = np.stack(np.broadcast_arrays(*self.rows(field)))
             if self.is_mean:
                 weights = np.broadcast_to(field.solid_angle, rows.shape[1:])
-                return self.shown((np.where(weights > 0, np.exp(rows[0]), 0.0) * weights).sum(-1) / weights.sum(-1))
+                return self.shown(
+                    (np.where(weights > 0, np.exp(rows[0]), 0.0) * weights).sum(-1)
+                    / weights.sum(-1)
+                )
             largest = rows.max(axis=(0, -1))
             if self.is_spread:
                 largest = (largest - rows.min(axis=(0, -1))) / 2
             return self.shown(largest)
 
 
-def _either_sign(*parts: Callable[[FieldValues], Array]) -> Callable[[FieldValues], tuple[Array, ...]]:
+def _either_sign(
+    *parts: Callable[[FieldValues], Array],
+) -> Callable[[FieldValues], tuple[Array, ...]]:
     return lambda f: tuple(sign * part(f) for part in parts for sign in (1, -1))
 
 
@@ -314,7 +368,13 @@ def _length_of(t: Array, s: Array) -> tuple[Array, ...]:
     return (np.sqrt(t * t + s * s), *(t * np.cos(a) + s * np.sin(a) for a in directions))
 
 
-def _merit(name: str, rows: Callable[[FieldValues], tuple[Array, ...]], shown: Callable[[Array], Array] = _same, hidden: Callable[[Array], Array] = _same, **more: bool) -> Merit:
+def _merit(
+    name: str,
+    rows: Callable[[FieldValues], tuple[Array, ...]],
+    shown: Callable[[Array], Array] = _same,
+    hidden: Callable[[Array], Array] = _same,
+    **more: bool,
+) -> Merit:
     return Merit(QUANTITIES[name], rows, shown, hidden, **more)
 
 
@@ -327,9 +387,25 @@ DESIGN_MERITS: dict[str, Merit] = {
         _merit("worst_blur_rss_deg", lambda f: _length_of(f.t_deg, f.s_deg)),
         _merit("worst_blur_t_deg", _either_sign(lambda f: f.t_deg)),
         _merit("worst_blur_s_deg", _either_sign(lambda f: f.s_deg)),
-        _merit("inverse_area_ratio", lambda f: (f.log_density,), lambda t: np.exp(2 * t), lambda t: np.log(t) / 2, is_spread=True, is_sharpness=False),
-        _merit("worst_aspect", _either_sign(lambda f: f.log_aspect), np.exp, np.log, is_sharpness=False),
-        _merit("viewpoint_spread_mm", lambda f: (f.viewpoint_z,), lambda t: 2 * t, lambda t: t / 2, is_spread=True, is_sharpness=False),
+        _merit(
+            "inverse_area_ratio",
+            lambda f: (f.log_density,),
+            lambda t: np.exp(2 * t),
+            lambda t: np.log(t) / 2,
+            is_spread=True,
+            is_sharpness=False,
+        ),
+        _merit(
+            "worst_aspect", _either_sign(lambda f: f.log_aspect), np.exp, np.log, is_sharpness=False
+        ),
+        _merit(
+            "viewpoint_spread_mm",
+            lambda f: (f.viewpoint_z,),
+            lambda t: 2 * t,
+            lambda t: t / 2,
+            is_spread=True,
+            is_sharpness=False,
+        ),
         _merit("total_track_mm", lambda f: (f.total_track,), is_sharpness=False),
     )
 }

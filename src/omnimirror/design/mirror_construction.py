@@ -13,7 +13,17 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.typing import Array
 from ..optics.housing import Housing, Tube
 from ..optics.lenses import Lens
-from ..optics.mirrors import Cone, Conformal, CylinderMapping, Ellipsoid, Hyperboloid, Mirror, Paraboloid, Sphere, TabulatedMapping
+from ..optics.mirrors import (
+    Cone,
+    Conformal,
+    CylinderMapping,
+    Ellipsoid,
+    Hyperboloid,
+    Mirror,
+    Paraboloid,
+    Sphere,
+    TabulatedMapping,
+)
 from ..optics.mirrors.mappings import MAPPINGS, conformal_conic
 from ..optics.mirrors.prescribed_mapping import MappingMirror
 from ..optics.tracing.meridian import ChiefRays, Cover, trace_chief_rays
@@ -39,11 +49,17 @@ class RimRay:
     def __post_init__(self) -> None:
         theta, omega = self.theta_max_deg, self.omega_max_deg
         if not 0 <= theta < 90:
-            raise InvalidParameter(f"theta_max_deg must be at least 0 and less than 90 deg; got {theta:g}")
+            raise InvalidParameter(
+                f"theta_max_deg must be at least 0 and less than 90 deg; got {theta:g}"
+            )
         if not theta < omega < 180 - theta:
-            raise InvalidParameter(f"omega_max_deg must be between {theta:g} and {180 - theta:g} deg for theta_max_deg = {theta:g}; got {omega:g}")
+            raise InvalidParameter(
+                f"omega_max_deg must be between {theta:g} and {180 - theta:g} deg for theta_max_deg = {theta:g}; got {omega:g}"
+            )
         if not self.rim_radius_mm > 0:
-            raise InvalidParameter(f"rim_radius_mm must be greater than 0; got {self.rim_radius_mm:g}")
+            raise InvalidParameter(
+                f"rim_radius_mm must be greater than 0; got {self.rim_radius_mm:g}"
+            )
 
     @property
     def slope_angle_deg(self) -> float:
@@ -63,7 +79,9 @@ class RimRay:
 
     def place(self, mirror: Mirror, notes: tuple[str, ...] = ()) -> MountedMirror:
         """Return the mirror at the distance that gives the rim the viewing angle Theta."""
-        return MountedMirror(mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes)
+        return MountedMirror(
+            mirror, self.distance_mm(float(mirror.sag(mirror.rim_radius_mm))), notes
+        )
 
 
 @dataclass(frozen=True)
@@ -105,7 +123,9 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
     # gives (R/M)^2 = cot(beta)^2 + 1 + k.
     square = 1 / rim.slope**2 + 1 + conic
     if square <= 0:
-        raise InvalidParameter(f"conic must be greater than {-1 - 1 / rim.slope**2:.6g} for the slope of the rim, {rim.slope_angle_deg:.4g} deg; got {conic:g}")
+        raise InvalidParameter(
+            f"conic must be greater than {-1 - 1 / rim.slope**2:.6g} for the slope of the rim, {rim.slope_angle_deg:.4g} deg; got {conic:g}"
+        )
     return rim.rim_radius_mm * float(np.sqrt(square))
 
 
@@ -138,7 +158,9 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     M = rim.rim_radius_mm
     if conic is None:
         if rim.theta_max_deg == 0:
-            raise InvalidParameter("a hyperboloid has no single viewpoint with an orthographic lens; use a paraboloid, or specify conic below -1")
+            raise InvalidParameter(
+                "a hyperboloid has no single viewpoint with an orthographic lens; use a paraboloid, or specify conic below -1"
+            )
         mirror = conformal_conic(np.radians(rim.omega_max_deg), np.radians(rim.theta_max_deg), M)
         return rim.place(mirror, (f"conic = {mirror.conic:.6g}, chosen for a single viewpoint",))
     if conic >= -1:
@@ -161,9 +183,14 @@ def cone(rim: RimRay, conic: float | None = None) -> MountedMirror:
     """Return the cone of constant slope beta, with a field from Omega_max - Theta to Omega_max."""
     _refuse_conic("cone", conic)
     if rim.theta_max_deg == 0:
-        raise InvalidParameter("a cone with an orthographic lens images a single field angle; specify theta_max_deg above 0")
+        raise InvalidParameter(
+            "a cone with an orthographic lens images a single field angle; specify theta_max_deg above 0"
+        )
     low = rim.omega_max_deg - rim.theta_max_deg
-    return rim.place(Cone(rim.slope_angle_deg, rim.rim_radius_mm), (f"field of the cone: {low:g} to {rim.omega_max_deg:g} deg",))
+    return rim.place(
+        Cone(rim.slope_angle_deg, rim.rim_radius_mm),
+        (f"field of the cone: {low:g} to {rim.omega_max_deg:g} deg",),
+    )
 
 
 def _refuse_conic(family: str, conic: float | None) -> None:
@@ -171,7 +198,13 @@ def _refuse_conic(family: str, conic: float | None) -> None:
         raise InvalidParameter(f"conic must be omitted for a {family}; got {conic:g}")
 
 
-FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {"sphere": sphere, "hyperboloid": hyperboloid, "paraboloid": paraboloid, "ellipsoid": ellipsoid, "cone": cone}
+FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {
+    "sphere": sphere,
+    "hyperboloid": hyperboloid,
+    "paraboloid": paraboloid,
+    "ellipsoid": ellipsoid,
+    "cone": cone,
+}
 """Mirror families by name: functions of the rim and of the conic constant, if it is free."""
 
 
@@ -180,7 +213,12 @@ FAMILIES: dict[str, Callable[[RimRay, float | None], MountedMirror]] = {"sphere"
 OF_FIELD = ("omega_max_deg", "theta_max_deg", "rim_radius_mm")
 
 
-def generated_mirror(mapping: str | Callable[[NDArray[np.float64]], ArrayLike], rim: RimRay, omega_min_deg: float = 0.0, **entries: object) -> MountedMirror:
+def generated_mirror(
+    mapping: str | Callable[[NDArray[np.float64]], ArrayLike],
+    rim: RimRay,
+    omega_min_deg: float = 0.0,
+    **entries: object,
+) -> MountedMirror:
     """Return the mirror with an exact mapping, and its lens distance.
 
     Parameters
@@ -212,7 +250,9 @@ def generated_mirror(mapping: str | Callable[[NDArray[np.float64]], ArrayLike], 
     4.072351768
     """
     if callable(mapping):
-        made = TabulatedMapping.from_function(mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg)
+        made = TabulatedMapping.from_function(
+            mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg
+        )
         return MountedMirror(made, made.design_distance)
     mirror = mapped_mirror(mapping, rim, omega_min_deg, **entries)
     if isinstance(mirror, Conformal):
@@ -220,7 +260,9 @@ def generated_mirror(mapping: str | Callable[[NDArray[np.float64]], ArrayLike], 
     return MountedMirror(mirror, mirror.design_distance)
 
 
-def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object) -> MappingMirror:
+def mapped_mirror(
+    mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entries: object
+) -> MappingMirror:
     """Return the mirror of a named mapping, which converts image heights to field angles; arguments
     as :func:`generated_mirror`.
     """
@@ -232,8 +274,13 @@ def mapped_mirror(mapping: str, rim: RimRay, omega_min_deg: float = 0.0, **entri
         given["omega_min_deg"] = omega_min_deg
     check_entries(mapping, given)
     mirror: MappingMirror = cls(**given)
-    if isinstance(mirror, TabulatedMapping) and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9:
-        raise InvalidParameter(f"omega_max_deg must be the last angle of the mapping table, {mirror.omega_deg[-1]:g} deg; got {rim.omega_max_deg:g}")
+    if (
+        isinstance(mirror, TabulatedMapping)
+        and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9
+    ):
+        raise InvalidParameter(
+            f"omega_max_deg must be the last angle of the mapping table, {mirror.omega_deg[-1]:g} deg; got {rim.omega_max_deg:g}"
+        )
     return mirror
 
 
@@ -246,9 +293,13 @@ def check_entries(mapping: str, given: Collection[str]) -> None:
         Inapplicable or missing entry, with its name.
     """
     cls = MAPPINGS[mapping]
-    taken = (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS  # start of its table
+    taken = (
+        (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS
+    )  # start of its table
     if wrong := [name for name in given if name not in taken]:
-        raise InvalidParameter(f"{wrong[0]} must be omitted for the {mapping} mapping{_instead(wrong[0])}")
+        raise InvalidParameter(
+            f"{wrong[0]} must be omitted for the {mapping} mapping{_instead(wrong[0])}"
+        )
     if missing := [name for name in _needed(cls) if name not in (*given, *OF_FIELD)]:
         raise InvalidParameter(f"the {mapping} mapping requires {' and '.join(missing)}")
 
@@ -263,14 +314,18 @@ def _instead(name: str) -> str:
     if name != "omega_min_deg":
         return f"; it applies to {' and '.join(kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS)}"
     pointed = [kind for kind, cls in MAPPINGS.items() if name in cls.PARAMETERS]
-    return f", whose field starts on the axis; pointed mirrors are possible for {', '.join(pointed)}"
+    return (
+        f", whose field starts on the axis; pointed mirrors are possible for {', '.join(pointed)}"
+    )
 
 
 # -- Comparison of all mappings: the mirror of each for one field and lens -------------------------
 
 
 @validate_arguments
-def mappings(omega_max_deg: float = 75.0, theta_max_deg: float = 12.0) -> dict[str, MountedMirror | OmnimirrorError]:
+def mappings(
+    omega_max_deg: float = 75.0, theta_max_deg: float = 12.0
+) -> dict[str, MountedMirror | OmnimirrorError]:
     """Compute the mirror of each mapping for a field and a lens, with lengths in rim radii.
 
     Used by ``omnimirror mappings``. The mirrors follow from the law of reflection, dz/dx =
@@ -396,7 +451,9 @@ class LensAndCover:
             inside += missed * float(_inside_rate(rays)[0])
         return found
 
-    def made_for_ends(self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float) -> MountedMirror:
+    def made_for_ends(
+        self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float
+    ) -> MountedMirror:
         """Return the pointed mirror with a field from ``low_deg`` outside the cover.
 
         Parameters
@@ -413,7 +470,9 @@ class LensAndCover:
         shell = self.housing.shell
         index = 1.0 if shell is None else shell.outer_index
         # Snell's law at parallel walls is exact for a tube and the initial value for a dome.
-        cosines = np.clip(index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG)))
+        cosines = np.clip(
+            index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG))
+        )
         inside, before = np.degrees(np.arccos(cosines)), None
         for _ in range(ENDS_STEPS):
             own = RimRay(float(inside[1]), rim.theta_max_deg, rim.rim_radius_mm)
@@ -426,10 +485,18 @@ class LensAndCover:
             # The first point with rays through the wall depends on the angle at the centre; a
             # secant step accounts for this.
             if before is not None and (change := missed[0] - before[1]):
-                step[0] = float(np.clip(-missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG))
+                step[0] = float(
+                    np.clip(
+                        -missed[0] * (inside[0] - before[0]) / change, -MAX_STEP_DEG, MAX_STEP_DEG
+                    )
+                )
             before = inside[0], missed[0]
             inside = inside + step
-            is_settled = abs(missed[1]) < np.degrees(CLOSE) and before[0] == MIN_CENTRE_DEG and inside[0] <= before[0]
+            is_settled = (
+                abs(missed[1]) < np.degrees(CLOSE)
+                and before[0] == MIN_CENTRE_DEG
+                and inside[0] <= before[0]
+            )
             if is_settled:  # the angle cannot be reached
                 break
             inside[0] = np.clip(inside[0], MIN_CENTRE_DEG, inside[1] - MIN_CENTRE_DEG)
@@ -437,7 +504,12 @@ class LensAndCover:
 
     def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
         """Return field angle errors at both ends of the field, deg, and d(inside)/d(outside)."""
-        begin, rim, cover, trace = (0.0, made.mirror.rim_radius_mm, self._cover(made), self._tracer(made))
+        begin, rim, cover, trace = (
+            0.0,
+            made.mirror.rim_radius_mm,
+            self._cover(made),
+            self._tracer(made),
+        )
         if cover is not None:
             begin = cover.first_visible_x(trace, 0.0, rim)
         rays = trace(np.array([begin, rim]))
@@ -456,7 +528,9 @@ class LensAndCover:
         inside: Array | None = None
         for _ in range(STEPS):
             made = MountedMirror(mirror, mirror.design_distance)
-            tau = x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
+            tau = (
+                x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
+            )
             tau = tau / tau[-1]
             inside = mirror.mapping(tau)[0]
             found = self.mounted(made, rim.theta_max_deg)
@@ -480,10 +554,14 @@ def _inside_rate(rays: ChiefRays) -> Array:
 def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
     if not np.isfinite(missed):
         kind = "cover" if housing.shell is None else housing.shell.KIND
-        raise InvalidParameter(f"the {kind} must transmit the rays up to omega_max_deg = {rim.omega_max_deg:g}; use a smaller field, or a larger diameter or thinner wall")
+        raise InvalidParameter(
+            f"the {kind} must transmit the rays up to omega_max_deg = {rim.omega_max_deg:g}; use a smaller field, or a larger diameter or thinner wall"
+        )
 
 
-def departure(lens_and_cover: LensAndCover, made: MountedMirror, exact: MappingMirror, angles: int) -> float:
+def departure(
+    lens_and_cover: LensAndCover, made: MountedMirror, exact: MappingMirror, angles: int
+) -> float:
     """Return the largest deviation of the image height from a mapping, in rim heights."""
     x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
     rays = lens_and_cover.rays(made, x)

@@ -32,7 +32,10 @@ Aim = Literal["worst-mapping", "mean-mapping", "sag"]
 NODES, TABLE = 400, 2001
 STEPS = 60  # of least squares
 SETTLED = 1e-4  # relative decrease of the largest deviation that ends the search
-EXACT, BEYOND = (1e-12, 1e-13)  # deviations that are not reduced further; deviation of the rim after a correction
+EXACT, BEYOND = (
+    1e-12,
+    1e-13,
+)  # deviations that are not reduced further; deviation of the rim after a correction
 CLOSE = 1e-12  # relative tolerance of least squares
 MAX_TERMS = 12
 STEP = 1e-30  # of complex-step derivatives
@@ -54,7 +57,9 @@ class FitForm(NamedTuple):
         match = re.fullmatch(r"(polynomial|asphere):(\d{1,3})", text.strip())
         least = 1 if match and match[1] == "polynomial" else 0
         if not match or not least <= int(match[2]) <= MAX_TERMS:
-            raise InvalidParameter(f"fit must be polynomial:N with 1 to {MAX_TERMS} terms, or asphere:N with 0 to {MAX_TERMS} terms in addition to the conic; got {text!r}")
+            raise InvalidParameter(
+                f"fit must be polynomial:N with 1 to {MAX_TERMS} terms, or asphere:N with 0 to {MAX_TERMS} terms in addition to the conic; got {text!r}"
+            )
         return cls("polynomial" if match[1] == "polynomial" else "asphere", int(match[2]))
 
 
@@ -81,7 +86,9 @@ class FittedMirror:
     slope_mrad: float
 
 
-def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping") -> FittedMirror:
+def fit_mirror(
+    target: MountedMirror, form: FitForm | str, aim: Aim = "worst-mapping"
+) -> FittedMirror:
     """Fit an even-power mirror, with or without a conic, to a target mirror.
 
     Parameters
@@ -111,7 +118,9 @@ def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-map
         raise InvalidParameter(f"aim must be one of {', '.join(get_args(Aim))}; got {aim!r}")
     form = FitForm.parse(form) if isinstance(form, str) else form
     if target.mirror.is_pointed:
-        raise InvalidParameter(f"the {target.mirror.KIND} mirror must be smooth at the apex for a fit of even powers; it is pointed")
+        raise InvalidParameter(
+            f"the {target.mirror.KIND} mirror must be smooth at the apex for a fit of even powers; it is pointed"
+        )
     problem = _Problem(Meridian(target.mirror, target.distance_mm), form)
     try:
         unknowns = problem.settle(problem.start(), problem.sag)
@@ -121,7 +130,9 @@ def fit_mirror(target: MountedMirror, form: FitForm | str, aim: Aim = "worst-map
             unknowns = problem.level(unknowns)
         return problem.judged(unknowns)
     except OmnimirrorError:
-        raise InvalidParameter(f"no {form.kind} of {form.terms} terms approximates this {target.mirror.KIND} mirror; use more terms") from None
+        raise InvalidParameter(
+            f"no {form.kind} of {form.terms} terms approximates this {target.mirror.KIND} mirror; use more terms"
+        ) from None
 
 
 class _Linear(NamedTuple):
@@ -172,9 +183,15 @@ class _Problem:
         if self.form.kind == "polynomial":
             return _Linear(powers @ p, powers), _Linear(rates @ p, rates)
         z, slope, _ = conic_profile(self.nodes, p[0], p[1])
-        bent = [conic_profile(self.nodes, p[0] + a, p[1] + b) for a, b in ((1j * STEP, 0.0), (0.0, 1j * STEP))]
+        bent = [
+            conic_profile(self.nodes, p[0] + a, p[1] + b)
+            for a, b in ((1j * STEP, 0.0), (0.0, 1j * STEP))
+        ]
         dz, dslope = (np.stack([step[i].imag for step in bent], axis=-1) / STEP for i in (0, 1))
-        return (_Linear(z + powers @ p[2:], np.hstack([dz, powers])), _Linear(slope + rates @ p[2:], np.hstack([dslope, rates])))
+        return (
+            _Linear(z + powers @ p[2:], np.hstack([dz, powers])),
+            _Linear(slope + rates @ p[2:], np.hstack([dslope, rates])),
+        )
 
     def start(self) -> Array:
         """Return the initial value from the target's vertex radius and rim slope."""
@@ -182,7 +199,9 @@ class _Problem:
         if self.form.kind == "polynomial":
             return np.array([curvature / 2] + [0.0] * (self.form.terms - 1))
         slope = float(self.target.mirror.slope(self.rim))
-        return np.array([1 / curvature, 1 / curvature**2 - 1 / slope**2 - 1] + [0.0] * self.form.terms)
+        return np.array(
+            [1 / curvature, 1 / curvature**2 - 1 / slope**2 - 1] + [0.0] * self.form.terms
+        )
 
     def sag(self, p: Array) -> _Linear:
         z, _ = self.profile(p)
@@ -217,7 +236,10 @@ class _Problem:
             tau, rate = rays.x / self.rim, rate * self.rim
         else:
             tangent = np.tan(self.target.theta_max)
-            tau, rate = (rays.x / rays.w / tangent, rate * rays.w**2 / (rays.w - rays.x * rays.slope) * tangent)
+            tau, rate = (
+                rays.x / rays.w / tangent,
+                rate * rays.w**2 / (rays.w - rays.x * rays.slope) * tangent,
+            )
         spline = CubicHermiteSpline(tau, rays.omega, rate)
         return spline, spline.derivative()
 
@@ -232,11 +254,15 @@ class _Problem:
             p = np.append(self._least_squares(p[:count], p[count:], residual), p[count:])
         return p
 
-    def _least_squares(self, head: Array, tail: Array, residual: Callable[[Array], _Linear]) -> Array:
+    def _least_squares(
+        self, head: Array, tail: Array, residual: Callable[[Array], _Linear]
+    ) -> Array:
         """Solve for the first unknowns by a trust-region method; the others are fixed."""
         from scipy.optimize import least_squares
 
-        known = dict[bytes, _Linear | None]()  # the solver requests derivatives at points of known values
+        known = dict[
+            bytes, _Linear | None
+        ]()  # the solver requests derivatives at points of known values
 
         def linear(h: Array) -> _Linear | None:
             if (key := h.tobytes()) not in known:
@@ -281,10 +307,14 @@ class _Problem:
             found = at(y)
             assert found is not None  # the solver rejects steps to points without values
             jacobian = found.jacobian @ back / scale
-            return LinearisedValues(*values(y), np.concatenate([jacobian, -jacobian]), jacobian[-1:])
+            return LinearisedValues(
+                *values(y), np.concatenate([jacobian, -jacobian]), jacobian[-1:]
+            )
 
         free = np.full(p.size, np.inf)
-        found = solve_minimax(values, rows, np.zeros(p.size), (-free, free), tolerance=SETTLED, first_trust=1.0)
+        found = solve_minimax(
+            values, rows, np.zeros(p.size), (-free, free), tolerance=SETTLED, first_trust=1.0
+        )
         return self._with_rim(p + back @ found.y)
 
     def _with_rim(self, p: Array) -> Array:
@@ -309,7 +339,9 @@ class _Problem:
                 found = residual(p)
         except OmnimirrorError:
             return None
-        return found if np.isfinite(found.value).all() and np.isfinite(found.jacobian).all() else None
+        return (
+            found if np.isfinite(found.value).all() and np.isfinite(found.jacobian).all() else None
+        )
 
     def mirror(self, p: Array) -> Mirror:
         if self.form.kind == "polynomial":
@@ -325,8 +357,16 @@ class _Problem:
         rays = Meridian(mirror, mounted.distance_mm).trace(x)
         inside = np.minimum(rays.omega, target.omega_max)
         wanted = target.trace(target.x_from_omega(inside))
-        height, aim = (r.x / (self.rim if np.isinf(r.m) else r.w * np.tan(target.theta_max)) for r in (rays, wanted))
+        height, aim = (
+            r.x / (self.rim if np.isinf(r.m) else r.w * np.tan(target.theta_max))
+            for r in (rays, wanted)
+        )
         _, rate = self._target_at(np.ones(1))
         aim = aim + (rays.omega - inside) / rate
         z, slope, _ = target.mirror.profile(x)
-        return FittedMirror(mounted, float(np.abs(height - aim).max()), float(np.abs(rays.z - z).max()) * 1e3, float(np.abs(rays.beta - np.arctan(slope)).max()) * 1e3)
+        return FittedMirror(
+            mounted,
+            float(np.abs(height - aim).max()),
+            float(np.abs(rays.z - z).max()) * 1e3,
+            float(np.abs(rays.beta - np.arctan(slope)).max()) * 1e3,
+        )

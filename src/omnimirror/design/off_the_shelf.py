@@ -37,7 +37,10 @@ BLURRED = "more blur than a cheaper combination"
 SLACK = 0.02  # relative violation of a limit of blur permitted in the screening
 SEARCHED = 181  # field angles of the preliminary requirement check
 BEYOND_RIM = 1.2  # relative to the distance of the rim: approximate distance of the virtual images
-SETTLED, ROUNDS = (1e-6, 12)  # tolerance, iterations of the rim of a ball, which depends on the viewing angle
+SETTLED, ROUNDS = (
+    1e-6,
+    12,
+)  # tolerance, iterations of the rim of a ball, which depends on the viewing angle
 
 
 @dataclass(frozen=True)
@@ -74,12 +77,19 @@ class BoughtDesign:
         parts: dict[str, Any] = {part.KIND: part.name for part in self.combination.parts}
         if extras := self.combination.extras:
             parts["extra"] = [part.name for part in extras]
-        numbers = {"ring_mm": self.ring_mm, "price": self.price, "mass_g": self.mass_g, "worst_floored_area_deg2": self.worst_floored_area_deg2}
+        numbers = {
+            "ring_mm": self.ring_mm,
+            "price": self.price,
+            "mass_g": self.mass_g,
+            "worst_floored_area_deg2": self.worst_floored_area_deg2,
+        }
         data: dict[str, Any] = json_plain({**parts, **numbers, **self.design.to_dict()})
         return data
 
 
-def design_bought(asked: Requirements, combination: PartsCombination, most_area_deg2: float = np.inf) -> BoughtDesign | str:
+def design_bought(
+    asked: Requirements, combination: PartsCombination, most_area_deg2: float = np.inf
+) -> BoughtDesign | str:
     """Return the best sensor of a combination, or the reason for an early rejection.
 
     Parameters
@@ -104,7 +114,13 @@ def design_bought(asked: Requirements, combination: PartsCombination, most_area_
         return "no feasible mirror"
 
 
-def _judged(asked: Requirements, own: Requirements, combination: PartsCombination, sensor: Sensor, angles: int | None = None) -> BoughtDesign:
+def _judged(
+    asked: Requirements,
+    own: Requirements,
+    combination: PartsCombination,
+    sensor: Sensor,
+    angles: int | None = None,
+) -> BoughtDesign:
     verdict = judge(own, sensor) if angles is None else judge(own, sensor, angles=angles)
     assert asked.parts is not None
     ring, reasons = 0.0, list[str]()
@@ -113,8 +129,21 @@ def _judged(asked: Requirements, own: Requirements, combination: PartsCombinatio
     mass = mass_g(sensor, combination.parts)
     rows = [*verdict.rows, *whole_rows(asked.parts, combination, sensor, mass)]
     if reasons:
-        nearest = combination.lens.minimum_focus_mm if isinstance(combination.lens, LensComponent) else 0.0
-        rows.append(Judgement("minimum_focus_mm", "mm", nearest, None, sensor.lens.focus_distance_mm, remarks=tuple(reasons)))
+        nearest = (
+            combination.lens.minimum_focus_mm
+            if isinstance(combination.lens, LensComponent)
+            else 0.0
+        )
+        rows.append(
+            Judgement(
+                "minimum_focus_mm",
+                "mm",
+                nearest,
+                None,
+                sensor.lens.focus_distance_mm,
+                remarks=tuple(reasons),
+            )
+        )
     notes = (f"parts: {combination.name}", *((f"extension rings of {ring:g} mm",) if ring else ()))
     design = design_of(Verdict(verdict.requirements, verdict.sensor, tuple(rows)), notes)
     area = worst_area(own, sensor)
@@ -128,17 +157,30 @@ def worst_area(own: Requirements, sensor: Sensor) -> float:
     return max(float(result.floored_area_deg2.max()) for result in results)
 
 
-def whole_rows(parts: PartsRequirements, combination: PartsCombination, sensor: Sensor, mass: float | None) -> list[Judgement]:
+def whole_rows(
+    parts: PartsRequirements, combination: PartsCombination, sensor: Sensor, mass: float | None
+) -> list[Judgement]:
     """Return the requirement rows of the whole sensor."""
     size = outer_size(sensor, combination.parts)
-    reached = {"price": (parts.most_price, combination.price, ""), "mass_g": (parts.most_mass_g, mass, "g"), "diameter_mm": (parts.most_diameter_mm, size.diameter_mm, "mm"), "height_mm": (parts.most_height_mm, size.height_mm, "mm")}
-    return [Judgement(f"whole, {name}", unit, None, most, np.nan if value is None else value) for name, (most, value, unit) in reached.items() if most is not None]
+    reached = {
+        "price": (parts.most_price, combination.price, ""),
+        "mass_g": (parts.most_mass_g, mass, "g"),
+        "diameter_mm": (parts.most_diameter_mm, size.diameter_mm, "mm"),
+        "height_mm": (parts.most_height_mm, size.height_mm, "mm"),
+    }
+    return [
+        Judgement(f"whole, {name}", unit, None, most, np.nan if value is None else value)
+        for name, (most, value, unit) in reached.items()
+        if most is not None
+    ]
 
 
 # -- mirror, aperture, focus -----------------------------------------------------------------------
 
 
-def _made(own: Requirements, combination: PartsCombination, most_area_deg2: float) -> Candidate | str:
+def _made(
+    own: Requirements, combination: PartsCombination, most_area_deg2: float
+) -> Candidate | str:
     """Return the sensor at the aperture of the largest blur margin, or the reason for rejection."""
     if combination.ball is None and set(RangeSearch(own).free) - {"f_number"}:
         return RangeSearch(own).best().made
@@ -164,7 +206,9 @@ def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
     nearness = 0.0
     if isinstance(combination.lens, LensComponent):
         radius_mm, ball = own.largest_image_px * own.imager.pitch_mm, combination.ball
-        beyond = BEYOND_RIM * (ends(own.mirror.rim_radius_mm)[0] if ball is None else _rim_mm(own, 0.0, ball))
+        beyond = BEYOND_RIM * (
+            ends(own.mirror.rim_radius_mm)[0] if ball is None else _rim_mm(own, 0.0, ball)
+        )
         nearness = 1 / combination.lens.focal_length_mm / (1 + beyond / radius_mm)
     for _ in range(2):
         if combination.ball is not None:
@@ -173,13 +217,22 @@ def _sketched(own: Requirements, combination: PartsCombination) -> Sensor:
         rough = sketched(settled, nearness)
         if own.lens.is_telecentric or not own.lens.fills_imager:
             break
-        nearness = 1 / focusing(settled, rough, SCREENED).best_aperture(ends(settled.lens.f_number))[1].focus_mm
+        nearness = (
+            1
+            / focusing(settled, rough, SCREENED)
+            .best_aperture(ends(settled.lens.f_number))[1]
+            .focus_mm
+        )
     return rough
 
 
 def _rim_mm(own: Requirements, theta_deg: float, ball: BallComponent) -> float:
     """Return the rim of the cap of a ball: ``M = R sin((Omega_max - Theta)/2)``, Eqs. 2 to 5."""
-    return ball.ball_diameter_mm / 2 * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
+    return (
+        ball.ball_diameter_mm
+        / 2
+        * float(np.sin(np.radians((own.field.omega_max_deg - theta_deg) / 2)))
+    )
 
 
 def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
@@ -207,7 +260,9 @@ def check_free(asked: Requirements) -> None:
     """
     assert asked.parts is not None
     if asked.parts.mirror == "ball" and is_free(asked.lens.theta_max_deg):
-        raise InvalidParameter("theta_max_deg must be omitted or a number for a mirror ball from a catalogue, not a range")
+        raise InvalidParameter(
+            "theta_max_deg must be omitted or a number for a mirror ball from a catalogue, not a range"
+        )
 
 
 # -- Search among combinations of parts: necessary conditions, then designs in order of price ------
@@ -255,14 +310,29 @@ class PartsSearch:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON."""
-        counts = {"combinations": self.combinations, "cut": self.cut, "missed": self.missed, "left": self.left}
+        counts = {
+            "combinations": self.combinations,
+            "cut": self.cut,
+            "missed": self.missed,
+            "left": self.left,
+        }
         nearest = None if self.nearest is None else self.nearest.to_dict()
-        data: dict[str, Any] = json_plain({"found": [design.to_dict() for design in self.found], "nearest": nearest, **counts})
+        data: dict[str, Any] = json_plain(
+            {"found": [design.to_dict() for design in self.found], "nearest": nearest, **counts}
+        )
         return data
 
 
 @validate_arguments
-def design_from_parts(requirements: Requirements, catalogue: Catalogue | None = None, *, most: int = 10, front: bool = False, processes: int = 1, on_step: Callable[[str], None] | None = None) -> PartsSearch:
+def design_from_parts(
+    requirements: Requirements,
+    catalogue: Catalogue | None = None,
+    *,
+    most: int = 10,
+    front: bool = False,
+    processes: int = 1,
+    on_step: Callable[[str], None] | None = None,
+) -> PartsSearch:
     """Design a mirror for each combination of catalogue parts that may meet the requirements.
 
     Each combination of lens and imager and, if required, mirror ball and dome has its own mirror,
@@ -312,17 +382,24 @@ def design_from_parts(requirements: Requirements, catalogue: Catalogue | None = 
     """
     instance("requirements", requirements, Requirements, "requirements")
     if requirements.parts is None:
-        raise InvalidParameter("the requirements must contain parts; use design_sensor for a design without parts")
+        raise InvalidParameter(
+            "the requirements must contain parts; use design_sensor for a design without parts"
+        )
     integer("most", most, 1)
     integer("processes", processes, 1)
     check_free(requirements)
     catalogue = read_catalogue(*requirements.parts.catalogue) if catalogue is None else catalogue
-    for name, asked, there in (("ball", requirements.parts.mirror == "ball", catalogue.balls), ("dome", requirements.parts.dome, catalogue.domes)):
+    for name, asked, there in (
+        ("ball", requirements.parts.mirror == "ball", catalogue.balls),
+        ("dome", requirements.parts.dome, catalogue.domes),
+    ):
         if asked and not there:
             raise InvalidParameter(f"the catalogue must contain a {name}, required by parts")
     everything = combinations_of(catalogue, requirements)
     reasons = [cut(requirements, combination) for combination in everything]
-    tally = _Tally(requirements, front, most, len(everything), Counter(r for r in reasons if r is not None))
+    tally = _Tally(
+        requirements, front, most, len(everything), Counter(r for r in reasons if r is not None)
+    )
     left = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
     say = on_step or (lambda words: None)
     for i, answer in enumerate(_designed(requirements, left, processes, tally)):
@@ -333,7 +410,9 @@ def design_from_parts(requirements: Requirements, catalogue: Catalogue | None = 
     return tally.result()
 
 
-def _designed(requirements: Requirements, combinations: list[PartsCombination], processes: int, tally: _Tally) -> Iterator[BoughtDesign | str]:
+def _designed(
+    requirements: Requirements, combinations: list[PartsCombination], processes: int, tally: _Tally
+) -> Iterator[BoughtDesign | str]:
     """Yield the results of the combinations in their order."""
     if processes == 1 or len(combinations) <= FEW:
         for combination in combinations:
@@ -348,7 +427,10 @@ def _designed(requirements: Requirements, combinations: list[PartsCombination], 
         def submit(count: int) -> list[Future[list[BoughtDesign | str]]]:
             with _spared_signals():
                 most = tally.most_area_deg2
-                return [pool.submit(_block, requirements, block, most) for block in islice(blocks, count)]
+                return [
+                    pool.submit(_block, requirements, block, most)
+                    for block in islice(blocks, count)
+                ]
 
         under_way: list[Future[list[BoughtDesign | str]]] = []
         try:
@@ -357,7 +439,9 @@ def _designed(requirements: Requirements, combinations: list[PartsCombination], 
                 answers = under_way.pop(0).result()
                 under_way += submit(1)
                 yield from answers
-        except BaseException:  # signal, error or sufficient designs: do not wait for the other blocks
+        except (
+            BaseException
+        ):  # signal, error or sufficient designs: do not wait for the other blocks
             for worker in set(active_children()) - others:
                 worker.terminate()
             raise
@@ -379,8 +463,12 @@ def _spared_signals() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _block(requirements: Requirements, combinations: list[PartsCombination], most_area_deg2: float) -> list[BoughtDesign | str]:
-    return [design_bought(requirements, combination, most_area_deg2) for combination in combinations]
+def _block(
+    requirements: Requirements, combinations: list[PartsCombination], most_area_deg2: float
+) -> list[BoughtDesign | str]:
+    return [
+        design_bought(requirements, combination, most_area_deg2) for combination in combinations
+    ]
 
 
 @dataclass
@@ -404,7 +492,10 @@ class _Tally:
             self.missed[answer] += 1
         elif not answer.is_met:
             self.missed[answer.design.verdict.missed[0]] += 1
-            if self.nearest is None or answer.design.verdict.worst < self.nearest.design.verdict.worst:
+            if (
+                self.nearest is None
+                or answer.design.verdict.worst < self.nearest.design.verdict.worst
+            ):
                 self.nearest = answer
         elif answer.worst_floored_area_deg2 < self.most_area_deg2:
             self.found.append(answer)
@@ -424,4 +515,12 @@ class _Tally:
     def result(self) -> PartsSearch:
         left = self.combinations - self.cut.total() - self.taken
         nearest = None if self.found else self.nearest
-        return PartsSearch(self.requirements, tuple(self.found), nearest, self.combinations, dict(self.cut), dict(self.missed), left)
+        return PartsSearch(
+            self.requirements,
+            tuple(self.found),
+            nearest,
+            self.combinations,
+            dict(self.cut),
+            dict(self.missed),
+            left,
+        )

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import MAX_TEXT_BYTES, json_plain, parse_json, read_bytes, write_text
-from ..base.optimisation import LinearisedValues, MinimaxResult, ObjectiveValues, minimise_mean, solve_minimax
+from ..base.optimisation import (
+    LinearisedValues,
+    MinimaxResult,
+    ObjectiveValues,
+    minimise_mean,
+    solve_minimax,
+)
 from ..base.typing import Array
 from ..optics.batch.families import Basis
 from ..optics.image_sensor import Imager
@@ -81,7 +87,9 @@ class Objective:
         """Return rows and constraints at a point (dim,) with complex-step derivatives."""
         stepped = y + 1j * IMAGINARY_STEP * np.eye(self.space.dim)
         g, c = self._parts(stepped, self.space.state(stepped, self.u, self._basis))
-        return LinearisedValues(g[0].real, c[0].real, g.imag.T / IMAGINARY_STEP, c.imag.T / IMAGINARY_STEP)
+        return LinearisedValues(
+            g[0].real, c[0].real, g.imag.T / IMAGINARY_STEP, c.imag.T / IMAGINARY_STEP
+        )
 
     def shown(self, value: float) -> float:
         """Return the merit in its unit, or the largest relative violation, from the largest row."""
@@ -127,21 +135,27 @@ class Objective:
         is_length = isinstance(self.goal, Merit) and self.goal.quantity.unit == "mm"
         return ends(self.space.problem.rim_radius_mm)[1] if is_length else 1.0
 
-    def _parts(self, y: RealOrComplexArray, state: State) -> tuple[RealOrComplexArray, RealOrComplexArray]:
+    def _parts(
+        self, y: RealOrComplexArray, state: State
+    ) -> tuple[RealOrComplexArray, RealOrComplexArray]:
         with np.errstate(all="ignore"):
             required = dict(self._requirements(state))
             constraints = [MIN_DOMEGA_DU - state.domega_du, MIN_COS_INCIDENCE - state.cos_incidence]
             given, margin = tuple[Key, ...](), TIGHT
             if isinstance(self.goal, Slack):
                 given, margin = self.goal.keys, TIGHT + self.goal.margin
-                rows = [required[key] for key in given] + [self._moved(y, *n) for n in self.goal.numbers]
+                rows = [required[key] for key in given] + [
+                    self._moved(y, *n) for n in self.goal.numbers
+                ]
                 objective = _beside(rows, len(y))
             else:
                 objective = self._merit(self.goal, state)
             constraints += [margin + part for key, part in required.items() if key not in given]
             return objective, _beside(constraints, len(y))
 
-    def _moved(self, y: RealOrComplexArray, name: str, asked: float, sign: int) -> RealOrComplexArray:
+    def _moved(
+        self, y: RealOrComplexArray, name: str, asked: float, sign: int
+    ) -> RealOrComplexArray:
         """Return the relative change of a free number."""
         value = np.exp(y[:, self.space.names.index(name), None])
         moved: RealOrComplexArray = sign * (value / asked - 1)
@@ -151,12 +165,16 @@ class Objective:
         field = state.field.at(self._counting(state)())
         if merit.is_mean:
             area, weights = np.exp(field.log_area), field.solid_angle
-            mean: RealOrComplexArray = (area * weights).sum(axis=1, keepdims=True) / weights.sum(axis=1, keepdims=True)
+            mean: RealOrComplexArray = (area * weights).sum(axis=1, keepdims=True) / weights.sum(
+                axis=1, keepdims=True
+            )
             return mean
         return _beside([*merit.rows(field)], len(state.omega)) / self._scale
 
     def _requirements(self, state: State) -> Iterator[tuple[Key, RealOrComplexArray]]:
-        return violation_rows(self.space, state.field, self._counting(state), state.omega, state.hidden, state.image)
+        return violation_rows(
+            self.space, state.field, self._counting(state), state.omega, state.hidden, state.image
+        )
 
     def _counting(self, state: State) -> Counting:
         """Return the counted columns of the first design, to which all derivatives refer."""
@@ -167,7 +185,14 @@ Counting = Callable[..., NDArray[np.intp]]
 """Function that returns the counted columns between two field angles in degrees."""
 
 
-def violation_rows(space: DesignSpace, field: FieldValues, counting: Counting, omega: RealOrComplexArray, hidden: RealOrComplexArray, image: RealOrComplexArray) -> Iterator[tuple[Key, RealOrComplexArray]]:
+def violation_rows(
+    space: DesignSpace,
+    field: FieldValues,
+    counting: Counting,
+    omega: RealOrComplexArray,
+    hidden: RealOrComplexArray,
+    image: RealOrComplexArray,
+) -> Iterator[tuple[Key, RealOrComplexArray]]:
     """Yield the relative violations of each requirement as rows (b, r)."""
     problem = space.problem
     if problem.has_image_to_fit:
@@ -175,7 +200,10 @@ def violation_rows(space: DesignSpace, field: FieldValues, counting: Counting, o
     if problem.has_view_to_clear:
         yield CLEAR, space.hidden_from(omega, hidden)
     for i, limit in enumerate(problem.limits):
-        yield (i, limit.excess(field.at(counting(*(limit.omega_deg or ()))), len(problem.distances_mm)))
+        yield (
+            i,
+            limit.excess(field.at(counting(*(limit.omega_deg or ()))), len(problem.distances_mm)),
+        )
 
 
 def _beside(rows: list[RealOrComplexArray], count: int) -> RealOrComplexArray:
@@ -276,11 +304,28 @@ class Optimum:
         """
         problem = self.problem
         low = max(problem.omega_min_deg, self.sensor.clear_field_deg[0])
-        bounds = (blur_bound(self.sensor, distance, omega_min_deg=low, mode=problem.mode, image_radius_px=problem.image_radius_px) for distance in problem.distances_mm)
+        bounds = (
+            blur_bound(
+                self.sensor,
+                distance,
+                omega_min_deg=low,
+                mode=problem.mode,
+                image_radius_px=problem.image_radius_px,
+            )
+            for distance in problem.distances_mm
+        )
         return max(bounds, key=lambda b: b.blur_deg)
 
 
-def optimise(problem: DesignProblem, merit: str = "worst_floored_area_deg2", *, starts: int = 4, seed: int = 0, resume: str | Path | None = None, on_progress: Callable[[Progress], None] | None = None) -> Optimum:
+def optimise(
+    problem: DesignProblem,
+    merit: str = "worst_floored_area_deg2",
+    *,
+    starts: int = 4,
+    seed: int = 0,
+    resume: str | Path | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Optimum:
     """Optimise mirror, focus and free parameters of a problem for a merit.
 
     Parameters
@@ -330,11 +375,20 @@ def optimise(problem: DesignProblem, merit: str = "worst_floored_area_deg2", *, 
     """
     found = optimised(problem, merit, starts, seed, resume, on_progress)
     if not isinstance(found, Optimum):
-        raise OmnimirrorError(f"no mirror of {problem.terms} terms of {problem.family} meets all limits; use more terms, more starts, or looser limits")
+        raise OmnimirrorError(
+            f"no mirror of {problem.terms} terms of {problem.family} meets all limits; use more terms, more starts, or looser limits"
+        )
     return found
 
 
-def optimised(problem: DesignProblem, merit: str, starts: int = 4, seed: int = 0, resume: str | Path | None = None, on_progress: Callable[[Progress], None] | None = None) -> Optimum | list[Array]:
+def optimised(
+    problem: DesignProblem,
+    merit: str,
+    starts: int = 4,
+    seed: int = 0,
+    resume: str | Path | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Optimum | list[Array]:
     """Optimise like :func:`optimise`, but return end points if no design is feasible."""
     if starts < 1:
         raise InvalidParameter(f"starts must be at least 1; got {starts}")
@@ -344,11 +398,18 @@ def optimised(problem: DesignProblem, merit: str, starts: int = 4, seed: int = 0
     runs = _finished(resume, header)[:starts]
     try:
         for i in range(len(runs), starts):
-            said = (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v)))) if on_progress else None
+            said = (
+                (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v))))
+                if on_progress
+                else None
+            )
             name, y = _start_of_many(space, merit, i, seed, said)
             runs.append(_run(name, _kept_first(coarse, y, said), coarse))
             if resume is not None:
-                write_text(resume, json.dumps({**header, "runs": [asdict(r) for r in runs]}, indent=1) + "\n")
+                write_text(
+                    resume,
+                    json.dumps({**header, "runs": [asdict(r) for r in runs]}, indent=1) + "\n",
+                )
     except KeyboardInterrupt:
         if not runs:
             raise
@@ -357,7 +418,9 @@ def optimised(problem: DesignProblem, merit: str, starts: int = 4, seed: int = 0
     return replace(_polished(space, merit, runs), is_complete=len(runs) == starts)
 
 
-def _start_of_many(space: DesignSpace, merit: str, index: int, seed: int, on_step: Callable[[float], None] | None) -> tuple[str, Array]:
+def _start_of_many(
+    space: DesignSpace, merit: str, index: int, seed: int, on_step: Callable[[float], None] | None
+) -> tuple[str, Array]:
     """Return a start; for many knots the optimum with fewer, which avoids local minima."""
     problem = space.problem
     if problem.family != SlopeSpline.KIND or problem.terms <= FEW:
@@ -374,7 +437,9 @@ def _start_of_many(space: DesignSpace, merit: str, index: int, seed: int, on_ste
     return name, _shaped(space, mirror, np.concatenate([np.zeros(space.dim - rest.size), rest]))
 
 
-def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None] | None) -> MinimaxResult:
+def _kept_first(
+    objective: Objective, y: Array, on_step: Callable[[float], None] | None
+) -> MinimaxResult:
     """Optimise one start; if infeasible, repeat from the point of minimum violation."""
     found = follow(objective, y, tolerance=CLOSE, on_step=on_step)
     if found.violation < KEPT:
@@ -383,7 +448,9 @@ def _kept_first(objective: Objective, y: Array, on_step: Callable[[float], None]
     if not keys:
         return found
     least = follow(replace(objective, goal=Slack(keys)), found.y, tolerance=CLOSE)
-    return follow(objective, least.y, tolerance=CLOSE, on_step=on_step) if least.value < 0 else found
+    return (
+        follow(objective, least.y, tolerance=CLOSE, on_step=on_step) if least.value < 0 else found
+    )
 
 
 def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
@@ -393,9 +460,13 @@ def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
     found = follow(fine, np.array(best.y), tolerance=CLOSER, initial_trust=POLISH_TRUST)
     if not fine.is_about_sharpness:
         for _ in range(REFOCUSED):
-            found = follow(fine, _focused(space, found.y), tolerance=CLOSER, initial_trust=POLISH_TRUST)
+            found = follow(
+                fine, _focused(space, found.y), tolerance=CLOSER, initial_trust=POLISH_TRUST
+            )
     value = fine.shown(found.value)
-    sensor = space.sensor(found.y, f"optimised-{merit.replace('_', '-')}", _notes(space.problem, merit, value))
+    sensor = space.sensor(
+        found.y, f"optimised-{merit.replace('_', '-')}", _notes(space.problem, merit, value)
+    )
     return Optimum(space.problem, merit, sensor, value, found.y, tuple(runs))
 
 
@@ -407,14 +478,18 @@ def coarse_nodes(problem: DesignProblem) -> Array:
 def follow(objective: Objective, y: Array, **options: Any) -> MinimaxResult:
     """Return the local optimum of an objective near a point."""
     low, high = (np.array(b) for b in objective.space.bounds)
-    if not objective.is_about_sharpness:  # independent of focus and F-number: keep the initial values
+    if (
+        not objective.is_about_sharpness
+    ):  # independent of focus and F-number: keep the initial values
         held = [i for i, name in enumerate(objective.space.names) if name in ("focus", "f_number")]
         low[held] = high[held] = y[held]
     bounds = low, high
     if objective.is_mean:
         options.pop("initial_trust", None)
         return minimise_mean(objective.values, objective.rows, y, bounds, **options)
-    return solve_minimax(objective.values, objective.rows, y, bounds, objective.is_spread, **options)
+    return solve_minimax(
+        objective.values, objective.rows, y, bounds, objective.is_spread, **options
+    )
 
 
 def _focused(space: DesignSpace, y: Array) -> Array:
@@ -425,7 +500,9 @@ def _focused(space: DesignSpace, y: Array) -> Array:
 
 def _run(name: str, found: MinimaxResult, objective: Objective) -> Run:
     history = tuple(objective.shown(v) for v in found.history)
-    return Run(name, tuple(found.y.tolist()), objective.shown(found.value), found.violation < KEPT, history)
+    return Run(
+        name, tuple(found.y.tolist()), objective.shown(found.value), found.violation < KEPT, history
+    )
 
 
 # -- starts ----------------------------------------------------------------------------------------
@@ -433,7 +510,9 @@ def _run(name: str, found: MinimaxResult, objective: Objective) -> Run:
 
 def start(space: DesignSpace, index: int, seed: int) -> tuple[str, Array]:
     """Return name and point (dim,) of a start by its number, at its best focus."""
-    middle = {name: np.sqrt(np.prod(ends(getattr(space.problem, name)))) for name in space.problem.free}
+    middle = {
+        name: np.sqrt(np.prod(ends(getattr(space.problem, name)))) for name in space.problem.free
+    }
     y = np.array([np.log(middle[n]) if n in middle else FIRST.get(n, 0.0) for n in space.names])
     given = space.given(y[None])
     omega, theta, M = (float(v[0, 0]) for v in (given.omega_max, given.theta, given.M))
@@ -490,10 +569,15 @@ def problem_from(data: dict[str, Any]) -> DesignProblem:
     True
     """
     values: dict[str, Any] = _read(data)
-    parts = {"imager": Imager(**values["imager"]), "housing": housing_of(values["housing"], NullLocator())}
+    parts = {
+        "imager": Imager(**values["imager"]),
+        "housing": housing_of(values["housing"], NullLocator()),
+    }
     if data.get("optics"):
         parts["optics"] = lens_of(data["optics"], NullLocator(), None)
-    return DesignProblem(**values | parts | {"limits": tuple(Limit(**limit) for limit in values["limits"])})
+    return DesignProblem(
+        **values | parts | {"limits": tuple(Limit(**limit) for limit in values["limits"])}
+    )
 
 
 def _read(value: Any) -> Any:
@@ -511,12 +595,19 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
         return []
     try:
         data = parse_json(read_bytes(resume, MAX_TEXT_BYTES))
-        runs = [Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"])) for r in data.pop("runs")]
+        runs = [
+            Run(r["start"], tuple(r["y"]), r["value"], r["kept"], tuple(r["history"]))
+            for r in data.pop("runs")
+        ]
     except (OSError, ValueError, KeyError, TypeError):
-        raise OmnimirrorError(f"{resume} must be the state of a search, as saved by omnimirror; specify another file") from None
+        raise OmnimirrorError(
+            f"{resume} must be the state of a search, as saved by omnimirror; specify another file"
+        ) from None
     if data != header:
         changed = ", ".join(k for k in header if data.get(k) != header[k])
-        raise OmnimirrorError(f"{resume} must be the state of the same search; {changed} differ; specify another file")
+        raise OmnimirrorError(
+            f"{resume} must be the state of the same search; {changed} differ; specify another file"
+        )
     return runs
 
 

@@ -66,12 +66,18 @@ class Contest:
     def best_of(self, y: Array) -> tuple[Array, Array]:
         """Return the non-dominated designs (n, dim), sorted by the first merit, and merits."""
         y, values, broken = self.compare(y)
-        better: Any = (values[:, None] <= values).all(axis=2) & (values[:, None] < values).any(axis=2)
+        better: Any = (values[:, None] <= values).all(axis=2) & (values[:, None] < values).any(
+            axis=2
+        )
         keep = np.flatnonzero((broken <= 0) & ~better[broken <= 0].any(axis=0))
-        _, first = np.unique(values[keep], axis=0, return_index=True)  # sorted by the first merit, without duplicates
+        _, first = np.unique(
+            values[keep], axis=0, return_index=True
+        )  # sorted by the first merit, without duplicates
         keep = keep[first]
         if not keep.size:
-            raise OmnimirrorError("no design meets all limits; use more generations or looser limits, or optimise a single merit, which reports the conflicts")
+            raise OmnimirrorError(
+                "no design meets all limits; use more generations or looser limits, or optimise a single merit, which reports the conflicts"
+            )
         return y[keep], values[keep]
 
 
@@ -111,7 +117,13 @@ def evolved(contest: Contest, alive: Generation, generations: int, seed: int) ->
     class Comparison(Problem):  # type: ignore[misc]
         def __init__(self) -> None:
             count = len(contest.merits)
-            super().__init__(n_var=contest.space.dim, n_obj=count, n_ieq_constr=1, xl=alive.box[0], xu=alive.box[1])
+            super().__init__(
+                n_var=contest.space.dim,
+                n_obj=count,
+                n_ieq_constr=1,
+                xl=alive.box[0],
+                xu=alive.box[1],
+            )
 
         def _evaluate(self, y: Array, out: dict[str, Any], *_: Any, **__: Any) -> None:
             values, broken = contest.compare(y)[1:]
@@ -121,12 +133,18 @@ def evolved(contest: Contest, alive: Generation, generations: int, seed: int) ->
     if count == 2:
         algorithm = NSGA2(pop_size=size, sampling=alive.y)
     else:
-        steps = next(n for n in range(size, 0, -1) if comb(n + count - 1, count - 1) <= size or n == 1)
+        steps = next(
+            n for n in range(size, 0, -1) if comb(n + count - 1, count - 1) <= size or n == 1
+        )
         directions = get_reference_directions("das-dennis", count, n_partitions=steps)
-        algorithm = NSGA3(ref_dirs=directions, pop_size=max(size, len(directions)), sampling=alive.y)
+        algorithm = NSGA3(
+            ref_dirs=directions, pop_size=max(size, len(directions)), sampling=alive.y
+        )
     seed_here = int(np.random.SeedSequence([seed, alive.number]).generate_state(1)[0] >> 1)
     with np.errstate(all="ignore"):
-        found = minimize(Comparison(), algorithm, ("n_gen", generations + 1), seed=seed_here, verbose=False)
+        found = minimize(
+            Comparison(), algorithm, ("n_gen", generations + 1), seed=seed_here, verbose=False
+        )
     return Generation(alive.number + generations, found.pop.get("X"), alive.box)
 
 
@@ -208,7 +226,11 @@ class Front:
         if not -len(self) <= i < len(self):
             raise InvalidParameter(f"the index must be from 0 to {len(self) - 1}; got {i}")
         merits = "-".join(m.replace("_", "-") for m in self.merits)
-        name = f"front-{merits}-{i % len(self)}" if self.requirements.name == UNNAMED else self.requirements.name
+        name = (
+            f"front-{merits}-{i % len(self)}"
+            if self.requirements.name == UNNAMED
+            else self.requirements.name
+        )
         return self.space.designs.sensor(self.y[i], name)
 
     def design(self, i: int) -> Design:
@@ -230,7 +252,9 @@ class Front:
             Index out of range.
         """
         sensor = self.sensor(i)
-        return design_of(judge(self.requirements, sensor), freeform_notes(self.space.problem, sensor))
+        return design_of(
+            judge(self.requirements, sensor), freeform_notes(self.space.problem, sensor)
+        )
 
 
 @validate_arguments
@@ -296,18 +320,30 @@ def pareto(
     """
     instance("requirements", requirements, Requirements, "requirements")
     if requirements.mirror.optimise is None:
-        raise InvalidParameter("a Pareto front requires mirror.optimise, without mapping and family")
+        raise InvalidParameter(
+            "a Pareto front requires mirror.optimise, without mapping and family"
+        )
     if requirements.lens.focus_mm is not None:
-        raise InvalidParameter("focus_mm must be omitted for a Pareto front; each design is evaluated at its best focus")
+        raise InvalidParameter(
+            "focus_mm must be omitted for a Pareto front; each design is evaluated at its best focus"
+        )
     if len(set(merits)) < max(len(merits), 2):
-        raise InvalidParameter(f"merits must be at least two different names; got {', '.join(merits) or 'none'}")
+        raise InvalidParameter(
+            f"merits must be at least two different names; got {', '.join(merits) or 'none'}"
+        )
     for name, value in (("population", population), ("generations", generations)):
         if value < 1:
             raise InvalidParameter(f"{name} must be greater than 0; got {value}")
     _needs("pymoo")
     space = FreeformDesignSpace(requirements, problem_of(requirements, mode, image_radius_px))
     contest = Contest(space.designs, [merit_named(m) for m in merits])
-    search = {"format": FORMAT, "problem": described(space.problem), "merits": list(merits), "population": population, "seed": seed}
+    search = {
+        "format": FORMAT,
+        "problem": described(space.problem),
+        "merits": list(merits),
+        "population": population,
+        "seed": seed,
+    }
     alive = _resumed(resume, search) or first_generation(contest, population, seed)
     while alive.number < generations:
         try:
@@ -321,7 +357,9 @@ def pareto(
     return _front(space, contest, alive)
 
 
-def _front(space: FreeformDesignSpace, contest: Contest, alive: Generation, *, is_complete: bool = True) -> Front:
+def _front(
+    space: FreeformDesignSpace, contest: Contest, alive: Generation, *, is_complete: bool = True
+) -> Front:
     """Return the front of a generation."""
     y, values = contest.best_of(alive.y)
     return Front(space, tuple(m.name for m in contest.merits), y, values, is_complete)
@@ -367,7 +405,13 @@ def load_front(path: str | Path) -> Front:
     return _front(space, Contest(space.designs, [merit_named(m) for m in search["merits"]]), alive)
 
 
-def _write(path: Path, search: dict[str, Any], space: FreeformDesignSpace, contest: Contest, alive: Generation) -> None:
+def _write(
+    path: Path,
+    search: dict[str, Any],
+    space: FreeformDesignSpace,
+    contest: Contest,
+    alive: Generation,
+) -> None:
     """Write one row per design: merits, focus and coordinates; search settings as metadata."""
     _needs("pyarrow")
     import pyarrow as pa
@@ -411,7 +455,9 @@ def _resumed(path: str | Path | None, search: dict[str, Any]) -> Generation | No
     about, _, alive = _read(file_name("path", path))
     if about != json.loads(json.dumps(search)):
         changed = ", ".join(k for k in search if about.get(k) != json.loads(json.dumps(search[k])))
-        raise OmnimirrorError(f"{path} must be the state of the same search; {changed} differ; specify another file")
+        raise OmnimirrorError(
+            f"{path} must be the state of the same search; {changed} differ; specify another file"
+        )
     return alive
 
 
@@ -419,4 +465,6 @@ def _needs(package: str) -> None:
     try:
         import_module(package)
     except ImportError:
-        raise OmnimirrorError(f"Pareto fronts require {package}: pip install 'omnimirror[design]'") from None
+        raise OmnimirrorError(
+            f"Pareto fronts require {package}: pip install 'omnimirror[design]'"
+        ) from None

@@ -23,7 +23,9 @@ def ends(value: Range) -> tuple[float, float]:
     """
     pair = np.atleast_1d(numbers("a range", value))
     if pair.shape not in ((1,), (2,)):
-        raise InvalidParameter(f"must be a number or a range (low, high); got {format_value(value)}")
+        raise InvalidParameter(
+            f"must be a number or a range (low, high); got {format_value(value)}"
+        )
     return float(pair[0]), float(pair[-1])
 
 
@@ -55,7 +57,10 @@ def between(low: float, high: float, endless: bool = False) -> PlainValidator:
         if endless and last == np.inf:
             last = high
         if not low <= first <= last <= high:
-            raise PydanticCustomError("range", f"it should be a number from {low:g} to {high:g}, or a range [LOW, HIGH] of them")
+            raise PydanticCustomError(
+                "range",
+                f"it should be a number from {low:g} to {high:g}, or a range [LOW, HIGH] of them",
+            )
         return first if first == last else (first, last)
 
     return PlainValidator(check)

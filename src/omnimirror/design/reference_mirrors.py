@@ -22,10 +22,17 @@ from .mirror_construction import FAMILIES, MountedMirror, RimRay, generated_mirr
 from .optimiser import start
 
 PAPER = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
-PAPER_FIELD, PAPER_THETA, NEAR = (135.0, 12.0, 0.02)  # deg; and tolerance for the rounded mirrors of the paper
+PAPER_FIELD, PAPER_THETA, NEAR = (
+    135.0,
+    12.0,
+    0.02,
+)  # deg; and tolerance for the rounded mirrors of the paper
 EXACTLY = "exactly "  # prefix of the names of exact mappings
 EXACT = ("equidistant", "equiangular", "unit-aspect", "equiareal", "rectifying")
-TELECENTRIC = ("equidistant", "rectifying")  # the others are the paraboloid, the sphere and the equidistant mirror
+TELECENTRIC = (
+    "equidistant",
+    "rectifying",
+)  # the others are the paraboloid, the sphere and the equidistant mirror
 
 
 def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
@@ -42,8 +49,17 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     for name, make in _makers(rim):
         with suppress(OmnimirrorError):  # a mapping that is impossible for this field
             mounted = make()
-            place = 0.0 if problem.is_telecentric else float(first.lens.pupil.position(np.array([np.tan(np.radians(theta))]))[0])
-            found[name] = replace(first, mirror=mounted.mirror, mirror_distance_mm=mounted.distance_mm + place, name=name)
+            place = (
+                0.0
+                if problem.is_telecentric
+                else float(first.lens.pupil.position(np.array([np.tan(np.radians(theta))]))[0])
+            )
+            found[name] = replace(
+                first,
+                mirror=mounted.mirror,
+                mirror_distance_mm=mounted.distance_mm + place,
+                name=name,
+            )
     return found
 
 
@@ -63,19 +79,32 @@ def _scaled(sensor: Sensor, rim_radius_mm: float) -> MountedMirror:
     """Return a mirror of the paper at another size."""
     ratio = rim_radius_mm / sensor.mirror.rim_radius_mm
     mirror = sensor.mirror
-    lengths = {n: getattr(mirror, n) * ratio for n, p in mirror.PARAMETERS.items() if p.unit == "mm"}
+    lengths = {
+        n: getattr(mirror, n) * ratio for n, p in mirror.PARAMETERS.items() if p.unit == "mm"
+    }
     return MountedMirror(replace(mirror, **lengths), sensor.mirror_distance_mm * ratio)  # type: ignore[type-var]
 
 
-def merit_values(sensor: Sensor, merits: Sequence[str], problem: DesignProblem, focus_by: str | None = "worst_floored_area_deg2") -> Array:
+def merit_values(
+    sensor: Sensor,
+    merits: Sequence[str],
+    problem: DesignProblem,
+    focus_by: str | None = "worst_floored_area_deg2",
+) -> Array:
     """Compute the merits (n,) of a sensor with the settings of a problem.
 
     ``focus_by`` is a merit of :func:`omnimirror.best_focus`, or None for the focus of the sensor.
     """
     sensor.check("comparing with a front", "single mirror")
     rim = sensor.mirror.rim_radius_mm
-    least = float(sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0]))))
-    common: dict[str, Any] = {"mode": problem.mode, "image_radius_px": problem.image_radius_px, "wavelength_nm": problem.wavelength_nm}
+    least = float(
+        sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0])))
+    )
+    common: dict[str, Any] = {
+        "mode": problem.mode,
+        "image_radius_px": problem.image_radius_px,
+        "wavelength_nm": problem.wavelength_nm,
+    }
     x, distances = np.linspace(least, rim, 1001), np.array(problem.distances_mm)
     if focus_by is not None:
         omega = np.degrees(sensor.meridian.trace(x).omega)
@@ -83,7 +112,9 @@ def merit_values(sensor: Sensor, merits: Sequence[str], problem: DesignProblem, 
         best = best_focus(sensor, focus_by, omega_deg=angles, object_distance_mm=far, **common)
         sensor = replace(sensor, lens=sensor.lens.focused_at(best.focus_mm))
     results = [evaluate(sensor, x_mm=x, object_distance_mm=d, **common) for d in distances]
-    values = np.array([[merit_named(m).value(values_of_evaluation(r)) for m in merits] for r in results])
+    values = np.array(
+        [[merit_named(m).value(values_of_evaluation(r)) for m in merits] for r in results]
+    )
     means = np.array([merit_named(m).is_mean for m in merits])
     joined: Array = np.where(means, values.mean(axis=0), values.max(axis=0))
     return joined

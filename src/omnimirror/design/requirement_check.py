@@ -137,7 +137,9 @@ class Verdict:
     def to_dict(self) -> dict[str, Any]:
         """Return the table as plain data for JSON."""
         rows = [{**asdict(row), "margin": row.margin, "is_met": row.is_met} for row in self.rows]
-        data: dict[str, Any] = json_plain({"name": self.sensor.name, "is_met": self.is_met, "requirements": rows})
+        data: dict[str, Any] = json_plain(
+            {"name": self.sensor.name, "is_met": self.is_met, "requirements": rows}
+        )
         return data
 
 
@@ -197,12 +199,17 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     check_sensor(sensor)
     angles = integer("angles", angles, 2, MAX_ANGLES)
     if requirements.lens.is_telecentric != sensor.lens.TELECENTRIC:
-        raise InvalidParameter(f"the lens of the sensor must be {requirements.lens.kind}, as in the requirements; got {sensor.lens.KIND}")
+        raise InvalidParameter(
+            f"the lens of the sensor must be {requirements.lens.kind}, as in the requirements; got {sensor.lens.KIND}"
+        )
     if sensor.housing.is_empty:
         sensor = replace(sensor, housing=requirements.housing)
     if sensor.thermal is None:
         sensor = replace(sensor, thermal=requirements.thermal)
-    rows = [*given_rows(requirements, sensor), *_limits_over_temperatures(requirements, sensor, angles)]
+    rows = [
+        *given_rows(requirements, sensor),
+        *_limits_over_temperatures(requirements, sensor, angles),
+    ]
     return Verdict(requirements, sensor, tuple(rows))
 
 
@@ -224,13 +231,32 @@ def _field_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
 def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     """Return the rows of mirror, lens and imager."""
     lens, largest = requirements.lens, requirements.largest_image_px
-    rows = [Judgement("rim_radius_mm", "mm", *ends(requirements.mirror.rim_radius_mm), sensor.mirror.rim_radius_mm), Judgement("image_radius_px", "px", None, largest, sensor.rim_radius_px, tolerance=EDGE_PX, remarks=cut_off(sensor))]
+    rows = [
+        Judgement(
+            "rim_radius_mm",
+            "mm",
+            *ends(requirements.mirror.rim_radius_mm),
+            sensor.mirror.rim_radius_mm,
+        ),
+        Judgement(
+            "image_radius_px",
+            "px",
+            None,
+            largest,
+            sensor.rim_radius_px,
+            tolerance=EDGE_PX,
+            remarks=cut_off(sensor),
+        ),
+    ]
     optics = sensor.lens
     if isinstance(optics, GaussianLens):
         reached = {"focal_length_mm": optics.focal_length_mm, "f_number": optics.stop_number}
         reached["theta_max_deg"] = float(np.degrees(sensor.meridian.theta_max))
     else:
-        reached = {"f_number": optics.stop_number, "magnification": float(getattr(optics, "magnification", np.nan))}
+        reached = {
+            "f_number": optics.stop_number,
+            "magnification": float(getattr(optics, "magnification", np.nan)),
+        }
     reached["focus_mm"] = optics.focus_distance_mm
     for name, value in reached.items():
         span = ends_or_none(getattr(lens, name))
@@ -240,13 +266,18 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     return rows
 
 
-def _limits_over_temperatures(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
+def _limits_over_temperatures(
+    requirements: Requirements, sensor: Sensor, angles: int
+) -> list[Judgement]:
     """Return the rows of the limits at their smallest margins over the temperatures."""
     rows = _limit_rows(requirements, sensor, angles)
     for temperature in requirements.temperatures_c or ():
         there = _limit_rows(requirements, at_temperature(sensor, temperature), angles)
         remark = f"smallest margin at {temperature:g} C"
-        rows = [replace(moved, remarks=(*moved.remarks, remark)) if moved.margin < row.margin else row for row, moved in zip(rows, there, strict=True)]
+        rows = [
+            replace(moved, remarks=(*moved.remarks, remark)) if moved.margin < row.margin else row
+            for row, moved in zip(rows, there, strict=True)
+        ]
     return rows
 
 
@@ -260,12 +291,17 @@ def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list
     fields = [values_of_evaluation(result) for result in results]
     rows = []
     for limit in requirements.limits:
-        own = [(field.part(where[limit.omega_deg]), r.omega_deg[where[limit.omega_deg]]) for field, r in zip(fields, results, strict=True)]
+        own = [
+            (field.part(where[limit.omega_deg]), r.omega_deg[where[limit.omega_deg]])
+            for field, r in zip(fields, results, strict=True)
+        ]
         rows.append(_limit_row(limit, own, _remarks(limit, own, sensor, parts[limit.omega_deg])))
     return rows
 
 
-def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]) -> Judgement:
+def _limit_row(
+    limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]
+) -> Judgement:
     """Return the row of one limit from the field values of each object distance."""
     sides = [(True, limit.at_most)] if limit.at_most is not None else []
     sides += [(False, limit.at_least)] if limit.at_least is not None else []
@@ -273,20 +309,32 @@ def _limit_row(limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: t
     for largest, _ in sides:
         found = [(*limit.of.extreme(field, largest), omega) for field, omega in fields]
         value = (max if largest else min)(v for v, _, _ in found)
-        where = [omega[i] for v, i, omega in found if i is not None and abs(v - value) <= SHARED * abs(value)]
+        where = [
+            omega[i]
+            for v, i, omega in found
+            if i is not None and abs(v - value) <= SHARED * abs(value)
+        ]
         at = float(min(where)) if where else None
         asked = (limit.at_least, limit.at_most)
-        rows.append(Judgement(limit.name, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks))
+        rows.append(
+            Judgement(
+                limit.name, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks
+            )
+        )
     return min(rows, key=lambda row: row.margin)
 
 
-def _remarks(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: JudgedRange) -> tuple[str, ...]:
+def _remarks(
+    limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: JudgedRange
+) -> tuple[str, ...]:
     """Return remarks on excluded field angles and on the diffraction limit."""
     is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
     return (*(part.left_out if is_of_the_field else ()), *_diffraction(limit, fields, sensor))
 
 
-def _diffraction(limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor) -> list[str]:
+def _diffraction(
+    limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor
+) -> list[str]:
     """Return a remark if the Airy disk alone exceeds a limit of blur."""
     if limit.at_most is None or not limit.of.is_blur:
         return []
@@ -301,7 +349,10 @@ def evaluations(requirements: Requirements, sensor: Sensor, omega_deg: Array) ->
     """Return the evaluation for the nearest and the farthest object, or for objects on surfaces."""
     field = requirements.field
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
-    return [evaluate(sensor, omega_deg, object_distance_mm=distance) for distance in distances_of(field, rays)]
+    return [
+        evaluate(sensor, omega_deg, object_distance_mm=distance)
+        for distance in distances_of(field, rays)
+    ]
 
 
 # -- Temperature range of a sensor with all requirements met ---------------------------------------
@@ -329,11 +380,18 @@ class TemperatureRange:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the range as plain data for JSON."""
-        return {"low_c": self.low_c, "high_c": self.high_c, "below": list(self.below), "above": list(self.above)}
+        return {
+            "low_c": self.low_c,
+            "high_c": self.high_c,
+            "below": list(self.below),
+            "above": list(self.above),
+        }
 
 
 @validate_arguments
-def temperature_range(requirements: Requirements, sensor: Sensor, *, coldest_c: float = -40.0, warmest_c: float = 85.0) -> TemperatureRange:
+def temperature_range(
+    requirements: Requirements, sensor: Sensor, *, coldest_c: float = -40.0, warmest_c: float = 85.0
+) -> TemperatureRange:
     """Compute the temperature range of a sensor with all requirements met.
 
     Parameters
@@ -374,14 +432,20 @@ def temperature_range(requirements: Requirements, sensor: Sensor, *, coldest_c: 
         at_temperature(sensor, coldest_c)  # raises an error with the missing properties
     reference = sensor.thermal.reference_c  # type: ignore[union-attr]  # refused above
     if not coldest_c <= reference <= warmest_c:
-        raise InvalidParameter(f"coldest_c and warmest_c must enclose the reference temperature of the sensor, {reference:g} C; got {coldest_c:g} and {warmest_c:g}")
+        raise InvalidParameter(
+            f"coldest_c and warmest_c must enclose the reference temperature of the sensor, {reference:g} C; got {coldest_c:g} and {warmest_c:g}"
+        )
     if missed := _missed(requirements, sensor, reference):
         return TemperatureRange(np.nan, np.nan, missed, missed)
-    (low, below), (high, above) = (_end(requirements, sensor, reference, end) for end in (coldest_c, warmest_c))
+    (low, below), (high, above) = (
+        _end(requirements, sensor, reference, end) for end in (coldest_c, warmest_c)
+    )
     return TemperatureRange(low, high, below, above)
 
 
-def _end(requirements: Requirements, sensor: Sensor, met: float, end: float) -> tuple[float, tuple[str, ...]]:
+def _end(
+    requirements: Requirements, sensor: Sensor, met: float, end: float
+) -> tuple[float, tuple[str, ...]]:
     """Return the last temperature with all requirements met, and those missed beyond."""
     missed: tuple[str, ...] = ()
     step = float(np.copysign(STEP_K, end - met))
@@ -406,7 +470,13 @@ def _missed(requirements: Requirements, sensor: Sensor, temperature_c: float) ->
     manufacture and may expand.
     """
     try:
-        rows = judge(replace(requirements, temperatures_c=None), at_temperature(sensor, temperature_c)).rows
+        rows = judge(
+            replace(requirements, temperatures_c=None), at_temperature(sensor, temperature_c)
+        ).rows
     except OmnimirrorError as e:  # invalid sensor
         return (str(e),)
-    return tuple(row.label for row in rows if not row.is_met and (row.is_limit or row.at_least != row.at_most))
+    return tuple(
+        row.label
+        for row in rows
+        if not row.is_met and (row.is_limit or row.at_least != row.at_most)
+    )

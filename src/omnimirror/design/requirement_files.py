@@ -21,10 +21,25 @@ from ..optics.mirrors.measured import MAPPING_FILE
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
 from ..optics.thermal import Thermal
-from ..optics.toml_validation import MountTable, NullLocator, SourceLocator, Table, check_entries, table_model, validated
+from ..optics.toml_validation import (
+    MountTable,
+    NullLocator,
+    SourceLocator,
+    Table,
+    check_entries,
+    table_model,
+    validated,
+)
 from .catalogue import TYPICAL
 from .limits import LIMITABLE, Limit
-from .requirements import PAPER_IMAGER, FieldRequirements, LensRequirements, MirrorRequirements, PartsRequirements, Requirements
+from .requirements import (
+    PAPER_IMAGER,
+    FieldRequirements,
+    LensRequirements,
+    MirrorRequirements,
+    PartsRequirements,
+    Requirements,
+)
 
 # -- Requirement files: requirements in TOML format, validated by entry like sensor files ----------
 
@@ -43,17 +58,23 @@ class LimitTable(Table):
     at_most: float | None = None
     at_least: float | None = None
     omega_deg: Angle | Annotated[list[Angle], Field(min_length=2, max_length=2)] | None = None
-    elevation_deg: Elevation | Annotated[list[Elevation], Field(min_length=2, max_length=2)] | None = None
+    elevation_deg: (
+        Elevation | Annotated[list[Elevation], Field(min_length=2, max_length=2)] | None
+    ) = None
     cycles_per_px: float | None = None
 
 
 class ElevationTable(Table):
     """Lowest and highest elevation in ``[field]``, as an alternative to field angles."""
 
-    elevation_deg: Annotated[list[Elevation], Field(min_length=2, max_length=2, description="[LOW, HIGH], deg")]
+    elevation_deg: Annotated[
+        list[Elevation], Field(min_length=2, max_length=2, description="[LOW, HIGH], deg")
+    ]
 
 
-def load_requirements(path: str | Path, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()) -> Requirements:
+def load_requirements(
+    path: str | Path, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()
+) -> Requirements:
     """Read a requirement file.
 
     Parameters
@@ -91,11 +112,19 @@ def load_requirements(path: str | Path, changes: dict[str, Any] | None = None, l
     120.0
     """
     path = file_name("path", path)
-    text = read_text(path, "requirement file", SpecError, f"requirement file {str(path)!r} not found")
+    text = read_text(
+        path, "requirement file", SpecError, f"requirement file {str(path)!r} not found"
+    )
     return parse_requirements(text, str(path), path.parent, changes, limits)
 
 
-def parse_requirements(text: str, source: str = "requirements", folder: Path | None = None, changes: dict[str, Any] | None = None, limits: Sequence[dict[str, Any]] = ()) -> Requirements:
+def parse_requirements(
+    text: str,
+    source: str = "requirements",
+    folder: Path | None = None,
+    changes: dict[str, Any] | None = None,
+    limits: Sequence[dict[str, Any]] = (),
+) -> Requirements:
     """Parse requirements from text; ``folder`` is the base of relative file names.
 
     >>> requirements = parse_requirements('''
@@ -155,11 +184,15 @@ def format_requirements(requirements: Requirements) -> str:
     return tomli_w.dumps({"format": FORMAT, **requirements.tables()})
 
 
-def requirements_of(data: dict[str, Any], where: SourceLocator | None = None, folder: Path | None = None) -> Requirements:
+def requirements_of(
+    data: dict[str, Any], where: SourceLocator | None = None, folder: Path | None = None
+) -> Requirements:
     """Return requirements from the tables of a file; ``where`` adds locations to errors."""
     where = where or NullLocator()
     _check_tables(data, where)
-    mirror = where.wrap(("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder))
+    mirror = where.wrap(
+        ("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder)
+    )
     mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
     parts: dict[str, Any] = {
         "field": FieldRequirements.read(_by_field_angles(data["field"], mount, where), where),
@@ -168,7 +201,9 @@ def requirements_of(data: dict[str, Any], where: SourceLocator | None = None, fo
         "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
         "mount": mount,
         "housing": housing_of(data.get("housing", {}), where),
-        "limits": tuple(limit_of(i, table, mount, where) for i, table in enumerate(data.get("limit", []))),
+        "limits": tuple(
+            limit_of(i, table, mount, where) for i, table in enumerate(data.get("limit", []))
+        ),
     }
     if "thermal" in data:
         parts |= _thermal(data["thermal"], where)
@@ -181,22 +216,43 @@ def requirements_of(data: dict[str, Any], where: SourceLocator | None = None, fo
 
 
 def _check_tables(data: dict[str, Any], where: SourceLocator) -> None:
-    known: dict[str, type] = {"format": int, "name": str, "notes": str, "field": dict, "mirror": dict, "lens": dict, "imager": dict, "mount": dict, "housing": dict, "limit": list, "parts": dict, "thermal": dict}
+    known: dict[str, type] = {
+        "format": int,
+        "name": str,
+        "notes": str,
+        "field": dict,
+        "mirror": dict,
+        "lens": dict,
+        "imager": dict,
+        "mount": dict,
+        "housing": dict,
+        "limit": list,
+        "parts": dict,
+        "thermal": dict,
+    }
     check_entries(data, known, FORMAT, where)
     for key in ("field", "mirror"):
         if key not in data:
-            raise where.error((), f"the table [{key}] is missing; a requirement file requires [field] and [mirror]")
+            raise where.error(
+                (),
+                f"the table [{key}] is missing; a requirement file requires [field] and [mirror]",
+            )
 
 
 class TemperatureTable(Table):
     """Temperature range of the limits."""
 
-    range_c: Annotated[list[float], Field(min_length=2, max_length=2, description="[LOW, HIGH], C")] | None = None
+    range_c: (
+        Annotated[list[float], Field(min_length=2, max_length=2, description="[LOW, HIGH], C")]
+        | None
+    ) = None
 
 
 def _thermal(table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
     """Return the thermal properties of the sensor, and the temperature range of the limits."""
-    span = validated(TemperatureTable, "thermal", {k: v for k, v in table.items() if k == "range_c"}, where).range_c
+    span = validated(
+        TemperatureTable, "thermal", {k: v for k, v in table.items() if k == "range_c"}, where
+    ).range_c
     entries = {name: value for name, value in table.items() if name != "range_c"}
     said = validated(table_model(Thermal), "thermal", entries, where).model_dump()
     thermal = where.wrap(("thermal",), lambda: Thermal(**said))
@@ -207,21 +263,33 @@ def _parts(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> 
     """Return the parts requirements, with catalogue paths relative to the file."""
     found = PartsRequirements.read(table, where)
     if folder is None and any(name != TYPICAL for name in found.catalogue):
-        raise where.error(("parts", "catalogue"), "parts.catalogue must be omitted unless the requirements are in a file")
+        raise where.error(
+            ("parts", "catalogue"),
+            "parts.catalogue must be omitted unless the requirements are in a file",
+        )
     base = folder or Path()
-    return replace(found, catalogue=tuple(n if n == TYPICAL else str(base / n) for n in found.catalogue))
+    return replace(
+        found, catalogue=tuple(n if n == TYPICAL else str(base / n) for n in found.catalogue)
+    )
 
 
-def _with_optics(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> dict[str, Any]:
+def _with_optics(
+    table: dict[str, Any], where: SourceLocator, folder: Path | None
+) -> dict[str, Any]:
     """Return the lens table with a real lens in place of its definition."""
     optics = table.get("optics")
     if not isinstance(optics, dict):
         return table
     if excess := [name for name in ("focal_length_mm", "f_number") if name in table]:
-        raise where.error(("lens", excess[0]), f"lens.{excess[0]} and lens.optics must not be given together")
+        raise where.error(
+            ("lens", excess[0]), f"lens.{excess[0]} and lens.optics must not be given together"
+        )
     lens = lens_of(optics, where, folder, "lens.optics")
     if lens.IS_THIN:
-        raise where.error(("lens.optics", "kind"), f"lens.optics.kind must be surfaces or table; got {lens.KIND!r}")
+        raise where.error(
+            ("lens.optics", "kind"),
+            f"lens.optics.kind must be surfaces or table; got {lens.KIND!r}",
+        )
     return {**table, "optics": lens}
 
 
@@ -237,17 +305,26 @@ def _by_field_angles(table: dict[str, Any], mount: Mount, where: SourceLocator) 
     if "elevation_deg" not in table:
         return table
     if excess := [name for name in ("omega_min_deg", "omega_max_deg", "angles") if name in table]:
-        raise where.error(("field", excess[0]), f"field.elevation_deg and field.{excess[0]} must not be given together")
-    entries = validated(ElevationTable, "field", {"elevation_deg": table["elevation_deg"]}, where).elevation_deg
+        raise where.error(
+            ("field", excess[0]),
+            f"field.elevation_deg and field.{excess[0]} must not be given together",
+        )
+    entries = validated(
+        ElevationTable, "field", {"elevation_deg": table["elevation_deg"]}, where
+    ).elevation_deg
     low, high = _field_angles(("field", "elevation_deg"), entries, mount, where)
     rest = {name: value for name, value in table.items() if name != "elevation_deg"}
     return {"omega_min_deg": low, "omega_max_deg": high, "angles": "elevation", **rest}
 
 
-def _field_angles(place: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: SourceLocator) -> tuple[float, float]:
+def _field_angles(
+    place: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: SourceLocator
+) -> tuple[float, float]:
     low, high = elevation_deg
     if low > high:
-        raise where.error(place, f"{'.'.join(place)} must be [LOW, HIGH] in the field; got {elevation_deg}")
+        raise where.error(
+            place, f"{'.'.join(place)} must be [LOW, HIGH] in the field; got {elevation_deg}"
+        )
     return where.wrap(place, lambda: mount.field_angles_deg((low, high)))
 
 
@@ -259,8 +336,13 @@ def limit_of(index: int, table: dict[str, Any], mount: Mount, where: SourceLocat
     part = _pair(entries.omega_deg)
     if entries.elevation_deg is not None:
         if part is not None:
-            raise where.error((section, "omega_deg"), "limit.elevation_deg and limit.omega_deg must not be given together")
-        part = _field_angles((section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where)
+            raise where.error(
+                (section, "omega_deg"),
+                "limit.elevation_deg and limit.omega_deg must not be given together",
+            )
+        part = _field_angles(
+            (section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where
+        )
     elif part is not None and part[0] > part[1]:
         place = (section, "omega_deg")
     numbers = entries.at_most, entries.at_least, part, entries.cycles_per_px
@@ -283,7 +365,14 @@ def tables_like(sensor: Sensor) -> dict[str, Any]:
     sensor.check("designing one like it", "single mirror")
     low, high = sensor.field_deg
     imager = sensor.imager
-    return {"field": {"omega_max_deg": high, "omega_min_deg": low}, "mirror": {"rim_radius_mm": sensor.mirror.rim_radius_mm}, "lens": lens_like(sensor), "housing": housing_tables(sensor.housing), "imager": {n: getattr(imager, n) for n in PIXELS} | ({"centre_px": list(imager.centre_px)} if imager.centre_px else {})}
+    return {
+        "field": {"omega_max_deg": high, "omega_min_deg": low},
+        "mirror": {"rim_radius_mm": sensor.mirror.rim_radius_mm},
+        "lens": lens_like(sensor),
+        "housing": housing_tables(sensor.housing),
+        "imager": {n: getattr(imager, n) for n in PIXELS}
+        | ({"centre_px": list(imager.centre_px)} if imager.centre_px else {}),
+    }
 
 
 def lens_like(sensor: Sensor) -> dict[str, Any]:
@@ -298,7 +387,11 @@ def lens_like(sensor: Sensor) -> dict[str, Any]:
         return {"kind": lens.KIND, "f_number": lens.stop_number}
     theta = float(np.degrees(sensor.meridian.theta_max))
     if isinstance(lens, Perspective):
-        own = {"kind": lens.KIND, "f_number": lens.stop_number, "focal_length_mm": lens.focal_length_mm}
+        own = {
+            "kind": lens.KIND,
+            "f_number": lens.stop_number,
+            "focal_length_mm": lens.focal_length_mm,
+        }
         return {**own, "theta_max_deg": theta}
     return {"optics": lens_table(lens), "theta_max_deg": theta}
 

@@ -20,7 +20,14 @@ from ..optics.lenses import FieldLens
 from ..optics.mirrors.mappings import MAPPINGS, check_rows
 from ..optics.sensor_files import housing_tables, lens_table
 from ..optics.thermal import Thermal
-from ..optics.toml_validation import EntryError, NullLocator, SourceLocator, Table, did_you_mean, validated
+from ..optics.toml_validation import (
+    EntryError,
+    NullLocator,
+    SourceLocator,
+    Table,
+    did_you_mean,
+    validated,
+)
 from .limits import Limit
 from .merits import DESIGN_MERITS
 from .mirror_construction import FAMILIES, check_entries
@@ -53,7 +60,10 @@ def check_consistency(requirements: Requirements) -> None:
     """
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     if field.omega_min_deg >= field.omega_max_deg:
-        raise EntryError(("field", "omega_min_deg"), f"field.omega_min_deg must be less than omega_max_deg = {field.omega_max_deg:g}; got {field.omega_min_deg:g}")
+        raise EntryError(
+            ("field", "omega_min_deg"),
+            f"field.omega_min_deg must be less than omega_max_deg = {field.omega_max_deg:g}; got {field.omega_min_deg:g}",
+        )
     _check_way(mirror)
     _check_forms(mirror)
     if mirror.mapping is not None:
@@ -73,12 +83,22 @@ def _check_way(mirror: MirrorRequirements) -> None:
     ways = [name for name in WAYS if getattr(mirror, name) is not None]
     if len(ways) != 1:
         requested = " and ".join(ways) or "none"
-        raise EntryError(("mirror",), f"mirror must have exactly one of mapping, family and optimise; got {requested}")
+        raise EntryError(
+            ("mirror",),
+            f"mirror must have exactly one of mapping, family and optimise; got {requested}",
+        )
     (way,) = ways
     value = getattr(mirror, way)
-    known = {"mapping": list(MAPPINGS), "family": [*FAMILIES, "polynomial:N"], "optimise": list(DESIGN_MERITS)}[way]
+    known = {
+        "mapping": list(MAPPINGS),
+        "family": [*FAMILIES, "polynomial:N"],
+        "optimise": list(DESIGN_MERITS),
+    }[way]
     if value not in known and not (way == "family" and value.startswith("polynomial:")):
-        raise EntryError(("mirror", way), f"mirror.{way} must be one of {', '.join(known)}; got {value!r}{did_you_mean(value, known)}")
+        raise EntryError(
+            ("mirror", way),
+            f"mirror.{way} must be one of {', '.join(known)}; got {value!r}{did_you_mean(value, known)}",
+        )
 
 
 def _check_forms(mirror: MirrorRequirements) -> None:
@@ -93,7 +113,9 @@ def _check_forms(mirror: MirrorRequirements) -> None:
         return
     for name in NOT_FOR_FREEFORM:
         if getattr(mirror, name) is not None:
-            raise EntryError(("mirror", name), f"mirror.{name} must be omitted for an optimised mirror")
+            raise EntryError(
+                ("mirror", name), f"mirror.{name} must be omitted for an optimised mirror"
+            )
     if mirror.apex == "pointed":
         raise EntryError(("mirror", "apex"), "mirror.apex must be smooth for an optimised mirror")
     if mirror.shape is not None:
@@ -113,13 +135,22 @@ def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequire
         omega, height = mirror.omega_deg, mirror.height
         NullLocator().wrap(("mirror", "omega_deg"), lambda: check_rows(omega, height))
         if abs(omega[-1] - field.omega_max_deg) > SAME_DEG:
-            raise EntryError(("field", "omega_max_deg"), f"omega_max_deg must be the last angle of the mapping table, {omega[-1]:g} deg; got {field.omega_max_deg:g}")
+            raise EntryError(
+                ("field", "omega_max_deg"),
+                f"omega_max_deg must be the last angle of the mapping table, {omega[-1]:g} deg; got {field.omega_max_deg:g}",
+            )
     maximum = getattr(MAPPINGS[mapping], "MAX_OMEGA_DEG", 180.0)
     if field.omega_max_deg >= maximum:
-        raise EntryError(("field", "omega_max_deg"), f"omega_max_deg must be less than {maximum:g} deg for the {mapping} mapping; got {field.omega_max_deg:g}")
+        raise EntryError(
+            ("field", "omega_max_deg"),
+            f"omega_max_deg must be less than {maximum:g} deg for the {mapping} mapping; got {field.omega_max_deg:g}",
+        )
     radius, rim = mirror.cylinder_radius_mm, ends(mirror.rim_radius_mm)[0]
     if radius is not None and radius <= rim:
-        raise EntryError(("mirror", "cylinder_radius_mm"), f"cylinder_radius_mm must be greater than rim_radius_mm = {rim:g}; got {radius:g}")
+        raise EntryError(
+            ("mirror", "cylinder_radius_mm"),
+            f"cylinder_radius_mm must be greater than rim_radius_mm = {rim:g}; got {radius:g}",
+        )
 
 
 def _check_conic(mirror: MirrorRequirements) -> None:
@@ -129,22 +160,36 @@ def _check_conic(mirror: MirrorRequirements) -> None:
     way = f"the {mirror.mapping} mapping" if mirror.mapping else f"the family {mirror.family}"
     if mirror.conic is not None and mirror.family not in OF_CONIC:
         families = " and ".join(OF_CONIC)
-        raise EntryError(("mirror", "conic"), f"mirror.conic must be omitted for {way}; it applies to {families}")
+        raise EntryError(
+            ("mirror", "conic"), f"mirror.conic must be omitted for {way}; it applies to {families}"
+        )
     if mirror.family is not None:
         for name in OF_MAPPINGS:
             if getattr(mirror, name) is not None:
-                raise EntryError(("mirror", name), f"mirror.{name} must be omitted for {way}; it applies to a mapping")
+                raise EntryError(
+                    ("mirror", name),
+                    f"mirror.{name} must be omitted for {way}; it applies to a mapping",
+                )
 
 
 def _check_camera(requirements: Requirements) -> None:
     """Reject a camera body that is inapplicable or too wide."""
-    camera, maximum = (requirements.housing.camera, WIDEST_CAMERA * 2 * ends(requirements.mirror.rim_radius_mm)[1])
+    camera, maximum = (
+        requirements.housing.camera,
+        WIDEST_CAMERA * 2 * ends(requirements.mirror.rim_radius_mm)[1],
+    )
     if camera is None:
         return
     if requirements.lens.is_telecentric:
-        raise EntryError(("housing.camera",), "housing.camera must be omitted for an orthographic lens, whose position is free; use omega_min_deg")
+        raise EntryError(
+            ("housing.camera",),
+            "housing.camera must be omitted for an orthographic lens, whose position is free; use omega_min_deg",
+        )
     if camera.diameter_mm > maximum:
-        raise EntryError(("housing.camera", "diameter_mm"), f"housing.camera.diameter_mm must be at most {maximum:g}, {WIDEST_CAMERA:g} times the diameter of the mirror; got {camera.diameter_mm:g}")
+        raise EntryError(
+            ("housing.camera", "diameter_mm"),
+            f"housing.camera.diameter_mm must be at most {maximum:g}, {WIDEST_CAMERA:g} times the diameter of the mirror; got {camera.diameter_mm:g}",
+        )
 
 
 def _check_temperatures(requirements: Requirements) -> None:
@@ -153,10 +198,16 @@ def _check_temperatures(requirements: Requirements) -> None:
     if span is None:
         return
     if thermal is None:
-        raise EntryError(("thermal",), "a temperature range requires a table [thermal] with at least one material, such as mirror_material")
+        raise EntryError(
+            ("thermal",),
+            "a temperature range requires a table [thermal] with at least one material, such as mirror_material",
+        )
     low, high = span
     if not low <= thermal.reference_c <= high:
-        raise EntryError(("thermal", "range_c"), f"thermal.range_c must contain reference_c = {thermal.reference_c:g}; got [{low:g}, {high:g}]")
+        raise EntryError(
+            ("thermal", "range_c"),
+            f"thermal.range_c must contain reference_c = {thermal.reference_c:g}; got [{low:g}, {high:g}]",
+        )
     if not requirements.limits:
         raise EntryError(("thermal", "range_c"), "thermal.range_c requires at least one [[limit]]")
 
@@ -167,12 +218,21 @@ def _check_objects(requirements: Requirements) -> None:
     if not field.has_surfaces:
         return
     if field.object_distance_mm != np.inf:
-        raise EntryError(("field", "object_distance_mm"), "field.object_distance_mm must not be given together with an object plane or cylinder")
+        raise EntryError(
+            ("field", "object_distance_mm"),
+            "field.object_distance_mm must not be given together with an object plane or cylinder",
+        )
     if mirror.optimise is not None:
-        raise EntryError(("mirror", "optimise"), "mirror.optimise must not be given together with an object plane or cylinder; use a mapping or a family")
+        raise EntryError(
+            ("mirror", "optimise"),
+            "mirror.optimise must not be given together with an object plane or cylinder; use a mapping or a family",
+        )
     radius, rim = field.object_cylinder_radius_mm, ends(mirror.rim_radius_mm)[1]
     if radius is not None and radius <= rim:
-        raise EntryError(("field", "object_cylinder_radius_mm"), f"object_cylinder_radius_mm must be greater than rim_radius_mm = {rim:g}; got {radius:g}")
+        raise EntryError(
+            ("field", "object_cylinder_radius_mm"),
+            f"object_cylinder_radius_mm must be greater than rim_radius_mm = {rim:g}; got {radius:g}",
+        )
 
 
 def _check_parts(requirements: Requirements) -> None:
@@ -181,11 +241,19 @@ def _check_parts(requirements: Requirements) -> None:
     if parts is None:
         return
     if mirror.optimise is not None:
-        raise EntryError(("mirror", "optimise"), "mirror.optimise must not be given together with parts; use a mapping or a family, and optimise the mirror for the selected parts")
+        raise EntryError(
+            ("mirror", "optimise"),
+            "mirror.optimise must not be given together with parts; use a mapping or a family, and optimise the mirror for the selected parts",
+        )
     if parts.mirror == "ball" and (mirror.family != "sphere" or mirror.fit is not None):
-        raise EntryError(("parts", "mirror"), 'parts.mirror = "ball" requires mirror.family = "sphere" without a fit')
+        raise EntryError(
+            ("parts", "mirror"),
+            'parts.mirror = "ball" requires mirror.family = "sphere" without a fit',
+        )
     if parts.dome and housing.shell is not None:
-        raise EntryError(("parts", "dome"), "parts.dome must not be given together with a cover in the housing")
+        raise EntryError(
+            ("parts", "dome"), "parts.dome must not be given together with a cover in the housing"
+        )
 
 
 def _check_optics(requirements: Requirements) -> None:
@@ -194,7 +262,9 @@ def _check_optics(requirements: Requirements) -> None:
     if lens.optics is None:
         return
     if lens.is_telecentric:
-        raise EntryError(("lens", "kind"), "lens.kind must be 'perspective' with lens.optics; got 'orthographic'")
+        raise EntryError(
+            ("lens", "kind"), "lens.kind must be 'perspective' with lens.optics; got 'orthographic'"
+        )
     if requirements.parts is not None:
         raise EntryError(("lens", "optics"), "lens.optics and parts must not be given together")
 
@@ -203,28 +273,42 @@ def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:
     if lens.is_telecentric:
         for name in OF_PERSPECTIVE:
             if getattr(lens, name) is not None:
-                raise EntryError(("lens", name), f"lens.{name} must be omitted for an orthographic lens")
+                raise EntryError(
+                    ("lens", name), f"lens.{name} must be omitted for an orthographic lens"
+                )
         return
     if lens.magnification is not None:
-        raise EntryError(("lens", "magnification"), "lens.magnification requires an orthographic lens")
+        raise EntryError(
+            ("lens", "magnification"), "lens.magnification requires an orthographic lens"
+        )
     if lens.focal_length_mm is None and lens.theta_max_deg is None and not is_bought:
-        raise EntryError(("lens",), "lens requires focal_length_mm or theta_max_deg, a number or a range")
+        raise EntryError(
+            ("lens",), "lens requires focal_length_mm or theta_max_deg, a number or a range"
+        )
     if lens.focus_mm is not None:
         minimum = 0.0 if lens.focal_length_mm is None else ends(lens.focal_length_mm)[0]
         low, high = ends(lens.focus_mm)
         if low <= 0 or high <= minimum:
             text = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
-            raise EntryError(("lens", "focus_mm"), f"lens.focus_mm must be greater than the focal length, {minimum:g} mm; got {text}")
+            raise EntryError(
+                ("lens", "focus_mm"),
+                f"lens.focus_mm must be greater than the focal length, {minimum:g} mm; got {text}",
+            )
 
 
 def _check_limits(limits: tuple[Limit, ...], field: FieldRequirements) -> None:
     """Reject limits for parts outside the field, and contradictory limits."""
     for i, limit in enumerate(limits):
         if limit.omega_deg is not None and limit.omega_deg[1] > field.omega_max_deg:
-            raise EntryError((f"limit.{i}", "omega_deg"), f"limit.omega_deg must be [FROM, TO] up to {field.omega_max_deg:g} deg; got {list(limit.omega_deg)}")
+            raise EntryError(
+                (f"limit.{i}", "omega_deg"),
+                f"limit.omega_deg must be [FROM, TO] up to {field.omega_max_deg:g} deg; got {list(limit.omega_deg)}",
+            )
         for j, other in enumerate(limits[:i]):
             if reason := limit.contradicts(other):
-                raise EntryError((f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {reason}")
+                raise EntryError(
+                    (f"limit.{i}",), f"limit {i + 1} contradicts limit {j + 1}: {reason}"
+                )
 
 
 # -- Requirements on a sensor, as dataclasses with the tables and entries of a file ----------------
@@ -253,7 +337,10 @@ def _row(value: Any) -> Any:
 
 
 Most = Annotated[float, Field(gt=0, le=1e9)]
-Names = Annotated[tuple[str, ...], BeforeValidator(lambda value: (value,) if isinstance(value, str) else _row(value))]
+Names = Annotated[
+    tuple[str, ...],
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else _row(value)),
+]
 Column = Annotated[tuple[float, ...], BeforeValidator(_row)]
 
 
@@ -286,7 +373,10 @@ class Entries:
 def _model(cls: type[Entries]) -> type[Table]:
     """Return the pydantic model that validates the entries of a table."""
     hints = get_type_hints(cls, include_extras=True)
-    entries: dict[str, Any] = {f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default) for f in dataclasses.fields(cls)}
+    entries: dict[str, Any] = {
+        f.name: (hints[f.name], ... if f.default is dataclasses.MISSING else f.default)
+        for f in dataclasses.fields(cls)
+    }
     model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
     return model
 
@@ -332,7 +422,9 @@ class FieldRequirements(Entries):
     TABLE: ClassVar[str] = "field"
 
     omega_max_deg: Annotated[float, Field(ge=1, le=179, description="field angle at the rim")]
-    omega_min_deg: Annotated[float, Field(ge=0, le=170, description="minimum field angle of interest")] = 0.0
+    omega_min_deg: Annotated[
+        float, Field(ge=0, le=170, description="minimum field angle of interest")
+    ] = 0.0
     object_distance_mm: Distances = np.inf
     object_plane_distance_mm: Length | None = None
     object_cylinder_radius_mm: Length | None = None
@@ -341,7 +433,9 @@ class FieldRequirements(Entries):
     @property
     def has_surfaces(self) -> bool:
         """Return whether the objects are on surfaces, with angle-dependent distances."""
-        return self.object_plane_distance_mm is not None or self.object_cylinder_radius_mm is not None
+        return (
+            self.object_plane_distance_mm is not None or self.object_cylinder_radius_mm is not None
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -460,7 +554,10 @@ class LensRequirements(Entries):
         instance("optics", self.optics, FieldLens, "a lens by its surfaces or its table")
         focal, F = self.optics.focal_length_mm, self.optics.f_number
         if self.focal_length_mm not in (None, focal):
-            raise EntryError(("lens", "focal_length_mm"), f"lens.focal_length_mm must be that of lens.optics, {focal:.5g} mm; got {self.focal_length_mm}")
+            raise EntryError(
+                ("lens", "focal_length_mm"),
+                f"lens.focal_length_mm must be that of lens.optics, {focal:.5g} mm; got {self.focal_length_mm}",
+            )
         object.__setattr__(self, "focal_length_mm", focal)
         object.__setattr__(self, "f_number", F)
 
@@ -476,7 +573,9 @@ class LensRequirements(Entries):
         """
         if self.is_telecentric:
             return self.magnification is None
-        return any(value is None or is_free(value) for value in (self.theta_max_deg, self.focal_length_mm))
+        return any(
+            value is None or is_free(value) for value in (self.theta_max_deg, self.focal_length_mm)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -600,7 +699,11 @@ class Requirements:
             instance(name, getattr(self, name), kind, f"of kind {kind.__name__}")
         if self.parts is not None:
             instance("parts", self.parts, PartsRequirements, "of kind PartsRequirements")
-        object.__setattr__(self, "limits", tuple(instance("limits", self.limits, (list, tuple), "a list of limits")))
+        object.__setattr__(
+            self,
+            "limits",
+            tuple(instance("limits", self.limits, (list, tuple), "a list of limits")),
+        )
         for limit in self.limits:
             instance("limits", limit, Limit, "a list of limits")
         if self.thermal is not None:
@@ -627,7 +730,11 @@ class Requirements:
         """
         lens, imager = self.lens, self.imager
         side = imager.inscribed_radius_px if lens.fills == "short-side" else imager.long_radius_px
-        return side if lens.image_circle_mm is None else min(side, lens.image_circle_mm / 2 / imager.pitch_mm)
+        return (
+            side
+            if lens.image_circle_mm is None
+            else min(side, lens.image_circle_mm / 2 / imager.pitch_mm)
+        )
 
     def changed(self, **entries: Any) -> Requirements:
         """Return a copy with other entries of field, mirror and lens.
@@ -659,8 +766,16 @@ class Requirements:
         (30.0, 40.0)
         """
         if unknown := entries.keys() - ENTRIES:
-            raise InvalidParameter(f"{min(unknown)} must be an entry of [field], [mirror] or [lens]{did_you_mean(min(unknown), ENTRIES)}")
-        changed = {table: dataclasses.replace(getattr(self, table), **{name: entries[name] for name in names & entries.keys()}) for table, names in NAMES.items() if names & entries.keys()}
+            raise InvalidParameter(
+                f"{min(unknown)} must be an entry of [field], [mirror] or [lens]{did_you_mean(min(unknown), ENTRIES)}"
+            )
+        changed = {
+            table: dataclasses.replace(
+                getattr(self, table), **{name: entries[name] for name in names & entries.keys()}
+            )
+            for table, names in NAMES.items()
+            if names & entries.keys()
+        }
         return dataclasses.replace(self, **changed)
 
     def tables(self) -> dict[str, Any]:
@@ -672,9 +787,17 @@ class Requirements:
             Tables and entries of a file.
         """
         lens = dataclasses.replace(self.lens, optics=None)
-        parts = {name: asdict(part) for name, part in {**vars(self), "lens": lens}.items() if name in TABLES}
+        parts = {
+            name: asdict(part)
+            for name, part in {**vars(self), "lens": lens}.items()
+            if name in TABLES
+        }
         if (optics := self.lens.optics) is not None:
-            parts["lens"] |= {"optics": lens_table(optics), "focal_length_mm": None, "f_number": None}
+            parts["lens"] |= {
+                "optics": lens_table(optics),
+                "focal_length_mm": None,
+                "f_number": None,
+            }
         if self.field.angles == "elevation":
             parts["field"] = self._by_elevation(parts["field"])
         parts["housing"] = housing_tables(self.housing)
@@ -682,7 +805,12 @@ class Requirements:
             parts["parts"] = asdict(self.parts)
         if self.thermal is not None:
             parts["thermal"] = {**asdict(self.thermal), "range_c": self.temperatures_c}
-        data = {"name": self.name, "notes": self.notes, **parts, "limit": [asdict(limit) for limit in self.limits]}
+        data = {
+            "name": self.name,
+            "notes": self.notes,
+            **parts,
+            "limit": [asdict(limit) for limit in self.limits],
+        }
         plain: dict[str, Any] = _plain(data)
         return plain
 
@@ -690,17 +818,32 @@ class Requirements:
         """Return the field table with elevations instead of field angles."""
         omega = field.pop("omega_min_deg"), field.pop("omega_max_deg")
         del field["angles"]
-        return {"elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)], **field}
+        return {
+            "elevation_deg": [round(v, DIGITS) for v in self.mount.elevations_deg(omega)],
+            **field,
+        }
 
 
 OF_OPTICS = ("focal_length_mm", "f_number")
 """Entries determined by a real lens."""
 TABLES = ("field", "mirror", "lens", "imager", "mount")
-NAMES = {cls.TABLE: {f.name for f in dataclasses.fields(cls)} for cls in (FieldRequirements, MirrorRequirements, LensRequirements)}
+NAMES = {
+    cls.TABLE: {f.name for f in dataclasses.fields(cls)}
+    for cls in (FieldRequirements, MirrorRequirements, LensRequirements)
+}
 """Entries of each table; all names are unique."""
 ENTRIES = frozenset[str]().union(*NAMES.values())
 
-KINDS: dict[str, type[Any]] = {"field": FieldRequirements, "mirror": MirrorRequirements, "lens": LensRequirements, "imager": Imager, "mount": Mount, "housing": Housing, "name": str, "notes": str}
+KINDS: dict[str, type[Any]] = {
+    "field": FieldRequirements,
+    "mirror": MirrorRequirements,
+    "lens": LensRequirements,
+    "imager": Imager,
+    "mount": Mount,
+    "housing": Housing,
+    "name": str,
+    "notes": str,
+}
 
 
 def _plain(value: Any) -> Any:

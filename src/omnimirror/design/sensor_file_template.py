@@ -107,18 +107,29 @@ SECONDARY = {"distance_mm": 88.0, "bore_radius_mm": 5.0}
 def _entries(parameters: Mapping[str, Parameter], values: Mapping[str, float] | None = None) -> str:
     """Format the optional entries of a table as comments; default value 0."""
     values = values or {}
-    return "\n".join(f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items())
+    return "\n".join(
+        f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items()
+    )
 
 
-HOUSING = {"camera": {"diameter_mm": 30.0}, "rod": {"gap_mm": 45.0}, "tube": {"diameter_mm": 102.0}, "rim": {"width_mm": 1.5}}
+HOUSING = {
+    "camera": {"diameter_mm": 30.0},
+    "rod": {"gap_mm": 45.0},
+    "tube": {"diameter_mm": 102.0},
+    "rim": {"width_mm": 1.5},
+}
 """Valid housing for the sensor of the template; missing values default to those of the parts."""
 
 
 def _thermal() -> str:
     """Format the commented table of thermal properties."""
-    thermal = Thermal(mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium")
+    thermal = Thermal(
+        mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium"
+    )
     given = {name: v for name in thermal.PARAMETERS if (v := getattr(thermal, name)) is not None}
-    lines = [f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()]
+    lines = [
+        f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()
+    ]
     return "\n".join(["# [thermal]  # materials, for other temperatures", *lines])
 
 
@@ -128,7 +139,9 @@ def _housing() -> str:
     for name, values in HOUSING.items():
         part = HOUSING_PARTS[name](**values)
         given = {n: v for n in part.PARAMETERS if (v := getattr(part, n)) is not None}
-        entries = "\n".join(f"# {n} = {v}  # {part.PARAMETERS[n].description}" for n, v in given.items())
+        entries = "\n".join(
+            f"# {n} = {v}  # {part.PARAMETERS[n].description}" for n, v in given.items()
+        )
         tables.append(f"# [housing.{name}]\n{entries}")
     return "\n".join(tables)
 
@@ -139,13 +152,20 @@ def _catalogue(parts: Mapping[str, type[Mirror] | type[Lens]]) -> str:
     for kind, cls in parts.items():
         lines.append(f'#   kind = "{kind}"')
         parameters = cls.PARAMETERS
-        lines += [f"#     {name}: {p.description}{f', {p.unit}' if p.unit else ''}" for name, p in parameters.items()]
+        lines += [
+            f"#     {name}: {p.description}{f', {p.unit}' if p.unit else ''}"
+            for name, p in parameters.items()
+        ]
         if kind == "sampled":
-            lines.append("#     or profile_csv: a file in the same folder with the columns x_mm, z_mm; cloud_csv: x, y, z")
+            lines.append(
+                "#     or profile_csv: a file in the same folder with the columns x_mm, z_mm; cloud_csv: x, y, z"
+            )
             lines.append("#     anywhere on the mirror; grid_sag: an OpticStudio grid")
         if kind in ("table", "surfaces"):
             file = "a CSV of these columns" if kind == "table" else "a .zmx file"
             lines.append(f"#     or file: {file} in the same folder")
         if kind == "tabulated-mapping":
-            lines.append("#     or mapping_csv: a file in the same folder with the columns omega_deg, height")
+            lines.append(
+                "#     or mapping_csv: a file in the same folder with the columns omega_deg, height"
+            )
     return "\n".join(lines)

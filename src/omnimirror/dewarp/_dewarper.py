@@ -17,10 +17,29 @@ from ._source_coordinates import is_separable, lattice_map_of, polar_map_of, sou
 from .field_of_view import annulus_of, field_of
 from .interfaces import INTERPOLATIONS, Border, Image, Interpolation, Map
 from .maps import PixelMap, Rectangle
-from .sampling import border_values, check_border, check_image, checked_out, remap, transparent_border, with_alpha
+from .sampling import (
+    border_values,
+    check_border,
+    check_image,
+    checked_out,
+    remap,
+    transparent_border,
+    with_alpha,
+)
 from .screens import Screen, View, parts_of
 from .viewpoints import Viewpoint, check_viewpoint
-from .yuv import SITINGS, Planes, Siting, border_of_planes, check_planes, check_shapes, empty_planes, remap_planes, remap_whole_planes, subsampling
+from .yuv import (
+    SITINGS,
+    Planes,
+    Siting,
+    border_of_planes,
+    check_planes,
+    check_shapes,
+    empty_planes,
+    remap_planes,
+    remap_whole_planes,
+    subsampling,
+)
 
 # -- Dewarper --------------------------------------------------------------------------------------
 
@@ -95,10 +114,14 @@ class Dewarper:
         # A string has the same attribute
         has_parts = hasattr(self.view, "targets_at") or hasattr(self.view, "parts")
         if not (has_parts and hasattr(self.view, "size")):
-            raise InvalidType(f"view must be a view from om.screens or om.views; got {format_value(self.view)}")
+            raise InvalidType(
+                f"view must be a view from om.screens or om.views; got {format_value(self.view)}"
+            )
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             known = ", ".join(INTERPOLATIONS)
-            raise InvalidParameter(f"interpolation must be one of {known}; got {format_value(self.interpolation)}")
+            raise InvalidParameter(
+                f"interpolation must be one of {known}; got {format_value(self.interpolation)}"
+            )
         check_viewpoint(self.viewpoint)
         check_border(self.border)
 
@@ -132,7 +155,15 @@ class Dewarper:
         return remap(image, self._map, self.interpolation, out, border)
 
     @validate_arguments
-    def planes(self, parts: Planes, out: Planes | None = None, siting: Siting = "left", to_siting: Siting | None = None, full_range: bool = False, bits: int = 8) -> Planes:
+    def planes(
+        self,
+        parts: Planes,
+        out: Planes | None = None,
+        siting: Siting = "left",
+        to_siting: Siting | None = None,
+        full_range: bool = False,
+        bits: int = 8,
+    ) -> Planes:
         """Return the dewarped video frame, plane by plane in its coded format, without conversion.
 
         Parameters
@@ -186,7 +217,9 @@ class Dewarper:
             remap(parts[3], self._map, self.interpolation, out[3], opacity)
         if subsampling(parts) != (2, 2):
             return remap_whole_planes(parts, self._map, sitings, self.interpolation, out, border)
-        remap_planes(parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border)
+        remap_planes(
+            parts[:3], self._map, self._chroma_map(sitings), self.interpolation, out[:3], border
+        )
         return out
 
     @validate_arguments
@@ -218,7 +251,9 @@ class Dewarper:
 
     def _sees_nothing(self) -> OutsideField:
         field = field_of(self.camera)
-        return OutsideField(f"the view must overlap the field of the camera, elevation {field.tilt_min_deg:.6g} to {field.tilt_max_deg:.6g} deg; got the {self.view}")
+        return OutsideField(
+            f"the view must overlap the field of the camera, elevation {field.tilt_min_deg:.6g} to {field.tilt_max_deg:.6g} deg; got the {self.view}"
+        )
 
     @property
     def valid(self) -> Mask:
@@ -244,7 +279,11 @@ class Dewarper:
             polar = polar_map_of(self.camera, self.view, self.viewpoint)
             # A polar map without visible pixels is inconclusive: only a pixel map determines
             # visibility.
-            return replace(polar, annulus=annulus_of(self.camera)) if polar.has_valid_pixels() else None
+            return (
+                replace(polar, annulus=annulus_of(self.camera))
+                if polar.has_valid_pixels()
+                else None
+            )
         lattice = lattice_map_of(self.camera, self.view, self.viewpoint)
         if not lattice.has_valid_pixels():
             raise self._sees_nothing()
@@ -257,7 +296,9 @@ class Dewarper:
             return PixelMap.of(self._quick_map, annulus)
         views = [] if isinstance(self.view, Screen) else parts_of(self.view)
         rectangles = [Rectangle(left, top, *screen.size) for left, top, screen in views]
-        return PixelMap(self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles)
+        return PixelMap(
+            self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles
+        )
 
     def _chroma_map(self, sitings: tuple[Siting, Siting]) -> Map:
         """Return the map of 4:2:0 chroma for the siting of the source and of the view."""
@@ -318,7 +359,9 @@ class ColourDewarper:
 
     def __post_init__(self) -> None:
         if not isinstance(self.cameras, tuple | list) or len(self.cameras) != 3:
-            raise InvalidParameter(f"cameras must be three cameras for red, green and blue light; got {format_value(self.cameras)}")
+            raise InvalidParameter(
+                f"cameras must be three cameras for red, green and blue light; got {format_value(self.cameras)}"
+            )
         sizes = {dewarper.camera.image_size for dewarper in self._colours}
         if len(sizes) > 1:
             listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
@@ -326,7 +369,10 @@ class ColourDewarper:
 
     @cached_property
     def _colours(self) -> tuple[Dewarper, ...]:
-        return tuple(Dewarper(camera, self.view, self.interpolation, self.viewpoint, 0, self.keep_map) for camera in self.cameras)
+        return tuple(
+            Dewarper(camera, self.view, self.interpolation, self.viewpoint, 0, self.keep_map)
+            for camera in self.cameras
+        )
 
     @property
     def camera(self) -> Camera:
@@ -358,7 +404,9 @@ class ColourDewarper:
         """
         check_image(image, self.camera.image_size)
         if image.ndim != 3 or image.shape[2] < 3:
-            raise InvalidParameter(f"the image must have 3 or 4 channels for a ColourDewarper; got shape {image.shape}")
+            raise InvalidParameter(
+                f"the image must have 3 or 4 channels for a ColourDewarper; got shape {image.shape}"
+            )
         border: Border = self.border
         if transparent:
             border = transparent_border(border, image)
@@ -366,5 +414,11 @@ class ColourDewarper:
         out = checked_out(out, image, self.view.size)
         for channel, value in enumerate(border_values(border, image)):
             where = self._colours[channel if channel < len(self._colours) else GREEN]._map
-            remap(np.ascontiguousarray(image[..., channel]), where, self.interpolation, out[..., channel], value)
+            remap(
+                np.ascontiguousarray(image[..., channel]),
+                where,
+                self.interpolation,
+                out[..., channel],
+                value,
+            )
         return out

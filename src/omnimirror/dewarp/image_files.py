@@ -18,9 +18,33 @@ from ..base.errors import InvalidParameter
 from ..base.files import display_name, is_same_file
 from ..cameras.camera import Camera
 from ..io import GPano, write_image
-from ..io.batch import IMAGE_SUFFIXES, VIDEO_SUFFIXES, BatchResult, Job, expand_inputs, outputs_for, run_parallel
-from ..io.exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, TRANSPOSING_ORIENTATIONS, UPRIGHT, Exposure, applied, exposure_of
-from ..io.images import OPAQUE, Image, ImageFormat, can_be_panorama, check_size, format_of, read_image_and_metadata
+from ..io.batch import (
+    IMAGE_SUFFIXES,
+    VIDEO_SUFFIXES,
+    BatchResult,
+    Job,
+    expand_inputs,
+    outputs_for,
+    run_parallel,
+)
+from ..io.exif import (
+    ORIENTATION_NAMES,
+    STORED_ORIENTATION_HINT,
+    TRANSPOSING_ORIENTATIONS,
+    UPRIGHT,
+    Exposure,
+    applied,
+    exposure_of,
+)
+from ..io.images import (
+    OPAQUE,
+    Image,
+    ImageFormat,
+    can_be_panorama,
+    check_size,
+    format_of,
+    read_image_and_metadata,
+)
 from . import ColourDewarper, Dewarper
 from .interfaces import Border
 from .request import BorderColour, DewarpRequest, Size, VideoSettings, is_video
@@ -105,7 +129,14 @@ class DewarpedImages:
 class ImageDewarper:
     """Dewarper of image files; images of one size share their map."""
 
-    def __init__(self, request: DewarpRequest, *, transparent: bool | None = None, restoration: Restoration | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> None:
+    def __init__(
+        self,
+        request: DewarpRequest,
+        *,
+        transparent: bool | None = None,
+        restoration: Restoration | None = None,
+        wavelengths_nm: tuple[float, float, float] | None = None,
+    ) -> None:
         self.request, self.restoration, self.wavelengths_nm = request, restoration, wavelengths_nm
         self.transparent = False if request.border else transparent
         self.dewarper = cache(self._dewarper)
@@ -115,7 +146,9 @@ class ImageDewarper:
         self.dropped_metadata: Counter[str] = Counter()
         self.oriented: Counter[str] = Counter()
 
-    def _dewarper(self, size: Size, border: Border) -> tuple[Dewarper | ColourDewarper, GPano | None]:
+    def _dewarper(
+        self, size: Size, border: Border
+    ) -> tuple[Dewarper | ColourDewarper, GPano | None]:
         """Return the dewarper for images of one size, and the GPano metadata of its panoramas."""
         mounted = self.request.camera_of(size)
         camera = self.request.view_camera(mounted)
@@ -133,7 +166,9 @@ class ImageDewarper:
 
         assert self.wavelengths_nm is not None
         if not isinstance(camera, Sensor):
-            raise InvalidParameter(f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}; alternatively use an om.ColourDewarper of three calibrations")
+            raise InvalidParameter(
+                f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}; alternatively use an om.ColourDewarper of three calibrations"
+            )
         red, green, blue = (at_wavelength(camera, nm) for nm in self.wavelengths_nm)
         return red, green, blue
 
@@ -145,7 +180,9 @@ class ImageDewarper:
         assert self.restoration is not None
         return self.restoration.restorer(camera, exposure)
 
-    def _restored(self, image: Image, source: Path, camera: Camera, exposure: Exposure) -> tuple[Image, str]:
+    def _restored(
+        self, image: Image, source: Path, camera: Camera, exposure: Exposure
+    ) -> tuple[Image, str]:
         """Return the deblurred image and a description of its blur and noise."""
         assert self.restoration is not None
         with self.restoration_lock:
@@ -157,7 +194,9 @@ class ImageDewarper:
             raise InvalidParameter(f"the output must differ from the source image; got {output}")
         kind = format_of(output)
         if self.transparent and not kind.has_alpha:
-            raise InvalidParameter(f"the output must be a .png, .tif or .webp file for transparency; got a {output.suffix} file; alternatively use black outside the field")
+            raise InvalidParameter(
+                f"the output must be a .png, .tif or .webp file for transparency; got a {output.suffix} file; alternatively use black outside the field"
+            )
         is_stored = self.request.stored_orientation
         image, source_metadata = read_image_and_metadata(source, stored_orientation=is_stored)
         border = self.request.border.for_image(image) if self.request.border else 0
@@ -167,12 +206,22 @@ class ImageDewarper:
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
-            image, restored = self._restored(image, source, dewarp.camera, exposure_of(source_metadata.exif))
+            image, restored = self._restored(
+                image, source, dewarp.camera, exposure_of(source_metadata.exif)
+            )
         dewarped = dewarp(image, kind.has_alpha if self.transparent is None else self.transparent)
         converted = as_stored(dewarped, kind)
-        recoded = converted.dtype != dewarped.dtype and np.float32 in (converted.dtype, dewarped.dtype)
+        recoded = converted.dtype != dewarped.dtype and np.float32 in (
+            converted.dtype,
+            dewarped.dtype,
+        )
         metadata, dropped = source_metadata.that_fits(output, converted, recoded)
-        write_image(output, converted, panorama=panorama if can_be_panorama(output) else None, carried=metadata)
+        write_image(
+            output,
+            converted,
+            panorama=panorama if can_be_panorama(output) else None,
+            carried=metadata,
+        )
         height, width = dewarped.shape[:2]
         notes = _change_of_depth(dewarped.dtype.name, converted.dtype.name)
         if dropped:
@@ -185,20 +234,34 @@ class ImageDewarper:
         size = f"{width} x {height} px"
         return f"{display_name(output)}: {dewarp.view}, {size}, {self.inside(*key)} inside the field{notes}{restored}"
 
-    def dewarp_many(self, sources: Iterable[str | Path], folder: Path, *, skip_existing: bool = False, threads: int | None = None, on_progress: Callable[[int, int], None] | None = None) -> DewarpedImages:
+    def dewarp_many(
+        self,
+        sources: Iterable[str | Path],
+        folder: Path,
+        *,
+        skip_existing: bool = False,
+        threads: int | None = None,
+        on_progress: Callable[[int, int], None] | None = None,
+    ) -> DewarpedImages:
         """Dewarp images, folders and patterns to a folder in parallel; failures are reported and do
         not stop the others.
         """
         if folder.exists() and not folder.is_dir():
-            raise InvalidParameter(f"the output must be a folder for several images; got the file {folder}")
+            raise InvalidParameter(
+                f"the output must be a folder for several images; got the file {folder}"
+            )
         if not folder.is_dir() and folder.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES):
-            raise InvalidParameter(f"the output must be a folder for several images; got the file name {folder}")
+            raise InvalidParameter(
+                f"the output must be a folder for several images; got the file name {folder}"
+            )
         paths = expand_inputs(sources)
         pairs_of_paths = list(zip(paths, outputs_for(paths, folder), strict=True))
         pairs = [(s, o) for s, o in pairs_of_paths if not (skip_existing and o.exists())]
         jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
         results = run_parallel(jobs, threads, on_progress)
-        return DewarpedImages(results, len(pairs_of_paths) - len(pairs), self.dropped_metadata, self.oriented)
+        return DewarpedImages(
+            results, len(pairs_of_paths) - len(pairs), self.dropped_metadata, self.oriented
+        )
 
 
 def _check_orientation(size: Size, camera_size: Size, orientation: int, is_stored: bool) -> None:
@@ -206,8 +269,14 @@ def _check_orientation(size: Size, camera_size: Size, orientation: int, is_store
     orientation.
     """
     if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(camera_size) == size[::-1]:
-        remedy = "omit --stored-orientation (stored_orientation=True in Python)" if is_stored else STORED_ORIENTATION_HINT
-        raise InvalidParameter(f"the image must have the {camera_size[0]} x {camera_size[1]} px of the camera; got {size[0]} x {size[1]} px, {'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}")
+        remedy = (
+            "omit --stored-orientation (stored_orientation=True in Python)"
+            if is_stored
+            else STORED_ORIENTATION_HINT
+        )
+        raise InvalidParameter(
+            f"the image must have the {camera_size[0]} x {camera_size[1]} px of the camera; got {size[0]} x {size[1]} px, {'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}"
+        )
 
 
 def _change_of_depth(before: str, after: str) -> str:

@@ -100,7 +100,17 @@ def dewarp_images(
     ((135, 360, 4), 0)
     """
     colour = None if border is None else BorderColour.of(border)
-    request = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation)
+    request = DewarpRequest(
+        camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation
+    )
     names = [sources] if isinstance(sources, str | Path) else list(sources)
-    dewarper = ImageDewarper(request, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm)
-    return dewarper.dewarp_many(names, file_name("folder", folder), skip_existing=skip_existing, threads=threads, on_progress=on_progress)
+    dewarper = ImageDewarper(
+        request, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm
+    )
+    return dewarper.dewarp_many(
+        names,
+        file_name("folder", folder),
+        skip_existing=skip_existing,
+        threads=threads,
+        on_progress=on_progress,
+    )

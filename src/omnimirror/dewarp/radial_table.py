@@ -109,14 +109,19 @@ class RadialTable:
         off_axis = across > 0  # the azimuth is arbitrary on the axis
         positive = np.maximum(radii, 0)
         scale = positive / np.where(off_axis, across, 1.0)
-        u, v = (x + np.where(off_axis, scale * right, positive), y + np.where(off_axis, scale * down, 0.0))
+        u, v = (
+            x + np.where(off_axis, scale * right, positive),
+            y + np.where(off_axis, scale * down, 0.0),
+        )
         pixels = np.stack([u, v], axis=-1)
         visible &= inside_image(pixels, self.image_size)
         pixels[~visible] = np.nan
         if excess is not None:
             beyond = np.maximum.reduce([-u, u - (width - 1), -v, v - (height - 1)]) - 0.5
             ends = self._tables.radii[[0, -1]]
-            excess[...] = np.where(visible, 0.0, np.maximum.reduce([radii - ends[1], ends[0] - radii, beyond]))
+            excess[...] = np.where(
+                visible, 0.0, np.maximum.reduce([radii - ends[1], ends[0] - radii, beyond])
+            )
         return pixels
 
     def _half_sines(self, across: Array, along: Array, are_points: bool) -> Array:
@@ -212,7 +217,10 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
         dx, dz = across - (x + fraction * x_rate), along - (z + fraction * z_rate)
         sine, cosine = _half_angles(dx, dz)
         with np.errstate(invalid="ignore", divide="ignore"):
-            miss, rate = (q - sine, 1 - 0.5 * cosine * per * (dx * z_rate - dz * x_rate) / (dx**2 + dz**2))
+            miss, rate = (
+                q - sine,
+                1 - 0.5 * cosine * per * (dx * z_rate - dz * x_rate) / (dx**2 + dz**2),
+            )
             newton = q - miss / rate
         low, high = np.where(miss <= 0, q, low), np.where(miss >= 0, q, high)
         inside = (newton >= low) & (newton <= high)

@@ -63,10 +63,14 @@ class BorderColour:
             return border
         if isinstance(border, str):
             if border.startswith("#") and len(border) == 7 and set(border[1:]) <= HEX_DIGITS:
-                return cls(border, tuple(float(int(border[i : i + 2], 16)) for i in (1, 3, 5)), True)
+                return cls(
+                    border, tuple(float(int(border[i : i + 2], 16)) for i in (1, 3, 5)), True
+                )
             text, parts = border, border.split(",")
         else:
-            parts = [f"{part}" for part in border] if isinstance(border, Sequence) else [f"{border}"]
+            parts = (
+                [f"{part}" for part in border] if isinstance(border, Sequence) else [f"{border}"]
+            )
             text = ",".join(parts)
         try:
             values = tuple(parse_float(part) for part in parts)
@@ -86,12 +90,18 @@ class BorderColour:
         """
         values = self._scaled(image.dtype.name)
         full = OPAQUE[image.dtype.name]
-        if image.dtype.kind == "u" and not all(0 <= value <= full and value % 1 == 0 for value in values):
-            raise InvalidParameter(f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {self.text}")
+        if image.dtype.kind == "u" and not all(
+            0 <= value <= full and value % 1 == 0 for value in values
+        ):
+            raise InvalidParameter(
+                f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {self.text}"
+            )
         channels = image.shape[2] if image.ndim == 3 else 1
         if channels == 1:
             if len(set(values)) > 1:
-                raise InvalidParameter(f"border must be one value for a grey image; got {self.text}")
+                raise InvalidParameter(
+                    f"border must be one value for a grey image; got {self.text}"
+                )
             return values[:1]
         colour = values if len(values) == 3 else values * 3
         return colour if channels == 3 else (*colour, float(full))
@@ -173,7 +183,9 @@ class DewarpRequest:
         """Return the view drawn by a camera."""
         return self.view(camera) if callable(self.view) else self.view
 
-    def dewarper(self, camera: Camera, view: View, border: Border, keep_map: bool = False) -> Dewarper:
+    def dewarper(
+        self, camera: Camera, view: View, border: Border, keep_map: bool = False
+    ) -> Dewarper:
         """Return the dewarper for the images of a camera that draws the view."""
         return Dewarper(camera, view, self.interpolation, self.viewpoint, border, keep_map)
 
@@ -181,11 +193,17 @@ class DewarpRequest:
         """Return the GPano metadata of the view; None unless it is a distant panorama linear in
         tilt.
         """
-        if not isinstance(view, Cylinder | Equirectangular) or not view.is_distant or getattr(view, "rows", "tilt") != "tilt":
+        if (
+            not isinstance(view, Cylinder | Equirectangular)
+            or not view.is_distant
+            or getattr(view, "rows", "tilt") != "tilt"
+        ):
             return None
         mount = _mount_of(camera) if self.keep_tilt else None
         lean = (0.0, 0.0) if mount is None else mount.view_tilt_deg(view.pan_deg)
-        return GPano.of_view(view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=lean)
+        return GPano.of_view(
+            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=lean
+        )
 
 
 @dataclass(frozen=True)
@@ -239,7 +257,9 @@ class VideoSettings:
         dict
             Keyword arguments of the writer.
         """
-        names = ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
+        names = (
+            ("codec", "crf") if self.pipe_format == "rawvideo" else ("codec", "crf", "pixel_format")
+        )
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
@@ -249,8 +269,17 @@ def is_video(source: str) -> bool:
     >>> [is_video(s) for s in ("room.MP4", "0", "/dev/video2", "rtsp://door/1", "room.png", "*.jpg", "١٢٣")]
     [True, True, True, True, False, False, False]
     """
-    is_live = (source.isascii() and source.isdigit()) or source.startswith("/dev/video") or "://" in source
-    return is_live or source == "-" or is_sequence(source) or Path(source).suffix.lower() in VIDEO_SUFFIXES
+    is_live = (
+        (source.isascii() and source.isdigit())
+        or source.startswith("/dev/video")
+        or "://" in source
+    )
+    return (
+        is_live
+        or source == "-"
+        or is_sequence(source)
+        or Path(source).suffix.lower() in VIDEO_SUFFIXES
+    )
 
 
 def without_tilt(camera: C) -> C:
@@ -262,7 +291,9 @@ def without_tilt(camera: C) -> C:
         If it has no mount that could be tilted.
     """
     if (mount := _mount_of(camera)) is None:
-        raise InvalidParameter(f"the camera must have a mount to keep its tilt; got a {type(camera).__name__} without")
+        raise InvalidParameter(
+            f"the camera must have a mount to keep its tilt; got a {type(camera).__name__} without"
+        )
     upright: C = replace(camera, mount=mount.levelled)  # type: ignore[type-var]
     return upright
 

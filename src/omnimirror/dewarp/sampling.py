@@ -31,11 +31,25 @@ from ..base.typing import Mask
 from ..cameras.camera import inside_image
 from ..io.images import OPAQUE
 from ._footprints import JUMP2, JUMP2_PX
-from .interfaces import INTERPOLATIONS, KERNELS, Annulus, Averages, Border, Image, Interpolation, Map, Pixels, RemapJob, Sampler
+from .interfaces import (
+    INTERPOLATIONS,
+    KERNELS,
+    Annulus,
+    Averages,
+    Border,
+    Image,
+    Interpolation,
+    Map,
+    Pixels,
+    RemapJob,
+    Sampler,
+)
 
 # -- Validation of sampling arguments --------------------------------------------------------------
 
-DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {np.dtype(name).newbyteorder() for name in OPAQUE}
+DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {
+    np.dtype(name).newbyteorder() for name in OPAQUE
+}
 MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
@@ -43,12 +57,20 @@ def check_image(image: Image, size: tuple[int, int]) -> None:
     """Raise an error unless an array is an image of the given (width, height)."""
     check_kind(image)
     if image.shape[2:] == (2,):
-        raise InvalidParameter(f"the image must have 1, 3 or 4 channels; got an array of shape {image.shape}")
+        raise InvalidParameter(
+            f"the image must have 1, 3 or 4 channels; got an array of shape {image.shape}"
+        )
     height, width = image.shape[:2]
     if (width, height) != tuple(size):
         same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
-        advice = "; the aspect ratios are equal: scale the image to that size first" if same_shape else ""
-        raise InvalidParameter(f"the image must have the {size[0]} x {size[1]} px of the camera; got {width} x {height} px{advice}")
+        advice = (
+            "; the aspect ratios are equal: scale the image to that size first"
+            if same_shape
+            else ""
+        )
+        raise InvalidParameter(
+            f"the image must have the {size[0]} x {size[1]} px of the camera; got {width} x {height} px{advice}"
+        )
 
 
 def check_kind(image: Image) -> None:
@@ -56,30 +78,42 @@ def check_kind(image: Image) -> None:
     instance("the image", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
-        raise InvalidParameter(f"the image must have 1 to 4 channels; got an array of shape {image.shape}")
+        raise InvalidParameter(
+            f"the image must have 1 to 4 channels; got an array of shape {image.shape}"
+        )
     if image.dtype not in DEPTHS:
-        raise InvalidParameter(f"the type of the image must be one of {', '.join(OPAQUE)}; got {image.dtype.name}")
+        raise InvalidParameter(
+            f"the type of the image must be one of {', '.join(OPAQUE)}; got {image.dtype.name}"
+        )
 
 
 def check_largest(image: Image, longest_side_px: int) -> None:
     """Raise an error if an image has too many pixels for a sampler."""
     height, width = image.shape[:2]
     if max(width, height) > longest_side_px:
-        raise InvalidParameter(f"the sides of the image must be at most {longest_side_px} px without the compiled samplers; got {width} x {height} px")
+        raise InvalidParameter(
+            f"the sides of the image must be at most {longest_side_px} px without the compiled samplers; got {width} x {height} px"
+        )
     if image.size > MAX_VALUES:
-        raise InvalidParameter(f"the image must have at most {MAX_VALUES} values; got {image.size} in {width} x {height} px")
+        raise InvalidParameter(
+            f"the image must have at most {MAX_VALUES} values; got {image.size} in {width} x {height} px"
+        )
 
 
 def check_interpolation(interpolation: str) -> None:
     """Raise an error for an unknown interpolation."""
     if interpolation not in INTERPOLATIONS:
-        raise InvalidParameter(f"interpolation must be one of {', '.join(INTERPOLATIONS)}; got {interpolation!r}")
+        raise InvalidParameter(
+            f"interpolation must be one of {', '.join(INTERPOLATIONS)}; got {interpolation!r}"
+        )
 
 
 def check_pixels(pixels: Pixels) -> None:
     """Raise an error unless an array is a pixel map."""
     if pixels.ndim != 3 or pixels.shape[2] != 2 or pixels.dtype not in (np.float32, np.float64):
-        raise InvalidParameter(f"coordinates must be (rows, columns, 2) of float32 or float64; got {pixels.shape} of {pixels.dtype}")
+        raise InvalidParameter(
+            f"coordinates must be (rows, columns, 2) of float32 or float64; got {pixels.shape} of {pixels.dtype}"
+        )
 
 
 def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image:
@@ -90,7 +124,9 @@ def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image
     if out is None:
         return np.empty(shape, kind)
     if out.shape != shape or out.dtype != kind:
-        raise InvalidParameter(f"out must be {shape} of {image.dtype.name}; got {out.shape} of {out.dtype.name}")
+        raise InvalidParameter(
+            f"out must be {shape} of {image.dtype.name}; got {out.shape} of {out.dtype.name}"
+        )
     if not out.flags.writeable:
         raise InvalidParameter("out must be writeable")
     return out
@@ -103,7 +139,9 @@ def contiguous(array: Image) -> Image:
     """Return the array (rows, columns, c), or an aligned copy in native byte order if samplers
     require it.
     """
-    return array if is_contiguous(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
+    return (
+        array if is_contiguous(array) else np.array(array, array.dtype.newbyteorder("="), order="C")
+    )
 
 
 def is_contiguous(array: Image) -> bool:
@@ -116,7 +154,12 @@ def is_contiguous(array: Image) -> bool:
     _, width, channels = array.shape
     down, across, deep = array.strides
     item = array.itemsize
-    return bool((channels == 1 or deep == item) and (width == 1 or across == channels * item) and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0)) and (down % item, across % item, deep % item) == (0, 0, 0))
+    return bool(
+        (channels == 1 or deep == item)
+        and (width == 1 or across == channels * item)
+        and (array.shape[0] == 1 or (down >= width * channels * item and down % item == 0))
+        and (down % item, across % item, deep % item) == (0, 0, 0)
+    )
 
 
 # -- Border of a view: colour or transparency ------------------------------------------------------
@@ -131,7 +174,9 @@ def check_border(border: Border) -> None:
     except ValueError:
         values = np.empty((0, 0), object)
     if values.ndim > 1 or not all(_is_value(value) for value in values.flat):
-        raise InvalidParameter(f"border must be one number or one number per channel; got {format_value(border)}")
+        raise InvalidParameter(
+            f"border must be one number or one number per channel; got {format_value(border)}"
+        )
 
 
 def _is_value(value: Any) -> bool:
@@ -147,10 +192,14 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
     channels = image.shape[2] if image.ndim == 3 else 1
     values = np.array(border, float)
     if values.ndim and len(values) != channels:
-        raise InvalidParameter(f"border must have one value, or one for each of the {channels} channels of the image; got {border}")
+        raise InvalidParameter(
+            f"border must have one value, or one for each of the {channels} channels of the image; got {border}"
+        )
     full = OPAQUE[image.dtype.name]
     if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
-        raise InvalidParameter(f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {border}")
+        raise InvalidParameter(
+            f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {border}"
+        )
     return tuple(np.broadcast_to(values, channels).tolist())
 
 
@@ -203,7 +252,9 @@ def _values(image: Image, pixels: Values, kernel: str) -> Image:
     """Return the values at pixels (rows, columns, 2) inside the image."""
     height, width, channels = image.shape
     if channels == 2:  # OpenCV quantises their fractions to 1/32
-        return np.concatenate([_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2)
+        return np.concatenate(
+            [_values(part, pixels, kernel) for part in np.split(image, 2, axis=2)], axis=2
+        )
     x, y = pixels[..., 0].clip(0, width - 1), pixels[..., 1].clip(0, height - 1)
     if kernel == "nearest":  # OpenCV versions round halves differently
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
@@ -255,11 +306,21 @@ def _extrapolated(pixels: Values, axis: int, before: bool, after: bool) -> Value
     ends = []
     for end, next_one, is_extended in ((0, 1, before), (-1, -2, after)):
         last = pixels.take([end], axis)
-        ends.append([2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last] * is_extended)
+        ends.append(
+            [2 * last - pixels.take([next_one], axis) if pixels.shape[axis] > 1 else last]
+            * is_extended
+        )
     return np.concatenate([*ends[0], pixels, *ends[1]], axis)
 
 
-def _band(image: Image, around: Values, taps: NDArray[np.uint8], averages: Averages, border: tuple[float, ...], dtype: Any) -> Image:
+def _band(
+    image: Image,
+    around: Values,
+    taps: NDArray[np.uint8],
+    averages: Averages,
+    border: tuple[float, ...],
+    dtype: Any,
+) -> Image:
     middle = around[1:-1, 1:-1]
     out = np.empty((*middle.shape[:2], image.shape[2]), np.float32)
     out[:] = border
@@ -268,7 +329,13 @@ def _band(image: Image, around: Values, taps: NDArray[np.uint8], averages: Avera
     inside = np.isfinite(middle[..., 0])
     for across, down in np.unique(taps[inside], axis=0):
         chosen = inside & (taps == (across, down)).all(axis=-1)
-        places = (middle[chosen] + _part(i, across, [s[chosen] for s in aside]) + _part(j, down, [s[chosen] for s in upright]) for i in range(across) for j in range(down))
+        places = (
+            middle[chosen]
+            + _part(i, across, [s[chosen] for s in aside])
+            + _part(j, down, [s[chosen] for s in upright])
+            for i in range(across)
+            for j in range(down)
+        )
         out[chosen] = _means(image, middle[chosen], places, averages.annulus)
     if dtype == np.float32:
         return out
@@ -305,11 +372,16 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
     return abs(t) * sides[0 if t < 0 else 1]
 
 
-def _means(image: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None) -> Image:
+def _means(
+    image: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None
+) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
     """
-    sums, counts = (np.zeros((len(middle), image.shape[2]), np.float32), np.zeros(len(middle), np.float32))
+    sums, counts = (
+        np.zeros((len(middle), image.shape[2]), np.float32),
+        np.zeros(len(middle), np.float32),
+    )
     for pixels in places:
         if annulus is not None:
             square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
@@ -383,13 +455,21 @@ def _sample_infinite(selected: Sampler, job: RemapJob, where: Map) -> None:
     for value in (np.float32(np.inf), np.float32(-np.inf)):
         weight = np.empty_like(result)
         is_value = (job.source == value).astype(np.float32)
-        selected.sample(replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where)
+        selected.sample(
+            replace(job, source=is_value, target=weight, border=(0.0,) * weight.shape[2]), where
+        )
         with np.errstate(invalid="ignore"):
             result /= np.where(weight < MIN_WEIGHT, 1 - weight, 1)
         result[weight >= MIN_WEIGHT] = value
 
 
-def remap(image: Image, where: Map, interpolation: Interpolation = "linear", out: Image | None = None, border: Border = 0) -> Image:
+def remap(
+    image: Image,
+    where: Map,
+    interpolation: Interpolation = "linear",
+    out: Image | None = None,
+    border: Border = 0,
+) -> Image:
     """Interpolate an image at the coordinates of a map.
 
     Parameters
@@ -423,7 +503,9 @@ def remap(image: Image, where: Map, interpolation: Interpolation = "linear", out
     check_interpolation(interpolation)
     check_largest(image, selected.longest_side_px)
     if image.shape[1::-1] != tuple(where.source_size):
-        raise InvalidParameter(f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}")
+        raise InvalidParameter(
+            f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}"
+        )
     out = checked_out(out, image, where.size)
     target_view = out if out.ndim == 3 else out[..., None]
     is_direct = is_contiguous(target_view) and not np.may_share_memory(image, out)

@@ -24,7 +24,16 @@ from ..io.live_outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..io.live_sources import TICKS, LiveSource, is_live
 from ..io.mp4 import can_be_spherical
 from ..io.progress import FrameProgress
-from ..io.video_frames import FULL_RANGE, ColourCoding, PixelFormat, conversion_losses, empty_frame, is_full_range, planes, workable
+from ..io.video_frames import (
+    FULL_RANGE,
+    ColourCoding,
+    PixelFormat,
+    conversion_losses,
+    empty_frame,
+    is_full_range,
+    planes,
+    workable,
+)
 from ..io.video_metadata import DISPLAY_LOST, MasteringDisplay
 from ..io.video_reader import Item, VideoReader
 from ..io.video_writer import ImageSequenceWriter, Sink, VideoWriter, check_pattern, is_image_output
@@ -39,7 +48,9 @@ from .yuv import Siting
 # -- Video frames ----------------------------------------------------------------------------------
 
 
-def dewarp_frame(dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None) -> av.VideoFrame:
+def dewarp_frame(
+    dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left", to_siting: Siting | None = None
+) -> av.VideoFrame:
     """Dewarp a video frame to a new frame with the same timestamp and colour coding.
 
     Parameters
@@ -77,7 +88,9 @@ def dewarp_frame(dewarp: Dewarper, frame: av.VideoFrame, siting: Siting = "left"
     """
     frame = workable(frame)
     kind = PixelFormat.of(frame.format.name)
-    dewarped, target = empty_frame(dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame)
+    dewarped, target = empty_frame(
+        dewarp.view.size, "nv12" if frame.format.name == "nv12" else kind.name, like=frame
+    )
     is_full = is_full_range(frame)
     if is_full:
         dewarped.color_range = FULL_RANGE
@@ -181,14 +194,24 @@ def dewarp_video(
     (3, (320, 120))
     """
     colour = None if border is None else BorderColour.of(border)
-    request = DewarpRequest(camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation)
+    request = DewarpRequest(
+        camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation
+    )
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
         raise InvalidParameter("outputs must contain at least one output")
-    return dewarp_source(str(source), [str(name) for name in names], request, settings or VideoSettings(), callbacks)
+    return dewarp_source(
+        str(source), [str(name) for name in names], request, settings or VideoSettings(), callbacks
+    )
 
 
-def dewarp_source(source: str, outputs: Sequence[str], request: DewarpRequest, settings: VideoSettings, callbacks: VideoCallbacks | None = None) -> DewarpedVideo:
+def dewarp_source(
+    source: str,
+    outputs: Sequence[str],
+    request: DewarpRequest,
+    settings: VideoSettings,
+    callbacks: VideoCallbacks | None = None,
+) -> DewarpedVideo:
     """Dewarp a video as specified by a request."""
     _check_outputs(source, outputs, settings)
     callbacks = callbacks or NO_CALLBACKS
@@ -198,16 +221,39 @@ def dewarp_source(source: str, outputs: Sequence[str], request: DewarpRequest, s
         return _dewarp_file(str(path), outputs, request, settings, callbacks)
 
 
-def _dewarp_file(source: str, outputs: Sequence[str], request: DewarpRequest, settings: VideoSettings, callbacks: VideoCallbacks) -> DewarpedVideo:
+def _dewarp_file(
+    source: str,
+    outputs: Sequence[str],
+    request: DewarpRequest,
+    settings: VideoSettings,
+    callbacks: VideoCallbacks,
+) -> DewarpedVideo:
     if settings.frame_rate is not None and not is_sequence(source):
-        raise InvalidParameter(f"frame_rate must be omitted unless the source is an image sequence; got {settings.frame_rate:g}")
+        raise InvalidParameter(
+            f"frame_rate must be omitted unless the source is an image sequence; got {settings.frame_rate:g}"
+        )
     with_audio = any(_is_video_file(output) for output in outputs)
     rate = 25.0 if settings.frame_rate is None else settings.frame_rate
-    with VideoReader(source, settings.start_s or 0.0, settings.duration_s, with_audio, rate, request.stored_orientation) as reader:
+    with VideoReader(
+        source,
+        settings.start_s or 0.0,
+        settings.duration_s,
+        with_audio,
+        rate,
+        request.stored_orientation,
+    ) as reader:
         for note in reader.notes:
             callbacks.on_warning(note)
-        view_over_time = ViewOverTime(request, reader.size, settings, reader.siting, reader.pixel_format)
-        sink = _sinks(outputs, view_over_time, FrameProperties(reader.frame_rate, reader.colour, reader.display), reader, callbacks)
+        view_over_time = ViewOverTime(
+            request, reader.size, settings, reader.siting, reader.pixel_format
+        )
+        sink = _sinks(
+            outputs,
+            view_over_time,
+            FrameProperties(reader.frame_rate, reader.colour, reader.display),
+            reader,
+            callbacks,
+        )
         is_watched = not any(output == "-" or _is_file(output) for output in outputs)
         items = video_processing.in_real_time(reader.items()) if is_watched else reader.items()
         if isinstance(sink, ImageSequenceWriter):
@@ -217,26 +263,53 @@ def _dewarp_file(source: str, outputs: Sequence[str], request: DewarpRequest, se
         return DewarpedVideo(view_over_time.view, outcome)
 
 
-def _dewarp_live_source(source: str, outputs: Sequence[str], request: DewarpRequest, settings: VideoSettings, callbacks: VideoCallbacks) -> DewarpedVideo:
+def _dewarp_live_source(
+    source: str,
+    outputs: Sequence[str],
+    request: DewarpRequest,
+    settings: VideoSettings,
+    callbacks: VideoCallbacks,
+) -> DewarpedVideo:
     if settings.start_s is not None:
-        raise InvalidParameter(f"start_s must be omitted for the live source {source}; got {settings.start_s:g}")
-    live = LiveSource(source, on_warning=callbacks.on_warning, stored_orientation=request.stored_orientation)
+        raise InvalidParameter(
+            f"start_s must be omitted for the live source {source}; got {settings.start_s:g}"
+        )
+    live = LiveSource(
+        source, on_warning=callbacks.on_warning, stored_orientation=request.stored_orientation
+    )
     try:
         first = live.first()
         for note in live.notes:
             callbacks.on_warning(note)
-        view_over_time = ViewOverTime(request, (first.width, first.height), settings, live.siting, first.format.name)
-        properties = FrameProperties(live.frame_rate or UNKNOWN_RATE, ColourCoding.of_video(first), MasteringDisplay.of(first.side_data))
+        view_over_time = ViewOverTime(
+            request, (first.width, first.height), settings, live.siting, first.format.name
+        )
+        properties = FrameProperties(
+            live.frame_rate or UNKNOWN_RATE,
+            ColourCoding.of_video(first),
+            MasteringDisplay.of(first.side_data),
+        )
         sink = _sinks(outputs, view_over_time, properties, None, callbacks)
-        outcome = _run(_until(live.frames(), settings.duration_s), sink, view_over_time, None, callbacks, ahead=0)
+        outcome = _run(
+            _until(live.frames(), settings.duration_s),
+            sink,
+            view_over_time,
+            None,
+            callbacks,
+            ahead=0,
+        )
     finally:
         live.close()
     _report_stale_images(outputs, outcome.frames, settings, callbacks)
-    summary = f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
+    summary = (
+        f"{live.received} frames received, {live.dropped} dropped, {live.reconnects} reconnects"
+    )
     return DewarpedVideo(view_over_time.view, outcome, summary)
 
 
-def _report_stale_images(outputs: Sequence[str], count: int, settings: VideoSettings, callbacks: VideoCallbacks) -> None:
+def _report_stale_images(
+    outputs: Sequence[str], count: int, settings: VideoSettings, callbacks: VideoCallbacks
+) -> None:
     """Report numbered images left by an earlier, longer run: readers of the pattern would continue
     with them.
     """
@@ -246,7 +319,9 @@ def _report_stale_images(outputs: Sequence[str], count: int, settings: VideoSett
         pattern = Path(output)
         if others := [number for number in numbers_of(pattern) if number > count]:
             first, last = (numbered(pattern, number).name for number in (min(others), max(others)))
-            callbacks.on_warning(f"{output}: {first} to {last} are images of a previous run and do not belong to this video")
+            callbacks.on_warning(
+                f"{output}: {first} to {last} are images of a previous run and do not belong to this video"
+            )
 
 
 def _is_file(output: str) -> bool:
@@ -272,16 +347,28 @@ def _check_outputs(source: str, outputs: Sequence[str], settings: VideoSettings)
     sequences = [output for output in outputs if _is_file(output) and is_image_output(output)]
     for pattern in map(check_pattern, sequences):
         if is_sequence(source) and may_share_a_name(source, pattern):
-            raise InvalidParameter(f"the output must not overwrite the source images {source}; got {pattern}")
+            raise InvalidParameter(
+                f"the output must not overwrite the source images {source}; got {pattern}"
+            )
     if sequences and settings.skip_existing and (len(outputs) > 1 or settings.preview):
-        raise InvalidParameter(f"skip_existing must be used with a single image sequence as output; omit all outputs except {sequences[0]}")
+        raise InvalidParameter(
+            f"skip_existing must be used with a single image sequence as output; omit all outputs except {sequences[0]}"
+        )
     is_coded = any(_is_video_file(output) or "://" in output for output in outputs)
-    if not is_coded and (inapplicable := [name for name in ("codec", "crf") if getattr(settings, name) is not None]):
-        raise InvalidParameter(f"{inapplicable[0]} must be omitted unless an output is a video file or stream; got {getattr(settings, inapplicable[0])}")
+    if not is_coded and (
+        inapplicable := [name for name in ("codec", "crf") if getattr(settings, name) is not None]
+    ):
+        raise InvalidParameter(
+            f"{inapplicable[0]} must be omitted unless an output is a video file or stream; got {getattr(settings, inapplicable[0])}"
+        )
     if settings.pipe_format is not None and "-" not in outputs:
-        raise InvalidParameter(f"pipe_format must be omitted unless an output is '-'; got {settings.pipe_format}")
+        raise InvalidParameter(
+            f"pipe_format must be omitted unless an output is '-'; got {settings.pipe_format}"
+        )
     if settings.pixel_format is not None and settings.pipe_format != "rawvideo" and not is_coded:
-        raise InvalidParameter(f"pixel_format must be omitted unless an output is a video file, a stream or a pipe of raw video; got {settings.pixel_format}")
+        raise InvalidParameter(
+            f"pixel_format must be omitted unless an output is a video file, a stream or a pipe of raw video; got {settings.pixel_format}"
+        )
 
 
 class ViewOverTime:
@@ -289,9 +376,21 @@ class ViewOverTime:
 
     border: Border
 
-    def __init__(self, request: DewarpRequest, size: Size, settings: VideoSettings, siting: Siting, pixel_format: str) -> None:
+    def __init__(
+        self,
+        request: DewarpRequest,
+        size: Size,
+        settings: VideoSettings,
+        siting: Siting,
+        pixel_format: str,
+    ) -> None:
         mounted = request.camera_of(size)
-        self.request, self.settings, self.siting, self.pixel_format = (request, settings, siting, pixel_format)
+        self.request, self.settings, self.siting, self.pixel_format = (
+            request,
+            settings,
+            siting,
+            pixel_format,
+        )
         self.camera = request.view_camera(mounted)
         self.colour, self.border = request.border, 0
         self.view: View = request.view_of(self.camera)
@@ -301,10 +400,14 @@ class ViewOverTime:
         if self.keyframes is not None:
             known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
-                raise InvalidParameter(f"{settings.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}")
+                raise InvalidParameter(
+                    f"{settings.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
+                )
 
     def _dewarper(self, view: View) -> Dewarper:
-        return self.request.dewarper(self.camera, view, self.border, keep_map=self.keyframes is None)
+        return self.request.dewarper(
+            self.camera, view, self.border, keep_map=self.keyframes is None
+        )
 
     def __call__(self, frame: av.VideoFrame, time_s: float, to_siting: Siting) -> av.VideoFrame:
         """Return the dewarped frame at a time, with the chroma siting assumed by readers of the
@@ -327,7 +430,13 @@ class FrameProperties(NamedTuple):
     display: MasteringDisplay
 
 
-def _sinks(outputs: Sequence[str], view_over_time: ViewOverTime, properties: FrameProperties, source: VideoReader | None, callbacks: VideoCallbacks) -> Sink:
+def _sinks(
+    outputs: Sequence[str],
+    view_over_time: ViewOverTime,
+    properties: FrameProperties,
+    source: VideoReader | None,
+    callbacks: VideoCallbacks,
+) -> Sink:
     """Open all outputs as one sink; opened outputs are discarded if one fails."""
     with ExitStack() as opened:
         sinks: list[Sink] = []
@@ -342,36 +451,83 @@ def _sinks(outputs: Sequence[str], view_over_time: ViewOverTime, properties: Fra
     return Tee(*sinks) if len(sinks) > 1 else sinks[0]
 
 
-def _sink(output: str, view_over_time: ViewOverTime, properties: FrameProperties, source: VideoReader | None, callbacks: VideoCallbacks) -> Sink:
+def _sink(
+    output: str,
+    view_over_time: ViewOverTime,
+    properties: FrameProperties,
+    source: VideoReader | None,
+    callbacks: VideoCallbacks,
+) -> Sink:
     size, settings, rate = view_over_time.view.size, view_over_time.settings, properties.rate
-    if properties.display != MasteringDisplay() and not _is_video_file(output) and "://" not in output:
-        callbacks.on_warning(f"{output}: {DISPLAY_LOST}; files encoded with libx264 or libx265 preserve it")
+    if (
+        properties.display != MasteringDisplay()
+        and not _is_video_file(output)
+        and "://" not in output
+    ):
+        callbacks.on_warning(
+            f"{output}: {DISPLAY_LOST}; files encoded with libx264 or libx265 preserve it"
+        )
     if output == "-":
         return PipeSink(settings.pipe_format or "y4m", rate, settings.pixel_format or "rgb24")
     if _is_virtual_camera(output):
         return VirtualCamera(output, size, rate)
     if is_image_output(output) and "://" not in output:
-        panorama = view_over_time.panorama if can_be_panorama(output) and settings.keyframes is None else None
-        return ImageSequenceWriter(output, size, view_over_time.pixel_format, properties.colour, panorama, skip_existing=settings.skip_existing)
+        panorama = (
+            view_over_time.panorama
+            if can_be_panorama(output) and settings.keyframes is None
+            else None
+        )
+        return ImageSequenceWriter(
+            output,
+            size,
+            view_over_time.pixel_format,
+            properties.colour,
+            panorama,
+            skip_existing=settings.skip_existing,
+        )
     encoding: dict[str, Any] = settings.encoding()
     # Streams and recordings of live sources must play anywhere, unless a pixel format is specified.
     is_for_any = source is None or "://" in output
-    if is_for_any and "pixel_format" not in encoding and (lost := conversion_losses(view_over_time.pixel_format, PixelFormat())):
+    if (
+        is_for_any
+        and "pixel_format" not in encoding
+        and (lost := conversion_losses(view_over_time.pixel_format, PixelFormat()))
+    ):
         callbacks.on_warning(f"{output}: {lost}; use --pixel-format for another format")
     if is_for_any:  # use the range assumed by players
-        encoding |= {"colour": replace(properties.colour, range=min(properties.colour.range, 1)), "display": properties.display}
+        encoding |= {
+            "colour": replace(properties.colour, range=min(properties.colour.range, 1)),
+            "display": properties.display,
+        }
     if "://" in output:
         return StreamSink(output, size, rate, **encoding)
     if can_be_spherical(output) and settings.keyframes is None:
         encoding["panorama"] = view_over_time.panorama
     if source is None:
         return VideoWriter(output, size, rate, time_base=TICKS, **encoding)
-    return VideoWriter.from_source(source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding)
+    return VideoWriter.from_source(
+        source, output, size, rotation_deg=0, pixel_aspect=Fraction(1), **encoding
+    )
 
 
-def _run(items: Iterable[Item], sink: Sink, view_over_time: ViewOverTime, total: int | None, callbacks: VideoCallbacks, ahead: int = 4) -> video_processing.ProcessingResult:
+def _run(
+    items: Iterable[Item],
+    sink: Sink,
+    view_over_time: ViewOverTime,
+    total: int | None,
+    callbacks: VideoCallbacks,
+    ahead: int = 4,
+) -> video_processing.ProcessingResult:
     """Dewarp all frames."""
-    return video_processing.process(items, sink, partial(view_over_time, to_siting=sink.siting), "frame", total=total, queue_size=ahead, on_progress=callbacks.on_progress)
+    return video_processing.process(
+        items,
+        sink,
+        partial(view_over_time, to_siting=sink.siting),
+        "frame",
+        total=total,
+        queue_size=ahead,
+        on_progress=callbacks.on_progress,
+    )
 
 
 def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
@@ -379,6 +535,10 @@ def _until(frames: Iterable[Any], duration_s: float | None) -> Iterable[Any]:
     start = None
     for frame in frames:
         start = frame.time if start is None else start
-        if duration_s is not None and frame.time is not None and frame.time - (start or 0.0) >= duration_s:
+        if (
+            duration_s is not None
+            and frame.time is not None
+            and frame.time - (start or 0.0) >= duration_s
+        ):
             return
         yield frame

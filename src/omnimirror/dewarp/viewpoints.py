@@ -21,7 +21,10 @@ from .screens import Screen
 Viewpoint: TypeAlias = float | Literal["exact", "single"]
 
 SAMPLES_PER_SIDE = 16  # sampled rows and columns of a screen for its distance
-AZIMUTHS, ANGLES = (8, 257)  # rays for the evaluation of a single viewpoint; some azimuths may be outside the image
+AZIMUTHS, ANGLES = (
+    8,
+    257,
+)  # rays for the evaluation of a single viewpoint; some azimuths may be outside the image
 RELATIVE_PRECISION = 1e-7  # relative to the search range
 MIN_AXIS_SINE = 1e-6  # minimum sine of the angle from the axis for an intersection with the axis
 
@@ -34,10 +37,14 @@ def check_viewpoint(viewpoint: Viewpoint) -> None:
     else:
         number("viewpoint", viewpoint, unit="mm")
         return
-    raise InvalidParameter(f"viewpoint must be 'exact', 'single' or a height above the vertex in mm; got {format_value(viewpoint)}")
+    raise InvalidParameter(
+        f"viewpoint must be 'exact', 'single' or a height above the vertex in mm; got {format_value(viewpoint)}"
+    )
 
 
-def projection_of(camera: Camera, screen: Screen, viewpoint: Viewpoint) -> Callable[[Array], Projection]:
+def projection_of(
+    camera: Camera, screen: Screen, viewpoint: Viewpoint
+) -> Callable[[Array], Projection]:
     """Return the projection of screen targets (n, 3) by a camera."""
     centre = centre_of_projection(camera, screen, viewpoint)
     if centre is None:
@@ -67,7 +74,9 @@ def point_on_axis(camera: Camera, height_mm: float) -> Array:
     if height_mm == 0:
         return np.zeros(3)
     if camera.symmetry is None:
-        raise InvalidParameter(f"viewpoint must be 'exact' for a camera without axial symmetry; got {height_mm:g} mm")
+        raise InvalidParameter(
+            f"viewpoint must be 'exact' for a camera without axial symmetry; got {height_mm:g} mm"
+        )
     point: Array = -height_mm * camera.symmetry.axis  # the axis is the direction at field angle 0
     return point
 
@@ -124,11 +133,18 @@ def single_viewpoint(camera: Camera, distance_mm: float) -> float:
 
     def max_error_px(height: float) -> float:
         apparent = points - point_on_axis(camera, height)
-        return float(np.nanmax(np.hypot(*(_projected_apparent(camera, apparent, directions) - pixels).T)))
+        return float(
+            np.nanmax(np.hypot(*(_projected_apparent(camera, apparent, directions) - pixels).T))
+        )
 
     from scipy.optimize import minimize_scalar
 
-    optimum = minimize_scalar(max_error_px, bounds=(low, high), method="bounded", options={"xatol": RELATIVE_PRECISION * (high - low)})
+    optimum = minimize_scalar(
+        max_error_px,
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": RELATIVE_PRECISION * (high - low)},
+    )
     return float(optimum.x)
 
 
@@ -139,11 +155,15 @@ def _pixels_of_the_field(camera: Camera) -> Array:
     s = camera.symmetry
     if s is None:
         width, height = camera.image_size
-        return np.stack(np.meshgrid([0.0, (width - 1) / 2, width - 1.0], [0.0, (height - 1) / 2]), -1).reshape(-1, 2)
+        return np.stack(
+            np.meshgrid([0.0, (width - 1) / 2, width - 1.0], [0.0, (height - 1) / 2]), -1
+        ).reshape(-1, 2)
     phi = np.linspace(0, 2 * np.pi, AZIMUTHS, endpoint=False)
     across = np.outer(np.cos(phi), s.right) + np.outer(np.sin(phi), s.down)
     omega = np.linspace(s.omega_min, s.omega_max, ANGLES)[:, None, None]
-    pixels, visible = camera.project_directions((np.cos(omega) * s.axis + np.sin(omega) * across).reshape(-1, 3))
+    pixels, visible = camera.project_directions(
+        (np.cos(omega) * s.axis + np.sin(omega) * across).reshape(-1, 3)
+    )
     return pixels[visible]
 
 
@@ -156,7 +176,9 @@ def _projected_apparent(camera: Camera, apparent: Array, true: Array) -> Array:
     pixels, visible = camera.project_directions(apparent)
     unit = apparent[~visible] / np.linalg.norm(apparent[~visible], axis=1, keepdims=True)
     axis = true[~visible]
-    pixels[~visible] = camera.project_directions(2 * (unit * axis).sum(axis=1, keepdims=True) * axis - unit).pixels
+    pixels[~visible] = camera.project_directions(
+        2 * (unit * axis).sum(axis=1, keepdims=True) * axis - unit
+    ).pixels
     return pixels
 
 
@@ -167,7 +189,9 @@ def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array
     if np.ptp(origins, axis=0).max() == 0 and not origins[0].any():
         return np.zeros(1)
     if camera.symmetry is None:
-        raise InvalidParameter("viewpoint must be 'exact' for a camera without axial symmetry; got 'single'")
+        raise InvalidParameter(
+            "viewpoint must be 'exact' for a camera without axial symmetry; got 'single'"
+        )
     up = -camera.symmetry.axis
     along, across = directions @ up, directions - np.outer(directions @ up, up)
     tilted = np.linalg.norm(across, axis=1) > MIN_AXIS_SINE

@@ -13,10 +13,42 @@ from ..base.registry import Registry
 from ..cameras.camera import Camera
 from ._source_coordinates import rows_of_pixels
 from .field_of_view import FieldOfView, field_of, pole_of
-from .screens import CubeMap, Cylinder, DomeMaster, Equirectangular, Ground, Layout, LittlePlanet, Mosaic, Plane, Pole, Rows, Screen, View, parts_of
+from .screens import (
+    CubeMap,
+    Cylinder,
+    DomeMaster,
+    Equirectangular,
+    Ground,
+    Layout,
+    LittlePlanet,
+    Mosaic,
+    Plane,
+    Pole,
+    Rows,
+    Screen,
+    View,
+    parts_of,
+)
 from .screens._screen import NO_OFFSET, Offset
 
-__all__ = ["MAX_MAGNIFICATION", "PRESETS", "VIEWS", "Preset", "cube", "dome", "ground", "max_zoom", "mosaic", "panorama", "perspective", "planet", "preset", "register_view", "resolution", "sphere"]
+__all__ = [
+    "MAX_MAGNIFICATION",
+    "PRESETS",
+    "VIEWS",
+    "Preset",
+    "cube",
+    "dome",
+    "ground",
+    "max_zoom",
+    "mosaic",
+    "panorama",
+    "perspective",
+    "planet",
+    "preset",
+    "register_view",
+    "resolution",
+    "sphere",
+]
 
 
 # -- Resolution, size and maximum zoom -------------------------------------------------------------
@@ -113,10 +145,15 @@ def screen_resolution(camera: Camera, screen: Screen) -> float:
         pixels = rows_of_pixels(camera, screen, row, row + 2)
         across, down = np.diff(pixels[0], axis=0), (pixels[1] - pixels[0])[:-1]
         area = abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
-        distances = np.where(np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle))
+        distances = np.where(
+            np.isnan(area), np.inf, np.hypot(np.arange(width - 1) - (width - 2) / 2, row - middle)
+        )
         nearest_column = int(np.argmin(distances))
         if distances[nearest_column] < nearest:
-            nearest, resolution_at_middle = (float(distances[nearest_column]), float(np.sqrt(area[nearest_column])))
+            nearest, resolution_at_middle = (
+                float(distances[nearest_column]),
+                float(np.sqrt(area[nearest_column])),
+            )
     return resolution_at_middle
 
 
@@ -128,12 +165,18 @@ def field_end(field: FieldOfView, pole: Pole) -> float:
 def completed_size(size: PartialSize, natural: tuple[float, float]) -> tuple[int, int]:
     """Complete a size from a natural size: both sides, or the missing one from the aspect."""
     if not isinstance(size, Sequence) or isinstance(size, str) or len(size) != 2:
-        raise InvalidType(f"size must be (width, height) in px, each a number or None; got {format_value(size)}")
-    width, height = (side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size)
+        raise InvalidType(
+            f"size must be (width, height) in px, each a number or None; got {format_value(size)}"
+        )
+    width, height = (
+        side if side is None else int(number("size", side, above=0.0, unit="px")) for side in size
+    )
     if width is not None and height is not None:
         return width, height
     if not np.isfinite(natural).all() or max(natural) > MAX_ASPECT_RATIO * min(natural) >= 0:
-        raise InvalidParameter(f"the size of the view at the resolution of the image must be finite and nonzero; got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or specify both sides")
+        raise InvalidParameter(
+            f"the size of the view at the resolution of the image must be finite and nonzero; got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or specify both sides"
+        )
     if width is None and height is None:
         return _even(natural[0]), _even(natural[1])
     if height is None:
@@ -162,7 +205,17 @@ VIEWS_IN_MOSAIC = 4
 
 
 @validate_arguments
-def panorama(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, span_deg: float = 360.0, elevation_deg: tuple[float, float] | None = None, rows: Rows = "tilt", distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Cylinder:
+def panorama(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    span_deg: float = 360.0,
+    elevation_deg: tuple[float, float] | None = None,
+    rows: Rows = "tilt",
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> Cylinder:
     """Create a panorama of the camera's elevation range, or a given range, at its mean resolution.
 
     With rows linear in height, the elevations are required unless the field excludes both poles.
@@ -203,11 +256,22 @@ def panorama(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float
     if rows == "height" and -90 < low < high < 90:
         tall = float(np.degrees(np.ptp(np.tan(np.radians([low, high])))))
     natural = span_deg * field.pixels_per_degree, tall * field.pixels_per_degree
-    return Cylinder(completed_size(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm)
+    return Cylinder(
+        completed_size(size, natural), low, high, pan_deg, span_deg, rows, distance_mm, offset_mm
+    )
 
 
 @validate_arguments
-def sphere(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, span_deg: float = 360.0, elevation_deg: tuple[float, float] = (-90.0, 90.0), distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Equirectangular:
+def sphere(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    span_deg: float = 360.0,
+    elevation_deg: tuple[float, float] = (-90.0, 90.0),
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> Equirectangular:
     """Create an equirectangular view of the sphere, or of a part of it, at the mean resolution of
     the camera.
 
@@ -255,12 +319,25 @@ def sphere(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float =
         natural = 2.0 * _even(natural[1]), float(_even(natural[1]))
         width, height = size
         if height is None and width is not None and width % 2:
-            raise InvalidParameter(f"the width must be even for an equirectangular image with the aspect ratio 2:1; got {width} px; use for example {width + 1} px, or specify the height also")
-    return Equirectangular(completed_size(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm)
+            raise InvalidParameter(
+                f"the width must be even for an equirectangular image with the aspect ratio 2:1; got {width} px; use for example {width + 1} px, or specify the height also"
+            )
+    return Equirectangular(
+        completed_size(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm
+    )
 
 
 @validate_arguments
-def perspective(size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, tilt_deg: float = 0.0, roll_deg: float = 0.0, hfov_deg: float = 90.0, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Plane:
+def perspective(
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    roll_deg: float = 0.0,
+    hfov_deg: float = 90.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> Plane:
     """Create a perspective view, 1280 x 720 by default.
 
     Parameters
@@ -291,11 +368,28 @@ def perspective(size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, tilt_
     >>> om.views.perspective(hfov_deg=40.0).size
     (1280, 720)
     """
-    return Plane(completed_size(size, PERSPECTIVE_SIZE), pan_deg, tilt_deg, roll_deg, hfov_deg, distance_mm, offset_mm)
+    return Plane(
+        completed_size(size, PERSPECTIVE_SIZE),
+        pan_deg,
+        tilt_deg,
+        roll_deg,
+        hfov_deg,
+        distance_mm,
+        offset_mm,
+    )
 
 
 @validate_arguments
-def dome(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, omega_deg: tuple[float, float] | None = None, pole: Pole | None = None, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> DomeMaster:
+def dome(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    omega_deg: tuple[float, float] | None = None,
+    pole: Pole | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> DomeMaster:
     """Create a dome about the pole nearest to the centre of the field, up to the end of the field.
 
     Parameters
@@ -332,11 +426,28 @@ def dome(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0
     pole = pole or pole_of(camera)
     first, last = omega_deg or (0.0, field_end(field, pole))
     diameter = 2 * last * field.pixels_per_degree
-    return DomeMaster(completed_size(size, (diameter, diameter)), last, pole, pan_deg, first, distance_mm, offset_mm)
+    return DomeMaster(
+        completed_size(size, (diameter, diameter)),
+        last,
+        pole,
+        pan_deg,
+        first,
+        distance_mm,
+        offset_mm,
+    )
 
 
 @validate_arguments
-def planet(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, hfov_deg: float | None = None, pole: Pole | None = None, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> LittlePlanet:
+def planet(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    hfov_deg: float | None = None,
+    pole: Pole | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> LittlePlanet:
     """Create a little planet about the pole nearest to the centre of the field, up to the end of
     the field.
 
@@ -373,11 +484,21 @@ def planet(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float =
     pole = pole or pole_of(camera)
     hfov = hfov_deg or min(2 * field_end(field, pole), MAX_PLANET_DEG)
     diameter = hfov * field.pixels_per_degree
-    return LittlePlanet(completed_size(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm)
+    return LittlePlanet(
+        completed_size(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm
+    )
 
 
 @validate_arguments
-def ground(camera: Camera, height_mm: float, *, size: PartialSize = UNKNOWN_SIZE, mm_per_px: float | None = None, pan_deg: float = 0.0, offset_mm: Offset = NO_OFFSET) -> Ground:
+def ground(
+    camera: Camera,
+    height_mm: float,
+    *,
+    size: PartialSize = UNKNOWN_SIZE,
+    mm_per_px: float | None = None,
+    pan_deg: float = 0.0,
+    offset_mm: Offset = NO_OFFSET,
+) -> Ground:
     """Create a plan of the ground with a width of 4 mirror heights at the mean resolution of the
     image.
 
@@ -414,7 +535,15 @@ def ground(camera: Camera, height_mm: float, *, size: PartialSize = UNKNOWN_SIZE
 
 
 @validate_arguments
-def cube(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, layout: Layout = "cross", pan_deg: float = 0.0, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> CubeMap:
+def cube(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    layout: Layout = "cross",
+    pan_deg: float = 0.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> CubeMap:
     """Create a cube map with faces of the mean resolution of the camera.
 
     Parameters
@@ -446,11 +575,23 @@ def cube(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, layout: Layout = "
     """
     face = _even(90 * field_of(camera).pixels_per_degree)
     columns, rows = CubeMap.grid(layout)
-    return CubeMap(completed_size(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm)
+    return CubeMap(
+        completed_size(size, (columns * face, rows * face)), layout, pan_deg, distance_mm, offset_mm
+    )
 
 
 @validate_arguments
-def mosaic(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, tilt_deg: float = 0.0, hfov_deg: float = 90.0, elevation_deg: tuple[float, float] | None = None, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Mosaic:
+def mosaic(
+    camera: Camera,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    hfov_deg: float = 90.0,
+    elevation_deg: tuple[float, float] | None = None,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> Mosaic:
     """Create a panorama above four perspective views (left, ahead, right, behind) with an aspect of
     4:3.
 
@@ -495,10 +636,19 @@ def mosaic(camera: Camera, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float =
     """
     width, height = size
     if height is not None:
-        raise InvalidParameter(f"the height of a mosaic must be None, as it follows from the width; got {height} px")
-    part = round((width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC)
+        raise InvalidParameter(
+            f"the height of a mosaic must be None, as it follows from the width; got {height} px"
+        )
+    part = round(
+        (width or panorama(camera, size, elevation_deg=elevation_deg).size[0]) / VIEWS_IN_MOSAIC
+    )
     part_size = max(1, part), max(1, round(part * 3 / 4))
-    over = panorama(camera, (VIEWS_IN_MOSAIC * part_size[0], None), pan_deg=pan_deg + 45, elevation_deg=elevation_deg)
+    over = panorama(
+        camera,
+        (VIEWS_IN_MOSAIC * part_size[0], None),
+        pan_deg=pan_deg + 45,
+        elevation_deg=elevation_deg,
+    )
     pans = (pan_deg - 90, pan_deg, pan_deg + 90, pan_deg + 180)
     under = [Plane(part_size, pan, tilt_deg, 0.0, hfov_deg, distance_mm, offset_mm) for pan in pans]
     return Mosaic.panorama_over_views(over, under)
@@ -518,9 +668,15 @@ class Preset(NamedTuple):
 
 
 PRESETS: dict[str, Preset] = {
-    "distant": Preset(2.0, False, "flat, at two screen widths: field of 28 deg, as with a telephoto lens"),
-    "wide": Preset(0.5, False, "flat, at half a screen width: field of 90 deg, still in perspective"),
-    "super-wide": Preset(1 / np.pi, True, "bent to a half cylinder around the projector: field of 180 deg"),
+    "distant": Preset(
+        2.0, False, "flat, at two screen widths: field of 28 deg, as with a telephoto lens"
+    ),
+    "wide": Preset(
+        0.5, False, "flat, at half a screen width: field of 90 deg, still in perspective"
+    ),
+    "super-wide": Preset(
+        1 / np.pi, True, "bent to a half cylinder around the projector: field of 180 deg"
+    ),
 }
 """Distant, wide-angle and super-wide-angle views of the paper: one screen at three positions.
 
@@ -531,7 +687,15 @@ in height.
 
 
 @validate_arguments
-def preset(name: str, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0, tilt_deg: float = 0.0, distance_mm: float = np.inf, offset_mm: Offset = NO_OFFSET) -> Plane | Cylinder:
+def preset(
+    name: str,
+    size: PartialSize = UNKNOWN_SIZE,
+    *,
+    pan_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    distance_mm: float = np.inf,
+    offset_mm: Offset = NO_OFFSET,
+) -> Plane | Cylinder:
     """Create one of the views of :data:`PRESETS`; a bent screen is moved up instead of tilted.
 
     Parameters
@@ -585,13 +749,29 @@ def preset(name: str, size: PartialSize = UNKNOWN_SIZE, *, pan_deg: float = 0.0,
 
 def _check_maker(name: str, make: Any) -> None:
     if not callable(make):
-        raise InvalidType(f"the view {name!r} must be a function of a camera that returns a view; got {format_value(make)}")
+        raise InvalidType(
+            f"the view {name!r} must be a function of a camera that returns a view; got {format_value(make)}"
+        )
 
 
 ViewMaker: TypeAlias = Callable[..., View]
 
 
-VIEWS: Registry[ViewMaker] = Registry("omnimirror.views", "a view", {"panorama": panorama, "perspective": lambda _, **options: perspective(**options), "dome": dome, "sphere": sphere, "ground": ground, "planet": planet, "cube": cube, "mosaic": mosaic}, _check_maker)
+VIEWS: Registry[ViewMaker] = Registry(
+    "omnimirror.views",
+    "a view",
+    {
+        "panorama": panorama,
+        "perspective": lambda _, **options: perspective(**options),
+        "dome": dome,
+        "sphere": sphere,
+        "ground": ground,
+        "planet": planet,
+        "cube": cube,
+        "mosaic": mosaic,
+    },
+    _check_maker,
+)
 """Views by command-line name, called as ``make(camera, **options)``."""
 
 

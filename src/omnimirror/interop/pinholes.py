@@ -77,7 +77,9 @@ class EquivalentPinhole(NamedTuple):
         return float(np.linalg.norm(projected[:, :2] - pixels, axis=1).max())
 
 
-def equivalent_pinhole(camera: Camera, view: Plane, viewpoint: Viewpoint = "exact") -> EquivalentPinhole:
+def equivalent_pinhole(
+    camera: Camera, view: Plane, viewpoint: Viewpoint = "exact"
+) -> EquivalentPinhole:
     """Return the pinhole camera that best approximates a perspective view.
 
     Parameters
@@ -118,7 +120,9 @@ def equivalent_pinhole(camera: Camera, view: Plane, viewpoint: Viewpoint = "exac
     return EquivalentPinhole(view.size, matrix, rotation, position, rays)
 
 
-def _sampled_rays(camera: Camera, view: Screen, viewpoint: Viewpoint = "exact") -> tuple[Array, Array, Array]:
+def _sampled_rays(
+    camera: Camera, view: Screen, viewpoint: Viewpoint = "exact"
+) -> tuple[Array, Array, Array]:
     """Sample pixels of a view and their rays; see :attr:`EquivalentPinhole.rays`."""
     width, height = view.size
     grid = np.meshgrid(*(np.linspace(0, n - 1, SAMPLES_PER_SIDE) for n in (width, height)))
@@ -169,7 +173,16 @@ class RigCamera(NamedTuple):
         return rotation, shift_mm / 1000.0
 
 
-def camera_rig(camera: Camera, views_around: int = 6, *, hfov_deg: float = 75.0, tilt_deg: float = 0.0, size: int | None = None, distance_mm: float = np.inf, panorama: bool = False) -> tuple[RigCamera, ...]:
+def camera_rig(
+    camera: Camera,
+    views_around: int = 6,
+    *,
+    hfov_deg: float = 75.0,
+    tilt_deg: float = 0.0,
+    size: int | None = None,
+    distance_mm: float = np.inf,
+    panorama: bool = False,
+) -> tuple[RigCamera, ...]:
     """Return a rig of virtual cameras that covers the field of a mirror camera.
 
     Parameters
@@ -219,10 +232,26 @@ def camera_rig(camera: Camera, views_around: int = 6, *, hfov_deg: float = 75.0,
     side = integer("size", size, 16, 20_000)
     cameras = []
     for pan_deg in 360.0 * np.arange(count) / count:
-        screen = views.perspective((side, side), pan_deg=float(pan_deg), tilt_deg=tilt_deg, hfov_deg=hfov_deg, distance_mm=distance_mm)
+        screen = views.perspective(
+            (side, side),
+            pan_deg=float(pan_deg),
+            tilt_deg=tilt_deg,
+            hfov_deg=hfov_deg,
+            distance_mm=distance_mm,
+        )
         pinhole = equivalent_pinhole(camera, screen)
         focal = float(pinhole.matrix[0, 0])
-        cameras.append(RigCamera(name=f"view-{pan_deg:03.0f}", screen=screen, model="PINHOLE", parameters=(focal, focal, side / 2, side / 2), rotation=pinhole.rotation, position_mm=pinhole.position_mm, errors_px={distance: pinhole.error_px(distance) for distance in DISTANCES_MM}))
+        cameras.append(
+            RigCamera(
+                name=f"view-{pan_deg:03.0f}",
+                screen=screen,
+                model="PINHOLE",
+                parameters=(focal, focal, side / 2, side / 2),
+                rotation=pinhole.rotation,
+                position_mm=pinhole.position_mm,
+                errors_px={distance: pinhole.error_px(distance) for distance in DISTANCES_MM},
+            )
+        )
     return tuple(cameras)
 
 

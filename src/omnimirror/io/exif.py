@@ -66,7 +66,12 @@ class Exif(NamedTuple):
         for tag, directory in self._others.items():
             pointers[tag] = Entry(4, 1, struct.pack("<I", end + len(rest)))
             rest += serialised_directory(directory, end + len(rest))
-        return b"II*\0" + struct.pack("<I", head) + serialised_directory(self.picture | pointers, head) + rest
+        return (
+            b"II*\0"
+            + struct.pack("<I", head)
+            + serialised_directory(self.picture | pointers, head)
+            + rest
+        )
 
     @property
     def _others(self) -> dict[int, Directory]:
@@ -122,7 +127,12 @@ def parse_exif(block: bytes) -> Exif | None:
         return None
     try:
         first = _directory(block, order, struct.unpack_from(order + "I", block, 4)[0])
-        exposure, place = (_directory(block, order, struct.unpack("<I", first[tag].values)[0]) if tag in first else {} for tag in (EXPOSURE, PLACE))
+        exposure, place = (
+            _directory(block, order, struct.unpack("<I", first[tag].values)[0])
+            if tag in first
+            else {}
+            for tag in (EXPOSURE, PLACE)
+        )
     except (struct.error, KeyError, ValueError):
         return None
     picture = {tag: entry for tag, entry in first.items() if tag in KEPT_IMAGE_TAGS}
@@ -169,7 +179,12 @@ Pixels = TypeVar("Pixels", bound=np.generic)
 ORIENTATION_TAG = 0x0112
 UPRIGHT = 1
 SHORT, LONG = 3, 4
-TIFF_SIGNATURES = {b"II*\0": ("<", False), b"MM\0*": (">", False), b"II+\0": ("<", True), b"MM\0+": (">", True)}
+TIFF_SIGNATURES = {
+    b"II*\0": ("<", False),
+    b"MM\0*": (">", False),
+    b"II+\0": ("<", True),
+    b"MM\0+": (">", True),
+}
 """Byte order and whether it is a BigTIFF file, by signature."""
 ORIENTATION_NAMES = {
     1: "as stored",
@@ -182,7 +197,9 @@ ORIENTATION_NAMES = {
     8: "rotated by 90 deg counter-clockwise",
 }
 """Operation that each orientation requires for display."""
-STORED_ORIENTATION_HINT = "--stored-orientation (stored_orientation=True in Python) keeps the stored orientation"
+STORED_ORIENTATION_HINT = (
+    "--stored-orientation (stored_orientation=True in Python) keeps the stored orientation"
+)
 TRANSPOSING_ORIENTATIONS = (5, 6, 7, 8)
 """Orientations that exchange width and height."""
 
@@ -194,7 +211,9 @@ def oriented(image: NDArray[Pixels], orientation: int) -> NDArray[Pixels]:
     >>> oriented(np.array([[1, 2, 3], [4, 5, 6]]), 6).tolist()
     [[4, 1], [5, 2], [6, 3]]
     """
-    view: NDArray[Any] = np.swapaxes(image, 0, 1) if orientation in TRANSPOSING_ORIENTATIONS else image
+    view: NDArray[Any] = (
+        np.swapaxes(image, 0, 1) if orientation in TRANSPOSING_ORIENTATIONS else image
+    )
     if orientation in (2, 3, 6, 7):
         view = view[:, ::-1]
     if orientation in (3, 4, 7, 8):
@@ -244,7 +263,11 @@ def _found(block: bytes) -> tuple[int, int, str]:
             if tag == ORIENTATION_TAG and kind in (SHORT, LONG):
                 number = order + ("H" if kind == SHORT else "I")
                 (orientation,) = struct.unpack_from(number, block, entry + value)
-                return (orientation, entry + value, number) if orientation in ORIENTATION_NAMES else default
+                return (
+                    (orientation, entry + value, number)
+                    if orientation in ORIENTATION_NAMES
+                    else default
+                )
     except struct.error:
         pass
     return default

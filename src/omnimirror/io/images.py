@@ -45,7 +45,11 @@ def _png_damage(data: bytes) -> str:
     'damaged PNG header'
     """
     header = data[12 : PNG_HEADER_END - 4]
-    if len(data) < PNG_HEADER_END or header[:4] != b"IHDR" or data[29:PNG_HEADER_END] != zlib.crc32(header).to_bytes(4, "big"):
+    if (
+        len(data) < PNG_HEADER_END
+        or header[:4] != b"IHDR"
+        or data[29:PNG_HEADER_END] != zlib.crc32(header).to_bytes(4, "big")
+    ):
         return "damaged PNG header"
     width, height, depth, colour = struct.unpack(">IIBB", header[4:14])
     if width * height * depth * PNG_SAMPLES.get(colour, 1) > 8 * MAX_DEFLATE_RATIO * len(data):
@@ -58,7 +62,12 @@ def _png_bytes(data: bytes) -> int:
     colours.
     """
     width, height, depth, colour = struct.unpack_from(">IIBB", data, 16)
-    return int(width * height * (2 if depth == 16 else 1) * (4 if colour == 3 else PNG_SAMPLES.get(colour, 4)))
+    return int(
+        width
+        * height
+        * (2 if depth == 16 else 1)
+        * (4 if colour == 3 else PNG_SAMPLES.get(colour, 4))
+    )
 
 
 # -- Size of an image in memory, from the header of its file ---------------------------------------
@@ -132,7 +141,11 @@ def _tiff_bytes(data: bytes) -> int:
     for i in range(min(count, 4096)):
         entry = at + head + size * i
         tag, kind, length = struct.unpack_from(order + ("HHQ" if is_big else "HHI"), data, entry)
-        if tag in (TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_SAMPLES) and kind in TIFF_NUMBERS and 1 <= length <= 64:
+        if (
+            tag in (TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_SAMPLES)
+            and kind in TIFF_NUMBERS
+            and 1 <= length <= 64
+        ):
             numbers = struct.Struct(f"{order}{length}{TIFF_NUMBERS[kind]}")
             place = entry + size - inline
             if numbers.size > inline:
@@ -151,7 +164,11 @@ def _pillow_bytes(data: bytes) -> int:
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data), formats=PILLOW_FORMATS) as image:
                 width, height = image.size
-                is_palette, channels, kind = (image.mode in ("P", "PA"), len(image.getbands()), image.format)
+                is_palette, channels, kind = (
+                    image.mode in ("P", "PA"),
+                    len(image.getbands()),
+                    image.format,
+                )
     except Image.DecompressionBombError:
         return MAX_DECODED_BYTES + 1
     except Exception:  # damaged or of another type: the decoder reports the reason
@@ -180,7 +197,17 @@ class ImageFormat(NamedTuple):
 
 _JPEG = ImageFormat(("uint8",), (1, 3), 65_500)
 _TIFF = ImageFormat(("uint8", "uint16", "float32"), (1, 3, 4))
-FORMATS = {".png": ImageFormat(("uint8", "uint16"), (1, 3, 4)), ".jpg": _JPEG, ".jpeg": _JPEG, ".tif": _TIFF, ".tiff": _TIFF, ".webp": ImageFormat(("uint8",), (3, 4), 16_383), ".bmp": ImageFormat(("uint8",), (1, 3)), ".hdr": ImageFormat(("float32",), (3,)), ".exr": ImageFormat(("float32",), (1, 3, 4))}
+FORMATS = {
+    ".png": ImageFormat(("uint8", "uint16"), (1, 3, 4)),
+    ".jpg": _JPEG,
+    ".jpeg": _JPEG,
+    ".tif": _TIFF,
+    ".tiff": _TIFF,
+    ".webp": ImageFormat(("uint8",), (3, 4), 16_383),
+    ".bmp": ImageFormat(("uint8",), (1, 3)),
+    ".hdr": ImageFormat(("float32",), (3,)),
+    ".exr": ImageFormat(("float32",), (1, 3, 4)),
+}
 """Formats that can be written, by suffix."""
 
 OPAQUE = {"uint8": 255, "uint16": 65535, "float32": 1.0}
@@ -189,7 +216,19 @@ OPAQUE = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 """Brands of ISO/IEC 23008-12 for HEVC-coded images, which OpenCV does not decode."""
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf", ".pef")
-READABLE_FORMATS = ("PNG", "JPEG", "TIFF", "WebP", "AVIF", "JPEG 2000", "BMP", "GIF", "PPM", "HDR", "EXR")
+READABLE_FORMATS = (
+    "PNG",
+    "JPEG",
+    "TIFF",
+    "WebP",
+    "AVIF",
+    "JPEG 2000",
+    "BMP",
+    "GIF",
+    "PPM",
+    "HDR",
+    "EXR",
+)
 """Names of the formats that can be read."""
 MAX_FILE_BYTES = 2 << 30
 """Maximum size of an image file in bytes."""
@@ -208,7 +247,9 @@ def format_of(path: str | Path) -> ImageFormat:
     """
     suffix = Path(path).suffix.lower()
     if suffix not in FORMATS:
-        raise MediaError(f"cannot write {path}: the suffix must be one of {', '.join(FORMATS)}; got {suffix!r}")
+        raise MediaError(
+            f"cannot write {path}: the suffix must be one of {', '.join(FORMATS)}; got {suffix!r}"
+        )
     if suffix == ".exr":
         exr.check_exr_can_be_written(Path(path))
     return FORMATS[suffix]
@@ -224,7 +265,9 @@ def check_size(path: str | Path, size: tuple[int, int]) -> None:
     """
     max_side = format_of(path).max_side_px
     if max(size) > max_side:
-        raise MediaError(f"cannot write {path}: {Path(path).suffix} images must have at most {max_side} px per side; got {size[0]} x {size[1]} px; use .png or .tif")
+        raise MediaError(
+            f"cannot write {path}: {Path(path).suffix} images must have at most {max_side} px per side; got {size[0]} x {size[1]} px; use .png or .tif"
+        )
 
 
 def can_be_panorama(path: str | Path) -> bool:
@@ -236,7 +279,9 @@ def can_be_panorama(path: str | Path) -> bool:
     return Path(path).suffix.lower() in _image_metadata.XMP_WRITERS
 
 
-def read_image_and_metadata(path: str | Path, *, stored_orientation: bool = False) -> tuple[Image, ImageMetadata]:
+def read_image_and_metadata(
+    path: str | Path, *, stored_orientation: bool = False
+) -> tuple[Image, ImageMetadata]:
     """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF,
     orientation.
     """
@@ -246,7 +291,9 @@ def read_image_and_metadata(path: str | Path, *, stored_orientation: bool = Fals
     if carried.orientation == UPRIGHT:
         return _decoded(path, data), carried
     image = _decoded(path, without_orientation(data))
-    return image if stored_orientation else np.ascontiguousarray(oriented(image, carried.orientation)), carried
+    return image if stored_orientation else np.ascontiguousarray(
+        oriented(image, carried.orientation)
+    ), carried
 
 
 def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
@@ -280,7 +327,9 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
     ...     om.read_image(f"{folder}/red.png")[0, 0]
     array([255,   0,   0], dtype=uint8)
     """
-    return read_image_and_metadata(file_name("path", path), stored_orientation=stored_orientation)[0]
+    return read_image_and_metadata(file_name("path", path), stored_orientation=stored_orientation)[
+        0
+    ]
 
 
 def orientation_of(path: str | Path) -> int:
@@ -315,7 +364,9 @@ def _decoded(path: Path, data: bytes) -> Image:
 def _check_decoded_size(path: str | Path, data: bytes) -> None:
     size = decoded_bytes(data)
     if size > MAX_DECODED_BYTES:
-        raise MediaError(f"the image {path} must have at most {MAX_DECODED_BYTES >> 20} MB after decoding; got {-(-size >> 20)} MB according to its header; reduce or split it")
+        raise MediaError(
+            f"the image {path} must have at most {MAX_DECODED_BYTES >> 20} MB after decoding; got {-(-size >> 20)} MB according to its header; reduce or split it"
+        )
 
 
 def decoded(path: str | Path, data: bytes) -> Image:
@@ -340,7 +391,9 @@ def decoded(path: str | Path, data: bytes) -> Image:
     if image is None:
         raise MediaError(_decoding_failure(path, data))
     if image.dtype.name not in OPAQUE:
-        raise MediaError(f"the image {path} must have {', '.join(OPAQUE)} values; got {image.dtype.name}")
+        raise MediaError(
+            f"the image {path} must have {', '.join(OPAQUE)} values; got {image.dtype.name}"
+        )
     return _swap_red_blue(image)
 
 
@@ -349,11 +402,19 @@ def _decoding_failure(path: str | Path, data: bytes) -> str:
     if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC_BRANDS):
         return f"cannot read the image {path}: HEIC is not supported; save it as JPEG (iPhone: Camera, Formats, Most Compatible)"
     if Path(path).suffix.lower() in RAW_SUFFIXES:
-        return f"cannot read the image {path}: raw files are not supported; convert it to .tif or .png"
+        return (
+            f"cannot read the image {path}: raw files are not supported; convert it to .tif or .png"
+        )
     return f"cannot read the image {path}: it must be an undamaged image file ({', '.join(READABLE_FORMATS)})"
 
 
-def write_image(path: str | Path, image: Image, *, panorama: GPano | None = None, carried: ImageMetadata | None = None) -> None:
+def write_image(
+    path: str | Path,
+    image: Image,
+    *,
+    panorama: GPano | None = None,
+    carried: ImageMetadata | None = None,
+) -> None:
     """Write an image file atomically; an existing file is unchanged on errors.
 
     Parameters
@@ -390,14 +451,20 @@ def write_image(path: str | Path, image: Image, *, panorama: GPano | None = None
     kind = format_of(path)
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or 0 in image.shape:
-        raise MediaError(f"cannot write {path}: image must have the shape (h, w) or (h, w, c); got shape {image.shape}")
+        raise MediaError(
+            f"cannot write {path}: image must have the shape (h, w) or (h, w, c); got shape {image.shape}"
+        )
     if image.dtype.name not in kind.depths or channels not in kind.channels:
-        raise MediaError(f"cannot write {path}: {Path(path).suffix} images must be {' or '.join(kind.depths)} with {' or '.join(map(str, kind.channels))} channels; got {image.dtype.name} with {channels}")
+        raise MediaError(
+            f"cannot write {path}: {Path(path).suffix} images must be {' or '.join(kind.depths)} with {' or '.join(map(str, kind.channels))} channels; got {image.dtype.name} with {channels}"
+        )
     check_size(path, (image.shape[1], image.shape[0]))
     if panorama is not None:
         _check_panorama(path, image, panorama)
     if carried and Path(path).suffix.lower() not in METADATA_WRITERS:
-        raise MediaError(f"cannot write {path}: a colour profile or EXIF requires {', '.join(METADATA_WRITERS)}")
+        raise MediaError(
+            f"cannot write {path}: a colour profile or EXIF requires {', '.join(METADATA_WRITERS)}"
+        )
     try:
         with atomic_output(path) as temporary:
             if temporary.suffix.lower() == ".exr":
@@ -412,14 +479,20 @@ def write_image(path: str | Path, image: Image, *, panorama: GPano | None = None
 
 def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
     if not can_be_panorama(path):
-        raise MediaError(f"cannot write {path}: panorama metadata requires {', '.join(_image_metadata.XMP_WRITERS)}")
+        raise MediaError(
+            f"cannot write {path}: panorama metadata requires {', '.join(_image_metadata.XMP_WRITERS)}"
+        )
     height, width = image.shape[:2]
     if panorama.cropped_size != (width, height):
         expected = " x ".join(map(str, panorama.cropped_size))
-        raise MediaError(f"cannot write {path}: the image must have the size of panorama, {expected} px; got {width} x {height} px")
+        raise MediaError(
+            f"cannot write {path}: the image must have the size of panorama, {expected} px; got {width} x {height} px"
+        )
 
 
-def _encoded(path: Path, image: Image, panorama: GPano | None, carried: ImageMetadata | None) -> bytes:
+def _encoded(
+    path: Path, image: Image, panorama: GPano | None, carried: ImageMetadata | None
+) -> bytes:
     """Return the bytes of the file."""
     suffix = path.suffix.lower()
     try:
@@ -434,7 +507,9 @@ def _encoded(path: Path, image: Image, panorama: GPano | None, carried: ImageMet
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
     """Encode a grey, RGB or RGBA image with OpenCV's encoder for ``suffix``."""
     with _quiet():
-        is_encoded, buffer = cv2.imencode(suffix, _swap_red_blue(np.ascontiguousarray(image)), parameters)
+        is_encoded, buffer = cv2.imencode(
+            suffix, _swap_red_blue(np.ascontiguousarray(image)), parameters
+        )
     if not is_encoded:
         height, width = image.shape[:2]
         raise MediaError(f"cannot encode an image of {width} x {height} px as {suffix}")
@@ -447,7 +522,9 @@ def _swap_red_blue(image: Image) -> Image:
     channels = image.shape[2] if image.ndim == 3 else 1
     if channels not in (3, 4):
         return image
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB if channels == 3 else cv2.COLOR_BGRA2RGBA))
+    return np.asarray(
+        cv2.cvtColor(image, cv2.COLOR_BGR2RGB if channels == 3 else cv2.COLOR_BGRA2RGBA)
+    )
 
 
 def _is_truncated(data: bytes) -> bool:

@@ -64,7 +64,11 @@ def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
     count = frame[5] if len(frame) > 5 else 0
     parts = [frame[6 + 3 * i : 9 + 3 * i] for i in range(count)]
     names = bytes(part[0] for part in parts if part)
-    if count not in (1, 3) or names == b"RGB" or any(len(part) < 3 or part[2] not in tables_by_number for part in parts):
+    if (
+        count not in (1, 3)
+        or names == b"RGB"
+        or any(len(part) < 3 or part[2] not in tables_by_number for part in parts)
+    ):
         return None
     tables = tuple(tables_by_number[part[2]] for part in parts)
     finest, coarse = parts[0][1], parts[-1][1]

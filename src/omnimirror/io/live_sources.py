@@ -17,7 +17,14 @@ from av.container import InputContainer
 from ..base.errors import MediaError
 from . import interrupts
 from .exif import UPRIGHT
-from .video_frames import ChromaSiting, Deinterlacer, frame_orientation, orientation_note, siting_of, upright
+from .video_frames import (
+    ChromaSiting,
+    Deinterlacer,
+    frame_orientation,
+    orientation_note,
+    siting_of,
+    upright,
+)
 from .video_reader import VideoReader
 
 # -- Cameras and network streams -------------------------------------------------------------------
@@ -25,7 +32,11 @@ from .video_reader import VideoReader
 TICKS = Fraction(1, 90_000)  # s, unit of the frame times
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "tcp", "rtp", "rtmp", "srt", "file")
 SCHEMES_WITH_PORT = ("udp", "tcp", "rtp", "srt")
-PERMANENT_ERRORS = (av.error.LookupError, av.error.HTTPUnauthorizedError, av.error.HTTPForbiddenError)
+PERMANENT_ERRORS = (
+    av.error.LookupError,
+    av.error.HTTPUnauthorizedError,
+    av.error.HTTPForbiddenError,
+)
 """Errors for which retrying is useless: unknown protocol or decoder, access denied."""
 CLOSE_TIMEOUT_S = 0.2  # longer than the frame interval of any running stream
 LOW_DELAY = {"flags": "low_delay", "analyzeduration": "500000"}
@@ -42,7 +53,11 @@ def is_live(text: str) -> bool:
     >>> [is_live(text) for text in ("rtsp://door/1", "/dev/video0", "0", "room.mp4", "C:\\\\room.mp4", "١٢٣")]
     [True, True, True, False, False, False]
     """
-    return (text.isascii() and text.isdigit()) or text.startswith("/dev/video") or text.partition("://")[0].lower() in SCHEMES
+    return (
+        (text.isascii() and text.isdigit())
+        or text.startswith("/dev/video")
+        or text.partition("://")[0].lower() in SCHEMES
+    )
 
 
 class LiveSource:
@@ -88,7 +103,17 @@ class LiveSource:
     """
 
     def __init__(
-        self, url: str, timeout_s: float = 5.0, patience_s: float = 30.0, min_delay_s: float = 0.25, max_delay_s: float = 8.0, reconnect: bool = True, options: Mapping[str, str] | None = None, on_warning: Callable[[str], None] | None = None, opening_s: float | None = None, stored_orientation: bool = False
+        self,
+        url: str,
+        timeout_s: float = 5.0,
+        patience_s: float = 30.0,
+        min_delay_s: float = 0.25,
+        max_delay_s: float = 8.0,
+        reconnect: bool = True,
+        options: Mapping[str, str] | None = None,
+        on_warning: Callable[[str], None] | None = None,
+        opening_s: float | None = None,
+        stored_orientation: bool = False,
     ) -> None:
         self.url, self._format = resolve_source(str(url))
         self.name = without_credentials(self.url)
@@ -146,7 +171,9 @@ class LiveSource:
         """
         while not interrupts.is_pending():
             with self._changed:
-                self._changed.wait_for(lambda: self._newest is not None or self._is_finished, interrupts.POLL_S)
+                self._changed.wait_for(
+                    lambda: self._newest is not None or self._is_finished, interrupts.POLL_S
+                )
                 frame, self._newest = self._newest, None
             if frame is not None:
                 yield frame
@@ -168,7 +195,12 @@ class LiveSource:
     def __enter__(self) -> LiveSource:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     # -- reading thread ----------------------------------------------------------------------------
@@ -221,7 +253,9 @@ class LiveSource:
 
     def _open(self) -> InputContainer:
         times = (self.timeout_s, self.timeout_s)
-        container = av.open(self.url, "r", format=self._format, options=self._options, timeout=times)
+        container = av.open(
+            self.url, "r", format=self._format, options=self._options, timeout=times
+        )
         if not container.streams.video:
             container.close()
             raise av.error.InvalidDataError(0, "the source has no video")
@@ -234,7 +268,9 @@ class LiveSource:
     def _receive(self, container: InputContainer) -> None:
         is_reconnecting, deinterlace = self.received > 0, Deinterlacer()
         for packet in container.demux(container.streams.video[0]):
-            if self._stopping.is_set() or self._remaining_s() < 0:  # the packets may contain no frames
+            if (
+                self._stopping.is_set() or self._remaining_s() < 0
+            ):  # the packets may contain no frames
                 return
             try:
                 frames = packet.decode()
@@ -243,12 +279,18 @@ class LiveSource:
             for frame in (ready for coded in frames for ready in deinterlace(coded)):
                 if is_reconnecting:
                     self.reconnects += 1
-                    self._on_warning(f"{self.name} is reconnected after {time.monotonic() - self._last_frame_s:.1f} s")
+                    self._on_warning(
+                        f"{self.name} is reconnected after {time.monotonic() - self._last_frame_s:.1f} s"
+                    )
                     is_reconnecting = False
                 found = frame_orientation(frame)
-                if not self.received and (note := orientation_note(self.name, found, self._stored_orientation)):
+                if not self.received and (
+                    note := orientation_note(self.name, found, self._stored_orientation)
+                ):
                     self.notes = (note,)
-                self._offer(upright(frame, UPRIGHT if self._stored_orientation else found or UPRIGHT))
+                self._offer(
+                    upright(frame, UPRIGHT if self._stored_orientation else found or UPRIGHT)
+                )
 
     def _offer(self, frame: av.VideoFrame) -> None:
         with self._changed:
@@ -291,11 +333,15 @@ def resolve_source(url: str) -> tuple[str, str | None]:
     if url.startswith("/dev/video"):
         if not Path(url).exists():
             available = ", ".join(sorted(str(path) for path in Path("/dev").glob("video*")))
-            raise MediaError(f"the camera must be one of the connected ones ({available or 'none'}); got {url}")
+            raise MediaError(
+                f"the camera must be one of the connected ones ({available or 'none'}); got {url}"
+            )
         return url, "v4l2"
     scheme, colon, rest = url.partition("://")
     if scheme.lower() not in SCHEMES or not colon:
-        raise MediaError(f"the source must be a camera such as /dev/video0, or an address of {', '.join(SCHEMES)}; got {url!r}")
+        raise MediaError(
+            f"the source must be a camera such as /dev/video0, or an address of {', '.join(SCHEMES)}; got {url!r}"
+        )
     if scheme.lower() == "file":
         if not Path(rest).is_file():
             raise MediaError(f"{url} must be the address of an existing file")
@@ -312,9 +358,13 @@ def _check_host(url: str, scheme: str) -> None:
     except ValueError as e:
         raise MediaError(f"{without_credentials(url)!r} must be a valid address: {e}") from None
     if not host and port is None:
-        raise MediaError(f"the address must contain a host, as in {scheme}://HOST or {scheme}://HOST:PORT/PATH; got {without_credentials(url)!r}")
+        raise MediaError(
+            f"the address must contain a host, as in {scheme}://HOST or {scheme}://HOST:PORT/PATH; got {without_credentials(url)!r}"
+        )
     if scheme in SCHEMES_WITH_PORT and port is None:
-        raise MediaError(f"the address must contain a port, as in {scheme}://HOST:PORT; got {without_credentials(url)!r}")
+        raise MediaError(
+            f"the address must contain a port, as in {scheme}://HOST:PORT; got {without_credentials(url)!r}"
+        )
 
 
 # -- Continuous playback ---------------------------------------------------------------------------
@@ -338,7 +388,15 @@ class Playback:
         Yield frames as stored, without the rotation of a display matrix.
     """
 
-    def __init__(self, source: str, is_live: bool, on_warning: Callable[[str], None], opening_s: float = float("inf"), *, stored_orientation: bool = False) -> None:
+    def __init__(
+        self,
+        source: str,
+        is_live: bool,
+        on_warning: Callable[[str], None],
+        opening_s: float = float("inf"),
+        *,
+        stored_orientation: bool = False,
+    ) -> None:
         self.source, self.is_live = source, is_live
         self.siting: ChromaSiting = "left"
         """Position of chroma samples in the frames; known after the first one."""
@@ -346,7 +404,11 @@ class Playback:
         """Frames per second, if the source contains it; known after the first frame."""
         self.notes: tuple[str, ...] = ()
         """Remarks on the frames for the user, in sentences; known after the first frame."""
-        self._on_warning, self._opening_s, self._stored_orientation = on_warning, opening_s, stored_orientation
+        self._on_warning, self._opening_s, self._stored_orientation = (
+            on_warning,
+            opening_s,
+            stored_orientation,
+        )
         self._stopping = threading.Event()
 
     def stop(self) -> None:
@@ -364,7 +426,13 @@ class Playback:
         return self._live() if self.is_live else self._file()
 
     def _live(self) -> Iterator[av.VideoFrame]:
-        live = LiveSource(self.source, patience_s=float("inf"), opening_s=self._opening_s, on_warning=self._on_warning, stored_orientation=self._stored_orientation)
+        live = LiveSource(
+            self.source,
+            patience_s=float("inf"),
+            opening_s=self._opening_s,
+            on_warning=self._on_warning,
+            stored_orientation=self._stored_orientation,
+        )
         with live as source:
 
             def close() -> None:
@@ -373,15 +441,25 @@ class Playback:
 
             threading.Thread(target=close, daemon=True).start()  # a silent stream blocks
             for frame in source.frames():
-                self.siting, self.frame_rate, self.notes = (source.siting, source.frame_rate, source.notes)
+                self.siting, self.frame_rate, self.notes = (
+                    source.siting,
+                    source.frame_rate,
+                    source.notes,
+                )
                 yield frame
                 if self._stopping.is_set():
                     return
 
     def _file(self) -> Iterator[av.VideoFrame]:
         while not self._stopping.is_set():
-            reader = VideoReader(self.source, with_audio=False, stored_orientation=self._stored_orientation)
-            self.siting, self.frame_rate, self.notes = (reader.siting, reader.frame_rate, tuple(reader.notes))
+            reader = VideoReader(
+                self.source, with_audio=False, stored_orientation=self._stored_orientation
+            )
+            self.siting, self.frame_rate, self.notes = (
+                reader.siting,
+                reader.frame_rate,
+                tuple(reader.notes),
+            )
             begin, first = time.monotonic(), None
             for frame in reader.frames():
                 shown_s = frame.time or 0.0

@@ -17,8 +17,30 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from ..base.errors import InvalidParameter, MediaError, OmnimirrorError
-from .video_frames import CHROMA_444_CODECS, CODECS_WITHOUT_ALPHA, FULL_RANGE, ColourCoding, PixelFormat, conversion_losses, converted, is_full_range, nearest_format
-from .video_metadata import CHAPTER_FORMATS, DISPLAY_LOST, DISPLAY_OPTIONS, SUBTITLE_CODECS, Chapter, MasteringDisplay, SubtitleTrack, copy_track_metadata, holds_data, lost_data, unsupported_tracks
+from .video_frames import (
+    CHROMA_444_CODECS,
+    CODECS_WITHOUT_ALPHA,
+    FULL_RANGE,
+    ColourCoding,
+    PixelFormat,
+    conversion_losses,
+    converted,
+    is_full_range,
+    nearest_format,
+)
+from .video_metadata import (
+    CHAPTER_FORMATS,
+    DISPLAY_LOST,
+    DISPLAY_OPTIONS,
+    SUBTITLE_CODECS,
+    Chapter,
+    MasteringDisplay,
+    SubtitleTrack,
+    copy_track_metadata,
+    holds_data,
+    lost_data,
+    unsupported_tracks,
+)
 
 DEFAULT_CODEC = "libx264"
 KNOWN_CODECS = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "mpeg4", "mjpeg", "ffv1")
@@ -135,41 +157,78 @@ class Encoder:
         display_options = (display or MasteringDisplay()).options(codec)
         if display_options:
             name = DISPLAY_OPTIONS[codec]
-            encoder_options[name] = ":".join(filter(None, [display_options, encoder_options.get(name)]))
-        self.container: OutputContainer = av.open(target, "w", format=container_format, container_options=dict(container_options or {}))
+            encoder_options[name] = ":".join(
+                filter(None, [display_options, encoder_options.get(name)])
+            )
+        self.container: OutputContainer = av.open(
+            target, "w", format=container_format, container_options=dict(container_options or {})
+        )
         try:
             self._stream = self._video_stream(codec, rate, encoder_options)
             context = self._stream.codec_context
             self._time_base = time_base or 1 / rate
             context.time_base = self._stream.time_base = self._time_base
-            self.pixel_format = context.pix_fmt = _pixel_format(context.codec, size, source_format, pixel_format)
-            self.losses = "" if pixel_format else conversion_losses(source_format, PixelFormat.of(self.pixel_format))
+            self.pixel_format = context.pix_fmt = _pixel_format(
+                context.codec, size, source_format, pixel_format
+            )
+            self.losses = (
+                ""
+                if pixel_format
+                else conversion_losses(source_format, PixelFormat.of(self.pixel_format))
+            )
             """Losses of images in the pixel format ``source_format``, as a phrase."""
             context.width, context.height = size
             context.thread_type = "SLICE" if is_live else "AUTO"
             context.sample_aspect_ratio = pixel_aspect
-            self.colour = ColourCoding() if colour is None or codec in CODECS_WITHOUT_COLOUR_CODING else colour
+            self.colour = (
+                ColourCoding()
+                if colour is None or codec in CODECS_WITHOUT_COLOUR_CODING
+                else colour
+            )
             self.colour.apply_to(context)
-            if colour is not None and colour.is_hdr and (self.colour != colour or PixelFormat.of(self.pixel_format).bits < 10):
-                loss = "HDR tags are lost" if self.colour != colour else "HDR with 8 bits causes banding"
+            if (
+                colour is not None
+                and colour.is_hdr
+                and (self.colour != colour or PixelFormat.of(self.pixel_format).bits < 10)
+            ):
+                loss = (
+                    "HDR tags are lost"
+                    if self.colour != colour
+                    else "HDR with 8 bits causes banding"
+                )
                 self.losses = ", ".join(filter(None, [self.losses, loss]))
             if display_options is None and display not in (None, MasteringDisplay()):
                 self.losses = ", ".join(filter(None, [self.losses, DISPLAY_LOST]))
             if rotation_deg:
                 self._stream.set_display_rotation(rotation_deg)
-            self._copied: dict[int, Any] = {stream.index: self._audio_stream(stream) for stream in audio}
+            self._copied: dict[int, Any] = {
+                stream.index: self._audio_stream(stream) for stream in audio
+            }
             self._start_time_s, name = start_time_s, self.container.format.name
             self.dropped_tracks = unsupported_tracks(name, audio, subtitles, chapters)
             """Subtitles and chapters that the container does not support, as a phrase."""
             supported = subtitles if name in SUBTITLE_CODECS else ()
-            self._subtitles = {stream.index: SubtitleTrack(self.container, stream) for stream in supported}
+            self._subtitles = {
+                stream.index: SubtitleTrack(self.container, stream) for stream in supported
+            }
             self.lost_data = lost_data(name, data)
             """Data tracks that the container does not support, as a phrase."""
-            self._copied |= {stream.index: self._data_stream(stream) for stream in data if holds_data(name, stream)}
+            self._copied |= {
+                stream.index: self._data_stream(stream)
+                for stream in data
+                if holds_data(name, stream)
+            }
             if chapters and name in CHAPTER_FORMATS:
-                shifted = (c._replace(start_s=c.start_s + start_time_s, end_s=c.end_s + start_time_s) for c in chapters)
-                self.container.set_chapters([chapter.to_av(number) for number, chapter in enumerate(shifted, 1)])
-            content_metadata = {key: text for key, text in (metadata or {}).items() if key not in CONTAINER_METADATA}
+                shifted = (
+                    c._replace(start_s=c.start_s + start_time_s, end_s=c.end_s + start_time_s)
+                    for c in chapters
+                )
+                self.container.set_chapters(
+                    [chapter.to_av(number) for number, chapter in enumerate(shifted, 1)]
+                )
+            content_metadata = {
+                key: text for key, text in (metadata or {}).items() if key not in CONTAINER_METADATA
+            }
             self.container.metadata.update(content_metadata)
             with media_errors(self.target):
                 context.open()
@@ -184,11 +243,15 @@ class Encoder:
         ``is_key`` forces a key frame, if the codec has them.
         """
         if (frame.width, frame.height) != self.size:
-            raise InvalidParameter(f"frames of {self.target} must have {self.size[0]} x {self.size[1]} px; got {frame.width} x {frame.height} px")
+            raise InvalidParameter(
+                f"frames of {self.target} must have {self.size[0]} x {self.size[1]} px; got {frame.width} x {frame.height} px"
+            )
         frame = self._converted(frame)
         self._set_time(frame)
         # key frames of the source are not forced
-        frame.pict_type = av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
+        frame.pict_type = (
+            av.video.frame.PictureType.I if is_key else av.video.frame.PictureType.NONE
+        )
         with media_errors(self.target):
             self.container.mux(self._stream.encode(frame))
         self.frames_written += 1
@@ -202,14 +265,21 @@ class Encoder:
         is_full = is_full_range(frame)
         if is_full != self.colour.is_full_range:
             return converted(frame, self.pixel_format, dst_color_range=1 if is_full else FULL_RANGE)
-        return frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
+        return (
+            frame if frame.format.name == self.pixel_format else converted(frame, self.pixel_format)
+        )
 
     def _set_time(self, frame: av.VideoFrame) -> None:
         """Set increasing times in the unit of the target, as encoders and players require."""
         if frame.pts is None:
-            pts = self._latest_pts + round(1 / self._stream.codec_context.framerate / self._time_base)
+            pts = self._latest_pts + round(
+                1 / self._stream.codec_context.framerate / self._time_base
+            )
         else:
-            pts = round((frame.pts * (frame.time_base or self._time_base) + self._start_time_s) / self._time_base)
+            pts = round(
+                (frame.pts * (frame.time_base or self._time_base) + self._start_time_s)
+                / self._time_base
+            )
         if frame.duration and frame.time_base:
             frame.duration = round(frame.duration * frame.time_base / self._time_base)
         if self.frames_written:
@@ -251,12 +321,17 @@ class Encoder:
         try:
             stream = self.container.add_stream(codec, rate=rate, options=options)
         except ValueError:
-            raise MediaError(f"{name} does not support the video codec {codec}; use .mp4 or .mkv") from None
+            raise MediaError(
+                f"{name} does not support the video codec {codec}; use .mp4 or .mkv"
+            ) from None
         assert isinstance(stream, VideoStream)
         return stream
 
     def _audio_stream(self, source: AudioStream) -> AudioStream:
-        is_private = self.container.format.name == "mpegts" and source.codec_context.name not in MPEG_TS_AUDIO_CODECS
+        is_private = (
+            self.container.format.name == "mpegts"
+            and source.codec_context.name not in MPEG_TS_AUDIO_CODECS
+        )
         try:
             if not is_private:
                 stream = self.container.add_stream_from_template(source)
@@ -287,7 +362,9 @@ class Encoder:
 
     def _unsupported_audio(self, source: AudioStream) -> MediaError:
         codec = source.codec_context.name if source.codec_context else "unknown"
-        return MediaError(f"{self.container.format.name} does not support the audio codec of the source, {codec}; write to .mkv, or omit the audio")
+        return MediaError(
+            f"{self.container.format.name} does not support the audio codec of the source, {codec}; write to .mkv, or omit the audio"
+        )
 
 
 def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[str, str]:
@@ -295,12 +372,19 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
     try:
         context = av.CodecContext.create(codec, "w")
     except ValueError:
-        raise MediaError(f"codec must be an FFmpeg encoder such as {', '.join(KNOWN_CODECS)}; got {codec!r}") from None
+        raise MediaError(
+            f"codec must be an FFmpeg encoder such as {', '.join(KNOWN_CODECS)}; got {codec!r}"
+        ) from None
     if codec == "libsvtav1":
         os.environ.setdefault("SVT_LOG", "0")  # suppresses terminal output
     if context.type != "video":
-        raise MediaError(f"codec must be a video encoder such as {', '.join(KNOWN_CODECS)}; got {codec!r}")
-    supported = {option.name for option in (*context.supported_options.generic, *context.supported_options.private)}
+        raise MediaError(
+            f"codec must be a video encoder such as {', '.join(KNOWN_CODECS)}; got {codec!r}"
+        )
+    supported = {
+        option.name
+        for option in (*context.supported_options.generic, *context.supported_options.private)
+    }
     encoder_options = {**({} if crf is None else {"crf": str(crf)}), **options}
     for name in encoder_options:
         if name not in supported:
@@ -310,19 +394,29 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
     return encoder_options
 
 
-def _pixel_format(codec: Any, size: tuple[int, int], source_format: str, requested: str | None) -> str:
+def _pixel_format(
+    codec: Any, size: tuple[int, int], source_format: str, requested: str | None
+) -> str:
     """Return the requested pixel format, or that closest to the input; check the image size."""
     supported = [pixel_format.name for pixel_format in codec.video_formats or []]
     if requested is not None and supported and requested not in supported:
-        raise InvalidParameter(f"pixel_format must be one of {', '.join(supported)} for {codec.name}; got {requested}")
+        raise InvalidParameter(
+            f"pixel_format must be one of {', '.join(supported)} for {codec.name}; got {requested}"
+        )
     chosen = requested or nearest_format(_required_format(codec.name, source_format), supported)
     try:
         kind = PixelFormat.of(chosen)
     except ValueError:
-        raise InvalidParameter(f"pixel_format must be one of FFmpeg, such as yuv420p or yuv422p10le; got {chosen}") from None
-    sides = [side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)]
+        raise InvalidParameter(
+            f"pixel_format must be one of FFmpeg, such as yuv420p or yuv422p10le; got {chosen}"
+        ) from None
+    sides = [
+        side + (side % 2 if is_even else 0) for side, is_even in zip(size, kind.even, strict=True)
+    ]
     if sides != [*size] and codec.name not in CHROMA_444_CODECS:
-        raise InvalidParameter(f"the size of a video encoded by {codec.name} must be even because of chroma subsampling, such as {sides[0]} x {sides[1]} px; got {size[0]} x {size[1]} px")
+        raise InvalidParameter(
+            f"the size of a video encoded by {codec.name} must be even because of chroma subsampling, such as {sides[0]} x {sides[1]} px; got {size[0]} x {size[1]} px"
+        )
     return chosen
 
 

@@ -93,10 +93,19 @@ def nearest_format(requested: PixelFormat, supported: Sequence[str]) -> str:
         colour = int(kind.colours) - int(requested.colours)
         bits = kind.bits - requested.bits
         is_lost = (requested.alpha > kind.alpha, max(0, -colour), max(0, -bits))
-        is_added = (max(0, colour), max(0, bits), kind.alpha > requested.alpha, name.startswith("yuvj"))
+        is_added = (
+            max(0, colour),
+            max(0, bits),
+            kind.alpha > requested.alpha,
+            name.startswith("yuvj"),
+        )
         return (*map(int, is_lost), *map(int, is_added))
 
-    planar = [name for name in supported if name.startswith("yuv") and PixelFormat.of(name).name in (name, name.replace("j", ""))]
+    planar = [
+        name
+        for name in supported
+        if name.startswith("yuv") and PixelFormat.of(name).name in (name, name.replace("j", ""))
+    ]
     return min(planar, key=costs, default=supported[0] if supported else PixelFormat().name)
 
 
@@ -173,7 +182,12 @@ class ColourCoding:
     @classmethod
     def of(cls, coded: Any) -> ColourCoding:
         """Return the colour coding of a frame, or of a codec context."""
-        return cls(int(coded.color_range), int(coded.colorspace), int(coded.color_primaries), int(coded.color_trc))
+        return cls(
+            int(coded.color_range),
+            int(coded.colorspace),
+            int(coded.color_primaries),
+            int(coded.color_trc),
+        )
 
     @classmethod
     def of_video(cls, frame: av.VideoFrame) -> ColourCoding:
@@ -211,7 +225,9 @@ def planes(frame: av.VideoFrame) -> Planes:
     ([(47, 63), (24, 32), (24, 32)], np.uint8(128))
     """
     if not has_planes(frame):
-        raise MediaError(f"the pixel format must be nv12 or planar YUV to access planes; got {frame.format.name}")
+        raise MediaError(
+            f"the pixel format must be nv12 or planar YUV to access planes; got {frame.format.name}"
+        )
     kind = np.dtype(np.uint8 if PixelFormat.of(frame.format.name).bits == 8 else "<u2")
     views: list[NDArray[Any]] = []
     for plane in frame.planes:
@@ -220,7 +236,11 @@ def planes(frame: av.VideoFrame) -> Planes:
         if plane.line_size < 0:  # stored bottom-up
             rows = rows[::-1]
         is_pairs = len(frame.planes) == 2 and bool(views)
-        views.append(rows[:, : 2 * plane.width].reshape(plane.height, -1, 2) if is_pairs else rows[:, : plane.width])
+        views.append(
+            rows[:, : 2 * plane.width].reshape(plane.height, -1, 2)
+            if is_pairs
+            else rows[:, : plane.width]
+        )
     return tuple(views)
 
 
@@ -244,7 +264,9 @@ def converted(frame: av.VideoFrame, pixel_format: str, **colours: int) -> av.Vid
     The setup of a conversion in FFmpeg takes longer than the conversion; it is cached per thread
     for the next frame.
     """
-    reformatters: dict[Any, VideoReformatter] = _thread_cache.__dict__.setdefault("reformatters", {})
+    reformatters: dict[Any, VideoReformatter] = _thread_cache.__dict__.setdefault(
+        "reformatters", {}
+    )
     kind = (frame.width, frame.height, frame.format.name, pixel_format)
     if kind not in reformatters:
         reformatters[kind] = VideoReformatter()
@@ -273,7 +295,9 @@ def workable(frame: av.VideoFrame) -> av.VideoFrame:
     return converted(frame, PixelFormat.of(frame.format.name).name)
 
 
-def empty_frame(size: tuple[int, int], pixel_format: str = "yuv420p", like: av.VideoFrame | None = None) -> tuple[av.VideoFrame, Planes]:
+def empty_frame(
+    size: tuple[int, int], pixel_format: str = "yuv420p", like: av.VideoFrame | None = None
+) -> tuple[av.VideoFrame, Planes]:
     """Allocate a frame to be filled through its planes, which avoids a copy.
 
     Parameters
@@ -304,7 +328,9 @@ def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.Vide
     frame, into = empty_frame((width, height), "nv12" if len(parts) == 2 else "yuv420p", like)
     if [part.shape for part in parts] != [plane.shape for plane in into]:
         shapes = ", ".join(str(part.shape) for part in parts)
-        raise MediaError(f"planes must have the shapes of a 4:2:0 image of {width} x {height} px; got {shapes}")
+        raise MediaError(
+            f"planes must have the shapes of a 4:2:0 image of {width} x {height} px; got {shapes}"
+        )
     for part, plane in zip(parts, into, strict=True):
         plane[:] = part
     return frame
@@ -331,11 +357,20 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
         The array is not such an image.
     """
     channels = image.shape[2] if image.ndim == 3 else 1
-    if image.ndim not in (2, 3) or channels not in PACKED_FORMATS or image.dtype != np.uint8 or 0 in image.shape:
-        raise MediaError(f"image must be uint8 of shape (h, w), (h, w, 3) or (h, w, 4); got {image.dtype} of shape {image.shape}")
+    if (
+        image.ndim not in (2, 3)
+        or channels not in PACKED_FORMATS
+        or image.dtype != np.uint8
+        or 0 in image.shape
+    ):
+        raise MediaError(
+            f"image must be uint8 of shape (h, w), (h, w, 3) or (h, w, 4); got {image.dtype} of shape {image.shape}"
+        )
     if channels == 1:
         image = image.reshape(image.shape[:2])
-    frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format=PACKED_FORMATS[channels])
+    frame = av.VideoFrame.from_numpy_buffer(
+        np.ascontiguousarray(image), format=PACKED_FORMATS[channels]
+    )
     if like is not None:
         _copy_time(like, frame)
         frame.colorspace, frame.color_range = like.colorspace, like.color_range
@@ -379,11 +414,27 @@ def _copy_time(like: av.VideoFrame, frame: av.VideoFrame) -> None:
 
 # -- Orientation of a video (display matrix) ---------------------------------------------------------
 
-ORIENTATION_OF_AXES = {((1, 0), (0, 1)): 1, ((-1, 0), (0, 1)): 2, ((-1, 0), (0, -1)): 3, ((1, 0), (0, -1)): 4, ((0, 1), (1, 0)): 5, ((0, 1), (-1, 0)): 6, ((0, -1), (-1, 0)): 7, ((0, -1), (1, 0)): 8}
+ORIENTATION_OF_AXES = {
+    ((1, 0), (0, 1)): 1,
+    ((-1, 0), (0, 1)): 2,
+    ((-1, 0), (0, -1)): 3,
+    ((1, 0), (0, -1)): 4,
+    ((0, 1), (1, 0)): 5,
+    ((0, 1), (-1, 0)): 6,
+    ((0, -1), (-1, 0)): 7,
+    ((0, -1), (1, 0)): 8,
+}
 """Orientation as in EXIF, by the directions (right, down) on the display of the stored rows and
 columns.
 """
-SITING_AFTER_ORIENTATION: dict[int, ChromaSiting] = {2: "right", 3: "right", 5: "top", 6: "top", 7: "bottom", 8: "bottom"}
+SITING_AFTER_ORIENTATION: dict[int, ChromaSiting] = {
+    2: "right",
+    3: "right",
+    5: "top",
+    6: "top",
+    7: "bottom",
+    8: "bottom",
+}
 """Position of chroma samples after an orientation of left-sited frames, by orientation."""
 
 
@@ -475,7 +526,12 @@ class Deinterlacer:
 
 def _graph(frame: av.VideoFrame) -> Graph:
     graph = Graph()
-    source = graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base or Fraction(1, av.time_base))
+    source = graph.add_buffer(
+        width=frame.width,
+        height=frame.height,
+        format=frame.format,
+        time_base=frame.time_base or Fraction(1, av.time_base),
+    )
     bwdif = graph.add("bwdif", "mode=send_frame:deint=interlaced")
     sink = graph.add("buffersink")
     source.link_to(bwdif)

@@ -17,7 +17,13 @@ from av.sidedata.sidedata import Type as SideData
 
 TEXT_SUBTITLES = ("subrip", "ass", "webvtt", "mov_text", "text")
 """Codecs of text subtitles, which containers store in different forms; others are images."""
-SUBTITLE_CODECS = {"mp4": ("mov_text",), "mov": ("mov_text",), "ipod": ("mov_text",), "matroska": ("subrip", "ass", "webvtt"), "webm": ("webvtt",)}
+SUBTITLE_CODECS = {
+    "mp4": ("mov_text",),
+    "mov": ("mov_text",),
+    "ipod": ("mov_text",),
+    "matroska": ("subrip", "ass", "webvtt"),
+    "webm": ("webvtt",),
+}
 """Text subtitle codecs by container format; others are converted to the first."""
 CHAPTER_FORMATS = tuple(SUBTITLE_CODECS)
 TRACK_METADATA = {"title": "title", "name": "title", "comment": "comment"}
@@ -119,7 +125,27 @@ QUICKTIME_LANGUAGES = frozenset(
     ]
 )
 """Languages that FFmpeg writes to QuickTime files."""
-QUICKTIME_LANGUAGE_CODES = {"deu": "ger", "fre": "fra", "nld": "dut", "swe": "sve", "ell": "gre", "isl": "ice", "zho": "chi", "sqi": "alb", "rum": "ron", "cze": "ces", "slo": "slk", "mkd": "mac", "hye": "arm", "kat": "geo", "bod": "tib", "mya": "bur", "msa": "may", "cym": "wel", "eus": "baq"}
+QUICKTIME_LANGUAGE_CODES = {
+    "deu": "ger",
+    "fre": "fra",
+    "nld": "dut",
+    "swe": "sve",
+    "ell": "gre",
+    "isl": "ice",
+    "zho": "chi",
+    "sqi": "alb",
+    "rum": "ron",
+    "cze": "ces",
+    "slo": "slk",
+    "mkd": "mac",
+    "hye": "arm",
+    "kat": "geo",
+    "bod": "tib",
+    "mya": "bur",
+    "msa": "may",
+    "cym": "wel",
+    "eus": "baq",
+}
 """Alternative codes of ISO 639-2 for them."""
 DATA_OF = {"mp4": ("bin_data",), "mpegts": ("klv", "timed_id3")}
 """Data codecs by container format, in which FFmpeg keeps their identification.
@@ -145,7 +171,13 @@ class Chapter(NamedTuple):
     def to_av(self, number: int) -> Any:
         """Return the chapter as PyAV expects it."""
         start, end = (round(time / MILLISECOND) for time in (self.start_s, self.end_s))
-        return {"id": number, "start": start, "end": end, "time_base": MILLISECOND, "metadata": self.metadata}
+        return {
+            "id": number,
+            "start": start,
+            "end": end,
+            "time_base": MILLISECOND,
+            "metadata": self.metadata,
+        }
 
 
 def chapters_between(container: Any, start: Fraction, end: Fraction | None) -> tuple[Chapter, ...]:
@@ -155,18 +187,26 @@ def chapters_between(container: Any, start: Fraction, end: Fraction | None) -> t
         first, last = (chapter[key] * chapter["time_base"] for key in ("start", "end"))
         last = last if end is None else min(last, end)
         if last > max(first, start):
-            chapters.append(Chapter(max(first, start) - start, last - start, dict(chapter["metadata"])))
+            chapters.append(
+                Chapter(max(first, start) - start, last - start, dict(chapter["metadata"]))
+            )
     return tuple(chapters)
 
 
 def text_subtitles(container: Any) -> tuple[Any, ...]:
     """Return the subtitle streams of a file that are text."""
-    return tuple(stream for stream in container.streams.subtitles if _codec(stream) in TEXT_SUBTITLES)
+    return tuple(
+        stream for stream in container.streams.subtitles if _codec(stream) in TEXT_SUBTITLES
+    )
 
 
 def data_streams(container: Any) -> tuple[Any, ...]:
     """Return the data streams of a file, without chapters and timecodes, which are read as such."""
-    return tuple(stream for stream in container.streams.data if stream.discard != NO_PACKETS and "timecode" not in stream.metadata)
+    return tuple(
+        stream
+        for stream in container.streams.data
+        if stream.discard != NO_PACKETS and "timecode" not in stream.metadata
+    )
 
 
 def holds_data(format_name: str, stream: Any) -> bool:
@@ -178,7 +218,9 @@ def holds_data(format_name: str, stream: Any) -> bool:
 
 def lost_data(format_name: str, data: Sequence[Any]) -> str:
     """Describe the data tracks that a format does not support; empty if it supports all."""
-    return " and ".join(_data_track(stream) for stream in data if not holds_data(format_name, stream))
+    return " and ".join(
+        _data_track(stream) for stream in data if not holds_data(format_name, stream)
+    )
 
 
 def _data_track(stream: Any) -> str:
@@ -190,7 +232,9 @@ def _data_track(stream: Any) -> str:
 
 def dropped_tracks(container: Any) -> Iterable[str]:
     """Yield descriptions of the tracks of a file that no output keeps."""
-    images = [stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES]
+    images = [
+        stream for stream in container.streams.subtitles if _codec(stream) not in TEXT_SUBTITLES
+    ]
     if images:
         yield f"{_number(images, 'subtitle track')} with images instead of text"
     if container.streams.attachments:
@@ -202,7 +246,9 @@ def dropped_tracks(container: Any) -> Iterable[str]:
             yield _data_track(stream)
 
 
-def unsupported_tracks(format_name: str, audio: Sequence[Any], subtitles: Sequence[Any], chapters: Sequence[Chapter]) -> str:
+def unsupported_tracks(
+    format_name: str, audio: Sequence[Any], subtitles: Sequence[Any], chapters: Sequence[Chapter]
+) -> str:
     """Describe the tracks and chapters that a format does not support; empty if it supports all.
 
     >>> unsupported_tracks("mpegts", (), (), (Chapter(Fraction(0), Fraction(1), {}),))
@@ -210,9 +256,17 @@ def unsupported_tracks(format_name: str, audio: Sequence[Any], subtitles: Sequen
     """
     unsupported = []
     if format_name == "mov":
-        languages = dict.fromkeys(language_code(format_name, track) for track in (*audio, *subtitles))
-        unsupported += [f"the language {name!r}" for name in languages if name and name not in QUICKTIME_LANGUAGES]
-    if format_name in FORMATS_WITHOUT_TITLES and any({"title", "name"} & set(track.metadata) for track in (*audio, *subtitles)):
+        languages = dict.fromkeys(
+            language_code(format_name, track) for track in (*audio, *subtitles)
+        )
+        unsupported += [
+            f"the language {name!r}"
+            for name in languages
+            if name and name not in QUICKTIME_LANGUAGES
+        ]
+    if format_name in FORMATS_WITHOUT_TITLES and any(
+        {"title", "name"} & set(track.metadata) for track in (*audio, *subtitles)
+    ):
         unsupported.append("the titles of tracks")
     if chapters and format_name not in CHAPTER_FORMATS:
         unsupported.append(_number(chapters, "chapter"))
@@ -231,7 +285,13 @@ def language_code(format_name: str, source: Any) -> str:
 
 def copy_track_metadata(stream: Any, source: Any, format_name: str) -> None:
     """Copy language, title and disposition of a track to the output."""
-    stream.metadata.update({TRACK_METADATA[key]: text for key, text in source.metadata.items() if key in TRACK_METADATA})
+    stream.metadata.update(
+        {
+            TRACK_METADATA[key]: text
+            for key, text in source.metadata.items()
+            if key in TRACK_METADATA
+        }
+    )
     if language := language_code(format_name, source):
         stream.metadata["language"] = language
     stream.disposition = source.disposition
@@ -293,7 +353,9 @@ def _number(items: Sequence[object], noun: str) -> str:
 
 def read_timecode(metadata: Iterable[Mapping[str, str]]) -> str | None:
     """Return the first timecode in the metadata of a file and its streams."""
-    timecodes = (text for part in metadata for key, text in part.items() if key.lower() == "timecode")
+    timecodes = (
+        text for part in metadata for key, text in part.items() if key.lower() == "timecode"
+    )
     return next(timecodes, None)
 
 
@@ -315,16 +377,28 @@ def advance_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     per_minute = 60 * per_second - dropped
     per_ten_minutes = 600 * per_second - 9 * dropped
     minutes += 60 * hours
-    count = (60 * minutes + seconds) * per_second + frame - dropped * (minutes - minutes // 10) + frames
+    count = (
+        (60 * minutes + seconds) * per_second + frame - dropped * (minutes - minutes // 10) + frames
+    )
     tens, rest = divmod(count % (144 * per_ten_minutes), per_ten_minutes)
-    number = rest + tens * 9 * dropped + tens * per_ten_minutes + (max(0, rest - dropped) // per_minute) * dropped
+    number = (
+        rest
+        + tens * 9 * dropped
+        + tens * per_ten_minutes
+        + (max(0, rest - dropped) // per_minute) * dropped
+    )
     seconds, frame = divmod(number, per_second)
     return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}{parts[4]}{frame:02}"
 
 
 # -- HDR metadata (SMPTE ST 2086, CTA-861.3) -------------------------------------------------------
 
-DYNAMIC_HDR = {SideData.DYNAMIC_HDR_PLUS: "HDR10+", SideData.DYNAMIC_HDR_VIVID: "HDR Vivid", SideData.DOVI_RPU_BUFFER: "Dolby Vision", SideData.DOVI_METADATA: "Dolby Vision"}
+DYNAMIC_HDR = {
+    SideData.DYNAMIC_HDR_PLUS: "HDR10+",
+    SideData.DYNAMIC_HDR_VIVID: "HDR Vivid",
+    SideData.DOVI_RPU_BUFFER: "Dolby Vision",
+    SideData.DOVI_METADATA: "Dolby Vision",
+}
 """Dynamic metadata for the display of each image: valid only for whole images before dewarping."""
 DISPLAY_OPTIONS = {"libx265": "x265-params", "libx264": "x264-params", "libsvtav1": "svtav1-params"}
 """Encoder options for the metadata, by codec; other codecs do not support it."""
@@ -375,7 +449,9 @@ class MasteringDisplay:
         options = []
         if has_mastering:
             xy = [f"{float(v):.6f}" if is_av1 else str(round(50_000 * v)) for v in self.primaries]
-            low, high = (f"{float(v):.6f}" if is_av1 else str(round(10_000 * v)) for v in self.luminance)
+            low, high = (
+                f"{float(v):.6f}" if is_av1 else str(round(10_000 * v)) for v in self.luminance
+            )
             red, green, blue, white = (f"({xy[i]},{xy[i + 1]})" for i in range(0, 8, 2))
             options.append(f"{mastering}=G{green}B{blue}R{red}WP{white}L({high},{low})")
         if self.light:
@@ -385,4 +461,6 @@ class MasteringDisplay:
 
 def dynamic_hdr_names(side_data: Any) -> str:
     """Return the names of the dynamic HDR metadata as a phrase; empty if there are none."""
-    return " and ".join(dict.fromkeys(name for kind, name in DYNAMIC_HDR.items() if side_data.get(kind) is not None))
+    return " and ".join(
+        dict.fromkeys(name for kind, name in DYNAMIC_HDR.items() if side_data.get(kind) is not None)
+    )

@@ -20,8 +20,28 @@ from ..base.errors import InvalidParameter, MediaError
 from ..base.files import check_file
 from .exif import TRANSPOSING_ORIENTATIONS, UPRIGHT
 from .image_sequences import first_number, is_sequence, numbered_files
-from .video_frames import SITING_AFTER_ORIENTATION, ColourCoding, Deinterlacer, frame_orientation, orientation_note, siting_of, upright
-from .video_metadata import ARBITRARY_ORIGIN_FORMATS, DATA_OF, MasteringDisplay, advance_timecode, chapters_between, data_streams, dropped_tracks, dynamic_hdr_names, holds_data, read_timecode, text_subtitles
+from .video_frames import (
+    SITING_AFTER_ORIENTATION,
+    ColourCoding,
+    Deinterlacer,
+    frame_orientation,
+    orientation_note,
+    siting_of,
+    upright,
+)
+from .video_metadata import (
+    ARBITRARY_ORIGIN_FORMATS,
+    DATA_OF,
+    MasteringDisplay,
+    advance_timecode,
+    chapters_between,
+    data_streams,
+    dropped_tracks,
+    dynamic_hdr_names,
+    holds_data,
+    read_timecode,
+    text_subtitles,
+)
 
 AnyPacket: TypeAlias = "Packet[Any]"
 Item: TypeAlias = "av.VideoFrame | AnyPacket"
@@ -76,7 +96,15 @@ class VideoReader:
     omnimirror.base.errors.MediaError: cannot read the video missing.mp4: the file does not exist
     """
 
-    def __init__(self, path: str | Path, start_s: float = 0.0, duration_s: float | None = None, with_audio: bool = True, frame_rate: float = 25.0, stored_orientation: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+        with_audio: bool = True,
+        frame_rate: float = 25.0,
+        stored_orientation: bool = False,
+    ) -> None:
         self.path = Path(path)
         self._options: dict[str, str] = {}
         if is_sequence(path):
@@ -104,12 +132,16 @@ class VideoReader:
         stream = self._container.streams.video[0]
         first = next(_decoded(self._container, stream), None)
         if first is None:
-            raise MediaError(f"cannot read the video {self.path}: no frame can be decoded; it is damaged or truncated")
+            raise MediaError(
+                f"cannot read the video {self.path}: no frame can be decoded; it is damaged or truncated"
+            )
         stored = frame_orientation(first)
         self.orientation = UPRIGHT if stored is None or self.stored_orientation else stored
         """Orientation applied to the stored frames, as in EXIF, 1 to 8."""
         is_quarter_turn = self.orientation in TRANSPOSING_ORIENTATIONS
-        self.size: tuple[int, int] = (first.height, first.width) if is_quarter_turn else (first.width, first.height)
+        self.size: tuple[int, int] = (
+            (first.height, first.width) if is_quarter_turn else (first.width, first.height)
+        )
         self.codec: str = stream.codec_context.codec.canonical_name
         self.pixel_format: str = first.format.name
         self.colour = ColourCoding.of_video(first)
@@ -121,7 +153,9 @@ class VideoReader:
         if note := orientation_note(str(self.path), stored, self.stored_orientation):
             self.notes.append(note)
         if first.interlaced_frame:
-            self.notes.append(f"{self.path} is interlaced; frames are deinterlaced from the first field")
+            self.notes.append(
+                f"{self.path} is interlaced; frames are deinterlaced from the first field"
+            )
         side_data: Any = first.side_data
         self.display = MasteringDisplay.of(side_data)
         if dynamic := dynamic_hdr_names(side_data):
@@ -132,10 +166,14 @@ class VideoReader:
         self.frame_rate: Fraction = stream.average_rate or stream.guessed_rate or Fraction(25)
         self.time_base: Fraction = stream.time_base or 1 / self.frame_rate
         self.metadata: dict[str, str] = dict(self._container.metadata)
-        if timecode := read_timecode([self.metadata, *(stream.metadata for stream in self._container.streams)]):
+        if timecode := read_timecode(
+            [self.metadata, *(stream.metadata for stream in self._container.streams)]
+        ):
             frames = round(Fraction(self.start_s) * self.frame_rate)
             self.metadata["timecode"] = advance_timecode(timecode, frames, self.frame_rate)
-        self.audio_streams: tuple[AudioStream, ...] = tuple(self._container.streams.audio) if self.with_audio else ()
+        self.audio_streams: tuple[AudioStream, ...] = (
+            tuple(self._container.streams.audio) if self.with_audio else ()
+        )
         self.subtitle_streams = text_subtitles(self._container) if self.with_audio else ()
         """Text subtitle streams, whose packets are returned with those of the audio."""
         data = data_streams(self._container) if self.with_audio else ()
@@ -143,9 +181,17 @@ class VideoReader:
         """Data streams, such as telemetry, whose packets are returned with those of the audio."""
         origin = _origin(self._container)
         start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
-        length = None if self.duration_s is None else Fraction(self.duration_s).limit_denominator(1_000_000)
-        self.chapters = chapters_between(self._container, start, None if length is None else start + length)
-        is_clocked = any(name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(","))
+        length = (
+            None
+            if self.duration_s is None
+            else Fraction(self.duration_s).limit_denominator(1_000_000)
+        )
+        self.chapters = chapters_between(
+            self._container, start, None if length is None else start + length
+        )
+        is_clocked = any(
+            name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(",")
+        )
         self.start_time_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
         """Start time in the file; times of frames and packets are relative to it."""
         if self.with_audio and (dropped := " and ".join(dropped_tracks(self._container))):
@@ -153,7 +199,9 @@ class VideoReader:
         self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
         self.total_duration_s = _duration(self._container, stream)
         if self.total_duration_s is not None and self.start_s >= self.total_duration_s:
-            raise InvalidParameter(f"start_s must be less than the duration of {self.path}, {self.total_duration_s:.6g} s; got {self.start_s:g}")
+            raise InvalidParameter(
+                f"start_s must be less than the duration of {self.path}, {self.total_duration_s:.6g} s; got {self.start_s:g}"
+            )
 
     @property
     def expected_frames(self) -> int | None:
@@ -165,7 +213,9 @@ class VideoReader:
         if self.total_duration_s is None:
             return None if self.duration_s is None else round(self.duration_s * self.frame_rate)
         rest = self.total_duration_s - max(self.start_s, self._first_s)
-        return round((rest if self.duration_s is None else min(rest, self.duration_s)) * self.frame_rate)
+        return round(
+            (rest if self.duration_s is None else min(rest, self.duration_s)) * self.frame_rate
+        )
 
     def frames(self) -> Iterator[av.VideoFrame]:
         """Yield the frames in presentation order, as :meth:`items` without audio."""
@@ -189,7 +239,12 @@ class VideoReader:
     def __enter__(self) -> VideoReader:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def _open(self) -> InputContainer:
@@ -197,9 +252,13 @@ class VideoReader:
             kind = "image2" if self._options else None
             for path in numbered_files(self.path) if self._options else (self.path,):
                 check_file(path)  # FFmpeg would block on a pipe
-            container = av.open(str(self.path), "r", format=kind, options=self._options, metadata_errors="replace")
+            container = av.open(
+                str(self.path), "r", format=kind, options=self._options, metadata_errors="replace"
+            )
         except FileNotFoundError:
-            raise MediaError(f"cannot read the video {self.path}: the file does not exist") from None
+            raise MediaError(
+                f"cannot read the video {self.path}: the file does not exist"
+            ) from None
         except (av.FFmpegError, OSError) as e:
             reason = e.strerror or str(e)
             if isinstance(e, av.error.InvalidDataError):
@@ -228,7 +287,9 @@ class _Pass:
         origin = _origin(container)
         self.start = origin + Fraction(reader.start_s).limit_denominator(1_000_000)
         length = reader.duration_s
-        self.end = None if length is None else self.start + Fraction(length).limit_denominator(1_000_000)
+        self.end = (
+            None if length is None else self.start + Fraction(length).limit_denominator(1_000_000)
+        )
         self.deinterlace = Deinterlacer()
         self.packets = 0
         self.damaged = 0
@@ -325,7 +386,9 @@ class _Pass:
         if packet.size:
             self.packets += isinstance(packet.stream, VideoStream)
             self.damaged += packet.is_corrupt and isinstance(packet.stream, VideoStream)
-            self.reached = max(self.reached, _time(packet) + (packet.duration or 0) * packet.time_base)
+            self.reached = max(
+                self.reached, _time(packet) + (packet.duration or 0) * packet.time_base
+            )
 
     def _is_inside(self, item: Item, time: Fraction) -> bool:
         # File times are rounded to the ticks of the stream; half a tick before the start is inside.
@@ -347,16 +410,26 @@ class _Pass:
         if problem is not None:
             raise MediaError(f"the video {path} is damaged: {problem} after {count} decoded frames")
         if self.damaged:
-            raise MediaError(f"the video {path} is damaged: cannot decode {self.damaged} of {self.packets} frames; decoded {count}")
+            raise MediaError(
+                f"the video {path} is damaged: cannot decode {self.damaged} of {self.packets} frames; decoded {count}"
+            )
         is_whole = self.reader.start_s == 0 and self.end is None
         nominal_s = self.reader.total_duration_s
-        is_counted = "mov" in self.container.format.name  # other formats count skipped frames, or none
+        is_counted = (
+            "mov" in self.container.format.name
+        )  # other formats count skipped frames, or none
         is_missing_frames = is_whole and is_counted and self.packets < self.video.frames
-        ends_early = self.end is None and nominal_s is not None and self.reached + Fraction(DURATION_TOLERANCE_S) < nominal_s
+        ends_early = (
+            self.end is None
+            and nominal_s is not None
+            and self.reached + Fraction(DURATION_TOLERANCE_S) < nominal_s
+        )
         if is_missing_frames or ends_early:
             raise MediaError(f"the video {path} is truncated after {count} decoded frames")
         if not count:
-            raise MediaError(f"the requested part of the video {path} must contain at least one frame")
+            raise MediaError(
+                f"the requested part of the video {path} must contain at least one frame"
+            )
 
 
 def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[av.VideoFrame]:
@@ -376,7 +449,9 @@ def _duration(container: InputContainer, stream: VideoStream) -> float | None:
     if stream.duration is not None and stream.time_base is not None:
         begin = Fraction(stream.start_time or 0) * stream.time_base
         return float(begin + stream.duration * stream.time_base - _origin(container))
-    match = re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", stream.metadata.get("DURATION", ""))  # Matroska
+    match = re.fullmatch(
+        r"(\d+):(\d+):(\d+\.?\d*)", stream.metadata.get("DURATION", "")
+    )  # Matroska
     if match:
         return 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3])
     return None if container.duration is None else container.duration / av.time_base

@@ -35,7 +35,14 @@ FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "10000
 CLUSTERS = {"cluster_time_limit": "1000"}
 MAX_RESCUED_FILES = 999
 LOSS_HINT = "use --codec ffv1 with .mkv, --codec prores_ks with .mov, or --pixel-format"
-RECOVERABLE_OPTIONS = {".mp4": FRAGMENTS, ".m4v": FRAGMENTS, ".mov": FRAGMENTS, ".mkv": CLUSTERS, ".webm": CLUSTERS, ".ts": {}}
+RECOVERABLE_OPTIONS = {
+    ".mp4": FRAGMENTS,
+    ".m4v": FRAGMENTS,
+    ".mov": FRAGMENTS,
+    ".mkv": CLUSTERS,
+    ".webm": CLUSTERS,
+    ".ts": {},
+}
 """Container options for files that play up to the last second after any termination of the writer.
 MP4 and MOV are fragmented, and are converted to one ordinary file at the end.
 """
@@ -107,14 +114,25 @@ class VideoWriter:
     >>> folder.cleanup()
     """
 
-    def __init__(self, path: str | Path, size: tuple[int, int], frame_rate: Fraction | float, panorama: GPano | None = None, **encoding: Any) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        size: tuple[int, int],
+        frame_rate: Fraction | float,
+        panorama: GPano | None = None,
+        **encoding: Any,
+    ) -> None:
         self.path = Path(path)
         suffix = check_video_name(path)
         if panorama is not None and not can_be_spherical(path):
-            raise MediaError(f"cannot write {path}: panorama metadata requires {', '.join(SPHERICAL_SUFFIXES)}")
+            raise MediaError(
+                f"cannot write {path}: panorama metadata requires {', '.join(SPHERICAL_SUFFIXES)}"
+            )
         if panorama is not None and panorama.cropped_size != size:
             expected = " x ".join(map(str, panorama.cropped_size))
-            raise MediaError(f"cannot write {path}: size must be that of panorama, {expected} px; got {size[0]} x {size[1]} px")
+            raise MediaError(
+                f"cannot write {path}: size must be that of panorama, {expected} px; got {size[0]} x {size[1]} px"
+            )
         self._panorama = panorama
         encoding.setdefault("codec", DEFAULT_CODECS.get(suffix, DEFAULT_CODEC))
         encoding["container_options"] = {"flush_packets": "1", **RECOVERABLE_OPTIONS[suffix]}
@@ -128,7 +146,9 @@ class VideoWriter:
             if self._encoder.losses:
                 self.notes.append(f"{path}: {self._encoder.losses}; {LOSS_HINT}")
             if self._encoder.dropped_tracks:
-                self.notes.append(f"{path}: dropped {self._encoder.dropped_tracks}; .mkv supports them")
+                self.notes.append(
+                    f"{path}: dropped {self._encoder.dropped_tracks}; .mkv supports them"
+                )
             if self._encoder.lost_data:
                 self.notes.append(f"{path}: not kept are {self._encoder.lost_data}; {DATA_KEEPERS}")
             if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
@@ -136,7 +156,13 @@ class VideoWriter:
             self._stack = self._stack.pop_all()
 
     @classmethod
-    def from_source(cls, source: VideoReader, path: str | Path, size: tuple[int, int] | None = None, **options: Any) -> VideoWriter:
+    def from_source(
+        cls,
+        source: VideoReader,
+        path: str | Path,
+        size: tuple[int, int] | None = None,
+        **options: Any,
+    ) -> VideoWriter:
         """Create a writer with rate, times, bit depth, colour coding, rotation, metadata and tracks
         of a source.
 
@@ -157,7 +183,12 @@ class VideoWriter:
             "start_time_s": source.start_time_s,
             "metadata": source.metadata,
         }
-        return cls(path, size or source.size, options.pop("frame_rate", source.frame_rate), **{**as_source, **options})
+        return cls(
+            path,
+            size or source.size,
+            options.pop("frame_rate", source.frame_rate),
+            **{**as_source, **options},
+        )
 
     def _rescue(self, leftover: Path) -> Path | None:
         """Return a name for the output of a killed run, if it contains any frame."""
@@ -166,10 +197,15 @@ class VideoWriter:
         except MediaError:
             return None
         stem, suffix = f"{self.path.stem}.rescued", self.path.suffix
-        names = (leftover.with_name(f"{stem}{n}{suffix}") for n in ("", *(f"-{i}" for i in range(2, MAX_RESCUED_FILES + 1))))
+        names = (
+            leftover.with_name(f"{stem}{n}{suffix}")
+            for n in ("", *(f"-{i}" for i in range(2, MAX_RESCUED_FILES + 1)))
+        )
         name = next((name for name in names if not name.exists()), None)
         if name is not None:
-            self.notes.append(f"the partial output of a terminated run for {self.path} was renamed to {name}")
+            self.notes.append(
+                f"the partial output of a terminated run for {self.path} was renamed to {name}"
+            )
         return name
 
     @property
@@ -234,7 +270,12 @@ class VideoWriter:
     def __enter__(self) -> VideoWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         is_stopped = isinstance(error, KeyboardInterrupt) and self.frames_written > 0
         if error is None or is_stopped:
             self.close()
@@ -255,7 +296,9 @@ def check_video_name(path: str | Path) -> str:
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITABLE_VIDEO_SUFFIXES:
-        raise MediaError(f"cannot write {path}: the suffix must be one of {', '.join(WRITABLE_VIDEO_SUFFIXES)}; got {suffix!r}")
+        raise MediaError(
+            f"cannot write {path}: the suffix must be one of {', '.join(WRITABLE_VIDEO_SUFFIXES)}; got {suffix!r}"
+        )
     return suffix
 
 
@@ -310,20 +353,33 @@ class ImageSequenceWriter:
 
     siting: ChromaSiting = "center"  # siting assumed by FFmpeg in conversions to RGB
 
-    def __init__(self, pattern: str | Path, size: tuple[int, int], source_format: str = "yuv420p", colour: ColourCoding | None = None, panorama: GPano | None = None, *, skip_existing: bool = False) -> None:
+    def __init__(
+        self,
+        pattern: str | Path,
+        size: tuple[int, int],
+        source_format: str = "yuv420p",
+        colour: ColourCoding | None = None,
+        panorama: GPano | None = None,
+        *,
+        skip_existing: bool = False,
+    ) -> None:
         self.pattern, self.frames_written = check_pattern(pattern), 0
         check_size(self.pattern, size)
         self._panorama = panorama
         coded = av.VideoFormat(source_format, 64, 64)
         kind, of = PixelFormat.of(source_format), format_of(self.pattern)
         self._is_deep = kind.bits > 8 and "uint16" in of.depths
-        self._has_alpha = of.has_alpha and (any(part.is_alpha for part in coded.components) or coded.has_palette)
+        self._has_alpha = of.has_alpha and (
+            any(part.is_alpha for part in coded.components) or coded.has_palette
+        )
         self._existing = frozenset(numbers_of(self.pattern)) if skip_existing else frozenset()
         self._numbers = (number for number in count(1) if number not in self._existing)
         self.notes = [f"{pattern}: {loss}" for loss in self._losses(kind, of, colour)]
         """Remarks on the images for the user, in sentences."""
 
-    def _losses(self, kind: PixelFormat, of: ImageFormat, colour: ColourCoding | None) -> Iterator[str]:
+    def _losses(
+        self, kind: PixelFormat, of: ImageFormat, colour: ColourCoding | None
+    ) -> Iterator[str]:
         losses = []
         if kind.bits > 8 and not self._is_deep:
             losses.append(f"{kind.bits} bits are reduced to 8")
@@ -351,13 +407,19 @@ class ImageSequenceWriter:
         MediaError
             The image cannot be written, for example because the disk is full.
         """
-        write_image(numbered(self.pattern, next(self._numbers)), self._image(frame), panorama=self._panorama)
+        write_image(
+            numbered(self.pattern, next(self._numbers)), self._image(frame), panorama=self._panorama
+        )
         self.frames_written += 1
 
     def _image(self, frame: av.VideoFrame) -> Image:
         if not self._is_deep:
-            return converted(frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT_CONVERSION).to_ndarray()
-        image: Image = converted(frame, "rgba64le" if self._has_alpha else "rgb48le", interpolation=EXACT_CONVERSION).to_ndarray()
+            return converted(
+                frame, "rgba" if self._has_alpha else "rgb24", interpolation=EXACT_CONVERSION
+            ).to_ndarray()
+        image: Image = converted(
+            frame, "rgba64le" if self._has_alpha else "rgb48le", interpolation=EXACT_CONVERSION
+        ).to_ndarray()
         colours = image[..., :3]  # white of FFmpeg is 255/256
         np.minimum(colours, WHITE_16_BIT, out=colours)
         colours += colours >> 8
@@ -389,7 +451,9 @@ def is_image_output(name: str | Path) -> bool:
     [True, True, True, False]
     """
     suffix = Path(name).suffix.lower()
-    return suffix in SEQUENCE_SUFFIXES or (bool(NUMBER_PATTERN.search(Path(name).name)) and suffix not in WRITABLE_VIDEO_SUFFIXES)
+    return suffix in SEQUENCE_SUFFIXES or (
+        bool(NUMBER_PATTERN.search(Path(name).name)) and suffix not in WRITABLE_VIDEO_SUFFIXES
+    )
 
 
 def check_pattern(pattern: str | Path) -> Path:
@@ -404,12 +468,18 @@ def check_pattern(pattern: str | Path) -> Path:
     numbers = NUMBER_PATTERN.findall(path.name)
     example = "such as f%04d.png"
     if path.suffix.lower() not in SEQUENCE_SUFFIXES:
-        raise MediaError(f"cannot write {pattern}: the suffix of an image sequence must be one of {', '.join(SEQUENCE_SUFFIXES)}")
+        raise MediaError(
+            f"cannot write {pattern}: the suffix of an image sequence must be one of {', '.join(SEQUENCE_SUFFIXES)}"
+        )
     if not numbers:
         raise MediaError(f"cannot write {pattern}: the name must contain a number, {example}")
     if len(numbers) > 1 or "%" in NUMBER_PATTERN.sub("", str(pattern)):
-        raise MediaError(f"cannot write {pattern}: the name must contain one number and no other %, {example}")
+        raise MediaError(
+            f"cannot write {pattern}: the name must contain one number and no other %, {example}"
+        )
     zero, width = numbers[0]
     if width and (not zero or int(width) > 9):
-        raise MediaError(f"cannot write {pattern}: the number must have at most 9 digits with leading zeros, {example}")
+        raise MediaError(
+            f"cannot write {pattern}: the number must have at most 9 digits with leading zeros, {example}"
+        )
     return path

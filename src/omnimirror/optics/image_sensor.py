@@ -46,7 +46,9 @@ class Imager:
         "width_px": Parameter("px", 1, 100_000, "number of columns"),
         "height_px": Parameter("px", 1, 100_000, "number of rows"),
         "pixel_pitch_um": Parameter("um", 0.01, 1e4, "pixel pitch"),
-        "centre_px": Parameter("px", -1e6, 1e6, "principal point (u, v) on the array, before a flip"),
+        "centre_px": Parameter(
+            "px", -1e6, 1e6, "principal point (u, v) on the array, before a flip"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -57,11 +59,17 @@ class Imager:
         for name in ("width_px", "height_px"):
             value = numbers(name, getattr(self, name), "(one number)")
             if value.ndim or int(value) != value:
-                raise InvalidParameter(f"{name} must be an integer number of pixels; got {getattr(self, name)}")
+                raise InvalidParameter(
+                    f"{name} must be an integer number of pixels; got {getattr(self, name)}"
+                )
         if self.centre_px is not None:
             if len(self.centre_px) != 2:
-                raise InvalidParameter(f"centre_px must be a pair (u, v); got {len(self.centre_px)} numbers")
-            object.__setattr__(self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1])))
+                raise InvalidParameter(
+                    f"centre_px must be a pair (u, v); got {len(self.centre_px)} numbers"
+                )
+            object.__setattr__(
+                self, "centre_px", (float(self.centre_px[0]), float(self.centre_px[1]))
+            )
 
     @property
     def pitch_mm(self) -> float:
@@ -130,9 +138,15 @@ class ImagerPose:
     rotation_deg: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "tilt_x_deg": Parameter("deg", -20.0, 20.0, "tilt of the imager about the X axis of the image"),
-        "tilt_y_deg": Parameter("deg", -20.0, 20.0, "tilt of the imager about the Y axis of the image"),
-        "rotation_deg": Parameter("deg", -360.0, 360.0, "rotation of the imager in its plane; applied first"),
+        "tilt_x_deg": Parameter(
+            "deg", -20.0, 20.0, "tilt of the imager about the X axis of the image"
+        ),
+        "tilt_y_deg": Parameter(
+            "deg", -20.0, 20.0, "tilt of the imager about the Y axis of the image"
+        ),
+        "rotation_deg": Parameter(
+            "deg", -360.0, 360.0, "rotation of the imager in its plane; applied first"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -147,8 +161,12 @@ class ImagerPose:
     def _plane(self) -> Array:
         """Return the directions (3, 2) of the imager's right and down axes."""
         x, y, turn = np.radians([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg])
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]])
-        about_y = np.array([[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]])
+        about_x = np.array(
+            [[1.0, 0.0, 0.0], [0.0, np.cos(x), -np.sin(x)], [0.0, np.sin(x), np.cos(x)]]
+        )
+        about_y = np.array(
+            [[np.cos(y), 0.0, np.sin(y)], [0.0, 1.0, 0.0], [-np.sin(y), 0.0, np.cos(y)]]
+        )
         within = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)], [0.0, 0.0]])
         plane: Array = about_y @ about_x @ within
         return plane

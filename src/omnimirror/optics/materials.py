@@ -56,8 +56,12 @@ MATERIALS: dict[str, Material] = {
     "fused_silica": Material(1.45846, 67.82, "Malitson, J. Opt. Soc. Am. 55, 1205 (1965)"),
     "sapphire": Material(1.7682, 72.3, "ordinary ray; Malitson, J. Opt. Soc. Am. 52, 1377 (1962)"),
     "water": Material(1.3331, 55.8, "20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"),
-    "sea_water": Material(1.3395, 54.9, "35 g/kg of salt, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"),
-    "mineral_oil": Material(1.467, None, "light paraffin oil, 20 C, typical supplier value; oils differ: measure yours"),
+    "sea_water": Material(
+        1.3395, 54.9, "35 g/kg of salt, 20 C; Quan and Fry, Appl. Opt. 34, 3477 (1995)"
+    ),
+    "mineral_oil": Material(
+        1.467, None, "light paraffin oil, 20 C, typical supplier value; oils differ: measure yours"
+    ),
 }
 """Materials by their name in sensor files."""
 
@@ -100,7 +104,11 @@ def index_of(material: str, wavelength_nm: float = D_LINE_NM) -> float:
 GLASS_FILE = Path(__file__).with_name("glasses.csv")
 LINE_D, LINE_F, LINE_C = 0.5875618, 0.4861327, 0.6562725  # micrometres
 SELLMEIER = {2: 3, 6: 4, 11: 5}  # number of terms of the AGF formulas that are sums of poles
-POWERS: dict[int, tuple[float, ...]] = {1: (0, 2, -2, -4, -6, -8), 12: (0, 2, -2, -4, -6, -8, 4, 6), 13: (0, 2, 4, -2, -4, -6, -8, -10, -12)}
+POWERS: dict[int, tuple[float, ...]] = {
+    1: (0, 2, -2, -4, -6, -8),
+    12: (0, 2, -2, -4, -6, -8, 4, 6),
+    13: (0, 2, 4, -2, -4, -6, -8, -10, -12),
+}
 """Exponents of the AGF formulas that are sums of powers: Schott's, and the extended ones."""
 
 
@@ -129,9 +137,13 @@ class Glass:
         """
         low, high = self.from_um, self.to_um
         if not low <= wavelength_um <= high:
-            raise InvalidParameter(f"the wavelength must be {low * 1e3:g} to {high * 1e3:g} nm, the range of the data of {self.name}; got {wavelength_um * 1e3:g} nm")
+            raise InvalidParameter(
+                f"the wavelength must be {low * 1e3:g} to {high * 1e3:g} nm, the range of the data of {self.name}; got {wavelength_um * 1e3:g} nm"
+            )
         square, (first, *coefficients_after_first) = wavelength_um**2, self.coefficients
-        pairs = list(zip(coefficients_after_first[::2], coefficients_after_first[1::2], strict=True))
+        pairs = list(
+            zip(coefficients_after_first[::2], coefficients_after_first[1::2], strict=True)
+        )
         if self.formula == "sellmeier":
             return float(np.sqrt(1 + first + sum(a * square / (square - b) for a, b in pairs)))
         if self.formula == "cauchy":
@@ -196,7 +208,9 @@ def read_agf(path: Path) -> GlassCatalogue:
     glasses: dict[tuple[str, str], Glass] = {}
     name, formula, maker = "", 0, path.stem.upper()
     numbers: tuple[float, ...] = ()
-    for line_number, line in enumerate(read_text(path, "glass catalogue", SpecError).splitlines(), start=1):
+    for line_number, line in enumerate(
+        read_text(path, "glass catalogue", SpecError).splitlines(), start=1
+    ):
         words = line.split()
         try:
             if line.startswith("NM "):
@@ -205,15 +219,23 @@ def read_agf(path: Path) -> GlassCatalogue:
                 numbers = tuple(float(v) for v in words[1:])
                 glasses[maker, name] = _of_agf(name, formula, numbers)
             elif line.startswith("LD ") and (maker, name) in glasses:
-                glasses[maker, name] = _of_agf(name, formula, numbers, float(words[1]), float(words[2]))
+                glasses[maker, name] = _of_agf(
+                    name, formula, numbers, float(words[1]), float(words[2])
+                )
         except (ValueError, IndexError):
-            raise SpecError(f"{path} line {line_number}: cannot parse {line.strip()!r} as a line of a glass catalogue") from None
+            raise SpecError(
+                f"{path} line {line_number}: cannot parse {line.strip()!r} as a line of a glass catalogue"
+            ) from None
     if not glasses:
-        raise SpecError(f"{path} contains no glass; a glass catalogue (.agf) must have lines NM and CD for each glass")
+        raise SpecError(
+            f"{path} contains no glass; a glass catalogue (.agf) must have lines NM and CD for each glass"
+        )
     return GlassCatalogue(glasses, str(path))
 
 
-def _of_agf(name: str, formula: int, numbers: tuple[float, ...], low: float = 0.0, high: float = np.inf) -> Glass:
+def _of_agf(
+    name: str, formula: int, numbers: tuple[float, ...], low: float = 0.0, high: float = np.inf
+) -> Glass:
     numbers = (*numbers, *[0.0] * 12)
     if formula in SELLMEIER:
         return Glass(name, "sellmeier", (0.0, *numbers[: 2 * SELLMEIER[formula]]), low, high)
@@ -235,12 +257,16 @@ def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | 
     for source_catalogue in catalogues:
         if (glass := source_catalogue.find(name, makers)) is not None:
             if glass.formula.startswith("formula"):
-                raise InvalidParameter(f"the dispersion formula of glass {name} in {source_catalogue.source} must be one of {', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}; got {glass.formula}")
+                raise InvalidParameter(
+                    f"the dispersion formula of glass {name} in {source_catalogue.source} must be one of {', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}; got {glass.formula}"
+                )
             return glass
     known_names = {n for c in catalogues for _, n in c.glasses}
     close = difflib.get_close_matches(name.upper(), sorted(known_names), n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]}?" if close else ""
-    raise InvalidParameter(f"unknown glass {name}{hint}; specify the catalogue that contains it (.agf) as glass_catalogue")
+    raise InvalidParameter(
+        f"unknown glass {name}{hint}; specify the catalogue that contains it (.agf) as glass_catalogue"
+    )
 
 
 # -- Reflectance of a mirror -----------------------------------------------------------------------
@@ -290,11 +316,15 @@ def _metal_index(reflectivity: Reflectivity) -> float | complex:
     """Return a constant as float, or a refractive index as complex."""
     if isinstance(reflectivity, str):
         if reflectivity not in METALS:
-            raise InvalidParameter(f"reflectivity must be one of {', '.join(METALS)}, or a number; got {format_value(reflectivity)}")
+            raise InvalidParameter(
+                f"reflectivity must be one of {', '.join(METALS)}, or a number; got {format_value(reflectivity)}"
+            )
         return METALS[reflectivity]
     if isinstance(reflectivity, complex):
         if not (np.isfinite(reflectivity) and reflectivity.real > 0 and reflectivity.imag >= 0):
-            raise InvalidParameter(f"reflectivity must be an index n + k j with n > 0 and k >= 0; got {reflectivity}")
+            raise InvalidParameter(
+                f"reflectivity must be an index n + k j with n > 0 and k >= 0; got {reflectivity}"
+            )
         return reflectivity
     fraction = number("reflectivity", reflectivity)
     if not 0 < fraction <= 1:

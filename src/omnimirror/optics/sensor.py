@@ -25,7 +25,15 @@ from .mirrors import Mirror, Secondary
 from .mirrors.as_built import MirrorForm, MirrorPose
 from .thermal import Thermal
 from .tracing.meridian import ROUNDING, ChiefRays, Cover, Meridian
-from .tracing.obscuration import HiddenPart, Obscuration, Obstructions, clear_field_deg, cover_of, hidden_parts, obscured_rings
+from .tracing.obscuration import (
+    HiddenPart,
+    Obscuration,
+    Obstructions,
+    clear_field_deg,
+    cover_of,
+    hidden_parts,
+    obscured_rings,
+)
 from .tracing.optical_train import OpticalTrain
 from .tracing.reflection import RayEndpoints
 from .tracing.two_mirrors import TwoMirrorMeridian
@@ -104,17 +112,29 @@ class Sensor:
             instance(name, getattr(self, name), kind, f"an instance of {kind.__name__}")
         instance("housing", self.housing, Housing, "an instance of Housing")
         if numbers("mirror_distance_mm", self.mirror_distance_mm, "(one number)").ndim:
-            raise InvalidParameter(f"mirror_distance_mm must be one number; got {format_value(self.mirror_distance_mm)}")
+            raise InvalidParameter(
+                f"mirror_distance_mm must be one number; got {format_value(self.mirror_distance_mm)}"
+            )
         if self.lens.TELECENTRIC:
             object.__setattr__(self, "mirror_distance_mm", np.inf)
         elif not (np.isfinite(self.mirror_distance_mm) and self.mirror_distance_mm > 0):
-            raise InvalidParameter(f"mirror_distance_mm must be finite and greater than 0 for a {self.lens.KIND} lens: the distance from its principal point to the mirror vertex; got {self.mirror_distance_mm:g}")
+            raise InvalidParameter(
+                f"mirror_distance_mm must be finite and greater than 0 for a {self.lens.KIND} lens: the distance from its principal point to the mirror vertex; got {self.mirror_distance_mm:g}"
+            )
         if self.secondary is not None and self.mirror_pose != MirrorPose():
-            raise InvalidParameter("mirror_pose is not supported with a secondary: two mirrors are traced on one axis; remove one of them")
+            raise InvalidParameter(
+                "mirror_pose is not supported with a secondary: two mirrors are traced on one axis; remove one of them"
+            )
         if self.secondary is not None and not self.mirror_form.is_empty:
-            raise InvalidParameter("mirror_form is not supported with a secondary; remove one of them")
-        if not self.imager_pose.is_perpendicular and (self.lens.TELECENTRIC or not self.lens.IS_THIN):
-            raise InvalidParameter(f"imager_pose must not have a tilt behind a {self.lens.KIND} lens, whose exit pupil is unknown; remove the tilts or use a perspective lens")
+            raise InvalidParameter(
+                "mirror_form is not supported with a secondary; remove one of them"
+            )
+        if not self.imager_pose.is_perpendicular and (
+            self.lens.TELECENTRIC or not self.lens.IS_THIN
+        ):
+            raise InvalidParameter(
+                f"imager_pose must not have a tilt behind a {self.lens.KIND} lens, whose exit pupil is unknown; remove the tilts or use a perspective lens"
+            )
 
     # -- meridian ----------------------------------------------------------------------------------
 
@@ -128,11 +148,15 @@ class Sensor:
             If the mirror is decentred or tilted: the sensor then has no rotational symmetry.
         """
         if not self.is_axial:
-            raise InvalidParameter(f"{self._misaligned_part} of {self.name!r} must be aligned for rotationally symmetric evaluation; got a decentred, tilted or deformed one; use sensor.aligned(), or three-dimensional computations (om.evaluate_camera of its om.SensorModel, rays, images, spots, MTF)")
+            raise InvalidParameter(
+                f"{self._misaligned_part} of {self.name!r} must be aligned for rotationally symmetric evaluation; got a decentred, tilted or deformed one; use sensor.aligned(), or three-dimensional computations (om.evaluate_camera of its om.SensorModel, rays, images, spots, MTF)"
+            )
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         if self.secondary is None:
             return Meridian(self.mirror, m, self.lens.pupil, cover=self._cover)
-        return TwoMirrorMeridian(self.mirror, m, self.lens.pupil, cover=self._cover, secondary=self.secondary)
+        return TwoMirrorMeridian(
+            self.mirror, m, self.lens.pupil, cover=self._cover, secondary=self.secondary
+        )
 
     @property
     def _cover(self) -> Cover | None:
@@ -155,7 +179,9 @@ class Sensor:
         """
         changed = replace(self, lens=lens)
         if lens.pupil == self.lens.pupil:
-            changed.__dict__.update((name, self.__dict__[name]) for name in MIRROR_PROPERTIES if name in self.__dict__)
+            changed.__dict__.update(
+                (name, self.__dict__[name]) for name in MIRROR_PROPERTIES if name in self.__dict__
+            )
         return changed
 
     @property
@@ -167,7 +193,12 @@ class Sensor:
     def _misaligned_part(self) -> str | None:
         """Description of the misaligned parts, starting a sentence; None if aligned."""
         shell = self.housing.shell
-        parts = {"the mirror": self.mirror_pose.is_axial, "the cover": shell is None or shell.is_axial, "the form error of the mirror": self.mirror_form.is_empty, "the imager": self.imager_pose == ImagerPose()}
+        parts = {
+            "the mirror": self.mirror_pose.is_axial,
+            "the cover": shell is None or shell.is_axial,
+            "the form error of the mirror": self.mirror_form.is_empty,
+            "the imager": self.imager_pose == ImagerPose(),
+        }
         return next((name for name, is_axial in parts.items() if not is_axial), None)
 
     @property
@@ -194,10 +225,22 @@ class Sensor:
         """
         lens, imager_pose = self.lens, self.imager_pose
         conditions: dict[SensorProperty, tuple[bool, str]] = {
-            "single mirror": (self.secondary is None, f"a sensor without secondary mirror; got {self.name!r}, which has one; use the sensor without its secondary, or evaluation, spots, images and dewarping"),
-            "thin lens": (lens.IS_THIN, f"a perspective or orthographic lens; {self.name!r} has a lens given by its {lens.KIND}; use a perspective lens of the same focal length and entrance pupil, or evaluation, focus, spots, illumination, images and dewarping"),
-            "perpendicular imager": (imager_pose.is_perpendicular, f"an imager perpendicular to the axis; that of {self.name!r} is tilted by {imager_pose.tilt_x_deg:g} and {imager_pose.tilt_y_deg:g} deg; use images and tolerances"),
-            "ideal except poses": (self.is_ideal_except_pose, f"a sensor without [mirror_form] and [imager_pose]; {self.name!r} has one of them; use sensor.aligned(), or rays, images and dewarping"),
+            "single mirror": (
+                self.secondary is None,
+                f"a sensor without secondary mirror; got {self.name!r}, which has one; use the sensor without its secondary, or evaluation, spots, images and dewarping",
+            ),
+            "thin lens": (
+                lens.IS_THIN,
+                f"a perspective or orthographic lens; {self.name!r} has a lens given by its {lens.KIND}; use a perspective lens of the same focal length and entrance pupil, or evaluation, focus, spots, illumination, images and dewarping",
+            ),
+            "perpendicular imager": (
+                imager_pose.is_perpendicular,
+                f"an imager perpendicular to the axis; that of {self.name!r} is tilted by {imager_pose.tilt_x_deg:g} and {imager_pose.tilt_y_deg:g} deg; use images and tolerances",
+            ),
+            "ideal except poses": (
+                self.is_ideal_except_pose,
+                f"a sensor without [mirror_form] and [imager_pose]; {self.name!r} has one of them; use sensor.aligned(), or rays, images and dewarping",
+            ),
         }
         for is_met, condition in (conditions[need] for need in needs):
             if not is_met:
@@ -218,12 +261,20 @@ class Sensor:
         """
         shell = self.housing.shell
         housing = self.housing if shell is None else replace(self.housing, shell=shell.centred())
-        return replace(self, mirror_pose=MirrorPose(), housing=housing, mirror_form=MirrorForm(), imager_pose=ImagerPose())
+        return replace(
+            self,
+            mirror_pose=MirrorPose(),
+            housing=housing,
+            mirror_form=MirrorForm(),
+            imager_pose=ImagerPose(),
+        )
 
     @property
     def field_deg(self) -> tuple[float, float]:
         """Smallest and largest field angle Omega, degrees from the axis towards the lens."""
-        return float(np.degrees(self.meridian.omega_min)), float(np.degrees(self.meridian.omega_max))
+        return float(np.degrees(self.meridian.omega_min)), float(
+            np.degrees(self.meridian.omega_max)
+        )
 
     def image_height_px(self, rays: ChiefRays) -> Array:
         """Compute the image height h of chief rays, px (Eq. 7).
@@ -267,7 +318,10 @@ class Sensor:
             If the argument is not a bundle of chief rays.
         """
         first = instance("rays", rays, ChiefRays, "chief rays of a meridian").first
-        rate = self.lens.image_height_rate(first.x, first.w, first.slope, first.drift) * rays.dfirst_dx()
+        rate = (
+            self.lens.image_height_rate(first.x, first.w, first.slope, first.drift)
+            * rays.dfirst_dx()
+        )
         with np.errstate(divide="ignore"):
             return rate / rays.domega_dx() / self.imager.pitch_mm
 
@@ -323,7 +377,10 @@ class Sensor:
         if self.lens.is_symmetric:
             return np.hypot(image[..., 0], image[..., 1]) / self.imager.pitch_mm
         ideal = self.lens.undistorted(image)
-        return self.lens.distorted_height(np.hypot(ideal[..., 0], ideal[..., 1])) / self.imager.pitch_mm
+        return (
+            self.lens.distorted_height(np.hypot(ideal[..., 0], ideal[..., 1]))
+            / self.imager.pitch_mm
+        )
 
     @property
     def rim_radius_px(self) -> float:
@@ -333,7 +390,9 @@ class Sensor:
     @cached_property
     def _edges_mm(self) -> tuple[float, float]:
         """Undistorted image heights of the ends of the field."""
-        first = self.meridian.trace(np.array([self.meridian.x_min, self.mirror.rim_radius_mm])).first
+        first = self.meridian.trace(
+            np.array([self.meridian.x_min, self.mirror.rim_radius_mm])
+        ).first
         inner, outer = self.lens.ideal_height(first.x, first.w)
         self.lens.distorted_height(np.array([outer]))  # checks that the distortion is monotonic
         return float(inner), float(outer)
@@ -376,8 +435,14 @@ class Sensor:
     def obscured(self) -> tuple[Obscuration, ...]:
         """Obscured rings with overlapping ones merged; their image fractions are additive."""
         rings = tuple(sorted(self.obscurations, key=lambda ring: ring.omega_deg))
-        is_disjoint = all(inner.omega_deg[1] < outer.omega_deg[0] for inner, outer in pairwise(rings))
-        return rings if is_disjoint else obscured_rings(self.meridian, self._hidden_merged, self._image_fraction)
+        is_disjoint = all(
+            inner.omega_deg[1] < outer.omega_deg[0] for inner, outer in pairwise(rings)
+        )
+        return (
+            rings
+            if is_disjoint
+            else obscured_rings(self.meridian, self._hidden_merged, self._image_fraction)
+        )
 
     @property
     def clear_field_deg(self) -> tuple[float, float]:
@@ -428,10 +493,14 @@ class Sensor:
         start, towards = self.lens_rays(pixels.reshape(-1, 2), np.zeros(2))
         reflections, edges = self.optical_train.obstructed(start, towards)
         shape = pixels.shape[:-1]
-        return {part: (reflections.valid & (edge < 0)).reshape(shape) for part, edge in edges.items()}
+        return {
+            part: (reflections.valid & (edge < 0)).reshape(shape) for part, edge in edges.items()
+        }
 
     def _hidden_parts(self, merged: bool) -> tuple[HiddenPart, ...]:
-        return hidden_parts(self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged)
+        return hidden_parts(
+            self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged
+        )
 
     def _image_fraction(self, rays: ChiefRays) -> Array:
         """Return the fraction (n,) of the image circle's area within chief rays."""
@@ -487,7 +556,9 @@ class Sensor:
 
         A second mirror reverses the direction of the lens.
         """
-        axes: Array = self.mount.rotation() * np.array([1.0, 1.0, 1.0 if self.secondary is None else -1.0])
+        axes: Array = self.mount.rotation() * np.array(
+            [1.0, 1.0, 1.0 if self.secondary is None else -1.0]
+        )
         return axes
 
     def backproject(self, pixels: ArrayLike) -> Rays:
@@ -529,7 +600,9 @@ class Sensor:
         z = z + self.mirror_pose.displacement_mm
         rotation = self._axes.T
         origins[valid] = rotate_vectors(np.stack([x * cos, x * sin, z], axis=-1), rotation)
-        directions[valid] = rotate_vectors(np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation)
+        directions[valid] = rotate_vectors(
+            np.stack([s * cos, s * sin, -np.cos(rays.omega)], axis=-1), rotation
+        )
         return Rays(origins, directions, valid)
 
     def project(self, points_mm: ArrayLike) -> Projection:
@@ -555,7 +628,9 @@ class Sensor:
             return self._project_in_space(points, distant=False)
         x, y, z = np.moveaxis(points, -1, 0)
         distance, cos, sin = _unit(x, y)
-        return self._image(self.meridian.x_from_point(distance, z - self.mirror_pose.displacement_mm), cos, sin)
+        return self._image(
+            self.meridian.x_from_point(distance, z - self.mirror_pose.displacement_mm), cos, sin
+        )
 
     def project_directions(self, directions: ArrayLike) -> Projection:
         """Project infinitely distant points in directions (n, 3) of any non-zero length.
@@ -609,7 +684,15 @@ class Sensor:
         """
         if self.housing.shell is not None:
             self.check("ray tracing through a tube or dome", "single mirror")
-        return OpticalTrain(self.mirror, self.lens, self.mirror_distance_mm, self.mirror_pose, self.mirror_form, self.secondary, None if self.housing.is_empty else self.obstructions)
+        return OpticalTrain(
+            self.mirror,
+            self.lens,
+            self.mirror_distance_mm,
+            self.mirror_pose,
+            self.mirror_form,
+            self.secondary,
+            None if self.housing.is_empty else self.obstructions,
+        )
 
     @property
     def image_plane(self) -> ImagePlane:
@@ -692,14 +775,20 @@ class Sensor:
         """
         pixels = vectors("pixels", pixels, 2)
         flat = pixels.reshape(-1, 2)
-        pupil = finite("pupil", pupil, -MAX_PUPIL_COORDINATE, MAX_PUPIL_COORDINATE, last=2) if flat.size else flat
+        pupil = (
+            finite("pupil", pupil, -MAX_PUPIL_COORDINATE, MAX_PUPIL_COORDINATE, last=2)
+            if flat.size
+            else flat
+        )
         _check_pupil(pupil, pixels)
         pupil = np.broadcast_to(pupil, pixels.shape).reshape(-1, 2)
         valid = inside_image(flat, self.image_size)
         origins, directions = np.full((2, *flat.shape[:-1], 3), np.nan)
         start, towards = self.lens_rays(flat[valid], pupil[valid])
         reflections = self.optical_train.effective_mirror.trace(start, towards)
-        passes = reflections.valid & (self.optical_train.passes_lens(start, towards) if pupil.any() else True)
+        passes = reflections.valid & (
+            self.optical_train.passes_lens(start, towards) if pupil.any() else True
+        )
         rotation = self._axes.T
         origins[valid] = rotate_vectors(reflections.points, rotation)
         directions[valid] = rotate_vectors(reflections.directions, rotation)
@@ -747,7 +836,9 @@ def _unit(x: Array, y: Array) -> tuple[Array, Array, Array]:
 
 def _check_pupil(pupil: Array, pixels: Array) -> None:
     if pupil.shape not in (pixels.shape, (2,)):
-        raise InvalidParameter(f"pupil must have shape {pixels.shape}, or be one point; got {pupil.shape}")
+        raise InvalidParameter(
+            f"pupil must have shape {pixels.shape}, or be one point; got {pupil.shape}"
+        )
 
 
 def check_sensor(value: Any, name: str = "sensor") -> None:
@@ -767,19 +858,35 @@ def sensor_card(sensor: Sensor) -> str:
     """Return an HTML card with cross-section, chief rays and properties."""
     nominal = sensor.aligned()
     try:
-        drawing, field = (line_drawing(list(_section(nominal)), f"Cross-section of {sensor.name}"), _field_properties(nominal))
+        drawing, field = (
+            line_drawing(list(_section(nominal)), f"Cross-section of {sensor.name}"),
+            _field_properties(nominal),
+        )
     except OmnimirrorError as e:
         drawing, field = "", {"Invalid": str(e)}
     lens, imager, mount = sensor.lens, sensor.imager, sensor.mount
-    distance = {} if lens.TELECENTRIC else {"Distance": f"{sensor.mirror_distance_mm:.4g} mm from lens to mirror"}
+    distance = (
+        {}
+        if lens.TELECENTRIC
+        else {"Distance": f"{sensor.mirror_distance_mm:.4g} mm from lens to mirror"}
+    )
     parts = {
         "Mirror": f"{sensor.mirror.KIND}, rim radius {sensor.mirror.rim_radius_mm:.4g} mm{_secondary(sensor)}",
         "Lens": f"{lens.KIND}, {_focal(lens)}F/{lens.image_f_number():.3g} at the image",
         **distance,
         "Imager": f"{imager.width_px} × {imager.height_px} px of {imager.pitch_mm * 1e3:.4g} µm",
-        "Camera orientation": mount.camera_looks + (", image flipped" if mount.image_flipped else ""),
+        "Camera orientation": mount.camera_looks
+        + (", image flipped" if mount.image_flipped else ""),
     }
-    return card(sensor.name, "mirror sensor", drawing, {**field, **parts, **_misalignment(sensor)}, origin(getattr(sensor, "notes", ""), len(sensor.uncertainty.names) if sensor.uncertainty else 0))
+    return card(
+        sensor.name,
+        "mirror sensor",
+        drawing,
+        {**field, **parts, **_misalignment(sensor)},
+        origin(
+            getattr(sensor, "notes", ""), len(sensor.uncertainty.names) if sensor.uncertainty else 0
+        ),
+    )
 
 
 def _section(sensor: Sensor) -> Iterator[Line]:
@@ -795,18 +902,27 @@ def _section(sensor: Sensor) -> Iterator[Line]:
     yield line(x, sensor.mirror.sag(np.abs(x)), "strong")
     lens = -meridian.m if np.isfinite(meridian.m) else -TELECENTRIC_LENS_RADII * rim
     if second is not None:
-        wide = np.linspace(-second.mirror.rim_radius_mm, second.mirror.rim_radius_mm, PROFILE_POINTS)
+        wide = np.linspace(
+            -second.mirror.rim_radius_mm, second.mirror.rim_radius_mm, PROFILE_POINTS
+        )
         yield line(wide, second.height(np.abs(wide)), "strong")
         lens = second.lens_height(meridian.m) if np.isfinite(meridian.m) else rim
-    rays = meridian.trace(meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, CHIEF_RAYS)))
+    rays = meridian.trace(
+        meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, CHIEF_RAYS))
+    )
     first = rays.first.x
     end = first if sensor.lens.TELECENTRIC else np.zeros_like(first)
     half = float(end.max()) or 0.12 * rim
     yield line(np.array([-half, half]), np.full(2, lens), "plain")
     path = np.array([rays.x + OBJECT_RAY_RADII * rim * np.sin(rays.omega), rays.x, end])
-    heights = np.array([rays.z - OBJECT_RAY_RADII * rim * np.cos(rays.omega), rays.z, np.full_like(end, lens)])
+    heights = np.array(
+        [rays.z - OBJECT_RAY_RADII * rim * np.cos(rays.omega), rays.z, np.full_like(end, lens)]
+    )
     if second is not None:
-        path, heights = (np.insert(path, 2, first, axis=0), np.insert(heights, 2, second.height(first), axis=0))
+        path, heights = (
+            np.insert(path, 2, first, axis=0),
+            np.insert(heights, 2, second.height(first), axis=0),
+        )
     for k in range(CHIEF_RAYS):
         for side in (-1, 1):
             yield line(side * path[:, k], heights[:, k], "fine")
@@ -815,11 +931,21 @@ def _section(sensor: Sensor) -> Iterator[Line]:
 def _field_properties(sensor: Sensor) -> dict[str, str]:
     """Return field, image size, resolution and obscuration."""
     meridian = sensor.meridian
-    rays = meridian.trace(meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, PROFILE_POINTS)))
+    rays = meridian.trace(
+        meridian.x_from_omega(np.linspace(meridian.omega_min, meridian.omega_max, PROFILE_POINTS))
+    )
     rate = np.abs(sensor.image_height_rate_px(rays)) * np.pi / 180
     rate = rate[np.isfinite(rate)]
-    properties = {"Field": field_range(meridian.omega_min, meridian.omega_max), "Image of the rim": f"{sensor.rim_radius_px:.4g} px radius", "Resolution": f"{rate.min():.3g} to {rate.max():.3g} px/° radial"}
-    return {**properties, "Obscuration": f"{sensor.obscured_percent:.3g} % of the image"} if sensor.obscured else properties
+    properties = {
+        "Field": field_range(meridian.omega_min, meridian.omega_max),
+        "Image of the rim": f"{sensor.rim_radius_px:.4g} px radius",
+        "Resolution": f"{rate.min():.3g} to {rate.max():.3g} px/° radial",
+    }
+    return (
+        {**properties, "Obscuration": f"{sensor.obscured_percent:.3g} % of the image"}
+        if sensor.obscured
+        else properties
+    )
 
 
 def _secondary(sensor: Sensor) -> str:
@@ -834,7 +960,11 @@ def _misalignment(sensor: Sensor) -> dict[str, str]:
     if pose.is_axial:
         return {"Misaligned": "cover, imager or form of the mirror"}
     shift, tilt = (pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg)
-    return {"Misaligned": "mirror decentred by {:g} and {:g} mm, tilted by {:g} and {:g}°".format(*shift, *tilt)}
+    return {
+        "Misaligned": "mirror decentred by {:g} and {:g} mm, tilted by {:g} and {:g}°".format(
+            *shift, *tilt
+        )
+    }
 
 
 def _focal(lens: Lens) -> str:

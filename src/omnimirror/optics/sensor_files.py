@@ -33,9 +33,37 @@ from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from .mirrors.as_built import MirrorForm, MirrorPose
 from .sensor import Sensor, check_sensor
 from .thermal import Thermal
-from .toml_validation import MountTable, SourceLocator, Table, check_entries, class_of, did_you_mean, table_model, validated
+from .toml_validation import (
+    MountTable,
+    SourceLocator,
+    Table,
+    check_entries,
+    class_of,
+    did_you_mean,
+    table_model,
+    validated,
+)
 
-__all__ = ["HOUSING_PARTS", "AnyCamera", "bundled_sensors", "format_camera", "format_sensor", "housing_of", "housing_tables", "is_ocam_text", "lens_of", "lens_table", "load_camera", "load_sensor", "parse_camera", "parse_sensor", "save_camera", "save_sensor", "sensor_of", "tables_of"]
+__all__ = [
+    "HOUSING_PARTS",
+    "AnyCamera",
+    "bundled_sensors",
+    "format_camera",
+    "format_sensor",
+    "housing_of",
+    "housing_tables",
+    "is_ocam_text",
+    "lens_of",
+    "lens_table",
+    "load_camera",
+    "load_sensor",
+    "parse_camera",
+    "parse_sensor",
+    "save_camera",
+    "save_sensor",
+    "sensor_of",
+    "tables_of",
+]
 
 
 # -- Sensor files ----------------------------------------------------------------------------------
@@ -102,7 +130,10 @@ def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
         path = SENSOR_FOLDER / f"{name_or_path}.toml"
     hint = did_you_mean(str(name_or_path), bundled)
     others = f"{hint} The bundled sensors are" if hint else "; the bundled sensors are"
-    return (path, f"{kinds} or bundled sensor {str(name_or_path)!r} does not exist{others} {', '.join(bundled)}")
+    return (
+        path,
+        f"{kinds} or bundled sensor {str(name_or_path)!r} does not exist{others} {', '.join(bundled)}",
+    )
 
 
 @validate_arguments
@@ -141,7 +172,9 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
     where = SourceLocator(text, source)
     data = parse_toml(text, source)
     if "camera" in data and "mirror" not in data:
-        raise SpecError(f"{source} must be a sensor file; got a camera file, which describes directions of pixels without mirror and lens; estimate a sensor with omnimirror calibrate --model sensor")
+        raise SpecError(
+            f"{source} must be a sensor file; got a camera file, which describes directions of pixels without mirror and lens; estimate a sensor with omnimirror calibrate --model sensor"
+        )
     return sensor_of(data, where, folder)
 
 
@@ -192,7 +225,12 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     mount = mount_table(sensor.mount)
     if np.isfinite(sensor.mirror_distance_mm):
         mount = {"mirror_distance_mm": sensor.mirror_distance_mm, **mount}
-    data: dict[str, Any] = {"format": SENSOR_FILE_FORMAT, "name": sensor.name, "notes": sensor.notes, "mirror": {"kind": sensor.mirror.KIND, **_table(sensor.mirror)}}
+    data: dict[str, Any] = {
+        "format": SENSOR_FILE_FORMAT,
+        "name": sensor.name,
+        "notes": sensor.notes,
+        "mirror": {"kind": sensor.mirror.KIND, **_table(sensor.mirror)},
+    }
     if (second := sensor.secondary) is not None:
         data["secondary"] = {"kind": second.mirror.KIND, **_table(second.mirror), **_table(second)}
     data |= {"lens": lens_table(sensor.lens), "imager": _table(sensor.imager), "mount": mount}
@@ -255,28 +293,52 @@ class SensorMountTable(MountTable):
 def _table(part: Any) -> dict[str, Any]:
     """Return a part's parameters for the file; default zeros and None values are omitted."""
     values = {name: getattr(part, name) for name in part.PARAMETERS}
-    unset = {f.name for f in dataclasses.fields(part) if f.default in (None, 0.0) and values.get(f.name) == f.default}
+    unset = {
+        f.name
+        for f in dataclasses.fields(part)
+        if f.default in (None, 0.0) and values.get(f.name) == f.default
+    }
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items() if k not in unset}
 
 
 def _check_table_names(data: dict[str, Any], where: SourceLocator) -> None:
     known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    parts = ("mirror", "secondary", "lens", "imager", "mount", "mirror_pose", "mirror_form", "imager_pose")
+    parts = (
+        "mirror",
+        "secondary",
+        "lens",
+        "imager",
+        "mount",
+        "mirror_pose",
+        "mirror_form",
+        "imager_pose",
+    )
     tables = (*parts, "housing", "uncertainty", "thermal")
     known |= dict.fromkeys(tables, dict)
     check_entries(data, known, SENSOR_FILE_FORMAT, where)
     for key in ("mirror", "lens", "imager"):
         if key not in data:
-            raise where.error((), f"the table [{key}] is missing; a sensor file requires [mirror], [lens] and [imager]")
+            raise where.error(
+                (),
+                f"the table [{key}] is missing; a sensor file requires [mirror], [lens] and [imager]",
+            )
 
 
-def _part(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: SourceLocator) -> T:
+def _part(
+    section: str,
+    data: dict[str, Any],
+    registry: Mapping[str, type[T]],
+    folder: Path | None,
+    where: SourceLocator,
+) -> T:
     """Create the part that a table describes."""
     part: T = _build(section, *_class_and_table(section, data, registry, folder, where), where)
     return part
 
 
-def lens_of(table: dict[str, Any], where: SourceLocator, folder: Path | None, section: str = "lens") -> Lens:
+def lens_of(
+    table: dict[str, Any], where: SourceLocator, folder: Path | None, section: str = "lens"
+) -> Lens:
     """Create the lens of a table such as ``[lens]`` of a sensor file."""
     return _part(section, {section: table}, LENSES, folder, where)
 
@@ -286,7 +348,13 @@ def lens_table(lens: Lens) -> dict[str, Any]:
     return {"kind": lens.KIND, **_table(lens)}
 
 
-def _class_and_table(section: str, data: dict[str, Any], registry: Mapping[str, type[T]], folder: Path | None, where: SourceLocator) -> tuple[type[T], dict[str, Any]]:
+def _class_and_table(
+    section: str,
+    data: dict[str, Any],
+    registry: Mapping[str, type[T]],
+    folder: Path | None,
+    where: SourceLocator,
+) -> tuple[type[T], dict[str, Any]]:
     """Return the class named by a table's kind, and its other entries."""
     cls = class_of(section, data, registry, where)
     table = {k: v for k, v in data[section].items() if k != "kind"}
@@ -327,7 +395,10 @@ def uncertainty_of(table: dict[str, Any], where: SourceLocator) -> Uncertainty:
 
 def uncertainty_table(uncertainty: Uncertainty) -> dict[str, Any]:
     """Return the table ``[uncertainty]`` as plain data."""
-    table: dict[str, Any] = {"names": list(uncertainty.names), "covariance": [list(row) for row in uncertainty.covariance]}
+    table: dict[str, Any] = {
+        "names": list(uncertainty.names),
+        "covariance": [list(row) for row in uncertainty.covariance],
+    }
     if uncertainty.field_deg is not None:
         table["field_deg"] = uncertainty.field_deg
     if uncertainty.marginal_sigmas is not None:
@@ -335,7 +406,13 @@ def uncertainty_table(uncertainty: Uncertainty) -> dict[str, Any]:
     return table
 
 
-HOUSING_PARTS: dict[str, type[Any]] = {"camera": CameraBody, "rod": Rod, **SHELLS, "rim": Rim, "secondary_rim": Rim}
+HOUSING_PARTS: dict[str, type[Any]] = {
+    "camera": CameraBody,
+    "rod": Rod,
+    **SHELLS,
+    "rim": Rim,
+    "secondary_rim": Rim,
+}
 """Housing parts by their tables, ``[housing.camera]`` and so on."""
 
 
@@ -344,12 +421,24 @@ def housing_of(table: dict[str, Any], where: SourceLocator) -> Housing:
     for name, part in table.items():
         if name not in HOUSING_PARTS:
             valid = ", ".join(f"housing.{part_name}" for part_name in HOUSING_PARTS)
-            raise where.error(("housing", name), f"unknown entry housing.{name}{did_you_mean(name, HOUSING_PARTS)}; use {valid}")
+            raise where.error(
+                ("housing", name),
+                f"unknown entry housing.{name}{did_you_mean(name, HOUSING_PARTS)}; use {valid}",
+            )
         if not isinstance(part, dict):
-            raise where.error(("housing", name), f"housing.{name} must be a table [housing.{name}]; got {format_value(part)}")
+            raise where.error(
+                ("housing", name),
+                f"housing.{name} must be a table [housing.{name}]; got {format_value(part)}",
+            )
     if len(shells := [name for name in SHELLS if name in table]) > 1:
-        raise where.error(("housing", shells[1]), f"housing must not have both a {' and a '.join(shells)}; remove one")
-    parts = {name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where) for name, part in table.items()}
+        raise where.error(
+            ("housing", shells[1]),
+            f"housing must not have both a {' and a '.join(shells)}; remove one",
+        )
+    parts = {
+        name: _build(f"housing.{name}", HOUSING_PARTS[name], part, where)
+        for name, part in table.items()
+    }
     shell = next((parts.pop(name) for name in SHELLS if name in parts), None)
     return Housing(shell=shell, **parts)
 
@@ -360,7 +449,10 @@ def _check_fit(sensor: Sensor, tables: dict[str, Any], where: SourceLocator) -> 
     for name in tables:
         field = "shell" if name in SHELLS else name
         alone = dataclasses.replace(body, **{field: getattr(sensor.housing, field)})
-        where.wrap((f"housing.{name}",), partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"))
+        where.wrap(
+            (f"housing.{name}",),
+            partial(getattr, dataclasses.replace(sensor, housing=alone), "obstructions"),
+        )
 
 
 def housing_tables(housing: Housing) -> dict[str, Any]:
@@ -371,7 +463,9 @@ def housing_tables(housing: Housing) -> dict[str, Any]:
     return {name: _table(part) for name, part in parts.items() if part is not None}
 
 
-def _values(model: type[Table], section: str, table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
+def _values(
+    model: type[Table], section: str, table: dict[str, Any], where: SourceLocator
+) -> dict[str, Any]:
     """Return the validated entries of a table, with lists as tuples."""
     values = validated(model, section, table, where).model_dump()
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
@@ -475,13 +569,20 @@ def is_ocam_text(text: str) -> bool:
     >>> is_ocam_text("#polynomial\\n\\n5 -131.4 0 1e-3"), is_ocam_text("format = 1")
     (True, False)
     """
-    first = next((words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"])
+    first = next(
+        (words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"]
+    )
     return all(re.fullmatch(r"[-+.\deE]+|[+-]?(nan|inf)", word, re.I) for word in first)
 
 
 def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
     """Create a camera model from the tables of a camera file; ``where`` locates errors."""
-    check_entries(data, {"format": int, "camera": dict, "mount": dict, "uncertainty": dict}, CAMERA_FILE_FORMAT, where)
+    check_entries(
+        data,
+        {"format": int, "camera": dict, "mount": dict, "uncertainty": dict},
+        CAMERA_FILE_FORMAT,
+        where,
+    )
     cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
     values = _tuples(validated(_table_of(cls), "camera", table, where).model_dump())
@@ -530,7 +631,11 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     instance("camera", camera, types, f"a sensor, or a camera of kind {', '.join(CAMERAS)}")
     instance("notes", notes, str, "text")
     comment = "".join(f"# {line_comment(line)}\n" for line in notes.splitlines())
-    return comment + (format_sensor(camera) if isinstance(camera, Sensor) else tomli_w.dumps(camera_tables(camera)))
+    return comment + (
+        format_sensor(camera)
+        if isinstance(camera, Sensor)
+        else tomli_w.dumps(camera_tables(camera))
+    )
 
 
 def camera_tables(camera: RadialModel) -> dict[str, Any]:

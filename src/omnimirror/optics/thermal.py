@@ -123,7 +123,9 @@ class Thermal:
     held_at: str = "vertex"
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "reference_c": Parameter("C", -273.0, 1000.0, "reference temperature of the sensor's parameters"),
+        "reference_c": Parameter(
+            "C", -273.0, 1000.0, "reference temperature of the sensor's parameters"
+        ),
         "mirror_material": MATERIAL,
         "mirror_ppm_per_k": EXPANSION,
         "spacer_material": MATERIAL,
@@ -132,7 +134,9 @@ class Thermal:
         "mount_ppm_per_k": EXPANSION,
         "focal_ppm_per_k": Parameter("ppm/K", -1e4, 1e4, "relative change of the focal length"),
         "imager_ppm_per_k": EXPANSION,
-        "held_at": Parameter("", 0.0, 0.0, "attachment of the mirror to the spacer", ("vertex", "rim")),
+        "held_at": Parameter(
+            "", 0.0, 0.0, "attachment of the mirror to the spacer", ("vertex", "rim")
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -143,7 +147,9 @@ class Thermal:
         for part in ("mirror", "spacer", "mount"):
             material, ppm = self._material_and_expansion(part)
             if material is not None and ppm is not None:
-                raise InvalidParameter(f"{part}_material and {part}_ppm_per_k must not both be given; got {material!r} and {ppm:g}")
+                raise InvalidParameter(
+                    f"{part}_material and {part}_ppm_per_k must not both be given; got {material!r} and {ppm:g}"
+                )
 
     def _material_and_expansion(self, part: str) -> tuple[str | None, float | None]:
         return getattr(self, f"{part}_material"), getattr(self, f"{part}_ppm_per_k")

@@ -41,17 +41,27 @@ class MountTable(Table):
     camera_looks: CameraLooks = "up"
     forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
     image_flipped: bool = False
-    pitch_deg: Annotated[float, Field(ge=-90, le=90, description="elevation of the forward direction")] = 0.0
-    roll_deg: Annotated[float, Field(ge=-180, le=180, description="clockwise rotation about the forward direction")] = 0.0
+    pitch_deg: Annotated[
+        float, Field(ge=-90, le=90, description="elevation of the forward direction")
+    ] = 0.0
+    roll_deg: Annotated[
+        float, Field(ge=-180, le=180, description="clockwise rotation about the forward direction")
+    ] = 0.0
 
 
 @cache
 def table_model(cls: type[Any]) -> type[Table]:
     """Create the pydantic model of a part from its PARAMETERS."""
     hints = typing.get_type_hints(cls)
-    defaults = {f.name: ... if f.default is dataclasses.MISSING else f.default for f in dataclasses.fields(cls)}
+    defaults = {
+        f.name: ... if f.default is dataclasses.MISSING else f.default
+        for f in dataclasses.fields(cls)
+    }
     parameters: dict[str, Parameter] = cls.PARAMETERS
-    entries: dict[str, Any] = {name: (_annotation(hints[name], p), Field(defaults[name], description=p.description)) for name, p in parameters.items()}
+    entries: dict[str, Any] = {
+        name: (_annotation(hints[name], p), Field(defaults[name], description=p.description))
+        for name, p in parameters.items()
+    }
     model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
     return model
 
@@ -81,12 +91,16 @@ class EntryError(SpecError):
 
 KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 ENTRY = re.compile(rf"\s*(\[\[?)?\s*({KEY}(?:\s*\.\s*{KEY})*)\s*(?(1)\]|=)")
-STRING_OR_COMMENT = re.compile(r"""\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*""", re.S)
+STRING_OR_COMMENT = re.compile(
+    r"""\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*""", re.S
+)
 
 
 def _entries(text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield line numbers of a TOML text's tables and keys, with their names from the outermost."""
-    plain = STRING_OR_COMMENT.sub(lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text)
+    plain = STRING_OR_COMMENT.sub(
+        lambda m: m[0] if "\n" not in m[0] else "''" + "\n" * m[0].count("\n"), text
+    )
     table: list[str] = []
     counts: Counter[str] = Counter()
     for number, line in enumerate(plain.splitlines(), start=1):
@@ -121,7 +135,17 @@ class SourceLocator:
         2
         """
         target = ".".join(path).split(".")
-        shared = [(len(list(takewhile(lambda pair: pair[0] == pair[1], zip(target, entry, strict=False)))), -number) for number, entry in self.entries]
+        shared = [
+            (
+                len(
+                    list(
+                        takewhile(lambda pair: pair[0] == pair[1], zip(target, entry, strict=False))
+                    )
+                ),
+                -number,
+            )
+            for number, entry in self.entries
+        ]
         prefix_length, line = max(shared, default=(0, 0))
         return -line if prefix_length else None
 
@@ -150,16 +174,25 @@ class NullLocator(SourceLocator):
 NOUNS = {dict: "a table", str: "a string in quotes", int: "an integer", list: "a list of tables"}
 
 
-def check_entries(data: dict[str, Any], known: dict[str, type], file_format: int, where: SourceLocator) -> None:
+def check_entries(
+    data: dict[str, Any], known: dict[str, type], file_format: int, where: SourceLocator
+) -> None:
     """Check that entries outside tables are known, of the right type and of this file format."""
     for key, value in data.items():
         if key not in known:
             name = format_value(key)[1:-1]
-            raise where.error((key,), f"unknown entry {name}{did_you_mean(key, known)}; use {', '.join(known)}")
+            raise where.error(
+                (key,), f"unknown entry {name}{did_you_mean(key, known)}; use {', '.join(known)}"
+            )
         if not isinstance(value, known[key]) or isinstance(value, bool):
-            raise where.error((key,), f"{key} must be {NOUNS[known[key]]}; got {format_value(value)}")
+            raise where.error(
+                (key,), f"{key} must be {NOUNS[known[key]]}; got {format_value(value)}"
+            )
     if (version := data.get("format", file_format)) != file_format:
-        raise where.error(("format",), f"format must be {file_format} for this version of omnimirror; got {version}")
+        raise where.error(
+            ("format",),
+            f"format must be {file_format} for this version of omnimirror; got {version}",
+        )
 
 
 def validated(model: type[M], section: str, table: dict[str, Any], where: SourceLocator) -> M:
@@ -201,12 +234,17 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]}?" if close else ""
 
 
-def class_of(section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: SourceLocator) -> type[Any]:
+def class_of(
+    section: str, data: dict[str, Any], registry: Mapping[str, type[Any]], where: SourceLocator
+) -> type[Any]:
     """Return the class named by the entry ``kind`` of a table."""
     kind = data[section].get("kind")
     if kind is None:
         raise where.error((section,), f"{section}.kind is missing; use {', '.join(registry)}")
     if not isinstance(kind, str) or kind not in registry:
         hint = did_you_mean(str(kind), registry)
-        raise where.error((section, "kind"), f"unknown {section}.kind {format_value(kind)}{hint}; use {', '.join(registry)}")
+        raise where.error(
+            (section, "kind"),
+            f"unknown {section}.kind {format_value(kind)}{hint}; use {', '.join(registry)}",
+        )
     return registry[kind]

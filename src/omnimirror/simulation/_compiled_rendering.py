@@ -112,7 +112,9 @@ def _obstruction_parameters(obstructions: Obstructions, m: float) -> dict[str, A
 
 
 REFLECTANCE_TERMS = 8
-INCIDENCE_MARGIN = np.radians(2.0)  # margin of the angle of incidence for rays through the edge of the aperture
+INCIDENCE_MARGIN = np.radians(
+    2.0
+)  # margin of the angle of incidence for rays through the edge of the aperture
 
 
 def max_incidence(sensor: Sensor) -> float:
@@ -132,7 +134,11 @@ def reflectance_series(radiometry: Radiometry, gamma_max: float) -> Array:
     top = 1 - np.cos(gamma_max)
     points = top * (0.5 - 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64))
     values = radiometry.returned(np.arccos(1 - points))
-    fitted = np.polynomial.Polynomial.fit(points, values, REFLECTANCE_TERMS - 1, domain=[0, top]).convert().coef
+    fitted = (
+        np.polynomial.Polynomial.fit(points, values, REFLECTANCE_TERMS - 1, domain=[0, top])
+        .convert()
+        .coef
+    )
     series: Array = np.zeros(REFLECTANCE_TERMS)
     series[: len(fitted)] = fitted
     return series
@@ -207,7 +213,15 @@ def _scene_transform(scene: Scene) -> _SceneTransform:
     return _SceneTransform(scene, np.eye(3), np.zeros(3), False)
 
 
-def compiled_light(sensor: Sensor, scene: Scene, plan: Samples, radiometry: Radiometry, on_progress: Progress | None = None, workers: int | None = None, conversion: PixelConversion = LIGHT) -> NDArray[Any] | None:
+def compiled_light(
+    sensor: Sensor,
+    scene: Scene,
+    plan: Samples,
+    radiometry: Radiometry,
+    on_progress: Progress | None = None,
+    workers: int | None = None,
+    conversion: PixelConversion = LIGHT,
+) -> NDArray[Any] | None:
     """Render the image (rows, columns, 3) of a scene supported by the kernels; None for others.
 
     Parameters
@@ -224,45 +238,70 @@ def compiled_light(sensor: Sensor, scene: Scene, plan: Samples, radiometry: Radi
     """
     transform = _scene_transform(scene)
     if isinstance(transform.scene, Environment):
-        return _render_environment(sensor, transform.scene, transform, plan, radiometry, on_progress, conversion)
+        return _render_environment(
+            sensor, transform.scene, transform, plan, radiometry, on_progress, conversion
+        )
     # Rays past the mirror have arbitrary origins
     if isinstance(transform.scene, PaintedScene) and not radiometry.direct_view:
-        starts = rotate_vectors(mirror_grid(sensor).reshape(-1, 3), transform.turn.T) + transform.shift_mm
+        starts = (
+            rotate_vectors(mirror_grid(sensor).reshape(-1, 3), transform.turn.T)
+            + transform.shift_mm
+        )
         starts = np.where(transform.distant, transform.shift_mm, starts)
         margin = 0.0 if transform.distant else ORIGIN_MARGIN * sensor.mirror.rim_radius_mm
-        surroundings = transform.scene.surroundings_from(starts.min(axis=0) - margin, starts.max(axis=0) + margin)
+        surroundings = transform.scene.surroundings_from(
+            starts.min(axis=0) - margin, starts.max(axis=0) + margin
+        )
         if surroundings is not None:
             optics = native_optics(sensor, radiometry, plan.blur, transform.frame())
             light_of = partial(_render_surfaces, optics, surroundings, plan)
-            return render_tiles(light_of, sensor.image_size, len(plan.points), on_progress, workers, conversion)
+            return render_tiles(
+                light_of, sensor.image_size, len(plan.points), on_progress, workers, conversion
+            )
     return None
 
 
-def _render_environment(sensor: Sensor, world: Environment, transform: _SceneTransform, plan: Samples, radiometry: Radiometry, on_progress: Progress | None, conversion: PixelConversion) -> NDArray[Any]:
+def _render_environment(
+    sensor: Sensor,
+    world: Environment,
+    transform: _SceneTransform,
+    plan: Samples,
+    radiometry: Radiometry,
+    on_progress: Progress | None,
+    conversion: PixelConversion,
+) -> NDArray[Any]:
     frame = transform._replace(turn=world.heading() @ transform.turn).frame()
     optics = native_optics(sensor, radiometry, plan.blur, frame)
     width, height = sensor.image_size
     image = conversion.empty((width, height))
     for top in range(0, height, ROWS_AT_ONCE):
         light = np.empty((min(ROWS_AT_ONCE, height - top), width, 3), np.float32)
-        backend.kernels.expose_environment(optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light)
+        backend.kernels.expose_environment(
+            optics, world.native, plan.points, plan.blur, plan.seed, 0, top, light
+        )
         image[top : top + len(light)] = conversion.read(light)
         if on_progress is not None:
             on_progress(top + len(light), height)
     return image
 
 
-def _render_surfaces(optics: object, surroundings: Surroundings, plan: Samples, tile: Tile) -> Light:
+def _render_surfaces(
+    optics: object, surroundings: Surroundings, plan: Samples, tile: Tile
+) -> Light:
     rows, columns = tile
     light = np.empty((rows.stop - rows.start, columns.stop - columns.start, 3), np.float32)
     background = surroundings.background
     max_rays = 0 if background is None else light.size // 3 * len(plan.points)
     pixels, rays = np.empty(max_rays, np.int32), np.empty((max_rays, 7), np.float32)
     surfaces, start = surroundings.surfaces.native, (columns.start, rows.start)
-    count = backend.kernels.expose_surfaces(optics, surfaces, plan.points, plan.blur, plan.seed, *start, light, pixels, rays)
+    count = backend.kernels.expose_surfaces(
+        optics, surfaces, plan.points, plan.blur, plan.seed, *start, light, pixels, rays
+    )
     if background is not None and count:
         share, origins, directions = np.split(rays[:count].astype(float), (1, 4), axis=1)
-        first = np.flatnonzero(np.diff(pixels[:count], prepend=-1))  # rays of a pixel are consecutive
+        first = np.flatnonzero(
+            np.diff(pixels[:count], prepend=-1)
+        )  # rays of a pixel are consecutive
         sums = np.add.reduceat(share * background.radiance(origins, directions), first, axis=0)
         light.reshape(-1, 3)[pixels[first]] += sums.astype(np.float32)
     return light

@@ -28,8 +28,12 @@ from .scenes.scene_sources import SceneSource, record_of, sha256_of, source_of
 
 MANIFEST_NAME = "dataset.json"
 FRAMES = "frames"
-TEMPORARY_FILE = re.compile(r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)")
-REWRITE_FRACTION = 50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
+TEMPORARY_FILE = re.compile(
+    r"\.(view-\d+|frame-\d+|dataset|sensor|poses|video)-\w{8}\.(png|exr|json|toml|csv|mp4)"
+)
+REWRITE_FRACTION = (
+    50  # dataset.json is rewritten when 1/50 of it is new: once per file for small datasets
+)
 
 
 class Manifest:
@@ -60,7 +64,9 @@ class Manifest:
             _check_same_recipe(folder, previous, header["recipe"])
             _remove_temporary_files(folder)
             listed = previous.get("files", {})
-            self.files = {name: sha for name, sha in listed.items() if _is_unchanged(folder / name, sha)}
+            self.files = {
+                name: sha for name, sha in listed.items() if _is_unchanged(folder / name, sha)
+            }
             changing = previous.keys() - header.keys() - {"files", "complete"}
             self.entries = {name: previous[name] for name in previous if name in changing}
             self.is_complete = bool(previous.get("complete")) and len(self.files) == len(listed)
@@ -88,7 +94,12 @@ class Manifest:
 
     def write(self) -> None:
         """Write dataset.json in its current state, atomically."""
-        content = self.header | {"complete": self.is_complete} | self.entries | {"files": dict(sorted(self.files.items()))}
+        content = (
+            self.header
+            | {"complete": self.is_complete}
+            | self.entries
+            | {"files": dict(sorted(self.files.items()))}
+        )
         write_text(self.folder / MANIFEST_NAME, json.dumps(content) + "\n")
         self._listed_files = len(self.files)
 
@@ -124,15 +135,23 @@ def _stored_manifest(folder: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as e:
-        raise MediaError(f"cannot read {folder / MANIFEST_NAME}, which is not overwritten: {e}") from None
+        raise MediaError(
+            f"cannot read {folder / MANIFEST_NAME}, which is not overwritten: {e}"
+        ) from None
     return content if isinstance(content, dict) else {}
 
 
 def _check_same_recipe(folder: Path, previous: dict[str, Any], recipe: dict[str, Any]) -> None:
     old = previous.get("recipe", {})
-    different = [name for name in (*recipe, *(old.keys() - recipe.keys())) if old.get(name) != recipe.get(name)]
+    different = [
+        name
+        for name in (*recipe, *(old.keys() - recipe.keys()))
+        if old.get(name) != recipe.get(name)
+    ]
     if different:
-        raise InvalidParameter(f"folder must be new or contain the same dataset; {folder} differs in {', '.join(different)}; choose another folder or remove it")
+        raise InvalidParameter(
+            f"folder must be new or contain the same dataset; {folder} differs in {', '.join(different)}; choose another folder or remove it"
+        )
 
 
 def _is_unchanged(path: Path, sha256: str) -> bool:
@@ -187,7 +206,9 @@ class VideoRecipe(Recipe):
     duration_s: float | None = None
 
 
-KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {kind.KIND: kind for kind in (CalibrationRecipe, VideoRecipe)}
+KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {
+    kind.KIND: kind for kind in (CalibrationRecipe, VideoRecipe)
+}
 
 
 def format_of(kind: str) -> str:
@@ -200,14 +221,18 @@ def recipe_record(recipe: Recipe) -> dict[str, Any]:
     encoders: dict[str, Any] = {
         "sensor": format_camera,
         "hall": asdict,
-        "radiometry": lambda r: r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)},
+        "radiometry": lambda r: (
+            r and asdict(r) | {"reflectivity": _reflectivity_text(r.reflectivity)}
+        ),
         "detector": _detector_record,
         "scene": record_of,
         "path": _path_record,
         "bodies": lambda bodies: [vars(box) | {"path": _path_record(box.path)} for box in bodies],
     }
     unchanged: Any = lambda value: value  # noqa: E731
-    stored = {f.name: encoders.get(f.name, unchanged)(getattr(recipe, f.name)) for f in fields(recipe)}
+    stored = {
+        f.name: encoders.get(f.name, unchanged)(getattr(recipe, f.name)) for f in fields(recipe)
+    }
     content = {"omnimirror": version("omnimirror"), "kind": recipe.KIND} | stored
     record: dict[str, Any] = json.loads(json.dumps(content, default=lambda number: number.item()))
     return record
@@ -219,14 +244,18 @@ def _recipe_of(record: dict[str, Any], folder: Path) -> CalibrationRecipe | Vide
     decoders: dict[str, Any] = {
         "sensor": parse_camera,
         "hall": lambda r: Hall(**r),
-        "radiometry": lambda r: r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])}),
+        "radiometry": lambda r: (
+            r and Radiometry(**r | {"reflectivity": _reflectivity_of(r["reflectivity"])})
+        ),
         "detector": lambda r: Detector(**r | {"full_well_e": r["full_well_e"] or np.inf}),
         "scene": lambda r: source_of(r, folder),
         "path": _path_of,
         "bodies": lambda r: tuple(map(_body_of, r)),
     }
     unchanged: Any = lambda value: value  # noqa: E731
-    return KINDS[record["kind"]](**{name: decoders.get(name, unchanged)(value) for name, value in values.items()})
+    return KINDS[record["kind"]](
+        **{name: decoders.get(name, unchanged)(value) for name, value in values.items()}
+    )
 
 
 class StoredRecipe(NamedTuple):
@@ -264,27 +293,43 @@ def _record_in(path: str | Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError, AttributeError):
         raise MediaError(f"{path} must be the dataset.json of a dataset with its recipe") from None
     if kind not in KINDS:
-        raise MediaError(f"{path}: the kind of dataset must be one of {', '.join(KINDS)}; got {kind!r}")
+        raise MediaError(
+            f"{path}: the kind of dataset must be one of {', '.join(KINDS)}; got {kind!r}"
+        )
     if stored != format_of(kind):
-        raise MediaError(f"{path} must have the format {format_of(kind)!r}; got {stored!r}; write the dataset again")
+        raise MediaError(
+            f"{path} must have the format {format_of(kind)!r}; got {stored!r}; write the dataset again"
+        )
     return record  # type: ignore[no-any-return]
 
 
 def _path_record(path: Keyframes) -> dict[str, Any]:
-    return {"tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()}, "interpolation": path.interpolation}
+    return {
+        "tracks": {n: [list(k) for k in t] for n, t in path.tracks.items()},
+        "interpolation": path.interpolation,
+    }
 
 
 def _path_of(record: dict[str, Any]) -> Keyframes:
-    return Keyframes({n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()}, record["interpolation"])
+    return Keyframes(
+        {n: tuple((t, v) for t, v in k) for n, k in record["tracks"].items()},
+        record["interpolation"],
+    )
 
 
 def _body_of(record: dict[str, Any]) -> MovingBox:
-    return MovingBox(**record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])})
+    return MovingBox(
+        **record | {"size_mm": tuple(record["size_mm"]), "path": _path_of(record["path"])}
+    )
 
 
 def _detector_record(detector: Detector) -> dict[str, Any]:
-    record = asdict(detector) | {"black_level_dn": detector.offset_dn if detector.curve == "linear" else None}
-    return record | {"full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None}
+    record = asdict(detector) | {
+        "black_level_dn": detector.offset_dn if detector.curve == "linear" else None
+    }
+    return record | {
+        "full_well_e": detector.full_well_e if np.isfinite(detector.full_well_e) else None
+    }
 
 
 def _reflectivity_text(value: Any) -> Any:

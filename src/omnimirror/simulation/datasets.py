@@ -26,7 +26,16 @@ from ..io.exr import check_exr_can_be_written
 from ..io.images import encoded
 from ..io.keyframes import Keyframes
 from ..optics.sensor_files import AnyCamera, save_camera
-from .dataset_manifest import FRAMES, MANIFEST_NAME, CalibrationRecipe, Manifest, Recipe, VideoRecipe, format_of, recipe_record
+from .dataset_manifest import (
+    FRAMES,
+    MANIFEST_NAME,
+    CalibrationRecipe,
+    Manifest,
+    Recipe,
+    VideoRecipe,
+    format_of,
+    recipe_record,
+)
 from .detector import Detector
 from .ground_truth_maps import Moment, TrainingGroundTruth, ground_truth, training_ground_truth
 from .pixel_rays import project_visible, trace_pixels
@@ -66,7 +75,13 @@ def view_poses(count: int, seed: int = 0) -> list[Pose]:
     rng = np.random.default_rng(integer("seed", seed))
     positions = POSITION_RANGE_MM * rng.uniform(-1, 1, (count - 1, 3))
     rotations = np.array([180.0, MAX_TILT_DEG, MAX_TILT_DEG]) * rng.uniform(-1, 1, (count - 1, 3))
-    return [Pose(), *(Pose(*map(float, np.round(row, 3))) for row in np.concatenate([positions, rotations], axis=1))]
+    return [
+        Pose(),
+        *(
+            Pose(*map(float, np.round(row, 3)))
+            for row in np.concatenate([positions, rotations], axis=1)
+        ),
+    ]
 
 
 def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, Array]:
@@ -83,13 +98,29 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
         origins = trace_pixels(sensor, pixels[valid]).origins
         vectors = corners[valid] - origins
         distances = distances_mm(scene, origins, vectors)
-        pixels[np.flatnonzero(valid)[distances < np.linalg.norm(vectors, axis=1) - VISIBILITY_TOLERANCE_MM]] = np.nan
+        pixels[
+            np.flatnonzero(valid)[
+                distances < np.linalg.norm(vectors, axis=1) - VISIBILITY_TOLERANCE_MM
+            ]
+        ] = np.nan
         corners_px[name] = pixels.reshape(7, 11, 2)
     return corners_px
 
 
 @validate_arguments
-def write_calibration_dataset(sensor: AnyCamera, folder: str | Path, *, views: int = 12, samples: int = 16, blur: bool | None = None, radiometry: Radiometry | None = None, detector: Detector | None = None, seed: int = 0, hall: Hall | None = None, truth: bool = False) -> Iterator[Path]:
+def write_calibration_dataset(
+    sensor: AnyCamera,
+    folder: str | Path,
+    *,
+    views: int = 12,
+    samples: int = 16,
+    blur: bool | None = None,
+    radiometry: Radiometry | None = None,
+    detector: Detector | None = None,
+    seed: int = 0,
+    hall: Hall | None = None,
+    truth: bool = False,
+) -> Iterator[Path]:
     """Write images of the calibration hall one by one, and ``dataset.json``, which describes them.
 
     An interrupted dataset is resumed when it is written again; unchanged files are kept.
@@ -133,29 +164,64 @@ def write_calibration_dataset(sensor: AnyCamera, folder: str | Path, *, views: i
     ...     [path.name for path in written]
     ['view-000.png', 'dataset.json']
     """
-    return render_views(CalibrationRecipe(sensor=sensor, views=views, samples=samples, blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, hall=hall or Hall(), truth=truth), Path(folder))
+    return render_views(
+        CalibrationRecipe(
+            sensor=sensor,
+            views=views,
+            samples=samples,
+            blur=blur,
+            radiometry=radiometry,
+            detector=detector or Detector(),
+            seed=seed,
+            hall=hall or Hall(),
+            truth=truth,
+        ),
+        Path(folder),
+    )
 
 
 def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
     """Write the dataset of a recipe; see :func:`write_calibration_dataset`."""
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
-    manifest = _open_manifest(folder, recipe, {"square_mm": SQUARE_MM, "boards_mm": {name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards}})
-    records = {view["image"]: view for view in manifest.entries.get("views", []) if manifest.has(view["image"])}
+    manifest = _open_manifest(
+        folder,
+        recipe,
+        {
+            "square_mm": SQUARE_MM,
+            "boards_mm": {
+                name: hall.board_corners_mm(name).round(6).tolist() for name in hall.boards
+            },
+        },
+    )
+    records = {
+        view["image"]: view
+        for view in manifest.entries.get("views", [])
+        if manifest.has(view["image"])
+    }
     with _closing_on_error(manifest):
         for number, pose in enumerate(poses):
             name = f"view-{number:03d}"
             files = [f"{name}.png"] + [f"{name}.exr"] * recipe.truth
             if not (files[0] in records and manifest.has(*files)):
                 scene = PosedScene(hall, pose)
-                light = expose(sensor, scene, samples=recipe.samples, blur=bool(recipe.blur), radiometry=radiometry, seed=seed + number)
+                light = expose(
+                    sensor,
+                    scene,
+                    samples=recipe.samples,
+                    blur=bool(recipe.blur),
+                    radiometry=radiometry,
+                    seed=seed + number,
+                )
                 if recipe.truth:
                     write_truth(folder / files[1], sensor, scene, light, radiometry)
                 write_image(folder / files[0], recipe.detector.read(light, seed + number))
                 corners = _corner_lists(visible_corners_px(sensor, hall, pose))
                 record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
                 records[files[0]] = record | ({"truth": files[1]} if recipe.truth else {})
-                manifest.entries["views"] = [records[name] for name in sorted(records, key=lambda n: (len(n), n))]
+                manifest.entries["views"] = [
+                    records[name] for name in sorted(records, key=lambda n: (len(n), n))
+                ]
                 manifest.add(*files)
             yield folder / files[0]
     manifest.finish(complete=True)
@@ -245,18 +311,39 @@ def write_video_dataset(
     ...         samples=1, blur=False)
     2
     """
-    recipe = VideoRecipe(sensor=sensor, scene=scene, path=path, bodies=tuple(bodies), frame_rate=frame_rate, duration_s=duration_s, samples=samples, blur=blur, radiometry=radiometry, detector=detector or Detector(), seed=seed, truth=truth)
+    recipe = VideoRecipe(
+        sensor=sensor,
+        scene=scene,
+        path=path,
+        bodies=tuple(bodies),
+        frame_rate=frame_rate,
+        duration_s=duration_s,
+        samples=samples,
+        blur=blur,
+        radiometry=radiometry,
+        detector=detector or Detector(),
+        seed=seed,
+        truth=truth,
+    )
     return render_frames(recipe, Path(folder), on_progress)
 
 
-def render_frames(recipe: VideoRecipe, folder: Path, on_progress: Callable[[int, int], None] | None = None) -> int:
+def render_frames(
+    recipe: VideoRecipe, folder: Path, on_progress: Callable[[int, int], None] | None = None
+) -> int:
     """Write the dataset of a recipe and return its number of frames; see :func:`write_video_dataset`."""
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
     world = scene.load() if isinstance(scene, SceneSource) else scene
-    header: dict[str, Any] = {"video": "video.mp4", "poses": "poses.csv", "frame_rate": recipe.frame_rate}
-    manifest = _open_manifest(folder, recipe, header | ({"truth": "frame-%05d.exr"} if truth else {}))
+    header: dict[str, Any] = {
+        "video": "video.mp4",
+        "poses": "poses.csv",
+        "frame_rate": recipe.frame_rate,
+    }
+    manifest = _open_manifest(
+        folder, recipe, header | ({"truth": "frame-%05d.exr"} if truth else {})
+    )
     if manifest.is_complete:
         return len(times)
     completed = 0
@@ -264,9 +351,17 @@ def render_frames(recipe: VideoRecipe, folder: Path, on_progress: Callable[[int,
     def expose_frame(number: int, image: str, exr: str) -> None:
         time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
         current_scene = with_bodies(world, recipe.bodies, time)
-        light = frame_at(sensor, current_scene, path, time, recipe.samples, bool(recipe.blur), radiometry, seed)
+        light = frame_at(
+            sensor, current_scene, path, time, recipe.samples, bool(recipe.blur), radiometry, seed
+        )
         if truth:
-            write_truth(folder / exr, sensor, PosedScene(current_scene, Pose(**path.at(time))), light, radiometry)
+            write_truth(
+                folder / exr,
+                sensor,
+                PosedScene(current_scene, Pose(**path.at(time))),
+                light,
+                radiometry,
+            )
         write_image(folder / image, recipe.detector.read(light, seed))
         manifest.add(image, *([exr] if truth else []))
 
@@ -291,18 +386,27 @@ def render_frames(recipe: VideoRecipe, folder: Path, on_progress: Callable[[int,
     return len(times)
 
 
-def _write_video_files(manifest: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float) -> None:
+def _write_video_files(
+    manifest: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float
+) -> None:
     """Write the video of the existing frames, and their poses."""
     rows = [",".join(["time_s", *POSE_NAMES])]
-    rows += [",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values())) for time in times]
+    rows += [
+        ",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values()))
+        for time in times
+    ]
     write_text(manifest.folder / "poses.csv", "\n".join(rows) + "\n")
-    images = (read_image(manifest.folder / (FRAME_PATTERN % number)) for number in range(len(times)))
+    images = (
+        read_image(manifest.folder / (FRAME_PATTERN % number)) for number in range(len(times))
+    )
     encode(manifest.folder / "video.mp4", sensor.image_size, frame_rate, images)
     manifest.entries["frames"] = len(times)
     manifest.add("poses.csv", "video.mp4")
 
 
-def write_truth(path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None) -> None:
+def write_truth(
+    path: Path, sensor: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None = None
+) -> None:
     """Write light and :func:`~omnimirror.ground_truth` to an EXR file."""
     from ..io.exr import write_channels
 
@@ -339,7 +443,14 @@ def _closing_on_error(manifest: Manifest) -> Iterator[None]:
 
 def _corner_lists(corners: dict[str, Array]) -> dict[str, Any]:
     """Convert corners to JSON with null for missing ones; invisible boards are omitted."""
-    return {name: [[None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row] for row in pixels] for name, pixels in corners.items() if np.isfinite(pixels).any()}
+    return {
+        name: [
+            [None if np.isnan(u) else [round(float(u), 4), round(float(v), 4)] for u, v in row]
+            for row in pixels
+        ]
+        for name, pixels in corners.items()
+        if np.isfinite(pixels).any()
+    }
 
 
 # -- Training datasets: WebDataset shards ----------------------------------------------------------
@@ -417,7 +528,9 @@ def write_training_dataset(
     folder, per_shard = file_name("folder", folder), integer("per_shard", per_shard, 1, 1_000_000)
     times = frame_times(path, frame_rate, duration_s)
     if (folder / CARD_NAME).exists():
-        raise InvalidParameter(f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder")
+        raise InvalidParameter(
+            f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder"
+        )
     sensor_detector, moving_bodies = detector or Detector(), tuple(bodies)
 
     def moment(time: float) -> Moment:
@@ -425,25 +538,46 @@ def write_training_dataset(
 
     def sample(number: int) -> dict[str, bytes]:
         now, following = moment(times[number]), moment(times[min(number + 1, len(times) - 1)])
-        light = expose(camera, now.posed_scene, samples=samples, blur=blur, radiometry=radiometry, seed=seed + number)
+        light = expose(
+            camera,
+            now.posed_scene,
+            samples=samples,
+            blur=blur,
+            radiometry=radiometry,
+            seed=seed + number,
+        )
         image = encoded(sensor_detector.read(light, seed + number), ".png")
         truth_maps = training_ground_truth(camera, now, following, radiometry)
         if on_progress is not None:
             on_progress(number + 1, len(times))
-        return {"png": image, "npz": _arrays(truth_maps), "json": _record(now, times[number], number + 1 == len(times))}
+        return {
+            "png": image,
+            "npz": _arrays(truth_maps),
+            "json": _record(now, times[number], number + 1 == len(times)),
+        }
 
     shards = []
     for number, first in enumerate(range(0, len(times), per_shard)):
         shards.append(folder / f"set-{number:06d}.tar")
-        _write_shard(shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times)))))
+        _write_shard(
+            shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times))))
+        )
     save_camera(camera, folder / "sensor.toml")
-    write_text(folder / CARD_NAME, _dataset_card(camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]))
+    write_text(
+        folder / CARD_NAME,
+        _dataset_card(
+            camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]
+        ),
+    )
     return shards
 
 
 def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) -> None:
     """Write a tar file that is reproducible byte by byte."""
-    with atomic_output(path) as temporary, tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard:
+    with (
+        atomic_output(path) as temporary,
+        tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard,
+    ):
         for number, files in samples:
             for ending, content in files.items():
                 entry = tarfile.TarInfo(f"{number:06d}.{ending}")
@@ -473,10 +607,14 @@ def _record(now: Moment, time_s: float, is_last: bool) -> bytes:
     return json.dumps(record).encode()
 
 
-def _dataset_card(camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]) -> str:
+def _dataset_card(
+    camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]
+) -> str:
     width, height = camera.image_size
     name: Any = getattr(camera, "name", "camera")
-    labels = "\n".join(f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("none", *scene.label_names)))
+    labels = "\n".join(
+        f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("none", *scene.label_names))
+    )
     return f"""---
 pretty_name: {yaml_string(f"Simulated images of {name}")}
 task_categories: [depth-estimation, image-segmentation]

@@ -101,10 +101,15 @@ def ground_truth(camera: Camera, scene: Scene, radiometry: Radiometry | None = N
         pixels = np.stack(np.meshgrid(np.arange(width), rows), axis=-1).reshape(-1, 2)
         rays = trace_pixels(camera, pixels, radiometry)
         band, shape = slice(rows[0], rows[-1] + 1), (len(rows), width)
-        origins[band], directions[band] = (rays.origins.reshape(*shape, 3), rays.directions.reshape(*shape, 3))
+        origins[band], directions[band] = (
+            rays.origins.reshape(*shape, 3),
+            rays.directions.reshape(*shape, 3),
+        )
         hidden[band] = rays.hidden.reshape(shape)
         valid = rays.valid
-        depth[band][valid.reshape(shape)] = distances_mm(scene, rays.origins[valid], rays.directions[valid])
+        depth[band][valid.reshape(shape)] = distances_mm(
+            scene, rays.origins[valid], rays.directions[valid]
+        )
     return GroundTruth(origins, directions, depth, hidden)
 
 
@@ -141,7 +146,9 @@ class TrainingGroundTruth(NamedTuple):
     """Mask (h, w) of points that are not occluded in the next frame."""
 
 
-def training_ground_truth(camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None) -> TrainingGroundTruth:
+def training_ground_truth(
+    camera: Camera, now: Moment, following: Moment, radiometry: Radiometry | None = None
+) -> TrainingGroundTruth:
     """Return the ground truth of a frame, and its flow to the following one.
 
     Normals are those of the plane through three points on adjacent rays, on the sides without an
@@ -150,7 +157,11 @@ def training_ground_truth(camera: Camera, now: Moment, following: Moment, radiom
     truth = ground_truth(camera, now.posed_scene, radiometry)
     shape = truth.depth_mm.shape
     valid = np.isfinite(truth.directions[..., 0])
-    origins, towards, depth = (truth.origins_mm[valid], truth.directions[valid], truth.depth_mm[valid])
+    origins, towards, depth = (
+        truth.origins_mm[valid],
+        truth.directions[valid],
+        truth.depth_mm[valid],
+    )
     normals, flow = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
     labels, visible = np.zeros(shape, np.uint16), np.zeros(shape, dtype=bool)
     normals[valid] = _normals(now.posed_scene, origins, towards, depth)
@@ -158,7 +169,9 @@ def training_ground_truth(camera: Camera, now: Moment, following: Moment, radiom
     scene_labels = now.scene.labels(now.pose.to_scene(origins), towards @ turn)
     labels[valid] = scene_labels
     v, u = np.nonzero(valid)
-    next_pixels, visible[valid] = _next_frame(camera, now, following, (origins, towards, depth, scene_labels), radiometry)
+    next_pixels, visible[valid] = _next_frame(
+        camera, now, following, (origins, towards, depth, scene_labels), radiometry
+    )
     flow[valid] = next_pixels - np.stack([u, v], axis=1)
     return TrainingGroundTruth(truth, normals, labels, flow, visible)
 
@@ -169,7 +182,9 @@ def _normals(scene: PosedScene, origins: Array, towards: Array, depth: Array) ->
     helper = np.eye(3)[np.abs(towards).argmin(axis=1)]
     across = np.cross(towards, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    one, other = (_along(scene, origins, towards, depth, axis) for axis in (across, np.cross(towards, across)))
+    one, other = (
+        _along(scene, origins, towards, depth, axis) for axis in (across, np.cross(towards, across))
+    )
     normal: Array = np.cross(one, other)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     normal *= -np.sign(np.einsum("ni,ni->n", normal, towards))[:, None]
@@ -200,7 +215,13 @@ def _reach(scene: PosedScene, origins: Array, towards: Array) -> Array:
     return reach
 
 
-def _next_frame(camera: Camera, now: Moment, following: Moment, surface: tuple[Array, Array, Array, NDArray[np.int64]], radiometry: Radiometry | None) -> tuple[Array, Mask]:
+def _next_frame(
+    camera: Camera,
+    now: Moment,
+    following: Moment,
+    surface: tuple[Array, Array, Array, NDArray[np.int64]],
+    radiometry: Radiometry | None,
+) -> tuple[Array, Mask]:
     """Return pixels (n, 2) of the visible points in the following frame, and their visibility."""
     origins, towards, depth, labels = surface
     far = np.isinf(depth)
@@ -220,9 +241,15 @@ def _next_frame(camera: Camera, now: Moment, following: Moment, surface: tuple[A
     with np.errstate(invalid="ignore"):
         distances = np.full(len(next_rays.valid), np.nan)
         valid_rays = next_rays.valid
-        distances[valid_rays] = distances_mm(following.posed_scene, next_rays.origins[valid_rays], next_rays.directions[valid_rays])
-        expected = np.where(far[valid], np.inf, np.linalg.norm(points[valid] - next_rays.origins, axis=1))
-        is_same_point = (distances == expected) | (np.abs(distances - expected) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * expected)
+        distances[valid_rays] = distances_mm(
+            following.posed_scene, next_rays.origins[valid_rays], next_rays.directions[valid_rays]
+        )
+        expected = np.where(
+            far[valid], np.inf, np.linalg.norm(points[valid] - next_rays.origins, axis=1)
+        )
+        is_same_point = (distances == expected) | (
+            np.abs(distances - expected) <= SURFACE_TOLERANCE_MM + SURFACE_TOLERANCE * expected
+        )
     visible[valid] = valid_rays & ~next_rays.hidden & is_same_point
     pixels[~valid] = np.nan
     return pixels, visible

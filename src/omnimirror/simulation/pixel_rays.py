@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import whole
+from ..base.arguments import integer
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
@@ -65,8 +65,8 @@ def sampling_plan(samples: int, blur: bool, seed: int = 0) -> Samples:
     >>> sampling_plan(4, blur=False).points[:, :2].tolist()
     [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     """
-    whole("samples", samples, 1, MAX_SAMPLES)
-    whole("seed", seed, 0, 2**32 - 1)
+    integer("samples", samples, 1, MAX_SAMPLES)
+    integer("seed", seed, 0, 2**32 - 1)
     points = np.zeros((samples, 4))
     side = isqrt(samples)
     if blur:
@@ -130,14 +130,18 @@ ORIGIN_TOLERANCE_MM = 1e-4  # tolerance of a ray origin on a surface: single pre
 ORIGIN_OFFSET_MM = 1e-6  # offset of a ray origin from the surface that it leaves
 
 
-def intersects_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array) -> NDArray[np.bool_]:
+def intersects_lid(
+    shell: Shell, lids_mm: tuple[float, ...], points: Array, directions: Array
+) -> NDArray[np.bool_]:
     """Return the mask of rays (n, 3), (n, 3) from inside that end at opaque parts of a shell before
     its wall.
 
     Opaque parts are the discs that close it at heights; for a window, all except its opening.
     """
     if isinstance(shell, FlatWindow):
-        return ~_meets_disc(points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2)
+        return ~_meets_disc(
+            points, directions, shell.heights_mm[0], (shell.diameter_mm or np.inf) / 2
+        )
     meets = np.zeros(len(points), dtype=bool)
     for height in lids_mm:
         meets |= _meets_disc(points, directions, height, shell.inner_radius_mm(height))
@@ -146,11 +150,15 @@ def intersects_lid(shell: Shell, lids_mm: tuple[float, ...], points: Array, dire
     return meets
 
 
-def _meets_disc(points: Array, directions: Array, height: float, radius: float) -> NDArray[np.bool_]:
+def _meets_disc(
+    points: Array, directions: Array, height: float, radius: float
+) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (height - points[:, 2]) / directions[:, 2]
         across = points[:, :2] + t[:, None] * directions[:, :2]
-        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > ORIGIN_TOLERANCE_MM) & (np.hypot(*across.T) < radius)
+        meets: NDArray[np.bool_] = (t * np.abs(directions[:, 2]) > ORIGIN_TOLERANCE_MM) & (
+            np.hypot(*across.T) < radius
+        )
     return meets
 
 
@@ -212,7 +220,9 @@ class ThroughShell:
         points, towards, share = points[active], towards[active], np.ones(len(active))
         for _ in range(1 + MAX_GHOST_ORDER):
             transit = passage(self.shell, points, towards)
-            radiance = self.scene.radiance(rotate_vectors(transit.points, turn.T), rotate_vectors(transit.directions, turn.T))
+            radiance = self.scene.radiance(
+                rotate_vectors(transit.points, turn.T), rotate_vectors(transit.directions, turn.T)
+            )
             light[active] += (share * transit.passed)[:, None] * radiance
             ghosts = self._ghosts(transit)
             active, share = active[ghosts.alive], (share * (1 - transit.passed))[ghosts.alive]
@@ -224,11 +234,20 @@ class ThroughShell:
         mirror = self.sensor.optical_train.posed_mirror
         points, directions = (passage.met + ORIGIN_OFFSET_MM * passage.reflected, passage.reflected)
         reflected = mirror.trace(points, directions)
-        points = np.where(reflected.valid[:, None], reflected.points + ORIGIN_OFFSET_MM * reflected.directions, points)
+        points = np.where(
+            reflected.valid[:, None],
+            reflected.points + ORIGIN_OFFSET_MM * reflected.directions,
+            points,
+        )
         directions = np.where(reflected.valid[:, None], reflected.directions, directions)
         rim = self.sensor.mirror.rim_radius_mm
-        back = float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
-        alive = ~(_meets_disc(points, directions, back, rim) | intersects_lid(self.shell, self.lids_mm, points, directions))
+        back = (
+            float(self.sensor.mirror.sag(np.array(rim))) + self.sensor.mirror_pose.displacement_mm
+        )
+        alive = ~(
+            _meets_disc(points, directions, back, rim)
+            | intersects_lid(self.shell, self.lids_mm, points, directions)
+        )
         return _Ghosts(points, directions, alive)
 
 
@@ -238,7 +257,9 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
         return scene
     obstructions = camera.obstructions
     assert obstructions.housing.shell is not None
-    return ThroughShell(scene, obstructions.housing.shell, camera, tuple(lid.height_mm for lid in obstructions.lids))
+    return ThroughShell(
+        scene, obstructions.housing.shell, camera, tuple(lid.height_mm for lid in obstructions.lids)
+    )
 
 
 # -- Pixel rays and obscurations -------------------------------------------------------------------
@@ -268,14 +289,19 @@ class TracedRays(NamedTuple):
     """
 
 
-def trace_to_scene(sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry) -> TracedRays:
+def trace_to_scene(
+    sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry
+) -> TracedRays:
     """Trace rays of pixels (n, 2) through points (n, 2) of the unit disk of the aperture, in double
     precision.
     """
     start, towards = sensor.lens_rays(pixels, pupil)
     reflection = sensor.optical_train.posed_mirror.trace(start, towards)
     hit = reflection.valid
-    points, directions = (np.where(hit[:, None], reflection.points, start), np.where(hit[:, None], reflection.directions, towards))
+    points, directions = (
+        np.where(hit[:, None], reflection.points, start),
+        np.where(hit[:, None], reflection.directions, towards),
+    )
     fate = np.where(hit, REFLECTED, DIRECT if radiometry.direct_view else LOST).astype(np.uint8)
     fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
@@ -295,14 +321,19 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
         return np.ones(len(points))
     meets, across = obstructions.camera.blocks(points, directions)
     if obstructions.rod is not None:
-        meets &= ~(obstructions.rod.blocks(points, directions) | obstructions.rod.blocks(points, towards_lens))
+        meets &= ~(
+            obstructions.rod.blocks(points, directions)
+            | obstructions.rod.blocks(points, towards_lens)
+        )
     return np.where(meets, camera_front(2 * across / obstructions.front_ring_mm), 1.0)
 
 
 def check_housing_is_rendered(sensor: Sensor) -> None:
     """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
     if sensor.secondary is not None and not sensor.housing.is_empty:
-        raise InvalidParameter(f"the housing must be empty for rendering and ground truth of two mirrors; {sensor.name!r} has both; use replace(sensor, housing=Housing())")
+        raise InvalidParameter(
+            f"the housing must be empty for rendering and ground truth of two mirrors; {sensor.name!r} has both; use replace(sensor, housing=Housing())"
+        )
 
 
 def mirror_grid(sensor: Sensor) -> Array:
@@ -333,7 +364,9 @@ def check_clearance(sensor: Sensor, scene: Scene) -> None:
     start = np.concatenate([grid[:-1].reshape(-1, 3), grid[1:, :-1].reshape(-1, 3)])
     end = np.concatenate([grid[1:].reshape(-1, 3), grid[1:, 1:].reshape(-1, 3)])
     if (scene.distance_mm(start, end - start) < np.linalg.norm(end - start, axis=1)).any():
-        raise InvalidParameter("the mirror must not intersect the scene; change the pose, or check the unit of the mesh")
+        raise InvalidParameter(
+            "the mirror must not intersect the scene; change the pose, or check the unit of the mesh"
+        )
 
 
 class PixelRays(NamedTuple):
@@ -353,7 +386,9 @@ class PixelRays(NamedTuple):
     """
 
 
-def trace_pixels(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None) -> PixelRays:
+def trace_pixels(
+    camera: Camera, pixels: ArrayLike, radiometry: Radiometry | None = None
+) -> PixelRays:
     """Return the chief rays of pixels (n, 2) past obstructions and through a tube or a dome.
 
     Parameters
@@ -383,7 +418,9 @@ def trace_pixels(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | Non
     pixels = np.asarray(pixels, dtype=float)
     if not isinstance(camera, Sensor) or camera.secondary is not None:
         if radiometry is not None:
-            raise InvalidParameter("radiometry must be omitted unless the camera is a sensor with one mirror")
+            raise InvalidParameter(
+                "radiometry must be omitted unless the camera is a sensor with one mirror"
+            )
         if isinstance(camera, Sensor):
             check_housing_is_rendered(camera)
         rays, hidden = camera.backproject(pixels), np.zeros(len(pixels), dtype=bool)
@@ -391,7 +428,10 @@ def trace_pixels(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | Non
             hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
             hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
         return PixelRays(rays.origins, _unit(rays.directions), rays.valid, hidden)
-    traced, obstructions = (trace_to_scene(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()), camera.obstructions)
+    traced, obstructions = (
+        trace_to_scene(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
+        camera.obstructions,
+    )
     points, directions, hidden = (traced.points, _unit(traced.directions), traced.fate == HIDDEN)
     valid = (traced.fate == REFLECTED) | (traced.fate == DIRECT)
     if (shell := obstructions.housing.shell) is not None:
@@ -402,7 +442,9 @@ def trace_pixels(camera: Camera, pixels: ArrayLike, radiometry: Radiometry | Non
         valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan
     rotation = camera.mount.rotation().T
-    return PixelRays(rotate_vectors(points, rotation), rotate_vectors(directions, rotation), valid, hidden)
+    return PixelRays(
+        rotate_vectors(points, rotation), rotate_vectors(directions, rotation), valid, hidden
+    )
 
 
 def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:

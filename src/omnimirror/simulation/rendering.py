@@ -25,7 +25,21 @@ from ..optics.image_sensor import Imager
 from ..optics.sensor import Sensor
 from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
 from .image_tiles import BYTES, LIGHT, PixelConversion, Progress, Tile, render_tiles
-from .pixel_rays import DIRECT, HIDDEN, LOST, REFLECTED, Samples, ThroughShell, check_clearance, check_housing_is_rendered, front_shade, sample_positions, sampling_plan, scene_through_shell, trace_to_scene
+from .pixel_rays import (
+    DIRECT,
+    HIDDEN,
+    LOST,
+    REFLECTED,
+    Samples,
+    ThroughShell,
+    check_clearance,
+    check_housing_is_rendered,
+    front_shade,
+    sample_positions,
+    sampling_plan,
+    scene_through_shell,
+    trace_to_scene,
+)
 from .radiometry import Radiometry
 from .scenes.scene import DistantScene, Scene
 
@@ -48,7 +62,19 @@ class Bundle(NamedTuple):
 
 
 @validate_arguments
-def expose(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None) -> Light:
+def expose(
+    camera: Camera,
+    scene: Scene,
+    *,
+    samples: int = 4,
+    blur: bool = False,
+    distant: bool = False,
+    radiometry: Radiometry | None = None,
+    seed: int = 0,
+    on_progress: Progress | None = None,
+    workers: int | None = None,
+    wavelengths_nm: tuple[float, float, float] | None = None,
+) -> Light:
     """Compute the light (rows, columns, 3), linear RGB, on the pixels of a camera.
 
     Parameters
@@ -102,11 +128,34 @@ def expose(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False
     >>> light.shape, light.dtype
     ((64, 64, 3), dtype('float32'))
     """
-    return render_light(camera, scene, LIGHT, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, on_progress=on_progress, workers=workers, wavelengths_nm=wavelengths_nm)
+    return render_light(
+        camera,
+        scene,
+        LIGHT,
+        samples=samples,
+        blur=blur,
+        distant=distant,
+        radiometry=radiometry,
+        seed=seed,
+        on_progress=on_progress,
+        workers=workers,
+        wavelengths_nm=wavelengths_nm,
+    )
 
 
 def render_light(
-    camera: Camera, scene: Scene, conversion: PixelConversion, *, samples: int, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Progress | None = None, workers: int | None = None, wavelengths_nm: tuple[float, float, float] | None = None
+    camera: Camera,
+    scene: Scene,
+    conversion: PixelConversion,
+    *,
+    samples: int,
+    blur: bool = False,
+    distant: bool = False,
+    radiometry: Radiometry | None = None,
+    seed: int = 0,
+    on_progress: Progress | None = None,
+    workers: int | None = None,
+    wavelengths_nm: tuple[float, float, float] | None = None,
 ) -> NDArray[Any]:
     """Return the converted light, (rows, columns, 3); parameters as in
     :func:`expose`.
@@ -118,9 +167,13 @@ def render_light(
     instance("blur", blur, bool, "True or False")
     instance("distant", distant, bool, "True or False")
     if blur and not isinstance(camera, Sensor):
-        raise InvalidParameter(f"blur must be False unless the camera is a sensor; got a {type(camera).__name__}")
+        raise InvalidParameter(
+            f"blur must be False unless the camera is a sensor; got a {type(camera).__name__}"
+        )
     if radiometry is not None and not _has_one_mirror(camera):
-        raise InvalidParameter("radiometry must be omitted unless the camera is a sensor with one mirror")
+        raise InvalidParameter(
+            "radiometry must be omitted unless the camera is a sensor with one mirror"
+        )
     if isinstance(camera, Sensor):
         check_housing_is_rendered(camera)
         camera.aligned().rim_radius_px  # noqa: B018 - proves that lens and mirror can be used
@@ -130,7 +183,17 @@ def render_light(
     radiometry = radiometry or Radiometry()
     cameras, coloured = _cameras_at_wavelengths(camera, wavelengths_nm), radiometry.by_colour()
     if cameras is not None or coloured is not None:
-        plain = partial(render_light, scene=scene, conversion=LIGHT if conversion.in_order else conversion, samples=samples, blur=blur, distant=distant, seed=seed, on_progress=on_progress, workers=workers)
+        plain = partial(
+            render_light,
+            scene=scene,
+            conversion=LIGHT if conversion.in_order else conversion,
+            samples=samples,
+            blur=blur,
+            distant=distant,
+            seed=seed,
+            on_progress=on_progress,
+            workers=workers,
+        )
         cameras_by_colour: list[Any] = [camera] * 3 if cameras is None else [*cameras]
         each = zip(cameras_by_colour, coloured or [radiometry] * 3, strict=True)
         shares = [plain(colour_camera, radiometry=light) for colour_camera, light in each]
@@ -138,18 +201,24 @@ def render_light(
         return conversion.read(stacked) if conversion.in_order else stacked
     visible_scene = scene_through_shell(camera, _at_infinity(scene) if distant else scene)
     if _has_one_mirror(camera) and is_for_kernels(camera):
-        image = compiled_light(camera, visible_scene, plan, radiometry, on_progress, workers, conversion)
+        image = compiled_light(
+            camera, visible_scene, plan, radiometry, on_progress, workers, conversion
+        )
         if image is not None:
             return image
     return _render_scene(camera, visible_scene, plan, radiometry, on_progress, workers, conversion)
 
 
-def _cameras_at_wavelengths(camera: Camera, wavelengths_nm: tuple[float, float, float] | None) -> list[Sensor] | None:
+def _cameras_at_wavelengths(
+    camera: Camera, wavelengths_nm: tuple[float, float, float] | None
+) -> list[Sensor] | None:
     """Return the sensor for red, green and blue light; None if all colours are equal."""
     if wavelengths_nm is None:
         return None
     if not isinstance(camera, Sensor):
-        raise InvalidParameter(f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}")
+        raise InvalidParameter(
+            f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}"
+        )
     three = finite("wavelengths_nm", wavelengths_nm, last=3)
     return [at_wavelength(camera, float(nm)) for nm in three]
 
@@ -157,24 +226,42 @@ def _cameras_at_wavelengths(camera: Camera, wavelengths_nm: tuple[float, float, 
 def _check_size(camera: Camera) -> None:
     width, height = camera.image_size
     if width * height > MAX_SIDE_PX**2:
-        raise InvalidParameter(f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} x {MAX_SIDE_PX} px; got {width} x {height} px")
+        raise InvalidParameter(
+            f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} x {MAX_SIDE_PX} px; got {width} x {height} px"
+        )
 
 
 def _at_infinity(scene: Scene) -> Scene:
     """Return the scene at infinity; a tube or a dome is unchanged."""
-    return replace(scene, scene=_at_infinity(scene.scene)) if isinstance(scene, ThroughShell) else DistantScene(scene)
+    return (
+        replace(scene, scene=_at_infinity(scene.scene))
+        if isinstance(scene, ThroughShell)
+        else DistantScene(scene)
+    )
 
 
 def _has_one_mirror(camera: Camera) -> TypeGuard[Sensor]:
     return isinstance(camera, Sensor) and camera.secondary is None
 
 
-def _render_scene(camera: Camera, scene: Scene, plan: Samples, radiometry: Radiometry, on_progress: Progress | None, workers: int | None, conversion: PixelConversion) -> NDArray[Any]:
+def _render_scene(
+    camera: Camera,
+    scene: Scene,
+    plan: Samples,
+    radiometry: Radiometry,
+    on_progress: Progress | None,
+    workers: int | None,
+    conversion: PixelConversion,
+) -> NDArray[Any]:
     def light_of(tile: Tile) -> Light:
-        light: Light = gather_light(trace_bundle(camera, plan, radiometry, *tile), scene, radiometry).mean(axis=2)
+        light: Light = gather_light(
+            trace_bundle(camera, plan, radiometry, *tile), scene, radiometry
+        ).mean(axis=2)
         return light
 
-    return render_tiles(light_of, camera.image_size, len(plan.points), on_progress, workers, conversion)
+    return render_tiles(
+        light_of, camera.image_size, len(plan.points), on_progress, workers, conversion
+    )
 
 
 def gather_light(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
@@ -188,31 +275,52 @@ def gather_light(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     return light
 
 
-def trace_bundle(camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
+def trace_bundle(
+    camera: Camera, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
+) -> Bundle:
     """Trace the rays of a tile of the image."""
     if not _has_one_mirror(camera):
         pixels, pupil = sample_positions(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
         shape, flat = pixels.shape[:-1], pixels.reshape(-1, 2)
         if isinstance(camera, Sensor) and plan.blur:
-            origins, directions, valid = camera.aperture_rays(flat, pupil.reshape(-1, 2) * plan.blur)
+            origins, directions, valid = camera.aperture_rays(
+                flat, pupil.reshape(-1, 2) * plan.blur
+            )
         else:
             origins, directions, valid = camera.backproject(flat)
         fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
-        return Bundle(origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate)
+        return Bundle(
+            origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate
+        )
     trace_sensor = _trace_natively if is_for_kernels(camera) else _trace_sensor
     return trace_sensor(camera, plan, radiometry, rows, columns)
 
 
-def _trace_natively(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
+def _trace_natively(
+    sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
+) -> Bundle:
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
     origins, directions = np.empty((2, *shape, 3), np.float32)
     weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     optics = native_optics(sensor, radiometry, plan.blur)
-    backend.kernels.expose_rays(optics, plan.points, plan.blur, plan.seed, columns.start, rows.start, origins, directions, weight, fate)
+    backend.kernels.expose_rays(
+        optics,
+        plan.points,
+        plan.blur,
+        plan.seed,
+        columns.start,
+        rows.start,
+        origins,
+        directions,
+        weight,
+        fate,
+    )
     return Bundle(origins, directions, weight, fate)
 
 
-def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice) -> Bundle:
+def _trace_sensor(
+    sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: slice, columns: slice
+) -> Bundle:
     """Trace the same rays without the compiled module."""
     pixels, pupil = sample_positions(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
@@ -223,12 +331,19 @@ def _trace_sensor(sensor: Sensor, plan: Samples, radiometry: Radiometry, rows: s
     image = sensor.image_plane.flat_mm(pixels)[0]
     # Edges of a real lens vignette rays through its aperture; chief rays represent all of them
     clipped = plan.blur and not sensor.lens.IS_THIN
-    weight = 1 - radiometry.vignetting * (1 - sensor.lens.falloff(image, pupil if clipped else None))
+    weight = 1 - radiometry.vignetting * (
+        1 - sensor.lens.falloff(image, pupil if clipped else None)
+    )
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)
     weight[hit] *= front_shade(sensor, points[hit], directions[hit], -towards[hit])
     weight[fate == LOST] = 0.0
     rotation = sensor.mount.rotation().T
-    return Bundle(rotate_vectors(points, rotation).reshape(*shape, 3), rotate_vectors(directions, rotation).reshape(*shape, 3), weight.reshape(shape), fate.reshape(shape))
+    return Bundle(
+        rotate_vectors(points, rotation).reshape(*shape, 3),
+        rotate_vectors(directions, rotation).reshape(*shape, 3),
+        weight.reshape(shape),
+        fate.reshape(shape),
+    )
 
 
 # -- Rendered images -------------------------------------------------------------------------------
@@ -241,7 +356,19 @@ SHOWN_SAMPLES = 16
 """Rays per pixel of images for display."""
 
 
-def render_image(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool = False, distant: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Progress | None = None, workers: int | None = None, low_pass: bool = False) -> SrgbImage:
+def render_image(
+    camera: Camera,
+    scene: Scene,
+    *,
+    samples: int = 4,
+    blur: bool = False,
+    distant: bool = False,
+    radiometry: Radiometry | None = None,
+    seed: int = 0,
+    on_progress: Progress | None = None,
+    workers: int | None = None,
+    low_pass: bool = False,
+) -> SrgbImage:
     """Render the image (rows, columns, 3), uint8 sRGB in RGB order, of a scene captured by a
     camera.
 
@@ -296,9 +423,30 @@ def render_image(camera: Camera, scene: Scene, *, samples: int = 4, blur: bool =
     """
     if low_pass:
         fine = _with_half_pixel_pitch(camera)
-        light = expose(fine, scene, samples=-(-samples // 4), blur=blur, distant=distant, radiometry=radiometry, seed=seed, on_progress=on_progress, workers=workers)
+        light = expose(
+            fine,
+            scene,
+            samples=-(-samples // 4),
+            blur=blur,
+            distant=distant,
+            radiometry=radiometry,
+            seed=seed,
+            on_progress=on_progress,
+            workers=workers,
+        )
         return srgb_bytes(_low_pass_filtered(light))
-    return render_light(camera, scene, BYTES, samples=samples, blur=blur, distant=distant, radiometry=radiometry, seed=seed, on_progress=on_progress, workers=workers)
+    return render_light(
+        camera,
+        scene,
+        BYTES,
+        samples=samples,
+        blur=blur,
+        distant=distant,
+        radiometry=radiometry,
+        seed=seed,
+        on_progress=on_progress,
+        workers=workers,
+    )
 
 
 LOW_PASS_KERNEL = np.array([1.0, 3.0, 3.0, 1.0]) / 8
@@ -308,19 +456,30 @@ LOW_PASS_KERNEL = np.array([1.0, 3.0, 3.0, 1.0]) / 8
 def _with_half_pixel_pitch(camera: Camera) -> Sensor:
     """Return the sensor with pixels of half the width."""
     if not isinstance(camera, Sensor):
-        raise InvalidParameter(f"low_pass must be False unless the camera is a sensor; got a {type(camera).__name__}")
+        raise InvalidParameter(
+            f"low_pass must be False unless the camera is a sensor; got a {type(camera).__name__}"
+        )
     imager = camera.imager
     u, v = imager.centre
-    finer = Imager(2 * imager.width_px, 2 * imager.height_px, imager.pixel_pitch_um / 2, (2 * u + 0.5, 2 * v + 0.5))
+    finer = Imager(
+        2 * imager.width_px,
+        2 * imager.height_px,
+        imager.pixel_pitch_um / 2,
+        (2 * u + 0.5, 2 * v + 0.5),
+    )
     return replace(camera, imager=finer)
 
 
 def _low_pass_filtered(light: Light) -> Light:
     """Filter light (2 n, 2 m, 3) on half-width pixels to pixels (n, m, 3)."""
     for axis in (0, 1):
-        padded = np.moveaxis(np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0)
+        padded = np.moveaxis(
+            np.pad(light, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge"), axis, 0
+        )
         count = light.shape[axis] // 2
-        light = np.moveaxis(sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(LOW_PASS_KERNEL)), 0, axis)
+        light = np.moveaxis(
+            sum(w * padded[i : i + 2 * count : 2] for i, w in enumerate(LOW_PASS_KERNEL)), 0, axis
+        )
     return np.ascontiguousarray(light, np.float32)
 
 
@@ -355,8 +514,15 @@ def render_pinhole_image(scene: Scene, directions: ArrayLike, samples: int = 1) 
     """
     _check_samples(samples)
     towards = np.asarray(directions, dtype=float)
-    if towards.ndim != 3 or towards.shape[2] != 3 or towards.shape[0] % samples or towards.shape[1] % samples:
-        raise InvalidParameter(f"directions must have the shape (rows, columns, 3), with rows and columns multiples of samples = {samples}; got {towards.shape}")
+    if (
+        towards.ndim != 3
+        or towards.shape[2] != 3
+        or towards.shape[0] % samples
+        or towards.shape[1] % samples
+    ):
+        raise InvalidParameter(
+            f"directions must have the shape (rows, columns, 3), with rows and columns multiples of samples = {samples}; got {towards.shape}"
+        )
     light = np.zeros(towards.shape, dtype=np.float32)
     valid = np.isfinite(towards).all(axis=2)
     light[valid] = scene.radiance(np.zeros((int(valid.sum()), 3)), towards[valid])
@@ -371,4 +537,6 @@ def _check_samples(samples: int) -> None:
 def _averaged_srgb(light: Light, samples: int) -> SrgbImage:
     """Convert the light of samples (rows * samples, columns * samples, 3) to pixels."""
     rows, columns, _ = light.shape
-    return srgb_bytes(light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3)))
+    return srgb_bytes(
+        light.reshape(rows // samples, samples, columns // samples, samples, 3).mean(axis=(1, 3))
+    )

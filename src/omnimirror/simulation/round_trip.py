@@ -107,22 +107,43 @@ def measure_round_trip(sensor: Sensor, samples: int = 16, texel_mm: float = 2.0)
     room = PosedScene(Room(texel_mm, max(texel_mm, OTHER_TEXEL_MM)), POSE)
     truth = _truth(room)
     near = best_viewpoint(sensor, WALL_MM)
-    exact, single = (Dewarper(sensor, VIEW, "cubic"), Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm))
+    exact, single = (
+        Dewarper(sensor, VIEW, "cubic"),
+        Dewarper(sensor, VIEW, "cubic", viewpoint=near.z_mm),
+    )
     if not np.isfinite(exact.coordinates()[LETTERS]).all():
-        raise OutsideField(f"the sensor must observe all letters on the wall {WALL_MM:g} mm ahead; got {sensor.name!r}")
+        raise OutsideField(
+            f"the sensor must observe all letters on the wall {WALL_MM:g} mm ahead; got {sensor.name!r}"
+        )
     sharp = _rendered(sensor, room, samples)
     exact_view, single_view = exact(sharp), single(sharp)
     blurred_db = np.nan
     if sensor.secondary is None:  # aperture rays via a second mirror are not traced
         blurred_db = _decibels(exact(_rendered(sensor, room, samples, blur=True)), truth)
     u, v = sensor.imager.centre
-    halved = replace(sensor.imager, width_px=2 * sensor.imager.width_px, height_px=2 * sensor.imager.height_px, pixel_pitch_um=sensor.imager.pixel_pitch_um / 2, centre_px=(2 * u + 0.5, 2 * v + 0.5))
+    halved = replace(
+        sensor.imager,
+        width_px=2 * sensor.imager.width_px,
+        height_px=2 * sensor.imager.height_px,
+        pixel_pitch_um=sensor.imager.pixel_pitch_um / 2,
+        centre_px=(2 * u + 0.5, 2 * v + 0.5),
+    )
     finer = replace(sensor, imager=halved)
     fine = Dewarper(finer, VIEW, "cubic")(_rendered(finer, room, max(1, samples // 4)))
-    return RoundTrip(_decibels(exact_view, truth), _decibels(fine, truth), blurred_db, _decibels(single_view, truth), _shifts(exact_view, truth, exact, sensor), _shifts(single_view, truth, exact, sensor), _predicted(sensor, exact, near.z_mm))
+    return RoundTrip(
+        _decibels(exact_view, truth),
+        _decibels(fine, truth),
+        blurred_db,
+        _decibels(single_view, truth),
+        _shifts(exact_view, truth, exact, sensor),
+        _shifts(single_view, truth, exact, sensor),
+        _predicted(sensor, exact, near.z_mm),
+    )
 
 
-def _rendered(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False) -> NDArray[np.float32]:
+def _rendered(
+    sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False
+) -> NDArray[np.float32]:
     """Render an sRGB image, converted in place in bands of rows."""
     image = expose(sensor, scene, samples=samples, blur=blur)
     for rows in np.array_split(image, max(1, len(image) // ROWS)):
@@ -133,7 +154,9 @@ def _rendered(sensor: Sensor, scene: Scene, samples: int, *, blur: bool = False)
 def _truth(scene: Scene) -> NDArray[np.float32]:
     """Render the wall with a pinhole at the sensor, 4 x 4 rays per pixel."""
     fine = replace(VIEW, size=(4 * SIZE[0], 4 * SIZE[1]))
-    edges = range(0, fine.size[1] + 1, 4 * ROWS)  # processed in parts: three million rays take 0.5 GB
+    edges = range(
+        0, fine.size[1] + 1, 4 * ROWS
+    )  # processed in parts: three million rays take 0.5 GB
     parts = [render_pinhole_image(scene, fine.targets(*rows), 4) for rows in pairwise(edges)]
     return (np.concatenate(parts) / 255).astype(np.float32)
 
@@ -152,7 +175,9 @@ def _radii_of_middle_column(dewarp: Dewarper, sensor: Sensor) -> Array:
     return sensor.radius_from_centre_px(dewarp.coordinates()[:, SIZE[0] // 2])
 
 
-def _shifts(image: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewarper, sensor: Sensor) -> Array:
+def _shifts(
+    image: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewarper, sensor: Sensor
+) -> Array:
     """Return the downward shift (strips,) of an image relative to the reference by least squares;
     source px.
 
@@ -161,15 +186,28 @@ def _shifts(image: NDArray[np.float32], truth: NDArray[np.float32], exact: Dewar
     """
     import cv2
 
-    radius, columns, shifts_px = (_radii_of_middle_column(exact, sensor), slice(SIZE[0] // 3, 2 * SIZE[0] // 3), [])
+    radius, columns, shifts_px = (
+        _radii_of_middle_column(exact, sensor),
+        slice(SIZE[0] // 3, 2 * SIZE[0] // 3),
+        [],
+    )
     smooth_image, smooth = (cv2.GaussianBlur(p, (0, 0), SMOOTHING_PX) for p in (image, truth))
     for rows in _strips():
         shift = 0.0
         for _ in range(STEPS):
-            shifted = cv2.warpAffine(smooth, np.array([[1.0, 0, 0], [0, 1.0, shift]]), SIZE, borderMode=cv2.BORDER_REPLICATE)
+            shifted = cv2.warpAffine(
+                smooth,
+                np.array([[1.0, 0, 0], [0, 1.0, shift]]),
+                SIZE,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
             slope = np.gradient(shifted, axis=0)[rows, columns].ravel()
-            shift += float(slope @ (shifted - smooth_image)[rows, columns].ravel() / (slope @ slope))
-        shifts_px.append(shift * abs(radius[rows.stop] - radius[rows.start]) / (rows.stop - rows.start))
+            shift += float(
+                slope @ (shifted - smooth_image)[rows, columns].ravel() / (slope @ slope)
+            )
+        shifts_px.append(
+            shift * abs(radius[rows.stop] - radius[rows.start]) / (rows.stop - rows.start)
+        )
     return np.array(shifts_px)
 
 

@@ -75,13 +75,29 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
     number("frame_rate", frame_rate, low=MIN_FRAME_RATE, high=1e6)
     if duration_s is None:
         duration_s = max(time for track in path.tracks.values() for time, _ in track)
-    count = int(np.floor(duration_s * frame_rate + 1e-9)) + 1 if duration_s >= 0 and frame_rate > 0 else 0
+    count = (
+        int(np.floor(duration_s * frame_rate + 1e-9)) + 1
+        if duration_s >= 0 and frame_rate > 0
+        else 0
+    )
     if not 1 <= count <= MAX_FRAMES:
-        raise InvalidParameter(f"the video must have 1 to {MAX_FRAMES} frames; got {duration_s:g} s at {frame_rate:g} frames/s")
+        raise InvalidParameter(
+            f"the video must have 1 to {MAX_FRAMES} frames; got {duration_s:g} s at {frame_rate:g} frames/s"
+        )
     return [i / frame_rate for i in range(count)]
 
 
-def frame_at(camera: Camera, scene: Scene, path: Keyframes, time_s: float, samples: int = 4, blur: bool = False, radiometry: Radiometry | None = None, seed: int = 0, on_progress: Callable[[int, int], None] | None = None) -> Light:
+def frame_at(
+    camera: Camera,
+    scene: Scene,
+    path: Keyframes,
+    time_s: float,
+    samples: int = 4,
+    blur: bool = False,
+    radiometry: Radiometry | None = None,
+    seed: int = 0,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Light:
     """Return the linear light (h, w, 3) at the time ``time_s``; the sensor is static during the
     exposure.
 
@@ -92,7 +108,15 @@ def frame_at(camera: Camera, scene: Scene, path: Keyframes, time_s: float, sampl
         a sensor.
     """
     posed_scene = PosedScene(scene, Pose(**path.at(time_s)))
-    return expose(camera, posed_scene, samples=samples, blur=blur, radiometry=radiometry, seed=seed, on_progress=on_progress)
+    return expose(
+        camera,
+        posed_scene,
+        samples=samples,
+        blur=blur,
+        radiometry=radiometry,
+        seed=seed,
+        on_progress=on_progress,
+    )
 
 
 class VideoFrame(NamedTuple):
@@ -197,7 +221,9 @@ def write_video(
     return len(times)
 
 
-def encode(output: str | Path, size: tuple[int, int], frame_rate: float, images: Iterable[NDArray[Any]]) -> None:
+def encode(
+    output: str | Path, size: tuple[int, int], frame_rate: float, images: Iterable[NDArray[Any]]
+) -> None:
     """Write RGB images (h, w, 3) as a video."""
     from ..io.video_frames import frame_of_image
     from ..io.video_writer import VideoWriter
@@ -213,4 +239,6 @@ def encode(output: str | Path, size: tuple[int, int], frame_rate: float, images:
 def check_video_can_be_written(output: str | Path) -> None:
     """Raise MediaError unless PyAV is installed."""
     if find_spec("av") is None:
-        raise MediaError(f"writing the video {output} requires PyAV: pip install 'omnimirror[video]'")
+        raise MediaError(
+            f"writing the video {output} requires PyAV: pip install 'omnimirror[video]'"
+        )

@@ -86,7 +86,13 @@ def test_missing_or_invalid_files_exit_with_1(place, words):
     assert run.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("statement", ["from omnimirror.apps.cli import main; main('dewarp a.png --ball 31.5,31.5,30,300 -o b.png'.split())", "import omnimirror as om; om.read_image('a.png')"])
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from omnimirror.apps.cli import main; main('dewarp a.png --ball 31.5,31.5,30,300 -o b.png'.split())",
+        "import omnimirror as om; om.read_image('a.png')",
+    ],
+)
 def test_missing_opencv_raises_with_remedy(statement, place):
     """The folder cv2 is missing, as after removal of one of two OpenCV packages."""
     code = f"import sys; sys.modules['cv2'] = None; {statement}"

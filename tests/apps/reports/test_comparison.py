@@ -13,7 +13,12 @@ from PIL import Image
 
 import omnimirror as om
 from omnimirror.analysis.figures import side_by_side
-from omnimirror.apps.reports.comparison import RenderedImages, comparison_sheet, render_images, write_comparison
+from omnimirror.apps.reports.comparison import (
+    RenderedImages,
+    comparison_sheet,
+    render_images,
+    write_comparison,
+)
 from omnimirror.base.errors import InvalidParameter
 from tests.commands import omnimirror
 
@@ -22,13 +27,17 @@ ROOM = om.Room(texel_mm=40.0)
 
 def small(name):
     sensor = om.load_sensor(name)
-    pixels = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um)
+    pixels = replace(
+        sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um
+    )
     return replace(sensor, imager=pixels)
 
 
 @pytest.fixture(scope="module")
 def comparison():
-    return om.compare([small(n) for n in ("paper-spherical", "folded-spherical", "paraboloid-telecentric")])
+    return om.compare(
+        [small(n) for n in ("paper-spherical", "folded-spherical", "paraboloid-telecentric")]
+    )
 
 
 def test_page_contains_table_curves_and_images(comparison, tmp_path):
@@ -37,13 +46,19 @@ def test_page_contains_table_curves_and_images(comparison, tmp_path):
     assert page.count("data:image/svg+xml") == 1
     reference = BytesIO()
     Image.new("RGB", (8, 8)).save(reference, "JPEG", quality=90)
-    pictures = [Image.open(BytesIO(b64decode(data))) for data in re.findall(r'data:image/jpeg;base64,([^"]+)"', page)]
+    pictures = [
+        Image.open(BytesIO(b64decode(data)))
+        for data in re.findall(r'data:image/jpeg;base64,([^"]+)"', page)
+    ]
     assert [picture.width for picture in pictures] == 3 * [128] + 3 * [1440]
     with Image.open(reference) as usual:
         assert all(picture.quantization == usual.quantization for picture in pictures)
     assert not re.search(r'(src|href)="(?!data:)', page)
     for row in comparison.rows:
-        cells = re.search(rf"{re.escape(row.quantity.title)} <small>{row.quantity.unit}</small></th>(.*?)</tr>", page)[1]
+        cells = re.search(
+            rf"{re.escape(row.quantity.title)} <small>{row.quantity.unit}</small></th>(.*?)</tr>",
+            page,
+        )[1]
         assert re.findall(r">([^<]+)</td>", cells) == row.texts
     assert page.count('class="best"') == sum(sum(row.best) for row in comparison.rows)
 
@@ -68,8 +83,12 @@ def test_sheet_keeps_image_colours(comparison):
     places = [np.argwhere((sheet == colour).all(axis=2)) for row in colours for colour in row]
     assert all(len(place) > 5000 for place in places)
     middles = [place.mean(axis=0) for place in places]
-    assert [m[1] for m in middles[:3]] == sorted(m[1] for m in middles[:3])  # circles from left to right
-    assert [m[0] for m in middles[3:]] == sorted(m[0] for m in middles[3:])  # panoramas from top to bottom
+    assert [m[1] for m in middles[:3]] == sorted(
+        m[1] for m in middles[:3]
+    )  # circles from left to right
+    assert [m[0] for m in middles[3:]] == sorted(
+        m[0] for m in middles[3:]
+    )  # panoramas from top to bottom
     assert max(m[0] for m in middles[:3]) < min(m[0] for m in middles[3:])
 
 
@@ -93,21 +112,36 @@ def test_panoramas_have_common_elevations(comparison):
 
 def test_curves_equal_evaluation(comparison):
     figure = side_by_side(comparison.sensors)
-    lines = {line.get_gid(): line for ax in figure.axes for line in ax.get_lines() if line.get_gid()}
+    lines = {
+        line.get_gid(): line for ax in figure.axes for line in ax.get_lines() if line.get_gid()
+    }
     for sensor in comparison.sensors:
-        for column in ("h_px", "dh_domega_px_per_deg", "blur_t_deg", "blur_s_deg", "aspect", "viewpoint_z_mm"):
+        for column in (
+            "h_px",
+            "dh_domega_px_per_deg",
+            "blur_t_deg",
+            "blur_s_deg",
+            "aspect",
+            "viewpoint_z_mm",
+        ):
             x, y = lines[f"{sensor.name}:{column}"].get_data()
-            np.testing.assert_allclose(y[::60], getattr(om.evaluate(sensor, x[::60]), column), rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(
+                y[::60], getattr(om.evaluate(sensor, x[::60]), column), rtol=1e-9, atol=1e-12
+            )
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert legend == comparison.names
 
 
 def test_command_line(tmp_path):
-    run = omnimirror("compare", "paper-spherical", "folded-spherical", "--csv", "c.csv", cwd=tmp_path)
+    run = omnimirror(
+        "compare", "paper-spherical", "folded-spherical", "--csv", "c.csv", cwd=tmp_path
+    )
     assert run.returncode == 0
     assert "Length from the lens" in run.stdout
     assert "112.1 *" in run.stdout
-    assert (tmp_path / "c.csv").read_text().startswith("quantity,paper-spherical,folded-spherical\n")
+    assert (
+        (tmp_path / "c.csv").read_text().startswith("quantity,paper-spherical,folded-spherical\n")
+    )
     wrong = omnimirror("compare", *["paper-spherical"] * 7, cwd=tmp_path)
     assert wrong.returncode == 2
     assert "the number of sensors must be 1 to 6; got 7" in wrong.stderr

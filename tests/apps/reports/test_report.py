@@ -75,10 +75,18 @@ def test_printed_commands_reproduce_images(demo, tmp_path):
 
 @pytest.mark.full
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "told"), [("paraboloid-telecentric", "paraboloid, rim diameter 50 mm"), ("folded-spherical", "sphere, rim diameter 87.81 mm")])
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("paraboloid-telecentric", "paraboloid, rim diameter 50 mm"),
+        ("folded-spherical", "sphere, rim diameter 87.81 mm"),
+    ],
+)
 def test_other_sensors(name, told, tmp_path):
     sensor = om.load_sensor(name)
-    pixels = replace(sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um)
+    pixels = replace(
+        sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um
+    )
     assert told in write_demo(replace(sensor, imager=pixels), tmp_path).read_text()
 
 
@@ -93,12 +101,22 @@ def test_obscuration_and_progress_are_reported(tmp_path, monkeypatch):
 
     monkeypatch.setattr(report, "FIGURES_SHOWN", report.FIGURES_SHOWN[3:])
     sensor = om.load_sensor("paper-spherical")
-    small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    small = replace(
+        sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)
+    )
     told = []
-    page = write_demo(replace(small, housing=Housing(CameraBody(60.0))), tmp_path, blur=False, on_progress=lambda *now: told.append(now))
+    page = write_demo(
+        replace(small, housing=Housing(CameraBody(60.0))),
+        tmp_path,
+        blur=False,
+        on_progress=lambda *now: told.append(now),
+    )
     shares = [share for _, share in told]
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert 0.8 < shares[-1] < 1
     assert {what for what, _ in told} == {"Rendering the image", "Drawing figures"}
-    assert "<dt>Obscured</dt><dd>camera 0 to 8.435 deg; total 0.71 % of the image</dd>" in page.read_text()
+    assert (
+        "<dt>Obscured</dt><dd>camera 0 to 8.435 deg; total 0.71 % of the image</dd>"
+        in page.read_text()
+    )

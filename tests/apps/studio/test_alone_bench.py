@@ -46,8 +46,15 @@ centre_px = [600.0, 520.0]
 [mount]
 mirror_distance_mm = 160.0
 """
-ELLIPSOID = ASPHERE.replace('kind = "conic-asphere"\nvertex_radius_mm = 38.0\nconic = -1.7\nrim_radius_mm = 40.0\ncoefficients = [0.2, -0.03]\nnormalization_radius_mm = 35.0', 'kind = "ellipsoid"\na_mm = 44.0\nb_mm = 60.0\nrim_radius_mm = 31.0')
-DESIGNS = [*bench_alone().start.sensors, pytest.param(ASPHERE, id="asphere"), pytest.param(ELLIPSOID, id="ellipsoid")]
+ELLIPSOID = ASPHERE.replace(
+    'kind = "conic-asphere"\nvertex_radius_mm = 38.0\nconic = -1.7\nrim_radius_mm = 40.0\ncoefficients = [0.2, -0.03]\nnormalization_radius_mm = 35.0',
+    'kind = "ellipsoid"\na_mm = 44.0\nb_mm = 60.0\nrim_radius_mm = 31.0',
+)
+DESIGNS = [
+    *bench_alone().start.sensors,
+    pytest.param(ASPHERE, id="asphere"),
+    pytest.param(ELLIPSOID, id="ellipsoid"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +82,16 @@ def sensor_of(design: str) -> om.Sensor:
 
 
 def question(sensor: om.Sensor, **changes) -> DesignRequest:
-    plain = {"slot": 0, "number": 1, "tables": tables_of(sensor), "follows": False, "object_distance_mm": None}
-    return DesignRequest.model_validate({**plain, "section": True, "squares": True, "requirements": None, **changes})
+    plain = {
+        "slot": 0,
+        "number": 1,
+        "tables": tables_of(sensor),
+        "follows": False,
+        "object_distance_mm": None,
+    }
+    return DesignRequest.model_validate(
+        {**plain, "section": True, "squares": True, "requirements": None, **changes}
+    )
 
 
 def answered(bench, asked: DesignRequest) -> dict:
@@ -106,7 +121,10 @@ def test_its_numbers_are_those_of_the_evaluation(bench, design, distance):
     for name, value in facts.items():
         if name not in ("name", "not_optimised"):
             wanted = [np.nan if v is None else v for v in np.atleast_1d(np.array(value, object))]
-            seen = [np.nan if v is None else v for v in np.atleast_1d(np.array(found["facts"][name], object))]
+            seen = [
+                np.nan if v is None else v
+                for v in np.atleast_1d(np.array(found["facts"][name], object))
+            ]
             np.testing.assert_allclose(seen, wanted, rtol=1e-6, atol=1e-9, err_msg=name)
     assert set(found["blocks"]) == set(blocks)
     for name, columns in blocks.items():
@@ -115,7 +133,9 @@ def test_its_numbers_are_those_of_the_evaluation(bench, design, distance):
             known = np.isfinite(wanted)
             np.testing.assert_array_equal(np.isfinite(seen), known, err_msg=f"{name} {column}")
             scale = np.abs(wanted[known]).max(initial=0.0)
-            np.testing.assert_allclose(seen[known], wanted[known], rtol=1e-6, atol=1e-6 * scale, err_msg=name)
+            np.testing.assert_allclose(
+                seen[known], wanted[known], rtol=1e-6, atol=1e-6 * scale, err_msg=name
+            )
 
 
 @pytest.mark.parametrize("design", DESIGNS)
@@ -124,17 +144,34 @@ def test_best_focus_is_that_of_the_evaluation(bench, design):
     find = "([tables, object]) => window.omnimirror.tabs.bench.answers.answerer.bestFocus(tables, object)"
     found = bench.evaluate(find, [tables_of(sensor), 900.0])
     wanted = om.best_focus(sensor, object_distance_mm=900.0)
-    area = om.evaluate(sensor, np.linspace(0, sensor.field_deg[1], 2001), focus_mm=found, object_distance_mm=900.0)
+    area = om.evaluate(
+        sensor, np.linspace(0, sensor.field_deg[1], 2001), focus_mm=found, object_distance_mm=900.0
+    )
     assert area.floored_area_deg2.max() == pytest.approx(wanted.value, rel=1e-4)
 
 
 @pytest.mark.parametrize(
     ("section", "entry", "value", "words"),
     [
-        ("mirror", "radius_mm", 1e9, "radius_mm must be between 0.001 and 1000000 mm; got 1000000000"),
-        ("mirror", "radius_mm", 40.0, "rim_radius_mm = 43.905 is not valid: this mirror ends 40.000 mm from its axis"),
+        (
+            "mirror",
+            "radius_mm",
+            1e9,
+            "radius_mm must be between 0.001 and 1000000 mm; got 1000000000",
+        ),
+        (
+            "mirror",
+            "radius_mm",
+            40.0,
+            "rim_radius_mm = 43.905 is not valid: this mirror ends 40.000 mm from its axis",
+        ),
         ("lens", "focus_distance_mm", 5.0, "focus_distance_mm = 5 is not beyond the focal length"),
-        ("lens", "k1", 0.1, "k1 = 0.1: this page runs without a server and supports ideal lenses only"),
+        (
+            "lens",
+            "k1",
+            0.1,
+            "k1 = 0.1: this page runs without a server and supports ideal lenses only",
+        ),
         ("mirror", "kind", "cone", "knows no mirror cone; it knows sphere"),
     ],
 )
@@ -150,7 +187,14 @@ def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
     page = open_page(browser, address, 1280, 900)
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_function(f"{BENCH}?.found?.[0]")
-    for name in ("Calibrate", "Download", "Use as camera", "Open sensor…", "Optimise", "Set errors"):
+    for name in (
+        "Calibrate",
+        "Download",
+        "Use as camera",
+        "Open sensor…",
+        "Optimise",
+        "Set errors",
+    ):
         assert not page.get_by_text(name, exact=True).first.is_visible(), name
     page.get_by_role("button", name="Pin", exact=True).click()
     page.get_by_role("spinbutton", name="Radius", exact=True).fill("47")
@@ -173,10 +217,16 @@ def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
 def test_accessibility_without_server(browser, address, width):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
-    page = open_page(browser, f"{address}#tab=design", width, 800, reduced_motion="reduce", device_scale_factor=1)
+    page = open_page(
+        browser, f"{address}#tab=design", width, 800, reduced_motion="reduce", device_scale_factor=1
+    )
     page.wait_for_function(f"{BENCH}?.found?.[0]")
     page.add_script_tag(path=AXE)
-    serious = {v["id"]: v["nodes"][0]["html"] for v in page.evaluate(ASK) if v["impact"] in ("serious", "critical")}
+    serious = {
+        v["id"]: v["nodes"][0]["html"]
+        for v in page.evaluate(ASK)
+        if v["impact"] in ("serious", "critical")
+    }
     assert serious == {}
     page.context.close()
 

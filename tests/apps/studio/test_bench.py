@@ -25,7 +25,13 @@ from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, parse_sensor, tables_of
 
 LOCAL = "http://127.0.0.1"
-WANTED = {"field": {"omega_max_deg": 130.0, "object_distance_mm": [600.0, 1e12]}, "limit": [{"quantity": "total_blur_px", "at_most": 9.0}, {"quantity": "resolution_px_per_deg", "at_least": 3.0}]}
+WANTED = {
+    "field": {"omega_max_deg": 130.0, "object_distance_mm": [600.0, 1e12]},
+    "limit": [
+        {"quantity": "total_blur_px", "at_most": 9.0},
+        {"quantity": "resolution_px_per_deg", "at_least": 3.0},
+    ],
+}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +41,13 @@ def client():
 
 
 def question(sensor: om.Sensor, **changes) -> dict:
-    plain = {"slot": 0, "number": 1, "tables": tables_of(sensor), "follows": False, "object_distance_mm": None}
+    plain = {
+        "slot": 0,
+        "number": 1,
+        "tables": tables_of(sensor),
+        "follows": False,
+        "object_distance_mm": None,
+    }
     return {**plain, "section": False, "squares": False, "requirements": None, **changes}
 
 
@@ -80,7 +92,9 @@ def test_curves_are_those_of_the_evaluation(name, client):
     curves = blocks["curves"]
     expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=900.0)
     for column, values in curves.items():
-        np.testing.assert_allclose(values, getattr(expected, column), rtol=2e-6, atol=2e-5, err_msg=column)
+        np.testing.assert_allclose(
+            values, getattr(expected, column), rtol=2e-6, atol=2e-5, err_msg=column
+        )
     assert header["facts"]["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
     mirror = blocks["mirror"]
     inside = np.isfinite(mirror["z_mm"])
@@ -101,7 +115,9 @@ def test_rays_of_the_section_obey_the_law_of_reflection(client):
         normal = np.array([slope, -1.0]) / np.hypot(slope, 1.0)
         to_object = np.array([np.sin(np.radians(omega)), -np.cos(np.radians(omega))])
         to_lens = np.array([lens_x - x, lens_z - z])
-        assert to_object @ normal == pytest.approx(to_lens @ normal / np.linalg.norm(to_lens), abs=1e-5)
+        assert to_object @ normal == pytest.approx(
+            to_lens @ normal / np.linalg.norm(to_lens), abs=1e-5
+        )
 
 
 def test_error_contains_entry(client):
@@ -147,7 +163,10 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
     (header, _), *_ = ask(client, question(sensor, requirements=WANTED))
     rows = {row["name"]: row for row in header["rows"]}
     omega = np.linspace(0, 130, 4001)
-    worst = max(np.hypot([e.blur_t_px, e.blur_s_px], e.airy_px).max() for e in (om.evaluate(sensor, omega, object_distance_mm=d) for d in (600.0, np.inf)))
+    worst = max(
+        np.hypot([e.blur_t_px, e.blur_s_px], e.airy_px).max()
+        for e in (om.evaluate(sensor, omega, object_distance_mm=d) for d in (600.0, np.inf))
+    )
     blur = rows["total_blur_px"]
     assert blur["reached"] == pytest.approx(worst, rel=1e-4)
     assert blur["is_met"] == (worst <= 9.0)
@@ -167,20 +186,26 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
 @pytest.mark.parametrize("kind", list(MIRRORS))
 def test_another_kind_of_mirror_keeps_the_rim(kind, client):
     sensor = om.load_sensor("paper-spherical")
-    made = post(client, "change", tables=tables_of(sensor), what="mirror", to=kind, object_distance_mm=None).json()
+    made = post(
+        client, "change", tables=tables_of(sensor), what="mirror", to=kind, object_distance_mm=None
+    ).json()
     new = parse_sensor(format_sensor(parse_sensor(toml(made["tables"]))))
     assert made["tables"]["mirror"]["kind"] == kind
     assert new.mirror.rim_radius_mm == pytest.approx(sensor.mirror.rim_radius_mm)
     reaches = {"rectifying": 75.0, "ground-plane": 75.0}.get(kind, sensor.field_deg[1])
     assert new.field_deg[1] == pytest.approx(reaches, abs=0.06)
-    assert np.degrees(new.meridian.theta_max) == pytest.approx(np.degrees(sensor.meridian.theta_max), abs=0.02)
+    assert np.degrees(new.meridian.theta_max) == pytest.approx(
+        np.degrees(sensor.meridian.theta_max), abs=0.02
+    )
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric", "exact-equidistant"])
 def test_another_lens_keeps_the_size_of_the_image(name, client):
     sensor = om.load_sensor(name)
     to = "perspective" if sensor.lens.TELECENTRIC else "orthographic"
-    made = post(client, "change", tables=tables_of(sensor), what="lens", to=to, object_distance_mm=None).json()
+    made = post(
+        client, "change", tables=tables_of(sensor), what="lens", to=to, object_distance_mm=None
+    ).json()
     new = parse_sensor(toml(made["tables"]))
     assert made["tables"]["lens"]["kind"] == to
     assert new.rim_radius_px == pytest.approx(sensor.rim_radius_px, rel=0.05)
@@ -192,7 +217,9 @@ def test_a_lens_becomes_a_table_of_itself_and_one_of_surfaces_needs_its_file(cli
     made = parse_sensor(toml(post(client, "change", to="table", **asked).json()["tables"]))
     assert made.lens.KIND == "table"
     focus = made.lens.focus_distance_mm
-    assert om.evaluate(made, omega).h_px == pytest.approx(om.evaluate(sensor, omega, focus_mm=focus).h_px, abs=0.01)
+    assert om.evaluate(made, omega).h_px == pytest.approx(
+        om.evaluate(sensor, omega, focus_mm=focus).h_px, abs=0.01
+    )
     refused = post(client, "change", to="surfaces", **asked)
     assert "requires a .zmx file" in refused.json()["detail"]
 
@@ -203,7 +230,14 @@ def test_the_best_focus_is_that_of_the_evaluation(client):
     made = post(client, "change", tables=tables_of(sensor), **asked).json()
     best = om.best_focus(sensor, "worst_blur_px", object_distance_mm=300.0).focus_mm
     assert made["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
-    refused = post(client, "change", tables=tables_of(sensor), what="mirror", to="spoon", object_distance_mm=None)
+    refused = post(
+        client,
+        "change",
+        tables=tables_of(sensor),
+        what="mirror",
+        to="spoon",
+        object_distance_mm=None,
+    )
     assert refused.status_code == 400
     assert "spoon" in refused.json()["detail"]
 
@@ -220,28 +254,42 @@ def toml(tables: dict) -> str:
 
 def test_a_sensor_file_is_written_and_opened_without_loss(client):
     sensor = om.load_sensor("folded-spherical")
-    text = post(client, "file", tables=tables_of(sensor), kind="sensor", object_distance_mm=None).content
+    text = post(
+        client, "file", tables=tables_of(sensor), kind="sensor", object_distance_mm=None
+    ).content
     assert parse_sensor(text.decode()) == sensor
     opened = client.post("/api/bench/open", params={"name": "mine.toml"}, content=text).json()
     assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
 
 
 def test_a_requirement_file_is_opened_and_written_without_loss(client):
-    own = {"mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0}, "lens": {"theta_max_deg": [10, 14]}}
+    own = {
+        "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0},
+        "lens": {"theta_max_deg": [10, 14]},
+    }
     text = toml({**WANTED, **own})
     text = text.replace("1000000000000.0", "inf")
     opened = client.post("/api/bench/open", params={"name": "wanted.toml"}, content=text).json()
     assert opened["sensor"] is None
     sensor = om.load_sensor("paper-spherical")
-    again = post(client, "requirements", requirements=opened["requirements"], tables=tables_of(sensor)).text
+    again = post(
+        client, "requirements", requirements=opened["requirements"], tables=tables_of(sensor)
+    ).text
     asked, got = parse_requirements(text), parse_requirements(again)
-    assert (got.field, got.mirror, got.lens, got.limits) == (asked.field, asked.mirror, asked.lens, asked.limits)
+    assert (got.field, got.mirror, got.lens, got.limits) == (
+        asked.field,
+        asked.mirror,
+        asked.lens,
+        asked.limits,
+    )
 
 
 def test_tables_and_drawings_are_those_of_the_command_line(client, tmp_path):
     sensor = om.load_sensor("paper-spherical")
     table = post(client, "file", tables=tables_of(sensor), kind="table", object_distance_mm=800.0)
-    om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=800.0).to_csv(tmp_path / "t.csv")
+    om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=800.0).to_csv(
+        tmp_path / "t.csv"
+    )
     assert table.content == (tmp_path / "t.csv").read_bytes()
     assert 'filename="paper-spherical-evaluation.csv"' in table.headers["content-disposition"]
     for tables in (tables_of(sensor), tables_of(om.load_sensor("folded-spherical"))):
@@ -249,7 +297,10 @@ def test_tables_and_drawings_are_those_of_the_command_line(client, tmp_path):
         assert drawing.content.startswith(b"%PDF-")
 
 
-SPIES = (b'[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n', b'[field]\nomega_max_deg = 90\n[mirror]\nmapping = "tabulated-mapping"\nmapping_csv = "/etc/passwd"\n')
+SPIES = (
+    b'[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n',
+    b'[field]\nomega_max_deg = 90\n[mirror]\nmapping = "tabulated-mapping"\nmapping_csv = "/etc/passwd"\n',
+)
 
 
 @pytest.mark.parametrize("text", [b"\xff\xfe", b"[mirror", b"x = 1", b"[field]\nomega = 3", *SPIES])
@@ -273,14 +324,21 @@ def test_no_question_makes_the_server_read_a_file(client):
 @pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])
 def test_invalid_tables_are_rejected(entry, client):
     sensor = om.load_sensor("folded-spherical")
-    wrong = [{**tables_of(sensor), section: entry} for section in ("name", "mirror", "lens", "mount", "secondary")]
+    wrong = [
+        {**tables_of(sensor), section: entry}
+        for section in ("name", "mirror", "lens", "mount", "secondary")
+    ]
     wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "kind": entry}}]
-    wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "rim_radius_mm": entry}}]
+    wrong += [
+        {**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "rim_radius_mm": entry}}
+    ]
     answers = ask(client, *(question(sensor, tables=tables, follows=True) for tables in wrong))
     assert all(header["trouble"] or header["facts"] for header, _ in answers)
     assert sum(header["trouble"] is not None for header, _ in answers) >= 5
     wanted = [{**WANTED, "limit": [entry]}, {**WANTED, "field": entry}, {**WANTED, "mirror": entry}]
-    answers = ask(client, *(question(om.load_sensor("paper-spherical"), requirements=w) for w in wanted))
+    answers = ask(
+        client, *(question(om.load_sensor("paper-spherical"), requirements=w) for w in wanted)
+    )
     assert all(header["requirements_trouble"] for header, _ in answers)
 
 
@@ -299,7 +357,9 @@ def test_preview_is_reduced_simulated_image(client):
     data = post(client, "picture", tables=tables_of(sensor), width_px=128, samples=1).content
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["picture_bytes"], 4 + length), 1)[..., ::-1]
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["picture_bytes"], 4 + length), 1)[
+        ..., ::-1
+    ]
     assert picture.shape == (128, 128, 3)
     whole = om.render_image(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)
     small = cv2.resize(whole, (128, 128), interpolation=cv2.INTER_AREA).astype(float)
@@ -312,8 +372,20 @@ def test_preview_is_reduced_simulated_image(client):
 
 def task(**changes) -> dict:
     sensor = om.load_sensor("paper-spherical")
-    plain = {"what": "optimise", "tables": tables_of(sensor), "requirements": None, "merit": "worst_blur_deg"}
-    return {**plain, "terms": 3, "starts": 1, "shape": "polynomial", "object_distance_mm": None, **changes}
+    plain = {
+        "what": "optimise",
+        "tables": tables_of(sensor),
+        "requirements": None,
+        "merit": "worst_blur_deg",
+    }
+    return {
+        **plain,
+        "terms": 3,
+        "starts": 1,
+        "shape": "polynomial",
+        "object_distance_mm": None,
+        **changes,
+    }
 
 
 @pytest.mark.full
@@ -328,7 +400,9 @@ def test_an_optimised_mirror_comes_with_news_on_the_way(client):
     assert last["state"] == "done"
     found = parse_sensor(toml(last["sensor"]["tables"]))
     e = om.evaluate(found, np.linspace(0, found.field_deg[1], 2001), object_distance_mm=400.0)
-    assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(last["value"], rel=1e-3)
+    assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(
+        last["value"], rel=1e-3
+    )
 
 
 def test_reason_against_optimisation_is_reported_in_advance(client):
@@ -357,15 +431,22 @@ def test_the_mirror_of_a_telecentric_lens_is_optimised_and_its_image_stays_as_la
     assert found.imager == sensor.imager
     assert found.rim_radius_px == pytest.approx(sensor.rim_radius_px)
     assert found.field_deg[1] == pytest.approx(sensor.field_deg[1])
-    after, before = (np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() for e in (om.evaluate(s, np.linspace(1, s.field_deg[1], 999)) for s in (found, sensor)))
+    after, before = (
+        np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max()
+        for e in (om.evaluate(s, np.linspace(1, s.field_deg[1], 999)) for s in (found, sensor))
+    )
     assert after < before
     assert after == pytest.approx(news["value"], rel=0.02)
 
 
-@pytest.mark.parametrize("name", ["paraboloid-telecentric", "paper-hyperboloidal", "folded-hyperboloidal"])
+@pytest.mark.parametrize(
+    "name", ["paraboloid-telecentric", "paper-hyperboloidal", "folded-hyperboloidal"]
+)
 def test_a_requirement_file_carries_the_lens_of_its_sensor(name, client):
     sensor = om.load_sensor(name)
-    lens = parse_requirements(post(client, "requirements", requirements=WANTED, tables=tables_of(sensor)).text).lens
+    lens = parse_requirements(
+        post(client, "requirements", requirements=WANTED, tables=tables_of(sensor)).text
+    ).lens
     assert lens.kind == sensor.lens.KIND
     if name == "paraboloid-telecentric":
         assert lens.f_number == pytest.approx(sensor.lens.working_f_number)
@@ -388,13 +469,17 @@ def test_remark_reports_form_error(client):
     (header, blocks), (_, same) = ask(client, question(formed), question(sensor))
     assert header["trouble"] is None
     assert header["remark"].startswith("The file contains a form error of the mirror")
-    assert header["facts"]["not_optimised"].endswith("this sensor has a form error or an imager that leans.")
+    assert header["facts"]["not_optimised"].endswith(
+        "this sensor has a form error or an imager that leans."
+    )
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
 
 
 def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
     sensor = misaligned()
-    opened = client.post("/api/bench/open", params={"name": "m.toml"}, content=format_sensor(sensor)).json()
+    opened = client.post(
+        "/api/bench/open", params={"name": "m.toml"}, content=format_sensor(sensor)
+    ).json()
     assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
     (header, blocks), (there, same) = ask(client, question(sensor), question(sensor.aligned()))
     assert header["trouble"] is None
@@ -414,12 +499,19 @@ def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
 
 def test_rendered_image_includes_misalignment(client):
     sizes = {"width_px": 64, "samples": 1}
-    pictures = [post(client, "picture", tables=tables_of(sensor), **sizes).content for sensor in (misaligned(), misaligned().aligned())]
+    pictures = [
+        post(client, "picture", tables=tables_of(sensor), **sizes).content
+        for sensor in (misaligned(), misaligned().aligned())
+    ]
     assert pictures[0] != pictures[1]
 
 
 def test_a_sensor_is_designed_from_requirements(client):
-    wanted = {**WANTED, "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0}, "lens": {"theta_max_deg": 12.0}}
+    wanted = {
+        **WANTED,
+        "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0},
+        "lens": {"theta_max_deg": 12.0},
+    }
     wanted["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(what="design", requirements=wanted))
@@ -442,7 +534,11 @@ def test_report_progress(client, monkeypatch):
         return path
 
     monkeypatch.setattr(report, "write_demo", slowly)
-    asked = {"tables": tables_of(om.load_sensor("paper-spherical")), "kind": "report", "object_distance_mm": None}
+    asked = {
+        "tables": tables_of(om.load_sensor("paper-spherical")),
+        "kind": "report",
+        "object_distance_mm": None,
+    }
     assert client.post("/api/bench/making", json=asked).json() is None
     with ThreadPoolExecutor() as pool:
         made = pool.submit(client.post, "/api/bench/file", json=asked)

@@ -52,7 +52,9 @@ def test_differences_to_pinned_designs_are_plotted_and_saved(bench):  # noqa: F8
     bench.locator(".compare tbody tr").nth(1).wait_for()
     bench.locator(".groups label").filter(has_text="Difference").click()
     omega, differs = plotted(bench, "Image height")
-    now, before = (om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first))
+    now, before = (
+        om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first)
+    )
     np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
     assert np.abs(differs).max() > 10
     rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Image height as CSV"))))
@@ -80,12 +82,17 @@ def test_object_sizes_are_plotted_at_the_object_distance(bench):  # noqa: F811
     sensor = sensor_on(bench)
     for surface in ("plane", "cylinder"):
         omega, t, s = plotted(bench, f"Object size on a {surface}")
-        result = om.evaluate(sensor, np.minimum(omega, sensor.field_deg[1]), object_distance_mm=700.0)
+        result = om.evaluate(
+            sensor, np.minimum(omega, sensor.field_deg[1]), object_distance_mm=700.0
+        )
         truth = getattr(result, f"{surface}_t_mm_per_px")
         known = np.isfinite(t) & (np.abs(omega - 90) > 1)  # field angles are rounded to 32 bits
         np.testing.assert_allclose(t[known], truth[known], rtol=1e-4)
         np.testing.assert_allclose(s, result.object_s_mm_per_px, rtol=1e-5)
-        range_ = bench.evaluate("(title) => window.omnimirror.tabs.bench.desk.charts.find((c) => c.chart.title === title).range", f"Object size on a {surface}")
+        range_ = bench.evaluate(
+            "(title) => window.omnimirror.tabs.bench.desk.charts.find((c) => c.chart.title === title).range",
+            f"Object size on a {surface}",
+        )
         assert range_[1] <= 8 * np.nanmedian(np.concatenate([t, s]))  # not that of the pole
     rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Object size on a plane as CSV"))))
     assert {"plane_t_mm_per_px", "object_s_mm_per_px"} <= rows[0].keys()
@@ -107,7 +114,11 @@ def test_zero_difference_is_labelled_and_centred(bench):  # noqa: F811
     _, differs = plotted(bench, "Image height")
     np.testing.assert_allclose(differs, 0.0, atol=2e-3)
     drawing = ElementTree.fromstring(saved(bench, "Save Image height as SVG"))
-    marks = [float(text.text.replace("\N{MINUS SIGN}", "-")) for text in drawing.iter("{http://www.w3.org/2000/svg}text") if text.text and text.get("text-anchor") == "end"]
+    marks = [
+        float(text.text.replace("\N{MINUS SIGN}", "-"))
+        for text in drawing.iter("{http://www.w3.org/2000/svg}text")
+        if text.text and text.get("text-anchor") == "end"
+    ]
     assert min(marks) < 0 < max(marks)
 
 
@@ -137,7 +148,9 @@ def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies
     assert bench.get_by_role("checkbox", name="Difference").is_checked()
     assert bench.get_by_role("button", name="Unpin paper-spherical, before").is_visible()
     omega, differs = plotted(bench, "Image height")
-    now, before = (om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first))
+    now, before = (
+        om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first)
+    )
     np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
     assert np.abs(differs).max() > 1
 
@@ -161,13 +174,17 @@ def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
     assert far.locator(".marks .stop").count() == 1 or far.locator(".problem").is_visible()
 
 
-@pytest.mark.parametrize("pins", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))])
+@pytest.mark.parametrize(
+    "pins", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))]
+)
 def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
     for number in range(pins):
         bench.get_by_role("button", name="Pin", exact=True).click()
         enter(bench, "Focal length", str(12 + number))
         bench.locator(".compare tbody tr").nth(number + 1).wait_for()
-    bottoms = bench.evaluate("[...document.querySelectorAll('#bench .plot:not([hidden]):has(.chart)')].map((f) => f.getBoundingClientRect().bottom)")
+    bottoms = bench.evaluate(
+        "[...document.querySelectorAll('#bench .plot:not([hidden]):has(.chart)')].map((f) => f.getBoundingClientRect().bottom)"
+    )
     assert len(bottoms) == 8
     assert max(bottoms) <= 800
 
@@ -193,7 +210,11 @@ def test_the_page_is_laid_out_once_for_a_slider_and_once_for_all_plots(bench):  
     told.send("Performance.enable")
 
     def layouts() -> int:
-        return next(m["value"] for m in told.send("Performance.getMetrics")["metrics"] if m["name"] == "LayoutCount")
+        return next(
+            m["value"]
+            for m in told.send("Performance.getMetrics")["metrics"]
+            if m["name"] == "LayoutCount"
+        )
 
     bench.evaluate(MOVED, 5)
     before = layouts()

@@ -23,7 +23,13 @@ from omnimirror.apps.studio._calibration_boards import taken, together
 from omnimirror.apps.studio._calibration_process import perform
 from omnimirror.apps.studio._workers import BoardDetectorPool
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.calibration_messages import BoardDetection, BoardDetectionRequest, BoardSpec, CalibrationRequest, MultiImageRequest
+from omnimirror.apps.studio.calibration_messages import (
+    BoardDetection,
+    BoardDetectionRequest,
+    BoardSpec,
+    CalibrationRequest,
+    MultiImageRequest,
+)
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.targets.board_detection import compared
 from omnimirror.optics.sensor_files import parse_camera
@@ -31,7 +37,18 @@ from omnimirror.optics.sensor_files import parse_camera
 from .boards import ASKED, BLANK, BOARD, CAMERA, WHOLE, photograph, png
 
 LOCAL = "http://127.0.0.1"
-ASK = {"board": ASKED, "pictures": WHOLE, "model": "unified", "optics": "mirror", "camera_looks": "up", "image_flipped": False, "centre_px": None, "rim_radius_px": None, "flat_board": True, "command": "omnimirror <here>"}
+ASK = {
+    "board": ASKED,
+    "pictures": WHOLE,
+    "model": "unified",
+    "optics": "mirror",
+    "camera_looks": "up",
+    "image_flipped": False,
+    "centre_px": None,
+    "rim_radius_px": None,
+    "flat_board": True,
+    "command": "omnimirror <here>",
+}
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +59,9 @@ def client():
 
 @pytest.fixture(scope="module")
 def seen() -> list[BoardDetection]:
-    return [told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(WHOLE)]
+    return [
+        told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(WHOLE)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +78,26 @@ def news(client, seen) -> list[dict]:
 
 
 def look(client, data: bytes, **more):
-    return client.post("/api/calibrate/look", params={**ASKED, "name": "here.png", **more}, content=data)
+    return client.post(
+        "/api/calibrate/look", params={**ASKED, "name": "here.png", **more}, content=data
+    )
 
 
 def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
     code = "import sys, omnimirror.apps.studio._board_detection_process; print(*sys.modules)"
-    loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+    loaded = set(
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.split()
+    )
     assert "omnimirror.calibration.targets.board_detection" in loaded
-    assert not loaded & {"fastapi", "starlette", "matplotlib", "omnimirror.calibration.estimation", "omnimirror.optics.sensor"}
+    assert not loaded & {
+        "fastapi",
+        "starlette",
+        "matplotlib",
+        "omnimirror.calibration.estimation",
+        "omnimirror.optics.sensor",
+    }
 
 
 def test_board_detection_in_uploaded_image(client):
@@ -74,7 +105,9 @@ def test_board_detection_in_uploaded_image(client):
     expected = om.find_board(photograph(0).picture, BOARD)
     np.testing.assert_array_equal(found["ids"], expected.ids)
     np.testing.assert_allclose(found["corners_px"], expected.corners_px, atol=1e-4)
-    off = np.linalg.norm(found["corners_px"] - photograph(0).corners_px[:, None], axis=2).min(axis=0)
+    off = np.linalg.norm(found["corners_px"] - photograph(0).corners_px[:, None], axis=2).min(
+        axis=0
+    )
     assert len(off) == BOARD.corner_count
     assert off.max() < 0.3
     quick = look(client, png(0), quick=True).json()
@@ -84,7 +117,9 @@ def test_board_detection_in_uploaded_image(client):
 @pytest.mark.full
 def test_partial_board_returns_visible_corners(client):
     found = look(client, png(WHOLE)).json()
-    off = np.nanmin(np.linalg.norm(found["corners_px"] - photograph(WHOLE).corners_px[:, None], axis=2), axis=0)
+    off = np.nanmin(
+        np.linalg.norm(found["corners_px"] - photograph(WHOLE).corners_px[:, None], axis=2), axis=0
+    )
     assert BOARD.corner_count / 2 < len(off) < BOARD.corner_count
     assert off.max() < 0.5
 
@@ -94,12 +129,23 @@ def test_image_formats_of_calibration_datasets(kind, client):
     """OCamCalib sets contain GIFs; machine-vision programs write PGM."""
     file = io.BytesIO()
     Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
-    assert look(client, file.getvalue(), quick=True).json()["ids"] == list(range(BOARD.corner_count))
+    assert look(client, file.getvalue(), quick=True).json()["ids"] == list(
+        range(BOARD.corner_count)
+    )
 
 
 @pytest.mark.parametrize(
     ("data", "more", "sentence"),
-    [(b"no picture", {}, "here.png must be an image in a supported format (PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM)"), (b"", {}, "the uploaded file is empty"), (BLANK, {"columns": 1}, "columns must be an integer between 2 and 200; got 1"), (BLANK, {"marker_mm": 3}, "marker_mm requires kind = 'charuco'; got 'chessboard'")],
+    [
+        (
+            b"no picture",
+            {},
+            "here.png must be an image in a supported format (PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM)",
+        ),
+        (b"", {}, "the uploaded file is empty"),
+        (BLANK, {"columns": 1}, "columns must be an integer between 2 and 200; got 1"),
+        (BLANK, {"marker_mm": 3}, "marker_mm requires kind = 'charuco'; got 'chessboard'"),
+    ],
 )
 def test_invalid_detection_requests_are_rejected(data, more, sentence, client):
     answer = look(client, data, **more)
@@ -132,13 +178,21 @@ def test_disconnect_cancels_detection():
         finally:
             board_detectors.close()
 
-    with ThreadPoolExecutor(1) as apart:  # a separate thread: page tests leave a running event loop in theirs
+    with ThreadPoolExecutor(
+        1
+    ) as apart:  # a separate thread: page tests leave a running event loop in theirs
         assert apart.submit(asyncio.run, both()).result().reason == "the image is blank"
 
 
 def test_joint_analysis_of_images(seen):
     small = told(om.find_board(photograph(1).picture[:400], BOARD, name="small.png"))
-    ask = MultiImageRequest(board=BoardSpec(**ASKED), pictures=(*seen, small), centre_px=CAMERA.centre_px, radius_px=200.0, candidate=seen[2])
+    ask = MultiImageRequest(
+        board=BoardSpec(**ASKED),
+        pictures=(*seen, small),
+        centre_px=CAMERA.centre_px,
+        radius_px=200.0,
+        candidate=seen[2],
+    )
     answer = together(ask)
     assert answer.reasons[:-1] == (None,) * len(seen)
     assert answer.reasons[-1] == "its size of 480 x 400 px is not the 480 x 480 px of the others"
@@ -151,11 +205,27 @@ def test_joint_analysis_of_images(seen):
     assert empty > np.sum(np.array(answer.coverage.counts) < answer.coverage.enough)
 
 
-@pytest.mark.parametrize("wrong", [{"ids": (0, 0)}, {"ids": (0, 99)}, {"ids": (0,)}, {"corners_px": ((1.0, 1.0), (1e9, 0.0))}, {"sigma_px": (1.0,)}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"ids": (0, 0)},
+        {"ids": (0, 99)},
+        {"ids": (0,)},
+        {"corners_px": ((1.0, 1.0), (1e9, 0.0))},
+        {"sigma_px": (1.0,)},
+    ],
+)
 def test_corners_that_cannot_be_are_refused(wrong, client, seen):
-    short = seen[0].model_copy(update={"ids": (0, 1), "corners_px": ((1.0, 1.0), (2.0, 2.0)), "sigma_px": (0.1, 0.1)})
+    short = seen[0].model_copy(
+        update={"ids": (0, 1), "corners_px": ((1.0, 1.0), (2.0, 2.0)), "sigma_px": (0.1, 0.1)}
+    )
     assert len(taken(short, BOARD).ids) == 2
-    ask = {"board": ASKED, "pictures": [short.model_copy(update=wrong).model_dump()], "centre_px": None, "radius_px": None}
+    ask = {
+        "board": ASKED,
+        "pictures": [short.model_copy(update=wrong).model_dump()],
+        "centre_px": None,
+        "radius_px": None,
+    }
     answer = client.post("/api/calibrate/together", json=ask | {"candidate": None})
     assert answer.status_code == 400
     assert answer.json()["detail"].startswith("the detection in 0.png is invalid")
@@ -173,9 +243,13 @@ def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
     assert found["held_out_rms_px"] == pytest.approx(direct.held_out_rms_px, rel=1e-6)
     assert found["rms_px"] < 0.15
     camera = parse_camera(found["camera_file"])
-    assert np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5  # px, relative to the truth
+    assert (
+        np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5
+    )  # px, relative to the truth
     residuals = [r for p in found["pictures"] for r in p["residuals"]]
-    assert np.sqrt(np.mean(np.sum(np.array(residuals)[:, 2:] ** 2, axis=1))) == pytest.approx(found["rms_px"], rel=1e-3)
+    assert np.sqrt(np.mean(np.sum(np.array(residuals)[:, 2:] ** 2, axis=1))) == pytest.approx(
+        found["rms_px"], rel=1e-3
+    )
     assert {p["name"] for p in found["parameters"]} >= {"xi"}
 
 
@@ -190,15 +264,21 @@ def test_undistorted_board_is_regular(number, client, news):
     """Corners detected in the view form a lattice, unlike those in the image."""
     found = news[-2]["found"]
     place = next(p for p in found["places"] if p["picture"] == f"{number}.png")
-    header = json.dumps({"camera_file": found["camera_file"], "place": place, "name": "here.png"}).encode()
-    answer = client.post("/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(number))
+    header = json.dumps(
+        {"camera_file": found["camera_file"], "place": place, "name": "here.png"}
+    ).encode()
+    answer = client.post(
+        "/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(number)
+    )
     assert answer.headers["content-type"] == "image/jpeg"
     view = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_GRAYSCALE)
     again = om.find_board(view, BOARD)
     assert again.used, again.reason
     scale = place["px_per_mm"]
     lattice = scale * (BOARD.points_mm[again.ids, :2] + place["margin_mm"])
-    turned = scale * (BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"])  # either end is valid
+    turned = scale * (
+        BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"]
+    )  # either end is valid
     off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
     assert off < 1.0
     outcome = found["pictures"][number]
@@ -207,7 +287,11 @@ def test_undistorted_board_is_regular(number, client, news):
 
 def test_invalid_framed_requests_are_rejected(client):
     short, empty = "the body must be the length of a JSON message", "camera_file must be given"
-    sentences = {b"abc": short, struct.pack("<I", 2) + b"{}": empty, struct.pack("<I", 999) + b"{}": empty}
+    sentences = {
+        b"abc": short,
+        struct.pack("<I", 2) + b"{}": empty,
+        struct.pack("<I", 999) + b"{}": empty,
+    }
     for data, sentence in sentences.items():
         answer = client.post("/api/calibrate/straight", content=data)
         assert answer.status_code == 422
@@ -218,8 +302,12 @@ def test_a_board_without_an_extent_is_refused(client, news):
     found = news[-2]["found"]
     for high in ([-900.0, 10.0], [1e308, 1e308]):
         place = found["places"][0] | {"high_mm": high}
-        header = json.dumps({"camera_file": found["camera_file"], "place": place, "name": "here.png"}).encode()
-        answer = client.post("/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0))
+        header = json.dumps(
+            {"camera_file": found["camera_file"], "place": place, "name": "here.png"}
+        ).encode()
+        answer = client.post(
+            "/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0)
+        )
         assert answer.status_code == 400
         assert "0.png must be larger than 0" in answer.json()["detail"]
 
@@ -236,7 +324,9 @@ def test_one_that_is_stopped_keeps_what_it_found(seen):
     assert (done.state, reported.state) == ("done", "reported")
     assert not done.found.is_complete
     assert "stopped early" in done.found.notes[0]
-    assert performed(ASK, seen, -1)[-1].sentence == "the calibration was stopped before the first fit"
+    assert (
+        performed(ASK, seen, -1)[-1].sentence == "the calibration was stopped before the first fit"
+    )
 
 
 def test_failed_calibration_reports_image_names(seen):
@@ -249,7 +339,11 @@ def test_failed_calibration_reports_image_names(seen):
 
 @pytest.mark.full
 def test_frames_of_a_video_that_show_the_same_are_not_used_twice(seen):
-    frames = [s.model_copy(update={"name": f"{n} {s.name}", "time_s": n + i}) for n in (0, 9) for i, s in enumerate(seen)]
+    frames = [
+        s.model_copy(update={"name": f"{n} {s.name}", "time_s": n + i})
+        for n in (0, 9)
+        for i, s in enumerate(seen)
+    ]
     *_, done, _ = performed(ASK | {"pictures": len(frames)}, frames)
     used = [p for p in done.found.pictures if p.used]
     assert len(used) == len(seen)

@@ -49,7 +49,9 @@ def files(tmp_path) -> list[Path]:
 def page(browser, server):
     """The empty tab; page errors fail the test."""
     viewport = {"width": 1280, "height": 900}
-    context = browser.new_context(viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE)
+    context = browser.new_context(
+        viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE
+    )
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     problems = []
@@ -118,10 +120,17 @@ def test_calibration_workflow_with_reload(page, files):
     assert page.evaluate(f"{TAB}.found") == found
     page.locator("#calibrate .shots button").nth(2).click()
     page.get_by_text("maximum deviation of corners").wait_for()
-    assert page.get_by_alt_text("Undistorted target").evaluate("(i) => i.decode().then(() => i.naturalWidth)") > 200
+    assert (
+        page.get_by_alt_text("Undistorted target").evaluate(
+            "(i) => i.decode().then(() => i.naturalWidth)"
+        )
+        > 200
+    )
     assert page.locator("#calibrate .whole .residuals").get_attribute("d").count("L") == 35
     button(page, "Use as camera").click()
-    page.wait_for_function("window.omnimirror.look.feed?.name === 'view_2.png' || window.omnimirror.look.feed?.name === 'view 2.png'")
+    page.wait_for_function(
+        "window.omnimirror.look.feed?.name === 'view_2.png' || window.omnimirror.look.feed?.name === 'view 2.png'"
+    )
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id.startsWith('file:')")
     page.locator("#view").wait_for()
     centre = page.evaluate("window.omnimirror.look.sensor.camera.model.centre_px")
@@ -150,7 +159,9 @@ SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });""" 
 
 
 @pytest.mark.full
-def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(page, files):
+def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(
+    page, files
+):
     add(page, files[:3])
     kept = page.evaluate(f"{TAB}.shots.all.map((s) => s.key)")
     page.reload()
@@ -164,7 +175,9 @@ def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_t
     page.set_input_files("#calibrate-files", files[3])
     page.wait_for_function(f"{TAB}.shots.all.length === 3")
     page.reload()
-    page.get_by_text(f"The page was left before the browser had kept {files[3].name}; add it again.").wait_for()
+    page.get_by_text(
+        f"The page was left before the browser had kept {files[3].name}; add it again."
+    ).wait_for()
     assert page.evaluate(f"{TAB}.shots.all.map((s) => s.key)") == kept[1:]
     assert page.get_by_label("Square, mm").input_value() == "31"
 
@@ -197,13 +210,19 @@ def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_p
     assert "detected in no image; at least 3 are required" in reason.inner_text()
     (tmp_path / "dark.png").write_bytes(BLANK)
     (tmp_path / "notes.png").write_text("no picture")
-    page.set_input_files("#calibrate-files", [files[0], tmp_path / "dark.png", tmp_path / "notes.png"])
-    page.locator("#calibrate .shots").get_by_text("notes.png must be an image in a supported format").wait_for()
+    page.set_input_files(
+        "#calibrate-files", [files[0], tmp_path / "dark.png", tmp_path / "notes.png"]
+    )
+    page.locator("#calibrate .shots").get_by_text(
+        "notes.png must be an image in a supported format"
+    ).wait_for()
     page.locator("#calibrate .shots").get_by_text("The picture is blank").wait_for()
     page.get_by_text("detected in one image; at least 3 are required").wait_for()
     page.get_by_label("Columns", exact=True).fill("6")
     page.keyboard.press("Tab")
-    page.locator("#calibrate .shots").get_by_text("A board of 7 x 5 corners was detected instead of 6 x 5").wait_for()
+    page.locator("#calibrate .shots").get_by_text(
+        "A board of 7 x 5 corners was detected instead of 6 x 5"
+    ).wait_for()
     page.get_by_label("Columns", exact=True).fill("0")
     page.keyboard.press("Tab")
     page.get_by_text("Columns and rows must be 2 to 200").wait_for()
@@ -211,7 +230,9 @@ def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_p
 
 
 @pytest.mark.full
-def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_what_it_found(page, files):
+def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_what_it_found(
+    page, files
+):
     add(page, files)
     press = """(name) => new MutationObserver((_, observer) => {
       const words = [...document.querySelectorAll("#calibrate aside .words")].map((e) => e.textContent);
@@ -240,9 +261,15 @@ def test_webcam_captures_new_positions_only(page):
     for count, number in enumerate((0, 4), 1):
         page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(number)).decode())
         page.wait_for_function(f"{taken} === {count}")
-        page.wait_for_function("document.querySelector('#calibrate .live path.corners')?.getAttribute('d')")
-    page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(0)).decode())  # already present
-    page.wait_for_function("document.querySelector('#calibrate .webcam .advice').textContent.includes('Hold')")
+        page.wait_for_function(
+            "document.querySelector('#calibrate .live path.corners')?.getAttribute('d')"
+        )
+    page.evaluate(
+        "(picture) => window.show(picture)", base64.b64encode(png(0)).decode()
+    )  # already present
+    page.wait_for_function(
+        "document.querySelector('#calibrate .webcam .advice').textContent.includes('Hold')"
+    )
     assert page.evaluate(taken) == 2
     wanted = page.locator("#calibrate .live path.wanted").get_attribute("d")
     assert wanted.count("Z") > 8  # uncovered parts of the field
@@ -304,8 +331,12 @@ def serious(page) -> dict:
     found = {}
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        said = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
-        found |= {v["id"]: v["nodes"][0]["html"] for v in said if v["impact"] in ("serious", "critical")}
+        said = page.evaluate(
+            "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
+        )
+        found |= {
+            v["id"]: v["nodes"][0]["html"] for v in said if v["impact"] in ("serious", "critical")
+        }
     return found
 
 

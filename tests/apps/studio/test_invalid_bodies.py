@@ -30,10 +30,31 @@ LOCAL = "http://127.0.0.1"
 TABLES = tables_of(om.load_sensor("paper-spherical"))
 FOLLOWS = {"tables": TABLES, "follows": False}
 DISTANCE = {"object_distance_mm": None}
-REQUIRED = {"field": {"omega_max_deg": 90.0}, "limits": [{"quantity": "length_mm", "at_most": 300.0}]}
+REQUIRED = {
+    "field": {"omega_max_deg": 90.0},
+    "limits": [{"quantity": "length_mm", "at_most": 300.0}],
+}
 MOUNT = {"camera_looks": "up", "forward_azimuth_deg": -90.0, "image_flipped": False}
-FITTED = {"id": "paper-spherical", "mount": MOUNT, "image_size": [64, 64], "centre_px": [31.5, 31.5], "rim_radius_px": 30.0}
-SEEN = {"name": "a.png", "image_size": [480, 480], "ids": [0, 1], "corners_px": [[1.0, 2.0], [3.0, 4.0]], "sigma_px": [0.1, 0.1], "reason": None, "blur_px": 1.0, "is_reversed": None, "begins_white": None, "is_part": False, "time_s": None}
+FITTED = {
+    "id": "paper-spherical",
+    "mount": MOUNT,
+    "image_size": [64, 64],
+    "centre_px": [31.5, 31.5],
+    "rim_radius_px": 30.0,
+}
+SEEN = {
+    "name": "a.png",
+    "image_size": [480, 480],
+    "ids": [0, 1],
+    "corners_px": [[1.0, 2.0], [3.0, 4.0]],
+    "sigma_px": [0.1, 0.1],
+    "reason": None,
+    "blur_px": 1.0,
+    "is_reversed": None,
+    "begins_white": None,
+    "is_part": False,
+    "time_s": None,
+}
 PLACE = {
     "picture": "a.png", "rotation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], "shift_mm": [0.0, 0.0, 300.0],
     "low_mm": [0.0, 0.0], "high_mm": [90.0, 60.0], "margin_mm": 5.0, "px_per_mm": 1.0, "is_upwards": True,
@@ -51,17 +72,63 @@ BODIES: dict[str, Any] = {
     "/api/bench/picture": {"tables": TABLES, "width_px": 32, "samples": 1},
     "/api/bench/errors": {"tables": TABLES},
     "/api/bench/built": {"tables": TABLES, "values": {"decentre_mm": 0.1}, "refocus": "none"},
-    "/api/bench/yield": {"tables": TABLES, "errors": ALLOWED, "refocus": "none", "merit": "worst_blur_px", "limit": 3.0, "trials": 1, "seed": 0},
-    "/api/calibrate/together": {"board": ASKED, "pictures": [SEEN], "centre_px": None, "radius_px": None, "candidate": None},
+    "/api/bench/yield": {
+        "tables": TABLES,
+        "errors": ALLOWED,
+        "refocus": "none",
+        "merit": "worst_blur_px",
+        "limit": 3.0,
+        "trials": 1,
+        "seed": 0,
+    },
+    "/api/calibrate/together": {
+        "board": ASKED,
+        "pictures": [SEEN],
+        "centre_px": None,
+        "radius_px": None,
+        "candidate": None,
+    },
 }
-BEFORE_FILES: dict[str, Any] = {"/api/level": {**FITTED, "name": "a.png"}, "/api/restore": {**FITTED, "name": "a.png", **DISTANCE}, "/api/calibrate/straight": {"camera_file": "", "place": PLACE, "name": "a.png"}}
+BEFORE_FILES: dict[str, Any] = {
+    "/api/level": {**FITTED, "name": "a.png"},
+    "/api/restore": {**FITTED, "name": "a.png", **DISTANCE},
+    "/api/calibrate/straight": {"camera_file": "", "place": PLACE, "name": "a.png"},
+}
 """Messages that precede a file in the body."""
 FILES = {"/api/sensors", "/api/bench/open", "/api/pictures", "/api/rim", "/api/calibrate/look"}
 """Routes whose body is a file."""
 SOCKETS: dict[str, Any] = {
-    "/api/bench/ask": {"slot": 0, "number": 1, **FOLLOWS, **DISTANCE, "section": False, "squares": False, "requirements": REQUIRED},
-    "/api/bench/work": {"what": "design", "tables": TABLES, "requirements": REQUIRED, **DISTANCE, "merit": "worst_blur_deg", "shape": "spline", "terms": 1, "starts": 1},
-    "/api/calibrate/work": {"board": ASKED, "pictures": 2, "model": "unified", "optics": "mirror", "camera_looks": "up", "image_flipped": False, "centre_px": None, "rim_radius_px": None, "flat_board": True, "command": ""},
+    "/api/bench/ask": {
+        "slot": 0,
+        "number": 1,
+        **FOLLOWS,
+        **DISTANCE,
+        "section": False,
+        "squares": False,
+        "requirements": REQUIRED,
+    },
+    "/api/bench/work": {
+        "what": "design",
+        "tables": TABLES,
+        "requirements": REQUIRED,
+        **DISTANCE,
+        "merit": "worst_blur_deg",
+        "shape": "spline",
+        "terms": 1,
+        "starts": 1,
+    },
+    "/api/calibrate/work": {
+        "board": ASKED,
+        "pictures": 2,
+        "model": "unified",
+        "optics": "mirror",
+        "camera_looks": "up",
+        "image_flipped": False,
+        "centre_px": None,
+        "rim_radius_px": None,
+        "flat_board": True,
+        "command": "",
+    },
 }
 
 NOT_JSON = {
@@ -81,14 +148,42 @@ NOT_JSON = {
     "comment": "1 // one",
 }
 """Values that make a body invalid at any position."""
-UNEXPECTED = ["null", "true", '"x"', '"nan"', '"inf"', '"-Infinity"', '"1e999"', "-1", "0", "1e308", "-1e308", "5e-324", "0.5", "9223372036854775807", "[]", "{}", "[[]]", '[{"a": [1]}]', '""', '"\\u0000"', json.dumps("𝒳" * 5000)]
+UNEXPECTED = [
+    "null",
+    "true",
+    '"x"',
+    '"nan"',
+    '"inf"',
+    '"-Infinity"',
+    '"1e999"',
+    "-1",
+    "0",
+    "1e308",
+    "-1e308",
+    "5e-324",
+    "0.5",
+    "9223372036854775807",
+    "[]",
+    "{}",
+    "[[]]",
+    '[{"a": [1]}]',
+    '""',
+    '"\\u0000"',
+    json.dumps("𝒳" * 5000),
+]
 """Valid JSON of other types and magnitudes."""
 
 
 def paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """Yield the paths of all values in JSON data."""
     yield path
-    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    parts = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     for key, part in parts:
         yield from paths(part, (*path, key))
 
@@ -110,7 +205,13 @@ def broken(sample: Any) -> list[bytes]:
     """Return bodies that are not JSON: truncated, in another encoding, continued."""
     text = json.dumps(sample).encode()
     cut = [text[:length] for length in (0, 1, len(text) // 2, len(text) - 1)]
-    return [*cut, text + b"]", b"\xff" + text, text.replace(b'"', b'"\xc3\x28', 1), text.decode().encode("utf-16")]
+    return [
+        *cut,
+        text + b"]",
+        b"\xff" + text,
+        text.replace(b'"', b'"\xc3\x28', 1),
+        text.decode().encode("utf-16"),
+    ]
 
 
 def everyday_paths(sample: Any) -> list[tuple[Any, ...]]:
@@ -133,7 +234,9 @@ ALL = BODIES | BEFORE_FILES
 
 @pytest.fixture(scope="module")
 def client():
-    with TestClient(create_app(), base_url=LOCAL) as client:  # raises exceptions that a server would log
+    with TestClient(
+        create_app(), base_url=LOCAL
+    ) as client:  # raises exceptions that a server would log
         yield client
 
 
@@ -179,10 +282,21 @@ def test_invalid_json_is_refused(path, client):
 def test_invalid_json_is_refused_wherever_it_stands(path, client):
     for where in paths(ALL[path]):
         for raw in NOT_JSON.values():
-            check_refusal(posted(client, path, frame(path, with_raw(ALL[path], where, raw).encode())))
+            check_refusal(
+                posted(client, path, frame(path, with_raw(ALL[path], where, raw).encode()))
+            )
 
 
-@pytest.mark.parametrize("path", few(ALL, "/api/sensor-file", "/api/bench/change", "/api/bench/requirements", "/api/calibrate/together"))
+@pytest.mark.parametrize(
+    "path",
+    few(
+        ALL,
+        "/api/sensor-file",
+        "/api/bench/change",
+        "/api/bench/requirements",
+        "/api/calibrate/together",
+    ),
+)
 def test_unexpected_values_are_refused_or_answered(path, client, request):
     sample = ALL[path]
     is_full = request.node.get_closest_marker("full") is not None
@@ -192,26 +306,41 @@ def test_unexpected_values_are_refused_or_answered(path, client, request):
             assert answer.status_code in (200, 400, 404, 422), (where, raw[:40], answer.text)
 
 
-@pytest.mark.parametrize("kind", ["text/plain", "application/octet-stream", "application/x-www-form-urlencoded", ""])
+@pytest.mark.parametrize(
+    "kind", ["text/plain", "application/octet-stream", "application/x-www-form-urlencoded", ""]
+)
 def test_bodies_of_other_types_are_refused(kind, client):
     for path in BODIES:
         for body in (b"\xff\xfe", json.dumps(BODIES[path]).encode(), b"a=b"):
             check_refusal(posted(client, path, body, kind))
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-Infinity", "1e999", "9" * 5000, "", b"\xed\xa0\x80"])
+@pytest.mark.parametrize(
+    "value", ["nan", "inf", "-Infinity", "1e999", "9" * 5000, "", b"\xed\xa0\x80"]
+)
 def test_parameters_that_are_no_finite_numbers_are_refused(value, client):
     for name in ("forward_azimuth_deg", "pitch_deg", "roll_deg"):
         check_refusal(client.get("/api/camera", params={"id": "paper-spherical", name: value}))
     for name in ("columns", "square_mm", "spacing"):
-        check_refusal(client.post("/api/calibrate/look", params={**ASKED, name: value}, content=BLANK))
+        check_refusal(
+            client.post("/api/calibrate/look", params={**ASKED, name: value}, content=BLANK)
+        )
 
 
 @pytest.mark.parametrize("path", SOCKETS)
 def test_invalid_messages_close_a_socket(path, client):
     sample = SOCKETS[path]
-    texts = [with_raw(sample, where, raw) for where in everyday_paths(sample) for raw in NOT_JSON.values()]
-    texts += [body.decode("latin-1") for body in broken(sample)] + ["[]", "{}", '{"slot": "nan"}', "\x00"]
+    texts = [
+        with_raw(sample, where, raw)
+        for where in everyday_paths(sample)
+        for raw in NOT_JSON.values()
+    ]
+    texts += [body.decode("latin-1") for body in broken(sample)] + [
+        "[]",
+        "{}",
+        '{"slot": "nan"}',
+        "\x00",
+    ]
     for message in [*texts, b"\xff", json.dumps(sample).encode()]:
         with client.websocket_connect(f"ws://127.0.0.1{path}") as socket:
             (socket.send_text if isinstance(message, str) else socket.send_bytes)(message)
@@ -229,9 +358,23 @@ def nested(levels: int) -> str:
     return "[" * levels + "1" + "]" * levels
 
 
-@pytest.mark.parametrize("text", ["{}", "null", '"Größe 🪞"', '{"a": [1, -2.5, true, {"b": null}]}', f"[{2**63 - 1}, {-(2**63)}, 1e308]", nested(MAX_NESTING)])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}",
+        "null",
+        '"Größe 🪞"',
+        '{"a": [1, -2.5, true, {"b": null}]}',
+        f"[{2**63 - 1}, {-(2**63)}, 1e308]",
+        nested(MAX_NESTING),
+    ],
+)
 def test_json_is_parsed_as_python_parses_it(text):
-    assert request_bodies.parse_body(text) == request_bodies.parse_body(text.encode()) == json.loads(text)
+    assert (
+        request_bodies.parse_body(text)
+        == request_bodies.parse_body(text.encode())
+        == json.loads(text)
+    )
 
 
 @pytest.mark.parametrize(
@@ -244,7 +387,10 @@ def test_json_is_parsed_as_python_parses_it(text):
         (nested(200_000), f"the body must have at most {MAX_NESTING} nested levels"),
         ("9" * 5000, "the body must hold integers of at most 64 bits"),
         (f'{{"a": [{2**63}]}}', f"the body must hold integers of at most 64 bits; got {2**63}"),
-        (f"[[{-(2**63) - 1}]]", f"the body must hold integers of at most 64 bits; got {-(2**63) - 1}"),
+        (
+            f"[[{-(2**63) - 1}]]",
+            f"the body must hold integers of at most 64 bits; got {-(2**63) - 1}",
+        ),
         ("[1e999]", "the body must hold finite numbers; got inf"),
         ('{"a": {"b": -Infinity}}', "the body must hold finite numbers; got -inf"),
         ('["\\ud800"]', "the body must hold whole characters; got the surrogate in '\\ud800'"),
@@ -259,7 +405,15 @@ def test_what_is_not_json_is_refused_with_its_reason(body, sentence):
     assert str(refused.value) == sentence
 
 
-@pytest.mark.parametrize(("message", "sentence"), [({"sentence": "no"}, "path must be given"), ({"path": [], "sentence": "no", "more": 1}, "more is unknown; remove it"), ({"path": [], "sentence": 3}, "sentence must be a valid string; got 3"), ([], "the body must be a valid dictionary or instance of ApiError; got []")])
+@pytest.mark.parametrize(
+    ("message", "sentence"),
+    [
+        ({"sentence": "no"}, "path must be given"),
+        ({"path": [], "sentence": "no", "more": 1}, "more is unknown; remove it"),
+        ({"path": [], "sentence": 3}, "sentence must be a valid string; got 3"),
+        ([], "the body must be a valid dictionary or instance of ApiError; got []"),
+    ],
+)
 def test_an_entry_that_is_not_valid_is_named(message, sentence):
     with pytest.raises(request_bodies.InvalidMessage) as refused:
         request_bodies.parse_message(json.dumps(message), ApiError)
@@ -267,9 +421,17 @@ def test_an_entry_that_is_not_valid_is_named(message, sentence):
 
 
 def test_the_first_invalid_entry_is_named_without_the_part_of_the_request():
-    entry = {"type": "value_error", "loc": ("body", "lens", 2, "kind"), "msg": "Value error, no lens", "input": "x"}
+    entry = {
+        "type": "value_error",
+        "loc": ("body", "lens", 2, "kind"),
+        "msg": "Value error, no lens",
+        "input": "x",
+    }
     other = {"type": "missing", "loc": ("query", "id"), "msg": "Field required", "input": None}
-    assert request_bodies.validation_message([entry, other]) == "lens.2.kind is invalid: value error, no lens; got 'x'"
+    assert (
+        request_bodies.validation_message([entry, other])
+        == "lens.2.kind is invalid: value error, no lens; got 'x'"
+    )
     assert request_bodies.validation_message([other, entry]) == "id must be given"
 
 
@@ -288,13 +450,25 @@ class Socket:
 
 def test_a_message_of_a_socket_is_text_or_the_end():
     text = '{"path": [], "sentence": "no"}'
-    received = in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.receive", "text": text}), ApiError))
+    received = in_a_loop(
+        request_bodies.receive_message(
+            Socket({"type": "websocket.receive", "text": text}), ApiError
+        )
+    )
     assert received == ApiError(path=(), sentence="no")
     with pytest.raises(request_bodies.InvalidMessage, match="must be JSON text; got a binary one"):
-        in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.receive", "bytes": b"{}"}), ApiError))
+        in_a_loop(
+            request_bodies.receive_message(
+                Socket({"type": "websocket.receive", "bytes": b"{}"}), ApiError
+            )
+        )
     for message, code in (({}, 1005), ({"code": 1001, "reason": "gone"}, 1001)):
         with pytest.raises(WebSocketDisconnect) as ended:
-            in_a_loop(request_bodies.receive_message(Socket({"type": "websocket.disconnect", **message}), ApiError))
+            in_a_loop(
+                request_bodies.receive_message(
+                    Socket({"type": "websocket.disconnect", **message}), ApiError
+                )
+            )
         assert (ended.value.code, ended.value.reason) == (code, message.get("reason") or "")
 
 
@@ -319,5 +493,8 @@ def test_a_framed_message_is_read_by_the_documented_layout(sentence):
 
 @pytest.mark.parametrize("size", range(5))
 def test_a_frame_without_a_message_is_refused(size):
-    with pytest.raises(request_bodies.InvalidMessage, match="length of a JSON message" if size < 4 else "must be JSON"):
+    with pytest.raises(
+        request_bodies.InvalidMessage,
+        match="length of a JSON message" if size < 4 else "must be JSON",
+    ):
         _http_messages.unframed(bytes(size), ApiError)

@@ -95,7 +95,10 @@ def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
             page.mouse.move(*(np.array(start) + share * (np.array(end) - start)))
         page.mouse.up()
         settled(page)
-    assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.1), pytest.approx(LEAN["roll"], abs=0.1))
+    assert mount_of(page) == (
+        pytest.approx(LEAN["pitch"], abs=0.1),
+        pytest.approx(LEAN["roll"], abs=0.1),
+    )
     state = page.evaluate("window.omnimirror.store.state")
     assert (state["pan"], state["tilt"]) == (0, 0)
     assert float(page.locator("#pitch").input_value()) == state["pitch"]
@@ -125,18 +128,25 @@ def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
 @pytest.mark.full
 def test_tilt_is_estimated_from_vertical_edges(page, tmp_path):
     """Room image of a tilted sensor, compared with the simulated tilt."""
-    write_image(tmp_path / "leaned.png", om.render_image(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1))
+    write_image(
+        tmp_path / "leaned.png", om.render_image(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1)
+    )
     drop(page, tmp_path / "leaned.png")
     page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'leaned.png'")
     page.get_by_role("button", name="Find level").click()
     page.wait_for_function("window.omnimirror.store.state.pitch !== null")
     settled(page)
-    assert mount_of(page) == (pytest.approx(LEAN["pitch"], abs=0.3), pytest.approx(LEAN["roll"], abs=0.3))
+    assert mount_of(page) == (
+        pytest.approx(LEAN["pitch"], abs=0.3),
+        pytest.approx(LEAN["roll"], abs=0.3),
+    )
     page.get_by_role("status").filter(has_text="vertical edges").wait_for()
 
 
 def test_too_few_vertical_edges(page):
     look(page, sensor="paper-hyperboloidal")
-    page.wait_for_function("window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'")
+    page.wait_for_function(
+        "window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'"
+    )
     page.get_by_role("button", name="Find level").click()
     page.get_by_role("status").filter(has_text="too few vertical edges").wait_for()

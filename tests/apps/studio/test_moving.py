@@ -62,14 +62,19 @@ def shade(page) -> float:
     return float(np.median(drawn(page, 40, 30)[8:22, 10:30, :3]))
 
 
-def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(browser, server, film, tmp_path):
+def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(
+    browser, server, film, tmp_path
+):
     page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40")
     page.set_input_files("#file", film)
     shows(page, "ride.mp4")
     look(page, rim=[31.5, 23.5, 23])
     page.get_by_role("button", name="Pause").click()
     for second, expected in ((0.5, SHADES[0]), (1.5, SHADES[1])):
-        page.evaluate("(s) => { const t = document.querySelector('#time'); t.value = s; t.dispatchEvent(new Event('input')); }", second)
+        page.evaluate(
+            "(s) => { const t = document.querySelector('#time'); t.value = s; t.dispatchEvent(new Event('input')); }",
+            second,
+        )
         page.wait_for_function("!window.omnimirror.look.feed.video.seeking")
         while shade(page) != pytest.approx(expected, abs=6):  # the frame follows the seek
             page.wait_for_timeout(20)
@@ -85,7 +90,9 @@ def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(
     with av.open(str(tmp_path / "perspective.mp4")) as made:
         frames = [f.to_ndarray(format="gray") for f in made.decode(video=0)]
     assert len(frames) == 20
-    assert [np.median(f[8:22, 10:30]) for f in (frames[5], frames[15])] == pytest.approx(SHADES, abs=6)
+    assert [np.median(f[8:22, 10:30]) for f in (frames[5], frames[15])] == pytest.approx(
+        SHADES, abs=6
+    )
     page.context.close()
 
 
@@ -100,7 +107,9 @@ def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
 
 
 @pytest.mark.full
-def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(browser, film, tmp_path, monkeypatch):
+def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(
+    browser, film, tmp_path, monkeypatch
+):
     monkeypatch.setattr(pages, "MAX_EMBEDDED_BYTES", 100)
     beside = tmp_path / "my rides" / film.name
     beside.parent.mkdir()
@@ -123,8 +132,12 @@ def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(browser, fil
 def test_videos_that_browsers_do_not_play_are_refused(film, tmp_path):
     old = video_of(tmp_path / "old.mp4")
     assert "got mpeg4" in fails("dewarp", old, "--ball", BALL, "--viewer", tmp_path / "v.html")
-    assert "must have 1024 x 1024 px" in fails("dewarp", film, "--sensor", "paper-spherical", "--viewer", tmp_path / "v.html")
-    assert "browsers support (.mp4" in fails("dewarp", video_of(tmp_path / "old.avi"), "--ball", BALL, "--viewer", tmp_path / "v.html")
+    assert "must have 1024 x 1024 px" in fails(
+        "dewarp", film, "--sensor", "paper-spherical", "--viewer", tmp_path / "v.html"
+    )
+    assert "browsers support (.mp4" in fails(
+        "dewarp", video_of(tmp_path / "old.avi"), "--ball", BALL, "--viewer", tmp_path / "v.html"
+    )
     assert not (tmp_path / "v.html").exists()
 
 
@@ -137,11 +150,16 @@ MediaDevices.prototype.getUserMedia = function ({ video }) {
 
 
 def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, server):
-    page = open_page(browser, f"{server}#sensor=ball:280", script=SMALL_CAMERA, permissions=["camera"])
+    page = open_page(
+        browser, f"{server}#sensor=ball:280", script=SMALL_CAMERA, permissions=["camera"]
+    )
     page.get_by_role("button", name="Webcam").click()
     page.wait_for_selector("#webcams:visible")
     first = page.evaluate("window.omnimirror.look.feed.device")
-    other = page.evaluate("(d) => [...document.querySelector('#webcams').options].find((o) => o.value !== d).value", first)
+    other = page.evaluate(
+        "(d) => [...document.querySelector('#webcams').options].find((o) => o.value !== d).value",
+        first,
+    )
     page.select_option("#webcams", other)
     page.wait_for_function("(d) => window.omnimirror.look.feed.device === d", arg=other)
     assert command(page, 40, 30).startswith("omnimirror dewarp 1 ")
@@ -159,13 +177,17 @@ def test_denied_webcam_is_reported_and_image_remains(browser_without_camera, ser
     page.set_input_files("#file", film)
     shows(page, "ride.mp4")
     page.get_by_role("button", name="Webcam").click()
-    page.wait_for_function("document.querySelector('#banner').textContent.startsWith('Camera access was denied.')")
+    page.wait_for_function(
+        "document.querySelector('#banner').textContent.startsWith('Camera access was denied.')"
+    )
     assert page.evaluate("window.omnimirror.look.feed.name") == "ride.mp4"
     page.context.close()
 
 
 def test_recording_is_video_of_view(browser, server, film, tmp_path):
-    page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40", 420, 380)
+    page = open_page(
+        browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40", 420, 380
+    )
     page.set_input_files("#file", film)
     shows(page, "ride.mp4")
     page.evaluate("window.omnimirror.look.feed.video.playbackRate = 4")
@@ -179,7 +201,9 @@ def test_recording_is_video_of_view(browser, server, film, tmp_path):
     assert path.suffix == ".mp4"  # supported by this browser
     with av.open(str(path)) as video:
         frames = [f.to_ndarray(format="gray") for f in video.decode(video=0)]
-    width, height = page.evaluate("[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]")
+    width, height = page.evaluate(
+        "[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]"
+    )
     assert abs(frames[0].shape[1] - width) <= 1  # even sides only
     assert abs(frames[0].shape[0] - height) <= 1
     assert len(frames) > 2
@@ -190,7 +214,12 @@ def test_recording_is_video_of_view(browser, server, film, tmp_path):
 
 
 def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
-    page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective", has_touch=True, reduced_motion="reduce")
+    page = open_page(
+        browser,
+        f"{server}#sensor=ball:280&mode=perspective",
+        has_touch=True,
+        reduced_motion="reduce",
+    )
     page.set_input_files("#file", film)
     shows(page, "ride.mp4")
     page.locator("#view").scroll_into_view_if_needed()
@@ -225,10 +254,17 @@ def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
 def test_lost_stream_is_reported_and_reopened(browser, tmp_path):
     transport = make_video(tmp_path / "a.ts", 100, with_audio=False).read_bytes()
     half = transport[: len(transport) // 2]
-    with streaming([HEAD, *paced(half, 1.5)], [], [], [], [HEAD, *paced(transport, 4.0), 20.0]) as url, serving(Studio(Sources([url], live=[url]))) as address:
+    with (
+        streaming(
+            [HEAD, *paced(half, 1.5)], [], [], [], [HEAD, *paced(transport, 4.0), 20.0]
+        ) as url,
+        serving(Studio(Sources([url], live=[url]))) as address,
+    ):
         page = open_page(browser, f"{address}#sensor=ball:280")
         shows(page, url)
-        page.wait_for_function(f"document.querySelector('#banner').textContent.startsWith('{url} is lost')")
+        page.wait_for_function(
+            f"document.querySelector('#banner').textContent.startsWith('{url} is lost')"
+        )
         page.wait_for_function("document.querySelector('#banner').hidden")  # plays again
         assert page.locator("#view").is_visible()
         assert command(page, 40, 30).startswith(f"omnimirror dewarp {url} ")
@@ -243,7 +279,9 @@ def test_a_video_of_the_server_plays_and_comes_back_when_the_server_does(browser
         page = open_page(browser, address)
         page.wait_for_function("window.omnimirror.look.feed?.name === 'ride.mp4'")
     port = int(re.search(r":(\d+)/", address)[1])
-    page.wait_for_function("document.querySelector('#banner').textContent.includes('does not respond')")
+    page.wait_for_function(
+        "document.querySelector('#banner').textContent.includes('does not respond')"
+    )
     with serving(Studio(studio.sources), port):
         page.wait_for_function("document.querySelector('#banner').hidden")
     page.context.close()

@@ -49,7 +49,15 @@ def test_show_accepts_files(tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
-    [({"image": np.zeros((8, 8), np.uint8)}, "must have 256 x 256 px, the image size of the camera; got 8 x 8 px"), ({"image": [1, 2]}, "the image must be an array of uint8"), ({"camera": "paper-spherical"}, "camera must be a sensor or a camera"), ({"height_px": 5}, "height_px must be between 120 and 4000; got 5")],
+    [
+        (
+            {"image": np.zeros((8, 8), np.uint8)},
+            "must have 256 x 256 px, the image size of the camera; got 8 x 8 px",
+        ),
+        ({"image": [1, 2]}, "the image must be an array of uint8"),
+        ({"camera": "paper-spherical"}, "camera must be a sensor or a camera"),
+        ({"height_px": 5}, "height_px must be between 120 and 4000; got 5"),
+    ],
 )
 def test_what_cannot_be_shown_is_refused(words, sentence):
     with pytest.raises(om.base.errors.InvalidParameter, match=sentence):

@@ -37,7 +37,9 @@ DROP_UNREADABLE = """(name) => {
 def room(tmp_path_factory) -> Path:
     """An image of a room with signs on its walls."""
     path = tmp_path_factory.mktemp("room") / "circle.png"
-    write_image(path, om.render_image(om.load_sensor("paper-spherical"), om.Room(texel_mm=15.0), samples=1))
+    write_image(
+        path, om.render_image(om.load_sensor("paper-spherical"), om.Room(texel_mm=15.0), samples=1)
+    )
     return path
 
 
@@ -52,7 +54,9 @@ def state(page) -> dict:
     return page.evaluate("window.omnimirror.store.state")
 
 
-def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(browser, server, room, coarse_room):
+def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(
+    browser, server, room, coarse_room
+):
     page = open_page(browser, server)
     assert page.get_by_text("Drop an image or video here").is_visible()
     page.get_by_role("button", name="Try the demo room").click()
@@ -60,16 +64,22 @@ def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(br
     assert page.locator("#view").is_visible()
     look(page, mode="perspective", hfov=70, tilt=8)
     seen = cv2.cvtColor(drawn(page, 280, 210), cv2.COLOR_RGBA2GRAY)
-    upright = om.Dewarper(om.load_sensor("paper-spherical"), om.screens.Plane((280, 210), 0, 8, 0, 70), "cubic")
+    upright = om.Dewarper(
+        om.load_sensor("paper-spherical"), om.screens.Plane((280, 210), 0, 8, 0, 70), "cubic"
+    )
     sign = cv2.cvtColor(upright(read_image(room)), cv2.COLOR_RGB2GRAY)
-    straight, reversed_ = (cv2.matchTemplate(seen, s, cv2.TM_CCOEFF_NORMED).max() for s in (sign, sign[:, ::-1].copy()))
+    straight, reversed_ = (
+        cv2.matchTemplate(seen, s, cv2.TM_CCOEFF_NORMED).max() for s in (sign, sign[:, ::-1].copy())
+    )
     assert straight > 0.95
     assert straight > reversed_ + 0.1
     assert page.problems == []
     page.context.close()
 
 
-def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(browser, server, room):
+def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
+    browser, server, room
+):
     page = open_page(browser, f"{server}#mode=perspective", reduced_motion="reduce")
     drop(page, room)
     page.wait_for_selector("#view:visible")
@@ -94,14 +104,18 @@ def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
     circle = page.locator("#overlay")
     box = circle.bounding_box()
     circle.scroll_into_view_if_needed()
-    circle.dblclick(position={"x": box["width"] * 0.8, "y": box["height"] * 0.5})  # left of the room
+    circle.dblclick(
+        position={"x": box["width"] * 0.8, "y": box["height"] * 0.5}
+    )  # left of the room
     rays = om.load_sensor("paper-spherical").backproject([[1024 * 0.8 - 0.5, 511.5]])
     ahead = rays.directions[0]
     assert state(page)["pan"] == pytest.approx(np.degrees(np.arctan2(-ahead[1], ahead[0])), abs=1)
     assert state(page)["tilt"] == pytest.approx(np.degrees(np.arcsin(ahead[2])), abs=1)
 
     before = state(page)
-    page.wait_for_function(f"location.hash.includes('pan={before['pan']}') && location.hash.includes('source=kept')")
+    page.wait_for_function(
+        f"location.hash.includes('pan={before['pan']}') && location.hash.includes('source=kept')"
+    )
     page.reload()
     page.wait_for_function("window.omnimirror?.look.feed")
     assert state(page) == before
@@ -157,7 +171,11 @@ def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
     page.get_by_text("is a guess: fit the circle").wait_for()
     page.get_by_role("button", name="Detect circle").click()
     page.get_by_text("Circle detected; confidence 9").wait_for()
-    assert state(page)["rim"] == [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.approx(180, abs=0.5)]
+    assert state(page)["rim"] == [
+        pytest.approx(390, abs=0.5),
+        pytest.approx(215, abs=0.5),
+        pytest.approx(180, abs=0.5),
+    ]
     page.get_by_text("is a guess").wait_for(state="detached")
     page.context.close()
 
@@ -195,7 +213,9 @@ def test_the_first_key_leads_past_the_header(browser, server, room):
 
 
 @pytest.mark.full
-def test_the_files_that_a_command_names_are_there_or_offered(browser, server, coarse_room, tmp_path):
+def test_the_files_that_a_command_names_are_there_or_offered(
+    browser, server, coarse_room, tmp_path
+):
     page = open_page(browser, f"{server}#source=room")
     page.wait_for_selector("#command:visible")
     assert "save circle.png first" in page.locator("#command-title").inner_text()
@@ -212,7 +232,9 @@ def test_the_files_that_a_command_names_are_there_or_offered(browser, server, co
     drop(page, tmp_path / "--output=x.png")
     words = shlex.split(command(page, 96, 72))
     assert words[2] == "./--output=x.png"
-    page.get_by_role("button", name="Save sensor file").wait_for()  # the same sensor with a smaller imager
+    page.get_by_role(
+        "button", name="Save sensor file"
+    ).wait_for()  # the same sensor with a smaller imager
     assert page.get_by_role("button", name="Save image").is_hidden()
     page.context.close()
 
@@ -232,14 +254,20 @@ def test_server_images_have_relative_paths(browser, tmp_path, monkeypatch):
         page.context.close()
 
 
-def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown_is_linked_to(browser, tmp_path):
+def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown_is_linked_to(
+    browser, tmp_path
+):
     pictures = [str(tmp_path / f"{name}.png") for name in ("door", "yard", "hall")]
     for grey, path in zip((60, 120, 180), pictures, strict=True):
         write_image(path, np.full((300, 300, 3), grey, np.uint8))
     with serving(Studio(Sources([*pictures, pictures[0]]))) as address:
         page = open_page(browser, f"{address}#sensor=ball:280")
         page.wait_for_function("window.omnimirror.look.feed?.name === 'door.png'")
-        assert page.locator("#sources option").all_inner_texts()[-3:] == ["door.png", "yard.png", "hall.png"]
+        assert page.locator("#sources option").all_inner_texts()[-3:] == [
+            "door.png",
+            "yard.png",
+            "hall.png",
+        ]
         page.locator("#sources").select_option(label="hall.png")
         page.wait_for_function("window.omnimirror.look.feed?.name === 'hall.png'")
         page.reload()
@@ -308,20 +336,28 @@ def test_invalid_files_are_reported_and_image_remains(browser, server, room, tmp
     assert page.evaluate("window.omnimirror.look.feed.name") == room.name
     (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
     page.set_input_files("#calibration", tmp_path / "bad.toml")
-    page.wait_for_function("document.querySelector('#banner').textContent.includes('did you mean sphere?')")
+    page.wait_for_function(
+        "document.querySelector('#banner').textContent.includes('did you mean sphere?')"
+    )
     for name in ("gone.png", "gone.toml", "gone.omnimirror"):
         page.evaluate(DROP_UNREADABLE, name)
-        page.wait_for_function(f"document.querySelector('#banner').textContent.includes('{name} cannot be read.')")
+        page.wait_for_function(
+            f"document.querySelector('#banner').textContent.includes('{name} cannot be read.')"
+        )
     assert page.evaluate("window.omnimirror.look.feed.name") == room.name
     assert page.problems == []
     page.evaluate("Promise.reject(new RangeError('nobody handles this')), null")
-    page.wait_for_function("document.querySelector('#banner').textContent.includes('An internal error occurred')")
+    page.wait_for_function(
+        "document.querySelector('#banner').textContent.includes('An internal error occurred')"
+    )
     page.context.close()
 
 
 def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_path):
     viewer = tmp_path / "look.html"
-    run = omnimirror("dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "--viewer", viewer)
+    run = omnimirror(
+        "dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "--viewer", viewer
+    )
     assert run.returncode == 0, run.stderr
     page = open_page(browser, f"{viewer.as_uri()}#mode=perspective&pan=60&tilt=20&hfov=50")
     page.wait_for_function("window.omnimirror.look.feed")
@@ -341,10 +377,18 @@ def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_
 def test_viewer_rejects_invalid_image(tmp_path):
     write_image(tmp_path / "small.png", np.zeros((8, 8, 3), np.uint8))
     sensor = ("--sensor", "paper-spherical")
-    assert "1024 x 1024" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.html")
-    assert "HTML" in fails("dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.png")
-    assert "there is no" in fails("dewarp", tmp_path / "ride.png", *sensor, "--viewer", tmp_path / "v.html")
-    assert "one picture" in fails("dewarp", "rtsp://door/1", *sensor, "--viewer", tmp_path / "v.html")
+    assert "1024 x 1024" in fails(
+        "dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.html"
+    )
+    assert "HTML" in fails(
+        "dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.png"
+    )
+    assert "there is no" in fails(
+        "dewarp", tmp_path / "ride.png", *sensor, "--viewer", tmp_path / "v.html"
+    )
+    assert "one picture" in fails(
+        "dewarp", "rtsp://door/1", *sensor, "--viewer", tmp_path / "v.html"
+    )
     assert not (tmp_path / "v.html").exists()
 
 
@@ -380,13 +424,23 @@ def test_narrow_page_has_no_overflow(browser, server, room):
     assert page.get_by_role("button", name="Drawing (PDF)").is_visible()
     look(page, tab="look")
     ever = ":is(main, header) [hidden]:not([type=file])"
-    page.evaluate("(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", ever)
-    assert page.evaluate("document.scrollingElement.scrollWidth") == 360  # with all optional elements
+    page.evaluate(
+        "(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", ever
+    )
+    assert (
+        page.evaluate("document.scrollingElement.scrollWidth") == 360
+    )  # with all optional elements
     page.context.close()
 
 
 @pytest.mark.parametrize(
-    ("is_empty", "scheme"), [pytest.param(True, "light", id="empty, light", marks=pytest.mark.full), pytest.param(True, "dark", id="empty, dark", marks=pytest.mark.full), pytest.param(False, "light", id="with a picture, light", marks=pytest.mark.full), pytest.param(False, "dark", id="with a picture, dark")]
+    ("is_empty", "scheme"),
+    [
+        pytest.param(True, "light", id="empty, light", marks=pytest.mark.full),
+        pytest.param(True, "dark", id="empty, dark", marks=pytest.mark.full),
+        pytest.param(False, "light", id="with a picture, light", marks=pytest.mark.full),
+        pytest.param(False, "dark", id="with a picture, dark"),
+    ],
 )
 def test_accessibility(is_empty, scheme, browser, server, room):
     if not AXE.exists():
@@ -396,7 +450,11 @@ def test_accessibility(is_empty, scheme, browser, server, room):
         drop(page, room)
         page.get_by_role("button", name="Fit circle").click()
     page.add_script_tag(path=AXE)
-    found = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)")
-    serious = {v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")}
+    found = page.evaluate(
+        "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
+    )
+    serious = {
+        v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")
+    }
     assert serious == {}
     page.context.close()

@@ -22,14 +22,21 @@ from .browser import BASE64, _values, drop, look, open_page
 from .pictures import psnr, python_view
 
 SENSOR = om.load_sensor("paper-spherical")
-SMALL = replace(SENSOR, name="small", imager=replace(SENSOR.imager, width_px=192, height_px=192, pixel_pitch_um=27.7), lens=replace(SENSOR.lens, f_number=0.3))
+SMALL = replace(
+    SENSOR,
+    name="small",
+    imager=replace(SENSOR.imager, width_px=192, height_px=192, pixel_pitch_um=27.7),
+    lens=replace(SENSOR.lens, f_number=0.3),
+)
 """Strong blur, fast restoration."""
 
 
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
     rng = np.random.default_rng(3)
-    sharp = cv2.resize(rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST)
+    sharp = cv2.resize(
+        rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST
+    )
     return cv2.GaussianBlur(sharp, (0, 0), 1.6)
 
 
@@ -44,7 +51,15 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
     save_sensor(SMALL, tmp_path / "small.toml")
     with TestClient(create_app(), base_url="http://127.0.0.1") as client:
         entry = client.post("/api/sensors", content=(tmp_path / "small.toml").read_bytes()).json()
-        ask = {"id": entry["id"], "mount": entry["mount"], "image_size": [192, 192], "name": "p.png", "centre_px": SMALL.imager.centre, "rim_radius_px": SMALL.rim_radius_px, "object_distance_mm": None}
+        ask = {
+            "id": entry["id"],
+            "mount": entry["mount"],
+            "image_size": [192, 192],
+            "name": "p.png",
+            "centre_px": SMALL.imager.centre,
+            "rim_radius_px": SMALL.rim_radius_px,
+            "object_distance_mm": None,
+        }
         png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
 
         def asked(**change):
@@ -64,10 +79,16 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
         Image.fromarray(picture).save(stopped, "PNG", exif=exif)
         png = stopped.getvalue()
         answer = asked()
-        assert "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed" in answer.headers["omnimirror-note"]
+        assert (
+            "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed"
+            in answer.headers["omnimirror-note"]
+        )
         found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
         half = om.restore(replace(SMALL, lens=replace(SMALL.lens, f_number=0.6)), picture)
-        assert 5 * np.abs(found.astype(int) - half).mean() < np.abs(found.astype(int) - restored).mean()
+        assert (
+            5 * np.abs(found.astype(int) - half).mean()
+            < np.abs(found.astype(int) - restored).mean()
+        )
         converted = client.post("/api/pictures", content=png, params={"name": "p.png"}).content
         assert Image.open(io.BytesIO(converted)).getexif().get_ifd(0x8769)[0x829D] == 0.6
         assert asked(id="ball:300").status_code == 400

@@ -71,23 +71,48 @@ def spies(path: str) -> list[dict]:
     mirrors = [{"kind": kind, entry: path, "theta_max_deg": 12.0} for kind, entry in FILES]
     folded = tables_of(om.load_sensor("folded-spherical"))
     second = {k: v for k, v in folded["secondary"].items() if k != "radius_mm"}
-    return [*({**SPHERE, "mirror": mirror} for mirror in mirrors), *({**folded, "secondary": {**second, **mirror}} for mirror in mirrors), {**FIELD, "mirror": {"mapping_csv": path, "rim_radius_mm": 40.0}}, {**FIELD, "mirror": {"mapping": "tabulated-mapping", "mapping_csv": path, "rim_radius_mm": 40.0}}]
+    return [
+        *({**SPHERE, "mirror": mirror} for mirror in mirrors),
+        *({**folded, "secondary": {**second, **mirror}} for mirror in mirrors),
+        {**FIELD, "mirror": {"mapping_csv": path, "rim_radius_mm": 40.0}},
+        {
+            **FIELD,
+            "mirror": {"mapping": "tabulated-mapping", "mapping_csv": path, "rim_radius_mm": 40.0},
+        },
+    ]
 
 
 def answers(client: TestClient, tables: dict) -> list[str]:
     """Return the server responses to tables, by every upload route."""
     wanted = tables if "field" in tables else {}
     on, distance = {"tables": SPHERE if wanted else tables}, {"object_distance_mm": None}
-    questions = {"requirements": {**on, "requirements": wanted}, "file": {**on, **distance, "kind": "sensor"}, "picture": {**on, "width_px": 32, "samples": 1}, "change": {**on, **distance, "what": "mirror", "to": "cone"}}
-    said = [client.post(way, content=tomli_w.dumps(tables)).text for way in ("/api/sensors", "/api/bench/open")]
+    questions = {
+        "requirements": {**on, "requirements": wanted},
+        "file": {**on, **distance, "kind": "sensor"},
+        "picture": {**on, "width_px": 32, "samples": 1},
+        "change": {**on, **distance, "what": "mirror", "to": "cone"},
+    }
+    said = [
+        client.post(way, content=tomli_w.dumps(tables)).text
+        for way in ("/api/sensors", "/api/bench/open")
+    ]
     asked = ("requirements",) if wanted else questions
     said += [client.post(f"/api/bench/{way}", json=questions[way]).text for way in asked]
     with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
         plain = {"slot": 0, "number": 1, "follows": False, "section": False, "squares": False}
         socket.send_json({**plain, **on, **distance, "requirements": wanted or None})
         said.append(str(socket.receive()))
-    search = {"what": "design", "merit": "worst_blur_deg", "shape": "spline", "terms": 1, "starts": 1}
-    perform(SearchTask(**search, **on, **distance, requirements=wanted or None), lambda news: said.append(news.sentence))
+    search = {
+        "what": "design",
+        "merit": "worst_blur_deg",
+        "shape": "spline",
+        "terms": 1,
+        "starts": 1,
+    }
+    perform(
+        SearchTask(**search, **on, **distance, requirements=wanted or None),
+        lambda news: said.append(news.sentence),
+    )
     return said
 
 
@@ -105,7 +130,10 @@ def test_the_server_opens_no_file_that_an_upload_names(number, client, tmp_path)
     os.mkfifo(tmp_path / "pipe")  # opening it blocks
     places = [str(tmp_path / name) for name in ("columns", "words", "absent", ".", "pipe")]
     said = [answers(client, spies(place)[number]) for place in places]
-    same = [[text.replace(place, "PLACE") for text in texts] for place, texts in zip(places, said, strict=True)]
+    same = [
+        [text.replace(place, "PLACE") for text in texts]
+        for place, texts in zip(places, said, strict=True)
+    ]
     assert same.count(same[0]) == len(same)
     assert "must not name a file" in "".join(same[0])
     assert not any("1.25" in text for text in same[0])
@@ -115,7 +143,9 @@ def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
     """A profile in a separate file, relative to the folder of the sensor file."""
     profile = [f"{x},{x * x / 100}" for x in range(30)]
     (tmp_path / "profile.csv").write_text("\n".join(profile))
-    (tmp_path / "s.toml").write_text(tomli_w.dumps({**SPHERE, "mirror": {"kind": "sampled", "profile_csv": "profile.csv"}}))
+    (tmp_path / "s.toml").write_text(
+        tomli_w.dumps({**SPHERE, "mirror": {"kind": "sampled", "profile_csv": "profile.csv"}})
+    )
     assert om.load_sensor(tmp_path / "s.toml").mirror.x_mm[-1] == 29.0
 
 
@@ -126,9 +156,18 @@ def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
 def test_no_question_is_larger_than_what_is_taken(client):
     """Limit of the announced length."""
     huge = b" " * (MAX_MESSAGE_BYTES + 1)
-    for path in ("/api/bench/change", "/api/bench/file", "/api/bench/requirements", "/api/sensor-file", "/api/sensors"):
+    for path in (
+        "/api/bench/change",
+        "/api/bench/file",
+        "/api/bench/requirements",
+        "/api/sensor-file",
+        "/api/sensors",
+    ):
         answer = client.post(path, content=huge, headers={"content-type": "application/json"})
-        assert (answer.status_code, "must be at most 1 MB" in answer.json()["detail"]) == (413, True)
+        assert (answer.status_code, "must be at most 1 MB" in answer.json()["detail"]) == (
+            413,
+            True,
+        )
 
 
 async def status_of(bounded: limits.RequestLimits, receive, name: str = "") -> int:
@@ -144,12 +183,30 @@ async def status_of(bounded: limits.RequestLimits, receive, name: str = "") -> i
 
 def test_the_bounds_are_those_of_the_documentation():
     """Bytes and seconds, written explicitly."""
-    sizes = (limits.MAX_MESSAGE_BYTES, limits.MAX_IMAGE_BYTES, limits.MAX_DETECTIONS_BYTES, limits.MAX_PENDING_BYTES)
+    sizes = (
+        limits.MAX_MESSAGE_BYTES,
+        limits.MAX_IMAGE_BYTES,
+        limits.MAX_DETECTIONS_BYTES,
+        limits.MAX_PENDING_BYTES,
+    )
     assert sizes == (1_048_576, 134_217_728, 16_777_216, 536_870_912)
-    assert (limits.GRACE_PERIOD_S, limits.MIN_RATE_BYTES_PER_S, limits.MAX_QUEUED_JOBS) == (30.0, 1024.0, 16)
+    assert (limits.GRACE_PERIOD_S, limits.MIN_RATE_BYTES_PER_S, limits.MAX_QUEUED_JOBS) == (
+        30.0,
+        1024.0,
+        16,
+    )
 
 
-@pytest.mark.parametrize(("headers", "is_refused"), [([(b"content-length", b"1000")], False), ([(b"accept", b"9999"), (b"content-length", b"1001"), (b"host", b"a")], True), ([(b"host", b"5000")], False), ([(b"content-length", b"-5000")], False), ([], False)])
+@pytest.mark.parametrize(
+    ("headers", "is_refused"),
+    [
+        ([(b"content-length", b"1000")], False),
+        ([(b"accept", b"9999"), (b"content-length", b"1001"), (b"host", b"a")], True),
+        ([(b"host", b"5000")], False),
+        ([(b"content-length", b"-5000")], False),
+        ([], False),
+    ],
+)
 def test_the_announced_length_is_refused_unread(headers, is_refused):
     """Exact to the byte, for the header of that name only; without a valid length the chunks are
     counted."""
@@ -171,7 +228,9 @@ def test_the_announced_length_is_refused_unread(headers, is_refused):
         assert dict(said[0]["headers"])[b"connection"] == b"close"
 
 
-@pytest.mark.parametrize(("pieces", "status"), [((600, 400), 200), ((600, 401), 413), ((1001,), 413)])
+@pytest.mark.parametrize(
+    ("pieces", "status"), [((600, 400), 200), ((600, 401), 413), ((1001,), 413)]
+)
 def test_pieces_are_counted_to_the_byte(pieces, status):
     left = list(pieces)
 
@@ -292,7 +351,14 @@ def test_what_comes_too_slowly_is_given_up(monkeypatch):
     assert in_a_loop(status_of(limits.RequestLimits(reads_all, {}), dribble)) == 408
 
 
-@pytest.mark.parametrize(("suffix", "pixel"), [(".tif", np.zeros(3, np.uint16)), (".png", np.zeros(4, np.uint16)), (".png", np.zeros(4, "u1"))])
+@pytest.mark.parametrize(
+    ("suffix", "pixel"),
+    [
+        (".tif", np.zeros(3, np.uint16)),
+        (".png", np.zeros(4, np.uint16)),
+        (".png", np.zeros(4, "u1")),
+    ],
+)
 def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatch):
     """Exact to the byte: an image of maximum size is read, and one with another row is rejected
     beforehand."""
@@ -316,7 +382,11 @@ def test_a_small_file_of_a_huge_picture_takes_little_memory():
         (256, 4, 1, side), (257, 4, 1, side), (258, 3, 3, data), (259, 3, 1, 8), (262, 3, 1, 2),
         (273, 4, side, data + 8), (277, 3, 1, 3), (278, 4, 1, 1), (279, 4, side, data + 8 + 4 * side),
     ]  # fmt: skip
-    tags = struct.pack("<H", 9) + b"".join(struct.pack("<HHII", *entry) for entry in entries) + bytes(4)
+    tags = (
+        struct.pack("<H", 9)
+        + b"".join(struct.pack("<HHII", *entry) for entry in entries)
+        + bytes(4)
+    )
     tables = struct.pack("<3H2x", 16, 16, 16) + struct.pack(f"<{side}I", *[lists] * side)
     tables += struct.pack(f"<{side}I", *[len(row)] * side)
     with pytest.raises(MediaError, match=r"decoded pixels of .* must take at most 256 MB"):
@@ -332,7 +402,17 @@ def test_strips_are_converted_like_the_whole():
     assert np.array_equal(_uploads.eight_bits(shallow), shallow)
 
 
-@pytest.mark.parametrize(("name", "safe"), [("a" * 99 + ".png", "a" * 80), ("._-a b?c-_.", "a_b_c"), ("/x/y\\z.tar.gz", "z.tar.gz"), ("Größe 1.png", "Größe_1.png"), ("a/", "file"), ("", "file")])
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [
+        ("a" * 99 + ".png", "a" * 80),
+        ("._-a b?c-_.", "a_b_c"),
+        ("/x/y\\z.tar.gz", "z.tar.gz"),
+        ("Größe 1.png", "Größe_1.png"),
+        ("a/", "file"),
+        ("", "file"),
+    ],
+)
 def test_names_of_uploads_are_harmless(name, safe):
     assert _uploads.safe_name(name) == safe
 
@@ -358,14 +438,18 @@ def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkey
 
 
 def test_what_is_no_picture_is_named_with_the_kinds():
-    with pytest.raises(MediaError, match=r"a must be an image in a supported format \(PNG, JPEG, TIFF, WEBP, BMP"):
+    with pytest.raises(
+        MediaError, match=r"a must be an image in a supported format \(PNG, JPEG, TIFF, WEBP, BMP"
+    ):
         _uploads.picture_in(b"no picture", "a")
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
 def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
     """The internal file name of the upload is not disclosed."""
-    data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[1].tobytes()
+    data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[
+        1
+    ].tobytes()
     with pytest.raises(MediaError, match=r"my picture\.tif (must be|is|cannot be)") as refused:
         _uploads.picture_in(data[: len(data) // 2], "my picture.tif")
     assert "/" not in str(refused.value)
@@ -404,8 +488,13 @@ def test_imagers_of_any_size_take_no_more_than_a_picture_of_the_page(size, clien
     known = client.post("/api/sensors", content=tomli_w.dumps(tables)).json()["id"]
     if width * height > 1e9:
         room = client.get("/api/room", params={"id": known})
-        assert (room.status_code, "must have at most 16 million pixels" in room.json()["detail"]) == (400, True)
-    report = client.post("/api/bench/file", json={"tables": tables, "kind": "report", "object_distance_mm": None})
+        assert (
+            room.status_code,
+            "must have at most 16 million pixels" in room.json()["detail"],
+        ) == (400, True)
+    report = client.post(
+        "/api/bench/file", json={"tables": tables, "kind": "report", "object_distance_mm": None}
+    )
     assert (report.status_code, f"{width} x {height} px" in report.json()["detail"]) == (400, True)
     small = coarser(om.load_sensor("paper-spherical"), 64)
     assert max(coarser(replace(small, imager=Imager(*size, 1.0)), 64).imager.size) == 64
@@ -450,7 +539,9 @@ def test_work_is_done_one_after_the_other_and_again_when_asked_again():
     async def twice():
         queue = limits.JobQueue()
         for _ in range(2):
-            found = await asyncio.gather(*(queue.run(name, lambda name=name: make(name)) for name in "ab"))
+            found = await asyncio.gather(
+                *(queue.run(name, lambda name=name: make(name)) for name in "ab")
+            )
             assert found == ["a", "b"]
         with pytest.raises(ZeroDivisionError):
             await queue.run("a", lambda: 1 // 0)
@@ -468,7 +559,10 @@ def test_a_full_disk_is_a_sentence(client, monkeypatch):
     tiff = cv2.imencode(".tif", np.zeros((4, 4, 3), np.uint16))[1].tobytes()
     answer = client.post("/api/pictures", content=tiff)
     assert answer.status_code == 507
-    assert answer.json()["detail"] == "the server could not read or write a file: No space left on device"
+    assert (
+        answer.json()["detail"]
+        == "the server could not read or write a file: No space left on device"
+    )
 
 
 # -- origin of requests
@@ -493,19 +587,25 @@ def test_what_other_sites_embed_is_refused(client):
 
 
 def test_the_token_leaves_the_address_and_has_a_cookie_of_its_port():
-    with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:8080") as client:
+    with TestClient(
+        create_app(Studio(token="secret")), base_url="http://192.168.1.7:8080"
+    ) as client:
         answer = client.get("/?a=1%202&token=secret&b=", follow_redirects=False)
         assert (answer.status_code, answer.headers["location"]) == (303, "/?a=1+2&b=")
         assert answer.headers["cache-control"] == "no-store"
         cookie = answer.headers["set-cookie"]
         assert cookie.startswith("omnimirror-token-8080=secret;")
         assert "httponly" in cookie.lower()
-        assert "samesite=lax" in cookie.lower()  # strict cookies are not sent after a link in a mail
+        assert (
+            "samesite=lax" in cookie.lower()
+        )  # strict cookies are not sent after a link in a mail
         page = client.get("/?token=secret")
         assert (page.status_code, str(page.url)) == (200, "http://192.168.1.7:8080/")
         assert "secret" not in page.text
         assert client.get("/api/start").status_code == 200
-        elsewhere = client.get("http://192.168.1.7:9090/api/start")  # another studio on the same machine
+        elsewhere = client.get(
+            "http://192.168.1.7:9090/api/start"
+        )  # another studio on the same machine
         assert elsewhere.status_code == 403
         assert client.get("/?token=wrong").status_code == 403
 
@@ -516,7 +616,22 @@ def test_a_token_does_not_let_hosts_in_that_are_none(client):
             assert client.get("/?token=secret", headers={"host": host}).status_code == 403
 
 
-@pytest.mark.parametrize(("host", "expected"), [("localhost", True), ("127.0.0.1", True), ("127.255.255.254", True), ("::1", True), ("128.0.0.1", False), ("::2", False), ("10.0.0.1", False), ("localhost.example.org", False), ("example.org", False), ("127.0.0.1.example.org", False), ("", False)])
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("localhost", True),
+        ("127.0.0.1", True),
+        ("127.255.255.254", True),
+        ("::1", True),
+        ("128.0.0.1", False),
+        ("::2", False),
+        ("10.0.0.1", False),
+        ("localhost.example.org", False),
+        ("example.org", False),
+        ("127.0.0.1.example.org", False),
+        ("", False),
+    ],
+)
 def test_loopback_addresses_need_no_token(host, expected):
     """RFC 1122, 3.2.1.3, and RFC 4291, 2.5.3; other names may resolve to any address."""
     assert is_loopback(host) is expected
@@ -524,7 +639,10 @@ def test_loopback_addresses_need_no_token(host, expected):
 
 def basic(text: str | bytes) -> dict[str, str]:
     """Return the header of HTTP basic authentication (RFC 7617)."""
-    return {"authorization": "Basic " + base64.b64encode(text if isinstance(text, bytes) else text.encode()).decode()}
+    return {
+        "authorization": "Basic "
+        + base64.b64encode(text if isinstance(text, bytes) else text.encode()).decode()
+    }
 
 
 GUARDED = [
@@ -555,7 +673,13 @@ GUARDED = [
     ("/api", basic("secret:anyone"), 200, 403, 401),
     ("/api", basic("secret"), 200, 403, 401),
     ("/api", basic(b"a:\xff"), 200, 403, 401),
-    ("/api", {"authorization": "basic " + basic("a:secret")["authorization"].split()[1]}, 200, 403, 200),
+    (
+        "/api",
+        {"authorization": "basic " + basic("a:secret")["authorization"].split()[1]},
+        200,
+        403,
+        200,
+    ),
     ("/api", {"authorization": "Basic a"}, 200, 403, 401),
     ("/api", {"authorization": "Basic %%%%"}, 200, 403, 401),
     ("/api", {"authorization": "Bearer secret"}, 200, 403, 200),
@@ -572,7 +696,13 @@ GUARDED = [
     ("/api?token=secret", {"sec-fetch-site": "none"}, 200, 200, 200),
     ("/api?token=secret", {"sec-fetch-site": "same-site"}, 403, 403, 403),
     ("/api?token=secret", {"sec-fetch-site": "cross-site"}, 403, 403, 403),
-    ("/api?token=secret", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, 403, 403, 403),
+    (
+        "/api?token=secret",
+        {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"},
+        403,
+        403,
+        403,
+    ),
     ("/?token=secret", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "cors"}, 403, 403, 403),
     ("/", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, 200, 403, 401),
 ]
@@ -581,12 +711,20 @@ GUARDED = [
 @pytest.mark.parametrize(("path", "headers", "public", "token", "programs"), GUARDED)
 def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
     """The guard alone, in front of an application that accepts everything."""
-    for status, secret, for_programs in ((public, None, False), (token, "secret", False), (programs, "secret", True)):
-        guard = AccessGuard(Response("inside"), ["door"], secret, "default-src 'none'", for_programs)
+    for status, secret, for_programs in (
+        (public, None, False),
+        (token, "secret", False),
+        (programs, "secret", True),
+    ):
+        guard = AccessGuard(
+            Response("inside"), ["door"], secret, "default-src 'none'", for_programs
+        )
         answer = TestClient(guard, base_url="http://door").get(path, headers=headers)
         assert answer.status_code == status
         assert (answer.text == "inside") == (status == 200)
-        assert answer.headers.get("www-authenticate") == ('Basic realm="omnimirror"' if status == 401 else None)
+        assert answer.headers.get("www-authenticate") == (
+            'Basic realm="omnimirror"' if status == 401 else None
+        )
 
 
 def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_opened():
@@ -651,7 +789,10 @@ def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
     monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 3600)
     with serving(Studio()) as address, ExitStack() as open_ones:
         port = urlsplit(address).port
-        held = [open_ones.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(60)]
+        held = [
+            open_ones.enter_context(socket.create_connection(("127.0.0.1", port)))
+            for _ in range(60)
+        ]
         for half in held:
             with suppress(OSError):
                 half.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
@@ -679,7 +820,10 @@ def test_idle_sockets_keep_nobody_out(monkeypatch):
 
 def test_an_idle_socket_is_closed(monkeypatch):
     monkeypatch.setattr(server, "IDLE_TIMEOUT_S", 0.2)
-    with serving(Studio()) as address, connect(address.replace("http", "ws") + "api/bench/ask") as idle:
+    with (
+        serving(Studio()) as address,
+        connect(address.replace("http", "ws") + "api/bench/ask") as idle,
+    ):
         with pytest.raises(ConnectionClosed) as closed:
             idle.recv()
         assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1001, "idle timeout")
@@ -687,7 +831,10 @@ def test_an_idle_socket_is_closed(monkeypatch):
 
 @pytest.mark.parametrize("pieces", [[b"\xff{}"], [b'{"a": "\xc3', b'\x28"}']])
 def test_text_that_is_not_utf_8_closes_a_socket_without_a_traceback(pieces, caplog):
-    with serving(Studio()) as address, connect(address.replace("http", "ws") + "api/bench/ask") as bad:
+    with (
+        serving(Studio()) as address,
+        connect(address.replace("http", "ws") + "api/bench/ask") as bad,
+    ):
         bad.send(pieces if len(pieces) > 1 else pieces[0], text=True)
         with pytest.raises(ConnectionClosed) as closed:
             bad.recv()
@@ -697,7 +844,10 @@ def test_text_that_is_not_utf_8_closes_a_socket_without_a_traceback(pieces, capl
 
 def test_a_head_that_does_not_end_is_given_up(monkeypatch):
     monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 0.2)
-    with serving(Studio()) as address, socket.create_connection(("127.0.0.1", urlsplit(address).port)) as slow:
+    with (
+        serving(Studio()) as address,
+        socket.create_connection(("127.0.0.1", urlsplit(address).port)) as slow,
+    ):
         request = f"GET /health HTTP/1.1\r\nHost: {urlsplit(address).netloc}\r\n".encode()
         slow.sendall(request + b"\r\n")
         assert slow.recv(65536).startswith(b"HTTP/1.1 200")
@@ -726,7 +876,9 @@ def test_what_can_be_no_stream_is_refused_before_a_page_opens(source):
 
 
 def test_pages_are_told_no_password_of_a_stream():
-    studio = Studio(Sources(["rtsp://me:secret@127.0.0.1:9/live"], live=["rtsp://me:secret@127.0.0.1:9/live"]))
+    studio = Studio(
+        Sources(["rtsp://me:secret@127.0.0.1:9/live"], live=["rtsp://me:secret@127.0.0.1:9/live"])
+    )
     with TestClient(create_app(studio), base_url=LOCAL) as client:
         assert client.get("/api/start").json()["sources"][0]["name"] == "rtsp://127.0.0.1:9/live"
 
@@ -737,7 +889,10 @@ def test_a_stream_that_never_answers_ends_with_a_sentence(monkeypatch):
         nobody.bind(("127.0.0.1", 0))  # and does not listen
         address = f"http://127.0.0.1:{nobody.getsockname()[1]}/live.ts"
         studio = Studio(Sources([address], live=[address]))
-        with TestClient(create_app(studio), base_url=LOCAL) as client, client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as page:
+        with (
+            TestClient(create_app(studio), base_url=LOCAL) as client,
+            client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as page,
+        ):
             told = page.receive_json()
             while told["state"] != "ended":
                 told = page.receive_json()

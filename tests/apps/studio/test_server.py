@@ -60,7 +60,11 @@ def sentence(answer) -> str:
 
 def test_outline_of_uploaded_image(client):
     v, u = np.mgrid[:240, :320]
-    disc = np.where(np.hypot(u - 170, v - 110) < 90, 120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170))), 12)
+    disc = np.where(
+        np.hypot(u - 170, v - 110) < 90,
+        120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170))),
+        12,
+    )
     data = cv2.imencode(".png", disc.astype(np.uint8))[1].tobytes()
     found = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
     assert found["centre_px"] == pytest.approx([170, 110], abs=0.5)
@@ -75,8 +79,12 @@ def test_outline_of_uploaded_image(client):
 
 def test_outline_detection_is_cached(client, monkeypatch):
     looked, find = [], om.detect_mirror_outline
-    monkeypatch.setattr(rim, "detect_mirror_outline", lambda picture: looked.append(1) or find(picture))
-    one, other = (cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92))
+    monkeypatch.setattr(
+        rim, "detect_mirror_outline", lambda picture: looked.append(1) or find(picture)
+    )
+    one, other = (
+        cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92)
+    )
     found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
     assert found[0] == found[2]
     assert len(looked) == 2
@@ -93,7 +101,9 @@ def test_tables_give_the_pixels_of_the_camera(client):
     """Compared with the projection of the sensor; interpolation here is that of the shader."""
     sensor = om.load_sensor("paper-spherical")
     model = client.get("/api/camera", params={"id": "paper-spherical"}).json()
-    values = np.frombuffer(client.get("/api/camera/tables", params={"id": "paper-spherical"}).content, "<f4")
+    values = np.frombuffer(
+        client.get("/api/camera/tables", params={"id": "paper-spherical"}).content, "<f4"
+    )
     t = model["tables"]
     radii = values[: t["radii"]].astype(float)
     d = np.random.default_rng(1).normal(size=(500, 3))
@@ -101,7 +111,9 @@ def test_tables_give_the_pixels_of_the_camera(client):
     along, right, down = (d @ np.array(model[name]) for name in ("axis", "right", "down"))
     half = np.sqrt((1 - along) / 2)
     r = np.interp(half, np.linspace(t["first"], t["last"], t["radii"]), radii)
-    pixels = model["centre_px"] + (r / np.hypot(right, down))[:, None] * np.stack([right, down], axis=-1)
+    pixels = model["centre_px"] + (r / np.hypot(right, down))[:, None] * np.stack(
+        [right, down], axis=-1
+    )
     exact = sensor.project_directions(d)
     assert exact.valid.mean() > 0.7
     assert np.linalg.norm(pixels - exact.pixels, axis=1)[exact.valid].max() < 0.001
@@ -121,7 +133,9 @@ def test_camera_has_requested_tilt(client):
     asked = {"id": "paper-spherical", "forward_azimuth_deg": 0, "pitch_deg": 20, "roll_deg": 5}
     model = client.get("/api/camera", params=asked).json()
     assert (model["mount"]["pitch_deg"], model["mount"]["roll_deg"]) == (20, 5)
-    assert model["right"] == pytest.approx([np.cos(np.radians(20)), 0, np.sin(np.radians(20))])  # image right: forward
+    assert model["right"] == pytest.approx(
+        [np.cos(np.radians(20)), 0, np.sin(np.radians(20))]
+    )  # image right: forward
     assert model["axis"][1] == pytest.approx(np.sin(np.radians(5)))
     assert client.get("/api/camera", params=asked | {"pitch_deg": 91}).status_code == 422
 
@@ -132,7 +146,22 @@ def test_camera_has_requested_tilt(client):
 
 @pytest.mark.parametrize(
     ("host", "expected"),
-    [("localhost", True), ("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("", False), ("example.org", False), ("localhost.example.org", False), ("127.0.0.1.example.org", False), ("door", False), ("0.0.0.0", False), ("::", False), ("192.168.1.7", False), ("::2", False), ("128.0.0.1", False)],
+    [
+        ("localhost", True),
+        ("127.0.0.1", True),
+        ("127.9.9.9", True),
+        ("::1", True),
+        ("", False),
+        ("example.org", False),
+        ("localhost.example.org", False),
+        ("127.0.0.1.example.org", False),
+        ("door", False),
+        ("0.0.0.0", False),
+        ("::", False),
+        ("192.168.1.7", False),
+        ("::2", False),
+        ("128.0.0.1", False),
+    ],
 )
 def test_only_addresses_of_this_machine_do_without_a_token(host, expected):
     assert is_loopback(host) is expected
@@ -157,7 +186,12 @@ def test_other_names_and_other_pages_are_refused(client):
     answer = client.post("/api/sensors", content=b"x", headers={"origin": "https://evil.example"})
     assert answer.status_code == 403
     assert "https://evil.example" in sentence(answer)
-    with pytest.raises(WebSocketDisconnect), client.websocket_connect("/api/stream?id=source", headers={"origin": "https://evil.example"}):
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect(
+            "/api/stream?id=source", headers={"origin": "https://evil.example"}
+        ),
+    ):
         pass
 
 
@@ -170,9 +204,14 @@ def test_remote_access_requires_token():
         assert client.get("/", params={"token": "secret"}).status_code == 200
         assert client.get("/api/start").status_code == 200  # by the cookie
     with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
-        with pytest.raises(WebSocketDisconnect), client.websocket_connect("ws://192.168.1.7/api/stream?id=source"):
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect("ws://192.168.1.7/api/stream?id=source"),
+        ):
             pass
-        with client.websocket_connect("ws://192.168.1.7/api/stream?id=source&token=secret") as socket:
+        with client.websocket_connect(
+            "ws://192.168.1.7/api/stream?id=source&token=secret"
+        ) as socket:
             assert "unknown stream" in socket.receive_text()
 
 
@@ -205,7 +244,9 @@ def test_compressed_text_bomb_is_rejected(client):
     whole = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
     body = b"zTXtComment\0\0" + zlib.compress(bytes(100 << 20), 9)
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
-    answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:])
+    answer = client.post(
+        "/api/pictures", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:]
+    )
     assert answer.status_code == 400
     assert "bomb.png" in sentence(answer)
 
@@ -218,11 +259,15 @@ def png_of(width: int, height: int) -> bytes:
     """Return a PNG with a huge announced size and almost no data."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     rows = zlib.compress(b"\0" * 100_000, 9)
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    )
 
 
 @pytest.mark.parametrize("side", [11_000, 60_000])
@@ -232,7 +277,9 @@ def test_decompression_bombs_are_rejected_by_header(side, client):
     assert sentence(answer) == "the decoded pixels of bomb.png must take at most 256 MB"
 
 
-@pytest.mark.parametrize("data", [b"", b"no picture", b"PK\3\4" + bytes(100), b"\x89PNG\r\n\x1a\n", b"II*\0" + bytes(8)])
+@pytest.mark.parametrize(
+    "data", [b"", b"no picture", b"PK\3\4" + bytes(100), b"\x89PNG\r\n\x1a\n", b"II*\0" + bytes(8)]
+)
 def test_invalid_image_is_rejected(data, client):
     answer = client.post("/api/pictures", content=data)
     assert answer.status_code == 400
@@ -240,7 +287,9 @@ def test_invalid_image_is_rejected(data, client):
 
 
 def test_truncated_image_is_rejected(client):
-    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[1].tobytes()
+    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[
+        1
+    ].tobytes()
     answer = client.post("/api/pictures", params={"name": "../../half.jpg"}, content=whole[:-400])
     assert answer.status_code == 400
     assert sentence(answer) == "cannot read the image half.jpg: the file is truncated"
@@ -267,7 +316,9 @@ def test_sensor_files_cannot_name_files_of_the_server(client):
     assert "root:" not in answer.text
 
 
-@pytest.mark.parametrize("data", [b"\xff\xfe\0", b"[mirror", b"1 2 3\n4", b"{}", b"[mirror]\nkind = 3"])
+@pytest.mark.parametrize(
+    "data", [b"\xff\xfe\0", b"[mirror", b"1 2 3\n4", b"{}", b"[mirror]\nkind = 3"]
+)
 def test_invalid_calibration_files_are_rejected(data, client):
     answer = client.post("/api/sensors", content=data)
     assert answer.status_code == 400
@@ -277,7 +328,9 @@ def test_invalid_calibration_files_are_rejected(data, client):
 def test_deep_images_are_converted_to_8_bits():
     deep = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
     tiff = cv2.imencode(".tif", deep)[1].tobytes()
-    shallow = cv2.imdecode(np.frombuffer(browser_picture(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED)
+    shallow = cv2.imdecode(
+        np.frombuffer(browser_picture(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED
+    )
     np.testing.assert_array_equal(shallow, np.round(deep / 257).astype(np.uint8))
 
 
@@ -338,7 +391,10 @@ def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, m
 
 def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
     studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4"))]))
-    with TestClient(create_app(studio), base_url=LOCAL) as client, client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket:
+    with (
+        TestClient(create_app(studio), base_url=LOCAL) as client,
+        client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
+    ):
         socket.send_text("next")
         states, jpeg = [], None
         while jpeg is None:
@@ -366,18 +422,26 @@ def test_damaged_video_ends_with_message(tmp_path, stored):
     studio = Studio(Sources(folders=[folder]), stored_orientation=stored, on_note=notes.append)
     with TestClient(create_app(studio), base_url=LOCAL) as client:
         shown = client.get("/api/picture", params={"id": "0/a.png"}).content
-        converted = client.post("/api/pictures", content=image.read_bytes(), params={"name": "a.png"}).content
+        converted = client.post(
+            "/api/pictures", content=image.read_bytes(), params={"name": "a.png"}
+        ).content
         assert ("data-stored-orientation" in client.get("/").text[:200]) == stored
         with client.websocket_connect("ws://127.0.0.1/api/stream?id=0/b.mp4") as socket:
             socket.send_text("next")
             while (jpeg := socket.receive().get("bytes")) is None:
                 pass
     for png in (shown, converted):
-        np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), expected)
+        np.testing.assert_array_equal(
+            cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), expected
+        )
     streamed = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert streamed.shape == frame.shape
     assert np.abs(streamed.astype(int) - frame).mean() < 4
-    words = ["as stored; their EXIF data", "frames as stored"] if stored else ["as their EXIF data", "as the file requires"]
+    words = (
+        ["as stored; their EXIF data", "frames as stored"]
+        if stored
+        else ["as their EXIF data", "as the file requires"]
+    )
     assert len(notes) == 2
     for note, name, phrase in zip(notes, ["a.png", "b.mp4"], words, strict=True):
         assert name in note
@@ -398,7 +462,10 @@ def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, comm
 def test_a_broken_video_ends_with_a_sentence(tmp_path):
     (tmp_path / "bad.mp4").write_bytes(b"no video")
     studio = Studio(Sources([str(tmp_path / "bad.mp4")]))
-    with TestClient(create_app(studio), base_url=LOCAL) as client, client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket:
+    with (
+        TestClient(create_app(studio), base_url=LOCAL) as client,
+        client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
+    ):
         told = json.loads(socket.receive_text())
         while told["state"] != "ended":
             told = json.loads(socket.receive_text())
@@ -418,8 +485,12 @@ def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(phas
         pytest.skip("schemathesis is not here")
     with serving(Studio()) as address:
         words = f"run {address}openapi.json --phases {phases} --max-examples 4 --seed 1 --request-timeout 600"
-        files = "--no-color --exclude-checks positive_data_acceptance"  # not described by any schema
-        run = subprocess.run([program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path)
+        files = (
+            "--no-color --exclude-checks positive_data_acceptance"  # not described by any schema
+        )
+        run = subprocess.run(
+            [program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path
+        )
     assert run.returncode == 0, run.stdout[-3000:]
     assert re.search(r"(\d+) selected / \1 total", run.stdout)
 
@@ -454,7 +525,9 @@ def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool
     ],
 )
 def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, status, wire):
-    answer = answer_to(wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None)
+    answer = answer_to(
+        wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None
+    )
     if status is None:
         assert b" 200 " not in answer[:20]  # no recipient remains
     else:
@@ -463,7 +536,15 @@ def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, statu
     assert httpx.get(f"{wire}health").json()["status"] == "ok"
 
 
-@pytest.mark.parametrize("path", ["/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/api/picture?id=../../etc/passwd"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../../etc/passwd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "//etc/passwd",
+        "/api/picture?id=../../etc/passwd",
+    ],
+)
 def test_paths_lead_nowhere(path, wire):
     answer = answer_to(wire, b"GET " + path.encode())
     assert answer.startswith(b"HTTP/1.1 404 ")
@@ -475,7 +556,9 @@ def test_no_part_of_an_answer_waits_until_the_part_before_it_is_acknowledged():
         sent: asyncio.Future[int] = asyncio.get_running_loop().create_future()
 
         def accepted(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            sent.set_result(writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+            sent.set_result(
+                writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            )
             writer.close()
 
         async with await asyncio.start_server(accepted, sock=listen("127.0.0.1", 0)) as app:
@@ -518,7 +601,9 @@ def test_twenty_clients_share_stream_despite_slow_client(tmp_path):
 
     async def eager(url: str, frames: int) -> list[int]:
         async with connect(url, max_queue=1) as socket:
-            assert not socket.protocol.extensions  # not compressed again, although every page offers it
+            assert (
+                not socket.protocol.extensions
+            )  # not compressed again, although every page offers it
             await socket.send("next")
             seen: list[int] = []
             async for message in socket:
@@ -549,7 +634,11 @@ def test_twenty_clients_share_stream_despite_slow_client(tmp_path):
     with serving(Studio(Sources([str(busy_video(tmp_path / "noise.avi"))]))) as address:
         url = f"{address.replace('http', 'ws')}api/stream?id=source"
         with ThreadPoolExecutor() as pool:  # with its own event loop
-            seen = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))).result()
+            seen = pool.submit(
+                lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))
+            ).result()
     assert [len(s) for s in seen] == [40] * 19
     again = [np.mean(np.diff(s) == 0) for s in seen]
-    assert max(again) < 0.5  # frames differ, except rarely for the same one of a later loop of the video
+    assert (
+        max(again) < 0.5
+    )  # frames differ, except rarely for the same one of a later loop of the video

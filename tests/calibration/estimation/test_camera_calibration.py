@@ -31,7 +31,14 @@ def test_camera_is_estimated_without_initial_value():
     assert all(p.used and p.reason is None for p in found.images)
     assert found.corners == sum(p.found for p in found.images)
     assert found.outliers == ()
-    assert {name for free in found.free for name in free.names} <= {"xi", "fx", "fy", "k1", "k2", "k3"}
+    assert {name for free in found.free for name in free.names} <= {
+        "xi",
+        "fx",
+        "fy",
+        "k1",
+        "k2",
+        "k3",
+    }
 
 
 def within_3_sigma(seed: int) -> float:
@@ -41,7 +48,9 @@ def within_3_sigma(seed: int) -> float:
     ahead = directions(TRUTH, 100, seed)
     rays = found.model.backproject(TRUTH.image(ahead, distant=True).pixels)
     off = (rays.directions @ found.model.mount.rotation() - ahead)[rays.valid]
-    spread = np.linalg.eigvalsh(direction_covariance(found.model, found.covariance, ahead[rays.valid]))[:, -1]
+    spread = np.linalg.eigvalsh(
+        direction_covariance(found.model, found.covariance, ahead[rays.valid])
+    )[:, -1]
     return float((np.linalg.norm(off, axis=1) < 3 * np.sqrt(spread)).mean())
 
 
@@ -58,7 +67,9 @@ def test_true_directions_lie_within_three_sigma_over_50_seeds():
 def test_field_ends_at_specified_rim():
     """The region outside is excluded from the camera; its parameters are unchanged."""
     seen = detections(count=4)
-    found, all_of_it = (calibrated(seen, board_shape=False, **rim) for rim in ({"rim_radius_px": 170.0}, {}))
+    found, all_of_it = (
+        calibrated(seen, board_shape=False, **rim) for rim in ({"rim_radius_px": 170.0}, {})
+    )
     u, v = found.model.centre_px
     edge = found.camera.backproject([[u + 169.0, v], [u + 171.0, v]])
     assert edge.valid.tolist() == [True, False]
@@ -77,8 +88,13 @@ def test_an_axis_far_from_the_middle_of_the_picture_is_found(shift):
 
 
 def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
-    for camera in (replace(TRUTH, optics="fisheye"), replace(TRUTH, mount=Mount("down", 30.0, image_flipped=True))):
-        found = calibrated(detections(camera, 4), optics=camera.optics, mount=camera.mount, board_shape=False)
+    for camera in (
+        replace(TRUTH, optics="fisheye"),
+        replace(TRUTH, mount=Mount("down", 30.0, image_flipped=True)),
+    ):
+        found = calibrated(
+            detections(camera, 4), optics=camera.optics, mount=camera.mount, board_shape=False
+        )
         assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
         assert found.model.mount == camera.mount
 
@@ -105,7 +121,15 @@ def test_only_wrong_corners_are_rejected():
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
-@pytest.mark.parametrize(("share", "largest_px"), [(0.04, 1.2), pytest.param(0.01, 5.0, marks=pytest.mark.full), pytest.param(0.04, 5.0, marks=pytest.mark.full), pytest.param(0.08, 4.0, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    ("share", "largest_px"),
+    [
+        (0.04, 1.2),
+        pytest.param(0.01, 5.0, marks=pytest.mark.full),
+        pytest.param(0.04, 5.0, marks=pytest.mark.full),
+        pytest.param(0.08, 4.0, marks=pytest.mark.full),
+    ],
+)
 def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
     """Outliers up to 5 % are rejected; a note counts and locates those that remain."""
     random, wrong, seen = np.random.default_rng(0), set(), []
@@ -132,7 +156,9 @@ def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
     assert len(found.to_dict()["remaining_outliers"]) == len(remaining)
 
 
-@pytest.mark.parametrize(("xi", "seeds"), [(0.95, 4), pytest.param(0.95, 30, marks=[pytest.mark.full, pytest.mark.long])])
+@pytest.mark.parametrize(
+    ("xi", "seeds"), [(0.95, 4), pytest.param(0.95, 30, marks=[pytest.mark.full, pytest.mark.long])]
+)
 def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seeds):
     """Free unified model, with a curved valley of xi, focal length and radial terms.
 
@@ -149,7 +175,13 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
         assert {"xi", "k1"} <= set(found.free[0].names)
         assert any("do not tell xi" in note or "do not tell k1" in note for note in found.notes)
         assert found.camera.uncertainty.sigmas["xi"] == pytest.approx(found.parameters[0].sigma)
-    rms = dict(zip((p.name for p in truth.parameters), np.sqrt(np.mean(np.square(errors), axis=0)), strict=True))
+    rms = dict(
+        zip(
+            (p.name for p in truth.parameters),
+            np.sqrt(np.mean(np.square(errors), axis=0)),
+            strict=True,
+        )
+    )
     few = 4 / seeds
     for name in ("xi", "fx", "fy", "k1", "cx", "cy"):
         assert 0.4 - 0.3 * few < rms[name] < 1.5 + 0.5 * few, name
@@ -173,7 +205,12 @@ def test_board_numbering_from_any_corner_is_equivalent():
     image."""
     seen = detections(count=4, points_mm=BOARD.points_mm)
     columns, rows = BOARD.lattice.T
-    orders = [columns + 11 * rows, 76 - columns - 11 * rows, 10 - columns + 11 * rows, columns + 11 * (6 - rows)]
+    orders = [
+        columns + 11 * rows,
+        76 - columns - 11 * rows,
+        10 - columns + 11 * rows,
+        columns + 11 * (6 - rows),
+    ]
     renamed = [replace(d, ids=orders[i % 4][d.ids]) for i, d in enumerate(seen)]
     assert calibrated(renamed).rms_px == pytest.approx(calibrated(seen).rms_px, rel=1e-3)
 
@@ -181,8 +218,14 @@ def test_board_numbering_from_any_corner_is_equivalent():
 def test_inconsistent_image_is_rejected():
     seen = detections(count=8)
     random = np.random.default_rng(0)
-    seen[4] = replace(seen[4], corners_px=seen[4].corners_px + random.normal(0, 15, seen[4].corners_px.shape))
-    seen.append(om.Detection("blurred.png", SIZE, reason="blurred.png: no board was found; the image is blurred"))
+    seen[4] = replace(
+        seen[4], corners_px=seen[4].corners_px + random.normal(0, 15, seen[4].corners_px.shape)
+    )
+    seen.append(
+        om.Detection(
+            "blurred.png", SIZE, reason="blurred.png: no board was found; the image is blurred"
+        )
+    )
     found = calibrated(seen)
     left_out = {p.name: p.reason for p in found.images if not p.used}
     assert left_out.keys() == {"image 5", "blurred.png"}
@@ -191,7 +234,13 @@ def test_inconsistent_image_is_rejected():
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
-@pytest.mark.parametrize(("optics", "words"), [("mirror", "the mirror centre is .* from that in the other images: the mirror moved"), ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved")])
+@pytest.mark.parametrize(
+    ("optics", "words"),
+    [
+        ("mirror", "the mirror centre is .* from that in the other images: the mirror moved"),
+        ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved"),
+    ],
+)
 def test_image_with_moved_mirror_is_rejected(optics, words):
     """A pose absorbs most of a shift; the residual reveals it."""
     seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
@@ -203,14 +252,25 @@ def test_image_with_moved_mirror_is_rejected(optics, words):
     assert found.outliers == ()
 
 
-@pytest.mark.parametrize(("count", "numbers"), [(5, {2}), *(pytest.param(*case, marks=pytest.mark.full) for case in [(8, {4}), (12, {0}), (9, {1, 2, 3})])])
+@pytest.mark.parametrize(
+    ("count", "numbers"),
+    [
+        (5, {2}),
+        *(
+            pytest.param(*case, marks=pytest.mark.full)
+            for case in [(8, {4}), (12, {0}), (9, {1, 2, 3})]
+        ),
+    ],
+)
 def test_flipped_images_are_rejected(count, numbers):
     """A chessboard is valid in its mirror image too: only the offset between mirror and image
     centres reveals the flip, and camera and poses absorb nearly all of it."""
     found = calibrated(flipped(detections(count=count), numbers))
     left_out = {p.name: p.reason for p in found.images if not p.used}
     assert left_out.keys() == {f"image {number + 1}" for number in numbers}
-    assert set(left_out.values()) == {"it fits the other images only after flipping left to right: it was flipped"}
+    assert set(left_out.values()) == {
+        "it fits the other images only after flipping left to right: it was flipped"
+    }
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
@@ -218,18 +278,32 @@ def test_flipped_images_are_rejected(count, numbers):
 @pytest.mark.parametrize("seed", range(6))
 def test_unflipped_images_are_not_rejected(seed):
     """Also for a mirror without a single viewpoint, with single-viewpoint models."""
-    seen = om.simulate_detections(om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed)
+    seen = om.simulate_detections(
+        om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed
+    )
     for model in ("unified", "auto"):
         assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).images)
     assert all(p.used for p in calibrated(detections(count=4 + seed, seed=seed)).images)
 
 
-@pytest.mark.parametrize(("count", "seed"), [(5, 2), *(pytest.param(count, seed, marks=pytest.mark.full) for count in (4, 6) for seed in range(12))])
+@pytest.mark.parametrize(
+    ("count", "seed"),
+    [
+        (5, 2),
+        *(
+            pytest.param(count, seed, marks=pytest.mark.full)
+            for count in (4, 6)
+            for seed in range(12)
+        ),
+    ],
+)
 def test_few_images_recover_camera(count, seed):
     """Five images led to no solution, with residuals of 1.5 px, if all mirror parameters were free
     too early."""
     random = np.random.default_rng([count, seed])
-    middle = (326.0, 236.0) if seed == 2 else tuple(np.array([319.5, 239.5]) + random.uniform(-8, 8, 2))
+    middle = (
+        (326.0, 236.0) if seed == 2 else tuple(np.array([319.5, 239.5]) + random.uniform(-8, 8, 2))
+    )
     found = calibrated(detections(replace(TRUTH, centre_px=middle), count=count, seed=seed))
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.15)
     np.testing.assert_allclose(found.model.centre_px, middle, atol=3.0)
@@ -248,10 +322,28 @@ def test_result_file_has_documented_entries(tmp_path):
     assert (tmp_path / "calibration.json").read_text() == text
     told = json.loads(text)
     assert told["rms_px"] == found.rms_px
-    assert told.keys() >= {"held_out_rms_px", "corners", "outliers", "images", "parameters", "seconds"}
+    assert told.keys() >= {
+        "held_out_rms_px",
+        "corners",
+        "outliers",
+        "images",
+        "parameters",
+        "seconds",
+    }
     first = told["images"][0]
-    assert first.keys() == {"name", "found", "used", "reason", "rms_px", "rotation", "translation_mm", "camera_at_mm"}
-    np.testing.assert_allclose(np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["translation_mm"]))
+    assert first.keys() == {
+        "name",
+        "found",
+        "used",
+        "reason",
+        "rms_px",
+        "rotation",
+        "translation_mm",
+        "camera_at_mm",
+    }
+    np.testing.assert_allclose(
+        np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["translation_mm"])
+    )
     assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
 
 
@@ -263,7 +355,9 @@ def test_the_same_pictures_give_the_same_camera():
 
 def test_cancellation_keeps_partial_result():
     calls = []
-    found = calibrated(detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share))
+    found = calibrated(
+        detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share)
+    )
     assert not found.is_complete
     assert found.rms_px < 1.0
     assert any("stopped early" in note for note in found.notes)
@@ -275,7 +369,10 @@ def test_cancellation_keeps_partial_result():
 
 
 def moved(seen, numbers, shift):
-    return [replace(d, corners_px=d.corners_px + shift) if i in numbers else d for i, d in enumerate(seen)]
+    return [
+        replace(d, corners_px=d.corners_px + shift) if i in numbers else d
+        for i, d in enumerate(seen)
+    ]
 
 
 def flipped(seen, numbers):
@@ -288,20 +385,64 @@ def flipped(seen, numbers):
 def one_pose(count: int) -> list[om.Detection]:
     (seen,) = detections(count=1, noise_px=0.0)
     random = np.random.default_rng(0)
-    return [replace(seen, name=f"image {i}", corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape)) for i in range(count)]
+    return [
+        replace(
+            seen,
+            name=f"image {i}",
+            corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape),
+        )
+        for i in range(count)
+    ]
 
 
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: detections(count=2), r"in 2 of 2 images \(image 1 and image 2\); at least 3 are required"),
-        (lambda: [om.Detection(f"{i}.png", SIZE, reason="no board was found; the image is blurred") for i in "ab"], r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred"),
-        (lambda: [*detections(count=5), replace(detections()[0], name="small.png", image_size=(320, 240))], r"small\.png: 320 x 240 px, the other images: 640 x 480 px"),
-        (lambda: one_pose(6), "the same in all images.*image 0, image 1.*hold it at different positions"),
-        pytest.param(lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]), "centre in image 3, image 6, image 9 and image 10 is .*the mirror moved", marks=pytest.mark.full),
-        pytest.param(lambda: flipped(detections(count=8), {1, 2, 5, 6}), "half of the images, image 2, image 3, image 6 and image 7, fit the others only after flipping", marks=pytest.mark.full),
-        (lambda: [replace(d, is_reversed=False) for d in detections(count=4)], "the board's markers, image 1, image 2, image 3 and image 4 are not mirror images.*--image-fl"),
-        (lambda: [replace(d, corners_px=d.corners_px[np.random.default_rng(0).permutation(len(d.ids))]) for d in detections(count=6)], "no camera explains the corners.*see whether the board is the one that was named"),
+        (
+            lambda: detections(count=2),
+            r"in 2 of 2 images \(image 1 and image 2\); at least 3 are required",
+        ),
+        (
+            lambda: [
+                om.Detection(f"{i}.png", SIZE, reason="no board was found; the image is blurred")
+                for i in "ab"
+            ],
+            r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred",
+        ),
+        (
+            lambda: [
+                *detections(count=5),
+                replace(detections()[0], name="small.png", image_size=(320, 240)),
+            ],
+            r"small\.png: 320 x 240 px, the other images: 640 x 480 px",
+        ),
+        (
+            lambda: one_pose(6),
+            "the same in all images.*image 0, image 1.*hold it at different positions",
+        ),
+        pytest.param(
+            lambda: moved(detections(), {2, 5, 8, 9}, [9.0, -4.0]),
+            "centre in image 3, image 6, image 9 and image 10 is .*the mirror moved",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            lambda: flipped(detections(count=8), {1, 2, 5, 6}),
+            "half of the images, image 2, image 3, image 6 and image 7, fit the others only after flipping",
+            marks=pytest.mark.full,
+        ),
+        (
+            lambda: [replace(d, is_reversed=False) for d in detections(count=4)],
+            "the board's markers, image 1, image 2, image 3 and image 4 are not mirror images.*--image-fl",
+        ),
+        (
+            lambda: [
+                replace(
+                    d, corners_px=d.corners_px[np.random.default_rng(0).permutation(len(d.ids))]
+                )
+                for d in detections(count=6)
+            ],
+            "no camera explains the corners.*see whether the board is the one that was named",
+        ),
     ],
 )
 def test_unsuitable_images_raise(make, says):
@@ -310,7 +451,10 @@ def test_unsuitable_images_raise(make, says):
 
 
 def test_arguments_are_checked():
-    with pytest.raises(InvalidParameter, match="model must be one of auto, unified, enhanced-unified, double-sphere, kannala-brandt, ocam,"):
+    with pytest.raises(
+        InvalidParameter,
+        match="model must be one of auto, unified, enhanced-unified, double-sphere, kannala-brandt, ocam,",
+    ):
         calibrated(detections(count=3), model="unfied")
     with pytest.raises(InvalidParameter, match="model = 'sensor' requires optics = 'mirror'"):
         calibrated(detections(count=3), model="sensor", optics="fisheye")
@@ -319,7 +463,9 @@ def test_arguments_are_checked():
 
 
 def test_recommendations_without_poses_use_corners():
-    corners = np.stack(np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1).reshape(-1, 2)
+    corners = np.stack(
+        np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1
+    ).reshape(-1, 2)
     seen = coverage([Observation("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
     assert seen.counts.sum() == 77
     said = recommendations(seen, 1)

@@ -18,7 +18,9 @@ from omnimirror.calibration.estimation._residuals import eliminate_line_position
 from tests.commands import fails, omnimirror
 
 MIDDLE, RADIUS = np.array([322.0, 238.0]), 205.0
-TRUTH = om.Unified(0.9, (150.0, 150.5), (322.0, 238.0), (640, 480), k1=-0.03, p1=5e-4, rim_radius_px=220.0)
+TRUTH = om.Unified(
+    0.9, (150.0, 150.5), (322.0, 238.0), (640, 480), k1=-0.03, p1=5e-4, rim_radius_px=220.0
+)
 BOARD = om.Board("chessboard", 11, 7, 30.0)
 
 
@@ -27,8 +29,12 @@ def edges(count, seed=0, noise_px=0.2, points=12):
     chance, found = np.random.default_rng(seed), []
     while len(found) < count:
         across = np.linalg.svd(chance.normal(size=(1, 3)))[2][1:]
-        turn = chance.uniform(0, 2 * np.pi) + np.linspace(0, np.radians(chance.uniform(40, 110)), points)
-        image = TRUTH.image(np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1], distant=True)
+        turn = chance.uniform(0, 2 * np.pi) + np.linspace(
+            0, np.radians(chance.uniform(40, 110)), points
+        )
+        image = TRUTH.image(
+            np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1], distant=True
+        )
         inside = image.valid & (np.abs(image.pixels - [319.5, 239.5]) < [318, 238]).all(axis=1)
         if inside.sum() >= 8:
             found.append(image.pixels[inside] + chance.normal(0, noise_px, (int(inside.sum()), 2)))
@@ -37,7 +43,11 @@ def edges(count, seed=0, noise_px=0.2, points=12):
 
 def boards_at_the_right(seed):
     """Return four boards, none of them in the left half of the image."""
-    seen = [d for s in (seed, seed + 100) for d in om.simulate_detections(TRUTH, BOARD, 8, noise_px=0.1, seed=s)]
+    seen = [
+        d
+        for s in (seed, seed + 100)
+        for d in om.simulate_detections(TRUTH, BOARD, 8, noise_px=0.1, seed=s)
+    ]
     right = [d for d in seen if d.corners_px[:, 0].mean() > MIDDLE[0]]
     return [replace(d, name=f"board {i}") for i, d in enumerate(right[:4])]
 
@@ -45,7 +55,9 @@ def boards_at_the_right(seed):
 def errors_deg(camera):
     """Return direction errors (n,) after the best common rotation, and their predicted
     uncertainties."""
-    pixels = np.stack(np.meshgrid(np.arange(20.0, 620.0, 15.0), np.arange(20.0, 470.0, 15.0)), axis=-1).reshape(-1, 2)
+    pixels = np.stack(
+        np.meshgrid(np.arange(20.0, 620.0, 15.0), np.arange(20.0, 470.0, 15.0)), axis=-1
+    ).reshape(-1, 2)
     pixels = pixels[np.hypot(*(pixels - MIDDLE).T) < RADIUS]
     true, found = TRUTH.backproject(pixels), camera.backproject(pixels)
     turn, _ = Rotation.align_vectors(true.directions, found.directions)
@@ -66,7 +78,9 @@ def test_edges_extend_field_beyond_boards():
     errors = []
     for seed in (0, 2):
         seen, rows = boards_at_the_right(seed), []
-        with_edges = om.calibrate_camera(seen, BOARD, model="unified", lines={"room.jpg": edges(40, seed)}).camera
+        with_edges = om.calibrate_camera(
+            seen, BOARD, model="unified", lines={"room.jpg": edges(40, seed)}
+        ).camera
         for camera in (by_boards_alone(seed), with_edges):
             off, said = errors_deg(camera)
             assert (off < 3 * said).mean() > 0.95
@@ -82,12 +96,20 @@ def test_solution_minimises_points_and_edges():
     points = np.random.default_rng(3).normal(0, 2000, (60, 3)) * [1, 1, 0.3]
     image = TRUTH.image(points)
     noise = np.random.default_rng(4).normal(0, 0.3, (int(image.valid.sum()), 2))
-    room = om.Observation("room", image.pixels[image.valid] + noise, points[image.valid], RigidTransform.identity(), is_known=True)
+    room = om.Observation(
+        "room",
+        image.pixels[image.valid] + noise,
+        points[image.valid],
+        RigidTransform.identity(),
+        is_known=True,
+    )
     marked = StraightEdges.of({"room.jpg": edges(20)}, np.inf, TRUTH.image_size)
     found = om.bundle_adjust(TRUTH, [room], edges=marked)
     linear, known = eliminate_line_positions(found.linearised), marked.known(found.model)
     pull = np.einsum("nip,ni->p", linear.d_shared, linear.residuals) / found.problem.noise_px**2
-    against = known.information @ (np.array([p.value for p in found.model.parameters]) - known.expected)
+    against = known.information @ (
+        np.array([p.value for p in found.model.parameters]) - known.expected
+    )
     scale = np.array([p.scale for p in found.model.parameters])
     assert np.abs(scale * (pull + against)).max() < 0.02 * np.abs(scale * pull).max()
 
@@ -96,7 +118,9 @@ def test_curved_edge_is_rejected():
     crooked = edges(12)
     bend = np.linspace(-1, 1, len(crooked[4])) ** 2
     crooked[4] = crooked[4] + 6.0 * bend[:, None]
-    found = om.calibrate_camera(boards_at_the_right(1), BOARD, model="unified", lines={"room.jpg": crooked})
+    found = om.calibrate_camera(
+        boards_at_the_right(1), BOARD, model="unified", lines={"room.jpg": crooked}
+    )
     assert [e.edge for e in found.edges if not e.used] == [5]
     assert "not used: edge 5 of room.jpg (" in found.notes[-1]
     assert found.to_dict()["edges"][4]["rms_px"] > 1.0
@@ -119,16 +143,23 @@ def test_edges_of_three_points_count():
 def test_edges_and_surveyed_points_on_the_command_line(tmp_path):
     points = np.random.default_rng(3).normal(0, 2000, (60, 3)) * [1, 1, 0.3]
     image = TRUTH.project(points @ TRUTH.mount.rotation())
-    rows = [f"{u:.3f},{v:.3f},{x},{y},{z}" for (u, v), (x, y, z) in zip(image.pixels[image.valid], points[image.valid], strict=True)]
+    rows = [
+        f"{u:.3f},{v:.3f},{x},{y},{z}"
+        for (u, v), (x, y, z) in zip(image.pixels[image.valid], points[image.valid], strict=True)
+    ]
     (tmp_path / "room.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n" + "\n".join(rows))
     marks = [f"wall.jpg,{i},{u:.3f},{v:.3f}" for i, edge in enumerate(edges(12)) for u, v in edge]
     (tmp_path / "edges.csv").write_text("image,line,u_px,v_px\n" + "\n".join(marks))
     asked = ("--points", "room.csv", "--image-size", "640x480", "--model", "unified")
-    run = omnimirror("calibrate", *asked, "--lines", "edges.csv", "--json", "found.json", cwd=tmp_path)
+    run = omnimirror(
+        "calibrate", *asked, "--lines", "edges.csv", "--json", "found.json", cwd=tmp_path
+    )
     assert run.returncode == 0, run.stderr
     assert "12 of 12 marked edges are straight with" in " ".join(run.stdout.split())
     told = json.loads((tmp_path / "found.json").read_text())["edges"]
-    assert [(e["picture"], e["edge"], e["used"]) for e in told] == [("wall.jpg", i, True) for i in range(1, 13)]
+    assert [(e["picture"], e["edge"], e["used"]) for e in told] == [
+        ("wall.jpg", i, True) for i in range(1, 13)
+    ]
     alone = fails("calibrate", "--lines", "edges.csv", "--image-size", "640x480", cwd=tmp_path)
     assert "to refine a known camera with --lines only, use omnimirror lines" in alone
 
@@ -137,9 +168,18 @@ def test_edges_and_surveyed_points_on_the_command_line(tmp_path):
     ("lines", "message"),
     [
         ({"a.jpg": edges(2)}, "lines must contain at least 3 edges; got 2"),
-        ({"a.jpg": [*edges(3), np.zeros((2, 2))]}, r"edge 4 of a.jpg must be an array \(n, 2\) with n >= 3; got shape \(2, 2\)"),
-        ({"a.jpg": edges(3), "b.jpg": [edges(1)[0] + [600, 0]]}, "edge 1 of b.jpg: pixels must be inside the image of 640 x 480"),
-        ({"a.jpg": np.random.default_rng(0).uniform(0, 479, (9, 8, 2))}, "edges must be straight for this camera"),
+        (
+            {"a.jpg": [*edges(3), np.zeros((2, 2))]},
+            r"edge 4 of a.jpg must be an array \(n, 2\) with n >= 3; got shape \(2, 2\)",
+        ),
+        (
+            {"a.jpg": edges(3), "b.jpg": [edges(1)[0] + [600, 0]]},
+            "edge 1 of b.jpg: pixels must be inside the image of 640 x 480",
+        ),
+        (
+            {"a.jpg": np.random.default_rng(0).uniform(0, 479, (9, 8, 2))},
+            "edges must be straight for this camera",
+        ),
     ],
 )
 def test_invalid_edges_raise(lines, message):

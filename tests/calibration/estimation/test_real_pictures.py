@@ -30,7 +30,23 @@ def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
     """OpenCV omnidir rejects one image with a residual of 0.465 px; here 99 % of all corners are
     within the targets."""
     file = tmp_path / "calibration.json"
-    run = omnimirror("calibrate", *map(str, PICTURES), "--board", "11x7", "--square-mm", "30", "-o", "camera.toml", "--json", file.name, "--report", "calibration.html", "--figures", "figures", cwd=tmp_path)
+    run = omnimirror(
+        "calibrate",
+        *map(str, PICTURES),
+        "--board",
+        "11x7",
+        "--square-mm",
+        "30",
+        "-o",
+        "camera.toml",
+        "--json",
+        file.name,
+        "--report",
+        "calibration.html",
+        "--figures",
+        "figures",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     told = json.loads(file.read_text())
     assert all(p["used"] and p["found"] == 77 for p in told["images"])
@@ -44,7 +60,9 @@ def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
 
 @pytest.mark.full
 def test_targets_hold_without_board_shape():
-    found = om.calibrate_camera(om.find_boards(PICTURES, BOARD), BOARD, model="viewpoint-spline", board_shape=False)
+    found = om.calibrate_camera(
+        om.find_boards(PICTURES, BOARD), BOARD, model="viewpoint-spline", board_shape=False
+    )
     assert all(p.used for p in found.images)
     assert found.rms_px < 0.16
     assert found.held_out_rms_px < 0.18
@@ -53,7 +71,9 @@ def test_targets_hold_without_board_shape():
 def shifted(first, shift, pictures=PICTURES):
     """Return detections with a mirror shift applied from one image on."""
     seen = om.find_boards(pictures, BOARD)
-    return [replace(d, corners_px=d.corners_px + shift) if i >= first else d for i, d in enumerate(seen)]
+    return [
+        replace(d, corners_px=d.corners_px + shift) if i >= first else d for i, d in enumerate(seen)
+    ]
 
 
 @pytest.mark.full
@@ -62,7 +82,9 @@ def shifted(first, shift, pictures=PICTURES):
 def test_mirror_motion_after_half_of_images_is_detected(pictures):
     """Individual image centres do not reveal it at once: the common centre is wrong for each."""
     half = (len(pictures) + 1) // 2
-    with pytest.raises(InvalidParameter, match="the mirror moved relative to the camera between them") as refused:
+    with pytest.raises(
+        InvalidParameter, match="the mirror moved relative to the camera between them"
+    ) as refused:
         om.calibrate_camera(shifted(half, [9.0, 4.0], pictures), BOARD, model="unified")
     first, second = str(refused.value).split(" px from that in ")
     assert pictures[half].name in first
@@ -79,7 +101,25 @@ def test_small_or_late_mirror_motion_is_detected():
 
 @pytest.mark.long
 def test_a_few_pictures_on_the_command_line(tmp_path):
-    run = omnimirror("calibrate", *map(str, PICTURES[:4]), "--board", "11x7", "--square-mm", "30", "--model", "unified", "--fix", "k3", "--prior", "k2=0+-0.05", "-o", "camera.toml", "--json", "c.json", cwd=tmp_path)
+    run = omnimirror(
+        "calibrate",
+        *map(str, PICTURES[:4]),
+        "--board",
+        "11x7",
+        "--square-mm",
+        "30",
+        "--model",
+        "unified",
+        "--fix",
+        "k3",
+        "--prior",
+        "k2=0+-0.05",
+        "-o",
+        "camera.toml",
+        "--json",
+        "c.json",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     assert "unified: 0." in run.stdout
     assert "4 of 4 pictures" in run.stdout
@@ -94,7 +134,9 @@ def test_a_few_pictures_on_the_command_line(tmp_path):
 
 
 def test_wrong_board_is_reported(tmp_path):
-    run = omnimirror("calibrate", *map(str, PICTURES[:2]), "--board", "9x6", "--square-mm", "30", cwd=tmp_path)
+    run = omnimirror(
+        "calibrate", *map(str, PICTURES[:2]), "--board", "9x6", "--square-mm", "30", cwd=tmp_path
+    )
     assert run.returncode == 2
     assert "a board of 11 x 7 corners was detected instead of 9 x 6 corners" in run.stderr
 
@@ -113,14 +155,39 @@ def test_pattern_and_folder_expand_to_images(tmp_path):
 
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudoterminals")
-@pytest.mark.parametrize(("state", "model"), [("Detecting boards, 4 of 6", "unified"), ("Detecting boards, 6 of 6", "unified"), ("fitting ocam", "auto"), ("cross-validating ", "auto")])
+@pytest.mark.parametrize(
+    ("state", "model"),
+    [
+        ("Detecting boards, 4 of 6", "unified"),
+        ("Detecting boards, 6 of 6", "unified"),
+        ("fitting ocam", "auto"),
+        ("cross-validating ", "auto"),
+    ],
+)
 def test_interrupt_keeps_partial_results(state, model, tmp_path):
     """The signal is sent on a progress update; a throttled progress bar may never print it."""
-    told, code = interrupted(["calibrate", *map(str, PICTURES[:6]), "--board", "11x7", "--square-mm", "30", "--model", model, "-o", "camera.toml"], state, tmp_path)
+    told, code = interrupted(
+        [
+            "calibrate",
+            *map(str, PICTURES[:6]),
+            "--board",
+            "11x7",
+            "--square-mm",
+            "30",
+            "--model",
+            model,
+            "-o",
+            "camera.toml",
+        ],
+        state,
+        tmp_path,
+    )
     assert code == 130, told
     assert "Stopped: best camera so far" in told
     assert ("stopped early" in told) == (model == "auto")
-    assert ("the search was stopped before this image" in told) == (state == "Detecting boards, 4 of 6")
+    assert ("the search was stopped before this image" in told) == (
+        state == "Detecting boards, 4 of 6"
+    )
     om.load_camera(tmp_path / "camera.toml")
 
 
@@ -153,7 +220,9 @@ def interrupted(words: list[str], state: str, cwd: Path) -> tuple[str, int]:
     environment = {**os.environ, "COLUMNS": "200", "TERM": "xterm"}
     command = [sys.executable, "-c", INTERRUPTED, state, *words]
     told = ""
-    with subprocess.Popen(command, cwd=cwd, stdin=its, stdout=its, stderr=its, env=environment) as run:
+    with subprocess.Popen(
+        command, cwd=cwd, stdin=its, stdout=its, stderr=its, env=environment
+    ) as run:
         os.close(its)
         with suppress(OSError):  # raised by Linux when the other side is closed
             while more := os.read(ours, 65536):

@@ -21,10 +21,18 @@ def seen(camera, near: int, far: int, seed: int = 0) -> om.Observation:
     points = random.normal(size=(8 * (near + far), 3))
     points *= (random.uniform(600, 5000, len(points)) / np.linalg.norm(points, axis=1))[:, None]
     close, away = camera.project(points), camera.project_directions(points)
-    chosen, distant = (np.flatnonzero(close.valid)[:near], np.flatnonzero(away.valid)[-far:] if far else [])
+    chosen, distant = (
+        np.flatnonzero(close.valid)[:near],
+        np.flatnonzero(away.valid)[-far:] if far else [],
+    )
     turn, shift = rotation_of(random.normal(size=3)), random.normal(0, 2000, 3)
     pixels = np.concatenate([close.pixels[chosen], away.pixels[distant]])
-    return om.Observation("room", pixels + random.normal(0, NOISE_PX, pixels.shape), np.concatenate([points[chosen] @ turn.T + shift, points[distant] @ turn.T]), is_distant=np.arange(near + far) >= near)
+    return om.Observation(
+        "room",
+        pixels + random.normal(0, NOISE_PX, pixels.shape),
+        np.concatenate([points[chosen] @ turn.T + shift, points[distant] @ turn.T]),
+        is_distant=np.arange(near + far) >= near,
+    )
 
 
 def off_deg(found, camera) -> float:
@@ -40,11 +48,18 @@ def off_deg(found, camera) -> float:
     return float(np.degrees(np.sqrt(np.mean(np.sum((looks @ (u @ vt).T - true) ** 2, axis=1)))))
 
 
-@pytest.mark.parametrize(("near", "far", "draws"), few([(40, 0, 5), (0, 40, 5), (25, 25, 1)], (25, 25, 1)))
+@pytest.mark.parametrize(
+    ("near", "far", "draws"), few([(40, 0, 5), (0, 40, 5), (25, 25, 1)], (25, 25, 1))
+)
 def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
     """The centre of some draws is excluded: with few points, the outermost one alone can determine
     the lens there."""
-    fits = [om.calibrate_camera(surveys=[seen(TRUTH, near, far, seed)], image_size=SIZE, model="unified") for seed in range(draws)]
+    fits = [
+        om.calibrate_camera(
+            surveys=[seen(TRUTH, near, far, seed)], image_size=SIZE, model="unified"
+        )
+        for seed in range(draws)
+    ]
     for found in fits:
         assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.25)
         assert found.rms_px < found.held_out_rms_px
@@ -57,9 +72,15 @@ def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
 def test_camera_position_among_points_is_reported():
     room = seen(TRUTH, 40, 0)
     turn, place = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
-    here, stars = (om.Observation(s.name, s.pixels, s.points @ turn.T, s.pose, s.is_known, s.is_distant) for s in (room, seen(TRUTH, 0, 40)))
+    here, stars = (
+        om.Observation(s.name, s.pixels, s.points @ turn.T, s.pose, s.is_known, s.is_distant)
+        for s in (room, seen(TRUTH, 0, 40))
+    )
     moved = om.Observation("moved", here.pixels, here.points + place, is_distant=here.is_distant)
-    at = [om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").images[0] for s in (here, moved, stars)]
+    at = [
+        om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").images[0]
+        for s in (here, moved, stars)
+    ]
     np.testing.assert_allclose(at[1].camera_at_mm - at[0].camera_at_mm, place, atol=0.1)
     np.testing.assert_allclose(at[1].rotation, at[0].rotation, atol=1e-5)
     pixels = TRUTH.image(here.points @ at[0].rotation.T + at[0].translation_mm).pixels
@@ -68,10 +89,16 @@ def test_camera_position_among_points_is_reported():
     assert at[2].camera_at_mm is None
 
 
-@pytest.mark.parametrize("model", ["viewpoint-spline", pytest.param("auto", marks=pytest.mark.full)])
-def test_a_mirror_of_several_viewpoints_is_found_from_a_room_and_its_model_chosen_by_points_left_out(model):
+@pytest.mark.parametrize(
+    "model", ["viewpoint-spline", pytest.param("auto", marks=pytest.mark.full)]
+)
+def test_a_mirror_of_several_viewpoints_is_found_from_a_room_and_its_model_chosen_by_points_left_out(
+    model,
+):
     camera = om.load_sensor("paper-spherical")
-    found = om.calibrate_camera(surveys=[seen(camera, 90, 30)], image_size=camera.image_size, model=model)
+    found = om.calibrate_camera(
+        surveys=[seen(camera, 90, 30)], image_size=camera.image_size, model=model
+    )
     assert model != "auto" or len(found.candidates) > 4
     assert found.held_out_rms_px < 1.3 * np.sqrt(2) * NOISE_PX
     assert off_deg(found, camera) < 0.05
@@ -118,11 +145,29 @@ def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
     ("ask", "says"),
     [
         (lambda s: {"surveys": [s]}, "must be specified for surveyed points"),
-        (lambda s: {"surveys": [s], "image_size": (320, 240)}, r"room: pixels must be inside the image of 320 x 240 px"),
-        (lambda s: {"surveys": [s.subset(np.arange(8))], "image_size": SIZE}, "surveys must contain at least 12 points"),
-        (lambda s: {"surveys": [s, s], "image_size": SIZE}, "surveys must have different names; got room and room"),
-        (lambda s: {"surveys": [om.Observation("room", s.pixels, s.points * [1, -1, 1])], "image_size": SIZE}, "no camera explains the points and directions.*right-handed"),
-        (lambda s: {"images": ["a.png"], "image_size": SIZE}, "board must be specified for images; got 1"),
+        (
+            lambda s: {"surveys": [s], "image_size": (320, 240)},
+            r"room: pixels must be inside the image of 320 x 240 px",
+        ),
+        (
+            lambda s: {"surveys": [s.subset(np.arange(8))], "image_size": SIZE},
+            "surveys must contain at least 12 points",
+        ),
+        (
+            lambda s: {"surveys": [s, s], "image_size": SIZE},
+            "surveys must have different names; got room and room",
+        ),
+        (
+            lambda s: {
+                "surveys": [om.Observation("room", s.pixels, s.points * [1, -1, 1])],
+                "image_size": SIZE,
+            },
+            "no camera explains the points and directions.*right-handed",
+        ),
+        (
+            lambda s: {"images": ["a.png"], "image_size": SIZE},
+            "board must be specified for images; got 1",
+        ),
     ],
 )
 def test_invalid_surveys_raise(ask, says):
@@ -141,7 +186,9 @@ def written(folder, survey: om.Observation, *kinds: str) -> list[str]:
         rows = survey.distant == (kind == "directions")
         numbers = np.hstack([survey.pixels, survey.points])[rows]
         lines = [f"{survey.name}," + ",".join(f"{x:.6f}" for x in row) for row in numbers]
-        (folder / f"{kind}.csv").write_text("\n".join(["# measured on Monday", HEAD[kind], *lines]) + "\n")
+        (folder / f"{kind}.csv").write_text(
+            "\n".join(["# measured on Monday", HEAD[kind], *lines]) + "\n"
+        )
         options += [f"--{kind}", str(folder / f"{kind}.csv")]
     return options
 
@@ -159,20 +206,36 @@ def test_files_return_observations_and_locations(tmp_path):
 
 def test_azimuths_are_counted_clockwise_from_above(tmp_path):
     """Compass and sextant: north ahead, east to the right of it, which is -Y for Y to the left."""
-    (tmp_path / "sky.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,0\n3,4,90,0\n5,6,45,90\n")
+    (tmp_path / "sky.csv").write_text(
+        "u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,0\n3,4,90,0\n5,6,45,90\n"
+    )
     ((sky,), _) = om.read_observations(directions=[tmp_path / "sky.csv"])
-    assert sky.points == pytest.approx(np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12)
+    assert sky.points == pytest.approx(
+        np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         ("", "contains no points; its first line must be u_px,v_px,x,y,z"),
-        ("u,v,x,y,z\n1,2,3,4,5\n", "line 1 of .*must be u_px,v_px,x,y,z or u_px,v_px,azimuth_deg.*got 'u,v,x,y,z'"),
-        ("u_px,v_px,x,y,z\n1,2,3,4\n", "sky.csv line 2 must have 5 values, as the first line; got 4"),
-        ("u_px,v_px,x,y,z\n1,2,3,4,north\n", "sky.csv line 2: z must be a finite number; got 'north'"),
+        (
+            "u,v,x,y,z\n1,2,3,4,5\n",
+            "line 1 of .*must be u_px,v_px,x,y,z or u_px,v_px,azimuth_deg.*got 'u,v,x,y,z'",
+        ),
+        (
+            "u_px,v_px,x,y,z\n1,2,3,4\n",
+            "sky.csv line 2 must have 5 values, as the first line; got 4",
+        ),
+        (
+            "u_px,v_px,x,y,z\n1,2,3,4,north\n",
+            "sky.csv line 2: z must be a finite number; got 'north'",
+        ),
         ("u_px,v_px,x,y,z\n1,2,0,0,0\n", "sky.csv line 2: the direction must not be zero"),
-        ("u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,91\n", "elevation_deg must be -90 to 90 deg; got 91"),
+        (
+            "u_px,v_px,azimuth_deg,elevation_deg\n1,2,0,91\n",
+            "elevation_deg must be -90 to 90 deg; got 91",
+        ),
     ],
 )
 def test_invalid_file_raises_with_line_number(tmp_path, text, says):
@@ -188,7 +251,20 @@ def test_command_calibrates_from_files(tmp_path):
 
     options = written(tmp_path, seen(TRUTH, 30, 20), "points", "directions")
     out = tmp_path / "camera.toml"
-    run = CliRunner().invoke(command, [*options, "--image-size", "640x480", "--model", "unified", "-o", str(out), "--report", str(tmp_path / "report.html")])
+    run = CliRunner().invoke(
+        command,
+        [
+            *options,
+            "--image-size",
+            "640x480",
+            "--model",
+            "unified",
+            "-o",
+            str(out),
+            "--report",
+            str(tmp_path / "report.html"),
+        ],
+    )
     assert run.exit_code == 0, run.output
     assert "50 of 50 points in 1 of 1 image" in run.output
     assert om.load_camera(out).xi == pytest.approx(TRUTH.xi, abs=0.1)
@@ -196,7 +272,13 @@ def test_command_calibrates_from_files(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"), [([], "IMAGES of a board, --points or --directions must be given"), (["a.png"], "IMAGES require --board and --square-mm"), (["--board", "11x7", "--square-mm", "30"], "--board requires IMAGES"), (["a.png", "--board", "11x7"], "--board and --square-mm must be given together")]
+    ("arguments", "says"),
+    [
+        ([], "IMAGES of a board, --points or --directions must be given"),
+        (["a.png"], "IMAGES require --board and --square-mm"),
+        (["--board", "11x7", "--square-mm", "30"], "--board requires IMAGES"),
+        (["a.png", "--board", "11x7"], "--board and --square-mm must be given together"),
+    ],
 )
 def test_command_reports_missing_input(arguments, says):
     from click.testing import CliRunner

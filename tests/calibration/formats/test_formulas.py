@@ -16,10 +16,19 @@ from omnimirror.base.errors import SpecError
 from omnimirror.calibration.formats import ReadOptions, _colmap, read_cameras
 from omnimirror.calibration.formats._camera_format import CameraFile
 from omnimirror.cameras.frames import Mount
-from omnimirror.cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RationalPinhole, Unified
+from omnimirror.cameras.models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    RationalPinhole,
+    Unified,
+)
 from tests.calibration.formats.examples import SIZE, C, F, seen
 
-OCAM = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5))
+OCAM = OCam(
+    (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)
+)
 UNIFIED = Unified(0.93, F, C, SIZE, 0.0, -0.01, 0.002, p1=1e-3, p2=-2e-3)
 FISHEYE = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, optics="fisheye")
 SKEWED = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, optics="fisheye")
@@ -28,7 +37,11 @@ SKEWED = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, optic
 def test_ocamcalibs_inverse_polynomial_projects_as_its_direct_one(tmp_path):
     """world2cam.m of OCamCalib, with the fitted polynomial: within its 0.01 px."""
     om.convert(OCAM, tmp_path / "calib_results.txt")
-    rows = [[float(w) for w in line.split()] for line in (tmp_path / "calib_results.txt").read_text().splitlines() if line and not line.startswith("#")]
+    rows = [
+        [float(w) for w in line.split()]
+        for line in (tmp_path / "calib_results.txt").read_text().splitlines()
+        if line and not line.startswith("#")
+    ]
     (_, *_), (_, *inverse), (xc, yc), (c, d, e), size = rows
     assert size == [768, 1024]
     pixels, (right, down, z) = (found := seen(OCAM))[0], found[1].T
@@ -49,7 +62,10 @@ def test_py_ocamcalibs_json(tmp_path):
     plane = (pixels - file["distortion_center"]) @ np.linalg.inv(stretch).T
     rho = np.hypot(*plane.T)
     rays = np.column_stack([plane, np.polyval(file["taylor_coefficient"][::-1], rho)])
-    cross = np.cross(rays / np.linalg.norm(rays, axis=1)[:, None], points / np.linalg.norm(points, axis=1)[:, None])
+    cross = np.cross(
+        rays / np.linalg.norm(rays, axis=1)[:, None],
+        points / np.linalg.norm(points, axis=1)[:, None],
+    )
     assert np.abs(cross).max() < 1e-12
     assert (np.sum(rays * points, axis=1) > 0).all()
     assert stretch[1, 1] == 1
@@ -68,7 +84,9 @@ def test_py_omnicalibs_yaml(tmp_path):
     rays = np.column_stack([plane, np.polynomial.polynomial.polyval(rho, file["poly_radius_to_z"])])
     unit = points / np.linalg.norm(points, axis=1)[:, None]
     np.testing.assert_allclose(rays / np.linalg.norm(rays, axis=1)[:, None], unit, atol=1e-12)
-    inverse = np.polynomial.polynomial.polyval(np.arccos(unit[:, 2]), file["poly_incident_angle_to_radius"])
+    inverse = np.polynomial.polynomial.polyval(
+        np.arccos(unit[:, 2]), file["poly_incident_angle_to_radius"]
+    )
     np.testing.assert_allclose(inverse, rho, atol=0.0101, rtol=0)
 
 
@@ -76,13 +94,17 @@ def test_py_omnicalibs_own_file(shared_data):
     """The file contains the projection twice: the polynomial that is read, and its inverse fitted
     by py-omnicalib."""
     source = shared_data / "kaidan_omni" / "example_calibration.yml"
-    name, (stored,) = read_cameras(source, ReadOptions(source.name, rim_radius_px=223.0, image_size=(640, 480)))
+    name, (stored,) = read_cameras(
+        source, ReadOptions(source.name, rim_radius_px=223.0, image_size=(640, 480))
+    )
     assert name == "py-omnicalib"
     file = yaml.safe_load(source.read_text())
     np.testing.assert_array_equal(stored.camera.centre_px, file["principal_point"])
     omega = np.radians(np.linspace(10.0, 110.0, 51))
     expected = np.polynomial.polynomial.polyval(omega, file["poly_incident_angle_to_radius"])
-    np.testing.assert_allclose(stored.camera.radius_from_omega(omega), expected, atol=3.5)  # fourth degree only
+    np.testing.assert_allclose(
+        stored.camera.radius_from_omega(omega), expected, atol=3.5
+    )  # fourth degree only
 
 
 @pytest.mark.parametrize("name", ["camera.m", "camera.json"])
@@ -92,10 +114,18 @@ def test_matlabs_fisheye_intrinsics(tmp_path, name):
     text = (tmp_path / name).read_text()
     if name.endswith(".json"):
         file = json.loads(text)
-        a, size, centre, stretch = (np.array(file[k]) for k in ("MappingCoefficients", "ImageSize", "DistortionCenter", "StretchMatrix"))
+        a, size, centre, stretch = (
+            np.array(file[k])
+            for k in ("MappingCoefficients", "ImageSize", "DistortionCenter", "StretchMatrix")
+        )
     else:
         code = re.sub(r"%.*", "", text).replace("...", "")
-        a, size, centre, stretch = (np.array([[float(w) for w in re.split(r"[\s,]+", row.strip())] for row in part.split(";")]).squeeze() for part in re.findall(r"\[([^\]]*)\]", code))
+        a, size, centre, stretch = (
+            np.array(
+                [[float(w) for w in re.split(r"[\s,]+", row.strip())] for row in part.split(";")]
+            ).squeeze()
+            for part in re.findall(r"\[([^\]]*)\]", code)
+        )
     assert size.tolist() == [768, 1024]
     pixels, points = seen(OCAM)
     plane = (pixels + 1 - centre) @ np.linalg.inv(stretch).T
@@ -113,7 +143,9 @@ def test_opencv_reads_our_fisheye_and_projects_the_same_points(tmp_path, camera)
     assert storage.getNode("image_width").real() == 1024
     pixels, points = seen(camera, 89.0)
     alpha = K[0, 1] / K[0, 0]
-    projected, _ = cv2.fisheye.projectPoints(points[None], np.zeros(3), np.zeros(3), K, D, alpha=alpha)
+    projected, _ = cv2.fisheye.projectPoints(
+        points[None], np.zeros(3), np.zeros(3), K, D, alpha=alpha
+    )
     np.testing.assert_allclose(projected[0], pixels, atol=1e-6, rtol=0)
 
 
@@ -121,7 +153,9 @@ def radtan(x, y, k1, k2, p1, p2):
     """Kalibr's RadialTangentialDistortion."""
     r = x * x + y * y
     radial = k1 * r + k2 * r * r
-    return x + x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x), y + y * radial + 2 * p2 * x * y + p1 * (r + 2 * y * y)
+    return x + x * radial + 2 * p1 * x * y + p2 * (
+        r + 2 * x * x
+    ), y + y * radial + 2 * p2 * x * y + p1 * (r + 2 * y * y)
 
 
 def kalibr(camera, points):
@@ -146,12 +180,24 @@ def kalibr(camera, points):
         case "pinhole", "equidistant":
             r = np.hypot(x / z, y / z)
             theta = np.arctan(r)
-            scale = theta * (1 + k[0] * theta**2 + k[1] * theta**4 + k[2] * theta**6 + k[3] * theta**8) / r
+            scale = (
+                theta
+                * (1 + k[0] * theta**2 + k[1] * theta**4 + k[2] * theta**6 + k[3] * theta**8)
+                / r
+            )
             a, b = scale * x / z, scale * y / z
     return np.stack([fu * a + pu, fv * b + pv], axis=-1)
 
 
-@pytest.mark.parametrize(("to", "camera", "most_deg"), [("kalibr-omni", UNIFIED, 180.0), ("kalibr-eucm", EnhancedUnified(0.6, 1.1, F, C, SIZE), 180.0), ("kalibr-ds", DoubleSphere(0.3, 0.6, F, C, SIZE), 180.0), ("kalibr-equi", FISHEYE, 89.0)])
+@pytest.mark.parametrize(
+    ("to", "camera", "most_deg"),
+    [
+        ("kalibr-omni", UNIFIED, 180.0),
+        ("kalibr-eucm", EnhancedUnified(0.6, 1.1, F, C, SIZE), 180.0),
+        ("kalibr-ds", DoubleSphere(0.3, 0.6, F, C, SIZE), 180.0),
+        ("kalibr-equi", FISHEYE, 89.0),
+    ],
+)
 @pytest.mark.parametrize("flip", [False, True])
 def test_kalibrs_formulas(tmp_path, to, camera, most_deg, flip):
     made = om.convert(camera, tmp_path / "camchain.yaml", to=to, flip=flip)
@@ -162,24 +208,35 @@ def test_kalibrs_formulas(tmp_path, to, camera, most_deg, flip):
     np.testing.assert_allclose(kalibr(file, points), pixels, atol=1e-9, rtol=0)
 
 
-RATIONAL = RationalPinhole((600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002)
+RATIONAL = RationalPinhole(
+    (600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002
+)
 
 
 @pytest.mark.parametrize("model", ["equidistant", "plumb_bob", "rational_polynomial"])
 def test_ros_camera_info(tmp_path, model):
     """OpenCV functions, which image_geometry of ROS calls with the matrix and coefficients of the
     file."""
-    pinhole = Unified(0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, optics="fisheye")
+    pinhole = Unified(
+        0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, optics="fisheye"
+    )
     camera = {"equidistant": FISHEYE, "plumb_bob": pinhole, "rational_polynomial": RATIONAL}[model]
     om.convert(camera, tmp_path / "camera_info.yaml")
     file = yaml.safe_load((tmp_path / "camera_info.yaml").read_text())
-    assert (file["distortion_model"], file["image_width"], file["image_height"]) == (model, 1024, 768)
+    assert (file["distortion_model"], file["image_width"], file["image_height"]) == (
+        model,
+        1024,
+        768,
+    )
     K, D = (np.array(file[k]["data"]) for k in ("camera_matrix", "distortion_coefficients"))
     pixels, points = seen(camera, 80.0)
     project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
     projected, _ = project(points[None], np.zeros(3), np.zeros(3), K.reshape(3, 3), D)
     np.testing.assert_allclose(projected.reshape(-1, 2), pixels, atol=1e-6, rtol=0)
-    assert np.array(file["projection_matrix"]["data"]).reshape(3, 4)[:, :3].tolist() == K.reshape(3, 3).tolist()
+    assert (
+        np.array(file["projection_matrix"]["data"]).reshape(3, 4)[:, :3].tolist()
+        == K.reshape(3, 3).tolist()
+    )
 
 
 def test_colmaps_cameras_have_pixel_centres_at_a_half(tmp_path):
@@ -190,7 +247,13 @@ def test_colmaps_cameras_have_pixel_centres_at_a_half(tmp_path):
     assert (cx, cy) == (C[0] + 0.5, C[1] + 0.5)
     om.convert(FISHEYE, tmp_path / "cameras.bin")
     data = (tmp_path / "cameras.bin").read_bytes()
-    assert struct.unpack("<QIiQQ", data[:32]) == (1, 1, 5, 1024, 768)  # cameras; id, model and size of the first
+    assert struct.unpack("<QIiQQ", data[:32]) == (
+        1,
+        1,
+        5,
+        1024,
+        768,
+    )  # cameras; id, model and size of the first
     assert np.frombuffer(data[32:], dtype="<f8").tolist() == [fx, fy, cx, cy, *ks]
 
 
@@ -206,24 +269,49 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
     assert [stored.name for stored in found] == ["7", "9"]
     assert [stored.camera.image_size for stored in found] == [(640, 480), (1024, 768)]
     assert found[1].camera.centre_px == (512.0, 384.0)
-    with pytest.raises(SpecError, match=r"cameras\.bin camera 2: the model must be 0 to 17; got 99"):
+    with pytest.raises(
+        SpecError, match=r"cameras\.bin camera 2: the model must be 0 to 17; got 99"
+    ):
         read("cameras.bin", struct.pack("<Q", 2) + first + struct.pack("<IiQQ", 1, 99, 4, 4))
     with pytest.raises(SpecError, match=r"cameras\.bin ends in the middle of a camera"):
         read("cameras.bin", struct.pack("<Q", 2) + first + second[:-1])
     for line, said in (
-        (f"{'x' * 50} PINHOLE 640", f"a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got '{'x' * 40}'"),
+        (
+            f"{'x' * 50} PINHOLE 640",
+            f"a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got '{'x' * 40}'",
+        ),
         ("1 PINHOLE 640 480", "PINHOLE must have 4 parameters, fx fy cx cy; got 0"),
-        ("1 FOV 640 480 1 1 1 1 1", "FOV is not supported; the model must be one of SIMPLE_PINHOLE"),
+        (
+            "1 FOV 640 480 1 1 1 1 1",
+            "FOV is not supported; the model must be one of SIMPLE_PINHOLE",
+        ),
         ("one PINHOLE 640 480", "the id, the size and the parameters of a camera must be numbers"),
         ("1 PINHOLE", "a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got '1'"),
         ("1 PINHOLE 640", "a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got '1'"),
         (f"1 {'x' * 50} 640 480", "the model must be one of SIMPLE_PINHOLE, PINHOLE"),
         ("1 EQUIRECTANGULAR 640 480 640 480", "EQUIRECTANGULAR describes a panorama"),
-        *((f"1 PINHOLE {size} 1 1 1 1", f"the image size must be positive integers; got {size.replace(' ', ' x ')}") for size in ("0 480", "640 0", "-1 480", "640 -1", "640.5 480", "640 480.5", "3e+09 480", "640 3e+09")),
+        *(
+            (
+                f"1 PINHOLE {size} 1 1 1 1",
+                f"the image size must be positive integers; got {size.replace(' ', ' x ')}",
+            )
+            for size in (
+                "0 480",
+                "640 0",
+                "-1 480",
+                "640 -1",
+                "640.5 480",
+                "640 480.5",
+                "3e+09 480",
+                "640 3e+09",
+            )
+        ),
     ):
         with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(said)}"):
             read("cameras.txt", f"# a comment\n{line}\n".encode())
-    with pytest.raises(SpecError, match=r"cameras.txt has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT"):
+    with pytest.raises(
+        SpecError, match=r"cameras.txt has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT"
+    ):
         read("cameras.txt", b"# a comment\n")
 
 
@@ -249,12 +337,23 @@ COLMAP_MODELS = [
 @pytest.mark.parametrize(("number", "name", "parameters"), COLMAP_MODELS)
 @pytest.mark.parametrize("size", [(640, 480), (1, 1)])
 def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters, size):
-    values = {"f": 300.0, "fx": 300.0, "fy": 310.0, "cx": 321.5, "cy": 241.5, "alpha": 0.6, "beta": 1.1}
+    values = {
+        "f": 300.0,
+        "fx": 300.0,
+        "fy": 310.0,
+        "cx": 321.5,
+        "cy": 241.5,
+        "alpha": 0.6,
+        "beta": 1.1,
+    }
     small = {word: 1e-3 * i for i, word in enumerate(parameters.split(), start=1)}
     numbers = [values.get(word, small[word]) for word in parameters.split()]
     binary = struct.pack(f"<QIiQQ{len(numbers)}d", 1, 3, number, *size, *numbers)
     text = f"3 {name} {size[0]} {size[1]} {' '.join(map(str, numbers))} # behind\n".encode()
-    read = [_colmap.read(CameraFile(file, data), ReadOptions(file)) for file, data in (("cameras.bin", binary), ("cameras.txt", text))]
+    read = [
+        _colmap.read(CameraFile(file, data), ReadOptions(file))
+        for file, data in (("cameras.bin", binary), ("cameras.txt", text))
+    ]
     assert read[0] == read[1]
     ((stored,), _) = read
     assert (stored.name, stored.camera.image_size) == ("3", size)
@@ -264,11 +363,20 @@ def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters,
         if word not in ("f", "fx", "fy", "cx", "cy"):
             assert getattr(stored.camera, word) == value
     if name in ("OPENCV_FISHEYE", "EUCM", "RAD_TAN_THIN_PRISM_FISHEYE"):
-        assert _colmap.binary_file(size, name, _colmap.values_of(stored.camera, name)) == (struct.pack("<QI", 1, 1) + binary[12:])
-        assert _colmap.text_file((640, 479), name, numbers).splitlines()[-1].split()[:4] == ["1", name, "640", "479"]
+        assert _colmap.binary_file(size, name, _colmap.values_of(stored.camera, name)) == (
+            struct.pack("<QI", 1, 1) + binary[12:]
+        )
+        assert _colmap.text_file((640, 479), name, numbers).splitlines()[-1].split()[:4] == [
+            "1",
+            name,
+            "640",
+            "479",
+        ]
 
 
-@pytest.mark.parametrize("camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)])
+@pytest.mark.parametrize(
+    "camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)]
+)
 def test_flipping_a_camera_mirrors_its_pixels(camera):
     from omnimirror.calibration.conversion import flipped
 

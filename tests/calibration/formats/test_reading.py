@@ -15,7 +15,10 @@ import omnimirror as om
 from omnimirror.base.errors import OmnimirrorWarning, SpecError
 from omnimirror.calibration.formats import ReadOptions, read_cameras
 from omnimirror.cameras.models import OCam
-from omnimirror.cameras.models.plausibility import inverse_polynomial_warnings, plausibility_warnings
+from omnimirror.cameras.models.plausibility import (
+    inverse_polynomial_warnings,
+    plausibility_warnings,
+)
 from tests.calibration.formats.examples import seen
 
 SIZE = (1280, 960)
@@ -37,7 +40,10 @@ def radtan(x, y, k1, k2, p1, p2):
     """Return Brown's distortion in the convention of OpenCV, Kalibr and camodocal."""
     r = x * x + y * y
     radial = 1 + k1 * r + k2 * r * r
-    return (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y)
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x),
+        y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y,
+    )
 
 
 def mei(points, xi, k1, k2, p1, p2):
@@ -67,7 +73,14 @@ def store(path, **values):
 def test_omnidirs_file_in_every_storage_of_opencv(tmp_path, name, xi):
     """Not as a fisheye with four coefficients, which would differ by 300 px."""
     _, k1, k2, p1, p2 = OMNIDIR
-    store(tmp_path / name, image_width=SIZE[0], image_height=SIZE[1], camera_matrix=K, distortion_coefficients=np.array([[k1, k2, p1, p2]]), xi=xi)
+    store(
+        tmp_path / name,
+        image_width=SIZE[0],
+        image_height=SIZE[1],
+        camera_matrix=K,
+        distortion_coefficients=np.array([[k1, k2, p1, p2]]),
+        xi=xi,
+    )
     found, camera, notes = read(tmp_path / name)
     assert (found, notes, camera.image_size) == ("opencv-omnidir", (), SIZE)
 
@@ -84,7 +97,15 @@ QUOTED = """"camera_matrix": {"rows": 3, "cols": 3, "data": [401, 0, 655, 0, 399
 """
 
 
-@pytest.mark.parametrize("text", [QUOTED, "%YAML:1.0\n---\n" + "".join("  " + line + "\n" for line in QUOTED.splitlines()), "{" + QUOTED.strip().replace("\n", ", ") + "}"], ids=["quoted", "indented", "flow"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        QUOTED,
+        "%YAML:1.0\n---\n" + "".join("  " + line + "\n" for line in QUOTED.splitlines()),
+        "{" + QUOTED.strip().replace("\n", ", ") + "}",
+    ],
+    ids=["quoted", "indented", "flow"],
+)
 def test_the_spelling_of_keys_does_not_change_the_model(tmp_path, text):
     found, camera, _ = read(tmp_path / "a.yaml", text, size=SIZE)
     assert (found, camera.xi, camera.p1) == ("opencv-omnidir", 1.31, 0.002)
@@ -94,34 +115,70 @@ PLAIN = np.array([[500.0, 0.0, 655.0], [0.0, 498.0, 475.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize(
-    ("coefficients", "flag", "found"), [(FISHEYE, 1, "opencv-fisheye"), (PINHOLE, 0, "opencv-pinhole"), (np.append(PINHOLE, 0.01), None, "opencv-pinhole"), (np.concatenate([PINHOLE, [0.02, 0.3, 0.05, 0.002]]), 0, "opencv-pinhole"), (np.concatenate([PINHOLE, [0.02, 0, 0, 0, 0, 0, 0, 0, 0, 0]]), None, "opencv-pinhole")]
+    ("coefficients", "flag", "found"),
+    [
+        (FISHEYE, 1, "opencv-fisheye"),
+        (PINHOLE, 0, "opencv-pinhole"),
+        (np.append(PINHOLE, 0.01), None, "opencv-pinhole"),
+        (np.concatenate([PINHOLE, [0.02, 0.3, 0.05, 0.002]]), 0, "opencv-pinhole"),
+        (np.concatenate([PINHOLE, [0.02, 0, 0, 0, 0, 0, 0, 0, 0, 0]]), None, "opencv-pinhole"),
+    ],
 )
 @pytest.mark.parametrize("name", ["a.yml", "a.json"])
 def test_opencvs_calibration_sample(tmp_path, name, coefficients, flag, found):
     flags = {} if flag is None else {"fisheye_model": flag}
-    store(tmp_path / name, image_width=SIZE[0], image_height=SIZE[1], **flags, camera_matrix=PLAIN, distortion_coefficients=coefficients[:, None])
+    store(
+        tmp_path / name,
+        image_width=SIZE[0],
+        image_height=SIZE[1],
+        **flags,
+        camera_matrix=PLAIN,
+        distortion_coefficients=coefficients[:, None],
+    )
     said, camera, _ = read(tmp_path / name)
     assert said == found
     project = cv2.fisheye.projectPoints if flag else cv2.projectPoints
     zero = np.zeros(3)
-    check(camera, lambda points: project(points[None], zero, zero, PLAIN, coefficients)[0].reshape(-1, 2).T, 40.0)
+    check(
+        camera,
+        lambda points: project(points[None], zero, zero, PLAIN, coefficients)[0].reshape(-1, 2).T,
+        40.0,
+    )
 
 
 def test_four_coefficients_without_a_model_are_ambiguous(tmp_path):
-    store(tmp_path / "a.yml", image_width=SIZE[0], image_height=SIZE[1], camera_matrix=PLAIN, distortion_coefficients=PINHOLE)
+    store(
+        tmp_path / "a.yml",
+        image_width=SIZE[0],
+        image_height=SIZE[1],
+        camera_matrix=PLAIN,
+        distortion_coefficients=PINHOLE,
+    )
     with pytest.raises(SpecError, match=r"ambiguous: .*opencv-fisheye .*opencv-pinhole .*--from"):
         read(tmp_path / "a.yml")
     for name in ("opencv-fisheye", "opencv-pinhole"):
         _, camera, _ = read(tmp_path / "a.yml", from_=name)
-        assert (camera.KIND, camera.k1) == ("unified" if "pinhole" in name else "kannala-brandt", PINHOLE[0])
+        assert (camera.KIND, camera.k1) == (
+            "unified" if "pinhole" in name else "kannala-brandt",
+            PINHOLE[0],
+        )
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("<!DOCTYPE a [<!ENTITY b 'cc'>]><opencv_storage><xi>&b;</xi></opencv_storage>", "must not declare"),
-        ("<opencv_storage>\n<xi>1</opencv_storage>", r"a\.xml line 2 must be valid XML: mismatched tag"),
-        ("<a>" * 100 + "</a>" * 100, r"a\.xml: tables and lists must be nested at most 32 levels deep"),
+        (
+            "<!DOCTYPE a [<!ENTITY b 'cc'>]><opencv_storage><xi>&b;</xi></opencv_storage>",
+            "must not declare",
+        ),
+        (
+            "<opencv_storage>\n<xi>1</opencv_storage>",
+            r"a\.xml line 2 must be valid XML: mismatched tag",
+        ),
+        (
+            "<a>" * 100 + "</a>" * 100,
+            r"a\.xml: tables and lists must be nested at most 32 levels deep",
+        ),
         ("<a><xi>1</xi><xi>2</xi></a>", "xi must not occur twice in the file"),
     ],
 )
@@ -140,8 +197,31 @@ def test_damaged_gzip_is_refused(tmp_path):
 # -- camodocal, MultiCol-SLAM, Basalt
 # ------------------------------------------------------------------
 
-MEI = {"model_type": "MEI", "camera_name": "left", "image_width": 1280, "image_height": 960, "mirror_parameters": {"xi": 1.31}, "distortion_parameters": {"k1": -0.12, "k2": 0.03, "p1": 0.002, "p2": -0.001}, "projection_parameters": {"gamma1": 401.0, "gamma2": 399.0, "u0": 655.0, "v0": 475.0}}
-KB = {"model_type": "KANNALA_BRANDT", "camera_name": "c", "image_width": 1280, "image_height": 960, "projection_parameters": {"k2": 0.05, "k3": -0.01, "k4": 2e-3, "k5": -3e-4, "mu": 401.0, "mv": 399.0, "u0": 655.0, "v0": 475.0}}
+MEI = {
+    "model_type": "MEI",
+    "camera_name": "left",
+    "image_width": 1280,
+    "image_height": 960,
+    "mirror_parameters": {"xi": 1.31},
+    "distortion_parameters": {"k1": -0.12, "k2": 0.03, "p1": 0.002, "p2": -0.001},
+    "projection_parameters": {"gamma1": 401.0, "gamma2": 399.0, "u0": 655.0, "v0": 475.0},
+}
+KB = {
+    "model_type": "KANNALA_BRANDT",
+    "camera_name": "c",
+    "image_width": 1280,
+    "image_height": 960,
+    "projection_parameters": {
+        "k2": 0.05,
+        "k3": -0.01,
+        "k4": 2e-3,
+        "k5": -3e-4,
+        "mu": 401.0,
+        "mv": 399.0,
+        "u0": 655.0,
+        "v0": 475.0,
+    },
+}
 POLY = (-209.2, 0.0, 2.13741670953883e-03, -4.2203617319086e-06, 1.77146086919594e-08)
 AFFINE = (0.9996, -0.0035, 0.0039)
 
@@ -159,7 +239,10 @@ def test_camodocals_mei_and_kannala_brandt(tmp_path):
     _, camera, _ = read(tmp_path / "b.yaml", yaml.safe_dump(KB))
 
     def equidistant(points):
-        theta, phi = (np.arccos(points[:, 2] / np.linalg.norm(points, axis=1)), np.arctan2(points[:, 1], points[:, 0]))
+        theta, phi = (
+            np.arccos(points[:, 2] / np.linalg.norm(points, axis=1)),
+            np.arctan2(points[:, 1], points[:, 0]),
+        )
         r = theta + 0.05 * theta**3 - 0.01 * theta**5 + 2e-3 * theta**7 - 3e-4 * theta**9
         return 401.0 * r * np.cos(phi) + 655.0, 399.0 * r * np.sin(phi) + 475.0
 
@@ -189,11 +272,21 @@ def test_ocamcalibs_polynomials_in_x_and_y(tmp_path, program, affine):
     polynomial."""
     centre = (655.5, 470.25)
     if program == "camodocal":
-        table = {"model_type": "scaramuzza", "image_width": 1280, "image_height": 960, "poly_parameters": {f"p{i}": a for i, a in enumerate(POLY)}, "affine_parameters": dict(zip(("ac", "ad", "ae", "cx", "cy"), (*affine, *centre), strict=True))}
+        table = {
+            "model_type": "scaramuzza",
+            "image_width": 1280,
+            "image_height": 960,
+            "poly_parameters": {f"p{i}": a for i, a in enumerate(POLY)},
+            "affine_parameters": dict(
+                zip(("ac", "ad", "ae", "cx", "cy"), (*affine, *centre), strict=True)
+            ),
+        }
     else:
         names = ("Camera.c", "Camera.d", "Camera.e", "Camera.u0", "Camera.v0")
         table = {"Camera.Iw": 1280, "Camera.Ih": 960, "Camera.nrpol": 5}
-        table |= {f"Camera.a{i}": a for i, a in enumerate(POLY)} | dict(zip(names, (*affine, *centre), strict=True))
+        table |= {f"Camera.a{i}": a for i, a in enumerate(POLY)} | dict(
+            zip(names, (*affine, *centre), strict=True)
+        )
     found, camera, notes = read(tmp_path / "a.yaml", yaml.safe_dump(table))
     assert (found, notes) == (program, ())
     check(camera, lambda points: ocam_pixels(points, POLY, affine, centre))
@@ -205,7 +298,14 @@ def test_central_obscuration_is_not_a_contradiction(tmp_path):
     poly = (-244.5239, 0.0, 1.74861e-3, -1.75777e-6, 4.475965e-9)
     inverse = (376.845565, 246.746504, 19.035187, 23.840497, 18.991943, 6.066253, 1.560387, 5.85428, 3.45832,
                -1.995166, -1.509264, 1.089614, 1.340245, 0.255323)  # fmt: skip
-    table = {"model_type": "scaramuzza", "image_width": 1280, "image_height": 960, "poly_parameters": {f"p{i}": a for i, a in enumerate(poly)}, "inv_poly_parameters": {f"p{i}": a for i, a in enumerate(inverse)}, "affine_parameters": {"ac": 1.0, "ad": 0.0, "ae": 0.0, "cx": 645.107791, "cy": 486.025172}}
+    table = {
+        "model_type": "scaramuzza",
+        "image_width": 1280,
+        "image_height": 960,
+        "poly_parameters": {f"p{i}": a for i, a in enumerate(poly)},
+        "inv_poly_parameters": {f"p{i}": a for i, a in enumerate(inverse)},
+        "affine_parameters": {"ac": 1.0, "ad": 0.0, "ae": 0.0, "cx": 645.107791, "cy": 486.025172},
+    }
     assert read(tmp_path / "a.yaml", yaml.safe_dump(table))[2] == ()
     table["inv_poly_parameters"]["p0"] += 3.0
     (note,) = read(tmp_path / "b.yaml", yaml.safe_dump(table))[2]
@@ -219,13 +319,25 @@ def basalt(points, kind, p):
     if kind == "kb4":
         r = np.hypot(x, y)
         theta = np.arctan2(r, z)
-        scale = r / (theta * (1 + p["k1"] * theta**2 + p["k2"] * theta**4 + p["k3"] * theta**6 + p["k4"] * theta**8))
+        scale = r / (
+            theta
+            * (
+                1
+                + p["k1"] * theta**2
+                + p["k2"] * theta**4
+                + p["k3"] * theta**6
+                + p["k4"] * theta**8
+            )
+        )
     elif kind == "ds":
         d1 = np.sqrt(x * x + y * y + z * z)
         k = p["xi"] * d1 + z
         scale = p["alpha"] * np.sqrt(x * x + y * y + k * k) + (1 - p["alpha"]) * k
     else:
-        scale = p["alpha"] * np.sqrt(p.get("beta", 1.0) * (x * x + y * y) + z * z) + (1 - p["alpha"]) * z
+        scale = (
+            p["alpha"] * np.sqrt(p.get("beta", 1.0) * (x * x + y * y) + z * z)
+            + (1 - p["alpha"]) * z
+        )
     return p["fx"] * x / scale + p["cx"], p["fy"] * y / scale + p["cy"]
 
 
@@ -233,27 +345,46 @@ MATRIX = {"fx": 301.0, "fy": 299.5, "cx": 655.0, "cy": 475.0}
 BASALT = [
     {"camera_type": "ds", "intrinsics": MATRIX | {"xi": -0.2, "alpha": 0.59}},
     {"camera_type": "eucm", "intrinsics": MATRIX | {"alpha": 0.6, "beta": 1.1}},
-    {"camera_type": "kb4", "intrinsics": MATRIX | dict(zip(("k1", "k2", "k3", "k4"), FISHEYE.tolist(), strict=True))},
+    {
+        "camera_type": "kb4",
+        "intrinsics": MATRIX | dict(zip(("k1", "k2", "k3", "k4"), FISHEYE.tolist(), strict=True)),
+    },
     {"camera_type": "ucm", "intrinsics": MATRIX | {"alpha": 0.55}},
 ]
 
 
 def test_basalts_rig(tmp_path):
     path = tmp_path / "calibration.json"
-    path.write_text(json.dumps({"value0": {"T_imu_cam": [], "intrinsics": BASALT, "resolution": [SIZE] * 4}}))
+    path.write_text(
+        json.dumps({"value0": {"T_imu_cam": [], "intrinsics": BASALT, "resolution": [SIZE] * 4}})
+    )
     found, cameras = read_cameras(path, ReadOptions(str(path), "fisheye"))
     assert (found, [c.name for c in cameras]) == ("basalt", ["0", "1", "2", "3"])
     for stored, entry in zip(cameras, BASALT, strict=True):
         assert stored.camera.omega_max > np.radians(95.0)
-        check(stored.camera, lambda points, e=entry: basalt(points, e["camera_type"], e["intrinsics"]))
+        check(
+            stored.camera, lambda points, e=entry: basalt(points, e["camera_type"], e["intrinsics"])
+        )
 
 
-@pytest.mark.parametrize("to", ["basalt-kb4", "basalt-ds", "basalt-eucm", "camodocal-mei", "camodocal-kannala-brandt"])
+@pytest.mark.parametrize(
+    "to", ["basalt-kb4", "basalt-ds", "basalt-eucm", "camodocal-mei", "camodocal-kannala-brandt"]
+)
 def test_written_files_match_original_program(tmp_path, to):
     """Written file, parsed by an independent reader."""
-    texts = {"basalt-kb4": BASALT[2], "basalt-ds": BASALT[0], "basalt-eucm": BASALT[1], "camodocal-mei": MEI, "camodocal-kannala-brandt": KB}
+    texts = {
+        "basalt-kb4": BASALT[2],
+        "basalt-ds": BASALT[0],
+        "basalt-eucm": BASALT[1],
+        "camodocal-mei": MEI,
+        "camodocal-kannala-brandt": KB,
+    }
     source = texts[to]
-    table = source if "model_type" in source else {"value0": {"intrinsics": [source], "resolution": [SIZE]}}
+    table = (
+        source
+        if "model_type" in source
+        else {"value0": {"intrinsics": [source], "resolution": [SIZE]}}
+    )
     (tmp_path / "source.json").write_text(json.dumps(table))
     made = om.convert(tmp_path / "source.json", tmp_path / "target", to=to, optics="fisheye")
     assert made.exact
@@ -289,7 +420,9 @@ MESSAGE = {
 
 @pytest.mark.parametrize("is_lower", [False, True], ids=["ROS 1", "ROS 2"])
 @pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
-@pytest.mark.parametrize("dump", [yaml.safe_dump, lambda m: yaml.safe_dump(m) + "---\n", json.dumps])
+@pytest.mark.parametrize(
+    "dump", [yaml.safe_dump, lambda m: yaml.safe_dump(m) + "---\n", json.dumps]
+)
 def test_messages_of_ros(tmp_path, dump, model, is_lower):
     k = FISHEYE if model == "equidistant" else np.append(PINHOLE, 0.02)
     message = MESSAGE | {"distortion_model": model, "D": k.tolist()}
@@ -298,18 +431,34 @@ def test_messages_of_ros(tmp_path, dump, model, is_lower):
     assert (found, notes) == ("ros", ())
     project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
     zero = np.zeros(3)
-    check(camera, lambda points: project(points[None], zero, zero, PLAIN, k)[0].reshape(-1, 2).T, 40.0)
+    check(
+        camera, lambda points: project(points[None], zero, zero, PLAIN, k)[0].reshape(-1, 2).T, 40.0
+    )
 
 
 def test_additional_message_fields_are_noted(tmp_path):
-    message = MESSAGE | {"binning_x": 2, "roi": {"x_offset": 8, "y_offset": 4, "height": 100, "width": 200}}
+    message = MESSAGE | {
+        "binning_x": 2,
+        "roi": {"x_offset": 8, "y_offset": 4, "height": 100, "width": 200},
+    }
     text = (yaml.safe_dump(message) + "---\n") * 3
     *_, notes = read(tmp_path / "info.yaml", text)
-    assert [n.split(";")[0] for n in notes] == ["the file contains 3 YAML documents", "the camera bins 2 x 0 pixels", "the camera transmits only the region 200x100 at (8, 4)"]
+    assert [n.split(";")[0] for n in notes] == [
+        "the file contains 3 YAML documents",
+        "the camera bins 2 x 0 pixels",
+        "the camera transmits only the region 200x100 at (8, 4)",
+    ]
 
 
 def test_camera_info_in_json_is_a_pinhole(tmp_path):
-    table = {"image_width": 1280, "image_height": 960, "camera_name": "a", "distortion_model": "plumb_bob", "camera_matrix": {"rows": 3, "cols": 3, "data": PLAIN.ravel().tolist()}, "distortion_coefficients": {"rows": 1, "cols": 4, "data": PINHOLE.tolist()}}
+    table = {
+        "image_width": 1280,
+        "image_height": 960,
+        "camera_name": "a",
+        "distortion_model": "plumb_bob",
+        "camera_matrix": {"rows": 3, "cols": 3, "data": PLAIN.ravel().tolist()},
+        "distortion_coefficients": {"rows": 1, "cols": 4, "data": PINHOLE.tolist()},
+    }
     found, camera, _ = read(tmp_path / "a.json", json.dumps(table))
     assert (found, camera.KIND, camera.xi, camera.p1) == ("ros", "unified", 0.0, PINHOLE[2])
 
@@ -320,7 +469,11 @@ def test_camera_info_in_json_is_a_pinhole(tmp_path):
 
 @pytest.mark.parametrize("prefix", ["cam0:\n  ", ""], ids=["chain", "alone"])
 def test_a_kalibr_file_without_resolution_takes_the_given_size(tmp_path, prefix):
-    lines = ["camera_model: ds", "intrinsics: [-0.2, 0.59, 300, 301, 655, 475]", "distortion_model: none"]
+    lines = [
+        "camera_model: ds",
+        "intrinsics: [-0.2, 0.59, 300, 301, 655, 475]",
+        "distortion_model: none",
+    ]
     text = prefix + ("\n  " if prefix else "\n").join(lines) + "\n"
     found, camera, _ = read(tmp_path / "a.yaml", text, size=(1280, 960))
     assert (found, camera.image_size) == ("kalibr", (1280, 960))
@@ -341,7 +494,9 @@ def test_matlab_scripts_with_variables(tmp_path):
         read(tmp_path / "b.m", call.format("params"))
 
 
-RIGHT = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), (515.32, 382.29), (1024, 768))
+RIGHT = OCam(
+    (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), (515.32, 382.29), (1024, 768)
+)
 
 
 def calib_results(inverse_scale=1.0, centre="382.29 515.32", affine="1 0 0", size="768 1024"):
@@ -361,12 +516,27 @@ def test_a_consistent_file_has_no_notes(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "magnitude"),
     [
-        ({"inverse_scale": 1.1}, r"inverse polynomial .* up to 38\.\d px \(110 deg"),  # 10 % of 384 px
+        (
+            {"inverse_scale": 1.1},
+            r"inverse polynomial .* up to 38\.\d px \(110 deg",
+        ),  # 10 % of 384 px
         ({"inverse_scale": 0.7}, r"inverse polynomial .* up to 115 px"),
-        ({"centre": "515.32 382.29"}, r"centre \(382\.3, 515\.3\) is 185 px from the centre .* 4[.\d]* px with swapped"),
-        ({"size": "1024 768"}, r"centre \(515\.3, 382\.3\) is 185 px from the centre .* 4[.\d]* px with swapped"),
-        ({"affine": "0.884 0 0"}, r"stretched by 13\.1 % in one direction \(c = 0\.884, .* up to 50\.4 px"),
-        ({"affine": "1 0.2 0"}, r"stretched by 22\.1 %"),  # singular values of [1 0; 0.2 1]: sqrt(1.01) +- 0.1
+        (
+            {"centre": "515.32 382.29"},
+            r"centre \(382\.3, 515\.3\) is 185 px from the centre .* 4[.\d]* px with swapped",
+        ),
+        (
+            {"size": "1024 768"},
+            r"centre \(515\.3, 382\.3\) is 185 px from the centre .* 4[.\d]* px with swapped",
+        ),
+        (
+            {"affine": "0.884 0 0"},
+            r"stretched by 13\.1 % in one direction \(c = 0\.884, .* up to 50\.4 px",
+        ),
+        (
+            {"affine": "1 0.2 0"},
+            r"stretched by 22\.1 %",
+        ),  # singular values of [1 0; 0.2 1]: sqrt(1.01) +- 0.1
         ({"centre": "-50 515"}, r"centre \(515, -50\) is outside the"),
     ],
 )

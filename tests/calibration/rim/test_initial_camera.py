@@ -25,19 +25,34 @@ def large(name: str, pose: MirrorPose | None = None) -> om.Sensor:
     return replace(sensor, imager=imager, mirror_pose=pose or MirrorPose())
 
 
-@pytest.mark.parametrize(("name", "pose"), [pytest.param("paper-spherical", MirrorPose(1.5, -1.0), marks=pytest.mark.full), pytest.param("paper-spherical", MirrorPose(1.5, -1.0, 0.0, 3.0, 4.0), marks=pytest.mark.full), ("prototype-hyperboloidal", MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0))])
+@pytest.mark.parametrize(
+    ("name", "pose"),
+    [
+        pytest.param("paper-spherical", MirrorPose(1.5, -1.0), marks=pytest.mark.full),
+        pytest.param(
+            "paper-spherical", MirrorPose(1.5, -1.0, 0.0, 3.0, 4.0), marks=pytest.mark.full
+        ),
+        ("prototype-hyperboloidal", MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0)),
+    ],
+)
 def test_a_misaligned_mirror_is_measured_from_one_picture(name, pose):
     taken = om.render_image(large(name, pose), sky(), samples=2)
     found = om.sensor_from_rim(om.detect_mirror_outline(taken), large(name)).mirror_pose
     assert found.shift[:2] == pytest.approx(pose.shift[:2], abs=0.3)
-    assert (found.tilt_x_deg, found.tilt_y_deg) == (pytest.approx(pose.tilt_x_deg, abs=0.4), pytest.approx(pose.tilt_y_deg, abs=0.4))
+    assert (found.tilt_x_deg, found.tilt_y_deg) == (
+        pytest.approx(pose.tilt_x_deg, abs=0.4),
+        pytest.approx(pose.tilt_y_deg, abs=0.4),
+    )
 
 
 def rim_of(sensor: om.Sensor) -> om.MirrorOutline:
     """Return the rim projected by a pinhole, and its ellipse by linear least squares, without image
     processing."""
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    rim_mm, sag_mm = (sensor.mirror.rim_radius_mm, float(sensor.mirror.sag(np.array([sensor.mirror.rim_radius_mm]))[0]))
+    rim_mm, sag_mm = (
+        sensor.mirror.rim_radius_mm,
+        float(sensor.mirror.sag(np.array([sensor.mirror.rim_radius_mm]))[0]),
+    )
     circle = np.stack([rim_mm * np.cos(turn), rim_mm * np.sin(turn), np.full(400, sag_mm)], axis=1)
     seen = sensor.mirror_pose.to_camera(circle) + np.array([0, 0, sensor.mirror_distance_mm])
     focal_px = sensor.lens.image_distance / sensor.imager.pitch_mm
@@ -84,7 +99,9 @@ def test_camera_image_resolves_tilt_ambiguity():
     assert tilts[1] == pytest.approx((-3.0, -3.0), abs=0.02)
     assert rim_of(both[0]).semi_axes_px == pytest.approx(rim.semi_axes_px, rel=2e-4)
     (told,) = om.sensors_from_rim(replace(rim, inner=seen_camera(true)), sensor)
-    assert (told.mirror_pose.tilt_x_deg, told.mirror_pose.tilt_y_deg) == pytest.approx((-3.0, -3.0), abs=0.02)
+    assert (told.mirror_pose.tilt_x_deg, told.mirror_pose.tilt_y_deg) == pytest.approx(
+        (-3.0, -3.0), abs=0.02
+    )
     elsewhere = CameraImage((rim.centre_px[0] + 250.0, rim.centre_px[1] + 250.0), 40.0)
     assert len(om.sensors_from_rim(replace(rim, inner=elsewhere), sensor)) == 2
 
@@ -121,7 +138,9 @@ def test_a_cropped_picture_keeps_the_mirror_aligned():
 
 
 def test_unreliable_rim_raises_with_remedy():
-    with pytest.raises(InvalidParameter, match=r"confidence 0\.20 is below 0\.6; give more pictures .* --ball"):
+    with pytest.raises(
+        InvalidParameter, match=r"confidence 0\.20 is below 0\.6; give more pictures .* --ball"
+    ):
         om.camera_from_rim(replace(RIM, confidence=0.2))
 
 

@@ -11,7 +11,9 @@ import omnimirror as om
 
 def test_corners_of_a_charuco_board_are_opencvs():
     board = om.Board("charuco", 6, 5, 40.0, marker_mm=30.0)
-    theirs = cv2.aruco.CharucoBoard((6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000))
+    theirs = cv2.aruco.CharucoBoard(
+        (6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000)
+    )
     corners = np.array(theirs.getChessboardCorners())
     np.testing.assert_allclose(board.points_mm, corners - corners[0], atol=1e-4)
 
@@ -21,7 +23,9 @@ def test_corners_of_an_april_grid_are_kalibrs():
     board."""
     points = om.Board("aprilgrid", 6, 6, 88.0).points_mm
     assert points.shape == (144, 3)
-    np.testing.assert_allclose(points[[1, 2, 12, 24], :2], [[88, 0], [114.4, 0], [0, 88], [0, 114.4]])
+    np.testing.assert_allclose(
+        points[[1, 2, 12, 24], :2], [[88, 0], [114.4, 0], [0, 88], [0, 114.4]]
+    )
 
 
 @pytest.mark.parametrize(
@@ -32,7 +36,10 @@ def test_corners_of_an_april_grid_are_kalibrs():
         ({"square_mm": 0}, "square_mm must be greater than 0 mm and finite; got 0"),
         ({"kind": "charuco", "marker_mm": 31.0}, "marker_mm must be below square_mm = 30"),
         ({"marker_mm": 10.0}, "marker_mm requires kind = 'charuco'"),
-        ({"kind": "charuco", "family": "4X4_50", "rows": 20}, "at least 110 markers for a board of 11 x 20 squares; 4X4_50 has 50"),
+        (
+            {"kind": "charuco", "family": "4X4_50", "rows": 20},
+            "at least 110 markers for a board of 11 x 20 squares; 4X4_50 has 50",
+        ),
         ({"columns": 2, "rows": 2}, "at least 3 x 2 corners"),
     ],
 )

@@ -28,7 +28,9 @@ def inside(light) -> np.ndarray:
 
 
 def noisy(light, noise: float, seed: int = 1) -> np.ndarray:
-    srgb = srgb_from_linear(light) + noise * np.random.default_rng(seed).standard_normal(light.shape)
+    srgb = srgb_from_linear(light) + noise * np.random.default_rng(seed).standard_normal(
+        light.shape
+    )
     return np.rint(255 * np.clip(srgb, 0, 1)).astype(np.uint8)
 
 
@@ -65,7 +67,9 @@ def test_coding_error_estimate_with_and_without_file(light, inside, tmp_path, qu
 @pytest.mark.parametrize("quality", [92, 75, 60])
 def test_texture_is_not_residual_coding_noise(inside, quality: int):
     """Clouds have no uniform blocks; without their gradient, the residual is texture."""
-    textured = om.expose(faster(om.load_sensor("paper-spherical"), 256, 1.0), clouds(1024), samples=32, blur=True)
+    textured = om.expose(
+        faster(om.load_sensor("paper-spherical"), 256, 1.0), clouds(1024), samples=32, blur=True
+    )
     for noise in (0.003, 0.03):
         picture = as_jpeg(noisy(textured, noise), quality)[1]
         truth = rms(picture, textured, inside)
@@ -74,7 +78,10 @@ def test_texture_is_not_residual_coding_noise(inside, quality: int):
 
 def test_visible_fraction_of_coding_error(light, inside):
     """Only for noise below the quantisation steps; the finer the steps, the larger its fraction."""
-    shares = [om.estimate_noise(as_jpeg(noisy(light, 0.01), q)[1], where=inside).visible_share for q in (60, 85, 95)]
+    shares = [
+        om.estimate_noise(as_jpeg(noisy(light, 0.01), q)[1], where=inside).visible_share
+        for q in (60, 85, 95)
+    ]
     assert shares[0] < 0.35
     assert shares == sorted(shares)
     assert om.estimate_noise(noisy(light, 0.01), where=inside).visible_share == 1
@@ -82,7 +89,9 @@ def test_visible_fraction_of_coding_error(light, inside):
 
 def test_previous_coding_is_not_attributed_to_file(tmp_path):
     """A finely coded file is treated like typical files, with visible noise."""
-    slope = np.repeat(np.linspace(40, 200, 256).astype(np.uint8)[None, :, None], 256, axis=0).repeat(3, axis=2)
+    slope = np.repeat(
+        np.linspace(40, 200, 256).astype(np.uint8)[None, :, None], 256, axis=0
+    ).repeat(3, axis=2)
     (tmp_path / "a.jpg").write_bytes(as_jpeg(slope, 95)[0])
     found = om.estimate_noise(slope, tmp_path / "a.jpg")
     assert found.share == pytest.approx(0.005)
@@ -92,15 +101,24 @@ def test_previous_coding_is_not_attributed_to_file(tmp_path):
 @pytest.mark.parametrize("quality", [90, 75, 50])
 def test_coding_error_of_grey_and_full_chroma_images(light, inside, quality: int):
     grey = noisy(light.mean(axis=2), 0.01)
-    decoded = cv2.imdecode(cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_UNCHANGED)
+    decoded = cv2.imdecode(
+        cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_UNCHANGED
+    )
     truth = rms(decoded, light.mean(axis=2), inside)
     assert om.estimate_noise(decoded, where=inside).share == pytest.approx(truth, rel=0.25)
-    fine = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+    fine = [
+        cv2.IMWRITE_JPEG_QUALITY,
+        quality,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]
     data = cv2.imencode(".jpg", noisy(light, 0.01)[..., ::-1], fine)[1]
     assert parse_jpeg_coding(data.tobytes()).subsampling == (1, 1)
 
 
-@pytest.mark.parametrize("code", [cv2.COLOR_BayerRG2RGB, cv2.COLOR_BayerRG2RGB_EA, cv2.COLOR_BayerRG2RGB_VNG])
+@pytest.mark.parametrize(
+    "code", [cv2.COLOR_BayerRG2RGB, cv2.COLOR_BayerRG2RGB_EA, cv2.COLOR_BayerRG2RGB_VNG]
+)
 def test_demosaiced_noise_estimate(light, inside, code: int):
     """Noise after demosaicing."""
 
@@ -120,7 +138,9 @@ def test_linear_noise_increases_with_light(light, inside):
     """Read noise and shot noise: standard deviation of the square root of the light, in dark and
     bright regions."""
     variance = 1e-5 + 4e-4 * light.mean(axis=2)
-    linear = light + np.sqrt(variance)[..., None] * np.random.default_rng(1).standard_normal(light.shape)
+    linear = light + np.sqrt(variance)[..., None] * np.random.default_rng(1).standard_normal(
+        light.shape
+    )
     found = om.estimate_noise(linear.astype(np.float32), where=inside)
     assert found.kind == "linear"
     level = light.mean(axis=2)
@@ -141,7 +161,9 @@ def test_jpeg_coding_matches_encoder(light, tmp_path):
     for quality in (30, 75, 95):
         data, picture = as_jpeg(noisy(light, 0.01), quality)
         coding = parse_jpeg_coding(data)
-        for table, standard in zip(coding.tables, (*standard_tables(quality), standard_tables(quality)[1]), strict=True):
+        for table, standard in zip(
+            coding.tables, (*standard_tables(quality), standard_tables(quality)[1]), strict=True
+        ):
             np.testing.assert_array_equal(table, standard)
         assert coding.subsampling == (2, 2)
         everywhere = np.ones(picture.shape[:2], bool)
@@ -159,7 +181,12 @@ def test_truncated_jpeg_coding(light, end: int):
 
 
 def test_invalid_noise_input_raises(tmp_path):
-    for wrong in (np.zeros((8, 8, 2), np.uint8), np.zeros((0, 8), np.uint8), np.zeros((8, 8), int), [[1, 2]]):
+    for wrong in (
+        np.zeros((8, 8, 2), np.uint8),
+        np.zeros((0, 8), np.uint8),
+        np.zeros((8, 8), int),
+        [[1, 2]],
+    ):
         with pytest.raises(InvalidParameter, match="the image must"):
             om.estimate_noise(wrong)
     with pytest.raises(InvalidParameter, match="got 1 that are NaN"):
@@ -181,7 +208,9 @@ def test_coding_error_of_leaves(name: str):
     inside = np.hypot(rows, columns) < 0.95 * sensor.rim_radius_px
     for quality in (85, 75, 60, 50):
         picture = as_jpeg(noisy(light, 0.01), quality)[1]
-        assert om.estimate_noise(picture, where=inside).share == pytest.approx(rms(picture, light, inside), rel=0.25)
+        assert om.estimate_noise(picture, where=inside).share == pytest.approx(
+            rms(picture, light, inside), rel=0.25
+        )
 
 
 def test_linear_and_srgb_estimates_agree(light, inside):

@@ -42,7 +42,13 @@ from tests.io.test_video import make_turned
 from tests.serving import in_a_loop, served
 
 SIDE = 256
-VIEWS = {"front": om.NamedView("front", options={"size": (160, 96), "hfov_deg": 70.0}), "eye": om.NamedView("eye", options={"size": (128, 96), "hfov_deg": 60.0}, steerable=True), "around": om.NamedView("around", "panorama", {"size": (320, 64), "elevation_deg": (-50.0, 20.0)})}
+VIEWS = {
+    "front": om.NamedView("front", options={"size": (160, 96), "hfov_deg": 70.0}),
+    "eye": om.NamedView("eye", options={"size": (128, 96), "hfov_deg": 60.0}, steerable=True),
+    "around": om.NamedView(
+        "around", "panorama", {"size": (320, 64), "elevation_deg": (-50.0, 20.0)}
+    ),
+}
 PLAYERS = {"mjpg": "mpjpeg", "ts": "mpegts", "m3u8": "hls"}
 """FFmpeg format names by URL suffix."""
 
@@ -50,7 +56,9 @@ PLAYERS = {"mjpg": "mpjpeg", "ts": "mpegts", "m3u8": "hls"}
 @pytest.fixture(scope="module")
 def camera():
     full = om.load_sensor("paper-spherical")
-    return replace(full, imager=Imager(SIDE, SIDE, full.imager.pixel_pitch_um * full.image_size[0] / SIDE))
+    return replace(
+        full, imager=Imager(SIDE, SIDE, full.imager.pixel_pitch_um * full.image_size[0] / SIDE)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +66,9 @@ def film(camera, tmp_path_factory):
     """Two seconds of a static room, blurred because JPEG and H.264 subsample chroma."""
     picture = cv2.GaussianBlur(om.render_image(camera, om.Room(), samples=1), (0, 0), 3)
     path = tmp_path_factory.mktemp("gateway") / "room.ts"
-    with VideoWriter(path, (SIDE, SIDE), 25, crf=8, options={"g": "10", "tune": "zerolatency"}) as video:
+    with VideoWriter(
+        path, (SIDE, SIDE), 25, crf=8, options={"g": "10", "tune": "zerolatency"}
+    ) as video:
         for _ in range(50):
             video.write(frame_of_image(picture))
     return path
@@ -102,7 +112,10 @@ def test_image_equals_the_dewarper(gateway, camera, film, name):
 @pytest.mark.parametrize("suffix", few(PLAYERS, "ts"))
 def test_ffmpeg_decodes_all_stream_types(gateway, camera, film, suffix):
     straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
-    with served(create_app(gateway, None)) as address, av.open(f"{address}front.{suffix}", timeout=300) as player:
+    with (
+        served(create_app(gateway, None)) as address,
+        av.open(f"{address}front.{suffix}", timeout=300) as player,
+    ):
         assert player.format.name.partition(",")[0] == PLAYERS[suffix]
         frames = []
         for frame in player.decode(video=0):
@@ -119,7 +132,10 @@ def test_ffmpeg_decodes_all_stream_types(gateway, camera, film, suffix):
 @pytest.mark.full
 def test_late_client_starts_with_a_key_frame(gateway):
     """A key frame is encoded for each new client."""
-    with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.ts", timeout=300) as first:
+    with (
+        served(create_app(gateway, None)) as address,
+        httpx.stream("GET", f"{address}front.ts", timeout=300) as first,
+    ):
         chunks = first.iter_raw()
         next(chunks)
         for _ in range(3):
@@ -128,7 +144,11 @@ def test_late_client_starts_with_a_key_frame(gateway):
 
 
 def test_clients_of_one_view_share_dewarping(gateway):
-    with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.mjpg", timeout=300) as one, httpx.stream("GET", f"{address}front.mjpg", timeout=300) as other:
+    with (
+        served(create_app(gateway, None)) as address,
+        httpx.stream("GET", f"{address}front.mjpg", timeout=300) as one,
+        httpx.stream("GET", f"{address}front.mjpg", timeout=300) as other,
+    ):
         view, readers = gateway.views["front"], [one.iter_raw(), other.iter_raw()]
         for _ in range(10):
             for reader in readers:
@@ -142,7 +162,9 @@ def test_clients_of_one_view_share_dewarping(gateway):
 
 def test_view_without_clients_is_not_dewarped(gateway):
     with served(create_app(gateway, None)) as address:
-        assert httpx.get(f"{address}api/views").json()["frames_received"] == 0  # the source is not open
+        assert (
+            httpx.get(f"{address}api/views").json()["frames_received"] == 0
+        )  # the source is not open
         front, others = gateway.views["front"], [gateway.views["eye"], gateway.views["around"]]
         with httpx.stream("GET", f"{address}front.mjpg", timeout=300):
             until(lambda: front.frames_dewarped >= 10)
@@ -187,7 +209,10 @@ def test_clients_stay_connected_while_a_source_is_lost(film, camera):
     plans = [HEAD, *paced(data, 2.0)], [], [HEAD, *paced(data, 2.0), *paced(data, 2.0), 60.0]
     with streaming(*plans) as url:
         gateway = Gateway(url, True, camera, VIEWS, on_status=told.append)
-        with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched:
+        with (
+            served(create_app(gateway, None)) as address,
+            httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched,
+        ):
             pictures = watched.iter_raw()
             while not any("is back after" in sentence for sentence in told):
                 next(pictures)
@@ -199,10 +224,18 @@ def test_clients_stay_connected_while_a_source_is_lost(film, camera):
 
 def test_frames_of_another_size_are_reported(film):
     told = []
-    gateway = Gateway(str(film), False, om.load_sensor("paper-spherical"), VIEWS, on_status=told.append)
-    with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.mjpg", timeout=300):
+    gateway = Gateway(
+        str(film), False, om.load_sensor("paper-spherical"), VIEWS, on_status=told.append
+    )
+    with (
+        served(create_app(gateway, None)) as address,
+        httpx.stream("GET", f"{address}front.mjpg", timeout=300),
+    ):
         until(lambda: told)
-        assert "must have the size of the camera, 1024 x 1024 px; got 256 x 256 px" in httpx.get(f"{address}api/views").json()["state"]
+        assert (
+            "must have the size of the camera, 1024 x 1024 px; got 256 x 256 px"
+            in httpx.get(f"{address}api/views").json()["state"]
+        )
 
 
 @pytest.mark.parametrize("stored", [False, True])
@@ -213,15 +246,21 @@ def test_rotation_of_a_video_is_applied_unless_frames_are_requested_as_stored(tm
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(not stored))
     frame = capture.read()[1][..., ::-1]
     height, width = frame.shape[:2]
-    ball = om.MirrorBall((width / 2 - 0.5, height / 2 - 0.5), 22.0, 300.0, image_size=(width, height))
+    ball = om.MirrorBall(
+        (width / 2 - 0.5, height / 2 - 0.5), 22.0, 300.0, image_size=(width, height)
+    )
     views = {"front": VIEWS["front"]}
     told = []
-    gateway = Gateway(str(film), False, ball, views, on_status=told.append, stored_orientation=stored)
+    gateway = Gateway(
+        str(film), False, ball, views, on_status=told.append, stored_orientation=stored
+    )
     with served(create_app(gateway, None)) as address:
         shown = as_picture(httpx.get(f"{address}front.jpg", timeout=300).content)
     expected = om.Dewarper(ball, views["front"](ball))(np.ascontiguousarray(frame))
     assert off(shown, expected) < 6
-    assert [("as stored" if stored else "as the file requires") in sentence for sentence in told] == [True]
+    assert [
+        ("as stored" if stored else "as the file requires") in sentence for sentence in told
+    ] == [True]
 
 
 def test_encoding_error_does_not_stop_the_view(gateway, monkeypatch):
@@ -249,13 +288,25 @@ def test_steered_view_equals_the_dewarper(gateway, camera, film):
     with served(create_app(gateway, None)) as address:
         eye = f"{address}api/views/eye"
         status = httpx.post(eye, json={"pan_deg": 80.0, "tilt_deg": -20.0}).json()
-        assert (status["pan_deg"], status["tilt_deg"], status["hfov_deg"], status["zoom"]) == (80.0, -20.0, 60.0, 1.0)
-        straight = om.Dewarper(camera, om.screens.Plane((128, 96), 80.0, -20.0, hfov_deg=60.0))(picture_of(film))
+        assert (status["pan_deg"], status["tilt_deg"], status["hfov_deg"], status["zoom"]) == (
+            80.0,
+            -20.0,
+            60.0,
+            1.0,
+        )
+        straight = om.Dewarper(camera, om.screens.Plane((128, 96), 80.0, -20.0, hfov_deg=60.0))(
+            picture_of(film)
+        )
         assert off(as_picture(httpx.get(f"{address}eye.jpg", timeout=300).content), straight) < 2.5
         status = httpx.post(eye, json={"pan_deg": 10.0, "zoom": 1.2, "relative": True}).json()
         assert status["pan_deg"] == 90.0
-        assert np.tan(np.radians(30)) / np.tan(np.radians(status["hfov_deg"] / 2)) == pytest.approx(1.2)
-        assert httpx.get(eye).json() == status | {"clients": 0, "frames_dewarped": gateway.views["eye"].frames_dewarped}
+        assert np.tan(np.radians(30)) / np.tan(np.radians(status["hfov_deg"] / 2)) == pytest.approx(
+            1.2
+        )
+        assert httpx.get(eye).json() == status | {
+            "clients": 0,
+            "frames_dewarped": gateway.views["eye"].frames_dewarped,
+        }
 
 
 @pytest.mark.parametrize(
@@ -263,13 +314,37 @@ def test_steered_view_equals_the_dewarper(gateway, camera, film):
     [
         ("front", {"pan_deg": 3}, 400, "the view 'front' must be steerable"),
         ("eye", {"tilt_deg": 90, "hfov_deg": 20}, 400, "is outside the field of the camera"),
-        pytest.param("eye", {"hfov_deg": 200}, 422, "hfov_deg must be less than 180; got 200", marks=pytest.mark.full),
+        pytest.param(
+            "eye",
+            {"hfov_deg": 200},
+            422,
+            "hfov_deg must be less than 180; got 200",
+            marks=pytest.mark.full,
+        ),
         ("eye", {"zoom": 50}, 400, "the resolution of the camera; got 50"),
-        pytest.param("eye", {"zoom": 2, "hfov_deg": 30}, 400, "zoom and hfov_deg must not be given together", marks=pytest.mark.full),
+        pytest.param(
+            "eye",
+            {"zoom": 2, "hfov_deg": 30},
+            400,
+            "zoom and hfov_deg must not be given together",
+            marks=pytest.mark.full,
+        ),
         ("eye", {"yaw": 2}, 422, '{"detail":"the keys must be from pan_deg, '),
         ("eye", {"pan_deg": "west"}, 422, "pan_deg must be a number; got 'west'"),
-        pytest.param("eye", {"pan_deg": [3]}, 422, "pan_deg must be a number; got [3]", marks=pytest.mark.full),
-        pytest.param("eye", {"relative": 7}, 422, "relative must be true or false; got 7", marks=pytest.mark.full),
+        pytest.param(
+            "eye",
+            {"pan_deg": [3]},
+            422,
+            "pan_deg must be a number; got [3]",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            "eye",
+            {"relative": 7},
+            422,
+            "relative must be true or false; got 7",
+            marks=pytest.mark.full,
+        ),
         ("eye", [], 422, "the body must be a JSON object such as"),
         ("nose", {"pan_deg": 3}, 404, "the view must be one of front, eye, around; got 'nose'"),
     ],
@@ -284,10 +359,14 @@ def test_invalid_steering_is_rejected(gateway, name, to, status, sentence):
 
 
 def test_views_unsuitable_for_video_raise(camera):
-    with pytest.raises(InvalidParameter, match="'a' must be at most 8192 px for video; got 100000 x 50000 px"):
+    with pytest.raises(
+        InvalidParameter, match="'a' must be at most 8192 px for video; got 100000 x 50000 px"
+    ):
         LiveView(om.NamedView("a", options={"size": (100_000, 50_000)}), camera, "auto", print)
     odd, nothing = ({"size": (161, 96)}, {"size": (160, 96), "tilt_deg": 90.0, "hfov_deg": 20.0})
-    with pytest.raises(InvalidParameter, match=r"'a' must be even for video.*; use for example size = \[162, 96\]"):
+    with pytest.raises(
+        InvalidParameter, match=r"'a' must be even for video.*; use for example size = \[162, 96\]"
+    ):
         LiveView(om.NamedView("a", options=odd), camera, "auto", print)
     with pytest.raises(OutsideField, match="outside the field"):
         LiveView(om.NamedView("a", options=nothing), camera, "auto", print)
@@ -298,18 +377,40 @@ def test_views_unsuitable_for_video_raise(camera):
 
 def test_token_is_required(gateway):
     with served(create_app(gateway, "secret")) as address:
-        for path in ("", "api/views", "front.mjpg", "front.ts", "front.m3u8", "front.jpg", "front/0.ts"):
+        for path in (
+            "",
+            "api/views",
+            "front.mjpg",
+            "front.ts",
+            "front.m3u8",
+            "front.jpg",
+            "front/0.ts",
+        ):
             answer = httpx.get(address + path)
-            assert (answer.status_code, answer.headers["www-authenticate"]) == (401, 'Basic realm="omnimirror"')
+            assert (answer.status_code, answer.headers["www-authenticate"]) == (
+                401,
+                'Basic realm="omnimirror"',
+            )
         assert httpx.get(f"{address}front.jpg", auth=("anyone", "wrong")).status_code == 401
         assert httpx.get(f"{address}api/views", auth=("anyone", "secret")).status_code == 200
-        assert httpx.get(f"{address}api/views", headers={"authorization": "Bearer secret"}).status_code == 200
+        assert (
+            httpx.get(f"{address}api/views", headers={"authorization": "Bearer secret"}).status_code
+            == 200
+        )
         assert httpx.get(f"{address}api/views?token=secret").status_code == 200
-        foreign = httpx.post(f"{address}api/views/eye", json={"pan_deg": 1}, auth=("a", "secret"), headers={"origin": "http://evil"})
+        foreign = httpx.post(
+            f"{address}api/views/eye",
+            json={"pan_deg": 1},
+            auth=("a", "secret"),
+            headers={"origin": "http://evil"},
+        )
         assert foreign.status_code == 403
         assert gateway.frames_received == 0
         inside = address.replace("http://", "http://viewer:secret@")
-        for url in (*(f"{inside}front.{suffix}" for suffix in PLAYERS), f"{address}front.m3u8?token=secret"):
+        for url in (
+            *(f"{inside}front.{suffix}" for suffix in PLAYERS),
+            f"{address}front.m3u8?token=secret",
+        ):
             with av.open(url, timeout=300) as player:
                 assert next(player.decode(video=0)).width == 160
 
@@ -330,7 +431,9 @@ def shown_by_vlc(url: str) -> np.ndarray:
         words = ["cvlc", "--quiet", "--no-audio", "--vout=dummy", *scene.split(), url]
         nobody = {"user": "nobody"} if os.getuid() == 0 else {}
         environment = {"PATH": os.environ["PATH"], "HOME": folder}
-        vlc = subprocess.Popen(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **nobody)
+        vlc = subprocess.Popen(
+            words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **nobody
+        )
         try:
             until(lambda: len(list(Path(folder).glob("p*.png"))) > 5 or vlc.poll() is not None)
             return om.read_image(sorted(Path(folder).glob("p*.png"))[4])[..., :3]
@@ -345,16 +448,24 @@ def test_vlc_plays_all_stream_types(gateway, camera, film, suffix):
         pytest.skip("VLC is not installed: make programs")
     straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
     with served(create_app(gateway, "secret")) as address:
-        shown = shown_by_vlc(address.replace("http://", "http://viewer:secret@") + f"front.{suffix}")
+        shown = shown_by_vlc(
+            address.replace("http://", "http://viewer:secret@") + f"front.{suffix}"
+        )
     assert off(shown[:96, :160], straight) < 2.5  # the coded H.264 frame has 98 rows
 
 
 def test_number_of_clients_is_limited(gateway, monkeypatch):
     monkeypatch.setattr(routes, "MAX_CLIENTS", 1)
-    with served(create_app(gateway, None)) as address, httpx.stream("GET", f"{address}front.mjpg", timeout=300):
+    with (
+        served(create_app(gateway, None)) as address,
+        httpx.stream("GET", f"{address}front.mjpg", timeout=300),
+    ):
         until(lambda: gateway.views["front"].clients == 1)
         answer = httpx.get(f"{address}eye.ts")
-        assert (answer.status_code, answer.json()["detail"]) == (503, "the number of clients must be at most 1")
+        assert (answer.status_code, answer.json()["detail"]) == (
+            503,
+            "the number of clients must be at most 1",
+        )
 
 
 def test_simultaneous_clients_are_counted_at_admission(gateway, monkeypatch):
@@ -363,7 +474,10 @@ def test_simultaneous_clients_are_counted_at_admission(gateway, monkeypatch):
 
     async def statuses(address: str) -> list[int]:
         async with AsyncExitStack() as opened, httpx.AsyncClient(timeout=300) as client:
-            asked = [client.stream("GET", f"{address}{name}.ts") for name in ("front", "eye", "around", "front", "eye")]
+            asked = [
+                client.stream("GET", f"{address}{name}.ts")
+                for name in ("front", "eye", "around", "front", "eye")
+            ]
             answers = await asyncio.gather(*(opened.enter_async_context(one) for one in asked))
             return [answer.status_code for answer in answers]
 
@@ -373,9 +487,13 @@ def test_simultaneous_clients_are_counted_at_admission(gateway, monkeypatch):
             until(lambda: not any(view.clients for view in gateway.views.values()))
 
 
-@pytest.mark.parametrize("token", ["\u00fcber", "\u65e5\u672c", "two words", "line\nbreak", "tab\t"])
+@pytest.mark.parametrize(
+    "token", ["\u00fcber", "\u65e5\u672c", "two words", "line\nbreak", "tab\t"]
+)
 def test_token_must_be_printable_ascii(film, camera, token):
-    with pytest.raises(om.base.errors.InvalidParameter, match="token must consist of ASCII letters") as refused:
+    with pytest.raises(
+        om.base.errors.InvalidParameter, match="token must consist of ASCII letters"
+    ) as refused:
         om.serve_views(str(film), VIEWS, camera=camera, token=token)
     assert token not in str(refused.value)
 
@@ -389,7 +507,10 @@ def test_token_must_be_printable_ascii(film, camera, token):
         ({"tilt_deg": -91}, "tilt_deg must be greater than or equal to -90; got -91"),
         ({"roll_deg": 1e5}, "roll_deg must be less than or equal to 360; got 100000.0"),
         ({"hfov_deg": 180}, "hfov_deg must be less than 180; got 180"),
-        ({"hfov_deg": -1e9, "relative": True}, "hfov_deg must be greater than -180; got -1000000000.0"),
+        (
+            {"hfov_deg": -1e9, "relative": True},
+            "hfov_deg must be greater than -180; got -1000000000.0",
+        ),
         ({"zoom": 0}, "zoom must be greater than 0; got 0"),
         ({"zoom": 1e300}, "zoom must be less than or equal to 1000000; got 1e+300"),
         ({"pan_deg": "nan"}, "pan_deg must be a number; got 'nan'"),
@@ -404,10 +525,24 @@ def test_steering_is_range_checked(gateway, asked, sentence):
         assert client.get("/api/views/eye").json() == before
 
 
-@pytest.mark.parametrize("body", ["[NaN]", '{"pan_deg": Infinity}', '{"pan_deg": 1e999}', '{"zoom": ' + "9" * 5000 + "}", "[" * 99999, '{"zoom": 1, "zoom": 2}', '"\\ud800"', "{"])
+@pytest.mark.parametrize(
+    "body",
+    [
+        "[NaN]",
+        '{"pan_deg": Infinity}',
+        '{"pan_deg": 1e999}',
+        '{"zoom": ' + "9" * 5000 + "}",
+        "[" * 99999,
+        '{"zoom": 1, "zoom": 2}',
+        '"\\ud800"',
+        "{",
+    ],
+)
 def test_invalid_json_is_rejected(gateway, body):
     with TestClient(create_app(gateway, None), base_url="http://127.0.0.1") as client:
-        answer = client.post("/api/views/eye", content=body, headers={"content-type": "application/json"})
+        answer = client.post(
+            "/api/views/eye", content=body, headers={"content-type": "application/json"}
+        )
         assert answer.status_code == 422
         assert answer.json()["detail"].startswith("the body must ")
         assert client.get(f"/front/{'9' * 5000}.ts").status_code in (404, 422)
@@ -419,7 +554,10 @@ def test_relative_steps_wrap_in_pan_and_are_limited_in_tilt(gateway):
         pans = [client.post("/api/views/eye", json=step).json()["pan_deg"] for _ in range(9)]
         assert all(abs(pan) <= 360 for pan in pans)
         assert {pan % 360 for pan in pans} == {(pans[0] + turn) % 360 for turn in (0, 90, 180, 270)}
-        answers = [client.post("/api/views/eye", json={"tilt_deg": -89, "relative": True}) for _ in range(2)]
+        answers = [
+            client.post("/api/views/eye", json={"tilt_deg": -89, "relative": True})
+            for _ in range(2)
+        ]
         assert answers[1].status_code == 400
         assert answers[1].json()["detail"].startswith("tilt_deg must be between -90 and 90 deg")
 
@@ -452,16 +590,27 @@ def test_slow_client_continues_with_a_key_frame():
 @contextmanager
 def command(film, camera, folder, *more):
     om.save_sensor(camera, folder / "small.toml")
-    (folder / "views.toml").write_text("[front]\nsize = [160, 96]\nhfov_deg = 70\n[left]\nsize = [64, 48]\npan_deg = -90")
+    (folder / "views.toml").write_text(
+        "[front]\nsize = [160, 96]\nhfov_deg = 70\n[left]\nsize = [64, 48]\npan_deg = -90"
+    )
     words = ("serve", film, "--sensor", "small.toml", "--views", "views.toml", *more)
-    with subprocess.Popen([sys.executable, "-m", "omnimirror", *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
+    with subprocess.Popen(
+        [sys.executable, "-m", "omnimirror", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+    ) as process:
         try:
             yield process, re.search(r"http://\S+", process.stdout.readline())[0]
         finally:
             process.kill()
 
 
-@pytest.mark.parametrize(("number", "code"), few([(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], (signal.SIGTERM, 143)))
+@pytest.mark.parametrize(
+    ("number", "code"),
+    few([(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], (signal.SIGTERM, 143)),
+)
 def test_command_serves_until_a_signal(film, camera, tmp_path, number, code):
     with command(film, camera, tmp_path) as (process, address):
         with httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched:
@@ -477,9 +626,15 @@ def test_views_are_published(film, camera, tmp_path):
     port = free_port()
     options = {"rtsp_flags": "listen", "listen_timeout": "300"}
     address = f"rtsp://127.0.0.1:{port}/{{view}}"
-    with LiveSource(address.replace("{view}", "front"), 300, 300, 0.05, options=options) as server, command(film, camera, tmp_path, "--publish", address):
+    with (
+        LiveSource(address.replace("{view}", "front"), 300, 300, 0.05, options=options) as server,
+        command(film, camera, tmp_path, "--publish", address),
+    ):
         frames = server.frames()
-        assert {next(frames).width for _ in range(3)} < {160, 64}  # width of the view that connected first
+        assert {next(frames).width for _ in range(3)} < {
+            160,
+            64,
+        }  # width of the view that connected first
 
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")  # interpreter with the GStreamer bindings
@@ -517,9 +672,13 @@ def rtsp_server():
 
     def start(port):
         words = [SYSTEM_PYTHON, "-c", RTSP_SERVER, str(port)]
-        running.append(subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True))
+        running.append(
+            subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        )
         if running[-1].stdout.readline() != "ready\n":
-            pytest.skip("no RTSP server: apt install gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good")
+            pytest.skip(
+                "no RTSP server: apt install gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good"
+            )
         return running[-1]
 
     if not SYSTEM_PYTHON.exists():
@@ -546,10 +705,19 @@ def test_publishing_resumes_after_a_server_restart(film, camera, tmp_path, rtsp_
     ("words", "sentence"),
     [
         (["a.png"], "source must be a camera, stream or video file; got a.png"),
-        pytest.param(["missing.mp4"], "source must be a camera, stream or video file; got missing.mp4", marks=pytest.mark.full),
-        (["0", "--publish", "rtsp://door/1"], "publish_to must contain {view}, the name of the view; got rtsp://door/1"),
+        pytest.param(
+            ["missing.mp4"],
+            "source must be a camera, stream or video file; got missing.mp4",
+            marks=pytest.mark.full,
+        ),
+        (
+            ["0", "--publish", "rtsp://door/1"],
+            "publish_to must contain {view}, the name of the view; got rtsp://door/1",
+        ),
         (["0", "--publish", "gopher://{view}"], "got 'gopher://{view}'"),
-        pytest.param(["0", "--token", ""], "token must consist of ASCII letters", marks=pytest.mark.full),
+        pytest.param(
+            ["0", "--token", ""], "token must consist of ASCII letters", marks=pytest.mark.full
+        ),
         pytest.param(["0"], "there are no views 'views.toml'", marks=pytest.mark.full),
         (["cut.mp4"], "cannot read the video cut.mp4"),
     ],
@@ -558,4 +726,6 @@ def test_invalid_arguments_of_the_command(words, sentence, tmp_path):
     if len(words) > 1:
         (tmp_path / "views.toml").write_text("[front]")
     (tmp_path / "cut.mp4").write_bytes(b"\0\0\0 ftypisom")
-    assert sentence in fails("serve", *words, "--views", "views.toml", "--sensor", "paper-spherical", cwd=tmp_path)
+    assert sentence in fails(
+        "serve", *words, "--views", "views.toml", "--sensor", "paper-spherical", cwd=tmp_path
+    )

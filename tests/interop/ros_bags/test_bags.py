@@ -28,20 +28,30 @@ SIZE = 240
 TOPIC = "/rover/cam/image_raw"
 STAMPS = (1_700_000_000_123_456_789, 1_700_000_000_163_456_788, 1_700_000_001_000_000_001)
 """Times of the messages, ns; stamps in headers are 7 ns earlier."""
-VIEWS = {"front": om.screens.Plane((96, 72), pan_deg=20.0, tilt_deg=-10.0, hfov_deg=70.0), "around": om.screens.Cylinder((180, 60), -60.0, 30.0)}
+VIEWS = {
+    "front": om.screens.Plane((96, 72), pan_deg=20.0, tilt_deg=-10.0, hfov_deg=70.0),
+    "around": om.screens.Cylinder((180, 60), -60.0, 30.0),
+}
 
 
 @pytest.fixture(scope="module")
 def sensor():
     full = om.load_sensor("paper-spherical")
-    return replace(full, imager=Imager(SIZE, SIZE, full.imager.pixel_pitch_um * full.image_size[0] / SIZE))
+    return replace(
+        full, imager=Imager(SIZE, SIZE, full.imager.pixel_pitch_um * full.image_size[0] / SIZE)
+    )
 
 
 @pytest.fixture(scope="module")
 def images(sensor):
     """Images along a path through the room."""
     room = om.Room()
-    return [om.render_image(sensor, om.PosedScene(room, om.Pose(200.0 * i, pan_deg=10.0 * i)), samples=1) for i in range(len(STAMPS))]
+    return [
+        om.render_image(
+            sensor, om.PosedScene(room, om.Pose(200.0 * i, pan_deg=10.0 * i)), samples=1
+        )
+        for i in range(len(STAMPS))
+    ]
 
 
 def header(stamp_ns, frame="omni_optical_frame"):
@@ -52,15 +62,29 @@ def header(stamp_ns, frame="omni_optical_frame"):
 def raw(stamp_ns, encoding, values, *, padding=0, big=False):
     """Return an Image, optionally with padded rows or big-endian."""
     height, width = values.shape[:2]
-    rows = values.astype(values.dtype.newbyteorder(">" if big else "<")).reshape(height, -1).view(np.uint8)
+    rows = (
+        values.astype(values.dtype.newbyteorder(">" if big else "<"))
+        .reshape(height, -1)
+        .view(np.uint8)
+    )
     rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=77)
-    return STORE.types["sensor_msgs/msg/Image"](header(stamp_ns), height, width, encoding, int(big), rows.shape[1], np.ascontiguousarray(rows).ravel())
+    return STORE.types["sensor_msgs/msg/Image"](
+        header(stamp_ns),
+        height,
+        width,
+        encoding,
+        int(big),
+        rows.shape[1],
+        np.ascontiguousarray(rows).ravel(),
+    )
 
 
 def compressed(stamp_ns, kind, image):
     success, data = cv2.imencode({"jpeg": ".jpg", "png": ".png"}[kind], image[..., ::-1])
     assert success
-    return STORE.types["sensor_msgs/msg/CompressedImage"](header(stamp_ns), f"rgb8; {kind} compressed bgr8", data)
+    return STORE.types["sensor_msgs/msg/CompressedImage"](
+        header(stamp_ns), f"rgb8; {kind} compressed bgr8", data
+    )
 
 
 def write(path, topics, storage=StoragePlugin.MCAP, compression=CompressionMode.NONE):
@@ -71,7 +95,9 @@ def write(path, topics, storage=StoragePlugin.MCAP, compression=CompressionMode.
         for topic, messages in topics.items():
             connection = writer.add_connection(topic, messages[0].__msgtype__, typestore=STORE)
             for stamp_ns, message in zip(STAMPS, messages, strict=False):
-                writer.write(connection, stamp_ns, STORE.serialize_cdr(message, message.__msgtype__))
+                writer.write(
+                    connection, stamp_ns, STORE.serialize_cdr(message, message.__msgtype__)
+                )
     return path
 
 
@@ -100,16 +126,29 @@ def ride(images, tmp_path_factory):
     """Bag of an image topic and a string topic."""
     odometry = [STORE.types["std_msgs/msg/String"](f"at {i}") for i in range(3)]
     image_messages = [raw(s, "rgb8", p, padding=13) for s, p in zip(STAMPS, images, strict=True)]
-    return write(tmp_path_factory.mktemp("bags") / "ride", {TOPIC: image_messages, "/where": odometry})
+    return write(
+        tmp_path_factory.mktemp("bags") / "ride", {TOPIC: image_messages, "/where": odometry}
+    )
 
 
 # -- images ---------------------------------------------------------------------------------------
 
 
 def test_views_equal_the_dewarper_and_times_are_exact(sensor, images, ride, tmp_path):
-    result = om.dewarp_bag(single(ride), tmp_path / "views.mcap", camera=sensor, views=VIEWS, topic=TOPIC)
+    result = om.dewarp_bag(
+        single(ride), tmp_path / "views.mcap", camera=sensor, views=VIEWS, topic=TOPIC
+    )
     topics = read(tmp_path / "views.mcap")
-    assert set(topics) == set(result.output_topics) == {"/rover/cam/front/image_rect", "/rover/cam/front/camera_info", "/rover/cam/around/image_rect", "/tf_static"}
+    assert (
+        set(topics)
+        == set(result.output_topics)
+        == {
+            "/rover/cam/front/image_rect",
+            "/rover/cam/front/camera_info",
+            "/rover/cam/around/image_rect",
+            "/tf_static",
+        }
+    )
     for name, view in VIEWS.items():
         dewarp = om.Dewarper(sensor, view, keep_map=True)
         messages = topics[f"/rover/cam/{name}/image_rect"]
@@ -210,11 +249,21 @@ def test_camera_info_and_tf_project_points_consistently(sensor, ride, tmp_path):
     om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
     topics = read(tmp_path / "out.mcap")
     info = topics["/rover/cam/front/camera_info"][0][1]
-    assert (info.distortion_model, info.d.tolist(), info.width, info.height) == ("plumb_bob", [0.0] * 5, 96, 72)
+    assert (info.distortion_model, info.d.tolist(), info.width, info.height) == (
+        "plumb_bob",
+        [0.0] * 5,
+        96,
+        72,
+    )
     assert info.r.tolist() == np.eye(3).ravel().tolist()
     tree = {t.child_frame_id: t for t in topics["/tf_static"][0][1].transforms}
-    assert {child: t.header.frame_id for child, t in tree.items()} == {"omni_optical_frame_mirror": "omni_optical_frame", "omni_front_optical_frame": "omni_optical_frame_mirror"}
-    mirror, front = (matrix_of(tree[name]) for name in ("omni_optical_frame_mirror", info.header.frame_id))
+    assert {child: t.header.frame_id for child, t in tree.items()} == {
+        "omni_optical_frame_mirror": "omni_optical_frame",
+        "omni_front_optical_frame": "omni_optical_frame_mirror",
+    }
+    mirror, front = (
+        matrix_of(tree[name]) for name in ("omni_optical_frame_mirror", info.header.frame_id)
+    )
     # the vertex is on the optical axis in front of the lens; forward is image top
     assert mirror[:3, 3] == pytest.approx([0, 0, sensor.mirror_distance_mm / 1000])
     assert mirror[:3, :3] @ [1, 0, 0] == pytest.approx([0, -1, 0], abs=1e-12)
@@ -231,7 +280,9 @@ def test_camera_info_and_tf_project_points_consistently(sensor, ride, tmp_path):
 def test_existing_mirror_frame_is_used(sensor, ride, tmp_path):
     om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS, mirror_frame="mast")
     (_, tree), *_ = read(tmp_path / "out.mcap")["/tf_static"]
-    assert [(t.header.frame_id, t.child_frame_id) for t in tree.transforms] == [("mast", "omni_front_optical_frame")]
+    assert [(t.header.frame_id, t.child_frame_id) for t in tree.transforms] == [
+        ("mast", "omni_front_optical_frame")
+    ]
 
 
 def test_accuracy_of_camera_info_is_reported(sensor, ride, tmp_path):
@@ -245,7 +296,9 @@ def test_accuracy_of_camera_info_is_reported(sensor, ride, tmp_path):
 
 
 @pytest.mark.parametrize("storage", few(StoragePlugin, StoragePlugin.MCAP))
-@pytest.mark.parametrize("compression", [CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE])
+@pytest.mark.parametrize(
+    "compression", [CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE]
+)
 def test_storage_of_the_source_is_kept(sensor, images, tmp_path, storage, compression):
     messages = [raw(s, "rgb8", p) for s, p in zip(STAMPS, images, strict=True)]
     bag = write(tmp_path / "ride", {TOPIC: messages}, storage, compression)
@@ -268,7 +321,9 @@ def ros1_bag(images, tmp_path_factory):
         for seq, (stamp_ns, picture) in enumerate(zip(STAMPS, images, strict=True)):
             time = of["builtin_interfaces/msg/Time"](*divmod(stamp_ns - 7, 10**9))
             head = of["std_msgs/msg/Header"](seq, time, "omni_optical_frame")
-            message = of["sensor_msgs/msg/Image"](head, SIZE, SIZE, "rgb8", 0, 3 * SIZE, picture.ravel())
+            message = of["sensor_msgs/msg/Image"](
+                head, SIZE, SIZE, "rgb8", 0, 3 * SIZE, picture.ravel()
+            )
             writer.write(connection, stamp_ns, store.serialize_ros1(message, message.__msgtype__))
             writer.write(other, stamp_ns, bytes([seq]))
     return path
@@ -280,7 +335,9 @@ def test_ros1_bag_is_read(sensor, images, ros1_bag, tmp_path, suffix):
     messages = read(tmp_path / f"out{suffix}")["/rover/cam/front/image_rect"]
     dewarp = om.Dewarper(sensor, VIEWS["front"], keep_map=True)
     assert [s for s, _ in messages] == list(STAMPS)
-    assert all(np.array_equal(values(m), dewarp(p)) for (_, m), p in zip(messages, images, strict=True))
+    assert all(
+        np.array_equal(values(m), dewarp(p)) for (_, m), p in zip(messages, images, strict=True)
+    )
 
 
 def test_ros1_and_ros2_bags_have_equal_content(sensor, ride, tmp_path):
@@ -294,7 +351,10 @@ def test_ros1_and_ros2_bags_have_equal_content(sensor, ride, tmp_path):
     (_, a), (_, b) = new["/rover/cam/front/camera_info"][0], old["/rover/cam/front/camera_info"][0]
     assert np.array_equal(a.k, b.K)
     assert np.array_equal(a.p, b.P)
-    assert (a.header.frame_id, a.header.stamp.nanosec) == (b.header.frame_id, b.header.stamp.nanosec)
+    assert (a.header.frame_id, a.header.stamp.nanosec) == (
+        b.header.frame_id,
+        b.header.stamp.nanosec,
+    )
     pairs = zip(new["/tf_static"][0][1].transforms, old["/tf_static"][0][1].transforms, strict=True)
     assert all(np.array_equal(matrix_of(a), matrix_of(b)) for a, b in pairs)
     with AnyReader([tmp_path / "out.bag"]) as reader:
@@ -302,26 +362,46 @@ def test_ros1_and_ros2_bags_have_equal_content(sensor, ride, tmp_path):
 
 
 def test_ros1_topics_are_copied_to_ros1_bags(sensor, ride, ros1_bag, tmp_path):
-    result = om.dewarp_bag(ros1_bag, tmp_path / "out.bag", camera=sensor, views=VIEWS, keep_topics=["/where"])
+    result = om.dewarp_bag(
+        ros1_bag, tmp_path / "out.bag", camera=sensor, views=VIEWS, keep_topics=["/where"]
+    )
     assert result.copied == 3
     with AnyReader([tmp_path / "out.bag"]) as reader:
         (kept,) = (c for c in reader.connections if c.topic == "/where")
-        assert (kept.msgtype, kept.msgdef.data.strip(), kept.ext.latching) == ("my_msgs/msg/Odd", "uint8 a", 1)
-        assert [(s, bytes(d)) for _, s, d in reader.messages(connections=[kept])] == [(stamp, bytes([i])) for i, stamp in enumerate(STAMPS)]
-    with pytest.raises(InvalidParameter, match=r"out.db3 is a ROS 2 bag and the topics are ROS 1 messages; write .bag"):
+        assert (kept.msgtype, kept.msgdef.data.strip(), kept.ext.latching) == (
+            "my_msgs/msg/Odd",
+            "uint8 a",
+            1,
+        )
+        assert [(s, bytes(d)) for _, s, d in reader.messages(connections=[kept])] == [
+            (stamp, bytes([i])) for i, stamp in enumerate(STAMPS)
+        ]
+    with pytest.raises(
+        InvalidParameter,
+        match=r"out.db3 is a ROS 2 bag and the topics are ROS 1 messages; write .bag",
+    ):
         om.dewarp_bag(ros1_bag, tmp_path / "out.db3", camera=sensor, keep_topics=["*"])
-    with pytest.raises(InvalidParameter, match=r"two.bag is a ROS 1 bag .* ROS 2 messages; write .mcap or .db3"):
-        om.dewarp_bag(ride, tmp_path / "two.bag", camera=sensor, topic=TOPIC, keep_topics=["/where"])
+    with pytest.raises(
+        InvalidParameter, match=r"two.bag is a ROS 1 bag .* ROS 2 messages; write .mcap or .db3"
+    ):
+        om.dewarp_bag(
+            ride, tmp_path / "two.bag", camera=sensor, topic=TOPIC, keep_topics=["/where"]
+        )
     assert {p.name for p in tmp_path.iterdir()} == {"out.bag"}
 
 
 def test_other_topics_are_copied_byte_by_byte(sensor, ride, tmp_path):
-    result = om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS, keep_topics=["/wh*", TOPIC])
+    result = om.dewarp_bag(
+        ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS, keep_topics=["/wh*", TOPIC]
+    )
 
     def digests(path):
         with AnyReader([path]) as reader:
             kept = [c for c in reader.connections if c.topic in ("/where", TOPIC)]
-            return [(c.topic, s, hashlib.sha256(data).digest()) for c, s, data in reader.messages(connections=kept)]
+            return [
+                (c.topic, s, hashlib.sha256(data).digest())
+                for c, s, data in reader.messages(connections=kept)
+            ]
 
     assert sorted(digests(tmp_path / "out.mcap")) == sorted(digests(ride))
     assert result.copied == 6
@@ -331,9 +411,14 @@ def test_mcap_reader_reads_the_bag(sensor, ride, tmp_path):
     om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, views=VIEWS, keep_topics=["/where"])
     with (tmp_path / "out.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
-        messages = [(channel.topic, schema.name, message.log_time) for schema, channel, message in reader.iter_messages()]
+        messages = [
+            (channel.topic, schema.name, message.log_time)
+            for schema, channel, message in reader.iter_messages()
+        ]
     assert [t for topic, _, t in messages if topic == "/where"] == list(STAMPS)
-    assert {schema for topic, schema, _ in messages if topic.endswith("camera_info")} == {"sensor_msgs/msg/CameraInfo"}
+    assert {schema for topic, schema, _ in messages if topic.endswith("camera_info")} == {
+        "sensor_msgs/msg/CameraInfo"
+    }
 
 
 # -- errors ---------------------------------------------------------------------------------------
@@ -353,19 +438,41 @@ def test_interrupt_keeps_the_dewarped_messages(sensor, ride, tmp_path):
 def test_unknown_topics_raise_with_the_available_ones(sensor, ride, tmp_path, topic):
     with pytest.raises(InvalidParameter, match=rf"\(image topics: {TOPIC}\); got {topic}"):
         om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, topic=topic)
-    with pytest.raises(InvalidParameter, match=rf"keep_topics must match a topic of .* \({TOPIC}, /where\); got /odd"):
+    with pytest.raises(
+        InvalidParameter,
+        match=rf"keep_topics must match a topic of .* \({TOPIC}, /where\); got /odd",
+    ):
         om.dewarp_bag(ride, tmp_path / "out.mcap", camera=sensor, keep_topics=["/odd"])
 
 
 def test_topic_is_required_for_several_image_topics(sensor, images, tmp_path):
     message = raw(STAMPS[0], "rgb8", images[0])
     bag = write(tmp_path / "ride", {"/b/image": [message], "/a/image": [message]})
-    with pytest.raises(InvalidParameter, match=r"topic must be given .*\(image topics: /a/image, /b/image\)"):
+    with pytest.raises(
+        InvalidParameter, match=r"topic must be given .*\(image topics: /a/image, /b/image\)"
+    ):
         om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor)
 
 
-@pytest.mark.parametrize(("encoding", "change", "sentence"), [("32FC7", {}, "must be one of mono8, mono16.*; got '32FC7'"), ("rgb8", {"step": 100}, "must hold 240 x 240 px of rgb8 in rows of 100 bytes; got 172800 bytes"), ("rgb8", {"height": 9}, "must hold 240 x 9 px of rgb8 in rows of 720 bytes; got 172800 bytes")])
-def test_invalid_images_raise_and_leave_no_output(sensor, images, tmp_path, encoding, change, sentence):
+@pytest.mark.parametrize(
+    ("encoding", "change", "sentence"),
+    [
+        ("32FC7", {}, "must be one of mono8, mono16.*; got '32FC7'"),
+        (
+            "rgb8",
+            {"step": 100},
+            "must hold 240 x 240 px of rgb8 in rows of 100 bytes; got 172800 bytes",
+        ),
+        (
+            "rgb8",
+            {"height": 9},
+            "must hold 240 x 9 px of rgb8 in rows of 720 bytes; got 172800 bytes",
+        ),
+    ],
+)
+def test_invalid_images_raise_and_leave_no_output(
+    sensor, images, tmp_path, encoding, change, sentence
+):
     message = replace(raw(STAMPS[0], encoding, images[0]), **change)
     bag = write(tmp_path / "ride", {TOPIC: [message]})
     with pytest.raises(MediaError, match=sentence):
@@ -403,14 +510,32 @@ def test_source_and_existing_folders_are_not_overwritten(sensor, ride, tmp_path)
 
 def test_command_equals_the_function(sensor, ride, tmp_path):
     om.save_sensor(sensor, tmp_path / "small.toml")
-    (tmp_path / "views.toml").write_text("[front]\npan_deg=20\ntilt_deg=-10\nhfov_deg=70\nsize=[96, 72]")
-    run = omnimirror("dewarp", single(ride), "--sensor", "small.toml", "--views", "views.toml", "-o", "out.mcap", "--keep-topic", "/where", cwd=tmp_path)
+    (tmp_path / "views.toml").write_text(
+        "[front]\npan_deg=20\ntilt_deg=-10\nhfov_deg=70\nsize=[96, 72]"
+    )
+    run = omnimirror(
+        "dewarp",
+        single(ride),
+        "--sensor",
+        "small.toml",
+        "--views",
+        "views.toml",
+        "-o",
+        "out.mcap",
+        "--keep-topic",
+        "/where",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     assert "out.mcap: 3 images of /rover/cam/image_raw, 3 copied messages" in run.stdout
     om.dewarp_bag(ride, tmp_path / "same.mcap", camera=sensor, views={"front": VIEWS["front"]})
-    ours, theirs = (read(tmp_path / name)["/rover/cam/front/image_rect"] for name in ("same.mcap", "out.mcap"))
+    ours, theirs = (
+        read(tmp_path / name)["/rover/cam/front/image_rect"] for name in ("same.mcap", "out.mcap")
+    )
     assert all(np.array_equal(a[1].data, b[1].data) for a, b in zip(ours, theirs, strict=True))
-    run = omnimirror("dewarp", ride, "--sensor", "small.toml", "--view", "dome", "-o", "dome", cwd=tmp_path)
+    run = omnimirror(
+        "dewarp", ride, "--sensor", "small.toml", "--view", "dome", "-o", "dome", cwd=tmp_path
+    )
     assert run.returncode == 0, run.stderr
     assert "/rover/cam/dome/image_rect" in run.stdout
 
@@ -419,6 +544,12 @@ def test_options_for_other_sources_raise(ride, tmp_path):
     words = ("dewarp", ride, "--sensor", "paper-spherical", "-o", tmp_path / "out.mcap")
     assert "--crf requires videos; got the recording" in fails(*words, "--crf", "20")
     assert "--restore requires images; got the recording" in fails(*words, "--restore")
-    assert "--pan-deg must not be given with --views" in fails(*words, "--views", "v.toml", "--pan-deg", "3")
-    assert "--topic requires a ROS bag; got a.png" in fails("dewarp", "a.png", "--sensor", "paper-spherical", "-o", "b.png", "--topic", "/a")
-    assert fails("dewarp", "nowhere.mcap", *words[2:]).endswith("cannot read nowhere.mcap: no such file or folder")
+    assert "--pan-deg must not be given with --views" in fails(
+        *words, "--views", "v.toml", "--pan-deg", "3"
+    )
+    assert "--topic requires a ROS bag; got a.png" in fails(
+        "dewarp", "a.png", "--sensor", "paper-spherical", "-o", "b.png", "--topic", "/a"
+    )
+    assert fails("dewarp", "nowhere.mcap", *words[2:]).endswith(
+        "cannot read nowhere.mcap: no such file or folder"
+    )

@@ -17,7 +17,11 @@ from tests.everyday import few
 from .clouds import TERMS, height_mm, in_machine, on, places
 
 BALL, HYPERBOLOID = Sphere(50.0, 44.0), Hyperboloid(32.5, 74.5, 44.0)
-MIRRORS = {"ball": BALL, "hyperboloid": HYPERBOLOID, "polynomial": EvenPolynomial((0.012, 2e-6), 30.0)}
+MIRRORS = {
+    "ball": BALL,
+    "hyperboloid": HYPERBOLOID,
+    "polynomial": EvenPolynomial((0.012, 2e-6), 30.0),
+}
 
 
 def amounts(form) -> dict[int, float]:
@@ -34,7 +38,9 @@ def test_terms_match_textbook_formulas():
 @pytest.mark.parametrize("term", few([6, 11, 14, 22], 11))
 @pytest.mark.parametrize("name", MIRRORS)
 def test_amplitudes_are_recovered_within_five_percent(name, term, above):
-    form = om.form_error(MIRRORS[name], in_machine(on(MIRRORS[name], {term: 1.0}, noise_um=0.2), above))
+    form = om.form_error(
+        MIRRORS[name], in_machine(on(MIRRORS[name], {term: 1.0}, noise_um=0.2), above)
+    )
     found = amounts(form)
     assert found[term] == pytest.approx(1.0, abs=0.05)
     others = [um for j, um in found.items() if j not in (1, term)]
@@ -56,10 +62,16 @@ def test_uncertainties_are_realistic():
     truth = {5: 0.4, 9: -0.3, 11: 0.5}
     off = []
     for seed in range(25):
-        form = om.form_error(HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.3, count=1500, seed=seed)), order=4)
+        form = om.form_error(
+            HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.3, count=1500, seed=seed)), order=4
+        )
         # Shift and tilt of the mirror absorb a part of terms 2, 3, 7 and 8, its height a part of
         # term 1
-        off += [(t.um - truth.get(t.noll, 0.0)) / t.sigma_um for t in form.terms if t.noll in (5, 6, 9, 10, 12, 13, 14, 15)]
+        off += [
+            (t.um - truth.get(t.noll, 0.0)) / t.sigma_um
+            for t in form.terms
+            if t.noll in (5, 6, 9, 10, 12, 13, 14, 15)
+        ]
     assert np.mean(np.abs(off) < 3) >= 0.95
     assert 0.7 < np.std(off) < 1.3
 
@@ -71,7 +83,9 @@ def test_noise_and_unexplained_form_are_separated():
     r = np.hypot(points[:, 0], points[:, 1])
     along_normal = 1e3 * np.std(ripple / np.sqrt(1 + HYPERBOLOID.slope(r) ** 2))
     assert form.unexplained_um == pytest.approx(along_normal, rel=0.1)
-    assert form.noise_um == pytest.approx(0.1, rel=0.5)  # point spacing of 0.4 mm: some of the ripple counts as noise
+    assert form.noise_um == pytest.approx(
+        0.1, rel=0.5
+    )  # point spacing of 0.4 mm: some of the ripple counts as noise
     assert amounts(form)[6] == pytest.approx(1.0, abs=0.05)
 
 
@@ -87,7 +101,9 @@ def test_null_test_departures_are_equivalent():
     truth = {6: 0.8, 11: -0.4}
     points = on(HYPERBOLOID, {}, 0.0)
     r = np.hypot(points[:, 0], points[:, 1])
-    along = height_mm(truth, points[:, 0] / 44.0, points[:, 1] / 44.0) / np.sqrt(1 + HYPERBOLOID.slope(r) ** 2)
+    along = height_mm(truth, points[:, 0] / 44.0, points[:, 1] / 44.0) / np.sqrt(
+        1 + HYPERBOLOID.slope(r) ** 2
+    )
     seen = np.column_stack([points[:, :2] + [7.0, 9.0], along + 0.01])
     found = amounts(om.form_error(HYPERBOLOID, seen, are_departures=True))
     assert found[6] == pytest.approx(0.8, abs=0.02)
@@ -96,10 +112,16 @@ def test_null_test_departures_are_equivalent():
 
 def test_corrected_mirror_contains_symmetric_terms():
     truth = {4: 0.5, 6: 1.0, 11: -0.6, 22: 0.3}
-    made = om.form_error(HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.05, count=12000))).corrected()
+    made = om.form_error(
+        HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.05, count=12000))
+    ).corrected()
     x = np.linspace(0.5, 43.5, 200)
     about = {j: um for j, um in truth.items() if noll(j)[1] == 0}
-    wanted = HYPERBOLOID.sag(x) + height_mm(about, x / 44.0, 0 * x) - height_mm(about, np.zeros(1), np.zeros(1))
+    wanted = (
+        HYPERBOLOID.sag(x)
+        + height_mm(about, x / 44.0, 0 * x)
+        - height_mm(about, np.zeros(1), np.zeros(1))
+    )
     assert np.ptp(1e3 * (made.sag(x) - wanted)) < 0.05  # um; the alignment absorbs its part
 
 
@@ -108,7 +130,9 @@ def test_summary_values_match_the_surface():
     assert form.rms_um == pytest.approx(np.hypot(0.5, 0.2), rel=0.02)
     assert form.rotational_rms_um == pytest.approx(0.2, rel=0.05)
     x, y = places(1.0, 200000, np.random.default_rng(1))
-    assert form.peak_to_valley_um == pytest.approx(1e3 * np.ptp(height_mm({6: 0.5, 11: 0.2}, x, y)), rel=0.03)
+    assert form.peak_to_valley_um == pytest.approx(
+        1e3 * np.ptp(height_mm({6: 0.5, 11: 0.2}, x, y)), rel=0.03
+    )
 
 
 def test_partial_coverage_reduces_the_order():
@@ -122,7 +146,10 @@ def test_partial_coverage_reduces_the_order():
     ("points", "sentence"),
     [
         (on(HYPERBOLOID, {}, 0.1)[:199], "the cloud must have at least 200 points; got 199"),
-        (1e-3 * on(HYPERBOLOID, {}, 0.1), r"0.08.* mm wide .* the mirror 88 .*: the unit seems to be m; give"),
+        (
+            1e-3 * on(HYPERBOLOID, {}, 0.1),
+            r"0.08.* mm wide .* the mirror 88 .*: the unit seems to be m; give",
+        ),
         (1e3 * on(HYPERBOLOID, {}, 0.1), "the unit seems to be um"),
         (on(HYPERBOLOID, {}, 0.1) / 25.4, "the unit seems to be inch"),
         (on(Hyperboloid(32.5, 74.5, 4.0), {}, 0.1), "the points must cover at least"),
@@ -174,7 +201,9 @@ def test_radius_error_causes_no_tilt_or_shift(factor, place):
     nominal = om.load_sensor("paper-spherical").mirror
     truth = replace(nominal, radius_mm=factor * nominal.radius_mm)
     form = om.form_error(nominal, place(on(truth, {}, 0.3, count=4000, seed=101), 3))
-    assert form.radius_mm == pytest.approx(truth.radius_mm, abs=4 * form.place.radius_sigma_mm + 1e-6)
+    assert form.radius_mm == pytest.approx(
+        truth.radius_mm, abs=4 * form.place.radius_sigma_mm + 1e-6
+    )
     assert form.place.radius_sigma_mm < 1e-4
     assert form.outliers == 0
     assert len(form.x_mm) > 3990
@@ -187,7 +216,9 @@ def test_radius_error_causes_no_tilt_or_shift(factor, place):
 
 
 def test_sphere_of_another_mirror_is_rejected():
-    with pytest.raises(OmnimirrorError, match=r"sphere of radius 60 mm, and the mirror has 50 mm; check that"):
+    with pytest.raises(
+        OmnimirrorError, match=r"sphere of radius 60 mm, and the mirror has 50 mm; check that"
+    ):
         om.form_error(BALL, on(Sphere(60.0, 44.0), {}, 0.1))
 
 
@@ -208,7 +239,9 @@ def ball_centres(mirror, radius: float, points: np.ndarray) -> np.ndarray:
     """Return centres of a ball that touches a mirror at points (n, 3), on the side of the lens."""
     r = np.hypot(points[:, 0], points[:, 1])
     slope = mirror.slope(r)
-    normal = np.stack([-slope * points[:, 0] / r, -slope * points[:, 1] / r, np.ones(len(r))], axis=1)
+    normal = np.stack(
+        [-slope * points[:, 0] / r, -slope * points[:, 1] / r, np.ones(len(r))], axis=1
+    )
     return points - radius * normal / np.sqrt(1 + slope**2)[:, None]
 
 
@@ -231,7 +264,14 @@ def test_profile_determines_symmetric_form(name, columns):
     nominal = MIRRORS.get(name, BALL)
     truth = nominal if name in MIRRORS else replace(BALL, radius_mm=50.5)
     x, rng = np.linspace(-0.99, 0.99, 801) * truth.rim_radius_mm, np.random.default_rng(2)
-    z = truth.sag(np.abs(x)) + 1e-3 * 0.5 * np.sqrt(5) * (6 * (x / truth.rim_radius_mm) ** 4 - 6 * (x / truth.rim_radius_mm) ** 2 + 1) + 1e-4 * rng.normal(size=801)
+    z = (
+        truth.sag(np.abs(x))
+        + 1e-3
+        * 0.5
+        * np.sqrt(5)
+        * (6 * (x / truth.rim_radius_mm) ** 4 - 6 * (x / truth.rim_radius_mm) ** 2 + 1)
+        + 1e-4 * rng.normal(size=801)
+    )
     c, s = np.cos(0.005), np.sin(0.005)
     profile = np.stack([c * x - s * z + 3.0, s * x + c * z + 50.0], axis=1)
     if columns == 3:  # along another line, seen from above
@@ -245,17 +285,39 @@ def test_profile_determines_symmetric_form(name, columns):
     assert np.abs(1e3 * (form.corrected().sag(at * truth.rim_radius_mm) - made)).max() < 0.1
     if name == "hyperboloid":
         across = [0, -1] if columns == 2 else [-0.8, -0.6]
-        np.testing.assert_allclose(form.place.tilt_deg, np.degrees(0.005) * np.array(across), atol=1e-3)
+        np.testing.assert_allclose(
+            form.place.tilt_deg, np.degrees(0.005) * np.array(across), atol=1e-3
+        )
 
 
 @pytest.mark.parametrize(
     ("points", "options", "sentence"),
     [
-        (np.stack([np.linspace(2, 40, 400), BALL.sag(np.linspace(2, 40, 400))], axis=1), {}, "both sides of the axis"),
-        (np.stack([np.linspace(-40, 40, 40), BALL.sag(np.abs(np.linspace(-40, 40, 40)))], axis=1), {}, "at least 50"),
-        (np.stack([np.linspace(-40, 40, 99), BALL.sag(np.abs(np.linspace(-40, 40, 99)))], axis=1), {"order": 4}, "order"),
+        (
+            np.stack([np.linspace(2, 40, 400), BALL.sag(np.linspace(2, 40, 400))], axis=1),
+            {},
+            "both sides of the axis",
+        ),
+        (
+            np.stack(
+                [np.linspace(-40, 40, 40), BALL.sag(np.abs(np.linspace(-40, 40, 40)))], axis=1
+            ),
+            {},
+            "at least 50",
+        ),
+        (
+            np.stack(
+                [np.linspace(-40, 40, 99), BALL.sag(np.abs(np.linspace(-40, 40, 99)))], axis=1
+            ),
+            {"order": 4},
+            "order",
+        ),
         (on(BALL, {}, 0.1), {"probe_radius_mm": -1.0}, "probe_radius_mm = -1"),
-        (on(BALL, {}, 0.1), {"probe_radius_mm": 1.0, "are_departures": True}, "of the surface itself"),
+        (
+            on(BALL, {}, 0.1),
+            {"probe_radius_mm": 1.0, "are_departures": True},
+            "of the surface itself",
+        ),
     ],
 )
 def test_invalid_profiles_and_probes_are_rejected(points, options, sentence):

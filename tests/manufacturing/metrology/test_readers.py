@@ -32,7 +32,10 @@ ROWS = [(1.5, 2.25, -0.0125), (-3.0, 4.5, 0.75), (0.5, -6.0, 1e-3), (12.0, 7.125
 
 def joined(between: str, row: str = "{}", number: str = "{:.6f}", header: str = "") -> str:
     """Format rows; ``row`` formats the numbers of a row and its index i."""
-    lines = [row.format(between.join(number.format(v) for v in r), i=i) for i, r in enumerate(ROWS, start=1)]
+    lines = [
+        row.format(between.join(number.format(v) for v in r), i=i)
+        for i, r in enumerate(ROWS, start=1)
+    ]
     return "\n".join([*([header] if header else []), *lines])
 
 
@@ -48,7 +51,9 @@ def decimal_commas(text: str) -> str:
         "decimal commas and blanks": decimal_commas(joined("  ", "   {}")),
         "decimal commas, commas and blanks": decimal_commas(joined(", ")),
         "row numbers": joined(" ", "{i} {}"),
-        "row numbers and decimal commas": decimal_commas(joined(";", "{i};{};", header="Nr;X [mm];Y [mm];Z [mm]")),
+        "row numbers and decimal commas": decimal_commas(
+            joined(";", "{i};{};", header="Nr;X [mm];Y [mm];Z [mm]")
+        ),
         "labels": joined(" ", "PT{i:03d} {}"),
         "labels of two words": joined(" ", "Point {i}: {}"),
         "labels behind": joined(",", "{},OK"),
@@ -57,7 +62,9 @@ def decimal_commas(text: str) -> str:
         "Fortran in small letters and commas": joined(", ", number="{:.8e}").replace("e", "d"),
         "axes": "\n".join("X{} Y{} Z{}".format(*r) for r in ROWS),
         "report": joined(",", header="CMM 2026-11-28 10:30\nProbe 3.0 of 20\n\nX,Y,Z"),
-        "columns in another order": "\n".join(["z,y,x", *(",".join(map(str, r[::-1])) for r in ROWS)]),
+        "columns in another order": "\n".join(
+            ["z,y,x", *(",".join(map(str, r[::-1])) for r in ROWS)]
+        ),
         "normals": joined(",", "{},0.0,0.1,0.99"),
         "quoted": joined('","', '"{}"'),
         "not measured": joined(",") + "\n1.0,2.0,NaN",
@@ -70,7 +77,9 @@ def test_row_formats(text, tmp_path):
     np.testing.assert_allclose(om.read_points(path), ROWS, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("start", "header"), [("", ""), ("{i}\t", ""), ("", "x\tz"), ("P{i}\t", "")])
+@pytest.mark.parametrize(
+    ("start", "header"), [("", ""), ("{i}\t", ""), ("", "x\tz"), ("P{i}\t", "")]
+)
 def test_profile_with_two_columns(start, header, tmp_path):
     lines = [f"{start.format(i=i)}{x}\t{z}" for i, (x, _, z) in enumerate(ROWS)]
     (tmp_path / "a.txt").write_text("\n".join([*([header] if header else []), *lines]))
@@ -84,7 +93,9 @@ def test_grid_sag_file(tmp_path):
     r = np.hypot(points[:, 0], points[:, 1])
     inside = r < 20.0
     assert inside.sum() > 500
-    np.testing.assert_allclose(points[inside, 2], 50.0 - np.sqrt(2500.0 - r[inside] ** 2), atol=1e-12)
+    np.testing.assert_allclose(
+        points[inside, 2], 50.0 - np.sqrt(2500.0 - r[inside] ** 2), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -94,8 +105,16 @@ def test_grid_sag_file(tmp_path):
         ("a.csv", None, "a.csv"),
         ("a.dat", None, "a.dat"),
         ("a.csv", b"x,y,z\n1,2,3\n1,2\n", r"line 3: '1,2' is not x, y, z as in the other rows"),
-        ("a.csv", b"1,5,2,0,3,1\n1,5,2,0,3,2\n1,7,2,0,3,1", "must not use commas for both columns and decimals"),
-        ("a.csv", b"x [um],y [um],z [um]\n1.0,2.0,3.0", "specifies the unit um, which differs from mm"),
+        (
+            "a.csv",
+            b"1,5,2,0,3,1\n1,5,2,0,3,2\n1,7,2,0,3,1",
+            "must not use commas for both columns and decimals",
+        ),
+        (
+            "a.csv",
+            b"x [um],y [um],z [um]\n1.0,2.0,3.0",
+            "specifies the unit um, which differs from mm",
+        ),
         ("a.csv", b"probe\nA. Meier", "must contain rows of x, y, z"),
     ],
 )
@@ -109,7 +128,10 @@ def test_invalid_files_are_rejected(name, content, sentence, tmp_path):
 def test_missing_package_message(tmp_path, monkeypatch):
     monkeypatch.setattr(readers, "find_spec", lambda name: None)
     (tmp_path / "a.dat").write_bytes(b"\x88\x1b\x03\x6f" + bytes(900))
-    with pytest.raises(OmnimirrorError, match=r"\.dat files require SurfaceTopography; install with pip install 'omnimirror\[metrology\]'"):
+    with pytest.raises(
+        OmnimirrorError,
+        match=r"\.dat files require SurfaceTopography; install with pip install 'omnimirror\[metrology\]'",
+    ):
         om.read_points(tmp_path / "a.dat")
 
 
@@ -144,7 +166,10 @@ class Reader:
 
     def _in(self, unit):
         per_m = {"mm": 1e3, "um": 1e6}[unit]
-        x, y = np.meshgrid(*(1e-3 * (k + 1) * np.arange(n) for k, n in enumerate(self.heights.shape)), indexing="ij")
+        x, y = np.meshgrid(
+            *(1e-3 * (k + 1) * np.arange(n) for k, n in enumerate(self.heights.shape)),
+            indexing="ij",
+        )
         return per_m * x, per_m * y, per_m * self.heights
 
 
@@ -176,7 +201,12 @@ def test_a_grid_of_heights_in_mm_without_the_points_not_measured(suffix, machine
     machine(Reader(heights))
     path = tmp_path / f"a{suffix.upper()}"
     path.write_bytes(b"\x88\x1b\x03\x6f" + bytes(900))
-    expected = [(i, 2 * j, (5 * i - 2 * j) / 1e3) for i in range(3) for j in range(4) if (i, j) not in ((0, 1), (2, 3))]
+    expected = [
+        (i, 2 * j, (5 * i - 2 * j) / 1e3)
+        for i in range(3)
+        for j in range(4)
+        if (i, j) not in ((0, 1), (2, 3))
+    ]
     np.testing.assert_allclose(om.read_points(path), expected, rtol=0, atol=1e-12)
 
 
@@ -190,7 +220,9 @@ def test_the_first_512_bytes_tell_a_grid_sag_from_a_machines_file(machine, tmp_p
         om.read_points(path)
 
 
-@pytest.mark.parametrize(("points", "is_read"), [((4000, 5000), True), ((1, 20_000_001), False), ((5001, 4000), False)])
+@pytest.mark.parametrize(
+    ("points", "is_read"), [((4000, 5000), True), ((1, 20_000_001), False), ((5001, 4000), False)]
+)
 def test_a_grid_has_at_most_20_million_points(points, is_read, machine, tmp_path):
     machine(Reader(np.zeros((2, 3)), points))
     (tmp_path / "a.opd").write_bytes(b"\1")
@@ -198,7 +230,10 @@ def test_a_grid_has_at_most_20_million_points(points, is_read, machine, tmp_path
         assert om.read_points(tmp_path / "a.opd").shape == (6, 3)
         return
     count = points[0] * points[1]
-    with pytest.raises(OmnimirrorError, match=rf"a\.opd must not have more than 20000000 points; got {count}; reduce"):
+    with pytest.raises(
+        OmnimirrorError,
+        match=rf"a\.opd must not have more than 20000000 points; got {count}; reduce",
+    ):
         om.read_points(tmp_path / "a.opd")
 
 
@@ -213,7 +248,14 @@ def test_a_machines_file_has_at_most_256_mb(machine, tmp_path):
         om.read_points(tmp_path / "a.sur")
 
 
-@pytest.mark.parametrize(("error", "reason"), [(ValueError("wrong magic number\nat byte 0"), "wrong magic number"), (KeyError(), "KeyError"), (RuntimeError("no topography"), "no topography")])
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (ValueError("wrong magic number\nat byte 0"), "wrong magic number"),
+        (KeyError(), "KeyError"),
+        (RuntimeError("no topography"), "no topography"),
+    ],
+)
 def test_any_error_of_the_package_is_one_line(error, reason, machine, tmp_path):
     machine(error)
     (tmp_path / "a.plux").write_bytes(b"\1")
@@ -251,7 +293,9 @@ def test_instrument_file_is_converted_to_valid_points_in_mm(tmp_path, monkeypatc
     assert at[1, 0] == pytest.approx(1e-3)
     assert at[2, 6] == pytest.approx(11e-3)
     monkeypatch.setattr(readers, "MAX_GRID_POINTS", 11)
-    with pytest.raises(OmnimirrorError, match="must not have more than 11 points; got 12; reduce its resolution"):
+    with pytest.raises(
+        OmnimirrorError, match="must not have more than 11 points; got 12; reduce its resolution"
+    ):
         om.read_points(tmp_path / "a.x3p")
     (tmp_path / "b.x3p").write_bytes(b"PK nothing")
     with pytest.raises(OmnimirrorError, match=r"b\.x3p cannot be read: "):

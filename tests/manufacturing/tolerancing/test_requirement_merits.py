@@ -17,7 +17,14 @@ from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.object_field import directions_of, field_of
 from omnimirror.manufacturing.tolerancing.perturbation import perturbed
 from omnimirror.manufacturing.tolerancing.requirement_merits import MeritName, named
-from omnimirror.manufacturing.tolerancing.requirement_values import LINE_POINTS, lines_over, sequential_rims, sequential_views, vectorised_rims, vectorised_views
+from omnimirror.manufacturing.tolerancing.requirement_values import (
+    LINE_POINTS,
+    lines_over,
+    sequential_rims,
+    sequential_views,
+    vectorised_rims,
+    vectorised_views,
+)
 from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
 from omnimirror.optics.housing import Dome, Housing, Rod
@@ -25,9 +32,17 @@ from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "exact-equidistant")
-OTHERS = {"dome": replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))), "telecentric": om.load_sensor("paraboloid-telecentric"), "two mirrors": om.load_sensor("folded-hyperboloidal")}
+OTHERS = {
+    "dome": replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))),
+    "telecentric": om.load_sensor("paraboloid-telecentric"),
+    "two mirrors": om.load_sensor("folded-hyperboloidal"),
+}
 NO_ERRORS = {"imager.shift_x_px": np.zeros(1)}
-OUT_OF_PLACE = {"mirror.decentre_x_mm": 0.1, "mirror.tilt_x_deg": 0.15, "lens.focal_length_mm": 0.05}
+OUT_OF_PLACE = {
+    "mirror.decentre_x_mm": 0.1,
+    "mirror.tilt_x_deg": 0.15,
+    "lens.focal_length_mm": 0.05,
+}
 PART = (30.0, 100.0)
 
 
@@ -65,7 +80,9 @@ def test_nominal_values_match_the_design_evaluation(kind):
         merit = named(name)
         values = merit.limit(1.0).of.values(field)
         expected = values.min() if merit.is_lower_limit else values.max()
-        assert found[name] == pytest.approx(expected, rel=2e-3 if kind in OTHERS else 1e-6, abs=2e-3), name
+        assert found[name] == pytest.approx(
+            expected, rel=2e-3 if kind in OTHERS else 1e-6, abs=2e-3
+        ), name
 
 
 @pytest.mark.parametrize("kind", SENSORS)
@@ -79,7 +96,9 @@ def test_resolution_matches_the_perturbed_sensor(kind):
         for sign in (1, -1):
             moved = field.targets + sign * np.radians(step) * turned[..., k]
             ends.append(built.project_directions(moved @ sensor._axes.T).pixels)
-        np.testing.assert_allclose(found, np.linalg.norm(ends[0] - ends[1], axis=1) / (2 * step), rtol=1e-6)
+        np.testing.assert_allclose(
+            found, np.linalg.norm(ends[0] - ends[1], axis=1) / (2 * step), rtol=1e-6
+        )
 
 
 @pytest.mark.parametrize("kind", SENSORS)
@@ -99,17 +118,28 @@ def test_viewpoints_match_the_perturbed_sensor(kind):
         assert (miss(view.viewpoint[0] + step) ** 2).sum() > here
     for k in (1, 40, 96):  # height at which a ray is closest to the axis through that point
         heights = view.viewpoint[0, 2] + np.linspace(-80, 80, 160_001)
-        axis = np.stack([np.full_like(heights, c) for c in view.viewpoint[0, :2]] + [heights], axis=-1)
+        axis = np.stack(
+            [np.full_like(heights, c) for c in view.viewpoint[0, :2]] + [heights], axis=-1
+        )
         distance = np.linalg.norm(np.cross(axis - origins[k], directions[k]), axis=1)
         assert heights[distance.argmin()] == pytest.approx(view.values.viewpoint_z[0, k], abs=2e-3)
 
 
 def test_single_viewpoint_is_preserved():
-    found = required(om.load_sensor("paper-hyperboloidal"), ("viewpoint_spread_mm", "viewpoint_shift_mm"), NO_ERRORS)
+    found = required(
+        om.load_sensor("paper-hyperboloidal"),
+        ("viewpoint_spread_mm", "viewpoint_shift_mm"),
+        NO_ERRORS,
+    )
     assert found["viewpoint_spread_mm"] < 1e-6
     assert found["viewpoint_shift_mm"] < 1e-9
     moved = columns({"mirror.decentre_x_mm": 0.2})
-    assert required(om.load_sensor("paper-hyperboloidal"), ("viewpoint_spread_mm",), moved)["viewpoint_spread_mm"] > 0.1
+    assert (
+        required(om.load_sensor("paper-hyperboloidal"), ("viewpoint_spread_mm",), moved)[
+            "viewpoint_spread_mm"
+        ]
+        > 0.1
+    )
 
 
 @pytest.mark.parametrize("kind", SENSORS)
@@ -128,7 +158,10 @@ def test_vectorised_and_sequential_rims_agree(kind):
 def test_vectorised_and_sequential_views_agree(kind):
     sensor = om.load_sensor(kind)
     field, values = field_of(sensor, angles=3, azimuths=5), columns(OUT_OF_PLACE)
-    (view, _), (again, _) = (vectorised_views(field, values, "none"), sequential_views(field, values, "none"))
+    (view, _), (again, _) = (
+        vectorised_views(field, values, "none"),
+        sequential_views(field, values, "none"),
+    )
     for name, of in view.values._asdict().items():
         other = getattr(again.values, name)
         assert np.shape(of) == np.shape(other), name
@@ -167,7 +200,16 @@ def test_calibration_restores_straight_lines():
 
 @pytest.mark.parametrize("error", ["mirror.decentre_x_mm", "mirror.zernike_5_um", "lens.k1"])
 def test_derivatives_match_small_errors(error):
-    names = ("total_blur_px", "min resolution_px_per_deg", "area_ratio", "viewpoint_spread_mm", "straightness_deg", "viewpoint_shift_mm", "rim_reach_px", "min field_to_deg")
+    names = (
+        "total_blur_px",
+        "min resolution_px_per_deg",
+        "area_ratio",
+        "viewpoint_spread_mm",
+        "straightness_deg",
+        "viewpoint_shift_mm",
+        "rim_reach_px",
+        "min field_to_deg",
+    )
     names = tuple(name if name != "area_ratio" else "min area_ratio" for name in names)
     evaluator = TrialEvaluator.of(SPH, "none", names)
     rates, step = merit_rates(evaluator, error, 0.01), 0.02
@@ -184,7 +226,9 @@ def test_obscurations_match_the_sensor():
     sensor = replace(SPH, housing=Housing(rod=Rod(4.0)))
     values = columns({"mirror.displacement_mm": 1.0})
     found = required(sensor, ("obscured_percent",), values)["obscured_percent"]
-    assert found == pytest.approx(perturbed(sensor, {"mirror.displacement_mm": 1.0}).aligned().obscured_percent)
+    assert found == pytest.approx(
+        perturbed(sensor, {"mirror.displacement_mm": 1.0}).aligned().obscured_percent
+    )
 
 
 def test_yield_of_a_resolution_limit():
@@ -210,9 +254,13 @@ def test_quantiles_of_nearly_constant_merits():
     limits = {"min field_to_deg": 134.99}
     statistics = om.tolerance(SPH, tolerances, limits=limits, trials=400).statistics
     evaluator = TrialEvaluator.of(SPH, "none", tuple(limits))
-    values = evaluator.evaluate(tolerances.drawn(0, 0, 400))[:, evaluator.names.index("min field_to_deg")]
+    values = evaluator.evaluate(tolerances.drawn(0, 0, 400))[
+        :, evaluator.names.index("min field_to_deg")
+    ]
     for share in (0.05, 0.5, 0.95):
-        assert statistics.quantile("min field_to_deg", share) == pytest.approx(np.quantile(values, 1 - share), abs=2e-4)
+        assert statistics.quantile("min field_to_deg", share) == pytest.approx(
+            np.quantile(values, 1 - share), abs=2e-4
+        )
     found, shares = statistics.curve("min field_to_deg")
     assert np.interp(np.median(values), found, shares) == pytest.approx(0.5, abs=0.02)
     assert statistics.yields.value == pytest.approx((values >= 134.99).mean(), abs=0.01)
@@ -226,9 +274,18 @@ FILE = '[[error]]\nname = "mirror.tilt_x_deg"\ntolerance = 0.1\n[[limit]]\n'
     [
         ('quantity = "motion_px"\nafter = "pose"\nat_most = 0.5', {"motion_px after pose": 0.5}),
         ('quantity = "aspect"\nat_most = 1.2\nat_least = 0.8', {"aspect": 1.2, "min aspect": 0.8}),
-        ('quantity = "mtf"\nat_least = 0.3\nomega_deg = 90\ncycles_per_px = 0.25', {"min mtf at 0.25 cycles/px, at 90 deg": 0.3}),
-        ('quantity = "total_blur_px"\nat_most = 5\nelevation_deg = [-10, 10]', {"total_blur_px, 80 to 100 deg": 5.0}),
-        ('quantity = "straightness_deg"\nafter = "affine"\nat_most = 0.1', {"straightness_deg after affine": 0.1}),
+        (
+            'quantity = "mtf"\nat_least = 0.3\nomega_deg = 90\ncycles_per_px = 0.25',
+            {"min mtf at 0.25 cycles/px, at 90 deg": 0.3},
+        ),
+        (
+            'quantity = "total_blur_px"\nat_most = 5\nelevation_deg = [-10, 10]',
+            {"total_blur_px, 80 to 100 deg": 5.0},
+        ),
+        (
+            'quantity = "straightness_deg"\nafter = "affine"\nat_most = 0.1',
+            {"straightness_deg after affine": 0.1},
+        ),
         ('quantity = "field_to_deg"\nat_least = 130', {"min field_to_deg": 130.0}),
     ],
 )
@@ -240,12 +297,21 @@ def test_limits_have_the_format_of_requirement_files(table, limits):
     ("table", "words"),
     [
         ('quantity = "motion_px"', "line 4: limit of motion_px requires at_most or at_least"),
-        ('quantity = "motion_px"\nat_most = 1\nomega_deg = 90', "line 7: omega_deg does not apply to motion_px"),
+        (
+            'quantity = "motion_px"\nat_most = 1\nomega_deg = 90',
+            "line 7: omega_deg does not apply to motion_px",
+        ),
         ('quantity = "motion_px"\nat_least = 1', "'min motion_px' is not a merit of trials"),
-        ('quantity = "motion_px"\nat_most = -1', "the upper limit of motion_px must be positive; got -1"),
+        (
+            'quantity = "motion_px"\nat_most = -1',
+            "the upper limit of motion_px must be positive; got -1",
+        ),
         ('quantity = "aspect"\nafter = "pose"\nat_most = 1', "'aspect after pose' is not a merit"),
         ('quantity = "aspect"', "at_"),
-        ('quantity = "field_to_deg"\nat_most = 1', "'field_to_deg' is not a merit of trials; use 'min field_to_deg'"),
+        (
+            'quantity = "field_to_deg"\nat_most = 1',
+            "'field_to_deg' is not a merit of trials; use 'min field_to_deg'",
+        ),
         ('quantity = "mtf"\nat_least = 0.3', "requires a spatial frequency"),
         ('quantity = "nonsense"\nat_most = 1', "'nonsense' is not a merit of trials"),
     ],
@@ -269,8 +335,16 @@ def test_merit_names_round_trip():
 @pytest.mark.parametrize("distance_mm", [400.0, 2000.0])
 def test_object_sizes_refer_to_the_object_distance_of_the_requirements(distance_mm):
     """Sizes of the nominal sensor agree with those of ``om.judge``, which traces the meridian."""
-    limits = [om.Limit("plane_mm_per_px", at_most=1.0, omega_deg=(20, 60)), om.Limit("cylinder_mm_per_px", at_most=1.0, omega_deg=(60, 120))]
-    requirements = om.Requirements(field=om.FieldRequirements(omega_max_deg=130.0, object_distance_mm=distance_mm), mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.9), lens=om.LensRequirements(theta_max_deg=(5.0, 20.0)), limits=limits)
+    limits = [
+        om.Limit("plane_mm_per_px", at_most=1.0, omega_deg=(20, 60)),
+        om.Limit("cylinder_mm_per_px", at_most=1.0, omega_deg=(60, 120)),
+    ]
+    requirements = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=130.0, object_distance_mm=distance_mm),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.9),
+        lens=om.LensRequirements(theta_max_deg=(5.0, 20.0)),
+        limits=limits,
+    )
     expected = {row.label: row.reached for row in om.judge(requirements, SPH).limits}
     tolerances = om.Tolerances(SPH, {"imager.rotation_deg": om.Tolerance(0.0)})
     report = om.tolerance(SPH, tolerances, limits=requirements, trials=1)

@@ -19,12 +19,20 @@ from omnimirror.optics.mirrors.as_built import MirrorForm
 from omnimirror.optics.tracing.reflection import RayEndpoints
 
 SPH = om.load_sensor("paper-spherical")
-WARM = om.Thermal(mirror_material="acrylic", spacer_material="aluminium", mount_material="brass", focal_ppm_per_k=20.0, held_at="rim")
+WARM = om.Thermal(
+    mirror_material="acrylic",
+    spacer_material="aluminium",
+    mount_material="brass",
+    focal_ppm_per_k=20.0,
+    held_at="rim",
+)
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
 OTHERS = {
     "tube": replace(SPH, housing=Housing(shell=Tube(110.0, 3.0, medium="water"))),
     "dome": replace(SPH, housing=Housing(shell=Dome(260.0, 5.0, inner_shift_mm=1.0))),
-    "window": replace(SPH, housing=Housing(shell=FlatWindow()), mirror=om.mirrors.Sphere(49.96, 28.0)),
+    "window": replace(
+        SPH, housing=Housing(shell=FlatWindow()), mirror=om.mirrors.Sphere(49.96, 28.0)
+    ),
     "telecentric": om.load_sensor("paraboloid-telecentric"),
     "two mirrors": om.load_sensor("folded-hyperboloidal"),
     "warm tube": replace(SPH, housing=Housing(shell=Tube(110.0, material="acrylic")), thermal=WARM),
@@ -33,14 +41,19 @@ OTHERS = {
 
 def warm(name):
     sensor = om.load_sensor(name)
-    return replace(sensor, thermal=replace(WARM, mirror_material=None) if name.startswith("exact") else WARM)
+    return replace(
+        sensor, thermal=replace(WARM, mirror_material=None) if name.startswith("exact") else WARM
+    )
 
 
 def drawn(sensor, count, seed=0, share=1.0):
     """Draw all errors of a sensor at the medium grade, with every fifth Zernike term."""
     rng, known = np.random.default_rng(seed), error_sources(sensor)
     kept = [name for name in known if "zernike" not in name or rng.random() < 0.2]
-    return {name: share * rng.normal(size=count) * known[name].typical_tolerances["medium"] for name in kept}
+    return {
+        name: share * rng.normal(size=count) * known[name].typical_tolerances["medium"]
+        for name in kept
+    }
 
 
 def one(values, k=0):
@@ -72,15 +85,21 @@ def test_sequential_and_vectorised_trials_agree(name, refocus):
     """
     sensor = warm(name)
     values = drawn(sensor, 2, seed=2)
-    if refocus != "none":  # in this case, points of a tilted imager are focused together with its centre, to 0.02 px
+    if (
+        refocus != "none"
+    ):  # in this case, points of a tilted imager are focused together with its centre, to 0.02 px
         values["imager.tilt_x_deg"] = values["imager.tilt_y_deg"] = np.zeros(2)
     field = field_of(sensor, angles=4, azimuths=7)
     shown, lost, focus = field.shown(values, refocus=refocus)
-    again, lost_again, focus_again = sequential_images(sensor, values, 2, RayEndpoints(field.targets, field.distant), refocus=refocus)
+    again, lost_again, focus_again = sequential_images(
+        sensor, values, 2, RayEndpoints(field.targets, field.distant), refocus=refocus
+    )
     assert not lost.any()
     assert not lost_again.any()
     close = 1e-4 if refocus == "worst" else 2e-5
-    np.testing.assert_allclose(again.offsets_px, shown.offsets_px, atol=1e-9 if refocus == "none" else close)
+    np.testing.assert_allclose(
+        again.offsets_px, shown.offsets_px, atol=1e-9 if refocus == "none" else close
+    )
     signs = np.sign((again.blur_px * shown.blur_px).sum(axis=(-2, -1)))[..., None, None]
     np.testing.assert_allclose(again.blur_px * signs, shown.blur_px, atol=close)
     np.testing.assert_allclose(focus_again, focus, rtol=1e-6 if refocus != "worst" else 1e-5)
@@ -95,7 +114,9 @@ def test_blur_on_a_tilted_imager_matches_a_thin_lens():
     targets, small = RayEndpoints(field.targets, True), 0.01
     places = []
     for pupil in small * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
-        found = SPH.optical_train.posed_mirror.specular(SPH.optical_train.entrance_pupil_points(pupil[None]), targets)
+        found = SPH.optical_train.posed_mirror.specular(
+            SPH.optical_train.entrance_pupil_points(pupil[None]), targets
+        )
         slope, p = found.to_pupils[:, :2] / found.to_pupils[:, 2:], lens.aperture_radius * pupil
         # (b (a + p/f) - p) = plane[:2] e,  b = b0 + plane[2] e
         straight = slope + p / lens.focal_length_mm
@@ -114,7 +135,9 @@ def test_other_sensors_match_forward_projection(kind):
     assert not is_vectorised(sensor)
     values = drawn(sensor, 1, seed=5, share=0.5)
     low, high = sensor.clear_field_deg
-    field = field_of(sensor, field_deg=(low + 0.1 * (high - low), low + 0.9 * (high - low)), angles=3, azimuths=5)
+    field = field_of(
+        sensor, field_deg=(low + 0.1 * (high - low), low + 0.9 * (high - low)), angles=3, azimuths=5
+    )
     shown, lost, _ = field.shown(values)
     built = perturbed(sensor, one(values))
     found = built.project_directions(field.targets @ sensor._axes.T)
@@ -124,25 +147,41 @@ def test_other_sensors_match_forward_projection(kind):
     nominal = om.evaluate(sensor, omega_deg=field.omega_deg[::5])
     plain = field.picture({}, 1).blur_px[0, ::5]
     worst = np.maximum(np.abs(nominal.blur_t_px), np.abs(nominal.blur_s_px))
-    np.testing.assert_allclose(np.linalg.svd(plain, compute_uv=False)[:, 0], worst, rtol=2e-3, atol=2e-3)
+    np.testing.assert_allclose(
+        np.linalg.svd(plain, compute_uv=False)[:, 0], worst, rtol=2e-3, atol=2e-3
+    )
     along = np.hypot(*field.px_per_deg[::5, :, 0].T)
     np.testing.assert_allclose(along, np.abs(nominal.dh_domega_px_per_deg), rtol=1e-5)
 
 
-@pytest.mark.parametrize("kind", ["telecentric", *(pytest.param(kind, marks=pytest.mark.full) for kind in ("dome", "two mirrors"))])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "telecentric",
+        *(pytest.param(kind, marks=pytest.mark.full) for kind in ("dome", "two mirrors")),
+    ],
+)
 def test_tolerance_analysis_of_other_sensors(kind):
     sensor = OTHERS[kind]
     known = error_sources(sensor)
     names = [name for name in known if "zernike" not in name and "tilt" not in name][::6]
-    tolerances = om.Tolerances(sensor, {name: om.Tolerance(known[name].typical_tolerances["medium"]) for name in names})
-    plan = om.TolerancePlan(tolerances, {"motion_px after affine": 5.0}, objects={"angles": 2, "azimuths": 3})
+    tolerances = om.Tolerances(
+        sensor, {name: om.Tolerance(known[name].typical_tolerances["medium"]) for name in names}
+    )
+    plan = om.TolerancePlan(
+        tolerances, {"motion_px after affine": 5.0}, objects={"angles": 2, "azimuths": 3}
+    )
     found = om.tolerance(sensor, plan, trials=20, seed=1)
     assert found.statistics.trials == 20
-    assert found.statistics.quantile("motion_px", 0.95) > found.statistics.quantile("motion_px after affine", 0.95)
+    assert found.statistics.quantile("motion_px", 0.95) > found.statistics.quantile(
+        "motion_px after affine", 0.95
+    )
 
 
 def test_intersecting_cover_is_a_reject():
-    merits = TrialEvaluator.of(OTHERS["tube"], angles=2, azimuths=3).evaluate({"cover.decentre_x_mm": np.array([0.0, 40.0])})
+    merits = TrialEvaluator.of(OTHERS["tube"], angles=2, azimuths=3).evaluate(
+        {"cover.decentre_x_mm": np.array([0.0, 40.0])}
+    )
     assert merits[0, -1] == 0
     assert merits[1, -1] > 0
     assert np.isnan(merits[1, 0])
@@ -151,7 +190,11 @@ def test_intersecting_cover_is_a_reject():
 def test_perturbed_folded_sensor_keeps_the_field():
     """A perturbed secondary mirror vignettes the rim of the primary mirror."""
     sensor = OTHERS["two mirrors"]
-    values = {"mirror.displacement_mm": [-0.25], "secondary.displacement_mm": [-0.25], "mirror.conic": [-0.02]}
+    values = {
+        "mirror.displacement_mm": [-0.25],
+        "secondary.displacement_mm": [-0.25],
+        "mirror.conic": [-0.02],
+    }
     values = {name: np.array(of) for name, of in values.items()}
     with pytest.raises(SelfObstruction, match="the secondary must image the mirror up to its rim"):
         _ = perturbed(sensor, one(values)).field_deg
@@ -172,14 +215,35 @@ def test_temperature_matches_thermal_model():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: MirrorForm((5, 5), (1.0, 1.0)), r"zernike must contain different indices of terms; got \[5, 5\]"),
-        (lambda: MirrorForm((5, 8), (1.0,)), "um must have one amplitude for each of the 2 terms; got 1"),
+        (
+            lambda: MirrorForm((5, 5), (1.0, 1.0)),
+            r"zernike must contain different indices of terms; got \[5, 5\]",
+        ),
+        (
+            lambda: MirrorForm((5, 8), (1.0,)),
+            "um must have one amplitude for each of the 2 terms; got 1",
+        ),
         (lambda: MirrorForm((500,), (1.0,)), r"zernike\[0\] must be between 1 and 91; got 500"),
-        (lambda: replace(OTHERS["telecentric"], imager_pose=ImagerPose(1.0)), "behind a orthographic"),
-        (lambda: replace(OTHERS["two mirrors"], mirror_form=MirrorForm((5,), (1.0,))), "with a secondary"),
-        (lambda: om.evaluate(replace(SPH, mirror_form=MirrorForm((5,), (1.0,)))), "the form error of the mirror of"),
-        (lambda: om.spots(replace(SPH, imager_pose=ImagerPose(1.0)), [90.0]), "that of 'paper-spherical' is tilted by 1"),
-        (lambda: om.SensorModel(replace(SPH, imager_pose=ImagerPose(1.0))), r"without \[mirror_form\]"),
+        (
+            lambda: replace(OTHERS["telecentric"], imager_pose=ImagerPose(1.0)),
+            "behind a orthographic",
+        ),
+        (
+            lambda: replace(OTHERS["two mirrors"], mirror_form=MirrorForm((5,), (1.0,))),
+            "with a secondary",
+        ),
+        (
+            lambda: om.evaluate(replace(SPH, mirror_form=MirrorForm((5,), (1.0,)))),
+            "the form error of the mirror of",
+        ),
+        (
+            lambda: om.spots(replace(SPH, imager_pose=ImagerPose(1.0)), [90.0]),
+            "that of 'paper-spherical' is tilted by 1",
+        ),
+        (
+            lambda: om.SensorModel(replace(SPH, imager_pose=ImagerPose(1.0))),
+            r"without \[mirror_form\]",
+        ),
     ],
 )
 def test_unsupported_perturbations_are_rejected(make, words):

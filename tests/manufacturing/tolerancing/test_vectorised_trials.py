@@ -9,19 +9,34 @@ from scipy.optimize import least_squares
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
-from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, evaluate_numpy, merit_names
+from omnimirror.manufacturing.tolerancing.compensation import (
+    CALIBRATIONS,
+    POSE,
+    after,
+    evaluate_numpy,
+    merit_names,
+)
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator, evaluate_compiled
 from omnimirror.manufacturing.tolerancing.object_field import field_of
 from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
 from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
 from omnimirror.manufacturing.tolerancing.tolerances import Tolerance, Tolerances
-from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS, largest_diameter, trace_objects
+from omnimirror.manufacturing.tolerancing.trial_images import (
+    REFOCUS,
+    largest_diameter,
+    trace_objects,
+)
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
-LENS = {"lens.focal_length_mm": 0.05, "lens.focus_distance_mm": 5.0, "lens.k1": 0.02, "lens.p2": 1e-3}
+LENS = {
+    "lens.focal_length_mm": 0.05,
+    "lens.focus_distance_mm": 5.0,
+    "lens.k1": 0.02,
+    "lens.p2": 1e-3,
+}
 LENS |= {"lens.entrance_pupil_mm": 1.5, "lens.f_number": 0.1}
 
 
@@ -29,7 +44,11 @@ def errors(sensor, seed=0, size=0.2):
     """Case with errors of all kinds in a sensor file."""
     rng = np.random.default_rng(seed)
     shape = {"mirror.vertex_radius_mm": 0.1, "mirror.conic": 0.01, "mirror.coefficients[1]": 1e-3}
-    sizes = dict.fromkeys(POSE, size) | LENS | {name: v for name, v in shape.items() if name in error_sources(sensor)}
+    sizes = (
+        dict.fromkeys(POSE, size)
+        | LENS
+        | {name: v for name, v in shape.items() if name in error_sources(sensor)}
+    )
     return {name: float(rng.normal() * value) for name, value in sizes.items()}
 
 
@@ -66,7 +85,9 @@ def test_nominal_blur_matches_the_evaluation(sensor):
     table = om.evaluate(sensor, omega_deg=np.maximum(field.omega_deg[first], 1e-6))
     worst = np.maximum(np.abs(table.blur_t_px), np.abs(table.blur_s_px))
     np.testing.assert_allclose(largest_diameter(blur[first]), worst, rtol=1e-6)
-    np.testing.assert_allclose(np.linalg.det(blur[first]), table.blur_t_px * table.blur_s_px, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        np.linalg.det(blur[first]), table.blur_t_px * table.blur_s_px, rtol=1e-6, atol=1e-6
+    )
 
 
 def test_blur_matches_finite_rays(sensor):
@@ -82,9 +103,18 @@ def test_blur_matches_finite_rays(sensor):
     around = np.arange(16) * (2 * np.pi / 16)
     pupil = np.stack([np.cos(around), np.sin(around)], axis=-1)
     for target, matrix in zip(field.targets, blur, strict=True):
-        ends = om.optics.tracing.reflection.RayEndpoints.of(np.broadcast_to(target, (16, 3)), distant=True)
-        found = built.optical_train.posed_mirror.specular(built.optical_train.entrance_pupil_points(pupil), ends)
-        points = built.lens.image_of(found.facing_points - built.optical_train.lens_offset, found.to_pupils) / built.imager.pitch_mm
+        ends = om.optics.tracing.reflection.RayEndpoints.of(
+            np.broadcast_to(target, (16, 3)), distant=True
+        )
+        found = built.optical_train.posed_mirror.specular(
+            built.optical_train.entrance_pupil_points(pupil), ends
+        )
+        points = (
+            built.lens.image_of(
+                found.facing_points - built.optical_train.lens_offset, found.to_pupils
+            )
+            / built.imager.pitch_mm
+        )
         spread = points - points.mean(axis=0)
         expected = pupil @ matrix.T / 2
         assert np.abs(spread - expected).max() < 0.02 * np.abs(expected).max() + 1e-6
@@ -93,20 +123,35 @@ def test_blur_matches_finite_rays(sensor):
 def test_form_error_obeys_the_law_of_reflection():
     """Normals of the surface from Zernike's formulas by differences."""
     sensor = om.load_sensor("paper-hyperboloidal")
-    values = {"mirror.zernike_5_um": 40.0, "mirror.zernike_8_um": 30.0, "mirror.zernike_25_um": 20.0}
+    values = {
+        "mirror.zernike_5_um": 40.0,
+        "mirror.zernike_8_um": 30.0,
+        "mirror.zernike_25_um": 20.0,
+    }
     field = field_of(sensor)
-    shown = trace_objects(states_of(sensor, columns(values)), field.targets, field.distant, field.start)
+    shown = trace_objects(
+        states_of(sensor, columns(values)), field.targets, field.distant, field.start
+    )
     rim = sensor.mirror.rim_radius_mm
 
     def height(x, y):
         r, phi = np.hypot(x, y) / rim, np.arctan2(y, x)
-        form = 40.0 * np.sqrt(6) * r**2 * np.sin(2 * phi) + 30.0 * np.sqrt(8) * (3 * r**3 - 2 * r) * np.cos(phi)
+        form = 40.0 * np.sqrt(6) * r**2 * np.sin(2 * phi) + 30.0 * np.sqrt(8) * (
+            3 * r**3 - 2 * r
+        ) * np.cos(phi)
         form += 20.0 * np.sqrt(14) * (6 * r**6 - 5 * r**4) * np.sin(4 * phi)
         return sensor.mirror.sag(r * rim) + 1e-3 * form
 
     x, y = shown.mirror_points[0].T
     step = 1e-4
-    normals = np.stack([(height(x + step, y) - height(x - step, y)) / (2 * step), (height(x, y + step) - height(x, y - step)) / (2 * step), -np.ones_like(x)], axis=-1)
+    normals = np.stack(
+        [
+            (height(x + step, y) - height(x - step, y)) / (2 * step),
+            (height(x, y + step) - height(x, y - step)) / (2 * step),
+            -np.ones_like(x),
+        ],
+        axis=-1,
+    )
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     towards = np.stack([x, y, height(x, y) + sensor.mirror_distance_mm], axis=-1)
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
@@ -119,8 +164,16 @@ def test_imager_pose_is_a_plane_intersection():
     """Intersect the chief ray with the imager plane in three dimensions."""
     sensor = om.load_sensor("paper-spherical")
     field = field_of(sensor)
-    names = ("imager.shift_x_px", "imager.shift_y_px", "imager.rotation_deg", "imager.tilt_x_deg", "imager.tilt_y_deg")
-    values = dict(zip((*names, "imager.pitch_ppm"), (12.0, -5.0, 1.5, 0.8, -0.6, 300.0), strict=True))
+    names = (
+        "imager.shift_x_px",
+        "imager.shift_y_px",
+        "imager.rotation_deg",
+        "imager.tilt_x_deg",
+        "imager.tilt_y_deg",
+    )
+    values = dict(
+        zip((*names, "imager.pitch_ppm"), (12.0, -5.0, 1.5, 0.8, -0.6, 300.0), strict=True)
+    )
     shown = field.picture(columns(values)).offsets_px[0]
     pitch = sensor.imager.pitch_mm
     c = sensor.lens.principal_distance
@@ -128,7 +181,9 @@ def test_imager_pose_is_a_plane_intersection():
     a, b, turn = np.radians([0.8, -0.6, 1.5])
     about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    about_z = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    about_z = np.array(
+        [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+    )
     axes = about_y @ about_x @ about_z
     middle = np.array([0.0, 0.0, c])
     met = rays * ((axes[:, 2] @ middle) / (rays @ axes[:, 2]))[:, None]
@@ -141,14 +196,24 @@ def test_pose_residual_matches_a_full_fit(name):
     """Fit pose and affine terms with exact rays in every step."""
     sensor = om.load_sensor(name)
     evaluator = TrialEvaluator.of(sensor, angles=5, azimuths=8)
-    values = {"mirror.tilt_x_deg": 0.3, "mirror.decentre_x_mm": -0.2, "mirror.zernike_6_um": 3.0, "mirror.zernike_11_um": 1.0}
+    values = {
+        "mirror.tilt_x_deg": 0.3,
+        "mirror.decentre_x_mm": -0.2,
+        "mirror.zernike_6_um": 3.0,
+        "mirror.zernike_11_um": 1.0,
+    }
     merits, moved = evaluator.evaluate_with_motions(columns(values))
     x, y = evaluator.reference_px.T
     one, zero = np.ones_like(x), np.zeros_like(x)
-    affine = np.array([np.append(c, zero) for c in (one, x, y)] + [np.append(zero, c) for c in (one, x, y)])
+    affine = np.array(
+        [np.append(c, zero) for c in (one, x, y)] + [np.append(zero, c) for c in (one, x, y)]
+    )
 
     def residual(p):
-        shown = evaluator.field.picture(columns(dict(zip(POSE, p, strict=True)))).offsets_px[0] - evaluator.reference_px
+        shown = (
+            evaluator.field.picture(columns(dict(zip(POSE, p, strict=True)))).offsets_px[0]
+            - evaluator.reference_px
+        )
         rest = moved[0] - shown.T.ravel()
         return rest - affine.T @ np.linalg.lstsq(affine.T, rest, rcond=None)[0]
 
@@ -190,7 +255,12 @@ def test_all_mirrors_are_supported(kind):
     """All mirror types, including pointed ones."""
     sensor = sensor_of(kind)
     low, high = sensor.field_deg
-    field = field_of(sensor, field_deg=(low + 0.05 * (high - low), high - 0.05 * (high - low)), angles=4, azimuths=5)
+    field = field_of(
+        sensor,
+        field_deg=(low + 0.05 * (high - low), high - 0.05 * (high - low)),
+        angles=4,
+        azimuths=5,
+    )
     values = {"mirror.decentre_x_mm": 0.05, "mirror.tilt_y_deg": 0.05}
     built = perturbed(sensor, values)
     found = built.project_directions(world(built, field.targets))
@@ -212,13 +282,24 @@ def test_lost_rays_are_counted():  # a decentre moves the rim away from its obje
 def test_impossible_sensors_lose_all_rays():
     evaluator = TrialEvaluator.of(om.load_sensor("paper-spherical"))
     n = len(evaluator.field)
-    for name, value in (("lens.f_number", -9.0), ("lens.focus_distance_mm", -205.0), ("mirror.vertex_radius_mm", -60.0)):
+    for name, value in (
+        ("lens.f_number", -9.0),
+        ("lens.focus_distance_mm", -205.0),
+        ("mirror.vertex_radius_mm", -60.0),
+    ):
         merits, moved = evaluator.evaluate_with_motions({name: np.array([0.0, value])})
         assert merits[:, -1].tolist() == [0, n]
         assert np.isnan(moved[1]).all()
 
 
-@pytest.mark.parametrize(("options", "words"), [({"field_deg": (0.0, 179.0)}, "field_deg"), ({"angles": 0}, "angles"), ({"object_distance_mm": -1.0}, "object_distance_mm")])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"field_deg": (0.0, 179.0)}, "field_deg"),
+        ({"angles": 0}, "angles"),
+        ({"object_distance_mm": -1.0}, "object_distance_mm"),
+    ],
+)
 def test_invalid_field_is_rejected(options, words):
     with pytest.raises(InvalidParameter, match=words):
         field_of(om.load_sensor("paper-spherical"), **options)
@@ -233,5 +314,7 @@ def test_extreme_tolerances_have_sensitivities(sensor, value):
 
 @pytest.mark.parametrize("value", [-1e-50, 9e-51, 5e-324, 1.1e6, 1e308])
 def test_out_of_range_tolerances_are_rejected(value):
-    with pytest.raises(InvalidParameter, match=r"tolerance must be 0, or between 1e-50 and 1e\+06; got "):
+    with pytest.raises(
+        InvalidParameter, match=r"tolerance must be 0, or between 1e-50 and 1e\+06; got "
+    ):
         Tolerance(value)

@@ -15,7 +15,13 @@ from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
 from omnimirror.dewarp import Dewarper, screens
-from omnimirror.optics.lenses.distortion import distorted, distorted_rates, fold, undistorted, undistorted_radius
+from omnimirror.optics.lenses.distortion import (
+    distorted,
+    distorted_rates,
+    fold,
+    undistorted,
+    undistorted_radius,
+)
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from omnimirror.simulation import rendering as rays
@@ -31,11 +37,17 @@ LENSES = pytest.mark.parametrize("terms", [BARREL, TANGENTIAL], ids=["radial", "
 MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
 
 
-def sensor_with(name: str = "paper-spherical", pixels: int = 1024, pose: MirrorPose | None = None, **terms) -> om.Sensor:
+def sensor_with(
+    name: str = "paper-spherical", pixels: int = 1024, pose: MirrorPose | None = None, **terms
+) -> om.Sensor:
     sensor = om.load_sensor(name)
     pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
-    imager = replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch, centre_px=None)
-    return replace(sensor, imager=imager, lens=replace(sensor.lens, **terms), mirror_pose=pose or MirrorPose())
+    imager = replace(
+        sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch, centre_px=None
+    )
+    return replace(
+        sensor, imager=imager, lens=replace(sensor.lens, **terms), mirror_pose=pose or MirrorPose()
+    )
 
 
 def opencv(terms) -> np.ndarray:
@@ -46,7 +58,9 @@ def opencv(terms) -> np.ndarray:
 def test_distortion_matches_opencv(terms):
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (500, 2))
     brown = tuple(terms.get(n, 0.0) for n in ("k1", "k2", "k3", "p1", "p2"))
-    theirs = cv2.projectPoints(np.c_[ideal, np.ones(500)], np.zeros(3), np.zeros(3), np.eye(3), opencv(terms))[0][:, 0]
+    theirs = cv2.projectPoints(
+        np.c_[ideal, np.ones(500)], np.zeros(3), np.zeros(3), np.eye(3), opencv(terms)
+    )[0][:, 0]
     np.testing.assert_allclose(distorted(ideal, brown), theirs, atol=1e-14)
     np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
 
@@ -57,10 +71,14 @@ def test_distortion_rates_match_differences():
     there, by_ideal, by_coefficients = distorted_rates(ideal, tuple(brown))
     np.testing.assert_array_equal(there, distorted(ideal, tuple(brown)))
     for k, e in enumerate(step * np.eye(2)):
-        differences = (distorted(ideal + e, tuple(brown)) - distorted(ideal - e, tuple(brown))) / (2 * step)
+        differences = (distorted(ideal + e, tuple(brown)) - distorted(ideal - e, tuple(brown))) / (
+            2 * step
+        )
         np.testing.assert_allclose(by_ideal[..., k], differences, atol=1e-8)
     for k, e in enumerate(step * np.eye(5)):
-        differences = (distorted(ideal, tuple(brown + e)) - distorted(ideal, tuple(brown - e))) / (2 * step)
+        differences = (distorted(ideal, tuple(brown + e)) - distorted(ideal, tuple(brown - e))) / (
+            2 * step
+        )
         np.testing.assert_allclose(by_coefficients[..., k], differences, atol=1e-8)
 
 
@@ -87,7 +105,9 @@ def test_distorted_pixels_match_opencv(terms, pose):
         both = seen & valid
         assert both.sum() > 100
         ideal = np.c_[(before[both] - 511.5) * pitch / b, np.ones(both.sum())]
-        expected = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), camera, opencv(terms))[0][:, 0]
+        expected = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), camera, opencv(terms))[0][
+            :, 0
+        ]
         np.testing.assert_allclose(after[both], expected, atol=1e-8)
     _, directions, valid = bent.backproject(after[both])
     assert valid.all()
@@ -102,7 +122,9 @@ def test_characteristics_include_distortion():
     omega = np.array([30.0, 60.0, 90.0, 120.0])
     ends = [sensor.project_directions(_direction(omega + s)).pixels for s in (-0.005, 0.005)]
     result = om.evaluate(sensor, omega_deg=omega)
-    np.testing.assert_allclose(result.dh_domega_px_per_deg, np.linalg.norm(ends[1] - ends[0], axis=1) / 0.01, rtol=1e-6)
+    np.testing.assert_allclose(
+        result.dh_domega_px_per_deg, np.linalg.norm(ends[1] - ends[0], axis=1) / 0.01, rtol=1e-6
+    )
     assert om.check_blur(sensor, [4.0]).max_abs("edge_t_px").max() < 0.002
     assert om.check_blur(sensor, [4.0]).max_abs("edge_s_px").max() < 0.002
     bent, plain = (om.mtf(s, omega, pixel=False) for s in (sensor, sensor_with()))
@@ -120,29 +142,49 @@ def _direction(omega_deg):
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 @LENSES
-@pytest.mark.parametrize("pose", few([MirrorPose(), MISPLACED], MISPLACED), ids=["aligned", "misplaced"])
+@pytest.mark.parametrize(
+    "pose", few([MirrorPose(), MISPLACED], MISPLACED), ids=["aligned", "misplaced"]
+)
 def test_compiled_rays_match_double_precision(terms, pose):
     sensor = sensor_with(pixels=100, pose=pose, **terms)
     sensor = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
     plan, part = sampling_plan(16, blur=True), (slice(0, 100), slice(0, 100))
-    fast, slow = (f(sensor, plan, Radiometry(vignetting=1.0), *part) for f in (rays._trace_natively, rays._trace_sensor))
+    fast, slow = (
+        f(sensor, plan, Radiometry(vignetting=1.0), *part)
+        for f in (rays._trace_natively, rays._trace_sensor)
+    )
     assert np.mean(fast.fate != slow.fate) < 1e-4
     seen = (fast.fate == slow.fate) & (slow.fate == rays.REFLECTED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-5)
     np.testing.assert_allclose(fast.origins[seen], slow.origins[seen], atol=2e-4)
-    a, b = (d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True) for d in (fast.directions, slow.directions))
+    a, b = (
+        d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True)
+        for d in (fast.directions, slow.directions)
+    )
     assert np.abs(a - b).max() < 2e-5
 
 
-@pytest.mark.parametrize("terms", [pytest.param(BARREL, marks=pytest.mark.full), TANGENTIAL], ids=["radial", "tangential"])
+@pytest.mark.parametrize(
+    "terms",
+    [pytest.param(BARREL, marks=pytest.mark.full), TANGENTIAL],
+    ids=["radial", "tangential"],
+)
 def test_dewarper_corrects_distortion(terms):
     """A sensor with distortion, rendered and dewarped with its own file, equals a pinhole view."""
     v, u = np.mgrid[:256, :512] / 40.0
-    world = Environment((0.5 + 0.2 * np.stack([np.sin(u), np.cos(u + v), np.sin(2 * v)], axis=-1)).astype(np.float32))
+    world = Environment(
+        (0.5 + 0.2 * np.stack([np.sin(u), np.cos(u + v), np.sin(2 * v)], axis=-1)).astype(
+            np.float32
+        )
+    )
     view = screens.Plane((200, 120), hfov_deg=70.0)
-    direct = srgb_from_linear(world.radiance(np.zeros((120 * 200, 3)), view.targets(0, 120).reshape(-1, 3)))
+    direct = srgb_from_linear(
+        world.radiance(np.zeros((120 * 200, 3)), view.targets(0, 120).reshape(-1, 3))
+    )
     for camera in (sensor_with(), sensor_with(**terms)):
-        straight = Dewarper(camera, view, "cubic")(srgb_from_linear(expose(camera, world, samples=16)))
+        straight = Dewarper(camera, view, "cubic")(
+            srgb_from_linear(expose(camera, world, samples=16))
+        )
         apart = straight.reshape(-1, 3) - direct
         assert -10 * np.log10(np.mean(apart**2)) > 60
 
@@ -150,7 +192,17 @@ def test_dewarper_corrects_distortion(terms):
 def test_distortion_conserves_light():
     """The total light of a uniform world is that of its solid angle, independent of distortion."""
     white = Environment(np.ones((4, 8, 3), np.float32))
-    sums = [float(expose(sensor_with(pixels=256, **t), white, samples=16, radiometry=Radiometry(vignetting=1.0)).sum()) for t in ({}, BARREL, TANGENTIAL)]
+    sums = [
+        float(
+            expose(
+                sensor_with(pixels=256, **t),
+                white,
+                samples=16,
+                radiometry=Radiometry(vignetting=1.0),
+            ).sum()
+        )
+        for t in ({}, BARREL, TANGENTIAL)
+    ]
     np.testing.assert_allclose(sums[1:], sums[0], rtol=2e-3)
 
 
@@ -159,7 +211,11 @@ def test_folding_distortion_rejected():
     with pytest.raises(InvalidParameter, match=r"12.* the image folds over at 10\.3. deg"):
         sensor.backproject([[511.5, 511.5]])
     with pytest.raises(InvalidParameter, match="the image folds over"):
-        expose(replace(sensor, mirror_pose=MISPLACED), Environment(np.ones((4, 8, 3), np.float32)), samples=1)
+        expose(
+            replace(sensor, mirror_pose=MISPLACED),
+            Environment(np.ones((4, 8, 3), np.float32)),
+            samples=1,
+        )
 
 
 def test_distortion_in_sensor_files():
@@ -176,7 +232,11 @@ def test_radii_beyond_fold_are_nan():
     found = undistorted_radius(radii, k)
     for radius, r in zip(radii, found, strict=True):
         roots = np.roots([-0.3, 0.0, 1.0, -radius])
-        real = [root.real for root in roots if abs(root.imag) < 1e-9 and -1e-12 <= root.real <= 1.06]
+        real = [
+            root.real for root in roots if abs(root.imag) < 1e-9 and -1e-12 <= root.real <= 1.06
+        ]
         assert np.isnan(r) if not real else r == pytest.approx(min(real), abs=1e-9)
     assert np.isnan(found).tolist() == [False] * 4 + [True] * 2
-    np.testing.assert_allclose(undistorted_radius(np.array([5.0]) * (1 + 0.2 * 25), (0.2, 0.0, 0.0)), [5.0], rtol=1e-9)
+    np.testing.assert_allclose(
+        undistorted_radius(np.array([5.0]) * (1 + 0.2 * 25), (0.2, 0.0, 0.0)), [5.0], rtol=1e-9
+    )

@@ -35,20 +35,28 @@ class Pair:
         self.focal = front * back / (front + back - d)
         self.principal = -self.focal * d / back  # towards the mirror from the front lens
         self.principal_behind = -self.focal * d / front  # towards the imager from the back lens
-        self.pupil = to_stop * front / (to_stop - front)  # image of the stop by the front lens, towards the mirror
+        self.pupil = (
+            to_stop * front / (to_stop - front)
+        )  # image of the stop by the front lens, towards the mirror
         self.magnification = front / (front - to_stop)
 
     def out(self, image, stop, imager):
         """Return position (n, 2) at the front lens and slope (n, 2) of rays from image points
         through points of the stop."""
         # at the back lens at height y: from the image point, deflected by -y/f, to the stop
-        y = (stop + self.from_stop * image / imager) / (1 + self.from_stop * (1 / imager - 1 / self.back))
+        y = (stop + self.from_stop * image / imager) / (
+            1 + self.from_stop * (1 / imager - 1 / self.back)
+        )
         slope = (stop - y) / self.from_stop
         at_front = stop + self.to_stop * slope
         return at_front, slope - at_front / self.front
 
 
-PAIRS = {"pupil before the principal point": Pair(90.0, 13.0, 1.0, 9.0), "pupil behind it": Pair(30.0, 40.0, 9.0, 2.0), "front group that spreads": Pair(-40.0, 10.0, 6.0, 3.0)}
+PAIRS = {
+    "pupil before the principal point": Pair(90.0, 13.0, 1.0, 9.0),
+    "pupil behind it": Pair(30.0, 40.0, 9.0, 2.0),
+    "front group that spreads": Pair(-40.0, 10.0, 6.0, 3.0),
+}
 
 
 def unit(v):
@@ -77,7 +85,9 @@ def truth(pair, sensor, pixels, pupil):
     at, slope = pair.out(image, stop, imager)
     front = -sensor.mirror_distance_mm - pair.principal
     start = np.concatenate([at, np.full((len(at), 1), front)], axis=1)
-    return reflected(start, np.concatenate([slope, np.ones((len(at), 1))], axis=1), sensor.mirror_pose.shift)
+    return reflected(
+        start, np.concatenate([slope, np.ones((len(at), 1))], axis=1), sensor.mirror_pose.shift
+    )
 
 
 def sensor_of(pair, f_number=4.0, pose=ALIGNED):
@@ -117,7 +127,9 @@ def test_chief_rays_through_entrance_pupil(pair):
     assert np.abs(rays.directions @ to_camera - directions).max() < 1e-11
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+@pytest.mark.parametrize(
+    "pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)]
+)
 def test_aperture_rays_through_entrance_pupil(pair, pose):
     sensor = sensor_of(pair, pose=pose)
     pixels, pupil = pixels_and_pupil(sensor)
@@ -129,13 +141,18 @@ def test_aperture_rays_through_entrance_pupil(pair, pose):
     assert np.abs((rays.directions @ to_camera - directions)[valid]).max() < 1e-10
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+@pytest.mark.parametrize(
+    "pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)]
+)
 def test_projection_round_trip(pair, pose):
     sensor = sensor_of(pair, pose=pose)
     pixels, _ = pixels_and_pupil(sensor)
     points, directions = truth(pair, sensor, pixels, np.zeros((1, 2)))
     to_world = sensor.mount.rotation().T
-    for found in (sensor.project((points + 90.0 * directions) @ to_world), sensor.project_directions(directions @ to_world)):
+    for found in (
+        sensor.project((points + 90.0 * directions) @ to_world),
+        sensor.project_directions(directions @ to_world),
+    ):
         assert found.valid.sum() > 50
         assert np.abs((found.pixels - pixels)[found.valid]).max() < 1e-7
 
@@ -183,7 +200,11 @@ def test_distance_reference_point_matters():
     on it.
     """
     sensor = om.load_sensor("paper-spherical")
-    lens, m, omega = (replace(sensor.lens, entrance_pupil_mm=5.0), sensor.mirror_distance_mm, np.linspace(0.0, 130.0, 27))
+    lens, m, omega = (
+        replace(sensor.lens, entrance_pupil_mm=5.0),
+        sensor.mirror_distance_mm,
+        np.linspace(0.0, 130.0, 27),
+    )
     h = om.evaluate(sensor, omega).h_px
     from_pupil = om.evaluate(replace(sensor, lens=lens, mirror_distance_mm=m + 5.0), omega).h_px
     from_principal = om.evaluate(replace(sensor, lens=lens), omega).h_px
@@ -200,10 +221,14 @@ def test_exported_lens_files_use_pupil(pair, tmp_path):
     to_lens, to_mirror = [float(words[1]) for words in lines if words[0] == "DISZ"][:2]
     focal = next(float(words[2]) for words in lines if words[:2] == ["PARM", "1"])
     imager = 1 / (1 / pair.focal - 1 / FOCUS) + pair.principal_behind
-    _, slope = pair.out(np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager)  # chief ray of 1 mm off the axis
+    _, slope = pair.out(
+        np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager
+    )  # chief ray of 1 mm off the axis
     assert to_mirror == pytest.approx(180.0 - (pair.pupil - pair.principal), abs=1e-9)
     assert 1 / to_lens == pytest.approx(abs(slope[0, 0]), rel=1e-9)
-    assert 1 / (1 / focal - 1 / to_lens) == pytest.approx(FOCUS - (pair.pupil - pair.principal), rel=1e-9)
+    assert 1 / (1 / focal - 1 / to_lens) == pytest.approx(
+        FOCUS - (pair.pupil - pair.principal), rel=1e-9
+    )
 
 
 def test_entrance_pupil_in_sensor_files():
@@ -211,8 +236,20 @@ def test_entrance_pupil_in_sensor_files():
     assert om.parse_sensor(format_sensor(sensor)) == sensor
 
 
-@pytest.mark.parametrize(("pupil", "distance", "sentence"), [(300.0, 180.0, "the position of the entrance pupil"), (190.0, 180.0, "mirror_distance_mm must be greater than")])
+@pytest.mark.parametrize(
+    ("pupil", "distance", "sentence"),
+    [
+        (300.0, 180.0, "the position of the entrance pupil"),
+        (190.0, 180.0, "mirror_distance_mm must be greater than"),
+    ],
+)
 def test_invalid_pupil_positions_rejected(pupil, distance, sentence):
     sensor = om.load_sensor("paper-spherical")
     with pytest.raises(InvalidParameter, match=sentence):
-        om.evaluate(replace(sensor, lens=replace(sensor.lens, entrance_pupil_mm=pupil), mirror_distance_mm=distance))
+        om.evaluate(
+            replace(
+                sensor,
+                lens=replace(sensor.lens, entrance_pupil_mm=pupil),
+                mirror_distance_mm=distance,
+            )
+        )

@@ -39,7 +39,13 @@ def lens_of(path, **more):
 
 def sensor_with(lens, pose=None):
     imager = om.load_sensor("paper-spherical").imager
-    return om.Sensor(Sphere(A, RIM), lens, imager, mirror_distance_mm=M, mirror_pose=MirrorPose() if pose is None else pose)
+    return om.Sensor(
+        Sphere(A, RIM),
+        lens,
+        imager,
+        mirror_distance_mm=M,
+        mirror_pose=MirrorPose() if pose is None else pose,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +56,12 @@ def sensor(file):
 def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
     n = own.indices(wavelength_um)
     to_imager = own.imager_place(own.indices())
-    return np.array([own.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager) for o in np.atleast_1d(omega_deg)])
+    return np.array(
+        [
+            own.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager)
+            for o in np.atleast_1d(omega_deg)
+        ]
+    )
 
 
 def test_chief_rays_match_sequential_trace(sensor):
@@ -65,7 +76,12 @@ def test_pupil_motion_included(sensor):
     """Precondition of the preceding test."""
     places = sensor.lens.field.nodes.pupil
     assert np.ptp(places) > 0.1
-    fixed = replace(om.load_sensor("paper-spherical").lens, focal_length_mm=sensor.lens.focal_length_mm, focus_distance_mm=own.FOCUS - sensor.lens.principal_point_mm, entrance_pupil_mm=sensor.lens.pupil_from_principal)
+    fixed = replace(
+        om.load_sensor("paper-spherical").lens,
+        focal_length_mm=sensor.lens.focal_length_mm,
+        focus_distance_mm=own.FOCUS - sensor.lens.principal_point_mm,
+        entrance_pupil_mm=sensor.lens.pupil_from_principal,
+    )
     still = replace(sensor, lens=fixed, mirror_distance_mm=M - sensor.lens.principal_point_mm)
     away = om.evaluate(still, OMEGA).h_px - om.evaluate(sensor, OMEGA).h_px
     assert 0.05 < np.abs(away).max() < 3
@@ -90,7 +106,11 @@ def test_spots_match_rays_through_stop(sensor):
     """At F/4: combined aberrations of lens and mirror, within 5 % of their size."""
     edge, pupil = sensor.lens.aperture_radius, sensor.lens.pupil.at_mm
     r = own.through([0, 0, -own.FOCUS], [edge, 0.0, own.FOCUS - pupil], own.indices(), 0.0)[0][0]
-    rings = [(np.sqrt((i + 0.5) / 8), t) for i in range(8) for t in (np.arange(8) + 0.5 * (i % 2)) * np.pi / 4]
+    rings = [
+        (np.sqrt((i + 0.5) / 8), t)
+        for i in range(8)
+        for t in (np.arange(8) + 0.5 * (i % 2)) * np.pi / 4
+    ]
     stop = r * np.array([[q * np.cos(t), q * np.sin(t)] for q, t in rings])
     for omega in (40.0, 120.0):
         image = np.concatenate([truth(omega, at) for at in stop]) / PITCH
@@ -122,7 +142,9 @@ def test_rays_at_other_wavelength(sensor, nm):
     assert np.abs(wanted - om.evaluate(sensor, OMEGA).h_px).max() > 0.01
 
 
-@pytest.mark.parametrize("pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)])
+@pytest.mark.parametrize(
+    "pose", [MirrorPose(), MirrorPose(decentre_x_mm=0.7, displacement_mm=-1.0)]
+)
 def test_pixel_round_trip_and_apertures(file, pose):
     sensor = sensor_with(lens_of(file), pose)
     rng = np.random.default_rng(3)
@@ -130,7 +152,10 @@ def test_pixel_round_trip_and_apertures(file, pose):
     pixels = 511.5 + (r * np.stack([np.cos(turn), np.sin(turn)])).T
     rays = sensor.backproject(pixels)
     assert rays.valid.all()
-    for found in (sensor.project(rays.origins + 120.0 * rays.directions), sensor.project_directions(rays.directions)):
+    for found in (
+        sensor.project(rays.origins + 120.0 * rays.directions),
+        sensor.project_directions(rays.directions),
+    ):
         assert np.abs(found.pixels - pixels).max() < 1e-3
     chief = sensor.aperture_rays(pixels, np.zeros(2))
     assert np.abs(np.degrees(chief.directions - rays.directions)).max() < 2e-4
@@ -158,14 +183,25 @@ def test_focus_breathing(file):
     near = sensor_with(lens_of(file).focused_at(150.0))
     n = own.indices()
     to_imager = own.imager_place(n, 150.0)
-    wanted = np.array([own.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0] for o in OMEGA])
+    wanted = np.array(
+        [own.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0] for o in OMEGA]
+    )
     assert np.abs(om.evaluate(near, OMEGA).h_px - wanted / PITCH).max() < 1e-3
 
 
 def test_even_asphere_intersections():
     """Intersections are on the surface, with the slope of the sag by finite differences."""
     c, k, a = 0.02, -0.7, np.array([[1e-4, -3e-6, 2e-8]])
-    one = Sequence(np.array([c]), np.array([k]), a, np.zeros(1), np.array([1.0, 1.5]), np.full(1, np.inf), np.full(1, np.inf), 0)
+    one = Sequence(
+        np.array([c]),
+        np.array([k]),
+        a,
+        np.zeros(1),
+        np.array([1.0, 1.5]),
+        np.full(1, np.inf),
+        np.full(1, np.inf),
+        0,
+    )
 
     def sag(r):
         return c * r**2 / (1 + np.sqrt(1 - (1 + k) * c**2 * r**2)) + a[0] @ [r**2, r**4, r**6]
@@ -179,7 +215,12 @@ def test_even_asphere_intersections():
     assert landed[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
 
 
-PLANO = {"thickness_mm": (10.0, 4.0, 0.0), "index": (1.0, 1.5168, 1.0), "stop_surface": 1, "field_max_deg": 25.0}
+PLANO = {
+    "thickness_mm": (10.0, 4.0, 0.0),
+    "index": (1.0, 1.5168, 1.0),
+    "stop_surface": 1,
+    "field_max_deg": 25.0,
+}
 CURVED = (0.0, 1 / 25.84, 0.0)
 
 
@@ -206,21 +247,55 @@ def test_extreme_focal_lengths_valid(focal_length):
 @pytest.mark.parametrize(
     ("columns", "sentence"),
     [
-        ({"curvature_per_mm": (0.0, 0.0, 0.0)}, "the focal length of the surfaces must be greater than 0; got -?inf mm"),
-        ({"curvature_per_mm": (0.0, -1 / 25.84, 0.0)}, "the focal length of the surfaces must be greater than 0; got -50 mm"),
-        ({"index": (1.0, 1.5168, 1.33)}, "index must end with 1, the air in front of the imager; got 1.33"),
+        (
+            {"curvature_per_mm": (0.0, 0.0, 0.0)},
+            "the focal length of the surfaces must be greater than 0; got -?inf mm",
+        ),
+        (
+            {"curvature_per_mm": (0.0, -1 / 25.84, 0.0)},
+            "the focal length of the surfaces must be greater than 0; got -50 mm",
+        ),
+        (
+            {"index": (1.0, 1.5168, 1.33)},
+            "index must end with 1, the air in front of the imager; got 1.33",
+        ),
         ({"index": (1.0, 1.5168)}, "index must have one value for each of the 3 surfaces; got 2"),
-        ({"aspheres": (1e-9,) * 4}, "aspheres must have the same number of values for each of the 3 surfaces; got 4"),
-        ({"aspheres": (0.0, -1.001e9, 0.0)}, r"aspheres\[1\] must be between -1e\+09 and 1e\+09; got -1\.001e\+09"),
-        ({"aspheres": (0.0, 0.0, 1.001e9)}, r"aspheres\[2\] must be between -1e\+09 and 1e\+09; got 1\.001e\+09"),
+        (
+            {"aspheres": (1e-9,) * 4},
+            "aspheres must have the same number of values for each of the 3 surfaces; got 4",
+        ),
+        (
+            {"aspheres": (0.0, -1.001e9, 0.0)},
+            r"aspheres\[1\] must be between -1e\+09 and 1e\+09; got -1\.001e\+09",
+        ),
+        (
+            {"aspheres": (0.0, 0.0, 1.001e9)},
+            r"aspheres\[2\] must be between -1e\+09 and 1e\+09; got 1\.001e\+09",
+        ),
         ({"stop_surface": 4}, "stop_surface must be a surface number from 1 to 3; got 4"),
         ({"stop_surface": 1.5}, "stop_surface must be a surface number from 1 to 3; got 1.5"),
-        ({"focus_distance_mm": 39.9}, "focus_distance_mm must be greater than 40 mm, the front focus .* got 39.9"),
+        (
+            {"focus_distance_mm": 39.9},
+            "focus_distance_mm must be greater than 40 mm, the front focus .* got 39.9",
+        ),
         (  # front surface of f = 8 mm in glass
-            {"curvature_per_mm": (0.25, 0.01, 0.0), "thickness_mm": (8.0, 1.0, 0.0), "index": (2.0, 2.0, 1.0), "stop_surface": 2},
+            {
+                "curvature_per_mm": (0.25, 0.01, 0.0),
+                "thickness_mm": (8.0, 1.0, 0.0),
+                "index": (2.0, 2.0, 1.0),
+                "stop_surface": 2,
+            },
             "the entrance pupil must be at a finite distance; the stop, surface 2, is in the focal plane",
         ),
-        ({"curvature_per_mm": (0.0, 0.8136, 0.0), "thickness_mm": (10.0, 6.4656, 0.0), "stop_surface": 2, "field_max_deg": 80.0}, r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* increase f_number or reduce"),
+        (
+            {
+                "curvature_per_mm": (0.0, 0.8136, 0.0),
+                "thickness_mm": (10.0, 6.4656, 0.0),
+                "stop_surface": 2,
+                "field_max_deg": 80.0,
+            },
+            r"rays through the edge of the pupil must pass all surfaces; some at 4\d.* increase f_number or reduce",
+        ),
     ],
 )
 def test_invalid_surfaces_rejected_without_warning(columns, sentence):
@@ -239,16 +314,26 @@ BOUNDS = {
 def test_surface_columns_out_of_bounds_rejected(name):
     low, high = BOUNDS[name]
     for value in (low - 1e-4, high + 0.1):
-        with pytest.raises(InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")):
+        with pytest.raises(
+            InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")
+        ):
             plano_convex(**{name: (value,) * 3})
 
 
 @pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
 def test_other_wavelengths_require_three_indices(missing):
-    known = {"wavelengths_nm": (486.1, 587.6, 656.3), "index_short": (1.0, 1.5224, 1.0), "index_long": (1.0, 1.5143, 1.0)}
-    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[1] == pytest.approx(1.5143, abs=1e-12)
+    known = {
+        "wavelengths_nm": (486.1, 587.6, 656.3),
+        "index_short": (1.0, 1.5224, 1.0),
+        "index_long": (1.0, 1.5143, 1.0),
+    }
+    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[
+        1
+    ] == pytest.approx(1.5143, abs=1e-12)
     with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
-        plano_convex(**{name: value for name, value in known.items() if name != missing}).at_wavelength(700.0)
+        plano_convex(
+            **{name: value for name, value in known.items() if name != missing}
+        ).at_wavelength(700.0)
 
 
 def test_narrow_aperture_reduces_illumination(file, tmp_path):
@@ -275,11 +360,22 @@ def test_dewarping_through_real_lens(sensor):
 
 def test_evaluation_includes_lens_blur(file, sensor, tmp_path):
     found = om.evaluate(sensor, [0.0, 90.0])
-    assert list(found.of_lens) == ["lens_blur_t_px", "lens_blur_s_px", "lens_illumination", "lateral_colour_px", "entrance_pupil_mm"]
+    assert list(found.of_lens) == [
+        "lens_blur_t_px",
+        "lens_blur_s_px",
+        "lens_illumination",
+        "lateral_colour_px",
+        "entrance_pupil_mm",
+    ]
     assert found.of_lens["lens_illumination"][0] == pytest.approx(1.0)
     assert found.of_lens["lateral_colour_px"][0] == 0.0
     found.to_csv(tmp_path / "table.csv")
-    assert (tmp_path / "table.csv").read_text().splitlines()[0].endswith("lateral_colour_px,entrance_pupil_mm")
+    assert (
+        (tmp_path / "table.csv")
+        .read_text()
+        .splitlines()[0]
+        .endswith("lateral_colour_px,entrance_pupil_mm")
+    )
     assert om.evaluate(om.load_sensor("paper-spherical"), [0.0]).of_lens == {}
 
 
@@ -298,21 +394,36 @@ def test_command_line_accepts_lens_file(file):
 
 @pytest.mark.parametrize("code", ["utf-8", "utf-16", "utf-8-sig", "latin-1"])
 def test_lens_file_encodings(code, file, tmp_path):
-    (tmp_path / "triplet.zmx").write_bytes(own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code))
+    (tmp_path / "triplet.zmx").write_bytes(
+        own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code)
+    )
     assert lens_of(tmp_path / "triplet.zmx") == lens_of(file)
 
 
-DIAMETERS = {i: [f'  DIAM {radius} {flag} 0 0 1 ""'] for i, (radius, flag) in enumerate(zip((1.2, 1.2, 0.8, 0.8, 1.1, 1.1), (0, 0, 0, 0, 1, 1), strict=True), start=1)}
+DIAMETERS = {
+    i: [f'  DIAM {radius} {flag} 0 0 1 ""']
+    for i, (radius, flag) in enumerate(
+        zip((1.2, 1.2, 0.8, 0.8, 1.1, 1.1), (0, 0, 0, 0, 1, 1), strict=True), start=1
+    )
+}
 
 
-@pytest.mark.parametrize("diameters", [None, DIAMETERS, {i: ["  DIAM 40 0 0 0 1"] for i in range(1, 7)}])
+@pytest.mark.parametrize(
+    "diameters", [None, DIAMETERS, {i: ["  DIAM 40 0 0 0 1"] for i in range(1, 7)}]
+)
 @pytest.mark.parametrize(
     ("fields", "widest_deg"),
     [
         ("FTYP 0 0 3 3 0 0 0\nXFLN 0 0 0\nYFLN 0 14 20", 20.0),
-        ("FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77", 4.99417),  # both axes, with the count of FTYP
+        (
+            "FTYP 0 0 2 3 0 0 0\nXFLN 0 3 0\nYFLN 0 -4 77",
+            4.99417,
+        ),  # both axes, with the count of FTYP
         ("FTYP 2 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # paraxial image height of 3 mm, f = 11.6 mm
-        ("FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3", 14.5),  # real image height: the triplet has little distortion
+        (
+            "FTYP 3 0 2 3\nXFLN 0 0\nYFLN 0 3",
+            14.5,
+        ),  # real image height: the triplet has little distortion
     ],
 )
 def test_lens_file_field(fields, widest_deg, diameters, tmp_path):
@@ -321,20 +432,31 @@ def test_lens_file_field(fields, widest_deg, diameters, tmp_path):
     start, end = text.index("FTYP"), text.index("WAVM 1")
     (tmp_path / "lens.zmx").write_text(text[:start] + fields + "\n" + text[end:])
     lens = lens_of(tmp_path / "lens.zmx", focus_distance_mm=1e6)
-    assert lens.field_max_deg == pytest.approx(1.05 * widest_deg, rel=0.03 if widest_deg == 14.5 else 1e-4)
+    assert lens.field_max_deg == pytest.approx(
+        1.05 * widest_deg, rel=0.03 if widest_deg == 14.5 else 1e-4
+    )
     if diameters is not DIAMETERS:
         assert np.degrees(np.arctan(lens.field.end)) == pytest.approx(lens.field_max_deg)
 
 
 def test_field_beyond_lens_file_rejected(file, tmp_path):
-    with pytest.raises(OmnimirrorError, match=r"ends at 10 deg; .* increase field_max_deg \(now 10\)"):
-        _ = (sensor_with(lens_of(file, field_max_deg=10.0)).field_deg, om.evaluate(sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA))
+    with pytest.raises(
+        OmnimirrorError, match=r"ends at 10 deg; .* increase field_max_deg \(now 10\)"
+    ):
+        _ = (
+            sensor_with(lens_of(file, field_max_deg=10.0)).field_deg,
+            om.evaluate(sensor_with(lens_of(file, field_max_deg=10.0)), OMEGA),
+        )
 
 
 def test_lens_file_in_inches(file, tmp_path):
     text = own.zmx(radii=own.RADII / 25.4, gaps=own.GAPS / 25.4).replace("UNIT MM", "UNIT IN")
-    (tmp_path / "inches.zmx").write_text(text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}"))
-    assert lens_of(tmp_path / "inches.zmx").focal_length_mm == pytest.approx(lens_of(file).focal_length_mm, rel=1e-12)
+    (tmp_path / "inches.zmx").write_text(
+        text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}")
+    )
+    assert lens_of(tmp_path / "inches.zmx").focal_length_mm == pytest.approx(
+        lens_of(file).focal_length_mm, rel=1e-12
+    )
 
 
 def test_sensor_file_names_lens_file(file, sensor, tmp_path):
@@ -343,7 +465,9 @@ def test_sensor_file_names_lens_file(file, sensor, tmp_path):
     rest = rest[rest.index("[imager]") :]
     path = tmp_path / "mine.toml"
     (tmp_path / "triplet.zmx").write_bytes(file.read_bytes())
-    path.write_text(f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{rest}')
+    path.write_text(
+        f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{rest}'
+    )
     found = om.load_sensor(path)
     assert found.lens == sensor.lens
     assert om.parse_sensor(format_sensor(found)) == found
@@ -352,18 +476,39 @@ def test_sensor_file_names_lens_file(file, sensor, tmp_path):
 
 
 BAD = {
-    "unknown glass": (own.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]), "N-SK61.*did you mean N-SK16"),
+    "unknown glass": (
+        own.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]),
+        "N-SK61.*did you mean N-SK16",
+    ),
     "missing surfaces": ("MODE SEQ\nUNIT MM\nSURF 0\nSURF 1\n", "got 2 surfaces"),
     "no stop": (own.zmx(stop=99), r"the stop \(STOP\); got 0"),
     "wrong unit": (own.zmx().replace("UNIT MM", "UNIT FURLONG"), "UNIT must be one of MM"),
-    "save one configuration separately": (own.zmx(head="MNUM 3 1"), "save one configuration separately"),
-    "non-sequential": (own.zmx().replace("MODE SEQ", "MODE NSC"), r"MODE must be SEQ \(sequential\); got NSC"),
-    "a shape": (own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"), "TYPE must be STANDARD or EVENASPH; got TOROIDAL"),
-    "a mirror": (own.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]), "lenses with mirror surfaces"),
+    "save one configuration separately": (
+        own.zmx(head="MNUM 3 1"),
+        "save one configuration separately",
+    ),
+    "non-sequential": (
+        own.zmx().replace("MODE SEQ", "MODE NSC"),
+        r"MODE must be SEQ \(sequential\); got NSC",
+    ),
+    "a shape": (
+        own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"),
+        "TYPE must be STANDARD or EVENASPH; got TOROIDAL",
+    ),
+    "a mirror": (
+        own.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]),
+        "lenses with mirror surfaces",
+    ),
     "not a number": (own.zmx().replace("DISZ INFINITY", "DISZ far"), "cannot parse the line"),
     "vignettes all": (own.zmx(per_surface={3: ["  CLAP 0 1e-6 0"]}), "must reach the imager"),
-    "too wide": (own.zmx().replace(f"ENPD {11.6 / 4!r}", "ENPD 40"), "must not exceed the surfaces"),
-    "wavelength": (own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"), "the range of the data of N-SK16"),
+    "too wide": (
+        own.zmx().replace(f"ENPD {11.6 / 4!r}", "ENPD 40"),
+        "must not exceed the surfaces",
+    ),
+    "wavelength": (
+        own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"),
+        "the range of the data of N-SK16",
+    ),
 }
 
 
@@ -384,7 +529,20 @@ def test_missing_lens_file_rejected(tmp_path):
 # -- glasses ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "index", "abbe"), [("N-BK7", 1.51680, 64.17), ("N-SF11", 1.78472, 25.68), ("F2", 1.62004, 36.37), ("N-SK16", 1.62041, 60.32), ("S-BSL7", 1.51633, 64.14), ("S-TIH53", 1.84666, 23.78), ("H-K9L", 1.51680, 64.20), ("PMMA", 1.4914, 57.4), ("POLYCARB", 1.5848, 29.9)])
+@pytest.mark.parametrize(
+    ("name", "index", "abbe"),
+    [
+        ("N-BK7", 1.51680, 64.17),
+        ("N-SF11", 1.78472, 25.68),
+        ("F2", 1.62004, 36.37),
+        ("N-SK16", 1.62041, 60.32),
+        ("S-BSL7", 1.51633, 64.14),
+        ("S-TIH53", 1.84666, 23.78),
+        ("H-K9L", 1.51680, 64.20),
+        ("PMMA", 1.4914, 57.4),
+        ("POLYCARB", 1.5848, 29.9),
+    ],
+)
 def test_glass_indices_match_data_sheets(name, index, abbe):
     glass = glass_named(name, (), None)
     d, f, c = (glass.index(w) for w in (0.5875618, 0.4861327, 0.6562725))
@@ -393,7 +551,11 @@ def test_glass_indices_match_data_sheets(name, index, abbe):
 
 
 def test_catalogue_file_takes_precedence(tmp_path):
-    lines = ["CC test", "NM N-SK16 2 0 1.5 60 0 1", "CD 1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653"]
+    lines = [
+        "CC test",
+        "NM N-SK16 2 0 1.5 60 0 1",
+        "CD 1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653",
+    ]
     (tmp_path / "mine.agf").write_text("\n".join([*lines, "LD 0.3 2.5"]))
     found = glass_named("N-SK16", (), read_agf(tmp_path / "mine.agf"))
     assert found.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
@@ -412,7 +574,9 @@ def test_schott_dispersion_formula():
 def test_zmx_export_contains_ideal_lens(sensor, tmp_path):
     [found] = om.export(sensor, tmp_path, formats=["zmx"])
     text = found.path.read_text(encoding="utf-16")
-    assert "The lens is ideal, with the focal length, entrance pupil and focus of the sensor." in text
+    assert (
+        "The lens is ideal, with the focal length, entrance pupil and focus of the sensor." in text
+    )
 
 
 @pytest.mark.parametrize("curvature", [1e-6, 1e-12, 0.0, 5e-324, 1e3])
@@ -429,7 +593,15 @@ def test_extreme_curvatures_without_warning(curvature, thickness):
 def test_aperture_clearances():
     """(c^2 - r^2) / 2c of parallel rays through a stop and a plano-convex lens, by Snell's law at
     its curved face."""
-    lens = SurfaceLens(8.0, 1e6, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1, clear_mm=(5.0, 0.0, 6.0))
+    lens = SurfaceLens(
+        8.0,
+        1e6,
+        (0.0, 1 / 25.84, 0.0),
+        (10.0, 4.0, 0.0),
+        (1.0, 1.5168, 1.0),
+        1,
+        clear_mm=(5.0, 0.0, 6.0),
+    )
     heights = np.array([0.0, 1.0, 3.0, -2.0])
     points = np.stack([heights, 0 * heights, 7.0 + 0 * heights], axis=-1)
     found = lens.clearances(points, np.tile([0.0, 0.0, 1.0], (4, 1)))

@@ -22,7 +22,14 @@ def faultless(sensor, pupil=0.0):
     lens."""
     lens = replace(sensor.lens, entrance_pupil_mm=pupil)
     height = lens.principal_distance * np.tan(np.radians(ANGLES))
-    table = TabulatedLens(lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(ANGLES), tuple(height), tuple(np.full(len(ANGLES), pupil)))
+    table = TabulatedLens(
+        lens.focal_length_mm,
+        lens.f_number,
+        lens.focus_distance_mm,
+        tuple(ANGLES),
+        tuple(height),
+        tuple(np.full(len(ANGLES), pupil)),
+    )
     return replace(sensor, lens=lens), replace(sensor, lens=table)
 
 
@@ -31,14 +38,29 @@ def test_ideal_table_equals_thin_lens(pupil):
     plain, table = faultless(om.load_sensor("paper-spherical"), pupil)
     for focus in (None, 190.0):
         ours, theirs = (om.evaluate(s, OMEGA, focus_mm=focus) for s in (table, plain))
-        for name in ("h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "distance_t_mm", "blur_t_px", "blur_s_px"):
-            assert getattr(ours, name) == pytest.approx(getattr(theirs, name), rel=1e-7, abs=1e-7), name
+        for name in (
+            "h_px",
+            "dh_domega_px_per_deg",
+            "viewpoint_z_mm",
+            "distance_t_mm",
+            "blur_t_px",
+            "blur_s_px",
+        ):
+            assert getattr(ours, name) == pytest.approx(
+                getattr(theirs, name), rel=1e-7, abs=1e-7
+            ), name
     assert om.best_focus(table).focus_mm == pytest.approx(om.best_focus(plain).focus_mm, rel=1e-6)
     pixels = np.array([[700.0, 600.0], [511.5, 200.0], [90.0, 400.0]])
     pupils = np.array([[0.3, 0.4], [-0.9, 0.1], [0.0, 0.8]])
     ours, theirs = (s.aperture_rays(pixels, pupils) for s in (table, plain))
     assert np.abs(ours.directions - theirs.directions).max() < 1e-8
-    assert np.abs(table.project(ours.origins + 90 * ours.directions).pixels - plain.project(ours.origins + 90 * ours.directions).pixels).max() < 1e-6
+    assert (
+        np.abs(
+            table.project(ours.origins + 90 * ours.directions).pixels
+            - plain.project(ours.origins + 90 * ours.directions).pixels
+        ).max()
+        < 1e-6
+    )
     spot = [om.spots(s, [60.0]).rms_px() for s in (table, plain)]
     assert np.abs(np.array(spot[0]) - np.array(spot[1])).max() < 1e-6
 
@@ -51,7 +73,15 @@ def both(tmp_path_factory):
     lens = SurfaceLens.from_file(path, focus_distance_mm=212.0)
     t = np.tan(np.radians(ANGLES))
     pupil, height = lens.pupil.position(t), np.abs(lens.field.height(t)[0])
-    table = TabulatedLens(lens.focal_length_mm, lens.f_number, 212.0, tuple(ANGLES), tuple(height), tuple(pupil), principal_point_mm=lens.principal_point_mm)
+    table = TabulatedLens(
+        lens.focal_length_mm,
+        lens.f_number,
+        212.0,
+        tuple(ANGLES),
+        tuple(height),
+        tuple(pupil),
+        principal_point_mm=lens.principal_point_mm,
+    )
     imager = om.load_sensor("paper-spherical").imager
     mirror = om.load_sensor("paper-spherical").mirror
     return [om.Sensor(mirror, each, imager, mirror_distance_mm=182.0) for each in (lens, table)]
@@ -88,7 +118,12 @@ def test_image_side_field_curvature_matches_object_side(both):
             moves = step * np.eye(2)[axis]
             at = [image(*moves, extra)[axis] - image(0, 0, extra)[axis] for extra in (0.0, 1.0)]
             curvature[axis].append(at[0] / (at[0] - at[1]))
-    bent = replace(table.lens, chief_ray_deg=tuple(behind), field_curvature_t_mm=tuple(curvature[0]), field_curvature_s_mm=tuple(curvature[1]))
+    bent = replace(
+        table.lens,
+        chief_ray_deg=tuple(behind),
+        field_curvature_t_mm=tuple(curvature[0]),
+        field_curvature_s_mm=tuple(curvature[1]),
+    )
     ours, theirs = (om.evaluate(s, OMEGA) for s in (replace(table, lens=bent), surfaces))
     # except for a pupil size that increases with the angle, which the table does not contain
     grown = lens.field.at(np.tan(np.radians(theirs.theta_deg)))
@@ -103,23 +138,40 @@ def test_image_side_field_curvature_matches_object_side(both):
 
 def test_lens_blur_and_illumination_included():
     _, table = faultless(om.load_sensor("paper-spherical"))
-    dull = replace(table.lens, own_blur_t_mm=tuple(np.full(len(ANGLES), 0.0104)), own_blur_s_mm=tuple(np.zeros(len(ANGLES))), relative_illumination=tuple(1 - ANGLES / 40))
+    dull = replace(
+        table.lens,
+        own_blur_t_mm=tuple(np.full(len(ANGLES), 0.0104)),
+        own_blur_s_mm=tuple(np.zeros(len(ANGLES))),
+        relative_illumination=tuple(1 - ANGLES / 40),
+    )
     clear, blurred = om.evaluate(table, OMEGA), om.evaluate(replace(table, lens=dull), OMEGA)
     floor = 1 + clear.airy_px**2
-    wanted = np.sqrt((clear.blur_t_px**2 + floor + 4) * (clear.blur_s_px**2 + floor)) / clear.area_px2
+    wanted = (
+        np.sqrt((clear.blur_t_px**2 + floor + 4) * (clear.blur_s_px**2 + floor)) / clear.area_px2
+    )
     assert blurred.floored_area_deg2 == pytest.approx(wanted, rel=1e-9)
-    light = [om.illumination(replace(table, lens=lens), [60.0]).relative[0] for lens in (table.lens, dull)]
+    light = [
+        om.illumination(replace(table, lens=lens), [60.0]).relative[0]
+        for lens in (table.lens, dull)
+    ]
     theta = clear.theta_deg[np.searchsorted(OMEGA, 60.0)]
-    assert light[1] / light[0] == pytest.approx((1 - theta / 40) / np.cos(np.radians(theta)) ** 4, rel=0.02)
+    assert light[1] / light[0] == pytest.approx(
+        (1 - theta / 40) / np.cos(np.radians(theta)) ** 4, rel=0.02
+    )
 
 
 def test_best_focus_includes_lens_blur():
     """Minimum area merit by exhaustive search."""
     _, table = faultless(om.load_sensor("paper-spherical"))
     own_blur = tuple(0.02 * (ANGLES / 20) ** 2)
-    sensor = replace(table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur))
+    sensor = replace(
+        table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur)
+    )
     best = om.best_focus(sensor)
-    tried = [om.evaluate(sensor, np.linspace(0, 135, 1001)[:-1], focus_mm=f).floored_area_deg2.max() for f in best.focus_mm * np.array([0.97, 0.99, 1.01, 1.03])]
+    tried = [
+        om.evaluate(sensor, np.linspace(0, 135, 1001)[:-1], focus_mm=f).floored_area_deg2.max()
+        for f in best.focus_mm * np.array([0.97, 0.99, 1.01, 1.03])
+    ]
     assert best.value <= min(tried) * (1 + 1e-6)
 
 
@@ -146,15 +198,32 @@ def test_lens_table_file(tmp_path):
         ("field_deg,hight\n0,0\n", "unknown column 'hight'; use field_deg"),
         ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,x\n", "must contain 3 numbers"),
         ("", "is empty"),
-        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n", "at least 4 values"),
-        ("field_deg,image_height_mm,entrance_pupil_mm\n1,0,0\n5,1,0\n10,2,0\n15,3,0\n", "must increase from 0"),
-        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,1,0\n", "stop increasing at"),
-        ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,3,400\n", "outside the|focus_distance"),
+        (
+            "field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n",
+            "at least 4 values",
+        ),
+        (
+            "field_deg,image_height_mm,entrance_pupil_mm\n1,0,0\n5,1,0\n10,2,0\n15,3,0\n",
+            "must increase from 0",
+        ),
+        (
+            "field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,1,0\n",
+            "stop increasing at",
+        ),
+        (
+            "field_deg,image_height_mm,entrance_pupil_mm\n0,0,0\n5,1,0\n10,2,0\n15,3,400\n",
+            "outside the|focus_distance",
+        ),
     ],
 )
 def test_invalid_lens_tables_rejected(text, sentence, tmp_path):
     (tmp_path / "lens.csv").write_text(text)
-    table = {"file": "lens.csv", "focal_length_mm": 11.6, "f_number": 4.0, "focus_distance_mm": 212.0}
+    table = {
+        "file": "lens.csv",
+        "focal_length_mm": 11.6,
+        "f_number": 4.0,
+        "focus_distance_mm": 212.0,
+    }
     with pytest.raises(OmnimirrorError, match=sentence):
         TabulatedLens(**TabulatedLens.from_spec(table, tmp_path))
 
@@ -176,13 +245,20 @@ def test_table_entries_out_of_bounds_rejected(name):
     is_column = name in COLUMNS
     for value in (low - 1e-4, high + 0.1):
         wrong = (value,) * len(ANGLES) if is_column else value
-        with pytest.raises(OmnimirrorError, match=re.escape(f"must be between {low:g} and {high:g}")):
+        with pytest.raises(
+            OmnimirrorError, match=re.escape(f"must be between {low:g} and {high:g}")
+        ):
             replace(lens, **{name: wrong})
 
 
 def test_mirror_beyond_table_rejected():
     _, table = faultless(om.load_sensor("paper-spherical"))
-    short = replace(table.lens, field_deg=table.lens.field_deg[:19], image_height_mm=table.lens.image_height_mm[:19], entrance_pupil_mm=table.lens.entrance_pupil_mm[:19])
+    short = replace(
+        table.lens,
+        field_deg=table.lens.field_deg[:19],
+        image_height_mm=table.lens.image_height_mm[:19],
+        entrance_pupil_mm=table.lens.entrance_pupil_mm[:19],
+    )
     with pytest.raises(OmnimirrorError, match=r"it ends at 9 deg; .* add rows"):
         om.evaluate(replace(table, lens=short), OMEGA)
 
@@ -215,7 +291,10 @@ SEEN = 31  # rows of the table, up to 15 deg
 def barrelled(sensor, **more):
     _, whole = faultless(sensor, pupil=6.0)
     columns = ("field_deg", "image_height_mm", "entrance_pupil_mm")
-    table = replace(whole, lens=replace(whole.lens, **{name: getattr(whole.lens, name)[:SEEN] for name in columns}))
+    table = replace(
+        whole,
+        lens=replace(whole.lens, **{name: getattr(whole.lens, name)[:SEEN] for name in columns}),
+    )
     given = {"barrel_diameter_mm": BARREL, "barrel_mm": 6.0 + AHEAD, **more}
     return table, replace(table, lens=replace(table.lens, **given))
 
@@ -261,14 +340,27 @@ def test_barrel_vignetting_in_images():
     from omnimirror.simulation.radiometry import Radiometry
     from tests.simulation.test_rendering_wavelengths import Stripes
 
-    bare, cut = (replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)) for s in barrelled(om.load_sensor("paper-spherical")))
-    taken = [om.expose(s, Stripes(), samples=2, radiometry=Radiometry(vignetting=1.0))[32, :, 0] for s in (bare, cut)]
+    bare, cut = (
+        replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+        for s in barrelled(om.load_sensor("paper-spherical"))
+    )
+    taken = [
+        om.expose(s, Stripes(), samples=2, radiometry=Radiometry(vignetting=1.0))[32, :, 0]
+        for s in (bare, cut)
+    ]
     edge = slice(2, 5)
     assert taken[1][edge].sum() < 0.75 * taken[0][edge].sum()
     assert taken[1][32] == pytest.approx(taken[0][32], rel=1e-3)
 
 
-@pytest.mark.parametrize(("entries", "sentence"), [({"barrel_diameter_mm": 2.0}, "must not vignette the bundle on the axis"), ({"barrel_mm": 60.0}, "blocks all light at"), ({"barrel_mm": 300.0}, "must not vignette the bundle on the axis")])
+@pytest.mark.parametrize(
+    ("entries", "sentence"),
+    [
+        ({"barrel_diameter_mm": 2.0}, "must not vignette the bundle on the axis"),
+        ({"barrel_mm": 60.0}, "blocks all light at"),
+        ({"barrel_mm": 300.0}, "must not vignette the bundle on the axis"),
+    ],
+)
 def test_blocking_barrels_rejected(entries, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         barrelled(om.load_sensor("paper-spherical"), **entries)
@@ -335,7 +427,15 @@ def test_lateral_colour_at_three_lines(given):
     """F, d and C; in between a parabola in 1/wavelength^2."""
     angles, heights = (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.1)
     shifts = {"short": (0.0, 0.004, 0.01, 0.03), "long": (0.0, -0.006, -0.02, -0.05)}
-    lens = TabulatedLens(11.6, 4.0, 212.0, angles, heights, (0.0, 0.0, 0.0, 0.0), **{f"lateral_colour_{name}_mm": shifts[name] for name in given})
+    lens = TabulatedLens(
+        11.6,
+        4.0,
+        212.0,
+        angles,
+        heights,
+        (0.0, 0.0, 0.0, 0.0),
+        **{f"lateral_colour_{name}_mm": shifts[name] for name in given},
+    )
     nothing = (0.0, 0.0, 0.0, 0.0)
     short, long = (shifts[name] if name in given else nothing for name in ("short", "long"))
     for nm, shift in ((486.1327, short), (587.5618, nothing), (656.2725, long)):
@@ -344,4 +444,6 @@ def test_lateral_colour_at_three_lines(given):
         assert there.lateral_colour_short_mm is None or not given
     x = 1 / np.array([486.1327, 587.5618, 656.2725]) ** 2
     parabola = np.polyfit(1e6 * x, [short[3], 0.0, long[3]], 2)
-    assert lens.at_wavelength(540.0).image_height_mm[3] == pytest.approx(4.1 + np.polyval(parabola, 1e6 / 540.0**2), abs=1e-9)
+    assert lens.at_wavelength(540.0).image_height_mm[3] == pytest.approx(
+        4.1 + np.polyval(parabola, 1e6 / 540.0**2), abs=1e-9
+    )

@@ -40,16 +40,38 @@ COVERS = {
     "telecentric dome": (TELECENTRIC, Dome(130.0, 3.0, centre_mm=-20.0, medium_index=1.2)),
 }
 NARROW = replace(SPH, mirror=replace(SPH.mirror, rim_radius_mm=28.0))  # field to 81 deg
-COVERS |= {"window": (NARROW, FlatWindow(wall_mm=6.0, material="bk7")), "window to water": (NARROW, FlatWindow(wall_mm=6.0, material="acrylic", medium="water", height_mm=-200.0))}
+COVERS |= {
+    "window": (NARROW, FlatWindow(wall_mm=6.0, material="bk7")),
+    "window to water": (
+        NARROW,
+        FlatWindow(wall_mm=6.0, material="acrylic", medium="water", height_mm=-200.0),
+    ),
+}
 MISALIGNED = {
     "tilted tube": (SPH, Tube(110.0, 4.0, tilt_x_deg=1.5, decentre_y_mm=0.7), MirrorPose()),
     "tilted tube in water": (SPH, Tube(112.0, 4.0, medium="water", tilt_y_deg=-1.0), MirrorPose()),
-    "decentred dome": (SPH, Dome(340.0, 5.0, inner_shift_mm=1.0, decentre_x_mm=3.0, tilt_y_deg=4.0), MirrorPose()),
-    "tilted window": (NARROW, FlatWindow(wall_mm=6.0, medium="sea_water", tilt_x_deg=2.0), MirrorPose(0.4)),
-    "mirror out of place": (HYP, Dome(360.0, 6.0, medium="water"), MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
+    "decentred dome": (
+        SPH,
+        Dome(340.0, 5.0, inner_shift_mm=1.0, decentre_x_mm=3.0, tilt_y_deg=4.0),
+        MirrorPose(),
+    ),
+    "tilted window": (
+        NARROW,
+        FlatWindow(wall_mm=6.0, medium="sea_water", tilt_x_deg=2.0),
+        MirrorPose(0.4),
+    ),
+    "mirror out of place": (
+        HYP,
+        Dome(360.0, 6.0, medium="water"),
+        MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8),
+    ),
 }
-INNER_PIXELS = 511.5 + np.array([[0.0, 180.0], [210.0, -60.0], [-190.0, 130.0], [20.0, 260.0], [-150.0, -190.0]])
-PIXELS = 511.5 + np.array([[0.0, 180.0], [240.0, -60.0], [-310.0, 130.0], [20.0, 400.0], [-330.0, -330.0]])
+INNER_PIXELS = 511.5 + np.array(
+    [[0.0, 180.0], [210.0, -60.0], [-190.0, 130.0], [20.0, 260.0], [-150.0, -190.0]]
+)
+PIXELS = 511.5 + np.array(
+    [[0.0, 180.0], [240.0, -60.0], [-310.0, 130.0], [20.0, 400.0], [-330.0, -330.0]]
+)
 
 
 def covered(name):
@@ -66,7 +88,13 @@ def test_points_inside_cover_or_off_ray_rejected(name):
     x = np.linspace(0.3, 0.9, 5) * meridian.mirror.rim_radius_mm
     rays = meridian.trace(x)
     (start_x, start_z), sin, cos = rays.start, np.sin(rays.omega), np.cos(rays.omega)
-    for further, aside, is_on in ((50, 0, True), (0, 0, True), (50, 0.01, False), (50, -0.01, False), (-0.1, 0, False)):
+    for further, aside, is_on in (
+        (50, 0, True),
+        (0, 0, True),
+        (50, 0.01, False),
+        (50, -0.01, False),
+        (-0.1, 0, False),
+    ):
         along = rays.outside.reach + further
         at = start_x + along * sin + aside * cos, start_z - along * cos + aside * sin
         assert meridian.cover.leads_to(rays, *at).tolist() == [is_on] * len(x), (further, aside)
@@ -103,19 +131,31 @@ def surfaces(sensor):
         return lambda p: height - (lean.T @ (p - shift))[2]
 
     if isinstance(shell, FlatWindow):
-        return (mirror, (pane(shell.height_mm), wall), (pane(shell.height_mm - shell.wall_mm), around))
+        return (
+            mirror,
+            (pane(shell.height_mm), wall),
+            (pane(shell.height_mm - shell.wall_mm), around),
+        )
     outer = shell.diameter_mm / 2
 
     def side(radius, centre):
         def inside_out(p):
             x, y, z = lean.T @ (p - shift)
-            return np.hypot(x, y) - radius if isinstance(shell, Tube) else np.linalg.norm([x, y, z - centre]) - radius
+            return (
+                np.hypot(x, y) - radius
+                if isinstance(shell, Tube)
+                else np.linalg.norm([x, y, z - centre]) - radius
+            )
 
         return inside_out
 
     centre = 0.0 if isinstance(shell, Tube) else shell.centre_mm
     raised = 0.0 if isinstance(shell, Tube) else shell.inner_shift_mm
-    return (mirror, (side(outer - shell.wall_mm, centre + raised), wall), (side(outer, centre), around))
+    return (
+        mirror,
+        (side(outer - shell.wall_mm, centre + raised), wall),
+        (side(outer, centre), around),
+    )
 
 
 def meet(surface, start, way, first, last):
@@ -123,7 +163,11 @@ def meet(surface, start, way, first, last):
     steps = np.linspace(first, last, 801)
     i = next(i for i, s in enumerate(steps) if surface(start + s * way) > 0)
     assert i > 0
-    place = start + brentq(lambda s: surface(start + s * way), steps[i - 1], steps[i], xtol=1e-13, rtol=1e-15) * way
+    place = (
+        start
+        + brentq(lambda s: surface(start + s * way), steps[i - 1], steps[i], xtol=1e-13, rtol=1e-15)
+        * way
+    )
     normal = np.array([surface(place + 1e-4 * e) - surface(place - 1e-4 * e) for e in np.eye(3)])
     return place, normal / np.linalg.norm(normal)
 
@@ -173,14 +217,20 @@ def test_covered_sensor_projection_round_trip(name):
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
-@pytest.mark.parametrize("name", few(["tilted tube", "decentred dome", "mirror out of place"], "tilted tube"))
+@pytest.mark.parametrize(
+    "name", few(["tilted tube", "decentred dome", "mirror out of place"], "tilted tube")
+)
 def test_compiled_solution_needs_one_verification_ray(monkeypatch: pytest.MonkeyPatch, name):
     """It verifies the result of a kernel that interpolates the mirror in a table."""
     sensor, traced = covered(name), []
     pixels = 511.5 + 300 * np.random.default_rng(5).uniform(-1, 1, (2000, 2))
     rays = sensor.backproject(pixels)
     sees, counted = rays.valid, covered_mirror.shell_exit
-    monkeypatch.setattr(covered_mirror, "shell_exit", lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d))
+    monkeypatch.setattr(
+        covered_mirror,
+        "shell_exit",
+        lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d),
+    )
     found = sensor.project_directions(rays.directions[sees])
     assert found.valid.all()
     np.testing.assert_allclose(found.pixels, pixels[sees], atol=1e-6)
@@ -188,7 +238,10 @@ def test_compiled_solution_needs_one_verification_ray(monkeypatch: pytest.Monkey
     assert sum(traced) < 1.5 * sees.sum()
 
 
-STARTS = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {"bare": replace(HYP, mirror_pose=MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)), "seen in a second mirror": om.load_sensor("folded-hyperboloidal")}
+STARTS = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {
+    "bare": replace(HYP, mirror_pose=MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
+    "seen in a second mirror": om.load_sensor("folded-hyperboloidal"),
+}
 
 
 @pytest.mark.parametrize("name", STARTS)
@@ -204,9 +257,17 @@ def test_ray_origins_match_image_rays(name):
 
 
 POINTED = replace(SPH, mirror=SlopeSpline((0.2, 0.42, 0.7, 1.1, 1.9), 44.0))
-SEARCHED = {name: covered(name) for name in (*MISALIGNED, "dome of two centres", "telecentric dome")} | {
-    "pointed, tube in water": replace(POINTED, housing=Housing(shell=Tube(120.0, medium="water")), mirror_pose=MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)),
-    "pointed, dome": replace(POINTED, housing=Housing(shell=Dome()), mirror_pose=MirrorPose(1.5, 1.0, 0.0, 2.0, 1.0)),
+SEARCHED = {
+    name: covered(name) for name in (*MISALIGNED, "dome of two centres", "telecentric dome")
+} | {
+    "pointed, tube in water": replace(
+        POINTED,
+        housing=Housing(shell=Tube(120.0, medium="water")),
+        mirror_pose=MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5),
+    ),
+    "pointed, dome": replace(
+        POINTED, housing=Housing(shell=Dome()), mirror_pose=MirrorPose(1.5, 1.0, 0.0, 2.0, 1.0)
+    ),
 }
 
 
@@ -244,7 +305,17 @@ def test_pointed_mirror_tip_projection(name):
     assert np.abs(found.pixels - pixels[rays.valid]).max() < 1e-5
 
 
-@pytest.mark.parametrize(("name", "distance"), few(product(["tube in water", "dome", "dome in oil", "high dome", "window to water"], [np.inf, 500.0]), ("tube in water", 500.0), ("dome", np.inf)))
+@pytest.mark.parametrize(
+    ("name", "distance"),
+    few(
+        product(
+            ["tube in water", "dome", "dome in oil", "high dome", "window to water"],
+            [np.inf, 500.0],
+        ),
+        ("tube in water", 500.0),
+        ("dome", np.inf),
+    ),
+)
 def test_virtual_images_behind_cover_match_rays(name, distance):
     """Rays from both sides of the pupil, aimed by the reference tracer at one object; tangential,
     then sagittal."""
@@ -276,7 +347,9 @@ def test_virtual_images_behind_cover_match_rays(name, distance):
         assert 2 * 0.02 / (aims[1] - aims[0]) == pytest.approx(told[0], rel=3e-5)
 
 
-@pytest.mark.parametrize("shell", [Tube(110.0, refractive_index=1.0), Dome(340.0, 5.0, refractive_index=1.0)])
+@pytest.mark.parametrize(
+    "shell", [Tube(110.0, refractive_index=1.0), Dome(340.0, 5.0, refractive_index=1.0)]
+)
 def test_air_wall_has_no_effect(shell):
     bare, clear = SPH, replace(SPH, housing=Housing(shell=shell))
     for distance in (np.inf, 400.0):
@@ -309,7 +382,9 @@ def test_water_tube_field_starts_at_base():
     rays = sensor.meridian.trace([x])
     wall = rays.z - (51.0 - x) / np.tan(rays.reflected)
     assert wall[0] == pytest.approx(-sensor.mirror_distance_mm, abs=1e-6)
-    assert np.cos(np.radians(low)) == pytest.approx(np.cos(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12)
+    assert np.cos(np.radians(low)) == pytest.approx(
+        np.cos(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12
+    )
     assert high < SPH.field_deg[1]
 
 
@@ -323,28 +398,41 @@ def test_window_field_limits():
     rays = sensor.meridian.trace(x)
     inner = -sensor.mirror_distance_mm - 5.0
     assert x[0] + (rays.z[0] - inner) * np.tan(rays.reflected[0]) == pytest.approx(60.0, abs=1e-6)
-    assert np.sin(rays.omega[0]) == pytest.approx(np.sin(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12)
+    assert np.sin(rays.omega[0]) == pytest.approx(
+        np.sin(rays.reflected[0]) / MATERIALS["water"].index_d, abs=1e-12
+    )
     white = om.Environment(np.ones((4, 8, 3), np.float32))
     light = om.expose(sensor, white, samples=1)[512, 512:, 0]
     assert (light > 0.5).sum() == pytest.approx(sensor.image_height_px(rays)[0], abs=1.5)
-    with pytest.raises(SelfObstruction, match="must be directed back past the lens to pass the window"):
+    with pytest.raises(
+        SelfObstruction, match="must be directed back past the lens to pass the window"
+    ):
         om.evaluate(replace(SPH, housing=Housing(shell=FlatWindow())))
-    with pytest.raises(InvalidParameter, match="a window between lens and mirror is in the optical path twice"):
+    with pytest.raises(
+        InvalidParameter, match="a window between lens and mirror is in the optical path twice"
+    ):
         om.evaluate(replace(NARROW, housing=Housing(shell=FlatWindow(height_mm=-50.0))))
 
 
 def test_invalid_covers_rejected():
-    with pytest.raises(InvalidParameter, match=r"material must not both be given; got 1.5 and 'bk7'"):
+    with pytest.raises(
+        InvalidParameter, match=r"material must not both be given; got 1.5 and 'bk7'"
+    ):
         Tube(110.0, refractive_index=1.5, material="bk7")
     with pytest.raises(InvalidParameter, match="medium must not both be given"):
         Dome(medium="water", medium_index=1.3)
-    with pytest.raises(InvalidParameter, match="material must be one of air, acrylic, polycarbonate, bk7, fused_silica, sapphire, water, s"):
+    with pytest.raises(
+        InvalidParameter,
+        match="material must be one of air, acrylic, polycarbonate, bk7, fused_silica, sapphire, water, s",
+    ):
         Tube(material="jelly")
     with pytest.raises(InvalidParameter, match=r"object_distance_mm must be greater than \d"):
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
     with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' must be aligned"):
         om.evaluate(covered("tilted tube"))
-    kept_in = Dome(1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0)  # 240/520 of the radius, times 2.4
+    kept_in = Dome(
+        1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0
+    )  # 240/520 of the radius, times 2.4
     with pytest.raises(SelfObstruction, match="are totally reflected at its outer surface"):
         om.evaluate(replace(SPH, housing=Housing(shell=kept_in)))
 
@@ -360,15 +448,28 @@ def quan_fry(salt, t=20.0):
     def n(um):
         nm = um * 1e3
         salty = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * salt
-        return 1.31405 + salty - 2.02e-6 * t**2 + (15.868 + 0.01155 * salt - 0.00423 * t) / nm - 4382 / nm**2 + 1.1455e6 / nm**3
+        return (
+            1.31405
+            + salty
+            - 2.02e-6 * t**2
+            + (15.868 + 0.01155 * salt - 0.00423 * t) / nm
+            - 4382 / nm**2
+            + 1.1455e6 / nm**3
+        )
 
     return n
 
 
 PUBLISHED = {
-    "bk7": sellmeier((1.03961212, 0.00600069867), (0.231792344, 0.0200179144), (1.01046945, 103.560653)),
-    "fused_silica": sellmeier((0.6961663, 0.0684043**2), (0.4079426, 0.1162414**2), (0.8974794, 9.896161**2)),
-    "sapphire": sellmeier((1.4313493, 0.0726631**2), (0.65054713, 0.1193242**2), (5.3414021, 18.028251**2)),
+    "bk7": sellmeier(
+        (1.03961212, 0.00600069867), (0.231792344, 0.0200179144), (1.01046945, 103.560653)
+    ),
+    "fused_silica": sellmeier(
+        (0.6961663, 0.0684043**2), (0.4079426, 0.1162414**2), (0.8974794, 9.896161**2)
+    ),
+    "sapphire": sellmeier(
+        (1.4313493, 0.0726631**2), (0.65054713, 0.1193242**2), (5.3414021, 18.028251**2)
+    ),
     "water": quan_fry(0.0),
     "sea_water": quan_fry(35.0),
 }
@@ -378,7 +479,9 @@ PUBLISHED = {
 def test_material_indices_match_literature(name):
     material, n = MATERIALS[name], PUBLISHED[name]
     assert material.index_d == pytest.approx(n(0.58756), abs=1e-4)
-    assert material.abbe_number == pytest.approx((n(0.58756) - 1) / (n(0.48613) - n(0.65627)), rel=2e-3)
+    assert material.abbe_number == pytest.approx(
+        (n(0.58756) - 1) / (n(0.48613) - n(0.65627)), rel=2e-3
+    )
     for um in (0.45, 0.55, 0.7):
         assert material.index_at(1e3 * um) == pytest.approx(n(um), abs=3e-4)
     tube = Tube(material=name).at_wavelength(450.0)

@@ -10,7 +10,13 @@ from omnimirror.base.native import backend
 from omnimirror.optics.mirrors import EvenPolynomial, Sphere
 from omnimirror.optics.mirrors.as_built import NO_FORM
 from omnimirror.optics.tracing import reflection
-from omnimirror.optics.tracing.reflection import MIN_PAIRS, MirrorSurface, RayEndpoints, compiled_reflection_points, specular_points
+from omnimirror.optics.tracing.reflection import (
+    MIN_PAIRS,
+    MirrorSurface,
+    RayEndpoints,
+    compiled_reflection_points,
+    specular_points,
+)
 from tests.conftest import MIRRORS
 from tests.everyday import few
 
@@ -49,9 +55,15 @@ def test_sphere_reflection_of_distant_point():
     towards = np.random.default_rng(5).normal(size=(COUNT, 3))
     towards /= np.linalg.norm(towards, axis=1)[:, None]
     ball = Sphere(50.0, 50.0 * np.sin(np.radians(70.0)))
-    found = specular_points(ball, RayEndpoints.of([[0.0, 0.0, -1.0]], distant=True), RayEndpoints.of(towards, distant=True))
+    found = specular_points(
+        ball,
+        RayEndpoints.of([[0.0, 0.0, -1.0]], distant=True),
+        RayEndpoints.of(towards, distant=True),
+    )
     off_axis = np.degrees(np.arcsin(np.hypot(*found.points[found.valid, :2].T) / 50.0))
-    np.testing.assert_allclose(off_axis, np.degrees(np.arccos(-towards[found.valid, 2])) / 2, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        off_axis, np.degrees(np.arccos(-towards[found.valid, 2])) / 2, rtol=0, atol=1e-9
+    )
     assert np.array_equal(found.valid, -towards[:, 2] > np.cos(np.radians(140.0)))
 
 
@@ -67,7 +79,9 @@ def test_surface_evaluation_count(monkeypatch):
 
     monkeypatch.setattr(reflection, "MirrorSurface", Counted)
     pupils, targets = ends_about("sphere", True, False)
-    inside = RayEndpoints(targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True)
+    inside = RayEndpoints(
+        targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True
+    )
     evaluated.clear()
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     with_kernels = sum(evaluated)
@@ -85,7 +99,10 @@ def test_kernels_not_used_outside_their_scope():
     sphere = Sphere(50.0, 40.0)
     assert compiled_reflection_points(sphere, NO_FORM, pupils, targets) is not None
     few_of_each = slice(0, MIN_PAIRS - 1)
-    assert compiled_reflection_points(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each]) is None
+    assert (
+        compiled_reflection_points(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each])
+        is None
+    )
     moving = RayEndpoints(pupils.xyz + np.linspace(0, 1, COUNT)[:, None])
     assert compiled_reflection_points(sphere, NO_FORM, moving, targets) is None
     assert compiled_reflection_points(MIRRORS["cone"][0], NO_FORM, pupils, targets) is None

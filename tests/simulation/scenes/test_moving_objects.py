@@ -54,13 +54,28 @@ def test_load_bodies(tmp_path):
         ("cart = 3", r"bodies\.toml: the body cart must be a table \[cart\]; got 3"),
         ("[cart]\ncolour = '#fff'", r"\[cart\] of .*: size_mm must be"),
         ("[cart]\nsize_mm = [1, 2]\nkeyframe = [{time_s = 0, x_mm = 1}]", r"\[cart\] of .*size_mm"),
-        ("[cart]\nsize_mm = [1, 2, 0]\nkeyframe = [{time_s = 0, x_mm = 1}]", r"\[cart\] of .*bodies\.toml: size_mm\[2\] must be finite and at least 0\.001; got 0"),
+        (
+            "[cart]\nsize_mm = [1, 2, 0]\nkeyframe = [{time_s = 0, x_mm = 1}]",
+            r"\[cart\] of .*bodies\.toml: size_mm\[2\] must be finite and at least 0\.001; got 0",
+        ),
         ("[cart]\nsize_mm = [1, 2, 3]", r"\[cart\] of .*bodies\.toml must contain keyframes"),
         ("[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, hfov_deg = 1}]", "hfov_deg"),
-        ("[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, x_mm = 1}]\nmass = 3", r"\[cart\] of .*bodies\.toml must contain only \[\[keyframe\]\] tables and optionally interpolation"),
-        ("[cart]\nsize_mm = [1, 2, 3]\ncolour = 'reddish'\nkeyframe = [{time_s = 0, x_mm = 1}]", "reddish"),
-        ("[cart]\nsize_mm = [1, 2, 3]\npath = 'gone.csv'", "path must be an existing keyframe file"),
-        ("[cart]\nsize_mm = [1, 2, 3]\npath = 4", r"\[cart\] of .*bodies\.toml: path must be a file name; got 4"),
+        (
+            "[cart]\nsize_mm = [1, 2, 3]\nkeyframe = [{time_s = 0, x_mm = 1}]\nmass = 3",
+            r"\[cart\] of .*bodies\.toml must contain only \[\[keyframe\]\] tables and optionally interpolation",
+        ),
+        (
+            "[cart]\nsize_mm = [1, 2, 3]\ncolour = 'reddish'\nkeyframe = [{time_s = 0, x_mm = 1}]",
+            "reddish",
+        ),
+        (
+            "[cart]\nsize_mm = [1, 2, 3]\npath = 'gone.csv'",
+            "path must be an existing keyframe file",
+        ),
+        (
+            "[cart]\nsize_mm = [1, 2, 3]\npath = 4",
+            r"\[cart\] of .*bodies\.toml: path must be a file name; got 4",
+        ),
     ],
 )
 def test_invalid_bodies_file_raises(tmp_path, text, message):
@@ -81,15 +96,40 @@ def test_video_shows_moving_bodies(tmp_path):
     reproducible."""
     av = pytest.importorskip("av")
     sphere = om.load_sensor("paper-spherical")
-    small = replace(sphere, imager=replace(sphere.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8))
+    small = replace(
+        sphere, imager=replace(sphere.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8)
+    )
     om.save_sensor(small, tmp_path / "small.toml")
     (tmp_path / "path.csv").write_text("time_s,x_mm\n0,0\n2,100\n")
     (tmp_path / "bodies.toml").write_text(BODIES.partition("[lamp]")[0].replace("pan_deg = 90", ""))
-    asked = ("--path", tmp_path / "path.csv", "--bodies", tmp_path / "bodies.toml", "--spp", "1", "--no-blur", "--fps", "1")
-    for arguments in (("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"), ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"), ("simulate", "dataset", "--reproduce", tmp_path / "set" / "dataset.json", "-o", tmp_path / "again")):
+    asked = (
+        "--path",
+        tmp_path / "path.csv",
+        "--bodies",
+        tmp_path / "bodies.toml",
+        "--spp",
+        "1",
+        "--no-blur",
+        "--fps",
+        "1",
+    )
+    for arguments in (
+        ("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"),
+        ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"),
+        (
+            "simulate",
+            "dataset",
+            "--reproduce",
+            tmp_path / "set" / "dataset.json",
+            "-o",
+            tmp_path / "again",
+        ),
+    ):
         run = omnimirror(*arguments)
         assert run.returncode == 0, run.stderr
-    assert (tmp_path / "again" / "video.mp4").read_bytes() == (tmp_path / "set" / "video.mp4").read_bytes()
+    assert (tmp_path / "again" / "video.mp4").read_bytes() == (
+        tmp_path / "set" / "video.mp4"
+    ).read_bytes()
 
     (cart,), path = om.load_bodies(tmp_path / "bodies.toml"), om.load_path(tmp_path / "path.csv")
     for film in (tmp_path / "set" / "video.mp4", tmp_path / "film.mp4"):
@@ -119,9 +159,17 @@ class Unpainted:
 def test_compiled_bodies_match_numpy(blur):
     turns = {"x_mm": ((0.0, 900.0),), "pan_deg": ((0.0, 34.0),), "tilt_deg": ((0.0, 12.0),)}
     lies = {"y_mm": ((0.0, -700.0),), "z_mm": ((0.0, -300.0),)}
-    bodies = (om.MovingBox((400.0, 300.0, 500.0), Keyframes(turns)), om.MovingBox((200.0, 200.0, 200.0), Keyframes(lies), colour="#3388ff"))
-    scene, sensor = (SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0), replace(BALL, imager=Imager(256, 256, 20.8)))
-    seen, expected = (expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene)))
+    bodies = (
+        om.MovingBox((400.0, 300.0, 500.0), Keyframes(turns)),
+        om.MovingBox((200.0, 200.0, 200.0), Keyframes(lies), colour="#3388ff"),
+    )
+    scene, sensor = (
+        SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0),
+        replace(BALL, imager=Imager(256, 256, 20.8)),
+    )
+    seen, expected = (
+        expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene))
+    )
     differs = np.abs(seen - expected).max(axis=-1)
     assert (differs > 1e-5).sum() <= 3, "but for rays that graze an edge"
     alone = expose(sensor, scene.scene, samples=4, blur=blur, seed=1)
@@ -133,7 +181,10 @@ def test_touching_surfaces_are_deterministic():
     """Compiled surfaces reorder their records; regenerated datasets previously had other pixels for
     that reason."""
     cart = om.MovingBox((400.0, 300.0, 500.0), Keyframes({"x_mm": ((0.0, 900.0),)}))
-    scene, corners = (SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0), (np.full(3, -50.0), np.full(3, 50.0)))
+    scene, corners = (
+        SceneWithBodies(om.Room(texel_mm=41.5), (cart,), 0.0),
+        (np.full(3, -50.0), np.full(3, 50.0)),
+    )
     first = scene.surroundings_from(*corners).surfaces.records.copy()
     own = scene.scene.surroundings_from(*corners).surfaces
     before = own.records.copy()
@@ -147,5 +198,7 @@ def test_rays_starting_in_body():
     scene = SceneWithBodies(om.Room(texel_mm=40.0), (around,), 0.0)
     corners = np.full(3, -50.0), np.full(3, 50.0)
     assert scene.surroundings_from(*corners) is None
-    assert SceneWithBodies(scene.scene).surroundings_from(*corners) is scene.scene.surroundings_from(*corners)
+    assert SceneWithBodies(scene.scene).surroundings_from(
+        *corners
+    ) is scene.scene.surroundings_from(*corners)
     assert SceneWithBodies(Unpainted(scene.scene)).surroundings_from(*corners) is None

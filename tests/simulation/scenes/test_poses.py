@@ -22,14 +22,23 @@ from omnimirror.simulation.simulated_video import frame_at, frame_times
 def small(name: str, pixels: int = 64) -> om.Sensor:
     sensor = om.load_sensor(name)
     pitch = sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
-    return replace(sensor, imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch))
+    return replace(
+        sensor,
+        imager=replace(sensor.imager, width_px=pixels, height_px=pixels, pixel_pitch_um=pitch),
+    )
 
 
 def test_pose_signs():
     ahead, left, up = np.eye(3)
-    np.testing.assert_allclose(Pose(pan_deg=30).to_scene(ahead), pan_tilt_direction(np.radians(30), 0), atol=1e-12)
-    np.testing.assert_allclose(Pose(tilt_deg=20).to_scene(ahead), pan_tilt_direction(0, np.radians(20)), atol=1e-12)
-    np.testing.assert_allclose(Pose(roll_deg=90).to_scene(up), -left, atol=1e-12)  # its up direction is to the right
+    np.testing.assert_allclose(
+        Pose(pan_deg=30).to_scene(ahead), pan_tilt_direction(np.radians(30), 0), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        Pose(tilt_deg=20).to_scene(ahead), pan_tilt_direction(0, np.radians(20)), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        Pose(roll_deg=90).to_scene(up), -left, atol=1e-12
+    )  # its up direction is to the right
     pose = Pose(1.0, -2.0, 3.0, 40.0, 15.0, -70.0)
     points = np.random.default_rng(1).normal(size=(9, 3))
     np.testing.assert_allclose(pose.to_sensor(pose.to_scene(points)), points, atol=1e-12)
@@ -37,11 +46,17 @@ def test_pose_signs():
 
 
 def test_compiled_rotated_environment_matches_numpy():
-    world = Environment(np.random.default_rng(2).uniform(0, 1, (16, 32, 3)).astype(np.float32), heading_deg=20.0)
+    world = Environment(
+        np.random.default_rng(2).uniform(0, 1, (16, 32, 3)).astype(np.float32), heading_deg=20.0
+    )
     sensor, pose = small("paper-equidistant"), Pose(5.0, 6.0, 7.0, 40.0, -25.0, 12.0)
     light = expose(sensor, PosedScene(world, pose), samples=1)
-    rays = sensor.backproject(np.stack(np.meshgrid(np.arange(64.0), np.arange(64.0)), axis=-1).reshape(-1, 2))
-    seen = world.radiance(np.zeros((int(rays.valid.sum()), 3)), rays.directions[rays.valid] @ pose.rotation().T)
+    rays = sensor.backproject(
+        np.stack(np.meshgrid(np.arange(64.0), np.arange(64.0)), axis=-1).reshape(-1, 2)
+    )
+    seen = world.radiance(
+        np.zeros((int(rays.valid.sum()), 3)), rays.directions[rays.valid] @ pose.rotation().T
+    )
     assert np.abs(light.reshape(-1, 3)[rays.valid] - seen).max() < 1e-3
 
 
@@ -51,7 +66,10 @@ def test_pan_matches_mount_rotation():
     turned = replace(sensor, mount=replace(sensor.mount, forward_azimuth_deg=-90.0 - 40.0))
     panned = expose(turned, PosedScene(room, Pose(pan_deg=40.0)), samples=4)
     np.testing.assert_allclose(panned, expose(sensor, room, samples=4), atol=0.02)
-    assert np.abs(expose(sensor, PosedScene(room, Pose(pan_deg=40.0)), samples=4) - panned).mean() > 0.02
+    assert (
+        np.abs(expose(sensor, PosedScene(room, Pose(pan_deg=40.0)), samples=4) - panned).mean()
+        > 0.02
+    )
 
 
 @pytest.mark.parametrize("pose", [Pose(), Pose(600.0, -300.0, 200.0, 50.0, 8.0, 5.0)])
@@ -68,7 +86,9 @@ def test_depth_round_trip(pose):
     assert (met < np.array(ROOM.high) + 1e-6).all()
     back = sensor.project(points)
     rows, columns = np.nonzero(seen)
-    np.testing.assert_allclose(back.pixels[back.valid], np.stack([columns, rows], -1)[back.valid], atol=1e-3)
+    np.testing.assert_allclose(
+        back.pixels[back.valid], np.stack([columns, rows], -1)[back.valid], atol=1e-3
+    )
     assert back.valid.mean() > 0.99
 
 
@@ -89,8 +109,14 @@ def test_scene_without_distance_raises():
 
 def test_frames_match_poses():
     sensor, room = small("paper-spherical"), om.Room(texel_mm=40.0)
-    path = Keyframes({"x_mm": ((0.0, 0.0), (2.0, 800.0)), "pan_deg": ((0.0, 0.0), (2.0, 90.0))}, "linear")
+    path = Keyframes(
+        {"x_mm": ((0.0, 0.0), (2.0, 800.0)), "pan_deg": ((0.0, 0.0), (2.0, 90.0))}, "linear"
+    )
     light = frame_at(sensor, room, path, 1.0, samples=1)
-    np.testing.assert_array_equal(light, expose(sensor, PosedScene(room, Pose(400.0, pan_deg=45.0)), samples=1))
-    with pytest.raises(InvalidParameter, match=r"frame_rate must be between 0\.001 and 1e\+06; got 0\.0"):
+    np.testing.assert_array_equal(
+        light, expose(sensor, PosedScene(room, Pose(400.0, pan_deg=45.0)), samples=1)
+    )
+    with pytest.raises(
+        InvalidParameter, match=r"frame_rate must be between 0\.001 and 1e\+06; got 0\.0"
+    ):
         frame_times(path, 0.0)

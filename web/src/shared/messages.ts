@@ -215,7 +215,7 @@ export interface CameraInfo {
   tilt_max_deg: number;
   pixels_per_degree: number;
   pole: "nadir" | "zenith";
-  is_picture_reversed: boolean;
+  is_image_reversed: boolean;
   /** whether its circle can be fitted to an image */
   is_adjustable: boolean;
   tables: TableLayout;

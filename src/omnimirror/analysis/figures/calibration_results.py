@@ -15,7 +15,13 @@ from ...base.escaping import escape_invisible, plot_text
 from ...base.typing import Array
 from .style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, grid_of_axes, new_figure, styled
 
-__all__ = ["coverage_map", "residual_histograms", "residual_vectors", "residuals_by_image", "residuals_by_radius"]
+__all__ = [
+    "coverage_map",
+    "residual_histograms",
+    "residual_vectors",
+    "residuals_by_image",
+    "residuals_by_radius",
+]
 
 
 # -- Calibration residuals -------------------------------------------------------------------------
@@ -43,11 +49,27 @@ def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int
     lengths = np.hypot(*residuals.T)
     median = float(np.median(lengths)) or 1.0
     factor = RELATIVE_ARROW_LENGTH * width / median
-    axes.quiver(*pixels.T, *(residuals * factor).T, angles="xy", scale_units="xy", scale=1, width=0.0012, color=PALETTE[0], headwidth=4, headlength=4)
+    axes.quiver(
+        *pixels.T,
+        *(residuals * factor).T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.0012,
+        color=PALETTE[0],
+        headwidth=4,
+        headlength=4,
+    )
     u, v = 0.02 * width, 0.97 * height
     axes.plot([u, u + RELATIVE_ARROW_LENGTH * width], [v, v], color=INK, linewidth=1.5)
     axes.text(u + 1.3 * RELATIVE_ARROW_LENGTH * width, v, f"{median:.2g} px", va="center")
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set(
+        xlim=(-0.5, width - 0.5),
+        ylim=(height - 0.5, -0.5),
+        aspect="equal",
+        xlabel="u (px)",
+        ylabel="v (px)",
+    )
     axes.set_title(f"Residuals, enlarged {factor:.0f} times")
     axes.grid(visible=False)
     for side in ("top", "right"):
@@ -69,7 +91,9 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
     limit = 1.05 * float(np.percentile(np.abs([radial, across]), 99.5))
     edges = np.quantile(radii, np.linspace(0, 1, BINS + 1))
     cell = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, BINS - 1)
-    for axes, values, title in zip(figure.subplots(1, 2, sharey=True), (radial, across), ("Radial", "Tangential"), strict=True):
+    for axes, values, title in zip(
+        figure.subplots(1, 2, sharey=True), (radial, across), ("Radial", "Tangential"), strict=True
+    ):
         axes.plot(radii, values, ".", markersize=1.5, color=PALE, rasterized=True)
         middles, means, spreads = [], [], []
         for i in range(BINS):
@@ -78,7 +102,9 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
                 middles.append(float(radii[cell == i].mean()))
                 means.append(float(inside.mean()))
                 spreads.append(float(inside.std() / np.sqrt(len(inside))))
-        axes.errorbar(middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0])
+        axes.errorbar(
+            middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0]
+        )
         axes.axhline(0.0, color=INK, linewidth=0.5)
         axes.set(xlabel="radius (px)", title=title, ylim=(-limit, limit))
     figure.axes[0].set_ylabel("residual (px)")
@@ -103,7 +129,13 @@ def residuals_by_image(names: Sequence[str], fit_px: Array, held_out_px: Array) 
     if np.isfinite(held_out_px).any():
         axes.plot(positions, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="held out")
     step = max(1, count // MAX_LABELS)
-    axes.set_xticks(positions[::step], [_short(n) for n in names][::step], rotation=60, ha="right", rotation_mode="anchor")
+    axes.set_xticks(
+        positions[::step],
+        [_short(n) for n in names][::step],
+        rotation=60,
+        ha="right",
+        rotation_mode="anchor",
+    )
     axes.set(ylabel="RMS (px)", title="Residuals by image", xlim=(-0.6, count - 0.4))
     axes.grid(visible=False, axis="x")
     axes.legend(frameon=False, loc="upper left", ncols=2)
@@ -125,12 +157,27 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
     limit = 4.5 * noise_px
     edges = np.linspace(-limit, limit, 46)
     x = np.linspace(-limit, limit, 200)
-    normal = np.exp(-0.5 * (x / noise_px) ** 2) / (noise_px * np.sqrt(2 * np.pi)) * len(residuals) * (edges[1] - edges[0])
-    for axes, values, name in zip(figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True):
+    normal = (
+        np.exp(-0.5 * (x / noise_px) ** 2)
+        / (noise_px * np.sqrt(2 * np.pi))
+        * len(residuals)
+        * (edges[1] - edges[0])
+    )
+    for axes, values, name in zip(
+        figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True
+    ):
         axes.hist(np.clip(values, -limit, limit), edges, color=PALE)
         axes.plot(x, normal, color=PALETTE[0])
         axes.set(xlabel=f"residual in {name} (px)", xlim=(-limit, limit))
-        axes.text(0.98, 0.95, f"mean {values.mean():+.3f} px", transform=axes.transAxes, ha="right", va="top", color=GREY)
+        axes.text(
+            0.98,
+            0.95,
+            f"mean {values.mean():+.3f} px",
+            transform=axes.transAxes,
+            ha="right",
+            va="top",
+            color=GREY,
+        )
     figure.axes[0].set_ylabel("corners")
     return figure
 
@@ -144,7 +191,13 @@ def _short(name: str) -> str:
 # -- Coverage and direction uncertainty ------------------------------------------------------------
 
 
-def coverage_map(boards: Sequence[Array], image_size: tuple[int, int], centre_px: tuple[float, float], radii_px: Array, sigma_deg: Array | None = None) -> Figure:
+def coverage_map(
+    boards: Sequence[Array],
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float],
+    radii_px: Array,
+    sigma_deg: Array | None = None,
+) -> Figure:
     """Draw the corners of all boards and the counting rings over the direction uncertainty.
 
     Parameters
@@ -164,18 +217,42 @@ def coverage_map(boards: Sequence[Array], image_size: tuple[int, int], centre_px
     figure = new_figure(PAGE, 0.86 * PAGE * height / width + 0.3)
     axes = figure.subplots()
     if sigma_deg is not None and np.isfinite(sigma_deg).any():
-        image = axes.imshow(sigma_deg, extent=(-0.5, width - 0.5, height - 0.5, -0.5), cmap="Greys", vmin=0.0, vmax=float(np.nanpercentile(sigma_deg, 98)), interpolation="bilinear", alpha=0.7)
-        figure.colorbar(image, ax=axes, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01)
+        image = axes.imshow(
+            sigma_deg,
+            extent=(-0.5, width - 0.5, height - 0.5, -0.5),
+            cmap="Greys",
+            vmin=0.0,
+            vmax=float(np.nanpercentile(sigma_deg, 98)),
+            interpolation="bilinear",
+            alpha=0.7,
+        )
+        figure.colorbar(
+            image, ax=axes, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01
+        )
     for i, corners in enumerate(boards):
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(*corners.T, ".", markersize=1.5, color=colour)
         if len(corners) > 2:
-            axes.add_patch(Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6))
+            axes.add_patch(
+                Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6)
+            )
     angle = np.linspace(0, 2 * np.pi, 181)
     for radius in radii_px[1:]:
-        axes.plot(centre_px[0] + radius * np.cos(angle), centre_px[1] + radius * np.sin(angle), color=GREY, linewidth=0.5, linestyle=":")
+        axes.plot(
+            centre_px[0] + radius * np.cos(angle),
+            centre_px[1] + radius * np.sin(angle),
+            color=GREY,
+            linewidth=0.5,
+            linestyle=":",
+        )
     axes.plot(*centre_px, "+", color=INK)
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="u (px)", ylabel="v (px)")
+    axes.set(
+        xlim=(-0.5, width - 0.5),
+        ylim=(height - 0.5, -0.5),
+        aspect="equal",
+        xlabel="u (px)",
+        ylabel="v (px)",
+    )
     axes.set_title("Detected corners")
     axes.grid(visible=False)
     for side in ("top", "right"):
@@ -228,7 +305,9 @@ def detected_rims(drawings: Sequence[RimDrawing]) -> Figure:
     aspect = max(drawing.image.shape[0] / drawing.image.shape[1] for drawing in drawings)
     with styled():
         figure = new_figure(PAGE, rows * (PAGE / columns * aspect + 0.2))
-        for ax, drawing in zip(grid_of_axes(figure, rows, columns, len(drawings)), drawings, strict=True):
+        for ax, drawing in zip(
+            grid_of_axes(figure, rows, columns, len(drawings)), drawings, strict=True
+        ):
             _draw_rim(ax, drawing)
     return figure
 
@@ -238,13 +317,26 @@ def _draw_rim(ax: Axes, drawing: RimDrawing) -> None:
     every = max(1, max(height, width) // MAX_SIDE_PX)
     image = drawing.image[::every, ::every]
     low, high = -0.5, 0.5
-    ax.imshow(image, extent=(low, width - high, height - high, low), cmap="gray", interpolation="antialiased")
+    ax.imshow(
+        image,
+        extent=(low, width - high, height - high, low),
+        cmap="gray",
+        interpolation="antialiased",
+    )
     closed = np.concatenate([drawing.rim_px, drawing.rim_px[:1]])
     for colour, thickness in (("white", 2.2), (PALETTE[1], 1.1)):
-        ax.plot(closed[:, 0], closed[:, 1], "-" if drawing.is_sure else "--", color=colour, linewidth=thickness)
+        ax.plot(
+            closed[:, 0],
+            closed[:, 1],
+            "-" if drawing.is_sure else "--",
+            color=colour,
+            linewidth=thickness,
+        )
     if drawing.camera_px is not None:
         u, v, radius = drawing.camera_px
-        ax.add_patch(Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":"))
+        ax.add_patch(
+            Circle((u, v), radius, fill=False, color=PALETTE[5], linewidth=1.1, linestyle=":")
+        )
     ax.plot(*drawing.centre_px, "+", color=PALETTE[1], markersize=6)
     ax.set_xlim(low, width - high)
     ax.set_ylim(height - high, low)

@@ -110,13 +110,34 @@ class EndLabels:
         """Label the last visible point of a line in its colour."""
         visible = np.flatnonzero(displayed_points(ax, line))
         if visible.size:
-            x, y = (float(np.asarray(v, float)[visible[-1]]) for v in (line.get_xdata(), line.get_ydata()))
+            x, y = (
+                float(np.asarray(v, float)[visible[-1]])
+                for v in (line.get_xdata(), line.get_ydata())
+            )
             self.at(ax, x, y, text, str(line.get_color()))
 
     def at(self, ax: Axes, x: float, y: float, text: str, colour: str) -> None:
         """Label a point (data coordinates), connected to it by a thin line."""
-        hairline = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0.5, "shrinkB": 1, "relpos": (0, 0.5)}
-        label = ax.annotate(text, (x, y), xytext=(1.0, y), textcoords=ax.get_yaxis_transform() + ScaledTranslation(LABEL_INDENT_PT / 72, 0, self.figure.dpi_scale_trans), color=colour, size=self.size, va="center", annotation_clip=False, arrowprops=hairline)
+        hairline = {
+            "arrowstyle": "-",
+            "color": colour,
+            "linewidth": 0.4,
+            "shrinkA": 0.5,
+            "shrinkB": 1,
+            "relpos": (0, 0.5),
+        }
+        label = ax.annotate(
+            text,
+            (x, y),
+            xytext=(1.0, y),
+            textcoords=ax.get_yaxis_transform()
+            + ScaledTranslation(LABEL_INDENT_PT / 72, 0, self.figure.dpi_scale_trans),
+            color=colour,
+            size=self.size,
+            va="center",
+            annotation_clip=False,
+            arrowprops=hairline,
+        )
         self._labels.setdefault(ax, []).append(label)
 
     def settle(self) -> Figure:
@@ -255,8 +276,14 @@ def render(figure: Figure, kind: str = "svg") -> bytes:
         Unknown format.
     """
     if kind not in FORMATS:
-        raise InvalidParameter(f"the format of a figure must be one of {', '.join(FORMATS)}; got {kind or 'none'}")
-    undated: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+        raise InvalidParameter(
+            f"the format of a figure must be one of {', '.join(FORMATS)}; got {kind or 'none'}"
+        )
+    undated: dict[str, dict[str, Any]] = {
+        "svg": {"Date": None},
+        "pdf": {"CreationDate": None},
+        "png": {},
+    }
     data = BytesIO()
     with styled(), _laid_out(figure, kind) as canvas:
         getattr(canvas, f"print_{kind}")(data, metadata=undated[kind])

@@ -15,7 +15,13 @@ import click
 
 from ... import __version__
 from ...base.errors import InvalidParameter, OmnimirrorError, explain_import_error, one_line
-from ._process_state import Terminated, discard_output, interrupted_exit_code, process_state, set_quiet
+from ._process_state import (
+    Terminated,
+    discard_output,
+    interrupted_exit_code,
+    process_state,
+    set_quiet,
+)
 
 COMMANDS = {
     "sensors": "List the bundled sensors.",
@@ -70,7 +76,9 @@ class LazyGroup(click.Group):
         command: click.Command = import_module(f".commands.{cmd_name}", __name__).command
         return command
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             close = difflib.get_close_matches(args[0], COMMANDS, 1, 0.5)
             hint = f"did you mean {close[0]}?" if close else f"available: {', '.join(COMMANDS)}"
@@ -92,8 +100,17 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="omnimirror")
-@click.option("--quiet", is_flag=True, expose_value=False, callback=set_quiet, is_eager=True, help="Print warnings and errors only. This and the next two options apply to all commands.")
-@click.option("--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend.")
+@click.option(
+    "--quiet",
+    is_flag=True,
+    expose_value=False,
+    callback=set_quiet,
+    is_eager=True,
+    help="Print warnings and errors only. This and the next two options apply to all commands.",
+)
+@click.option(
+    "--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend."
+)
 @click.option("--debug", is_flag=True, expose_value=False, help="Print the traceback of errors.")
 def app() -> None:
     """Design, evaluate, simulate and calibrate omnidirectional sensors, and dewarp images."""
@@ -115,7 +132,9 @@ def main(args: list[str] | None = None) -> None:
         The command failed, or a signal stopped it.
     """
     start = time.perf_counter()
-    is_debugged, is_verbose, words = _split_global_options(list(sys.argv[1:] if args is None else args))
+    is_debugged, is_verbose, words = _split_global_options(
+        list(sys.argv[1:] if args is None else args)
+    )
     is_server = bool(SERVERS & set(words))
     with process_state(is_quiet=not is_debugged and not is_server):
         _run(words, is_debugged, is_verbose, start)

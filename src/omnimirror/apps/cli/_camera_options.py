@@ -37,11 +37,18 @@ if TYPE_CHECKING:
 class OrientationOptions(Options):
     """Orientation of images and videos."""
 
-    stored_orientation: bool = option(default=False, is_flag=True, help="Use pixels as stored, without the rotation in EXIF data (images) or in the display matrix (videos).")
+    stored_orientation: bool = option(
+        default=False,
+        is_flag=True,
+        help="Use pixels as stored, without the rotation in EXIF data (images) or in the display matrix (videos).",
+    )
 
     def read(self, files: Sequence[Path]) -> list[NDArray[Any]]:
         """Return the images in files, and report the orientations that were applied."""
-        loaded = [read_image_and_metadata(file, stored_orientation=self.stored_orientation) for file in files]
+        loaded = [
+            read_image_and_metadata(file, stored_orientation=self.stored_orientation)
+            for file in files
+        ]
         self._report([metadata.orientation for _, metadata in loaded])
         return [image for image, _ in loaded]
 
@@ -53,7 +60,9 @@ class OrientationOptions(Options):
         """Report remarks on a video, such as the orientation applied to its frames."""
         from ...io.video_reader import VideoReader
 
-        with VideoReader(video, with_audio=False, stored_orientation=self.stored_orientation) as reader:
+        with VideoReader(
+            video, with_audio=False, stored_orientation=self.stored_orientation
+        ) as reader:
             for note in reader.notes:
                 print_remark(f"omnimirror: {note}")
 
@@ -68,23 +77,59 @@ class OrientationOptions(Options):
 
 Source: TypeAlias = Literal["sensor", "ocam", "ball"]
 
-SOURCE_OPTIONS: dict[Source, tuple[str, ...]] = {"sensor": (), "ocam": ("optics", "rim_radius_px"), "ball": ()}
+SOURCE_OPTIONS: dict[Source, tuple[str, ...]] = {
+    "sensor": (),
+    "ocam": ("optics", "rim_radius_px"),
+    "ball": (),
+}
 
 
 @dataclass(frozen=True)
 class CameraOptions(Options):
     """Camera model, with its mounting."""
 
-    sensor: str | None = option(type=SENSOR, metavar="FILE|NAME", help="Camera: a sensor file, a camera file, or the name of a bundled sensor.")
+    sensor: str | None = option(
+        type=SENSOR,
+        metavar="FILE|NAME",
+        help="Camera: a sensor file, a camera file, or the name of a bundled sensor.",
+    )
     ocam: str | None = option(metavar="FILE", help="Camera: calib_results.txt of OCamCalib.")
-    ball: tuple[float, float, float, float] | None = option(type=ball, metavar="CX,CY,R,FOV", help="Camera: a mirror ball, with its circle in px and its full field in deg. The optical axis is assumed to point up; for a ball photographed horizontally, add --camera-looks forward.")
-    optics: Optics | None = option(type=click.Choice(["mirror", "fisheye"]), help="Type of optics of the --ocam camera.  [default: mirror]")
-    rim_radius_px: float | None = option(type=NUMBER, metavar="PX", help="Radius of the field of --ocam in the image.  [default: unlimited]")
-    camera_looks: CameraLooks | None = option(type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.  [default: as in the sensor file, or up, also for --ball; forward for --auto with --mirror ball or convex]")
-    forward_azimuth_deg: float | None = option(type=angle, metavar="DEG", help="Image direction of forward, from image right towards image bottom.  [default: as in the sensor file, or -90]")
-    image_flipped: bool | None = option("--image-flipped/--not-image-flipped", help="Declare that the image is mirrored left to right.")
-    level: tuple[float, float] | None = option(type=pitch_roll, metavar="PITCH,ROLL", help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]")
-    keep_tilt: bool | None = option(is_flag=True, help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.")
+    ball: tuple[float, float, float, float] | None = option(
+        type=ball,
+        metavar="CX,CY,R,FOV",
+        help="Camera: a mirror ball, with its circle in px and its full field in deg. The optical axis is assumed to point up; for a ball photographed horizontally, add --camera-looks forward.",
+    )
+    optics: Optics | None = option(
+        type=click.Choice(["mirror", "fisheye"]),
+        help="Type of optics of the --ocam camera.  [default: mirror]",
+    )
+    rim_radius_px: float | None = option(
+        type=NUMBER,
+        metavar="PX",
+        help="Radius of the field of --ocam in the image.  [default: unlimited]",
+    )
+    camera_looks: CameraLooks | None = option(
+        type=click.Choice(["up", "down", "forward"]),
+        help="Orientation of the optical axis.  [default: as in the sensor file, or up, also for --ball; forward for --auto with --mirror ball or convex]",
+    )
+    forward_azimuth_deg: float | None = option(
+        type=angle,
+        metavar="DEG",
+        help="Image direction of forward, from image right towards image bottom.  [default: as in the sensor file, or -90]",
+    )
+    image_flipped: bool | None = option(
+        "--image-flipped/--not-image-flipped",
+        help="Declare that the image is mirrored left to right.",
+    )
+    level: tuple[float, float] | None = option(
+        type=pitch_roll,
+        metavar="PITCH,ROLL",
+        help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]",
+    )
+    keep_tilt: bool | None = option(
+        is_flag=True,
+        help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.",
+    )
 
     def check(self) -> None:
         """Raise UsageError unless exactly one camera is given, or for options of another kind of
@@ -93,8 +138,14 @@ class CameraOptions(Options):
         sources = [name for name in SOURCE_OPTIONS if name in self.given]
         if len(sources) != 1:
             requested = " and ".join(map(flag, sources)) or "none"
-            raise click.UsageError(f"exactly one of --sensor, --ocam and --ball must be given; got {requested}")
-        refuse_inapplicable(self.given, {flag(name): names for name, names in SOURCE_OPTIONS.items()}, flag(sources[0]))
+            raise click.UsageError(
+                f"exactly one of --sensor, --ocam and --ball must be given; got {requested}"
+            )
+        refuse_inapplicable(
+            self.given,
+            {flag(name): names for name, names in SOURCE_OPTIONS.items()},
+            flag(sources[0]),
+        )
 
     def camera(self, image_size: tuple[int, int]) -> AnyCamera:
         """Return the camera with the mounting of the options; for a ball, in images of size (width,
@@ -151,8 +202,14 @@ CameraOfSize: TypeAlias = "Callable[[tuple[int, int]], Sensor | MirrorBall]"
 class AutoOptions(Options):
     """Automatic camera, and its type of mirror."""
 
-    auto: bool | None = option(is_flag=True, help="Detect the outline of the mirror in the images and use the mirror of --mirror; a ball is levelled from vertical edges.")
-    mirror: str | None = option(metavar="PRESET|FILE|NAME", help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The camera of ball and convex is assumed to look forward, that of dome up (--camera-looks).  [default: one-shot]")
+    auto: bool | None = option(
+        is_flag=True,
+        help="Detect the outline of the mirror in the images and use the mirror of --mirror; a ball is levelled from vertical edges.",
+    )
+    mirror: str | None = option(
+        metavar="PRESET|FILE|NAME",
+        help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The camera of ball and convex is assumed to look forward, that of dome up (--camera-looks).  [default: one-shot]",
+    )
 
     def check(self, camera: CameraOptions) -> None:
         """Raise UsageError for --mirror without --auto, or for another camera with --auto."""
@@ -161,21 +218,37 @@ class AutoOptions(Options):
                 raise click.UsageError("--mirror requires --auto")
             camera.check()
             return
-        specified = {name: names for name, names in SOURCE_OPTIONS.items() if camera.subset(name, *names)}
+        specified = {
+            name: names for name, names in SOURCE_OPTIONS.items() if camera.subset(name, *names)
+        }
         if specified:
-            given = next(iter(camera.subset(*(n for name, names in specified.items() for n in (name, *names)))))
+            given = next(
+                iter(
+                    camera.subset(*(n for name, names in specified.items() for n in (name, *names)))
+                )
+            )
             raise click.UsageError(f"--auto and {flag(given)} must not be given together")
 
     def refuse_video(self, source: str) -> None:
         """Raise UsageError for --auto with a video."""
         if self.auto:
-            raise click.UsageError(f"--auto requires images; got {source}; for a video, detect the outline in one of its frames with 'omnimirror rim', and specify it with --ball")
+            raise click.UsageError(
+                f"--auto requires images; got {source}; for a video, detect the outline in one of its frames with 'omnimirror rim', and specify it with --ball"
+            )
 
-    def camera(self, sources: tuple[str, ...], options: CameraOptions, orientation: OrientationOptions) -> tuple[CameraOfSize, str]:
+    def camera(
+        self, sources: tuple[str, ...], options: CameraOptions, orientation: OrientationOptions
+    ) -> tuple[CameraOfSize, str]:
         """Return the detected camera with the mounting of the options, and a report of the
         detection.
         """
-        from ...calibration.rim import DEFAULT_PRESET, PRESETS, camera_from_rim, detect_mirror_outline, mirror_by_name
+        from ...calibration.rim import (
+            DEFAULT_PRESET,
+            PRESETS,
+            camera_from_rim,
+            detect_mirror_outline,
+            mirror_by_name,
+        )
 
         name = self.mirror or DEFAULT_PRESET
         mirror_by_name(name)  # checked before the outline detection, which takes seconds
@@ -189,7 +262,9 @@ class AutoOptions(Options):
 
         def camera_of(size: tuple[int, int]) -> Sensor | MirrorBall:
             if size != rim.image_size:
-                raise InvalidParameter(f"the image size must be {rim.image_size[0]} x {rim.image_size[1]} px, that of the images with the detected rim; got {size[0]} x {size[1]} px; dewarp images of each size separately")
+                raise InvalidParameter(
+                    f"the image size must be {rim.image_size[0]} x {rim.image_size[1]} px, that of the images with the detected rim; got {size[0]} x {size[1]} px; dewarp images of each size separately"
+                )
             return camera
 
         (u, v), among = rim.centre_px, "" if len(images) == 1 else f" in {len(images)} images"
@@ -206,7 +281,9 @@ def _tilt_ambiguity(rim: MirrorOutline, mirror: str) -> str:
 
     if mirror in PRESETS or len(found := sensors_from_rim(rim, load_sensor(mirror))) == 1:
         return ""
-    assumed, other = (f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found)
+    assumed, other = (
+        f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found
+    )
     return f"; tilt {assumed} deg about x and y assumed; {other} deg has the same outline"
 
 
@@ -217,17 +294,25 @@ def _level_ball(ball: MirrorBall, image: NDArray[np.uint8]) -> tuple[MirrorBall,
     looks = {"up": "up", "down": "down", "forward": "forward"}[ball.mount.camera_looks]
     level = level_from_image(image, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
     if level is None or not level.is_reliable:
-        return (ball, f"; the camera is assumed to look {looks} without tilt (--camera-looks, --level)")
+        return (
+            ball,
+            f"; the camera is assumed to look {looks} without tilt (--camera-looks, --level)",
+        )
     tilt = f"{level.pitch_deg:.1f},{level.roll_deg:.1f} deg, from {level.upright} vertical edges"
     report = f"; the camera is assumed to look {looks} (--camera-looks); tilt {tilt}"
     return replace(ball, mount=level.on(ball.mount)), report
 
 
-def _same_size_images(sources: tuple[str, ...], orientation: OrientationOptions) -> list[NDArray[np.uint8]]:
+def _same_size_images(
+    sources: tuple[str, ...], orientation: OrientationOptions
+) -> list[NDArray[np.uint8]]:
     """Return those of the first images that have the size, and thus the outline, of the first."""
     from ...io import read_image
     from ...io.batch import expand_inputs
 
     is_stored = orientation.stored_orientation
-    images = [read_image(file, stored_orientation=is_stored) for file in expand_inputs(sources)[:MAX_DETECTION_IMAGES]]
+    images = [
+        read_image(file, stored_orientation=is_stored)
+        for file in expand_inputs(sources)[:MAX_DETECTION_IMAGES]
+    ]
     return [image for image in images if image.shape[:2] == images[0].shape[:2]]

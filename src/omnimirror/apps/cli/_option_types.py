@@ -27,7 +27,9 @@ def _plain_number(value: Any) -> Any:
 class SensorName(click.types.StringParamType):
     """Sensor file or name of a bundled sensor, with shell completion."""
 
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         from ...optics.sensor_files import bundled_sensors
 
         named = [CompletionItem(name) for name in bundled_sensors() if name.startswith(incomplete)]
@@ -70,19 +72,27 @@ def values(text: str) -> NDArray[np.float64]:
     try:
         parts = [parse_float(p) for p in text.split(":" if ":" in text else ",")]
     except ValueError:
-        raise click.BadParameter(f"must be a range START:STOP:STEP or a list of numbers; got {format_value(text)}") from None
+        raise click.BadParameter(
+            f"must be a range START:STOP:STEP or a list of numbers; got {format_value(text)}"
+        ) from None
     if not np.isfinite(parts).all():
         raise click.BadParameter(f"must be finite numbers; got {format_value(text)}")
     if ":" not in text:
         return np.array(parts)
     if len(parts) != 3:
-        raise click.BadParameter(f"must be START:STOP:STEP, such as 0:135:5; got {format_value(text)}")
+        raise click.BadParameter(
+            f"must be START:STOP:STEP, such as 0:135:5; got {format_value(text)}"
+        )
     start, stop, step = parts
     if step <= 0 or stop < start:
-        raise click.BadParameter(f"START must be at most STOP, and STEP above 0; got {format_value(text)}")
+        raise click.BadParameter(
+            f"START must be at most STOP, and STEP above 0; got {format_value(text)}"
+        )
     count = int(np.floor((stop - start) / step + 1e-9)) + 1
     if count > MAX_VALUES:
-        raise click.BadParameter(f"must be at most {MAX_VALUES} numbers; {format_value(text)} contains {count}")
+        raise click.BadParameter(
+            f"must be at most {MAX_VALUES} numbers; {format_value(text)} contains {count}"
+        )
     return start + step * np.arange(count, dtype=np.float64)
 
 
@@ -117,7 +127,9 @@ def angle_range(text: str) -> tuple[float, float]:
 
 def ball(text: str) -> tuple[float, float, float, float]:
     """Parse the circle of a mirror ball (px) and its full field (deg), ``CX,CY,R,FOV``."""
-    u, v, radius, field = _numbers(text, 4, ",", "CX,CY,R,FOV: centre, radius and field of the ball")
+    u, v, radius, field = _numbers(
+        text, 4, ",", "CX,CY,R,FOV: centre, radius and field of the ball"
+    )
     return u, v, radius, field
 
 
@@ -129,7 +141,9 @@ def image_size(text: str) -> tuple[int | None, int | None]:
     """
     match = re.fullmatch(r"([0-9]{0,6})x([0-9]{0,6})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"must be a size in pixels, such as 1440x360, 1440x or x360; got {format_value(text)}")
+        raise click.BadParameter(
+            f"must be a size in pixels, such as 1440x360, 1440x or x360; got {format_value(text)}"
+        )
     width, height = (int(side) if side else None for side in match.groups())
     return width, height
 
@@ -142,7 +156,9 @@ def full_image_size(text: str) -> tuple[int, int]:
     """
     width, height = image_size(text)
     if width is None or height is None:
-        raise click.BadParameter(f"must contain width and height, such as 1024x768; got {format_value(text)}")
+        raise click.BadParameter(
+            f"must contain width and height, such as 1024x768; got {format_value(text)}"
+        )
     return width, height
 
 
@@ -192,7 +208,9 @@ def distance(text: str) -> float:
     except ValueError:
         number = float("nan")
     if not number > 0:
-        raise click.BadParameter(f"must be a distance in mm above 0, or 'inf'; got {format_value(text)}")
+        raise click.BadParameter(
+            f"must be a distance in mm above 0, or 'inf'; got {format_value(text)}"
+        )
     return number
 
 
@@ -265,4 +283,6 @@ def focus(text: str) -> float | str:
     try:
         return parse_float(text)
     except ValueError:
-        raise click.BadParameter(f"must be a distance in mm, or 'auto'; got {format_value(text)}") from None
+        raise click.BadParameter(
+            f"must be a distance in mm, or 'auto'; got {format_value(text)}"
+        ) from None

@@ -55,19 +55,40 @@ def reflectivity(text: str) -> Any:
 class SceneOptions(Options):
     """Scene."""
 
-    scene: str = option(default="room", metavar="NAME|FILE", help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or a mesh (GLB, glTF, OBJ, PLY, STL).")
-    heading_deg: float | None = option(type=angle, metavar="DEG", help="Heading of the centre of an environment image.  [default: 0]")
-    unit_mm: float | None = option(type=factor, metavar="MM", help="Unit of a mesh in mm.  [default: 1000; 1 for STL]")
-    up: str | None = option(type=click.Choice(["y", "z"]), help="Axis of a mesh that points up.  [default: y; z for STL]")
-    background: str | None = option(metavar="FILE", help="Environment image behind a mesh.  [default: none]")
+    scene: str = option(
+        default="room",
+        metavar="NAME|FILE",
+        help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or a mesh (GLB, glTF, OBJ, PLY, STL).",
+    )
+    heading_deg: float | None = option(
+        type=angle,
+        metavar="DEG",
+        help="Heading of the centre of an environment image.  [default: 0]",
+    )
+    unit_mm: float | None = option(
+        type=factor, metavar="MM", help="Unit of a mesh in mm.  [default: 1000; 1 for STL]"
+    )
+    up: str | None = option(
+        type=click.Choice(["y", "z"]),
+        help="Axis of a mesh that points up.  [default: y; z for STL]",
+    )
+    background: str | None = option(
+        metavar="FILE", help="Environment image behind a mesh.  [default: none]"
+    )
 
     def source(self) -> SceneSource:
         """Return the source of the scene."""
-        source = SceneSource(self.scene, **self.subset("heading_deg", "unit_mm", "up", "background"))
+        source = SceneSource(
+            self.scene, **self.subset("heading_deg", "unit_mm", "up", "background")
+        )
         if not source.is_mesh and (given := self.subset("unit_mm", "up", "background")):
-            raise click.UsageError(f"{flag(next(iter(given)))} requires a mesh; got the scene {self.scene}")
+            raise click.UsageError(
+                f"{flag(next(iter(given)))} requires a mesh; got the scene {self.scene}"
+            )
         if self.heading_deg is not None and not (source.is_environment or self.background):
-            raise click.UsageError("--heading-deg requires an environment image; rotate other scenes with --pose")
+            raise click.UsageError(
+                "--heading-deg requires an environment image; rotate other scenes with --pose"
+            )
         return source
 
 
@@ -79,21 +100,59 @@ DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits",
 class RenderingOptions(Options):
     """Rendering."""
 
-    blur: str | None = option(type=click.Choice(["on", "off"]), is_flag=False, flag_value="on", help="Render through the whole aperture, or without blur.  [default: on; off for a calibrated camera, which has no known aperture]")
+    blur: str | None = option(
+        type=click.Choice(["on", "off"]),
+        is_flag=False,
+        flag_value="on",
+        help="Render through the whole aperture, or without blur.  [default: on; off for a calibrated camera, which has no known aperture]",
+    )
     no_blur: bool | None = option(is_flag=True, help="Disable blur, as --blur off.")
     samples: int = option("--samples", "--spp", type=INTEGER, default=16, help="Rays per pixel.")
     seed: int = option(type=INTEGER, default=0, help="Random seed for ray sampling and noise.")
-    reflectivity: Any = option(type=reflectivity, metavar="FRACTION|METAL|N+Kj", help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three values for red, green and blue.  [default: 1]")
-    vignetting: bool | None = option("--vignetting/--no-vignetting", help="Natural vignetting of the lens, cos^4.  [default: none]")
-    wavelengths_nm: tuple[float, float, float] | None = option(type=three_wavelengths, metavar="R,G,B", help="Wavelengths of the colours, for dispersion in lens and cover.")
-    direct_view: bool | None = option("--surroundings/--no-surroundings", help="Render the surroundings of the mirror, or black.  [default: black]")
-    exposure: float | None = option(type=factor, metavar="FACTOR", help="Exposure factor; light above 1 saturates.  [default: 1]")
-    full_well_e: float | None = option(type=distance, metavar="N", help="Full-well capacity, electrons.  [default: no noise]")
-    read_noise_e: float | None = option(type=NUMBER, metavar="N", help="Read noise, electrons.  [default: 0]")
-    black_level_dn: float | None = option(type=NUMBER, metavar="DN", help="Black level added to linear values, which avoids clipping of dark noise.  [default: 5 standard deviations of read noise]")
-    bits: int | None = option(type=INTEGER, metavar="8..16", help="Bit depth; PNG and TIFF support more than 8.  [default: 8]")
+    reflectivity: Any = option(
+        type=reflectivity,
+        metavar="FRACTION|METAL|N+Kj",
+        help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three values for red, green and blue.  [default: 1]",
+    )
+    vignetting: bool | None = option(
+        "--vignetting/--no-vignetting",
+        help="Natural vignetting of the lens, cos^4.  [default: none]",
+    )
+    wavelengths_nm: tuple[float, float, float] | None = option(
+        type=three_wavelengths,
+        metavar="R,G,B",
+        help="Wavelengths of the colours, for dispersion in lens and cover.",
+    )
+    direct_view: bool | None = option(
+        "--surroundings/--no-surroundings",
+        help="Render the surroundings of the mirror, or black.  [default: black]",
+    )
+    exposure: float | None = option(
+        type=factor,
+        metavar="FACTOR",
+        help="Exposure factor; light above 1 saturates.  [default: 1]",
+    )
+    full_well_e: float | None = option(
+        type=distance, metavar="N", help="Full-well capacity, electrons.  [default: no noise]"
+    )
+    read_noise_e: float | None = option(
+        type=NUMBER, metavar="N", help="Read noise, electrons.  [default: 0]"
+    )
+    black_level_dn: float | None = option(
+        type=NUMBER,
+        metavar="DN",
+        help="Black level added to linear values, which avoids clipping of dark noise.  [default: 5 standard deviations of read noise]",
+    )
+    bits: int | None = option(
+        type=INTEGER,
+        metavar="8..16",
+        help="Bit depth; PNG and TIFF support more than 8.  [default: 8]",
+    )
     curve: str | None = option(type=click.Choice(CURVES), help="Transfer curve.  [default: srgb]")
-    bayer: str | None = option(type=click.Choice(BAYER), help="Bayer pattern: one colour per pixel, not demosaicked.  [default: none]")
+    bayer: str | None = option(
+        type=click.Choice(BAYER),
+        help="Bayer pattern: one colour per pixel, not demosaicked.  [default: none]",
+    )
 
     @property
     def wants_blur(self) -> bool | None:
@@ -112,7 +171,9 @@ class RenderingOptions(Options):
         if not given:
             return None
         if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
-            raise click.UsageError("--reflectivity must be one value, or three for red, green and blue")
+            raise click.UsageError(
+                "--reflectivity must be one value, or three for red, green and blue"
+            )
         return Radiometry(**given | {"vignetting": float(self.vignetting or 0.0)})
 
     def detector(self) -> Detector:
@@ -124,10 +185,16 @@ class RenderingOptions(Options):
 class TrajectoryOptions(Options):
     """Video along poses."""
 
-    path: Path | None = option(type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file.")
+    path: Path | None = option(
+        type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file."
+    )
     fps: float | None = option(type=NUMBER, help="Videos: frames per second.  [default: 25]")
-    duration_s: float | None = option(type=NUMBER, help="Videos: duration.  [default: until the last pose]")
-    bodies: Path | None = option(type=click.Path(path_type=Path), help="Videos: moving boxes in the scene, a TOML file.")
+    duration_s: float | None = option(
+        type=NUMBER, help="Videos: duration.  [default: until the last pose]"
+    )
+    bodies: Path | None = option(
+        type=click.Path(path_type=Path), help="Videos: moving boxes in the scene, a TOML file."
+    )
 
     @property
     def frame_rate(self) -> float:
@@ -143,7 +210,15 @@ class TrajectoryOptions(Options):
 def percentage_bar(activity: str) -> Iterator[Callable[[int, int], None]]:
     """Show a progress bar on stderr and yield its update function for rows or frames."""
     console = Console(stderr=True, quiet=is_quiet())
-    bar = Progress(TextColumn(activity, markup=False), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal)
+    bar = Progress(
+        TextColumn(activity, markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:.0f} %"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
     with bar:
         task = bar.add_task("", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

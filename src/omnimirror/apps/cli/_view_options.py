@@ -19,7 +19,18 @@ from ...dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
 from ...dewarp.views import PartialSize
 from ._declarations import Options, flag, option, refuse_inapplicable
-from ._option_types import IntegerRange, angle, angle_range, distance, factor, height, height_range, image_size, offset, viewpoint
+from ._option_types import (
+    IntegerRange,
+    angle,
+    angle_range,
+    distance,
+    factor,
+    height,
+    height_range,
+    image_size,
+    offset,
+    viewpoint,
+)
 
 if TYPE_CHECKING:
     from ...optics.sensor_files import AnyCamera
@@ -29,7 +40,16 @@ if TYPE_CHECKING:
 
 PLACE_OPTIONS = ("distance_mm", "offset_mm")
 VIEW_OPTIONS: dict[str, tuple[str, ...]] = {
-    "panorama": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "rows", "wall_mm", "zoom", *PLACE_OPTIONS),
+    "panorama": (
+        "pan_deg",
+        "span_deg",
+        "elevation_deg",
+        "omega_deg",
+        "rows",
+        "wall_mm",
+        "zoom",
+        *PLACE_OPTIONS,
+    ),
     "perspective": ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "zoom", *PLACE_OPTIONS),
     "dome": ("pan_deg", "omega_deg", "pole", "zoom", *PLACE_OPTIONS),
     "sphere": ("pan_deg", "span_deg", "elevation_deg", "omega_deg", "zoom", *PLACE_OPTIONS),
@@ -45,27 +65,94 @@ PRESET_OPTIONS = ("pan_deg", "tilt_deg", "zoom", *PLACE_OPTIONS)
 class ViewOptions(Options):
     """View, and its size."""
 
-    view: str | None = option(type=click.Choice(list(views.VIEWS)), help="Type of view.  [default: panorama]")
-    preset: str | None = option(type=click.Choice(list(views.PRESETS)), help="Screen of the paper, 28, 90 or 180 deg wide, the last one curved; instead of --view.")
-    pan_deg: float | None = option(type=angle, metavar="DEG", help="Azimuth of the view centre, right of forward; top of a round view.  [default: 0]")
-    tilt_deg: float | None = option(type=angle, metavar="DEG", help="Elevation of the centre of a perspective view.  [default: 0]")
-    roll_deg: float | None = option(type=angle, metavar="DEG", help="Clockwise rotation of a perspective view.  [default: 0]")
-    hfov_deg: float | None = option(type=angle, metavar="DEG", help="Horizontal field of a perspective or planet view.  [default: 90; the whole field for a planet]")
-    span_deg: float | None = option(type=angle, metavar="DEG", help="Width of a panorama.  [default: 360]")
-    elevation_deg: tuple[float, float] | None = option(type=angle_range, metavar="MIN:MAX", help="Elevation range of a panorama.  [default: the field of the camera; the full range for a sphere]")
-    omega_deg: tuple[float, float] | None = option(type=angle_range, metavar="MIN:MAX", help="Range of angles from the camera axis instead of elevations; for a dome, from its pole.")
-    rows: Rows | None = option(type=click.Choice(["tilt", "height"]), help="Rows of a panorama: linear in elevation, or in height on a vertical wall.  [default: tilt]")
-    wall_mm: tuple[float, float] | None = option(type=height_range, metavar="LOW:HIGH", help="Heights of a wall at --distance-mm above the mirror, for a panorama of the wall.")
-    distance_mm: float | None = option(type=distance, metavar="MM", help="Object distance at which the view is free of parallax.  [default: inf]")
-    offset_mm: tuple[float, float, float] | None = option(type=offset, metavar="X,Y,Z", help="Offset of the view centre from the mirror: forward, left and up.  [default: 0,0,0]")
-    viewpoint: Viewpoint | None = option(type=viewpoint, metavar="exact|single|MM", help="Viewpoint for near objects: exact reflection, or a single viewpoint on the axis.  [default: exact]")
-    height_mm: float | None = option(type=height, metavar="MM", help="Height of the mirror above the ground.")
-    mm_per_px: float | None = option(type=distance, metavar="MM", help="Scale of a ground view.  [default: the resolution of the image]")
-    pole: Pole | None = option(type=click.Choice(["nadir", "zenith"]), help="Centre of a dome or planet view.  [default: the nearer pole]")
-    layout: Layout | None = option(type=click.Choice(list(LAYOUTS)), help="Layout of the faces of a cube.  [default: cross]")
-    zoom: float | None = option(type=factor, metavar="FACTOR", help="Magnification about the view centre.  [default: 1]")
-    allow_upsampling: bool | None = option(is_flag=True, help="Allow --zoom beyond the resolution of the camera.")
-    size: PartialSize | None = option(type=image_size, metavar="WxH", help="Output size; 1440x, x360, or by default chosen from the resolution of the image.")
+    view: str | None = option(
+        type=click.Choice(list(views.VIEWS)), help="Type of view.  [default: panorama]"
+    )
+    preset: str | None = option(
+        type=click.Choice(list(views.PRESETS)),
+        help="Screen of the paper, 28, 90 or 180 deg wide, the last one curved; instead of --view.",
+    )
+    pan_deg: float | None = option(
+        type=angle,
+        metavar="DEG",
+        help="Azimuth of the view centre, right of forward; top of a round view.  [default: 0]",
+    )
+    tilt_deg: float | None = option(
+        type=angle,
+        metavar="DEG",
+        help="Elevation of the centre of a perspective view.  [default: 0]",
+    )
+    roll_deg: float | None = option(
+        type=angle, metavar="DEG", help="Clockwise rotation of a perspective view.  [default: 0]"
+    )
+    hfov_deg: float | None = option(
+        type=angle,
+        metavar="DEG",
+        help="Horizontal field of a perspective or planet view.  [default: 90; the whole field for a planet]",
+    )
+    span_deg: float | None = option(
+        type=angle, metavar="DEG", help="Width of a panorama.  [default: 360]"
+    )
+    elevation_deg: tuple[float, float] | None = option(
+        type=angle_range,
+        metavar="MIN:MAX",
+        help="Elevation range of a panorama.  [default: the field of the camera; the full range for a sphere]",
+    )
+    omega_deg: tuple[float, float] | None = option(
+        type=angle_range,
+        metavar="MIN:MAX",
+        help="Range of angles from the camera axis instead of elevations; for a dome, from its pole.",
+    )
+    rows: Rows | None = option(
+        type=click.Choice(["tilt", "height"]),
+        help="Rows of a panorama: linear in elevation, or in height on a vertical wall.  [default: tilt]",
+    )
+    wall_mm: tuple[float, float] | None = option(
+        type=height_range,
+        metavar="LOW:HIGH",
+        help="Heights of a wall at --distance-mm above the mirror, for a panorama of the wall.",
+    )
+    distance_mm: float | None = option(
+        type=distance,
+        metavar="MM",
+        help="Object distance at which the view is free of parallax.  [default: inf]",
+    )
+    offset_mm: tuple[float, float, float] | None = option(
+        type=offset,
+        metavar="X,Y,Z",
+        help="Offset of the view centre from the mirror: forward, left and up.  [default: 0,0,0]",
+    )
+    viewpoint: Viewpoint | None = option(
+        type=viewpoint,
+        metavar="exact|single|MM",
+        help="Viewpoint for near objects: exact reflection, or a single viewpoint on the axis.  [default: exact]",
+    )
+    height_mm: float | None = option(
+        type=height, metavar="MM", help="Height of the mirror above the ground."
+    )
+    mm_per_px: float | None = option(
+        type=distance,
+        metavar="MM",
+        help="Scale of a ground view.  [default: the resolution of the image]",
+    )
+    pole: Pole | None = option(
+        type=click.Choice(["nadir", "zenith"]),
+        help="Centre of a dome or planet view.  [default: the nearer pole]",
+    )
+    layout: Layout | None = option(
+        type=click.Choice(list(LAYOUTS)), help="Layout of the faces of a cube.  [default: cross]"
+    )
+    zoom: float | None = option(
+        type=factor, metavar="FACTOR", help="Magnification about the view centre.  [default: 1]"
+    )
+    allow_upsampling: bool | None = option(
+        is_flag=True, help="Allow --zoom beyond the resolution of the camera."
+    )
+    size: PartialSize | None = option(
+        type=image_size,
+        metavar="WxH",
+        help="Output size; 1440x, x360, or by default chosen from the resolution of the image.",
+    )
 
     @property
     def is_near(self) -> bool:
@@ -80,7 +167,9 @@ class ViewOptions(Options):
             raise click.UsageError("--preset and --view must not be given together")
         name = self.view or "panorama"
         chosen = f"--view {name}"
-        owners = {f"--view {known}": names for known, names in VIEW_OPTIONS.items()} | {chosen: options_of(name)}
+        owners = {f"--view {known}": names for known, names in VIEW_OPTIONS.items()} | {
+            chosen: options_of(name)
+        }
         if self.preset:
             chosen = "--preset"
             owners[chosen] = PRESET_OPTIONS
@@ -90,15 +179,21 @@ class ViewOptions(Options):
         if self.wall_mm:
             self._check_wall()
         if chosen == "--view ground" and self.height_mm is None:
-            raise click.UsageError("--view ground requires --height-mm, the height of the mirror above the ground")
+            raise click.UsageError(
+                "--view ground requires --height-mm, the height of the mirror above the ground"
+            )
         if self.allow_upsampling and self.zoom is None:
             raise click.UsageError("--allow-upsampling requires --zoom")
         if self.viewpoint is not None and chosen != "--view ground" and not self.is_near:
-            raise click.UsageError("--viewpoint requires --distance-mm; it has no effect on a distant screen")
+            raise click.UsageError(
+                "--viewpoint requires --distance-mm; it has no effect on a distant screen"
+            )
 
     def _check_wall(self) -> None:
         if other := self.subset("elevation_deg", "omega_deg", "rows"):
-            raise click.UsageError(f"--wall-mm and {flag(next(iter(other)))} must not be given together")
+            raise click.UsageError(
+                f"--wall-mm and {flag(next(iter(other)))} must not be given together"
+            )
         if not self.is_near:
             raise click.UsageError("--wall-mm requires --distance-mm, the distance of the wall")
 
@@ -106,12 +201,20 @@ class ViewOptions(Options):
         """Return the view of a camera; a limited zoom is reported on stderr."""
         view: Shape
         if self.preset:
-            view = views.preset(self.preset, **self.subset("size", "pan_deg", "tilt_deg", *PLACE_OPTIONS))
+            view = views.preset(
+                self.preset, **self.subset("size", "pan_deg", "tilt_deg", *PLACE_OPTIONS)
+            )
         else:
             name = self.view or "panorama"
-            options = self.subset("size", *(option for option in options_of(name) if option != "zoom"))
+            options = self.subset(
+                "size", *(option for option in options_of(name) if option != "zoom")
+            )
             view = _create_view(name, camera, options)
-        return view if self.zoom is None else _zoom(camera, view, self.zoom, bool(self.allow_upsampling))
+        return (
+            view
+            if self.zoom is None
+            else _zoom(camera, view, self.zoom, bool(self.allow_upsampling))
+        )
 
 
 def options_of(view: str) -> tuple[str, ...]:
@@ -131,7 +234,9 @@ def _create_view(name: str, camera: Camera, options: dict[str, Any]) -> Any:
     if "wall_mm" in options:
         low, high = options.pop("wall_mm")
         if not low < high:
-            raise click.UsageError(f"--wall-mm must be LOW:HIGH with LOW below HIGH; got {low:g}:{high:g}")
+            raise click.UsageError(
+                f"--wall-mm must be LOW:HIGH with LOW below HIGH; got {low:g}:{high:g}"
+            )
         elevations = np.degrees(np.arctan2([low, high], options["distance_mm"]))
         options |= {"rows": "height", "elevation_deg": tuple(map(float, elevations))}
     return views.VIEWS[name](camera, **options)
@@ -145,7 +250,9 @@ def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
         return
     up = without_tilt(cast("AnyCamera", camera)).axis[2]
     if abs(up) < 0.5:
-        raise click.UsageError("--omega-deg requires a camera that looks up or down for a panorama; use --elevation-deg")
+        raise click.UsageError(
+            "--omega-deg requires a camera that looks up or down for a panorama; use --elevation-deg"
+        )
     low, high = sorted(up * (90 - omega) for omega in options.pop("omega_deg"))
     options["elevation_deg"] = (low, high)
 
@@ -154,8 +261,15 @@ def _zoom(camera: Camera, view: Shape, zoom: float, allow_upsampling: bool) -> S
     maximum = views.max_zoom(camera, view)
     if zoom > maximum:
         magnification = zoom / views.resolution(camera, view)
-        limited = "" if allow_upsampling else f"; limited to {maximum:.3g}; use --allow-upsampling to remove the limit"
-        click.echo(f"omnimirror: zoom {zoom:g} exceeds the resolution of the sensor ({magnification:.1f} output pixels per source pixel){limited}", err=True)
+        limited = (
+            ""
+            if allow_upsampling
+            else f"; limited to {maximum:.3g}; use --allow-upsampling to remove the limit"
+        )
+        click.echo(
+            f"omnimirror: zoom {zoom:g} exceeds the resolution of the sensor ({magnification:.1f} output pixels per source pixel){limited}",
+            err=True,
+        )
         zoom = zoom if allow_upsampling else maximum
     return view.zoomed(zoom)
 
@@ -179,6 +293,18 @@ def border(text: str) -> BorderColour:
 class SamplingOptions(Options):
     """Resampling."""
 
-    interpolation: Interpolation = option(type=click.Choice(list(INTERPOLATIONS)), default="auto", help="Interpolation; auto: cubic, with averaging for minification; area: averaging everywhere.")
-    border: BorderColour | None = option(type=border, metavar="GREY|R,G,B|#rrggbb", help="Colour outside the field, in values of the image or as #rrggbb.  [default: see --transparent]")
-    threads: int | None = option(type=IntegerRange(1, MAX_THREADS), metavar="N", help="Number of dewarping threads.  [default: one per processor core]")
+    interpolation: Interpolation = option(
+        type=click.Choice(list(INTERPOLATIONS)),
+        default="auto",
+        help="Interpolation; auto: cubic, with averaging for minification; area: averaging everywhere.",
+    )
+    border: BorderColour | None = option(
+        type=border,
+        metavar="GREY|R,G,B|#rrggbb",
+        help="Colour outside the field, in values of the image or as #rrggbb.  [default: see --transparent]",
+    )
+    threads: int | None = option(
+        type=IntegerRange(1, MAX_THREADS),
+        metavar="N",
+        help="Number of dewarping threads.  [default: one per processor core]",
+    )

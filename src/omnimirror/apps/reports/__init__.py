@@ -30,7 +30,9 @@ TEMPLATES = Path(__file__).parent
 
 def page_html(title: str, body: str, **parts: object) -> str:
     """Return a self-contained page from a named body template, filled with HTML fragments."""
-    return _template("page").substitute(title=html_text(title), body=_template(body).substitute(parts))
+    return _template("page").substitute(
+        title=html_text(title), body=_template(body).substitute(parts)
+    )
 
 
 def figure_html(data: bytes, kind: str, caption: str, css: str = "") -> str:
@@ -55,7 +57,13 @@ COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "bl
 
 
 @validate_arguments
-def write_demo(sensor: Sensor, folder: str | Path = "omnimirror-demo", *, blur: bool = True, on_progress: ProgressCallback | None = None) -> Path:
+def write_demo(
+    sensor: Sensor,
+    folder: str | Path = "omnimirror-demo",
+    *,
+    blur: bool = True,
+    on_progress: ProgressCallback | None = None,
+) -> Path:
     """Evaluate a sensor, render its image of the bundled room, dewarp it to two views, and write a
     report.
 
@@ -100,8 +108,20 @@ def write_demo(sensor: Sensor, folder: str | Path = "omnimirror-demo", *, blur: 
     result.to_csv(folder / "evaluation.csv")  # first, to fail early if the folder is not writable
     report = on_progress or (lambda step, fraction: None)
     report("Rendering the image", 0.0)
-    circle = render_image(sensor, Room(), samples=SHOWN_SAMPLES, blur=blur and sensor.secondary is None, on_progress=lambda done, rows: report("Rendering the image", RENDERING_FRACTION * done / rows))
-    images = {"circle": circle, "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle), "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle)}
+    circle = render_image(
+        sensor,
+        Room(),
+        samples=SHOWN_SAMPLES,
+        blur=blur and sensor.secondary is None,
+        on_progress=lambda done, rows: report(
+            "Rendering the image", RENDERING_FRACTION * done / rows
+        ),
+    )
+    images = {
+        "circle": circle,
+        "panorama": Dewarper(sensor, views.panorama(sensor), interpolation="cubic")(circle),
+        "view": Dewarper(sensor, VIEW, interpolation="cubic")(circle),
+    }
     for name, image in images.items():
         write_image(folder / f"{name}.png", image)
     write_text(folder / "report.html", report_html(result, folder, report))
@@ -112,7 +132,17 @@ def report_html(result: Evaluation, folder: Path, report: ProgressCallback) -> s
     """Return the self-contained page with the images of ``folder``."""
     sensor = result.sensor
     lead = (sensor.notes.strip().splitlines() or [""])[0]
-    return page_html(sensor.name, "sensor", heading=html_text(sensor.name), lead=html_text(lead), numbers=_numbers(result), images=_images(folder), figures=_figures(sensor, report), table=_table(result), commands=html_text(_commands(sensor.name)))
+    return page_html(
+        sensor.name,
+        "sensor",
+        heading=html_text(sensor.name),
+        lead=html_text(lead),
+        numbers=_numbers(result),
+        images=_images(folder),
+        figures=_figures(sensor, report),
+        table=_table(result),
+        commands=html_text(_commands(sensor.name)),
+    )
 
 
 def _numbers(result: Evaluation) -> str:
@@ -133,12 +163,20 @@ def _numbers(result: Evaluation) -> str:
         "Range of viewpoints": f"{np.ptp(result.viewpoint_z_mm):.3g} mm",
         "Obscured": obscuration_summary(sensor.obscurations, sensor.obscured_percent),
     }
-    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
+    return "".join(
+        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items()
+    )
 
 
 def _images(folder: Path) -> str:
-    panorama = _picture(folder / "panorama.png", "Panorama of the whole field: 360° by the elevation range of the mirror.")
-    circle = _picture(folder / "circle.png", "Image on the imager, of a room with signs on its walls; text is mirrored.")
+    panorama = _picture(
+        folder / "panorama.png",
+        "Panorama of the whole field: 360° by the elevation range of the mirror.",
+    )
+    circle = _picture(
+        folder / "circle.png",
+        "Image on the imager, of a room with signs on its walls; text is mirrored.",
+    )
     view = _picture(folder / "view.png", "Perspective view of the forward direction, 90° wide.")
     return f'{panorama}<div class="pair">{circle}{view}</div>'
 
@@ -152,7 +190,10 @@ def _figures(sensor: Sensor, report: ProgressCallback) -> str:
     wide: list[str] = []
     upright: list[str] = []
     for i, name in enumerate(FIGURES_SHOWN):
-        report("Drawing figures", RENDERING_FRACTION + (1 - RENDERING_FRACTION) * i / len(FIGURES_SHOWN))
+        report(
+            "Drawing figures",
+            RENDERING_FRACTION + (1 - RENDERING_FRACTION) * i / len(FIGURES_SHOWN),
+        )
         figure = draw(name, [sensor])
         place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
         place.append(figure_html(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))
@@ -160,9 +201,14 @@ def _figures(sensor: Sensor, report: ProgressCallback) -> str:
 
 
 def _table(result: Evaluation) -> str:
-    head = "".join(f'<th title="{html_text(describe_quantity(q))}">{html_text(q.heading)}<small>{html_text(q.unit) or "&nbsp;"}</small></th>' for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN))
+    head = "".join(
+        f'<th title="{html_text(describe_quantity(q))}">{html_text(q.heading)}<small>{html_text(q.unit) or "&nbsp;"}</small></th>'
+        for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
+    )
     cells = result.texts(COLUMNS_SHOWN).values()
-    rows = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True))
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in zip(*cells, strict=True)
+    )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
@@ -170,4 +216,11 @@ def _commands(name: str) -> str:
     sensor = shell_word(name)
     dewarp = f"omnimirror dewarp circle.png --sensor {sensor} --interpolation cubic --black"
     width, height = VIEW.size
-    return "\n".join([f"omnimirror demo {sensor} -o .", f"omnimirror evaluate {sensor} --csv evaluation.csv", f"{dewarp} --view panorama -o panorama.png", f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png"])
+    return "\n".join(
+        [
+            f"omnimirror demo {sensor} -o .",
+            f"omnimirror evaluate {sensor} --csv evaluation.csv",
+            f"{dewarp} --view panorama -o panorama.png",
+            f"{dewarp} --view perspective --hfov-deg {VIEW.hfov_deg:g} --size {width}x{height} -o view.png",
+        ]
+    )

@@ -10,7 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...analysis.figures import render, save_figure
-from ...analysis.figures.calibration_results import coverage_map, residual_histograms, residual_vectors, residuals_by_image, residuals_by_radius
+from ...analysis.figures.calibration_results import (
+    coverage_map,
+    residual_histograms,
+    residual_vectors,
+    residuals_by_image,
+    residuals_by_radius,
+)
 from ...analysis.figures.style import styled
 from ...base.arguments import validate_arguments
 from ...base.escaping import html_text
@@ -69,7 +75,9 @@ def write_calibration_report(calibration: Calibration, path: str | Path, command
 
 
 @validate_arguments
-def write_calibration_figures(calibration: Calibration, folder: str | Path, kind: str = "svg") -> list[Path]:
+def write_calibration_figures(
+    calibration: Calibration, folder: str | Path, kind: str = "svg"
+) -> list[Path]:
     """Write the figures of a calibration to a folder.
 
     Parameters
@@ -98,7 +106,10 @@ def write_calibration_figures(calibration: Calibration, folder: str | Path, kind
     ...     [path.name for path in om.write_calibration_figures(found, folder)][:2]
     ['coverage.svg', 'residuals.svg']
     """
-    return [save_figure(f, Path(folder) / f"{name}.{kind}") for name, f in calibration_figures(calibration).items()]
+    return [
+        save_figure(f, Path(folder) / f"{name}.{kind}")
+        for name, f in calibration_figures(calibration).items()
+    ]
 
 
 def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
@@ -115,7 +126,13 @@ def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
     names = [s.name for s in fit.observations]
     with styled():
         return {
-            "coverage": coverage_map([s.pixels for s in fit.observations], size, calibration.coverage.centre_px, calibration.coverage.radii_px, direction_sigmas(calibration)),
+            "coverage": coverage_map(
+                [s.pixels for s in fit.observations],
+                size,
+                calibration.coverage.centre_px,
+                calibration.coverage.radii_px,
+                direction_sigmas(calibration),
+            ),
             "residuals": residual_vectors(pixels, residuals, size),
             "residuals-by-radius": residuals_by_radius(radius, radial, across),
             "residuals-by-image": residuals_by_image(names, *_by_image(calibration)),
@@ -138,15 +155,25 @@ def direction_sigmas(calibration: Calibration) -> Array:
 def _by_image(calibration: Calibration) -> tuple[Array, Array]:
     """Return the RMS residual (px) of each image, fitted and held out."""
     fit = calibration.adjustment
-    held_out = calibration.held_out.residuals if calibration.held_out else np.full_like(fit.residuals, np.nan)
+    held_out = (
+        calibration.held_out.residuals
+        if calibration.held_out
+        else np.full_like(fit.residuals, np.nan)
+    )
     return tuple(  # type: ignore[return-value]
-        np.array([np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.problem.stack.slices]) for e in (fit.residuals, held_out)
+        np.array(
+            [np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.problem.stack.slices]
+        )
+        for e in (fit.residuals, held_out)
     )
 
 
 def calibration_html(calibration: Calibration, command: str = "") -> str:
     """Return the page."""
-    drawn = {name: figure_html(render(figure, "svg"), "svg+xml", CAPTIONS[name], css="plot") for name, figure in calibration_figures(calibration).items()}
+    drawn = {
+        name: figure_html(render(figure, "svg"), "svg+xml", CAPTIONS[name], css="plot")
+        for name, figure in calibration_figures(calibration).items()
+    }
     heading = f"Calibration: {calibration.model.KIND}"
     return page_html(
         heading,
@@ -177,27 +204,46 @@ def _numbers(calibration: Calibration) -> str:
     fit = calibration.adjustment
     entries = {
         "RMS": f"{calibration.rms_px:.3f} px",
-        "RMS of held-out images": f"{calibration.held_out_rms_px:.3f} px" if calibration.held_out else "-",
+        "RMS of held-out images": f"{calibration.held_out_rms_px:.3f} px"
+        if calibration.held_out
+        else "-",
         "Corner noise per coordinate": f"{fit.noise_px:.3f} px",
         calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} rejected",
         "Images": f"{sum(p.used for p in calibration.images)} of {len(calibration.images)}",
         "Computation time": f"{calibration.seconds:.1f} s",
     }
-    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items())
+    return "".join(
+        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in entries.items()
+    )
 
 
 def _candidates(calibration: Calibration) -> str:
-    rows = [(c.kind, str(c.parameters), f"{c.rms_px:.3f}", _number(c.held_out_rms_px), c.why) for c in sorted(calibration.candidates, key=lambda c: c.rms_px)]
+    rows = [
+        (c.kind, str(c.parameters), f"{c.rms_px:.3f}", _number(c.held_out_rms_px), c.why)
+        for c in sorted(calibration.candidates, key=lambda c: c.rms_px)
+    ]
     return _table(("model", "parameters", "RMS px", "held out px", ""), rows)
 
 
 def _parameters(calibration: Calibration) -> str:
-    rows = [(p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit) for p in calibration.parameters]
+    rows = [
+        (p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit)
+        for p in calibration.parameters
+    ]
     return _table(("", "value", "sigma", "unit"), rows)
 
 
 def _images(calibration: Calibration) -> str:
-    rows = [(p.name, str(p.found), "-" if p.rms_px is None else f"{p.rms_px:.3f}", "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm), "used" if p.used else p.reason or "") for p in calibration.images]
+    rows = [
+        (
+            p.name,
+            str(p.found),
+            "-" if p.rms_px is None else f"{p.rms_px:.3f}",
+            "-" if p.camera_at_mm is None else ", ".join(f"{x:.1f}" for x in p.camera_at_mm),
+            "used" if p.used else p.reason or "",
+        )
+        for p in calibration.images
+    ]
     return _table(("image", "corners", "RMS px", "camera position, mm", ""), rows)
 
 
@@ -215,8 +261,13 @@ def _number(value: float) -> str:
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table; the first column contains text, and so does the last if it has no heading."""
     words = {0, len(headings) - 1} if not headings[-1] else {0}
-    styles = [' style="text-align: left; white-space: normal"' if i in words else "" for i in range(len(headings))]
-    head = "".join(f"<th{style}>{html_text(h)}</th>" for h, style in zip(headings, styles, strict=True))
+    styles = [
+        ' style="text-align: left; white-space: normal"' if i in words else ""
+        for i in range(len(headings))
+    ]
+    head = "".join(
+        f"<th{style}>{html_text(h)}</th>" for h, style in zip(headings, styles, strict=True)
+    )
     lines = []
     for row in rows:
         first, *others = (f"{style}>{html_text(c)}" for c, style in zip(row, styles, strict=True))

@@ -108,17 +108,32 @@ def comparison_html(comparison: Comparison, images: RenderedImages) -> str:
         heading=html_text(title),
         count=len(comparison.sensors),
         table=_table(comparison),
-        curves=figure_html(render(side_by_side(_aligned_sensors(comparison)), "svg"), "svg+xml", "Distant objects, each sensor at the focus of its file. Dots are lenses; thin lines connect them to the rim of the mirror.", css="plot"),
-        circles="".join(_image_figure(p, n) for p, n in zip(images.circles, comparison.names, strict=True)),
-        panoramas="".join(_image_figure(p, n) for p, n in zip(images.panoramas, comparison.names, strict=True)),
-        command=html_text(shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])),
+        curves=figure_html(
+            render(side_by_side(_aligned_sensors(comparison)), "svg"),
+            "svg+xml",
+            "Distant objects, each sensor at the focus of its file. Dots are lenses; thin lines connect them to the rim of the mirror.",
+            css="plot",
+        ),
+        circles="".join(
+            _image_figure(p, n) for p, n in zip(images.circles, comparison.names, strict=True)
+        ),
+        panoramas="".join(
+            _image_figure(p, n) for p, n in zip(images.panoramas, comparison.names, strict=True)
+        ),
+        command=html_text(
+            shell_command(["omnimirror", "compare", *comparison.names, "-o", "comparison.html"])
+        ),
     )
 
 
 def comparison_sheet(comparison: Comparison, images: RenderedImages) -> NDArray[np.uint8]:
     """Return the comparison as one tall image (rows, columns, 3) in RGB order."""
     lines = [[r.quantity.title, r.quantity.unit, *r.texts] for r in comparison.rows]
-    figures = (table_sheet(comparison.names, lines, [r.best for r in comparison.rows]), side_by_side(_aligned_sensors(comparison)), image_sheet(comparison.names, images.circles, images.panoramas))
+    figures = (
+        table_sheet(comparison.names, lines, [r.best for r in comparison.rows]),
+        side_by_side(_aligned_sensors(comparison)),
+        image_sheet(comparison.names, images.circles, images.panoramas),
+    )
     sheets = [image.imread(BytesIO(render(f, "png")), format="png")[..., :3] for f in figures]
     return np.round(255 * np.concatenate(sheets)).astype(np.uint8)
 
@@ -133,7 +148,10 @@ def _table(comparison: Comparison) -> str:
     names = "".join(f"<th>{html_text(n)}</th>" for n in comparison.names)
     rows = []
     for row in comparison.rows:
-        cells = "".join(f'<td class="best">{html_text(text)}</td>' if best else f"<td>{html_text(text)}</td>" for text, best in zip(row.texts, row.best, strict=True))
+        cells = "".join(
+            f'<td class="best">{html_text(text)}</td>' if best else f"<td>{html_text(text)}</td>"
+            for text, best in zip(row.texts, row.best, strict=True)
+        )
         q = row.quantity
         head = f'<th title="{html_text(q.meaning)}">{html_text(q.title)} <small>{html_text(q.unit)}</small></th>'
         rows.append(f"<tr>{head}{cells}</tr>")

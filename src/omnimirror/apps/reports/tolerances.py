@@ -14,7 +14,13 @@ from ...base.files import write_text
 from ...manufacturing.drawings.tables import centring_code, form_code
 from ...manufacturing.tolerancing.charts import curves, plot_tornado
 from ...manufacturing.tolerancing.evaluator import TrialEvaluator
-from ...manufacturing.tolerancing.monte_carlo import YieldEstimate, YieldStatistics, format_limit, format_motion, simulate_trials
+from ...manufacturing.tolerancing.monte_carlo import (
+    YieldEstimate,
+    YieldStatistics,
+    format_limit,
+    format_motion,
+    simulate_trials,
+)
 from ...manufacturing.tolerancing.perturbation import MEASURED, error_sources, group_of
 from ...manufacturing.tolerancing.requirement_merits import select_requirement_merits
 from ...manufacturing.tolerancing.sensitivity import ErrorSensitivity, sensitivities
@@ -23,7 +29,13 @@ from ...manufacturing.tolerancing.tolerances import Tolerances
 from ...manufacturing.workshop import PartSpecification
 from . import figure_html, page_html
 
-DISTRIBUTED = {"uniform": "uniform", "normal": "normal, two sigma", "truncated-normal": "normal, two sigma, truncated", "arcsine": "arcsine", "constant": "constant"}
+DISTRIBUTED = {
+    "uniform": "uniform",
+    "normal": "normal, two sigma",
+    "truncated-normal": "normal, two sigma, truncated",
+    "arcsine": "arcsine",
+    "constant": "constant",
+}
 
 
 @dataclass(frozen=True)
@@ -41,12 +53,31 @@ class _Order:
         """Use the allocated tolerances with new trials, or the given ones."""
         plan, allocation = report.plan, report.allocation
         if allocation is None:
-            return cls(report, plan.tolerances, report.statistics, report.sensitivities, report.statistics.yields)
-        errors = {name: replace(bound, value=allocation.tolerances.get(name, bound.value)) for name, bound in plan.tolerances.errors.items()}
+            return cls(
+                report,
+                plan.tolerances,
+                report.statistics,
+                report.sensitivities,
+                report.statistics.yields,
+            )
+        errors = {
+            name: replace(bound, value=allocation.tolerances.get(name, bound.value))
+            for name, bound in plan.tolerances.errors.items()
+        }
         chosen = replace(plan.tolerances, errors=errors)
-        evaluator = TrialEvaluator.of(report.sensor, plan.refocus, select_requirement_merits(plan.limits), **plan.objects)
-        statistics = simulate_trials(evaluator, chosen, plan.limits, trials=allocation.trials, seed=report.seed + 2)
-        return cls(report, chosen, statistics, sensitivities(evaluator, chosen, plan.limits), allocation.confirmed_yield)
+        evaluator = TrialEvaluator.of(
+            report.sensor, plan.refocus, select_requirement_merits(plan.limits), **plan.objects
+        )
+        statistics = simulate_trials(
+            evaluator, chosen, plan.limits, trials=allocation.trials, seed=report.seed + 2
+        )
+        return cls(
+            report,
+            chosen,
+            statistics,
+            sensitivities(evaluator, chosen, plan.limits),
+            allocation.confirmed_yield,
+        )
 
     def cost(self, name: str) -> float:
         """Return the cost of a tolerance."""
@@ -105,21 +136,33 @@ def tolerances_html(report: ToleranceReport) -> str:
     """Format the report as a self-contained page."""
     order, name = _Order.of(report), report.sensor.name
     with styled():
-        bars, shares = (render(figure, "svg") for figure in (plot_tornado(order.effects), curves(order.statistics)))
-    target_yield = "" if report.allocation is None else f" --yield {order.confirmed_yield.value:.2f}"
+        bars, shares = (
+            render(figure, "svg")
+            for figure in (plot_tornado(order.effects), curves(order.statistics))
+        )
+    target_yield = (
+        "" if report.allocation is None else f" --yield {order.confirmed_yield.value:.2f}"
+    )
     return page_html(
         f"Tolerances of {name}",
         "tolerances",
         heading=f"Tolerances of {html_text(name)}",
         lead=_lead(order),
         numbers=_numbers(order),
-        errors=_table(("error", "tolerance", "distribution", "cost", "motion, px", "after pose, px"), _errors(order)),
+        errors=_table(
+            ("error", "tolerance", "distribution", "cost", "motion, px", "after pose, px"),
+            _errors(order),
+        ),
         indications=_table(("", "ISO 10110", "description"), indications(order.tolerances)),
         limits=_table(("limit", "good, %", "median", "95 %"), _limits(order)),
         conditions=_conditions(order),
-        tornado=figure_html(bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"),
+        tornado=figure_html(
+            bars, "svg+xml", "Image motion of each error at its tolerance.", "plot"
+        ),
         curves=figure_html(shares, "svg+xml", f"{order.statistics.trials} trials.", "plot"),
-        command=html_text(f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} --seed {report.seed}{target_yield} --report order.html"),
+        command=html_text(
+            f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} --seed {report.seed}{target_yield} --report order.html"
+        ),
     )
 
 
@@ -139,7 +182,9 @@ def _numbers(order: _Order) -> str:
     }
     if allocation is not None:
         numbers["Cost with uniform scaling"] = f"{allocation.uniform_cost:.4g}"
-    return "".join(f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items())
+    return "".join(
+        f"<div><dt>{html_text(k)}</dt><dd>{html_text(v)}</dd></div>" for k, v in numbers.items()
+    )
 
 
 def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
@@ -152,8 +197,19 @@ def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
     for group, names in groups.items():
         yield (f"**{group}",)
         for name in names:
-            bound, kind, merits = (order.tolerances.errors[name], known.get(name, MEASURED), effects[name].merits)
-            yield (f"{kind.meaning}|{name}", f"± {bound.value:.3g} {kind.unit}".rstrip(), DISTRIBUTED[bound.distribution], f"{order.cost(name):.3g}", format_motion(merits["motion_px"]), format_motion(merits["motion_px after pose"]))
+            bound, kind, merits = (
+                order.tolerances.errors[name],
+                known.get(name, MEASURED),
+                effects[name].merits,
+            )
+            yield (
+                f"{kind.meaning}|{name}",
+                f"± {bound.value:.3g} {kind.unit}".rstrip(),
+                DISTRIBUTED[bound.distribution],
+                f"{order.cost(name):.3g}",
+                format_motion(merits["motion_px"]),
+                format_motion(merits["motion_px after pose"]),
+            )
 
 
 def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
@@ -167,10 +223,23 @@ def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
     '3/- RMSt < 4619 nm'
     """
     values = {name: bound.value for name, bound in tolerances.errors.items() if bound.value > 0}
-    rows = [("surface form", form_code(PartSpecification(), values), "rms of all form errors along the axis, uniformly distributed"), ("centring", centring_code(PartSpecification(), values), "half of tilt and decentre; the other half is for the mount")]
+    rows = [
+        (
+            "surface form",
+            form_code(PartSpecification(), values),
+            "rms of all form errors along the axis, uniformly distributed",
+        ),
+        (
+            "centring",
+            centring_code(PartSpecification(), values),
+            "half of tilt and decentre; the other half is for the mount",
+        ),
+    ]
     named = {"mirror.vertex_radius_mm": "vertex radius, mm", "mirror.conic": "conic constant"}
     named |= {"mirror.displacement_mm": "distance from the lens, mm"}
-    return rows + [(words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values]
+    return rows + [
+        (words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values
+    ]
 
 
 def _limits(order: _Order) -> Iterable[tuple[str, ...]]:
@@ -193,7 +262,9 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     body = []
     for row in rows:
         if len(row) == 1:
-            body.append(f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>')
+            body.append(
+                f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>'
+            )
             continue
         words, _, small = row[0].partition("|")
         first = html_text(words) + (f" <small>{html_text(small)}</small>" if small else "")

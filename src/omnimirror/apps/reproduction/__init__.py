@@ -13,7 +13,17 @@ from . import _claims, _paper_claims
 from ._claims import CheckedClaim, Claim, check_claims
 from ._paper_sensors import Paper, paper_sensors
 
-__all__ = ["ALL_FIGURES", "CheckedClaim", "Claim", "Reproduction", "all_claims", "check", "draw_figures", "paper_sensors", "reproduce_paper"]
+__all__ = [
+    "ALL_FIGURES",
+    "CheckedClaim",
+    "Claim",
+    "Reproduction",
+    "all_claims",
+    "check",
+    "draw_figures",
+    "paper_sensors",
+    "reproduce_paper",
+]
 
 ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
 """Names of the figures: the curves of :data:`omnimirror.analysis.figures.FIGURES`, diagrams and images."""
@@ -47,7 +57,12 @@ def check(claims: Sequence[Claim] | None = None) -> list[CheckedClaim]:
     return check_claims(list(all_claims() if claims is None else claims), Paper())
 
 
-def draw_figures(folder: str | Path, which: Iterable[str] | None = None, formats: Sequence[str] = ("svg", "png"), on_progress: Callable[[str], None] | None = None) -> list[Path]:
+def draw_figures(
+    folder: str | Path,
+    which: Iterable[str] | None = None,
+    formats: Sequence[str] = ("svg", "png"),
+    on_progress: Callable[[str], None] | None = None,
+) -> list[Path]:
     """Draw the figures of the paper, computed with its approximations.
 
     Raises
@@ -78,7 +93,13 @@ def _figure_names(which: Iterable[str] | None) -> list[str]:
 
 
 @validate_arguments
-def reproduce_paper(folder: str | Path = "reproduced", *, figures: bool = True, only: Iterable[str] | None = None, on_progress: Callable[[str], None] | None = None) -> Reproduction:
+def reproduce_paper(
+    folder: str | Path = "reproduced",
+    *,
+    figures: bool = True,
+    only: Iterable[str] | None = None,
+    on_progress: Callable[[str], None] | None = None,
+) -> Reproduction:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
     Parameters

@@ -50,7 +50,9 @@ def fig2() -> Figure:
 def fig13() -> Figure:
     sensor = _sphere()
     flat = (views.panorama(sensor), views.dome(sensor))
-    return sensor_diagrams.virtual_screens(sensor, [Dewarper(sensor, view)(_circle()) for view in flat])
+    return sensor_diagrams.virtual_screens(
+        sensor, [Dewarper(sensor, view)(_circle()) for view in flat]
+    )
 
 
 def fig14() -> Figure:
@@ -67,14 +69,31 @@ def fig16() -> Figure:
     sphere = _sphere()
     pitch = sphere.imager.pixel_pitch_um * sphere.imager.width_px / PANEL_PX
     imager = Imager(PANEL_PX, PANEL_PX, pitch)
-    room, bare = (Room(), replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA_RADIUS_MM))))
+    room, bare = (
+        Room(),
+        replace(sphere, imager=imager, housing=Housing(CameraBody(2 * CAMERA_RADIUS_MM))),
+    )
     lens = -bare.meridian.m
-    rod, tube, dome = (Rod(1.4, 14.0, gap_mm=-0.1 * lens), Tube(110.0, 3.0), Dome(150.0, 3.0, centre_mm=20.0))
-    scenes = (room, ThroughShell(room, tube, bare, lids_mm=(lens,)), ThroughShell(room, dome, bare))  # lid of the tube
+    rod, tube, dome = (
+        Rod(1.4, 14.0, gap_mm=-0.1 * lens),
+        Tube(110.0, 3.0),
+        Dome(150.0, 3.0, centre_mm=20.0),
+    )
+    scenes = (
+        room,
+        ThroughShell(room, tube, bare, lids_mm=(lens,)),
+        ThroughShell(room, dome, bare),
+    )  # lid of the tube
     images = [render_image(bare, scene, samples=PANEL_SAMPLES) for scene in scenes]
-    housings = [replace(bare.housing, rod=rod), replace(bare.housing, shell=tube), replace(bare.housing, shell=dome)]
+    housings = [
+        replace(bare.housing, rod=rod),
+        replace(bare.housing, shell=tube),
+        replace(bare.housing, shell=dome),
+    ]
     titles = ("Bare, on a clear rod", "In a clear tube", "In a clear globe")
-    return sensor_diagrams.prototypes([Prototype(bare, *each) for each in zip(titles, images, housings, strict=True)])
+    return sensor_diagrams.prototypes(
+        [Prototype(bare, *each) for each in zip(titles, images, housings, strict=True)]
+    )
 
 
 def fig17() -> Figure:
@@ -89,5 +108,7 @@ def fig18() -> Figure:
     return sensor_diagrams.blur_geometry()
 
 
-DIAGRAMS: dict[str, Callable[[], Figure]] = {f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)}
+DIAGRAMS: dict[str, Callable[[], Figure]] = {
+    f.__name__: f for f in (fig1, fig2, fig13, fig14, fig16, fig17, fig18)
+}
 """Figures other than evaluation curves, by name."""

@@ -9,7 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...analysis.cross_section import NEAR_OBJECTS, SectionCurve, focus_band, image_curves, is_undistorted, lens_half_width, lens_height, mirror_curve, paths_to_lens, secondary_curve
+from ...analysis.cross_section import (
+    NEAR_OBJECTS,
+    SectionCurve,
+    focus_band,
+    image_curves,
+    is_undistorted,
+    lens_half_width,
+    lens_height,
+    mirror_curve,
+    paths_to_lens,
+    secondary_curve,
+)
 from ...analysis.evaluation import Evaluation, evaluate, field_angles
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array
@@ -25,9 +36,24 @@ from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
 from ...simulation.scenes.surfaces import intersect_boxes
 from ._bench_requirements import CheckResult, check_evaluation
-from ._bench_sensors import aligned_sensor, api_error_of, bent, on_bench, remark_on, sensor_on_bench, why_not_optimised
+from ._bench_sensors import (
+    aligned_sensor,
+    api_error_of,
+    bent,
+    on_bench,
+    remark_on,
+    sensor_on_bench,
+    why_not_optimised,
+)
 from ._http_messages import framed
-from .bench_messages import BlockValues, DesignRequest, DesignResponse, DesignSummary, columns_of, distance_of
+from .bench_messages import (
+    BlockValues,
+    DesignRequest,
+    DesignResponse,
+    DesignSummary,
+    columns_of,
+    distance_of,
+)
 
 # -- 3-D view: parts, chief rays and the surrounding room ------------------------------------------
 #
@@ -41,7 +67,17 @@ AWAY = 12.0  # length of rays if the sensor is outside the room, in rim radii
 FRAME_SHARE = 0.3  # drawn width of the opaque frame of a window, in window radii
 RAY_NODES = ("lens", "second", "mirror", "wall", "end")
 """Nodes of a ray, from the lens outwards; non-finite if the ray skips a node."""
-READINGS = ("omega_deg", "incidence_deg", "u_px", "v_px", "x_mm", "y_mm", "z_mm", "turn_deg", "is_hidden")
+READINGS = (
+    "omega_deg",
+    "incidence_deg",
+    "u_px",
+    "v_px",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "turn_deg",
+    "is_hidden",
+)
 """Readings of a ray; x, y and z are those of its mirror point in the mirror frame."""
 RAYS = (*READINGS, *(f"{node}_{axis}" for node in RAY_NODES for axis in "xyz"))
 
@@ -83,7 +119,9 @@ def _world_of(sensor: Sensor) -> Array:
 
 def _blocks_of(part: TurnedPart, world: Array) -> Iterator[BlockValues]:
     """Yield the profile of a part and its pose: three axes and the origin, as columns."""
-    yield columns_of(f"part {part.name}", ("r_mm", "z_mm"), np.stack([part.radius_mm, part.height_mm]))
+    yield columns_of(
+        f"part {part.name}", ("r_mm", "z_mm"), np.stack([part.radius_mm, part.height_mm])
+    )
     frame = np.column_stack([world @ part.pose.rotation(), world @ part.pose.shift])
     yield columns_of(f"frame {part.name}", ("x", "y", "z", "origin"), frame.T)
 
@@ -106,19 +144,27 @@ def _parts(sensor: Sensor) -> Iterator[TurnedPart]:
             inner, outer = 0.0, disc.radius_mm
         yield TurnedPart(disc.part, np.array([inner, outer]), np.full(2, disc.height_mm))
     if (shell := standing.housing.shell) is not None:
-        yield _wall(shell, standing.envelope.base_mm, standing.envelope.back_mm, standing.envelope.outer_mm)
+        yield _wall(
+            shell, standing.envelope.base_mm, standing.envelope.back_mm, standing.envelope.outer_mm
+        )
 
 
 def _bodies(sensor: Sensor, straight: Sensor) -> Iterator[TurnedPart]:
     """Yield both mirrors, and the body of the first with its rim."""
-    curve, envelope = (mirror_curve(straight, 2 * SPACE_PROFILE_NODES - 1), sensor.obstructions.envelope)
+    curve, envelope = (
+        mirror_curve(straight, 2 * SPACE_PROFILE_NODES - 1),
+        sensor.obstructions.envelope,
+    )
     half = (curve.x >= 0) & np.isfinite(curve.z)
     x, z = curve.x[half], curve.z[half]
     pose = sensor.mirror_pose
     yield TurnedPart("mirror", x, z, pose)
     rim = sensor.obstructions.rim
     front = z[-1] if rim is None else rim.height_mm
-    edge = ([x[-1], x[-1], envelope.outer_mm, envelope.outer_mm, x[0]], [z[-1], front, front, *2 * (envelope.back_mm,)])
+    edge = (
+        [x[-1], x[-1], envelope.outer_mm, envelope.outer_mm, x[0]],
+        [z[-1], front, front, *2 * (envelope.back_mm,)],
+    )
     yield TurnedPart("body", np.array(edge[0]), np.array(edge[1]), pose)
     if (second := secondary_curve(straight, 2 * SPACE_PROFILE_NODES - 1)) is not None:
         half = second.x >= 0
@@ -139,16 +185,28 @@ def _wall(shell: Shell, base_mm: float, back_mm: float, outer_mm: float) -> Turn
     if isinstance(shell, FlatWindow):
         radius = (shell.diameter_mm or 2 * outer_mm) / 2
         inner, outer = shell.heights_mm
-        return TurnedPart("window", np.array([0.0, radius, radius, 0.0]), np.array([inner, inner, outer, outer]), pose)
+        return TurnedPart(
+            "window",
+            np.array([0.0, radius, radius, 0.0]),
+            np.array([inner, inner, outer, outer]),
+            pose,
+        )
     inner, outer = shell.radii_mm
     if not isinstance(shell, Dome):
-        return TurnedPart("tube", np.array([inner, inner, outer, outer]), np.array([base_mm, back_mm, back_mm, base_mm]), pose)
+        return TurnedPart(
+            "tube",
+            np.array([inner, inner, outer, outer]),
+            np.array([base_mm, back_mm, back_mm, base_mm]),
+            pose,
+        )
     sides = []
     for radius, centre in zip((inner, outer), shell.centres_mm, strict=True):
         angle = np.linspace(np.arcsin(np.clip((base_mm - centre) / radius, -1, 1)), np.pi / 2, ARC)
         sides.append((radius * np.cos(angle), centre + radius * np.sin(angle)))
     (r0, z0), (r1, z1) = sides
-    return TurnedPart("dome", np.concatenate([r0, [np.nan], r1]), np.concatenate([z0, [np.nan], z1]), pose)
+    return TurnedPart(
+        "dome", np.concatenate([r0, [np.nan], r1]), np.concatenate([z0, [np.nan], z1]), pose
+    )
 
 
 # -- Rays ------------------------------------------------------------------------------------------
@@ -172,16 +230,30 @@ def _space_rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
     meridian."""
     turns = np.repeat(np.arange(TURNS) * 360 / TURNS, len(heights_px))
     azimuth = np.radians(sensor.mount.forward_azimuth_deg + turns)
-    places = np.tile(heights_px, TURNS)[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    places = np.tile(heights_px, TURNS)[:, None] * np.stack(
+        [np.cos(azimuth), np.sin(azimuth)], axis=-1
+    )
     pixels = sensor.image_plane.pixels(sensor.imager.pitch_mm * places)
     pixels[~inside_image(pixels, sensor.image_size)] = np.nan
     legs = _legs(sensor, pixels)
     wall, end, outside, is_hidden = _exit_points(sensor, legs, world)
     cosines = -outside[:, 2], np.abs((legs.before * legs.normals).sum(axis=1))
-    omega, incidence = np.degrees(np.arccos(np.clip(cosines, -1, 1)))  # rounding errors can exceed 1
+    omega, incidence = np.degrees(
+        np.arccos(np.clip(cosines, -1, 1))
+    )  # rounding errors can exceed 1
     at = sensor.mirror_pose.to_mirror(legs.mirror)
     nodes = [rotate_vectors(node, world.T) for node in (legs.lens, legs.second, legs.mirror, wall)]
-    return np.stack([omega, incidence, *pixels.T, *at.T, turns, is_hidden, *(row for n in (*nodes, end) for row in n.T)])
+    return np.stack(
+        [
+            omega,
+            incidence,
+            *pixels.T,
+            *at.T,
+            turns,
+            is_hidden,
+            *(row for n in (*nodes, end) for row in n.T),
+        ]
+    )
 
 
 def _legs(sensor: Sensor, pixels: Array) -> _Legs:
@@ -195,13 +267,19 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
         second, before = mirror.off_secondary(lens, towards)
         lens, towards = mirror.over(lens), towards * (1, 1, -1)
     if sensor.lens.TELECENTRIC:  # at an arbitrary axial position
-        lens = lens + ((lens_height(aligned_sensor(sensor)) - lens[:, 2]) / towards[:, 2])[:, None] * towards
+        lens = (
+            lens
+            + ((lens_height(aligned_sensor(sensor)) - lens[:, 2]) / towards[:, 2])[:, None]
+            * towards
+        )
     lens = np.where(found.valid[:, None], lens, np.nan)
     unit = before / np.linalg.norm(before, axis=1, keepdims=True)
     return _Legs(lens, second, found.points, unit, found.directions, found.normals)
 
 
-def _exit_points(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _exit_points(
+    sensor: Sensor, legs: _Legs, world: Array
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return the exit points from a cover and the end points of rays (n, 3) in the world frame,
     with the next points and an obscuration mask."""
     standing, shell = sensor.obstructions, sensor.obstructions.housing.shell
@@ -214,7 +292,10 @@ def _exit_points(sensor: Sensor, legs: _Legs, world: Array) -> tuple[Array, Arra
         left = transmit_rays(shell, points[seen], towards[seen])
         wall[seen], towards = left.points, towards.copy()
         towards[seen] = left.directions
-    start, direction = (rotate_vectors(np.where(np.isfinite(wall), wall, points), world.T), rotate_vectors(towards, world.T))
+    start, direction = (
+        rotate_vectors(np.where(np.isfinite(wall), wall, points), world.T),
+        rotate_vectors(towards, world.T),
+    )
     far = np.full(len(points), AWAY * sensor.mirror.rim_radius_mm)
     inside = ((start >= ROOM.low) & (start <= ROOM.high)).all(axis=1)
     far[inside] = intersect_boxes(ROOM, SOLIDS, start[inside], direction[inside]).distance
@@ -235,9 +316,35 @@ def _distance_to_disc(standing: Obstructions, points: Array, towards: Array) -> 
 
 # -- Curves, cross-section, squares and requirements -----------------------------------------------
 
-CURVES = ("omega_deg", "x_mm", "z_mm", "h_px", "dh_domega_px_per_deg", "viewpoint_z_mm", "area_px2", "aspect", "blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2", "plane_t_mm_per_px", "cylinder_t_mm_per_px", "object_s_mm_per_px")
+CURVES = (
+    "omega_deg",
+    "x_mm",
+    "z_mm",
+    "h_px",
+    "dh_domega_px_per_deg",
+    "viewpoint_z_mm",
+    "area_px2",
+    "aspect",
+    "blur_t_px",
+    "blur_s_px",
+    "blur_t_deg",
+    "blur_s_deg",
+    "floored_area_deg2",
+    "plane_t_mm_per_px",
+    "cylinder_t_mm_per_px",
+    "object_s_mm_per_px",
+)
 """Columns of :class:`~omnimirror.analysis.Evaluation` that are plotted."""
-SQUARES = ("omega_deg", "h_px", "dh_domega_px_per_deg", "width_px_per_deg", "blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg")
+SQUARES = (
+    "omega_deg",
+    "h_px",
+    "dh_domega_px_per_deg",
+    "width_px_per_deg",
+    "blur_t_px",
+    "blur_s_px",
+    "blur_t_deg",
+    "blur_s_deg",
+)
 CURVE_NODES = 361  # samples of a curve
 MARKS_DEG = 15.0
 SECTION_PROFILE_NODES = 121  # samples of a mirror profile, axis to rim
@@ -270,14 +377,29 @@ def answer(ask: DesignRequest) -> bytes:
         blocks += space_blocks(stands, design.marks.h_px) if ask.space else []
     except OmnimirrorError as e:
         return framed(_answer(ask, trouble=api_error_of(e)))
-    judged = check_evaluation(ask.requirements, design.curve) if ask.requirements is not None else CheckResult()
+    judged = (
+        check_evaluation(ask.requirements, design.curve)
+        if ask.requirements is not None
+        else CheckResult()
+    )
     blocks += judged.curves
-    told = _answer(ask, remark=remark_on(stands), facts=facts, rows=judged.rows, requirements_trouble=judged.trouble, blocks=tuple(values.block for values in blocks), bent=on_bench(stands) if ask.bend is not None else None)
+    told = _answer(
+        ask,
+        remark=remark_on(stands),
+        facts=facts,
+        rows=judged.rows,
+        requirements_trouble=judged.trouble,
+        blocks=tuple(values.block for values in blocks),
+        bent=on_bench(stands) if ask.bend is not None else None,
+    )
     return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
 def _answer(ask: DesignRequest, **told: object) -> DesignResponse:
-    empty = dict.fromkeys(("trouble", "remark", "facts", "requirements_trouble", "bent")) | {"rows": (), "blocks": ()}
+    empty = dict.fromkeys(("trouble", "remark", "facts", "requirements_trouble", "bent")) | {
+        "rows": (),
+        "blocks": (),
+    }
     return DesignResponse(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
 
 
@@ -285,7 +407,11 @@ def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:
     field, marks = np.linspace(*sensor.field_deg, CURVE_NODES), field_angles(sensor, MARKS_DEG)
     both = evaluate(sensor, np.concatenate([field, marks]), object_distance_mm=object_distance_mm)
     curve = both[:CURVE_NODES]
-    return EvaluatedSensor(curve, both[CURVE_NODES:], curve if np.isinf(object_distance_mm) else evaluate(sensor, field))
+    return EvaluatedSensor(
+        curve,
+        both[CURVE_NODES:],
+        curve if np.isinf(object_distance_mm) else evaluate(sensor, field),
+    )
 
 
 def _block(name: str, columns: tuple[str, ...], result: Evaluation) -> BlockValues:
@@ -340,15 +466,26 @@ def _section(design: EvaluatedSensor) -> list[BlockValues]:
 
 def _virtual_images(far: Evaluation) -> list[tuple[str, SectionCurve]]:
     """Yield the virtual images of distant and of near objects."""
-    (t_far, s_far), (t_near, s_near) = (image_curves(far), image_curves(far, NEAR_OBJECTS * far.sensor.mirror.rim_radius_mm))
-    return [("T∞", t_far), (f"T{NEAR_OBJECTS:g}M", t_near), ("S∞", s_far), (f"S{NEAR_OBJECTS:g}M", s_near)]
+    (t_far, s_far), (t_near, s_near) = (
+        image_curves(far),
+        image_curves(far, NEAR_OBJECTS * far.sensor.mirror.rim_radius_mm),
+    )
+    return [
+        ("T∞", t_far),
+        (f"T{NEAR_OBJECTS:g}M", t_near),
+        ("S∞", s_far),
+        (f"S{NEAR_OBJECTS:g}M", s_near),
+    ]
 
 
 def _chief_rays(marks: Evaluation) -> list[BlockValues]:
     """Return the chief rays between mirror and lens every 15 deg."""
     ways = paths_to_lens(marks.sensor, marks.x_mm)
     rays = zip(marks.x_mm, marks.z_mm, marks.omega_deg, ways, strict=True)
-    return [_lines(f"ray {omega:g}", SectionCurve(*np.array([(x, z), *way]).T)) for x, z, omega, way in rays]
+    return [
+        _lines(f"ray {omega:g}", SectionCurve(*np.array([(x, z), *way]).T))
+        for x, z, omega, way in rays
+    ]
 
 
 def _lines(name: str, curve: SectionCurve) -> BlockValues:

@@ -52,7 +52,9 @@ def opened(name: str, data: bytes) -> ImportedFile:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise SpecError(f"{name} must be a sensor file or a requirement file; got a file that is not UTF-8 text") from None
+        raise SpecError(
+            f"{name} must be a sensor file or a requirement file; got a file that is not UTF-8 text"
+        ) from None
     tables = parse_toml(text, name)
     where = SourceLocator(text, name)
     if "field" in tables:
@@ -97,7 +99,9 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- download --------------------------------------------------------------------------------------
 
 
-def downloaded(asked: FileRequest, tell: Callable[[str, float], None] = lambda what, share: None) -> File:
+def downloaded(
+    asked: FileRequest, tell: Callable[[str, float], None] = lambda what, share: None
+) -> File:
     """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
 
     For reports, ``tell`` receives the current step and the completed fraction.
@@ -110,7 +114,9 @@ def downloaded(asked: FileRequest, tell: Callable[[str, float], None] = lambda w
     sensor = sensor_on_bench(asked.tables)
     if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
         what = OF_ONE_MERIDIAN[asked.kind]
-        raise InvalidParameter(f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first")
+        raise InvalidParameter(
+            f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first"
+        )
     return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
 
 
@@ -137,13 +143,20 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
 
     width, height = sensor.imager.size
     if max(width, height) > MAX_SIDE_PX:
-        raise InvalidParameter(f"the imager of a report must have at most {MAX_SIDE_PX} px per side; got {width} x {height} px; omnimirror demo supports larger imagers")
+        raise InvalidParameter(
+            f"the imager of a report must have at most {MAX_SIDE_PX} px per side; got {width} x {height} px; omnimirror demo supports larger imagers"
+        )
     with tempfile.TemporaryDirectory() as folder:
         data = write_demo(sensor, folder, on_progress=tell).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
-KINDS: dict[str, Callable[[Sensor, FileRequest], File]] = {"sensor": _sensor_file, "table": _table, "sag": _sag, "drawing": _drawing}
+KINDS: dict[str, Callable[[Sensor, FileRequest], File]] = {
+    "sensor": _sensor_file,
+    "table": _table,
+    "sag": _sag,
+    "drawing": _drawing,
+}
 SLOW_KINDS = ("drawing", "report")
 
 

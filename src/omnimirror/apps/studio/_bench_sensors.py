@@ -29,7 +29,16 @@ from ...design.mirror_fits import fit_mirror
 from ...optics.batch.families import FREEFORM_FAMILIES
 from ...optics.image_sensor import Imager
 from ...optics.lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
-from ...optics.mirrors import MIRRORS, SECONDARIES, EvenPolynomial, Mirror, SampledProfile, Secondary, SlopeSpline, TabulatedMapping
+from ...optics.mirrors import (
+    MIRRORS,
+    SECONDARIES,
+    EvenPolynomial,
+    Mirror,
+    SampledProfile,
+    Secondary,
+    SlopeSpline,
+    TabulatedMapping,
+)
 from ...optics.mirrors.as_built import MirrorPose
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.mirrors.prescribed_mapping import MappingMirror
@@ -37,11 +46,23 @@ from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
 from ...optics.toml_validation import EntryError, NullLocator
-from .bench_messages import ApiError, BenchSensor, BenchStart, CurveEdit, DesignChange, ParameterInfo, PartInfo, QuantityInfo, distance_of
+from .bench_messages import (
+    ApiError,
+    BenchSensor,
+    BenchStart,
+    CurveEdit,
+    DesignChange,
+    ParameterInfo,
+    PartInfo,
+    QuantityInfo,
+    distance_of,
+)
 
 # -- Slider metadata -------------------------------------------------------------------------------
 
-DISTANCE = Parameter("mm", 1e-3, 1e7, "distance from the principal point of the lens to the mirror vertex (m)")
+DISTANCE = Parameter(
+    "mm", 1e-3, 1e7, "distance from the principal point of the lens to the mirror vertex (m)"
+)
 
 
 @cache
@@ -58,7 +79,11 @@ def bench_start() -> BenchStart:
     mirrors = dict(MIRRORS.items())  # without mirrors of other packages that fail to load
     return BenchStart(
         mirrors=tuple(part_of(kind, cls) for kind, cls in mirrors.items()),
-        secondaries=tuple(part_of(kind, SECONDARIES[kind]) for kind in SECONDARIES if kind in mirrors or kind not in MIRRORS),
+        secondaries=tuple(
+            part_of(kind, SECONDARIES[kind])
+            for kind in SECONDARIES
+            if kind in mirrors or kind not in MIRRORS
+        ),
         lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
         imager=part_of("imager", Imager),
         place=part_of("place", Secondary),
@@ -66,7 +91,9 @@ def bench_start() -> BenchStart:
         pose=part_of("mirror_pose", MirrorPose),
         columns=tuple(map(_quantity, quantities.FIELD_QUANTITIES)),
         quantities=tuple(_quantity(limitable.quantity) for limitable in LIMITABLE.values()),
-        of_frequency=tuple(name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None),
+        of_frequency=tuple(
+            name for name, limitable in LIMITABLE.items() if limitable.of_frequency is not None
+        ),
         merits=tuple(_quantity(merit.quantity) for merit in DESIGN_MERITS.values()),
         shapes=tuple(FREEFORM_FAMILIES),
         sensors=tuple(bundled_sensors()),
@@ -74,7 +101,14 @@ def bench_start() -> BenchStart:
 
 
 def _quantity(q: Quantity) -> QuantityInfo:
-    return QuantityInfo(name=q.name, symbol=q.symbol, unit=q.unit, title=q.title, meaning=q.meaning, equation=q.equation)
+    return QuantityInfo(
+        name=q.name,
+        symbol=q.symbol,
+        unit=q.unit,
+        title=q.title,
+        meaning=q.meaning,
+        equation=q.equation,
+    )
 
 
 def part_of(kind: str, cls: type[Any]) -> PartInfo:
@@ -82,13 +116,26 @@ def part_of(kind: str, cls: type[Any]) -> PartInfo:
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
-    found = [_parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()]
+    found = [
+        _parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()
+    ]
     return PartInfo(kind=kind, parameters=tuple(found))
 
 
 def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterInfo:
     inner = typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint
-    return ParameterInfo(name=name, unit=p.unit, low=p.low, high=p.high, description=p.description, choices=p.choices, is_list=typing.get_origin(inner) is tuple, is_whole=inner is int, is_optional=default is not dataclasses.MISSING, default=float(default) if isinstance(default, int | float) else None)
+    return ParameterInfo(
+        name=name,
+        unit=p.unit,
+        low=p.low,
+        high=p.high,
+        description=p.description,
+        choices=p.choices,
+        is_list=typing.get_origin(inner) is tuple,
+        is_whole=inner is int,
+        is_optional=default is not dataclasses.MISSING,
+        default=float(default) if isinstance(default, int | float) else None,
+    )
 
 
 # -- Tables of a sensor file, and conversion between types of parts --------------------------------
@@ -136,7 +183,9 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     if not isinstance(sensor.mirror, MappingMirror) or sensor.lens.TELECENTRIC:
         return sensor_of(tables, form)
     distance = sensor.mirror.design_distance
-    return form.wrap(("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance))
+    return form.wrap(
+        ("mirror", "theta_max_deg"), lambda: replace(sensor, mirror_distance_mm=distance)
+    )
 
 
 def aligned_sensor(sensor: Sensor) -> Sensor:
@@ -152,7 +201,10 @@ def remark_on(sensor: Sensor) -> str | None:
         return None
     if pose.is_axial:
         return "The file contains a form error of the mirror or a tilt of the imager. Only the image of the room includes them; cross-section, plots and requirements are those of the ideal sensor."
-    shift, tilt = (f"{a:g} and {b:g}" for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg)))
+    shift, tilt = (
+        f"{a:g} and {b:g}"
+        for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
+    )
     return f"The mirror is misaligned: decentred by {shift} mm, tilted by {tilt}°. Only the image of the room includes this; cross-section, plots and requirements are those of the aligned mirror."
 
 
@@ -163,14 +215,20 @@ def why_not_optimised(sensor: Sensor) -> str | None:
     if not sensor.mirror_pose.is_axial:
         return "Optimisation requires an aligned mirror; this one is decentred or tilted."
     if not sensor.is_ideal_except_pose:
-        return "Optimisation requires an ideal sensor; this one has a form error or a tilted imager."
+        return (
+            "Optimisation requires an ideal sensor; this one has a form error or a tilted imager."
+        )
     return None
 
 
 def on_bench(sensor: Sensor) -> BenchSensor:
     """Convert a sensor to its bench representation."""
     mirror = sensor.mirror
-    is_mapped = isinstance(mirror, MappingMirror) and sensor.secondary is None and not sensor.lens.TELECENTRIC
+    is_mapped = (
+        isinstance(mirror, MappingMirror)
+        and sensor.secondary is None
+        and not sensor.lens.TELECENTRIC
+    )
     follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
 
@@ -192,9 +250,15 @@ def changed(change: DesignChange) -> Sensor:
         best = best_focus(sensor, change.to, object_distance_mm=distance)
         made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
     else:
-        changed_part = _with_lens(sensor, change.to) if change.what == "lens" else _with_mirror(sensor, change.to)
+        changed_part = (
+            _with_lens(sensor, change.to)
+            if change.what == "lens"
+            else _with_mirror(sensor, change.to)
+        )
         made = _focused(changed_part, distance)
-    return replace(made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal)
+    return replace(
+        made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal
+    )
 
 
 def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
@@ -202,7 +266,14 @@ def _with_mirror(sensor: Sensor, kind: str) -> Sensor:
         raise InvalidParameter(f"mirror must be one of {', '.join(MIRRORS)}; got {kind!r}")
     mounted = recast(sensor, kind)
     distance = np.inf if sensor.lens.TELECENTRIC else mounted.distance_mm
-    return replace(sensor, mirror=mounted.mirror, mirror_distance_mm=distance, secondary=None, name=kind, notes="")
+    return replace(
+        sensor,
+        mirror=mounted.mirror,
+        mirror_distance_mm=distance,
+        secondary=None,
+        name=kind,
+        notes="",
+    )
 
 
 def recast(sensor: Sensor, kind: str) -> MountedMirror:
@@ -237,11 +308,19 @@ def _mapped(cls: type[Any], rim: RimRay) -> MappingMirror:
     """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
     M, most = rim.rim_radius_mm, cls.MAX_OMEGA_DEG
     omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
-    own = {"plane_distance_mm": AROUND * M, "cylinder_radius_mm": AROUND * M, "omega_min_deg": omega / 3}
-    needed = [name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS]
+    own = {
+        "plane_distance_mm": AROUND * M,
+        "cylinder_radius_mm": AROUND * M,
+        "omega_min_deg": omega / 3,
+    }
+    needed = [
+        name for name in ("plane_distance_mm", "cylinder_radius_mm") if name in cls.PARAMETERS
+    ]
     if "cylinder_radius_mm" in needed:
         needed.append("omega_min_deg")
-    made: MappingMirror = cls(omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed})
+    made: MappingMirror = cls(
+        omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed}
+    )
     return made
 
 
@@ -254,7 +333,11 @@ def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
 def spline_like(sensor: Sensor) -> SlopeSpline:
     """Convert the mirror to a slope spline; a slope spline is returned unchanged."""
     mirror, rim = sensor.mirror, sensor.mirror.rim_radius_mm
-    return mirror if isinstance(mirror, SlopeSpline) else SlopeSpline(tuple(mirror.slope(np.linspace(0.0, rim, SLOPES))), rim)
+    return (
+        mirror
+        if isinstance(mirror, SlopeSpline)
+        else SlopeSpline(tuple(mirror.slope(np.linspace(0.0, rim, SLOPES))), rim)
+    )
 
 
 def mapping_like(sensor: Sensor) -> TabulatedMapping:
@@ -269,7 +352,11 @@ def mapping_like(sensor: Sensor) -> TabulatedMapping:
     return TabulatedMapping(tuple(omega), tuple(height), rim.theta_max_deg, rim.rim_radius_mm)
 
 
-AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {SampledProfile: _sampled, SlopeSpline: lambda sensor, rim: spline_like(sensor), TabulatedMapping: lambda sensor, rim: mapping_like(sensor)}
+AS_BEFORE: dict[type[Mirror], Callable[[Sensor, RimRay], Mirror]] = {
+    SampledProfile: _sampled,
+    SlopeSpline: lambda sensor, rim: spline_like(sensor),
+    TabulatedMapping: lambda sensor, rim: mapping_like(sensor),
+}
 """Functions of the freeform kinds that approximate the previous mirror."""
 
 
@@ -277,11 +364,23 @@ def _as_table(sensor: Sensor) -> TabulatedLens:
     """Return the lens as a table that extends slightly beyond the rim."""
     lens = sensor.lens
     if not isinstance(lens, GaussianLens):
-        raise InvalidParameter("a lens table requires a lens with an entrance pupil; choose perspective first")
-    angles = np.linspace(0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS)
+        raise InvalidParameter(
+            "a lens table requires a lens with an entrance pupil; choose perspective first"
+        )
+    angles = np.linspace(
+        0.0, min(1.1 * float(np.degrees(sensor.meridian.theta_max)), 80.0), TABLE_ROWS
+    )
     tangent = np.tan(np.radians(angles))
     heights = np.abs(lens.distorted_height(lens.principal_distance * tangent))
-    return TabulatedLens(lens.focal_length_mm, lens.f_number, lens.focus_distance_mm, tuple(np.round(angles, 6)), tuple(np.round(heights, 6)), tuple(np.round(lens.pupil.position(tangent), 6)), principal_point_mm=lens.principal_point_mm)
+    return TabulatedLens(
+        lens.focal_length_mm,
+        lens.f_number,
+        lens.focus_distance_mm,
+        tuple(np.round(angles, 6)),
+        tuple(np.round(heights, 6)),
+        tuple(np.round(lens.pupil.position(tangent), 6)),
+        principal_point_mm=lens.principal_point_mm,
+    )
 
 
 def _with_lens(sensor: Sensor, kind: str) -> Sensor:
@@ -296,7 +395,9 @@ def _with_lens(sensor: Sensor, kind: str) -> Sensor:
     if kind == "table":
         return replace(sensor, lens=_as_table(sensor))
     if kind == "surfaces":
-        raise InvalidParameter("a lens defined by surfaces requires a .zmx file; open a sensor file that references it")
+        raise InvalidParameter(
+            "a lens defined by surfaces requires a .zmx file; open a sensor file that references it"
+        )
     if kind != "perspective":
         raise InvalidParameter(f"lens must be one of {', '.join(LENSES)}; got {kind!r}")
     mirror = _for_theta(sensor.mirror, THETA_DEG)
@@ -360,7 +461,9 @@ def bent(sensor: Sensor, bend: CurveEdit) -> Sensor:
 def _profile(sensor: Sensor, x_mm: float, z_mm: float) -> Sensor:
     rim = sensor.mirror.rim_radius_mm
     if not CLEAR * rim <= x_mm <= rim * (1 + 1e-9):
-        raise InvalidParameter(f"the profile can be dragged from {CLEAR * rim:.4g} to {rim:g} mm from the axis; got {x_mm:g} mm")
+        raise InvalidParameter(
+            f"the profile can be dragged from {CLEAR * rim:.4g} to {rim:g} mm from the axis; got {x_mm:g} mm"
+        )
     before = spline_like(sensor)
     slopes, held = np.array(before.slopes), min(x_mm / rim, 1.0)
     rod = _rod_slope(np.linspace(0.0, 1.0, len(slopes)), held)
@@ -385,10 +488,14 @@ def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
     low, high = sensor.field_deg
     first, last = (low + share * (high - low) for share in (CLEAR, 1 - CLEAR))
     if not first <= omega_deg <= last:
-        raise InvalidParameter(f"the mapping can be dragged from {first:.4g} to {last:.4g} deg; got {omega_deg:g} deg")
+        raise InvalidParameter(
+            f"the mapping can be dragged from {first:.4g} to {last:.4g} deg; got {omega_deg:g} deg"
+        )
     rim_px = sensor.rim_radius_px
     if not 0 < height_px < rim_px:
-        raise InvalidParameter(f"the image height must be between 0 and {rim_px:.4g} px; got {height_px:.4g} px")
+        raise InvalidParameter(
+            f"the image height must be between 0 and {rim_px:.4g} px; got {height_px:.4g} px"
+        )
     table = mapping_like(sensor)
     omega, tau = np.array(table.omega_deg), np.array(table.height) / table.height[-1]
     beam = _beam(omega - low, omega_deg - low, high - low)
@@ -413,7 +520,9 @@ def _shares(sensor: Sensor, x_mm: Array) -> Array:
     over the rim value."""
     if sensor.lens.TELECENTRIC:
         return x_mm / sensor.mirror.rim_radius_mm
-    shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(np.radians(rim_of(sensor).theta_max_deg))
+    shares: Array = np.tan(sensor.meridian.trace(x_mm).first.theta) / np.tan(
+        np.radians(rim_of(sensor).theta_max_deg)
+    )
     return shares
 
 
@@ -424,4 +533,6 @@ def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> 
     side = np.sign(pulled)
     against = side * beam < 0
     most = float(np.min(steps[against] / np.abs(beam[against])))
-    raise InvalidParameter(f"the image height must increase with the field angle; a change of {pulled:+.3g} times the image height of the rim at {omega_deg:.4g} deg violates this; the limit is {side * most:+.3g}")
+    raise InvalidParameter(
+        f"the image height must increase with the field angle; a change of {pulled:+.3g} times the image height of the rim at {omega_deg:.4g} deg violates this; the limit is {side * most:+.3g}"
+    )

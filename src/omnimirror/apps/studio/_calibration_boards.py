@@ -9,7 +9,12 @@ import numpy as np
 
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...calibration.estimation.observation_checks import MIN_CORNERS_PER_CELL, Coverage, coverage, recommendations
+from ...calibration.estimation.observation_checks import (
+    MIN_CORNERS_PER_CELL,
+    Coverage,
+    coverage,
+    recommendations,
+)
 from ...calibration.estimation.observations import Observation
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
@@ -19,7 +24,14 @@ from ...dewarp import Dewarper
 from ...optics.sensor_files import parse_camera
 from ._board_detection_process import board_of
 from ._uploads import eight_bits, encoded, picture_in
-from .calibration_messages import BoardDetection, BoardPose, BoardViewRequest, CoverageInfo, MultiImageRequest, MultiImageSummary
+from .calibration_messages import (
+    BoardDetection,
+    BoardPose,
+    BoardViewRequest,
+    CoverageInfo,
+    MultiImageRequest,
+    MultiImageSummary,
+)
 
 # -- Conversion and joint analysis of detections ---------------------------------------------------
 
@@ -32,15 +44,34 @@ def taken(seen: BoardDetection, board: Board) -> Detection:
     InvalidParameter
         Corners outside the board or outside the image.
     """
-    ids, corners = (np.asarray(seen.ids, dtype=int), np.asarray(seen.corners_px, dtype=float).reshape(-1, 2))
+    ids, corners = (
+        np.asarray(seen.ids, dtype=int),
+        np.asarray(seen.corners_px, dtype=float).reshape(-1, 2),
+    )
     sigma = None if seen.sigma_px is None else np.asarray(seen.sigma_px, dtype=float)
     size = np.array(seen.image_size)
-    good = len(ids) == len(corners) == len(set(seen.ids)) and (sigma is None or len(sigma) == len(ids))
+    good = len(ids) == len(corners) == len(set(seen.ids)) and (
+        sigma is None or len(sigma) == len(ids)
+    )
     good = good and bool(np.all((ids >= 0) & (ids < board.corner_count)))
     if not (good and np.all((corners >= -0.5) & (corners <= size - 0.5))):
-        raise InvalidParameter(f"the detection in {seen.name} is invalid: its corners do not match a board of {board}")
+        raise InvalidParameter(
+            f"the detection in {seen.name} is invalid: its corners do not match a board of {board}"
+        )
     blur = math.nan if seen.blur_px is None else seen.blur_px
-    return Detection(seen.name, seen.image_size, ids, corners, seen.reason, sigma, blur, seen.is_reversed, seen.begins_white, seen.is_part, seen.time_s)
+    return Detection(
+        seen.name,
+        seen.image_size,
+        ids,
+        corners,
+        seen.reason,
+        sigma,
+        blur,
+        seen.is_reversed,
+        seen.begins_white,
+        seen.is_part,
+        seen.time_s,
+    )
 
 
 def together(ask: MultiImageRequest) -> MultiImageSummary:
@@ -56,7 +87,14 @@ def together(ask: MultiImageRequest) -> MultiImageSummary:
     detections = compared([taken(seen, board) for seen in ask.pictures], board)
     used = [d for d in detections if d.used]
     spread = _coverage(used, ask) if used else None
-    return MultiImageSummary(reasons=tuple(d.reason for d in detections), coverage=coverage_shown(spread) if spread else None, advice=recommendations(spread, len(used)) if spread else (), not_new=None if ask.candidate is None else redundancy_reason(taken(ask.candidate, board), used, board))
+    return MultiImageSummary(
+        reasons=tuple(d.reason for d in detections),
+        coverage=coverage_shown(spread) if spread else None,
+        advice=recommendations(spread, len(used)) if spread else (),
+        not_new=None
+        if ask.candidate is None
+        else redundancy_reason(taken(ask.candidate, board), used, board),
+    )
 
 
 def _coverage(used: list[Detection], ask: MultiImageRequest) -> Coverage:
@@ -68,7 +106,12 @@ def _coverage(used: list[Detection], ask: MultiImageRequest) -> Coverage:
 
 def coverage_shown(spread: Coverage) -> CoverageInfo:
     """Convert a coverage to a message."""
-    return CoverageInfo(centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])), radii_px=tuple(float(r) for r in spread.radii_px), counts=tuple(tuple(int(c) for c in ring) for ring in spread.counts), enough=MIN_CORNERS_PER_CELL)
+    return CoverageInfo(
+        centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])),
+        radii_px=tuple(float(r) for r in spread.radii_px),
+        counts=tuple(tuple(int(c) for c in ring) for ring in spread.counts),
+        enough=MIN_CORNERS_PER_CELL,
+    )
 
 
 # -- Dewarped frontal view -------------------------------------------------------------------------
@@ -152,7 +195,10 @@ def place_of(observation: Observation, model: CameraModel, board: Board) -> Boar
 
 def _px_per_mm(observation: Observation) -> float:
     """Return the image scale of a board, from the square root of area ratios."""
-    areas = [np.linalg.det(np.cov(values.T)) for values in (observation.pixels, observation.points[:, :2])]
+    areas = [
+        np.linalg.det(np.cov(values.T))
+        for values in (observation.pixels, observation.points[:, :2])
+    ]
     return float((areas[0] / areas[1]) ** 0.25)
 
 
@@ -181,7 +227,9 @@ def line_deviation_px(observation: Observation, model: CameraModel, board: Board
             line = met[(points[:, axis] == at) & np.isfinite(met).all(axis=1)]
             if len(line) >= MIN_LINE_CORNERS:
                 from_middle = line - line.mean(axis=0)
-                worst = max(worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max()))
+                worst = max(
+                    worst, float(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]).max())
+                )
     return worst
 
 
@@ -195,7 +243,9 @@ def render_board_view(ask: BoardViewRequest, data: bytes) -> bytes:
     """
     screen = BoardScreen(ask.place)
     if not np.all((screen.sides_mm > 0) & (screen.sides_mm < MAX_BOARD_MM)):
-        raise InvalidParameter(f"the board in {ask.place.picture} must be larger than 0 and smaller than {MAX_BOARD_MM:g} mm; its corners extend from {ask.place.low_mm} to {ask.place.high_mm} mm")
+        raise InvalidParameter(
+            f"the board in {ask.place.picture} must be larger than 0 and smaller than {MAX_BOARD_MM:g} mm; its corners extend from {ask.place.low_mm} to {ask.place.high_mm} mm"
+        )
     picture = eight_bits(picture_in(data, ask.name))
     camera = parse_camera(ask.camera_file, source="the camera")
     return encoded(Dewarper(camera, screen)(picture), ".jpg")

@@ -23,20 +23,49 @@ from ...cameras.frames import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
 from ._calibration_boards import coverage_shown, line_deviation_px, place_of, taken
-from .calibration_messages import STOP, BoardDetection, CalibrationRequest, CalibrationResult, CalibrationStatus, ImageResult, ModelComparisonRow, OutlierCorner, ParameterEstimate
+from .calibration_messages import (
+    STOP,
+    BoardDetection,
+    CalibrationRequest,
+    CalibrationResult,
+    CalibrationStatus,
+    ImageResult,
+    ModelComparisonRow,
+    OutlierCorner,
+    ParameterEstimate,
+)
 
 Tell = Callable[[CalibrationStatus], None]
-LABELS = {"say --flipped": 'select "Camera driver flips images left to right"', "--flipped": '"Camera driver flips images left to right"', "--optics": '"Optics"'}
+LABELS = {
+    "say --flipped": 'select "Camera driver flips images left to right"',
+    "--flipped": '"Camera driver flips images left to right"',
+    "--optics": '"Optics"',
+}
 """Labels of the page for command-line options in messages."""
 
 
-def perform(ask: CalibrationRequest, pictures: Iterable[BoardDetection], tell: Tell, stop: Callable[[], bool]) -> None:
+def perform(
+    ask: CalibrationRequest,
+    pictures: Iterable[BoardDetection],
+    tell: Tell,
+    stop: Callable[[], bool],
+) -> None:
     """Calibrate a camera and send progress, camera and report, or an error."""
     try:
         board = board_of(ask.board)
-        found = _calibrated(ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop)
-        tell(CalibrationStatus(state="done", sentence=found.summary, share=1.0, found=found_message(found)))
-        tell(CalibrationStatus(state="reported", sentence="Report complete.", report=_report(found, ask.command)))
+        found = _calibrated(
+            ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop
+        )
+        tell(
+            CalibrationStatus(
+                state="done", sentence=found.summary, share=1.0, found=found_message(found)
+            )
+        )
+        tell(
+            CalibrationStatus(
+                state="reported", sentence="Report complete.", report=_report(found, ask.command)
+            )
+        )
     except OmnimirrorError as e:
         tell(CalibrationStatus(state="failed", sentence=_plain(str(e))))
 
@@ -45,15 +74,39 @@ def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
     """Mark inconsistent detections; select the distinct frames of a video."""
     judged = compared(detections, board)
     frames = [d for d in judged if d.time_s is not None]
-    told = {id(before): after for before, after in zip(frames, select_distinct_frames(frames, board), strict=True)}
+    told = {
+        id(before): after
+        for before, after in zip(frames, select_distinct_frames(frames, board), strict=True)
+    }
     return [told.get(id(d), d) for d in judged]
 
 
-def _calibrated(ask: CalibrationRequest, detections: Sequence[Detection], board: Board, tell: Tell, stop: Callable[[], bool]) -> Calibration:
+def _calibrated(
+    ask: CalibrationRequest,
+    detections: Sequence[Detection],
+    board: Board,
+    tell: Tell,
+    stop: Callable[[], bool],
+) -> Calibration:
     def progress(what: str, share: float) -> None:
-        tell(CalibrationStatus(state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share))
+        tell(
+            CalibrationStatus(
+                state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share
+            )
+        )
 
-    return calibrate_camera(detections, board, model=ask.model, optics=ask.optics, mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped), centre_px=ask.centre_px, rim_radius_px=ask.rim_radius_px, board_shape=not ask.flat_board, on_progress=progress, should_stop=stop)
+    return calibrate_camera(
+        detections,
+        board,
+        model=ask.model,
+        optics=ask.optics,
+        mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped),
+        centre_px=ask.centre_px,
+        rim_radius_px=ask.rim_radius_px,
+        board_shape=not ask.flat_board,
+        on_progress=progress,
+        should_stop=stop,
+    )
 
 
 def _plain(sentence: str) -> str:
@@ -86,13 +139,24 @@ def found_message(found: Calibration) -> CalibrationResult:
         is_complete=found.is_complete,
         image_size=fit.model.image_size,
         pictures=_pictures(found),
-        parameters=tuple(ParameterEstimate(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit) for p in found.parameters),
-        models=tuple(ModelComparisonRow(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)})) for c in sorted(found.candidates, key=lambda c: c.rms_px)),
-        outliers=tuple(OutlierCorner(picture=o.image, corner=o.corner, residual_px=o.residual_px) for o in found.outliers),
+        parameters=tuple(
+            ParameterEstimate(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit)
+            for p in found.parameters
+        ),
+        models=tuple(
+            ModelComparisonRow(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
+            for c in sorted(found.candidates, key=lambda c: c.rms_px)
+        ),
+        outliers=tuple(
+            OutlierCorner(picture=o.image, corner=o.corner, residual_px=o.residual_px)
+            for o in found.outliers
+        ),
         notes=found.notes,
         advice=found.advice,
         coverage=coverage_shown(found.coverage),
-        places=tuple(place_of(s, found.model, found.board) for s in fit.observations if s.name in used),
+        places=tuple(
+            place_of(s, found.model, found.board) for s in fit.observations if s.name in used
+        ),
         camera_file=format_camera(found.camera, found.summary),  # type: ignore[arg-type]
     )
 
@@ -112,8 +176,21 @@ def _pictures(found: Calibration) -> tuple[ImageResult, ...]:
             rows = tuple(tuple(row) for row in np.round(both, 4).tolist())
             off = finite(line_deviation_px(observations[picture.name], found.model, found.board))
             if found.held_out is not None:
-                held = finite(float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1)))))
-        told.append(ImageResult(name=picture.name, found=picture.found, used=picture.used, reason=picture.reason, rms_px=picture.rms_px, held_out_rms_px=held, line_deviation_px=off, residuals=rows))
+                held = finite(
+                    float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))
+                )
+        told.append(
+            ImageResult(
+                name=picture.name,
+                found=picture.found,
+                used=picture.used,
+                reason=picture.reason,
+                rms_px=picture.rms_px,
+                held_out_rms_px=held,
+                line_deviation_px=off,
+                residuals=rows,
+            )
+        )
     return tuple(told)
 
 

@@ -75,7 +75,9 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
         return exact(np.stack([side[column], side[row]], axis=-1))
 
     cells = (len(side) - 1) // LATTICE_STEP
-    coarse = at(*(LATTICE_STEP * np.indices((cells + 1, cells + 1)).reshape(2, -1))).reshape(cells + 1, cells + 1, -1)
+    coarse = at(*(LATTICE_STEP * np.indices((cells + 1, cells + 1)).reshape(2, -1))).reshape(
+        cells + 1, cells + 1, -1
+    )
     known: Mask = np.asarray(np.isfinite(coarse).all(axis=2))
     parts = np.zeros(known.shape, np.intp) if part_of is None else part_of(coarse)
     of_cells = np.full((cells + 1, cells + 1, LATTICE_STEP, LATTICE_STEP, coarse.shape[2]), np.nan)
@@ -83,7 +85,9 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
     for part in sorted(set(parts[known].tolist())):
         row, column, between = _interpolated(coarse, known & (parts == part), at)
         of_cells[row, column], done[row, column] = between, True
-    values = of_cells.swapaxes(1, 2).reshape(LATTICE_STEP * (cells + 1), -1, coarse.shape[2])[: len(side), : len(side)]
+    values = of_cells.swapaxes(1, 2).reshape(LATTICE_STEP * (cells + 1), -1, coarse.shape[2])[
+        : len(side), : len(side)
+    ]
     mine = _nodes_of(_windows(np.logical_or, np.pad(known, 1), 4) & ~done)
     mine[::LATTICE_STEP, ::LATTICE_STEP] = False
     values[::LATTICE_STEP, ::LATTICE_STEP] = coarse
@@ -93,18 +97,25 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
     return values
 
 
-def _interpolated(coarse: Array, known: Mask, at: Callable[[Index, Index], Array]) -> tuple[Index, Index, Array]:
+def _interpolated(
+    coarse: Array, known: Mask, at: Callable[[Index, Index], Array]
+) -> tuple[Index, Index, Array]:
     """Return rows and columns (c,) of smooth cells, from the mask of known coarse values (k, k, m),
     and interpolated values (c, STEP, STEP, m) of their nodes."""
     filled = _filled(np.where(known[..., None], coarse, np.nan), TAPS, ALONG, TAPS - 2)
-    inside, smooth = (np.pad(_windows(np.logical_and, mask, TAPS), TAPS_BEFORE_CELL) for mask in (known, np.isfinite(filled[..., 0])))
+    inside, smooth = (
+        np.pad(_windows(np.logical_and, mask, TAPS), TAPS_BEFORE_CELL)
+        for mask in (known, np.isfinite(filled[..., 0]))
+    )
     row, column = np.nonzero(smooth & _windows(np.logical_and, known, 2))
     between = _between(filled, row, column)
     kept = _agree(row, column, between, inside, at)[row, column]
     return row[kept], column[kept], between[kept]
 
 
-def _agree(row: Index, column: Index, between: Array, inside: Mask, at: Callable[[Index, Index], Array]) -> Mask:
+def _agree(
+    row: Index, column: Index, between: Array, inside: Mask, at: Callable[[Index, Index], Array]
+) -> Mask:
     """Check interpolated values in cells (k, k) at test points; return the cells that pass and have
     no failing neighbour.
 
@@ -134,7 +145,9 @@ def weights_between(at: Array, first: Index) -> Array:
     weights = np.zeros((len(at), int(first[-1]) + TAPS))
     for k in range(TAPS):
         others = [j for j in range(TAPS) if j != k]
-        weights[np.arange(len(at)), first + k] = np.prod([(at - first - j) / (k - j) for j in others], axis=0)
+        weights[np.arange(len(at)), first + k] = np.prod(
+            [(at - first - j) / (k - j) for j in others], axis=0
+        )
     return weights
 
 
@@ -144,15 +157,21 @@ def _between(exact: Array, row: Index, column: Index) -> Array:
     The matrix products are small enough for BLAS to run them in the calling thread; larger ones
     start threads that busy-wait for up to 0.1 s.
     """
-    along = weights_between(TAPS_BEFORE_CELL + np.arange(LATTICE_STEP) / LATTICE_STEP, np.zeros(LATTICE_STEP, np.intp))
+    along = weights_between(
+        TAPS_BEFORE_CELL + np.arange(LATTICE_STEP) / LATTICE_STEP, np.zeros(LATTICE_STEP, np.intp)
+    )
     weights = np.kron(along, along).T
     windows = np.lib.stride_tricks.sliding_window_view(exact, (TAPS, TAPS), axis=(0, 1))
     values = np.empty((len(row), exact.shape[2], LATTICE_STEP**2))
     for first in range(0, len(row), TOGETHER):
         part = slice(first, first + TOGETHER)
-        about = windows[row[part] - TAPS_BEFORE_CELL, column[part] - TAPS_BEFORE_CELL].reshape(-1, TAPS**2)
+        about = windows[row[part] - TAPS_BEFORE_CELL, column[part] - TAPS_BEFORE_CELL].reshape(
+            -1, TAPS**2
+        )
         np.matmul(about, weights, out=values[part].reshape(-1, LATTICE_STEP**2))
-    return values.reshape(len(row), exact.shape[2], LATTICE_STEP, LATTICE_STEP).transpose(0, 2, 3, 1)
+    return values.reshape(len(row), exact.shape[2], LATTICE_STEP, LATTICE_STEP).transpose(
+        0, 2, 3, 1
+    )
 
 
 def _nodes_of(cells: Mask) -> Mask:
@@ -191,15 +210,22 @@ def _filled(values: Array, terms: int, ways: list[tuple[int, int]], layers: int)
     return values
 
 
-def _next(values: Array, known: Mask, row: Index, column: Index, terms: int, ways: list[tuple[int, int]]) -> Array:
+def _next(
+    values: Array, known: Mask, row: Index, column: Index, terms: int, ways: list[tuple[int, int]]
+) -> Array:
     """Return values (k, m) of nodes: the known values, or the mean extrapolation along the given
     directions."""
     total, told = np.zeros((len(row), values.shape[2])), np.zeros((len(row), values.shape[2]))
-    ahead = [-comb(terms, k) * (-1) ** k for k in range(1, terms + 1)]  # finite differences of order ``terms`` vanish
+    ahead = [
+        -comb(terms, k) * (-1) ** k for k in range(1, terms + 1)
+    ]  # finite differences of order ``terms`` vanish
     around = np.pad(known, terms)
     for dx, dy in ways:
         line = [(row + k * dy, column + k * dx) for k in range(1, terms + 1)]
-        (inside,) = np.nonzero(around[line[0][0] + terms, line[0][1] + terms] & around[line[-1][0] + terms, line[-1][1] + terms])
+        (inside,) = np.nonzero(
+            around[line[0][0] + terms, line[0][1] + terms]
+            & around[line[-1][0] + terms, line[-1][1] + terms]
+        )
         guess = sum(a * values[y[inside], x[inside]] for a, (y, x) in zip(ahead, line, strict=True))
         is_told = np.isfinite(guess)
         total[inside] += np.where(is_told, guess, 0.0)
@@ -222,7 +248,10 @@ LIMITS = 1024
 BOUNDARY_ACCURACY = 2e-7  # accuracy of the field boundary in sin(Omega/2)
 FEW = 64  # azimuths of the initial boundary search
 CALL = 1024  # number of points whose evaluation takes as long as the overhead of a call
-NEAR = (BOUNDARY_ACCURACY / 2, 2.0**-12)  # half-widths of the bracket around the interpolated boundary
+NEAR = (
+    BOUNDARY_ACCURACY / 2,
+    2.0**-12,
+)  # half-widths of the bracket around the interpolated boundary
 FIELD_MARGIN = 1.02
 
 
@@ -265,12 +294,23 @@ def camera_tables(camera: AnyCamera) -> CameraTables:
     if symmetry is None:
         return _lattice_tables(camera)
     t = tables_of(symmetry, ENTRIES, ENTRIES)
-    layout = TableLayout(first=t.first, last=t.last, eye_mm=t.viewpoint, radii=len(t.radii), origins=len(t.origins), lattice=0, limits=0, starts=0)
+    layout = TableLayout(
+        first=t.first,
+        last=t.last,
+        eye_mm=t.viewpoint,
+        radii=len(t.radii),
+        origins=len(t.origins),
+        lattice=0,
+        limits=0,
+        starts=0,
+    )
     return CameraTables(layout, np.concatenate([t.radii, *t.origins.T]).astype(np.float32))
 
 
 @lru_cache(maxsize=64)
-def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camera: AnyCamera) -> CameraInfo:
+def camera_model(
+    id: str, name: str, title: str, options: tuple[str, ...], camera: AnyCamera
+) -> CameraInfo:
     """Return the description of a camera for the page, without its tables."""
     seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
@@ -300,7 +340,13 @@ def camera_model(id: str, name: str, title: str, options: tuple[str, ...], camer
 
 def kind_of(camera: AnyCamera) -> Kind:
     """Return the command-line option for a camera of this kind."""
-    return "ocam" if isinstance(camera, OCam) else "ball" if isinstance(camera, MirrorBall) else "sensor"
+    return (
+        "ocam"
+        if isinstance(camera, OCam)
+        else "ball"
+        if isinstance(camera, MirrorBall)
+        else "sensor"
+    )
 
 
 def title_of(camera: AnyCamera) -> str:
@@ -316,7 +362,13 @@ def title_of(camera: AnyCamera) -> str:
 
 def mount_message(mount: Mount) -> MountInfo:
     """Convert a mount to a message."""
-    return MountInfo(camera_looks=mount.camera_looks, forward_azimuth_deg=mount.forward_azimuth_deg, image_flipped=mount.image_flipped, pitch_deg=mount.pitch_deg, roll_deg=mount.roll_deg)
+    return MountInfo(
+        camera_looks=mount.camera_looks,
+        forward_azimuth_deg=mount.forward_azimuth_deg,
+        image_flipped=mount.image_flipped,
+        pitch_deg=mount.pitch_deg,
+        roll_deg=mount.roll_deg,
+    )
 
 
 # -- Cameras without rotational symmetry -----------------------------------------------------------
@@ -330,15 +382,28 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
     ask = _within(limits, 2 * end / (LATTICE - 1), ask)
     found = continued(lattice_of(ask, np.linspace(-end, end, LATTICE), _sides_of_tube(camera)))
     pixels, starts = np.nan_to_num(found[..., :2], nan=-1e6), np.nan_to_num(found[..., 2:])
-    layout = TableLayout(first=0.0, last=end, eye_mm=0.0, radii=0, origins=0, lattice=LATTICE, limits=LIMITS, starts=LATTICE if starts.size else 0)
-    return CameraTables(layout, np.concatenate([np.ravel(v) for v in (pixels, limits, starts)]).astype(np.float32))
+    layout = TableLayout(
+        first=0.0,
+        last=end,
+        eye_mm=0.0,
+        radii=0,
+        origins=0,
+        lattice=LATTICE,
+        limits=LIMITS,
+        starts=LATTICE if starts.size else 0,
+    )
+    return CameraTables(
+        layout, np.concatenate([np.ravel(v) for v in (pixels, limits, starts)]).astype(np.float32)
+    )
 
 
 def _within(limits: Array, margin: float, ask: Exact) -> Exact:
     """Wrap a function to skip points (n, 2) farther than a margin outside the field boundary."""
 
     def asked(places: Array) -> Array:
-        end = np.interp(np.arctan2(*places.T[::-1]) % (2 * np.pi), _azimuths(), np.append(limits, limits[0]))
+        end = np.interp(
+            np.arctan2(*places.T[::-1]) % (2 * np.pi), _azimuths(), np.append(limits, limits[0])
+        )
         near = np.hypot(*places.T) <= end + margin
         found = ask(places[near])
         values = np.full((len(places), found.shape[1]), np.nan)
@@ -373,7 +438,9 @@ def _traced_once(sensor: Sensor, axes: Array) -> Exact:
     def traced(places: Array) -> Array:
         values = np.full((len(places), 5), np.nan)
         inside, directions = _directions_of(places, axes.T)
-        image, start = train.image_and_start_of(RayEndpoints.of(rotate_vectors(directions, rotation), distant=True))
+        image, start = train.image_and_start_of(
+            RayEndpoints.of(rotate_vectors(directions, rotation), distant=True)
+        )
         pixels = sensor.image_plane.pixels(image)
         found = np.concatenate([pixels, rotate_vectors(start, rotation.T @ axes)], axis=1)
         found[~inside_image(pixels, sensor.image_size)] = np.nan
@@ -442,14 +509,18 @@ def _narrowed(project: Exact, phi: Array, low: Array, width: float) -> Array:
     while width > BOUNDARY_ACCURACY and len(phi):
         width /= parts
         tried = low + width * np.arange(1, parts)[:, None]
-        seen = _seen(project, np.broadcast_to(phi, tried.shape).ravel(), tried.ravel()).reshape(tried.shape)
+        seen = _seen(project, np.broadcast_to(phi, tried.shape).ravel(), tried.ravel()).reshape(
+            tried.shape
+        )
         low = low + width * np.where(seen.all(axis=0), parts - 1, seen.argmin(axis=0))
     return low
 
 
 def _seen(project: Exact, phi: Array, sine: Array) -> NDArray[np.bool_]:
     """Check if directions at azimuths (n,) and sin(Omega/2) (n,) are in the field."""
-    return np.asarray(np.isfinite(project(sine[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1))[:, 0]))
+    return np.asarray(
+        np.isfinite(project(sine[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1))[:, 0])
+    )
 
 
 def _azimuths() -> Array:

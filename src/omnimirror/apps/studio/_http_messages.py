@@ -43,7 +43,9 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
     (ApiError(path=(), sentence='no'), b'abcd')
     """
     if len(data) < 4:
-        raise InvalidMessage("the body must be the length of a JSON message, the message and a file")
+        raise InvalidMessage(
+            "the body must be the length of a JSON message, the message and a file"
+        )
     (length,) = struct.unpack_from("<I", data)
     return parse_message(data[4 : 4 + length], kind), data[4 + length :]
 
@@ -52,8 +54,18 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
 
 BYTES: dict[str, Any] = {"content": {"application/octet-stream": {}}}
 PNG: dict[str, Any] = {"content": {"image/png": {}}}
-FILE_BODY: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}}
+FILE_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
 FileName = Annotated[str, Query(max_length=200)]
 # Error responses are JSON for every content type.
-REFUSED: dict[str, Any] = {"model": Problem, "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}}
-REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys((400, 403, 404, 408, 413, 422, 503, 507), REFUSED)
+REFUSED: dict[str, Any] = {
+    "model": Problem,
+    "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}},
+}
+REFUSALS: dict[int | str, dict[str, Any]] = dict.fromkeys(
+    (400, 403, 404, 408, 413, 422, 503, 507), REFUSED
+)

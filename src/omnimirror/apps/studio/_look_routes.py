@@ -24,8 +24,28 @@ from ._camera_tables import camera_tables
 from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
 from ._look_cameras import Cameras, NamedCamera
 from ._server_state import Stream
-from ._uploads import browser_picture, collected, eight_bits, encoded, picture_in, png_of, safe_name, uploaded
-from .look_messages import CameraInfo, CameraRequest, DetectedOutline, EstimatedTilt, LevelRequest, PageStart, RestoreRequest, SensorEntry, SensorFileRequest, StreamState
+from ._uploads import (
+    browser_picture,
+    collected,
+    eight_bits,
+    encoded,
+    picture_in,
+    png_of,
+    safe_name,
+    uploaded,
+)
+from .look_messages import (
+    CameraInfo,
+    CameraRequest,
+    DetectedOutline,
+    EstimatedTilt,
+    LevelRequest,
+    PageStart,
+    RestoreRequest,
+    SensorEntry,
+    SensorFileRequest,
+    StreamState,
+)
 
 if TYPE_CHECKING:
     from ._server_state import Studio
@@ -58,14 +78,21 @@ def detect_outline(data: bytes, name: str) -> DetectedOutline:
     found = _rims.get(key)
     if found is None:
         rim = detect_mirror_outline(eight_bits(picture_in(data, name)))
-        found = DetectedOutline(centre_px=rim.centre_px, radius_px=rim.radius_px, confidence=rim.confidence, is_sure=rim.is_accepted)
+        found = DetectedOutline(
+            centre_px=rim.centre_px,
+            radius_px=rim.radius_px,
+            confidence=rim.confidence,
+            is_sure=rim.is_accepted,
+        )
         if len(_rims) >= MAX_CACHED_OUTLINES:
             _rims.clear()
         _rims[key] = found
     return found
 
 
-def estimate_tilt(camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes) -> EstimatedTilt | None:
+def estimate_tilt(
+    camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes
+) -> EstimatedTilt | None:
     """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
     from ...calibration.levelling import level_from_image
 
@@ -73,10 +100,18 @@ def estimate_tilt(camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes) -
     level = level_from_image(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
     if level is None:
         return None
-    return EstimatedTilt(pitch_deg=level.pitch_deg, roll_deg=level.roll_deg, sigma_deg=level.sigma_deg, upright=level.upright, is_sure=level.is_reliable)
+    return EstimatedTilt(
+        pitch_deg=level.pitch_deg,
+        roll_deg=level.roll_deg,
+        sigma_deg=level.sigma_deg,
+        upright=level.upright,
+        is_sure=level.is_reliable,
+    )
 
 
-def restore_image(sensor: Sensor, ask: RestoreRequest, data: bytes, stored_orientation: bool = False) -> tuple[bytes, str]:
+def restore_image(
+    sensor: Sensor, ask: RestoreRequest, data: bytes, stored_orientation: bool = False
+) -> tuple[bytes, str]:
     """Restore an uploaded image, and report the removed blur and the effect of EXIF data.
 
     Raises
@@ -107,7 +142,9 @@ def render_room(known: NamedCamera) -> bytes:
 
     width, height = known.camera.image_size
     if width * height > MAX_PIXELS:
-        raise OmnimirrorError(f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million pixels; got {width} x {height} px; omnimirror simulate supports larger images")
+        raise OmnimirrorError(
+            f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million pixels; got {width} x {height} px; omnimirror simulate supports larger images"
+        )
     return encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
 
@@ -131,7 +168,13 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
     def start() -> PageStart:
         """Return the available sources and cameras."""
         first = next(iter(studio.sources.given), None)
-        return PageStart(version=__version__, sources=tuple(shown.message for shown in studio.sources.list()), sensors=tuple(studio.cameras.entries()), source=first.id if first else None, sensor=studio.given.id if studio.given else None)
+        return PageStart(
+            version=__version__,
+            sources=tuple(shown.message for shown in studio.sources.list()),
+            sensors=tuple(studio.cameras.entries()),
+            source=first.id if first else None,
+            sensor=studio.given.id if studio.given else None,
+        )
 
 
 def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
@@ -148,12 +191,17 @@ def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
         known = _known(cameras, id)
         flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
         stands = known.standing(Mount(image_flipped=flipped))
-        return Response(camera_tables(stands).values.astype("<f4").tobytes(), media_type="application/octet-stream")
+        return Response(
+            camera_tables(stands).values.astype("<f4").tobytes(),
+            media_type="application/octet-stream",
+        )
 
 
 def _add_files(app: FastAPI, cameras: Cameras) -> None:
     @app.post("/api/sensors", openapi_extra=FILE_BODY, status_code=201)
-    async def load_sensor(request: Request, name: FileName = "sensor.toml", optics: str = "mirror") -> SensorEntry:
+    async def load_sensor(
+        request: Request, name: FileName = "sensor.toml", optics: str = "mirror"
+    ) -> SensorEntry:
         """Read a calibration file: a sensor file, a camera file, or OCamCalib text."""
         data = await collected(request)
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
@@ -184,13 +232,24 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         if shown.kind != "picture":
             raise HTTPException(404, f"{shown.name} must be an image; got a {shown.kind} source")
         path = Path(shown.place)
-        return _png(await studio.unpacked.run(path, lambda: read_as_png(path, studio.stored_orientation, studio.on_note)))
+        return _png(
+            await studio.unpacked.run(
+                path, lambda: read_as_png(path, studio.stored_orientation, studio.on_note)
+            )
+        )
 
-    @app.post("/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    @app.post(
+        "/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
+    )
     async def convert(request: Request, name: FileName = "picture") -> Response:
         """Convert an image that browsers cannot read to 8-bit PNG."""
         data = await collected(request)
-        return _png(await studio.unpacked.run(request, lambda: browser_picture(data, safe_name(name), stored_orientation=is_stored)))
+        return _png(
+            await studio.unpacked.run(
+                request,
+                lambda: browser_picture(data, safe_name(name), stored_orientation=is_stored),
+            )
+        )
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
     async def rim(request: Request, name: FileName = "picture") -> DetectedOutline:
@@ -206,13 +265,17 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         camera = studio.cameras.with_circle(ask)
         return await studio.unpacked.run(request, lambda: estimate_tilt(camera, ask, picture))
 
-    @app.post("/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG})
+    @app.post(
+        "/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
+    )
     async def restore(request: Request) -> Response:
         """Restore an image; the request header precedes the image."""
         ask, picture = unframed(await collected(request), RestoreRequest)
         _known(studio.cameras, ask.id)
         sensor = studio.cameras.fitted(ask)
-        data, words = await studio.simulated.run(request, lambda: restore_image(sensor, ask, picture, is_stored))
+        data, words = await studio.simulated.run(
+            request, lambda: restore_image(sensor, ask, picture, is_stored)
+        )
         return Response(data, media_type="image/png", headers={NOTE: words})
 
 
@@ -236,7 +299,10 @@ def _known(cameras: Cameras, id: str) -> NamedCamera:
     try:
         return cameras.find(id)
     except KeyError:
-        raise HTTPException(404, f"unknown camera {id!r}; if it was uploaded before a restart of the server, load it again") from None
+        raise HTTPException(
+            404,
+            f"unknown camera {id!r}; if it was uploaded before a restart of the server, load it again",
+        ) from None
 
 
 def _png(data: bytes) -> Response:

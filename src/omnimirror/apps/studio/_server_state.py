@@ -62,10 +62,14 @@ class Sources:
         Invalid address of a live camera or stream.
     """
 
-    def __init__(self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()) -> None:
+    def __init__(
+        self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()
+    ) -> None:
         places = list(dict.fromkeys(given))
         ids = ["source", *(f"source-{number}" for number in range(2, len(places) + 1))]
-        self.given = [_listed(id, place, place in live) for id, place in zip(ids, places, strict=False)]
+        self.given = [
+            _listed(id, place, place in live) for id, place in zip(ids, places, strict=False)
+        ]
         self._folders = [folder.resolve() for folder in folders]
 
     def list(self) -> list[ListedSource]:
@@ -73,7 +77,9 @@ class Sources:
         found = list(self.given)
         for number, folder in enumerate(self._folders):
             for path in sorted(folder.iterdir()):
-                inside = path.resolve().is_relative_to(folder)  # symbolic links can point outside the folder
+                inside = path.resolve().is_relative_to(
+                    folder
+                )  # symbolic links can point outside the folder
                 if inside and path.is_file() and kind_of_file(path) and len(found) < MAX_LISTED:
                     shown = _listed(f"{number}/{path.name}", str(path), False)
                     found.append(shown)
@@ -126,7 +132,13 @@ LINGER_S = 2.0  # a reloaded page finds its stream still running
 class Stream:
     """Source that is read in a thread while pages watch it."""
 
-    def __init__(self, shown: ListedSource, loop: asyncio.AbstractEventLoop, stored_orientation: bool, on_note: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        shown: ListedSource,
+        loop: asyncio.AbstractEventLoop,
+        stored_orientation: bool,
+        on_note: Callable[[str], None],
+    ) -> None:
         self.shown = shown
         self._on_note = on_note
         self.viewers = 0
@@ -140,11 +152,19 @@ class Stream:
 
         # A source that has played before is reopened after a failure; one that never opened is
         # reported as an error, and a reload tries again.
-        self._playing = Playback(shown.place, shown.kind == "live", self._report, OPENING_S, stored_orientation=stored_orientation)
+        self._playing = Playback(
+            shown.place,
+            shown.kind == "live",
+            self._report,
+            OPENING_S,
+            stored_orientation=stored_orientation,
+        )
         self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
         self._thread.start()
 
-    async def after(self, count: int, state: StreamState | None) -> tuple[int, bytes | None, StreamState]:
+    async def after(
+        self, count: int, state: StreamState | None
+    ) -> tuple[int, bytes | None, StreamState]:
         """Wait for a frame newer than ``count`` or a change of state; return both."""
         while self.count == count and self.state == state:
             await self._news.wait()
@@ -166,7 +186,11 @@ class Stream:
                     has_reported = True
                     for note in self._playing.notes:
                         self._on_note(note)
-                self._tell(encoded(image_of_frame(frame), ".jpg"), "playing", f"{self.shown.name} is playing")
+                self._tell(
+                    encoded(image_of_frame(frame), ".jpg"),
+                    "playing",
+                    f"{self.shown.name} is playing",
+                )
             self._tell(None, "ended", f"{self.shown.name} has ended")
         except OmnimirrorError as e:
             self._tell(None, "ended", str(e))
@@ -176,7 +200,9 @@ class Stream:
 
     def _tell(self, jpeg: bytes | None, state: State, sentence: str) -> None:
         if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._publish, jpeg, StreamState(state=state, sentence=sentence))
+            self._loop.call_soon_threadsafe(
+                self._publish, jpeg, StreamState(state=state, sentence=sentence)
+            )
 
     def _publish(self, jpeg: bytes | None, state: StreamState) -> None:
         if jpeg is not None:
@@ -197,7 +223,11 @@ class Streams:
         Called in the reader thread with a sentence on an opened source.
     """
 
-    def __init__(self, stored_orientation: bool = False, on_note: Callable[[str], None] = lambda sentence: None) -> None:
+    def __init__(
+        self,
+        stored_orientation: bool = False,
+        on_note: Callable[[str], None] = lambda sentence: None,
+    ) -> None:
         self._options = stored_orientation, on_note
         self._running: dict[str, Stream] = {}
 
@@ -206,7 +236,9 @@ class Streams:
         """Return a stream shared by all pages that watch the source."""
         stream = self._running.get(shown.id)
         if stream is None or stream.state.state == "ended":
-            stream = self._running[shown.id] = Stream(shown, asyncio.get_running_loop(), *self._options)
+            stream = self._running[shown.id] = Stream(
+                shown, asyncio.get_running_loop(), *self._options
+            )
         stream.viewers += 1
         try:
             yield stream

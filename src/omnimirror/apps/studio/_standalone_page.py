@@ -12,7 +12,14 @@ from ... import __version__
 from ...base.errors import InvalidParameter
 from ...cameras.frames import CameraLooks, Mount
 from ...optics.batch.best_focus import FOCUS_SEARCH
-from ...optics.mirrors import ConicAsphere, Ellipsoid, EvenPolynomial, Hyperboloid, Paraboloid, Sphere
+from ...optics.mirrors import (
+    ConicAsphere,
+    Ellipsoid,
+    EvenPolynomial,
+    Hyperboloid,
+    Paraboloid,
+    Sphere,
+)
 from ...optics.sensor_files import load_sensor
 from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
@@ -28,9 +35,14 @@ from .pages import base64_of, inside, page_with_messages, script_text
 
 KERNEL = Path(__file__).with_name("kernel.wasm")
 """Compiled design evaluator, built by native/wasm/build.sh."""
-MIRRORS = {cls.KIND for cls in (Sphere, Ellipsoid, Hyperboloid, Paraboloid, ConicAsphere, EvenPolynomial)}
+MIRRORS = {
+    cls.KIND for cls in (Sphere, Ellipsoid, Hyperboloid, Paraboloid, ConicAsphere, EvenPolynomial)
+}
 """Kinds of mirrors with an analytic profile; all others require a solver."""
-LENSES = {"perspective": ("focal_length_mm", "f_number", "focus_distance_mm"), "orthographic": ("magnification", "working_f_number", "focus_distance_mm")}
+LENSES = {
+    "perspective": ("focal_length_mm", "f_number", "focus_distance_mm"),
+    "orthographic": ("magnification", "working_f_number", "focus_distance_mm"),
+}
 """Ideal lenses and their parameters."""
 
 
@@ -44,10 +56,23 @@ def bench_alone() -> StandaloneBench:
     ['perspective', 'orthographic']
     """
     start = bench_start()
-    known = {name: sensor for name in start.sensors if is_known(sensor := on_bench(load_sensor(name)))}
-    parts = {"mirrors": tuple(part for part in start.mirrors if part.kind in MIRRORS), "lenses": tuple(_bare_lens(part) for part in start.lenses if part.kind in LENSES), "secondaries": (), "sensors": tuple(known)}
+    known = {
+        name: sensor for name in start.sensors if is_known(sensor := on_bench(load_sensor(name)))
+    }
+    parts = {
+        "mirrors": tuple(part for part in start.mirrors if part.kind in MIRRORS),
+        "lenses": tuple(_bare_lens(part) for part in start.lenses if part.kind in LENSES),
+        "secondaries": (),
+        "sensors": tuple(known),
+    }
     only = start.model_copy(update=parts)
-    return StandaloneBench(start=only, sensors=tuple(known.values()), search=tuple(map(float, FOCUS_SEARCH)), kernel=b64encode(KERNEL.read_bytes()).decode(), script=script_text("bench.js"))
+    return StandaloneBench(
+        start=only,
+        sensors=tuple(known.values()),
+        search=tuple(map(float, FOCUS_SEARCH)),
+        kernel=b64encode(KERNEL.read_bytes()).decode(),
+        script=script_text("bench.js"),
+    )
 
 
 def is_known(sensor: BenchSensor) -> bool:
@@ -56,11 +81,17 @@ def is_known(sensor: BenchSensor) -> bool:
     mirror, lens = tables["mirror"]["kind"], tables["lens"]
     is_bare = not ({"secondary", "mirror_pose", "housing"} & set(tables))
     own = LENSES.get(lens["kind"], ())
-    return mirror in MIRRORS and is_bare and all(name in ("kind", *own) or not value for name, value in lens.items())
+    return (
+        mirror in MIRRORS
+        and is_bare
+        and all(name in ("kind", *own) or not value for name, value in lens.items())
+    )
 
 
 def _bare_lens(lens: PartInfo) -> PartInfo:
-    return lens.model_copy(update={"parameters": tuple(p for p in lens.parameters if p.name in LENSES[lens.kind])})
+    return lens.model_copy(
+        update={"parameters": tuple(p for p in lens.parameters if p.name in LENSES[lens.kind])}
+    )
 
 
 # -- Page without a server -------------------------------------------------------------------------
@@ -70,7 +101,9 @@ BALLS = ("ball:260", "ball:160")
 JPEG_QUALITY = 85
 
 
-def standalone_page(sensors: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None) -> str:
+def standalone_page(
+    sensors: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None
+) -> str:
     """Return a self-contained page that dewarps images dropped on it.
 
     The page contains the bundled sensors and mirror balls with a rendered image of a room for each
@@ -107,7 +140,9 @@ def standalone_page(sensors: Sequence[str] | None = None, progress: Callable[[in
         cameras.append(_standalone_camera(each))
         if progress is not None:
             progress(number + 1, len(known))
-    return page_with_messages(alone=StandalonePage(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone())
+    return page_with_messages(
+        alone=StandalonePage(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone()
+    )
 
 
 def _symmetric_cameras(sensors: Sequence[str] | None) -> list[NamedCamera]:
@@ -117,12 +152,25 @@ def _symmetric_cameras(sensors: Sequence[str] | None) -> list[NamedCamera]:
     try:
         known = [cameras.find(name) for name in (everything if sensors is None else sensors)]
     except KeyError as e:
-        raise InvalidParameter(f"sensors must contain names from {', '.join(everything)}; got {e.args[0]!r}") from None
+        raise InvalidParameter(
+            f"sensors must contain names from {', '.join(everything)}; got {e.args[0]!r}"
+        ) from None
     return [each for each in known if each.camera.symmetry is not None]
 
 
 def _standalone_camera(known: NamedCamera) -> StandaloneCamera:
     ways = product(get_args(CameraLooks), (False, True))
     is_ball = known.entry.kind == "ball"
-    room = b"" if is_ball else encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY)
-    return StandaloneCamera(entry=known.entry, standing=tuple(known.model(Mount(looks, image_flipped=flipped)) for looks, flipped in ways), tables=base64_of(camera_tables(known.camera).values.astype("<f4").tobytes()), room=inside(room, "image/jpeg") if room else "")
+    room = (
+        b""
+        if is_ball
+        else encoded(
+            render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY
+        )
+    )
+    return StandaloneCamera(
+        entry=known.entry,
+        standing=tuple(known.model(Mount(looks, image_flipped=flipped)) for looks, flipped in ways),
+        tables=base64_of(camera_tables(known.camera).values.astype("<f4").tobytes()),
+        room=inside(room, "image/jpeg") if room else "",
+    )

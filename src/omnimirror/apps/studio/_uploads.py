@@ -27,7 +27,15 @@ MAX_DECODED_BYTES = 256 << 20
 STRIP = 256
 """Rows per conversion step."""
 BITS_PER_SAMPLE = 258  # TIFF tag
-KINDS = {"PNG": ".png", "JPEG": ".jpg", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp", "GIF": ".gif", "PPM": ".pnm"}
+KINDS = {
+    "PNG": ".png",
+    "JPEG": ".jpg",
+    "TIFF": ".tif",
+    "WEBP": ".webp",
+    "BMP": ".bmp",
+    "GIF": ".gif",
+    "PPM": ".pnm",
+}
 
 
 async def collected(request: Request) -> bytes:
@@ -72,7 +80,9 @@ def picture_in(data: bytes, name: str, *, stored_orientation: bool = False) -> N
     return uploaded(data, name, stored_orientation=stored_orientation)[0]
 
 
-def uploaded(data: bytes, name: str, *, stored_orientation: bool = False) -> tuple[NDArray[Any], ImageMetadata]:
+def uploaded(
+    data: bytes, name: str, *, stored_orientation: bool = False
+) -> tuple[NDArray[Any], ImageMetadata]:
     """Decode an uploaded image of any format, with its metadata; ``stored_orientation`` as for
     :func:`omnimirror.read_image`.
 
@@ -95,14 +105,22 @@ def uploaded(data: bytes, name: str, *, stored_orientation: bool = False) -> tup
 
 def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
     """Encode a grey, RGB or RGBA image as a file."""
-    parameters = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 2]
+    parameters = (
+        [cv2.IMWRITE_JPEG_QUALITY, quality]
+        if suffix == ".jpg"
+        else [cv2.IMWRITE_PNG_COMPRESSION, 2]
+    )
     return images.encoded(image, suffix, parameters)
 
 
 def png_of(image: NDArray[np.generic], carried: ImageMetadata) -> bytes:
     """Encode an image as 8-bit PNG with its EXIF data, which restoration requires."""
     data = encoded(eight_bits(image), ".png")
-    return data if carried.exif is None else embed_metadata(".png", data, ImageMetadata(exif=carried.exif))
+    return (
+        data
+        if carried.exif is None
+        else embed_metadata(".png", data, ImageMetadata(exif=carried.exif))
+    )
 
 
 def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
@@ -123,23 +141,31 @@ def _checked_kind(data: bytes, name: str) -> str:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of large or damaged images; both are rejected below
+            warnings.simplefilter(
+                "ignore"
+            )  # Pillow warns of large or damaged images; both are rejected below
             with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
                 kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
         is_huge = unpacked > MAX_DECODED_BYTES
     except Image.DecompressionBombError:
         is_huge = True
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
-        raise MediaError(f"{name} must be an image in a supported format ({', '.join(KINDS)})") from None
+        raise MediaError(
+            f"{name} must be an image in a supported format ({', '.join(KINDS)})"
+        ) from None
     if is_huge:
-        raise MediaError(f"the decoded pixels of {name} must take at most {MAX_DECODED_BYTES >> 20} MB")
+        raise MediaError(
+            f"the decoded pixels of {name} must take at most {MAX_DECODED_BYTES >> 20} MB"
+        )
     return KINDS[kind]
 
 
 def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
     """Return the decoded size of an image in bytes, from its header."""
     width, height = picture.size
-    channels = 4 if picture.mode in ("P", "PA") else len(picture.getbands())  # palettes are expanded to colours
+    channels = (
+        4 if picture.mode in ("P", "PA") else len(picture.getbands())
+    )  # palettes are expanded to colours
     depth = 8
     if picture.format == "PNG":
         depth = data[24]

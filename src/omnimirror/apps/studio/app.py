@@ -16,7 +16,12 @@ from starlette.types import ASGIApp
 from ... import __version__
 from ...base.errors import OmnimirrorError
 from ...interop.http_server.auth import AccessGuard, content_security_policy, is_loopback
-from ...interop.http_server.limits import MAX_DETECTIONS_BYTES, MAX_IMAGE_BYTES, RequestLimits, ServerBusy
+from ...interop.http_server.limits import (
+    MAX_DETECTIONS_BYTES,
+    MAX_IMAGE_BYTES,
+    RequestLimits,
+    ServerBusy,
+)
 from ...interop.http_server.request_bodies import reject_invalid_bodies
 from ...interop.http_server.server import listen, run_server, server_addresses
 from ._bench_routes import add_bench
@@ -29,14 +34,23 @@ from .pages import SCRIPTS, PageFile, page_text, script_text
 
 # -- ASGI application ------------------------------------------------------------------------------
 
-PICTURES = ("/api/pictures", "/api/rim", "/api/restore", "/api/level", "/api/calibrate/look", "/api/calibrate/straight")
+PICTURES = (
+    "/api/pictures",
+    "/api/rim",
+    "/api/restore",
+    "/api/level",
+    "/api/calibrate/look",
+    "/api/calibrate/straight",
+)
 """Routes that accept uploaded images."""
 
 
 def create_app(studio: Studio | None = None) -> ASGIApp:
     """Return the guarded ASGI application; :func:`api` builds the routes behind the guard."""
     studio = studio or Studio()
-    larger = dict.fromkeys(PICTURES, MAX_IMAGE_BYTES) | {"/api/calibrate/together": MAX_DETECTIONS_BYTES}
+    larger = dict.fromkeys(PICTURES, MAX_IMAGE_BYTES) | {
+        "/api/calibrate/together": MAX_DETECTIONS_BYTES
+    }
     limited = RequestLimits(api(studio), larger)
     return AccessGuard(limited, studio.hosts, studio.token, content_security_policy(page_text()))
 
@@ -50,7 +64,14 @@ def api(studio: Studio) -> FastAPI:
         studio.streams.close()
         studio.board_detectors.close()
 
-    app = FastAPI(title="omnimirror studio", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
+    app = FastAPI(
+        title="omnimirror studio",
+        version=__version__,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        responses=REFUSALS,
+    )
 
     reject_invalid_bodies(app)
 
@@ -79,12 +100,16 @@ def api(studio: Studio) -> FastAPI:
 
 
 def _problem(status: int, sentence: str) -> Response:
-    return Response(Problem(detail=sentence).model_dump_json(), status, media_type="application/json")
+    return Response(
+        Problem(detail=sentence).model_dump_json(), status, media_type="application/json"
+    )
 
 
 def _add_page(app: FastAPI, stored_orientation: bool) -> None:
     text = page_text()
-    if stored_orientation:  # the page then converts images on the server, since browsers rotate them
+    if (
+        stored_orientation
+    ):  # the page then converts images on the server, since browsers rotate them
         text = text.replace("<html", "<html data-stored-orientation", 1)
     page_file = PageFile(text, "text/html")
 
@@ -112,7 +137,9 @@ def _add_script(app: FastAPI, name: str) -> None:
 # -- Server ----------------------------------------------------------------------------------------
 
 
-def serve(studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]) -> None:
+def serve(
+    studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]
+) -> None:
     """Serve the studio, print its address, and open it.
 
     Parameters

@@ -53,10 +53,18 @@ class TableLayout(Message):
     last: float = Field(description="sin(Omega/2) of the last radius, or of the lattice boundary")
     eye_mm: float = Field(description="approximate viewpoint for near objects along the axis")
     radii: int = Field(description="number of image radii, px, at equidistant sin(Omega/2)")
-    origins: int = Field(description="number of ray origins, mm: distances from the axis, then positions along it")
-    lattice: int = Field(description="side length of the lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth")
-    limits: int = Field(description="number of boundary values sin(Omega/2) at equidistant azimuths")
-    starts: int = Field(description="side length of the lattice of ray origins over the same disk: mm along axis, right, down")
+    origins: int = Field(
+        description="number of ray origins, mm: distances from the axis, then positions along it"
+    )
+    lattice: int = Field(
+        description="side length of the lattice of pixels (u, v) over sin(Omega/2) (cos, sin) of the azimuth"
+    )
+    limits: int = Field(
+        description="number of boundary values sin(Omega/2) at equidistant azimuths"
+    )
+    starts: int = Field(
+        description="side length of the lattice of ray origins over the same disk: mm along axis, right, down"
+    )
 
 
 class CameraInfo(Message):
@@ -71,7 +79,9 @@ class CameraInfo(Message):
     mount_in_file: MountInfo
     image_size: Size
     centre_px: Pixel = Field(description="image of the axis")
-    rim_radius_px: float = Field(description="image radius of the field boundary, or its mean if it is not circular")
+    rim_radius_px: float = Field(
+        description="image radius of the field boundary, or its mean if it is not circular"
+    )
     axis: Vector
     right: Vector
     down: Vector
@@ -133,7 +143,9 @@ class Source(Message):
     id: str
     name: str
     kind: Literal["picture", "video", "live"]
-    command: str = Field(description="path for the command line, relative to the working directory of the server")
+    command: str = Field(
+        description="path for the command line, relative to the working directory of the server"
+    )
 
 
 class PageStart(Message):
@@ -158,7 +170,9 @@ class EmbeddedImage(Message):
 
     camera: CameraInfo
     tables: str = Field(description="float32 values, little-endian, in base64")
-    media: str = Field(description="URL of the image or video: a data URL, or a file next to the page")
+    media: str = Field(
+        description="URL of the image or video: a data URL, or a file next to the page"
+    )
     is_video: bool
     name: str
 
@@ -167,7 +181,9 @@ class StandaloneCamera(Message):
     """Camera of a page without a server, for any mount."""
 
     entry: SensorEntry
-    standing: tuple[CameraInfo, ...] = Field(description="models without tilt, with the image top forward: each orientation, flipped and not flipped")
+    standing: tuple[CameraInfo, ...] = Field(
+        description="models without tilt, with the image top forward: each orientation, flipped and not flipped"
+    )
     tables: str = Field(description="float32 values, little-endian, in base64")
     room: str = Field(description="rendered image of a room as a data URL; empty if there is none")
 

@@ -85,7 +85,9 @@ class PageFile:
             return Response(status_code=304, headers=headers)
         if not _accepts_gzip(request.headers.get("accept-encoding", "")):
             return Response(self.data, media_type=self.kind, headers=headers)
-        return Response(self.compressed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"})
+        return Response(
+            self.compressed, media_type=self.kind, headers={**headers, "content-encoding": "gzip"}
+        )
 
 
 def _accepts_gzip(accepted: str) -> bool:
@@ -113,7 +115,13 @@ MAX_EMBEDDED_BYTES = 64 << 20
 """Maximum size of an embedded video, bytes; a larger video remains a separate file."""
 
 
-def image_viewer(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path | None, image: NDArray[np.generic]) -> str:
+def image_viewer(
+    camera: AnyCamera,
+    name: str,
+    options: tuple[str, ...],
+    path: Path | None,
+    image: NDArray[np.generic],
+) -> str:
     """Return a page with one image and its camera.
 
     Parameters
@@ -137,14 +145,29 @@ def image_viewer(camera: AnyCamera, name: str, options: tuple[str, ...], path: P
     """
     _check_size(camera, (image.shape[1], image.shape[0]), "image")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
-    if path is not None and kind is not None and image.dtype == np.uint8 and orientation_of(path) == UPRIGHT:
+    if (
+        path is not None
+        and kind is not None
+        and image.dtype == np.uint8
+        and orientation_of(path) == UPRIGHT
+    ):
         media = inside(read_bytes(path, MAX_FILE_BYTES), kind)
     else:
         media = inside(encoded(eight_bits(image), ".png"), "image/png")
-    return _page_with(camera, name, options, media, path.name if path else "picture.png", is_video=False)
+    return _page_with(
+        camera, name, options, media, path.name if path else "picture.png", is_video=False
+    )
 
 
-def video_viewer(camera: AnyCamera, name: str, options: tuple[str, ...], path: Path, page: Path, *, stored_orientation: bool = False) -> str:
+def video_viewer(
+    camera: AnyCamera,
+    name: str,
+    options: tuple[str, ...],
+    path: Path,
+    page: Path,
+    *,
+    stored_orientation: bool = False,
+) -> str:
     """Return a page that plays a video in a loop.
 
     Videos up to 64 MB are embedded. A larger video remains a separate file: a page on a web server
@@ -174,12 +197,18 @@ def video_viewer(camera: AnyCamera, name: str, options: tuple[str, ...], path: P
 
     kind = VIDEO_KINDS.get(path.suffix.lower())
     if kind is None:
-        raise MediaError(f"{path} must be a video format that browsers support ({', '.join(VIDEO_KINDS)})")
+        raise MediaError(
+            f"{path} must be a video format that browsers support ({', '.join(VIDEO_KINDS)})"
+        )
     video = VideoReader(path, with_audio=False, stored_orientation=stored_orientation)
     if video.codec not in CODECS:
-        raise MediaError(f"the video codec of {path} must be one of {', '.join(CODECS)}; got {video.codec}")
+        raise MediaError(
+            f"the video codec of {path} must be one of {', '.join(CODECS)}; got {video.codec}"
+        )
     if video.rotation_deg:
-        raise MediaError(f"{path} must have a rotation by a multiple of 90 deg, and none with --stored-orientation, since browsers apply it; got {video.rotation_deg} deg")
+        raise MediaError(
+            f"{path} must have a rotation by a multiple of 90 deg, and none with --stored-orientation, since browsers apply it; got {video.rotation_deg} deg"
+        )
     _check_size(camera, video.size, "video")
     is_small = path.stat().st_size <= MAX_EMBEDDED_BYTES
     media = inside(read_bytes(path, MAX_EMBEDDED_BYTES), kind) if is_small else _beside(path, page)
@@ -189,7 +218,9 @@ def video_viewer(camera: AnyCamera, name: str, options: tuple[str, ...], path: P
 def _check_size(camera: AnyCamera, size: tuple[int, int], what: str) -> None:
     if size != camera.image_size:
         width, height = camera.image_size
-        raise InvalidParameter(f"the {what} must have {width} x {height} px, the image size of the camera; got {size[0]} x {size[1]} px")
+        raise InvalidParameter(
+            f"the {what} must have {width} x {height} px, the image size of the camera; got {size[0]} x {size[1]} px"
+        )
 
 
 def _beside(path: Path, page: Path) -> str:
@@ -197,18 +228,31 @@ def _beside(path: Path, page: Path) -> str:
     try:
         relative = os.path.relpath(path.resolve(), page.resolve().parent)
     except ValueError:  # different drive
-        raise InvalidParameter(f"{path} and {page} must be on the same drive; move one of them") from None
+        raise InvalidParameter(
+            f"{path} and {page} must be on the same drive; move one of them"
+        ) from None
     return quote(Path(relative).as_posix())
 
 
-def _page_with(camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool) -> str:
-    content = EmbeddedImage(camera=camera_model(name, name, title_of(camera), options, camera), tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()), media=media, is_video=is_video, name=file)
+def _page_with(
+    camera: AnyCamera, name: str, options: tuple[str, ...], media: str, file: str, is_video: bool
+) -> str:
+    content = EmbeddedImage(
+        camera=camera_model(name, name, title_of(camera), options, camera),
+        tables=base64_of(camera_tables(camera).values.astype("<f4").tobytes()),
+        media=media,
+        is_video=is_video,
+        name=file,
+    )
     return page_with_messages(embedded=content)
 
 
 def page_with_messages(**messages: Message) -> str:
     """Return the page with embedded messages, identified by their names (with hyphens)."""
-    held = "".join(f'<script type="application/json" id="{name.replace("_", "-")}">{script_json(message.model_dump_json())}</script>' for name, message in messages.items())
+    held = "".join(
+        f'<script type="application/json" id="{name.replace("_", "-")}">{script_json(message.model_dump_json())}</script>'
+        for name, message in messages.items()
+    )
     return page_text().replace(PLACE, held)
 
 
@@ -263,7 +307,13 @@ class InteractiveView:
         write_text(path, self.page)
 
 
-def show(image: str | Path | NDArray[Any], camera: AnyCamera, *, height_px: int = 480, stored_orientation: bool = False) -> InteractiveView:
+def show(
+    image: str | Path | NDArray[Any],
+    camera: AnyCamera,
+    *,
+    height_px: int = 480,
+    stored_orientation: bool = False,
+) -> InteractiveView:
     """Display interactive views of an image in a notebook: pan, tilt and zoom, panoramas and other
     projections.
 
@@ -297,12 +347,22 @@ def show(image: str | Path | NDArray[Any], camera: AnyCamera, *, height_px: int 
     '<iframe srcdoc='
     """
     if not isinstance(camera, AnyCamera):
-        raise InvalidParameter(f"camera must be a sensor or a camera, for example from load_sensor; got {format_value(camera)}")
+        raise InvalidParameter(
+            f"camera must be a sensor or a camera, for example from load_sensor; got {format_value(camera)}"
+        )
     height = number("height_px", height_px)
     if not MIN_HEIGHT_PX <= height <= MAX_HEIGHT_PX:
-        raise InvalidParameter(f"height_px must be between {MIN_HEIGHT_PX} and {MAX_HEIGHT_PX}; got {height:g}")
+        raise InvalidParameter(
+            f"height_px must be between {MIN_HEIGHT_PX} and {MAX_HEIGHT_PX}; got {height:g}"
+        )
     path = Path(image) if isinstance(image, str | Path) else None
-    pixels = read_image(image, stored_orientation=stored_orientation) if isinstance(image, str | Path) else image
+    pixels = (
+        read_image(image, stored_orientation=stored_orientation)
+        if isinstance(image, str | Path)
+        else image
+    )
     check_picture(pixels)
     name = camera.name if isinstance(camera, Sensor) else camera.KIND
-    return InteractiveView(image_viewer(camera, name, ("--sensor", f"{name}.toml"), path, pixels), round(height))
+    return InteractiveView(
+        image_viewer(camera, name, ("--sensor", f"{name}.toml"), path, pixels), round(height)
+    )

@@ -14,7 +14,19 @@ from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
 from ..straight_edges import EdgeInformation, StraightEdges
-from ._residuals import SHAPE_NAMES, SHAPE_UNITS, UNSEEN_PX, BoardShape, Estimate, Linearised, Loss, eliminate_line_positions, linearise, slid, targets
+from ._residuals import (
+    SHAPE_NAMES,
+    SHAPE_UNITS,
+    UNSEEN_PX,
+    BoardShape,
+    Estimate,
+    Linearised,
+    Loss,
+    eliminate_line_positions,
+    linearise,
+    slid,
+    targets,
+)
 from .observations import Observation, Stack, moved, rms_px, stacked
 
 # -- Normal equations ------------------------------------------------------------------------------
@@ -42,7 +54,14 @@ class NormalEquations(NamedTuple):
     """Gradients of the poses (m, 6)."""
 
 
-def assembled(stack: Stack, residuals: Array, d_shared: Array, d_pose: Array, weights: Array, is_free_pose: NDArray[np.bool_]) -> NormalEquations:
+def assembled(
+    stack: Stack,
+    residuals: Array,
+    d_shared: Array,
+    d_pose: Array,
+    weights: Array,
+    is_free_pose: NDArray[np.bool_],
+) -> NormalEquations:
     """Assemble the normal equations.
 
     Inputs are residuals (n, 2), derivatives (n, 2, g) and (n, 2, 6), weights (n,), and a mask
@@ -52,7 +71,11 @@ def assembled(stack: Stack, residuals: Array, d_shared: Array, d_pose: Array, we
     weighted = (rows * weights[:, None, None]).reshape(2 * len(weights), -1)
     rows = rows.reshape(weighted.shape)
     count, g = len(stack.slices), d_shared.shape[2]
-    cross, blocks, gradients = (np.zeros((count, g, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6)))
+    cross, blocks, gradients = (
+        np.zeros((count, g, 6)),
+        np.zeros((count, 6, 6)),
+        np.zeros((count, 6)),
+    )
     square, gradient = np.zeros((g, g)), np.zeros(g)
     for i, part in enumerate(stack.slices):
         part_rows = slice(2 * part.start, 2 * part.stop)
@@ -60,7 +83,11 @@ def assembled(stack: Stack, residuals: Array, d_shared: Array, d_pose: Array, we
         square += product[:g, :g]
         gradient += product[:g, -1]
         if is_free_pose[i]:
-            cross[i], blocks[i], gradients[i] = (product[:g, g:-1], product[g:-1, g:-1], product[g:-1, -1])
+            cross[i], blocks[i], gradients[i] = (
+                product[:g, g:-1],
+                product[g:-1, g:-1],
+                product[g:-1, -1],
+            )
         else:
             blocks[i] = np.eye(6)
     return NormalEquations(square, cross, blocks, gradient, gradients)
@@ -81,7 +108,9 @@ def _product(one: Array, other: Array) -> Array:
 
 def with_priors(blocks: NormalEquations, information: Array, pull: Array) -> NormalEquations:
     """Add priors on shared parameters: information (g, g), and information times deviations (g,)."""
-    return blocks._replace(shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull)
+    return blocks._replace(
+        shared=blocks.shared + information, shared_gradient=blocks.shared_gradient + pull
+    )
 
 
 def solved(blocks: NormalEquations, damping: float, floor: Array) -> tuple[Array, Array]:
@@ -109,7 +138,9 @@ def reduced_system(blocks: NormalEquations) -> tuple[Array, Array]:
     """Return the reduced system for free poses: Schur complement (g, g) and gradient (g,)."""
     inverse_cross, inverse_gradient = _eliminate_poses(_damped(blocks.poses, 1e-12), blocks)
     reduced: Array = blocks.shared - np.einsum("mgk,mkh->gh", blocks.cross, inverse_cross)
-    gradient: Array = blocks.shared_gradient - np.einsum("mgk,mk->g", blocks.cross, inverse_gradient)
+    gradient: Array = blocks.shared_gradient - np.einsum(
+        "mgk,mk->g", blocks.cross, inverse_gradient
+    )
     return (reduced + reduced.T) / 2, gradient
 
 
@@ -128,7 +159,9 @@ def _damped(matrices: Array, damping: float) -> Array:
     diagonal = np.einsum("...ii->...i", matrices)
     minimum = np.maximum(diagonal.max(axis=-1, initial=0.0, keepdims=True) * 1e-14, 1e-30)
     damped = matrices.copy()
-    np.einsum("...ii->...i", damped)[...] += damping * diagonal + np.where(diagonal <= minimum, minimum, 0.0)
+    np.einsum("...ii->...i", damped)[...] += damping * diagonal + np.where(
+        diagonal <= minimum, minimum, 0.0
+    )
     return damped
 
 
@@ -136,7 +169,9 @@ def _eliminate_poses(poses: Array, blocks: NormalEquations) -> tuple[Array, Arra
     """Return ``C^-1 B^T`` (m, 6, g) and ``C^-1 h`` (m, 6), with rows scaled for radians and mm."""
     scale = 1 / np.sqrt(np.maximum(np.einsum("mii->mi", poses), 1e-300))
     scaled = poses * scale[:, :, None] * scale[:, None, :]
-    right = np.concatenate([blocks.cross.transpose(0, 2, 1), blocks.pose_gradients[..., None]], axis=2)
+    right = np.concatenate(
+        [blocks.cross.transpose(0, 2, 1), blocks.pose_gradients[..., None]], axis=2
+    )
     solution = np.linalg.solve(scaled, right * scale[..., None]) * scale[..., None]
     return solution[..., :-1], solution[..., -1]
 
@@ -186,7 +221,10 @@ class AdjustmentProblem:
 
     def prior(self, values: Array) -> PriorInformation:
         """Return the prior information on free shared parameters at values (g,)."""
-        information, deviation = (np.diag(self.information * self.free), (values - self.expected) * self.free)
+        information, deviation = (
+            np.diag(self.information * self.free),
+            (values - self.expected) * self.free,
+        )
         pull = information @ deviation
         cost = float(deviation @ pull)
         if self.edges is not None:
@@ -228,7 +266,13 @@ def shared_values(estimate: Estimate) -> Array:
     return np.array([*values, *(estimate.shape.values if estimate.shape else ()), *estimate.marks])
 
 
-def minimise(estimate: Estimate, problem: AdjustmentProblem, max_steps: int, relative_tolerance: float = RELATIVE_TOLERANCE, on_progress: Callable[[float], None] | None = None) -> Estimate:
+def minimise(
+    estimate: Estimate,
+    problem: AdjustmentProblem,
+    max_steps: int,
+    relative_tolerance: float = RELATIVE_TOLERANCE,
+    on_progress: Callable[[float], None] | None = None,
+) -> Estimate:
     """Minimise the sum, starting from an estimate."""
     linearised = linearise(estimate, problem.stack)
     cost, damping = _cost(estimate, linearised, problem), 1e-3
@@ -236,38 +280,65 @@ def minimise(estimate: Estimate, problem: AdjustmentProblem, max_steps: int, rel
         blocks = _blocks(estimate, eliminate_line_positions(linearised), problem)
         before, growth = cost, 2.0
         while damping < MOST_DAMPING:
-            trial = _trial_step(estimate, linearised, blocks, problem, damping, number >= STRAIGHT_STEPS)
+            trial = _trial_step(
+                estimate, linearised, blocks, problem, damping, number >= STRAIGHT_STEPS
+            )
             if trial is not None:
                 trial_residuals = linearise(trial, problem.stack)
                 trial_cost = _cost(trial, trial_residuals, problem)
                 if trial_cost <= cost:
-                    estimate, linearised, cost, damping = (trial, trial_residuals, trial_cost, max(damping / 5, LEAST_DAMPING))
+                    estimate, linearised, cost, damping = (
+                        trial,
+                        trial_residuals,
+                        trial_cost,
+                        max(damping / 5, LEAST_DAMPING),
+                    )
                     break
             damping, growth = damping * growth, growth * 2
         else:
             return estimate
         if on_progress is not None:
             on_progress(cost)
-        if before - cost <= relative_tolerance * before or cost < MIN_NOISE_PX**2 * len(linearised.visible):
+        if before - cost <= relative_tolerance * before or cost < MIN_NOISE_PX**2 * len(
+            linearised.visible
+        ):
             return estimate
     return estimate
 
 
 def _cost(estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem) -> float:
-    penalty = UNSEEN_PX**2 * int((~linearised.visible).sum())  # full penalty: points must be visible
+    penalty = UNSEEN_PX**2 * int(
+        (~linearised.visible).sum()
+    )  # full penalty: points must be visible
     prior_cost = problem.noise_px**2 * problem.prior(shared_values(estimate)).cost
     total = problem.loss.sum(linearised.residuals) + penalty + prior_cost
     return total if np.isfinite(total) else np.inf
 
 
-def _blocks(estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem) -> NormalEquations:
+def _blocks(
+    estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem
+) -> NormalEquations:
     weights = problem.loss.weights(linearised.residuals) * linearised.visible
-    blocks = assembled(problem.stack, linearised.residuals, linearised.d_shared[:, :, problem.free], linearised.d_pose, weights, problem.moving)
+    blocks = assembled(
+        problem.stack,
+        linearised.residuals,
+        linearised.d_shared[:, :, problem.free],
+        linearised.d_pose,
+        weights,
+        problem.moving,
+    )
     prior, scale = problem.prior(shared_values(estimate)), problem.noise_px**2
     return with_priors(blocks, scale * prior.information, scale * prior.pull)
 
 
-def _trial_step(estimate: Estimate, linearised: Linearised, blocks: NormalEquations, problem: AdjustmentProblem, damping: float, with_acceleration: bool) -> Estimate | None:
+def _trial_step(
+    estimate: Estimate,
+    linearised: Linearised,
+    blocks: NormalEquations,
+    problem: AdjustmentProblem,
+    damping: float,
+    with_acceleration: bool,
+) -> Estimate | None:
     """Return the estimate after a step; None if the equations or the model do not permit it."""
     step = _marquardt_step(estimate, blocks, problem, damping)
     if step is None:
@@ -275,30 +346,63 @@ def _trial_step(estimate: Estimate, linearised: Linearised, blocks: NormalEquati
     stepped = _after_step(estimate, linearised, problem, step)
     if stepped is None:
         at_boundary = _parameters_at_boundary(estimate, step)
-        step = _marquardt_step(estimate, blocks, problem, damping, at_boundary) if at_boundary.any() else None
+        step = (
+            _marquardt_step(estimate, blocks, problem, damping, at_boundary)
+            if at_boundary.any()
+            else None
+        )
         return None if step is None else _after_step(estimate, linearised, problem, step)
-    acceleration = _acceleration(estimate, linearised, blocks, problem, damping, step) if with_acceleration and linearised.d_slide is None else None
+    acceleration = (
+        _acceleration(estimate, linearised, blocks, problem, damping, step)
+        if with_acceleration and linearised.d_slide is None
+        else None
+    )
     if acceleration is None:
         return stepped
-    return _after_step(estimate, linearised, problem, Step(step.shared + acceleration.shared / 2, step.poses + acceleration.poses / 2))
+    return _after_step(
+        estimate,
+        linearised,
+        problem,
+        Step(step.shared + acceleration.shared / 2, step.poses + acceleration.poses / 2),
+    )
 
 
-def _acceleration(estimate: Estimate, linearised: Linearised, blocks: NormalEquations, problem: AdjustmentProblem, damping: float, step: Step) -> Step | None:
+def _acceleration(
+    estimate: Estimate,
+    linearised: Linearised,
+    blocks: NormalEquations,
+    problem: AdjustmentProblem,
+    damping: float,
+    step: Step,
+) -> Step | None:
     """Return the geodesic acceleration of a step; None if it is too large."""
     probe = _after_step(estimate, linearised, problem, step.times(PROBE))
     if probe is None:
         return None
     probe_residuals = linearise(probe, problem.stack)
-    along = linearised.d_shared @ step.shared + np.einsum("nki,ni->nk", linearised.d_pose, step.poses[problem.stack.owner])
+    along = linearised.d_shared @ step.shared + np.einsum(
+        "nki,ni->nk", linearised.d_pose, step.poses[problem.stack.owner]
+    )
     # second directional derivative: r'' = 2 / h ((r(x + h v) - r(x)) / h - J v)
     # (Transtrum and Sethna 2012)
     second = 2 / PROBE * ((probe_residuals.residuals - linearised.residuals) / PROBE - along)
     is_visible = probe_residuals.visible & linearised.visible
     weights = problem.loss.weights(linearised.residuals) * is_visible
-    equations = assembled(problem.stack, second, linearised.d_shared[:, :, problem.free], linearised.d_pose, weights, problem.moving)
-    right = blocks._replace(shared_gradient=equations.shared_gradient, pose_gradients=equations.pose_gradients)
+    equations = assembled(
+        problem.stack,
+        second,
+        linearised.d_shared[:, :, problem.free],
+        linearised.d_pose,
+        weights,
+        problem.moving,
+    )
+    right = blocks._replace(
+        shared_gradient=equations.shared_gradient, pose_gradients=equations.pose_gradients
+    )
     acceleration = _marquardt_step(estimate, right, problem, damping)
-    if acceleration is None or _step_length(acceleration, blocks, problem) > MAX_ACCELERATION * _step_length(step, blocks, problem):
+    if acceleration is None or _step_length(
+        acceleration, blocks, problem
+    ) > MAX_ACCELERATION * _step_length(step, blocks, problem):
         return None
     return acceleration
 
@@ -323,13 +427,24 @@ def _parameters_at_boundary(estimate: Estimate, step: Step) -> Mask:
     return at_boundary
 
 
-def _marquardt_step(estimate: Estimate, blocks: NormalEquations, problem: AdjustmentProblem, damping: float, at_boundary: Mask | None = None) -> Step | None:
+def _marquardt_step(
+    estimate: Estimate,
+    blocks: NormalEquations,
+    problem: AdjustmentProblem,
+    damping: float,
+    at_boundary: Mask | None = None,
+) -> Step | None:
     """Return the step; stopped parameters are held."""
-    scales = [*(p.scale for p in estimate.model.parameters), *(estimate.shape.sigmas if estimate.shape else ())]
+    scales = [
+        *(p.scale for p in estimate.model.parameters),
+        *(estimate.shape.sigmas if estimate.shape else ()),
+    ]
     scales += [1.0] * len(estimate.marks)
     floor = (STIFFNESS * problem.noise_px / np.array(scales)[problem.free]) ** 2
     if at_boundary is not None:
-        floor = np.where(at_boundary[problem.free], HELD_DAMPING * np.diag(blocks.shared) + floor, floor)
+        floor = np.where(
+            at_boundary[problem.free], HELD_DAMPING * np.diag(blocks.shared) + floor, floor
+        )
     try:
         free, poses = solved(blocks, damping, floor)
     except np.linalg.LinAlgError:
@@ -341,7 +456,9 @@ def _marquardt_step(estimate: Estimate, blocks: NormalEquations, problem: Adjust
     return Step(shared, poses)
 
 
-def _after_step(estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem, step: Step) -> Estimate | None:
+def _after_step(
+    estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem, step: Step
+) -> Estimate | None:
     """Return the estimate after a step; None if the values do not describe a camera."""
     values = shared_values(estimate) + step.shared
     count, last = len(estimate.model.parameters), len(values) - len(estimate.marks)
@@ -422,7 +539,12 @@ class BundleAdjustment:
 
     def refit(self, observations: Sequence[Observation], **options: Any) -> BundleAdjustment:
         """Adjust again from this solution with other observations; options as of :func:`bundle_adjust`."""
-        arguments = {"shape": self.shape, "fixed": self.fixed, "priors": self.priors, "edges": self.edges} | options
+        arguments = {
+            "shape": self.shape,
+            "fixed": self.fixed,
+            "priors": self.priors,
+            "edges": self.edges,
+        } | options
         return bundle_adjust(self.model, observations, **arguments)
 
     @property
@@ -434,7 +556,11 @@ class BundleAdjustment:
     def units(self) -> tuple[str, ...]:
         """Units of all shared parameters."""
         marks = ("mm",) * len(_mark_names(self.problem.stack))
-        return (*(p.unit for p in self.model.parameters), *(SHAPE_UNITS if self.shape else ()), *marks)
+        return (
+            *(p.unit for p in self.model.parameters),
+            *(SHAPE_UNITS if self.shape else ()),
+            *marks,
+        )
 
     @property
     def residuals(self) -> Array:
@@ -478,7 +604,11 @@ def shared_names(model: CameraModel, shape: BoardShape | None) -> tuple[str, ...
 
 def _mark_names(stack: Stack) -> tuple[str, ...]:
     """Return the names of the coordinates of marks on their planes."""
-    return () if stack.marks is None else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
+    return (
+        ()
+        if stack.marks is None
+        else tuple(f"mark {i} {axis}" for i in stack.marks.ids for axis in "xy")
+    )
 
 
 @validate_arguments
@@ -557,14 +687,30 @@ def bundle_adjust(
     for _ in range(1 if edges is None else EDGES_FORMED):
         edge_information = None if edges is None else edges.information(estimate.model)
         before = estimate.model
-        estimate, problem = _minimise_with_noise(estimate, replace(problem, edges=edge_information), loss, noise_px, max_steps, relative_tolerance, on_progress)
+        estimate, problem = _minimise_with_noise(
+            estimate,
+            replace(problem, edges=edge_information),
+            loss,
+            noise_px,
+            max_steps,
+            relative_tolerance,
+            on_progress,
+        )
         if _max_change(before, estimate.model) < EDGES_SETTLED:
             break
     adjustment = _result(estimate, observations, problem, fixed, priors)
     return replace(adjustment, edges=edges)
 
 
-def _minimise_with_noise(estimate: Estimate, problem: AdjustmentProblem, loss: str, noise_px: float | None, max_steps: int, relative_tolerance: float, on_progress: Callable[[float], None] | None) -> tuple[Estimate, AdjustmentProblem]:
+def _minimise_with_noise(
+    estimate: Estimate,
+    problem: AdjustmentProblem,
+    loss: str,
+    noise_px: float | None,
+    max_steps: int,
+    relative_tolerance: float,
+    on_progress: Callable[[float], None] | None,
+) -> tuple[Estimate, AdjustmentProblem]:
     """Return the minimum for the given noise, or for noise estimated from the residuals."""
     if noise_px is not None:
         problem = replace(problem, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
@@ -585,25 +731,48 @@ def _max_change(before: CameraModel, after: CameraModel) -> float:
     return max((abs(b.value - a.value) / a.scale for a, b in pairs), default=0.0)
 
 
-def _result(estimate: Estimate, observations: Sequence[Observation], problem: AdjustmentProblem, fixed: tuple[str, ...], priors: tuple[Prior, ...]) -> BundleAdjustment:
+def _result(
+    estimate: Estimate,
+    observations: Sequence[Observation],
+    problem: AdjustmentProblem,
+    fixed: tuple[str, ...],
+    priors: tuple[Prior, ...],
+) -> BundleAdjustment:
     linearised = linearise(estimate, problem.stack)
     posed = tuple(s.with_pose(m) for s, m in zip(observations, estimate.poses, strict=True))
     if problem.stack.marks is not None:  # observations hold the positions of the marks
-        points = targets(estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), problem.stack)
-        posed = tuple(replace(s, points=points[part]) for s, part in zip(posed, problem.stack.slices, strict=True))
-    return BundleAdjustment(estimate.model, posed, estimate.shape, linearised, problem, estimate, fixed, priors)
+        points = targets(
+            estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), problem.stack
+        )
+        posed = tuple(
+            replace(s, points=points[part])
+            for s, part in zip(posed, problem.stack.slices, strict=True)
+        )
+    return BundleAdjustment(
+        estimate.model, posed, estimate.shape, linearised, problem, estimate, fixed, priors
+    )
 
 
-def _problem(model: CameraModel, observations: Sequence[Observation], shape: BoardShape | None, fixed: tuple[str, ...], priors: tuple[Prior, ...]) -> AdjustmentProblem:
+def _problem(
+    model: CameraModel,
+    observations: Sequence[Observation],
+    shape: BoardShape | None,
+    fixed: tuple[str, ...],
+    priors: tuple[Prior, ...],
+) -> AdjustmentProblem:
     stack = stacked(observations)
     board_slice = slice(len(model.parameters), len(shared_names(model, shape)))
     names = (*shared_names(model, shape), *_mark_names(stack))
     for name in (*fixed, *(p.name for p in priors)):
         if name not in names:
-            raise InvalidParameter(f"fixed and priors must name parameters of the model ({', '.join(names)}); got {name!r}")
+            raise InvalidParameter(
+                f"fixed and priors must name parameters of the model ({', '.join(names)}); got {name!r}"
+            )
     missing = [s.name for s in observations if s.pose is None]
     if missing:
-        raise InvalidParameter(f"observations must have an initial pose; missing for {', '.join(missing)}")
+        raise InvalidParameter(
+            f"observations must have an initial pose; missing for {', '.join(missing)}"
+        )
     free = np.array([n not in fixed for n in names], dtype=bool)
     information, expected = np.zeros(len(names)), np.zeros(len(names))
     if shape is not None:
@@ -619,14 +788,26 @@ def _problem(model: CameraModel, observations: Sequence[Observation], shape: Boa
     return AdjustmentProblem(stack, moving, free, information, expected, Loss(), 1.0)
 
 
-def _start(model: CameraModel, observations: Sequence[Observation], shape: BoardShape | None, priors: tuple[Prior, ...], stack: Stack) -> Estimate:
+def _start(
+    model: CameraModel,
+    observations: Sequence[Observation],
+    shape: BoardShape | None,
+    priors: tuple[Prior, ...],
+    stack: Stack,
+) -> Estimate:
     values = np.array([p.value for p in model.parameters])
     names = [p.name for p in model.parameters]
     for prior in priors:
         if prior.sigma == 0 and prior.name in names:
             values[names.index(prior.name)] = prior.value
     poses = tuple(s.pose for s in observations if s.pose is not None)
-    return Estimate(model.with_parameters(values), poses, shape, np.zeros(len(stack.pixels)), np.zeros(len(_mark_names(stack))))
+    return Estimate(
+        model.with_parameters(values),
+        poses,
+        shape,
+        np.zeros(len(stack.pixels)),
+        np.zeros(len(_mark_names(stack))),
+    )
 
 
 def _noise(estimate: Estimate, problem: AdjustmentProblem, *, robust: bool) -> float:

@@ -15,7 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import InvalidType, choice, format_value, instance, optional_number, validate_arguments
+from ...base.arguments import (
+    InvalidType,
+    choice,
+    format_value,
+    instance,
+    optional_number,
+    validate_arguments,
+)
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import Mount, rotate_vectors
@@ -29,11 +36,29 @@ from ..straight_edges import StraightEdges
 from ..targets import Board, Detection, find_boards
 from ._bundle_adjustment import BundleAdjustment, Prior
 from ._covariance import ParameterCovariance, uncertainty
-from ._pipeline import CalibrationCancelled, CalibrationPlan, FitState, ParameterPriors, ProgressReporter, run
+from ._pipeline import (
+    CalibrationCancelled,
+    CalibrationPlan,
+    FitState,
+    ParameterPriors,
+    ProgressReporter,
+    run,
+)
 from ._residuals import SHAPE_NAMES, BoardShape
 from .calibration_result import Calibration, EdgeResult, ImageResult, ParameterResult
 from .model_sequence import KINDS, is_central
-from .observation_checks import MIN_CORNERS_PER_IMAGE, MIN_IMAGES, Outlier, check_detections, coverage, is_used, joined_names, reason_of, recommendations, remaining_outliers
+from .observation_checks import (
+    MIN_CORNERS_PER_IMAGE,
+    MIN_IMAGES,
+    Outlier,
+    check_detections,
+    coverage,
+    is_used,
+    joined_names,
+    reason_of,
+    recommendations,
+    remaining_outliers,
+)
 from .observations import Observation, RigidTransform, rms_px
 
 # -- Parallax error --------------------------------------------------------------------------------
@@ -101,7 +126,9 @@ def has_several(central: BundleAdjustment, other: BundleAdjustment) -> bool:
 def _board_corners(fit: BundleAdjustment, of: BundleAdjustment) -> Array:
     """Return the corners (n, 3) of all boards in one fit, limited to those of another fit."""
     poses = {s.name: s.pose for s in fit.observations}
-    return np.concatenate([m(s.points[~s.distant]) for s in of.observations if (m := poses.get(s.name)) is not None])
+    return np.concatenate(
+        [m(s.points[~s.distant]) for s in of.observations if (m := poses.get(s.name)) is not None]
+    )
 
 
 def _rigid_transform(points: Array, others: Array) -> RigidTransform:
@@ -113,16 +140,35 @@ def _rigid_transform(points: Array, others: Array) -> RigidTransform:
     return RigidTransform(rotation, other_centroid - rotation @ centroid)
 
 
-def _parallax_at(central: BundleAdjustment, other: BundleAdjustment, pixels: Array, transform: RigidTransform, distance_mm: float) -> ParallaxError:
+def _parallax_at(
+    central: BundleAdjustment,
+    other: BundleAdjustment,
+    pixels: Array,
+    transform: RigidTransform,
+    distance_mm: float,
+) -> ParallaxError:
     rays, world = other.model.backproject(pixels), other.model.mount.rotation()
-    starts, directions = (rotate_vectors(a[rays.valid], world) for a in (rays.origins, rays.directions))
+    starts, directions = (
+        rotate_vectors(a[rays.valid], world) for a in (rays.origins, rays.directions)
+    )
     is_far = np.isinf(distance_mm)
-    targets = directions @ transform.rotation.T if is_far else transform(starts + distance_mm * directions)
+    targets = (
+        directions @ transform.rotation.T
+        if is_far
+        else transform(starts + distance_mm * directions)
+    )
     image = central.model.image(targets, distant=bool(is_far))
     errors_px = np.linalg.norm((image.pixels - pixels[rays.valid])[image.valid], axis=1)
-    central_directions = rotate_vectors(central.model.backproject(pixels[rays.valid]).directions, central.model.mount.rotation())
-    errors = np.linalg.norm(central_directions - targets / np.linalg.norm(targets, axis=1)[:, None], axis=1)
-    rms_px, rms = (float(np.sqrt(np.nanmean(e**2))) if np.isfinite(e).any() else np.nan for e in (errors_px, errors))
+    central_directions = rotate_vectors(
+        central.model.backproject(pixels[rays.valid]).directions, central.model.mount.rotation()
+    )
+    errors = np.linalg.norm(
+        central_directions - targets / np.linalg.norm(targets, axis=1)[:, None], axis=1
+    )
+    rms_px, rms = (
+        float(np.sqrt(np.nanmean(e**2))) if np.isfinite(e).any() else np.nan
+        for e in (errors_px, errors)
+    )
     return ParallaxError(distance_mm, rms_px, float(np.degrees(rms)))
 
 
@@ -249,11 +295,19 @@ def calibrate_camera(
     size = _size(detections, board, surveys, image_size, is_reversed=is_reversed)
     prior_knowledge = ParameterPriors(tuple(fixed), tuple(_prior(p) for p in priors))
     plan = CalibrationPlan(
-        observations=(*(_sighting(d, board) for d in detections if board is not None and is_used(d)), *surveys),
+        observations=(
+            *(_sighting(d, board) for d in detections if board is not None and is_used(d)),
+            *surveys,
+        ),
         image_size=size,
         centre_px=centre_px,
         empty=Unified(1.0, (100.0, 100.0), (0.0, 0.0), size, optics=optics, mount=mount),  # type: ignore[arg-type]
-        wanted=_models_to_fit(model, size, optics, is_near=bool(detections) or not all(s.distant.all() for s in surveys)),
+        wanted=_models_to_fit(
+            model,
+            size,
+            optics,
+            is_near=bool(detections) or not all(s.distant.all() for s in surveys),
+        ),
         known=prior_knowledge,
         shape=BoardShape.flat(board.points_mm) if board_shape and board is not None else None,
         is_mirror_symmetric=board is not None and board.kind == "chessboard",
@@ -268,23 +322,41 @@ def calibrate_camera(
         is_complete = False
         if state.fit is None:
             raise InvalidParameter("the calibration was stopped before the first fit") from None
-    if rim_radius is not None and state.fit is not None and isinstance(state.fit.model, RadialModel):
+    if (
+        rim_radius is not None
+        and state.fit is not None
+        and isinstance(state.fit.model, RadialModel)
+    ):
         model_with_rim: CameraModel = replace(state.fit.model, rim_radius_px=rim_radius)  # type: ignore[type-var]
         state.fit = replace(state.fit, model=model_with_rim)
-    calibration = _calibration_result(state, detections, surveys, board, prior_knowledge, time.perf_counter() - started, is_complete)
+    calibration = _calibration_result(
+        state,
+        detections,
+        surveys,
+        board,
+        prior_knowledge,
+        time.perf_counter() - started,
+        is_complete,
+    )
     if plan.edges is not None and is_complete:
         calibration = _with_edges(calibration, plan.edges)
     if rim_radius is not None and not isinstance(calibration.model, RadialModel):
-        calibration = replace(calibration, notes=(*calibration.notes, OWN_RIM.format(rim=rim_radius)))
+        calibration = replace(
+            calibration, notes=(*calibration.notes, OWN_RIM.format(rim=rim_radius))
+        )
     return calibration
 
 
-def _detections(images: Sequence[Any], board: Board | None, stored_orientation: bool) -> Sequence[Detection]:
+def _detections(
+    images: Sequence[Any], board: Board | None, stored_orientation: bool
+) -> Sequence[Detection]:
     """Return the given detections, or detect boards in images."""
     inputs = list(images)
     if board is None:
         if inputs:
-            raise InvalidParameter(f"board must be specified for images; got {len(inputs)} images without a board")
+            raise InvalidParameter(
+                f"board must be specified for images; got {len(inputs)} images without a board"
+            )
         return []
     if inputs and all(isinstance(p, Detection) for p in inputs):
         return inputs
@@ -298,11 +370,20 @@ def _survey_observations(surveys: Sequence[Observation]) -> tuple[Observation, .
         instance(f"surveys[{number}]", survey, Observation, "an Observation")
     names = [s.name for s in observations]
     if len(set(names)) < len(names):
-        raise InvalidParameter(f"surveys must have different names; got {joined_names(names)}; combine the points of one image")
+        raise InvalidParameter(
+            f"surveys must have different names; got {joined_names(names)}; combine the points of one image"
+        )
     return tuple(replace(s, is_surveyed=True) for s in observations)
 
 
-def _size(detections: Sequence[Detection], board: Board | None, surveys: Sequence[Observation], specified: tuple[int, int] | None, *, is_reversed: bool) -> tuple[int, int]:
+def _size(
+    detections: Sequence[Detection],
+    board: Board | None,
+    surveys: Sequence[Observation],
+    specified: tuple[int, int] | None,
+    *,
+    is_reversed: bool,
+) -> tuple[int, int]:
     """Return the image size, from the detections or as specified."""
     size = specified
     if detections or not surveys:
@@ -310,16 +391,24 @@ def _size(detections: Sequence[Detection], board: Board | None, surveys: Sequenc
         size = check_detections(detections, board, is_reversed=is_reversed, min_images=min_images)
         if specified is not None and tuple(specified) != tuple(size):
             (w, h), (width, height) = specified, size
-            raise InvalidParameter(f"image_size must be the size of the images, {width} x {height} px; got {w} x {h} px")
+            raise InvalidParameter(
+                f"image_size must be the size of the images, {width} x {height} px; got {w} x {h} px"
+            )
     if size is None:
-        raise InvalidParameter("image_size (--image-size) must be specified for surveyed points without images")
+        raise InvalidParameter(
+            "image_size (--image-size) must be specified for surveyed points without images"
+        )
     if not detections and (count := sum(map(len, surveys))) < MIN_CORNERS_PER_IMAGE:
-        raise InvalidParameter(f"surveys must contain at least {MIN_CORNERS_PER_IMAGE} points (recommended: 40 in all directions); got {count}")
+        raise InvalidParameter(
+            f"surveys must contain at least {MIN_CORNERS_PER_IMAGE} points (recommended: 40 in all directions); got {count}"
+        )
     for survey in surveys:
         outside = np.any((survey.pixels < -0.5) | (survey.pixels > np.array(size) - 0.5), axis=1)
         if outside.any():
             (u, v), (width, height) = survey.pixels[outside][0], size
-            raise InvalidParameter(f"{survey.name}: pixels must be inside the image of {width} x {height} px; got {u:g}, {v:g}")
+            raise InvalidParameter(
+                f"{survey.name}: pixels must be inside the image of {width} x {height} px; got {u:g}, {v:g}"
+            )
     return size
 
 
@@ -329,13 +418,17 @@ def _with_unique_names(detections: Sequence[Detection]) -> list[Detection]:
     renamed = []
     for detection in detections:
         count = names[detection.name] = names.get(detection.name, 0) + 1
-        renamed.append(replace(detection, name=f"{detection.name} ({count})") if count > 1 else detection)
+        renamed.append(
+            replace(detection, name=f"{detection.name} ({count})") if count > 1 else detection
+        )
     return renamed
 
 
 def _prior(entry: Any) -> Prior:
     if not (isinstance(entry, tuple) and len(entry) == len(Prior._fields)):
-        raise InvalidType(f"priors must be tuples (name, value, standard deviation); got {format_value(entry)}")
+        raise InvalidType(
+            f"priors must be tuples (name, value, standard deviation); got {format_value(entry)}"
+        )
     return Prior(*entry)
 
 
@@ -344,7 +437,9 @@ def _sighting(detection: Detection, board: Board) -> Observation:
     return Observation(detection.name, detection.corners_px, board.points_mm[ids], ids=ids)
 
 
-def _models_to_fit(model: str | CameraModel, size: tuple[int, int], optics: str, *, is_near: bool) -> tuple[str | CameraModel, ...]:
+def _models_to_fit(
+    model: str | CameraModel, size: tuple[int, int], optics: str, *, is_near: bool
+) -> tuple[str | CameraModel, ...]:
     """Return the models to fit.
 
     Distant points contain no parallax, so they do not determine models of several viewpoints.
@@ -360,10 +455,14 @@ def _models_to_fit(model: str | CameraModel, size: tuple[int, int], optics: str,
             raise InvalidParameter("model = 'sensor' requires optics = 'mirror'; got 'fisheye'")
         return (model,)
     if not isinstance(model, CameraModel):
-        raise InvalidParameter(f"model must be a camera model or one of auto, {', '.join(KINDS)}; got {format_value(model)}")
+        raise InvalidParameter(
+            f"model must be a camera model or one of auto, {', '.join(KINDS)}; got {format_value(model)}"
+        )
     if tuple(model.image_size) != tuple(size):
         (w, h), (width, height) = model.image_size, size
-        raise InvalidParameter(f"model must have the size of the images, {width} x {height} px; got {w} x {h} px")
+        raise InvalidParameter(
+            f"model must have the size of the images, {width} x {height} px; got {w} x {h} px"
+        )
     return (model,)
 
 
@@ -372,9 +471,16 @@ def _with_edges(calibration: Calibration, edges: StraightEdges) -> Calibration:
     used_edges = calibration.adjustment.edges
     straight = {edge.name for edge in used_edges.edges} if used_edges else set()
     errors = edges.rms_px(calibration.model)
-    results = tuple(EdgeResult(e.image, e.number, len(e.pixels), e.name in straight and bool(np.isfinite(r)), float(r)) for e, r in zip(edges.edges, errors, strict=True))
+    results = tuple(
+        EdgeResult(
+            e.image, e.number, len(e.pixels), e.name in straight and bool(np.isfinite(r)), float(r)
+        )
+        for e, r in zip(edges.edges, errors, strict=True)
+    )
     used = np.array([edge.rms_px for edge in results if edge.used])
-    rejected = [f"edge {e.edge} of {e.image} ({_deviation_text(e.rms_px)})" for e in results if not e.used]
+    rejected = [
+        f"edge {e.edge} of {e.image} ({_deviation_text(e.rms_px)})" for e in results if not e.used
+    ]
     note = f"{len(used)} of {len(results)} marked edges are straight with a residual of {np.sqrt(np.mean(used**2)):.2f} px rms"
     note += f"; not used: {joined_names(rejected)}." if rejected else "."
     return replace(calibration, edges=results, notes=(*calibration.notes, note))
@@ -387,14 +493,24 @@ def _deviation_text(rms_px: float) -> str:
 # -- result -----------------------------------------------------------------------------------
 
 
-def _calibration_result(state: FitState, detections: Sequence[Detection], surveys: Sequence[Observation], board: Board | None, prior_knowledge: ParameterPriors, seconds: float, is_complete: bool) -> Calibration:
+def _calibration_result(
+    state: FitState,
+    detections: Sequence[Detection],
+    surveys: Sequence[Observation],
+    board: Board | None,
+    prior_knowledge: ParameterPriors,
+    seconds: float,
+    is_complete: bool,
+) -> Calibration:
     fit = state.fit
     assert fit is not None
     covariance = uncertainty(fit)
     centre = _centre(fit)
     corner_coverage = coverage(fit.observations, centre, getattr(fit.model, "rim_radius_px", None))
     images = _image_results(fit, state, detections, surveys)
-    parameters = [p.value for p in fit.model.parameters] + list(fit.shape.values if fit.shape else ())
+    parameters = [p.value for p in fit.model.parameters] + list(
+        fit.shape.values if fit.shape else ()
+    )
     return Calibration(
         model=fit.model,
         board=board,
@@ -403,11 +519,18 @@ def _calibration_result(state: FitState, detections: Sequence[Detection], survey
         corners=sum(p.found for p in images if p.used),
         outliers=state.outliers,
         images=images,
-        parameters=tuple(ParameterResult(n, float(v), float(s), u) for n, v, s, u in zip(covariance.names, parameters, covariance.sigmas, fit.units, strict=True)),
+        parameters=tuple(
+            ParameterResult(n, float(v), float(s), u)
+            for n, v, s, u in zip(
+                covariance.names, parameters, covariance.sigmas, fit.units, strict=True
+            )
+        ),
         uncertainty=covariance,
         candidates=state.candidates,
         notes=_notes(fit, state, covariance, is_complete),
-        advice=recommendations(corner_coverage, boards) if (boards := sum(not s.is_surveyed for s in fit.observations)) else (),
+        advice=recommendations(corner_coverage, boards)
+        if (boards := sum(not s.is_surveyed for s in fit.observations))
+        else (),
         coverage=corner_coverage,
         adjustment=fit,
         held_out=state.held,
@@ -427,17 +550,26 @@ def _centre(fit: BundleAdjustment) -> tuple[float, float]:
     return (width - 1) / 2, (height - 1) / 2
 
 
-def _image_results(fit: BundleAdjustment, state: FitState, detections: Sequence[Detection], surveys: Sequence[Observation]) -> tuple[ImageResult, ...]:
+def _image_results(
+    fit: BundleAdjustment,
+    state: FitState,
+    detections: Sequence[Detection],
+    surveys: Sequence[Observation],
+) -> tuple[ImageResult, ...]:
     errors = {s.name: rms_px(fit.residuals_of(i)) for i, s in enumerate(fit.observations)}
     poses = {s.name: _pose_values(s) for s in fit.observations}
-    reasons = {d.name: state.inconsistent.get(d.name) if is_used(d) else reason_of(d) for d in detections}
+    reasons = {
+        d.name: state.inconsistent.get(d.name) if is_used(d) else reason_of(d) for d in detections
+    }
     reasons |= {s.name: state.inconsistent.get(s.name) for s in surveys}
     counts = {d.name: len(d.ids) for d in detections} | {s.name: len(s) for s in surveys}
     results = []
     for name, reason in reasons.items():
         used = name in errors and reason is None
         pose = poses[name] if used else (None, None)
-        results.append(ImageResult(name, counts[name], used, reason, errors[name] if used else None, *pose))
+        results.append(
+            ImageResult(name, counts[name], used, reason, errors[name] if used else None, *pose)
+        )
     return tuple(results)
 
 
@@ -445,24 +577,36 @@ def _pose_values(observation: Observation) -> tuple[Array | None, Array | None]:
     """Return rotation and translation of a target; directions alone have no translation."""
     if observation.pose is None:
         return None, None
-    return (observation.pose.rotation, None if observation.distant.all() else observation.pose.translation_mm)
+    return (
+        observation.pose.rotation,
+        None if observation.distant.all() else observation.pose.translation_mm,
+    )
 
 
-def _notes(fit: BundleAdjustment, state: FitState, covariance: ParameterCovariance, is_complete: bool) -> tuple[str, ...]:
+def _notes(
+    fit: BundleAdjustment, state: FitState, covariance: ParameterCovariance, is_complete: bool
+) -> tuple[str, ...]:
     """Return notes for users of the camera."""
     notes = []
     if not is_complete:
         notes.append("The calibration was stopped early: this is the best fit so far.")
     if len(fit.observations) < FEW_PICTURES and not any(s.is_surveyed for s in fit.observations):
-        notes.append(f"The fit error of {len(fit.observations)} images is not representative of other images: check the error in held-out images, and take more images.")
-    notes += [f"The images do not determine {joined_names(free.names)}{' separately' if len(free.names) > 1 else ''}: a camera with {free} (one standard deviation) fits nearly as well." for free in covariance.free]
+        notes.append(
+            f"The fit error of {len(fit.observations)} images is not representative of other images: check the error in held-out images, and take more images."
+        )
+    notes += [
+        f"The images do not determine {joined_names(free.names)}{' separately' if len(free.names) > 1 else ''}: a camera with {free} (one standard deviation) fits nearly as well."
+        for free in covariance.free
+    ]
     if covariance.free:
         notes.append(TOGETHER)
     notes += _remaining_notes(remaining_outliers(fit), fit)
     held_out_rms_px = state.held.rms_px if state.held else float("nan")
     moving_part = "lens" if getattr(fit.model, "optics", "mirror") == "fisheye" else "mirror"
     if held_out_rms_px > OVERFIT * fit.rms_px:
-        notes.append(f"The error in held-out images, {held_out_rms_px:.3f} px, is well above the fit error, {fit.rms_px:.3f} px: the model is too flexible for these images, or compensates for motion of the {moving_part} between them.")
+        notes.append(
+            f"The error in held-out images, {held_out_rms_px:.3f} px, is well above the fit error, {fit.rms_px:.3f} px: the model is too flexible for these images, or compensates for motion of the {moving_part} between them."
+        )
     notes += _viewpoint_notes(fit, state.multi_viewpoint)
     notes += [f"{kind} could not be fitted: {why}" for kind, why in state.failures.items()]
     if fit.shape is not None and fit.shape.is_flat_within(covariance.sigmas[-len(SHAPE_NAMES) :]):
@@ -477,17 +621,27 @@ def _remaining_notes(remaining: tuple[Outlier, ...], fit: BundleAdjustment) -> l
     counts = Counter(o.image for o in remaining)
     names = joined_names([f"{name} ({count})" for name, count in counts.most_common()])
     percentage = 100 * len(remaining) / len(fit.residuals)
-    return [f"{len(remaining)} of the used corners ({percentage:.2g} %) have residuals above the noise, up to {remaining[0].residual_px:.2f} px, and were not rejected. Possible causes: wrong corners, a bent board, or model errors. Images: {names}."]
+    return [
+        f"{len(remaining)} of the used corners ({percentage:.2g} %) have residuals above the noise, up to {remaining[0].residual_px:.2f} px, and were not rejected. Possible causes: wrong corners, a bent board, or model errors. Images: {names}."
+    ]
 
 
 def _viewpoint_notes(fit: BundleAdjustment, multi_viewpoint: BundleAdjustment | None) -> list[str]:
     """Return a note on the parallax error of a single-viewpoint model at other object distances."""
-    if multi_viewpoint is None or not is_central(fit.model) or not has_several(fit, multi_viewpoint):
+    if (
+        multi_viewpoint is None
+        or not is_central(fit.model)
+        or not has_several(fit, multi_viewpoint)
+    ):
         return []
     (nearest, farthest), near, distant = parallax_errors(fit, multi_viewpoint)
     if not max(near.rms_px, distant.rms_px) > COSTLY * multi_viewpoint.problem.noise_px:
         return []
-    remedy = "use the model sensor or viewpoint-spline" if fit.model.is_backward_facing else "use the model viewpoint-spline"
+    remedy = (
+        "use the model sensor or viewpoint-spline"
+        if fit.model.is_backward_facing
+        else "use the model viewpoint-spline"
+    )
     return [
         f"{fit.model.KIND} has a single viewpoint, but the sensor has several: the camera is valid at the "
         f"distance of the boards, {nearest / 1000:.2g} to {farthest / 1000:.2g} m. Relative to "

@@ -13,7 +13,14 @@ from ...base.typing import Array
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.radial_model import RadialModel
 from ...cameras.models.sphere_models import Unified
-from ._bundle_adjustment import BundleAdjustment, assembled, bundle_adjust, reduced_system, shared_values, with_priors
+from ._bundle_adjustment import (
+    BundleAdjustment,
+    assembled,
+    bundle_adjust,
+    reduced_system,
+    shared_values,
+    with_priors,
+)
 from ._residuals import UNSEEN_PX, eliminate_line_positions
 
 FREE_ABOVE = 0.02
@@ -106,13 +113,19 @@ def uncertainty(adjustment: BundleAdjustment) -> ParameterCovariance:
         weakest = int(np.flatnonzero(free)[np.argmax(np.abs(vectors[:, 0]))])
         valleys = _valleys(adjustment, weakest, float(sigmas[weakest]))
     if valleys is not None:
-        conditional = covariance - np.outer(covariance[weakest], covariance[weakest]) / covariance[weakest, weakest]
+        conditional = (
+            covariance
+            - np.outer(covariance[weakest], covariance[weakest]) / covariance[weakest, weakest]
+        )
         sigmas = np.sqrt(np.maximum(np.diag(conditional), 0.0) + np.diag(valleys))
         sizes, axes = np.linalg.eigh(valleys[np.ix_(free, free)] / scales[:, None] / scales)
         extents[0], vectors[:, 0] = np.sqrt(max(sizes[-1], 0.0)), axes[:, -1]
     limit = FREE_ABOVE * max(adjustment.model.image_size)
     free_parameters = [(n, u) for n, u, f in zip(names, adjustment.units, free, strict=True) if f]
-    undetermined = [_combination(free_parameters, vectors[:, i], scales, float(extents[i])) for i in np.flatnonzero(extents > limit)]
+    undetermined = [
+        _combination(free_parameters, vectors[:, i], scales, float(extents[i]))
+        for i in np.flatnonzero(extents > limit)
+    ]
     return ParameterCovariance(names, covariance, tuple(undetermined), sigmas)
 
 
@@ -135,7 +148,14 @@ def _paraboloid(adjustment: BundleAdjustment) -> _Paraboloid:
     linearised = eliminate_line_positions(adjustment.linearised)
     scales = _scales(linearised.d_shared[:, :, free][linearised.visible])
     weights = linearised.visible.astype(float) / adjustment.noise_px**2
-    blocks = assembled(problem.stack, linearised.residuals, linearised.d_shared[:, :, free], linearised.d_pose, weights, problem.moving)
+    blocks = assembled(
+        problem.stack,
+        linearised.residuals,
+        linearised.d_shared[:, :, free],
+        linearised.d_pose,
+        weights,
+        problem.moving,
+    )
     prior = problem.prior(shared_values(adjustment.estimate))
     matrix, _ = reduced_system(with_priors(blocks, prior.information, prior.pull))
     values, vectors = np.linalg.eigh(matrix * scales[:, None] * scales)
@@ -152,13 +172,24 @@ def _valleys(adjustment: BundleAdjustment, number: int, sigma: float) -> Array |
     moments are those of the likelihood ``exp(-chi^2 / 2)`` over these fits and over those around
     other minima of similar depth. None if no fit succeeds.
     """
-    start = _State(0.0, shared_values(adjustment.estimate), adjustment, _chi_square(adjustment, adjustment.noise_px))
+    start = _State(
+        0.0,
+        shared_values(adjustment.estimate),
+        adjustment,
+        _chi_square(adjustment, adjustment.noise_px),
+    )
     minima = [start, *_other_minima(start, number)]
     min_chi_square = min(s.chi_square for s in minima)
     total, moments = 0.0, np.zeros((len(start.values),) * 2)
     for minimum in minima:
-        step = sigma if minimum is start else float(_paraboloid(minimum.fit)[0][number, number]) ** 0.5
-        states = [*reversed(_follow_valley(minimum, number, -step)), minimum, *_follow_valley(minimum, number, step)]
+        step = (
+            sigma if minimum is start else float(_paraboloid(minimum.fit)[0][number, number]) ** 0.5
+        )
+        states = [
+            *reversed(_follow_valley(minimum, number, -step)),
+            minimum,
+            *_follow_valley(minimum, number, step),
+        ]
         if len(states) < 2:
             continue
         offsets = np.array([s.at for s in states])
@@ -190,20 +221,46 @@ def _other_minima(start: _State, number: int) -> list[_State]:
             focal_px=(fit.model.focal_px[0] * ratio, fit.model.focal_px[1] * ratio),  # type: ignore[arg-type]
             uncertainty=None,
         )
-        options: dict[str, Any] = {"shape": fit.shape, "noise_px": fit.noise_px, "priors": fit.priors}
+        options: dict[str, Any] = {
+            "shape": fit.shape,
+            "noise_px": fit.noise_px,
+            "priors": fit.priors,
+        }
         try:
-            held = bundle_adjust(model, fit.observations, **options, fixed=(*fit.fixed, "xi"), max_steps=HELD_STEPS, relative_tolerance=ROUGHLY)
+            held = bundle_adjust(
+                model,
+                fit.observations,
+                **options,
+                fixed=(*fit.fixed, "xi"),
+                max_steps=HELD_STEPS,
+                relative_tolerance=ROUGHLY,
+            )
             if _chi_square(held, fit.noise_px) > start.chi_square + HOPELESS:
                 continue
             options |= {"shape": held.shape, "fixed": fit.fixed, "edges": fit.edges}
-            candidate = bundle_adjust(held.model, held.observations, **options, max_steps=FREE_STEPS, relative_tolerance=ROUGHLY)
+            candidate = bundle_adjust(
+                held.model,
+                held.observations,
+                **options,
+                max_steps=FREE_STEPS,
+                relative_tolerance=ROUGHLY,
+            )
             if _is_known(candidate.model, minima):
                 continue
-            candidate = candidate.refit(candidate.observations, noise_px=fit.noise_px, relative_tolerance=FIT_SETTLED)
+            candidate = candidate.refit(
+                candidate.observations, noise_px=fit.noise_px, relative_tolerance=FIT_SETTLED
+            )
         except OmnimirrorError:
             continue
-        state = _State(shared_values(candidate.estimate)[number] - start.values[number], shared_values(candidate.estimate), candidate, _chi_square(candidate, fit.noise_px))
-        if state.chi_square < start.chi_square + FOLLOWED_TO and not _is_known(candidate.model, minima):
+        state = _State(
+            shared_values(candidate.estimate)[number] - start.values[number],
+            shared_values(candidate.estimate),
+            candidate,
+            _chi_square(candidate, fit.noise_px),
+        )
+        if state.chi_square < start.chi_square + FOLLOWED_TO and not _is_known(
+            candidate.model, minima
+        ):
             minima.append(state)
     return minima[1:]
 
@@ -240,7 +297,9 @@ def _follow_valley(start: _State, number: int, step: float) -> list[_State]:
     return states[1:]
 
 
-def _fit_with_fixed(states: list[_State], number: int, step: float, noise_px: float) -> _State | None:
+def _fit_with_fixed(
+    states: list[_State], number: int, step: float, noise_px: float
+) -> _State | None:
     """Return the fit with a parameter moved by a step, None on failure.
 
     The initial value is extrapolated linearly from the last two fits.
@@ -255,17 +314,34 @@ def _fit_with_fixed(states: list[_State], number: int, step: float, noise_px: fl
     fit, shape = last.fit, last.fit.shape
     end = count + (len(shape.values) if shape else 0)
     try:
-        fixed_fit = bundle_adjust(fit.model.with_parameters(values[:count]), fit.observations, shape=shape.with_values(values[count:end]) if shape else None, fixed=(*fit.fixed, fit.names[number]), priors=fit.priors, edges=fit.edges, noise_px=noise_px, max_steps=FIT_STEPS, relative_tolerance=FIT_SETTLED)
+        fixed_fit = bundle_adjust(
+            fit.model.with_parameters(values[:count]),
+            fit.observations,
+            shape=shape.with_values(values[count:end]) if shape else None,
+            fixed=(*fit.fixed, fit.names[number]),
+            priors=fit.priors,
+            edges=fit.edges,
+            noise_px=noise_px,
+            max_steps=FIT_STEPS,
+            relative_tolerance=FIT_SETTLED,
+        )
     except OmnimirrorError:
         return None
-    return _State(last.at + step, shared_values(fixed_fit.estimate), fixed_fit, _chi_square(fixed_fit, noise_px))
+    return _State(
+        last.at + step,
+        shared_values(fixed_fit.estimate),
+        fixed_fit,
+        _chi_square(fixed_fit, noise_px),
+    )
 
 
 def _chi_square(fit: BundleAdjustment, noise_px: float) -> float:
     """Return the sum of squared residuals over the noise variance, including priors."""
     prior = fit.problem.prior(shared_values(fit.estimate)).cost
     penalty = UNSEEN_PX**2 * int((~fit.visible).sum())
-    return (float(np.sum(eliminate_line_positions(fit.linearised).residuals ** 2)) + penalty) / noise_px**2 + prior
+    return (
+        float(np.sum(eliminate_line_positions(fit.linearised).residuals ** 2)) + penalty
+    ) / noise_px**2 + prior
 
 
 def _scales(derivatives: Array) -> Array:
@@ -273,11 +349,24 @@ def _scales(derivatives: Array) -> Array:
 
     The input are derivatives (n, 2, g).
     """
-    size = np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
+    size = (
+        np.sqrt(np.mean(np.sum(derivatives**2, axis=1), axis=0)) if len(derivatives) else np.ones(0)
+    )
     return np.asarray(1 / np.where(size > 0, size, 1.0))
 
 
-def _combination(parameters: list[tuple[str, str]], vector: Array, scales: Array, sigma: float) -> UndeterminedCombination:
-    order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()]
+def _combination(
+    parameters: list[tuple[str, str]], vector: Array, scales: Array, sigma: float
+) -> UndeterminedCombination:
+    order = [
+        i
+        for i in np.argsort(-np.abs(vector))
+        if abs(vector[i]) > NAMED_ABOVE * np.abs(vector).max()
+    ]
     vector = vector * np.sign(vector[order[0]])
-    return UndeterminedCombination(tuple(parameters[i][0] for i in order), tuple(float(sigma * vector[i] * scales[i]) for i in order), sigma, tuple(parameters[i][1] for i in order))
+    return UndeterminedCombination(
+        tuple(parameters[i][0] for i in order),
+        tuple(float(sigma * vector[i] * scales[i]) for i in order),
+        sigma,
+        tuple(parameters[i][1] for i in order),
+    )

@@ -44,16 +44,23 @@ def _median_error(observation: Observation, pose: RigidTransform, bearings: Arra
 def _among_directions(observation: Observation, bearings: Array) -> RigidTransform | None:
     """Return the rotation by Kabsch's method, and the translation that fits the points."""
     is_distant = observation.distant
-    directions = observation.points[is_distant] / np.linalg.norm(observation.points[is_distant], axis=1)[:, None]
+    directions = (
+        observation.points[is_distant]
+        / np.linalg.norm(observation.points[is_distant], axis=1)[:, None]
+    )
     u, size, vt = np.linalg.svd(bearings[is_distant].T @ directions)
     if not size[1] > 1e-6 * size[0]:
         return None
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     if is_distant.all():
         return RigidTransform(rotation, np.zeros(3))
-    projectors = np.eye(3) - bearings[~is_distant][:, :, None] * bearings[~is_distant][:, None, :]  # (I - b b^T)(R p + t) = 0
+    projectors = (
+        np.eye(3) - bearings[~is_distant][:, :, None] * bearings[~is_distant][:, None, :]
+    )  # (I - b b^T)(R p + t) = 0
     rotated = observation.points[~is_distant] @ rotation.T
-    translation = -np.linalg.lstsq(projectors.sum(axis=0), np.einsum("nij,nj->i", projectors, rotated), rcond=None)[0]
+    translation = -np.linalg.lstsq(
+        projectors.sum(axis=0), np.einsum("nij,nj->i", projectors, rotated), rcond=None
+    )[0]
     return RigidTransform(rotation, translation)
 
 
@@ -64,7 +71,13 @@ def _among_points(bearings: Array, points_mm: Array) -> RigidTransform | None:
     if not extents[2] > PLANAR_DEPTH * extents[0]:
         frame = np.stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
         board = board_pose(bearings, (points_mm - centroid) @ frame.T)
-        return None if board is None else RigidTransform(board.rotation @ frame, board.translation_mm - board.rotation @ frame @ centroid)
+        return (
+            None
+            if board is None
+            else RigidTransform(
+                board.rotation @ frame, board.translation_mm - board.rotation @ frame @ centroid
+            )
+        )
     size = float(extents[0]) / np.sqrt(len(points_mm))
     p = np.column_stack([(points_mm - centroid) / size, np.ones(len(points_mm))])
     solution = _linear(bearings, p)
@@ -83,12 +96,20 @@ def _linear(bearings: Array, p: Array) -> Array | None:
     """
     zero = np.zeros_like(p)
     bx, by, bz = bearings.T[:, :, None]
-    rows = np.concatenate([np.concatenate([zero, -bz * p, by * p], axis=1), np.concatenate([bz * p, zero, -bx * p], axis=1), np.concatenate([-by * p, bx * p, zero], axis=1)])
+    rows = np.concatenate(
+        [
+            np.concatenate([zero, -bz * p, by * p], axis=1),
+            np.concatenate([bz * p, zero, -bx * p], axis=1),
+            np.concatenate([-by * p, bx * p, zero], axis=1),
+        ]
+    )
     _, values, vectors = np.linalg.svd(rows.T @ rows)
     if not values[-2] > 1e-12 * values[0]:
         return None
     matrix = vectors[-1].reshape(3, -1)
-    return np.asarray(-matrix if np.median(np.sum(bearings * (p @ matrix.T), axis=1)) < 0 else matrix)
+    return np.asarray(
+        -matrix if np.median(np.sum(bearings * (p @ matrix.T), axis=1)) < 0 else matrix
+    )
 
 
 def board_pose(bearings: Array, points_mm: Array) -> RigidTransform | None:
@@ -150,7 +171,12 @@ class StereographicStart(NamedTuple):
     """Median residual."""
 
 
-def stereographic_start(observations: Sequence[Observation], image_size: tuple[int, int], centre_px: tuple[float, float], signs: Array) -> StereographicStart:
+def stereographic_start(
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float],
+    signs: Array,
+) -> StereographicStart:
     """Return the focal length and the board poses with the smallest median residual.
 
     ``signs`` (3,) are the signs of right, down and the viewing direction at the image centre along
@@ -162,7 +188,12 @@ def stereographic_start(observations: Sequence[Observation], image_size: tuple[i
     return min(starts, key=lambda s: s.median_px)
 
 
-def _start_at(focal_px: float, observations: Sequence[Observation], centre_px: tuple[float, float], signs: Array) -> StereographicStart:
+def _start_at(
+    focal_px: float,
+    observations: Sequence[Observation],
+    centre_px: tuple[float, float],
+    signs: Array,
+) -> StereographicStart:
     poses: list[RigidTransform | None] = []
     lengths = []
     for observation in observations:
@@ -170,13 +201,17 @@ def _start_at(focal_px: float, observations: Sequence[Observation], centre_px: t
         pose = linear_pose(observation, bearings)
         poses.append(pose)
         if pose is not None:
-            pixels = stereographic_pixels(observation.in_camera_frame(pose), focal_px, centre_px, signs)
+            pixels = stereographic_pixels(
+                observation.in_camera_frame(pose), focal_px, centre_px, signs
+            )
             lengths.append(np.hypot(*(pixels - observation.pixels).T))
     median = float(np.median(np.concatenate(lengths))) if lengths else np.inf
     return StereographicStart(focal_px, centre_px, tuple(poses), median)
 
 
-def stereographic_bearings(pixels: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
+def stereographic_bearings(
+    pixels: Array, focal_px: float, centre_px: tuple[float, float], signs: Array
+) -> Array:
     """Return unit directions (n, 3) in the camera frame of pixels (n, 2) of a stereographic camera.
 
     >>> stereographic_bearings(np.array([[200.0, 100.0]]), 100.0, (100.0, 100.0), np.array([1, 1, -1])).round(12) + 0.0
@@ -184,10 +219,14 @@ def stereographic_bearings(pixels: Array, focal_px: float, centre_px: tuple[floa
     """
     x, y = (pixels - centre_px).T / focal_px
     s = x * x + y * y
-    return np.asarray(np.stack([2 * x / (1 + s), 2 * y / (1 + s), (1 - s) / (1 + s)], axis=1) * signs)
+    return np.asarray(
+        np.stack([2 * x / (1 + s), 2 * y / (1 + s), (1 - s) / (1 + s)], axis=1) * signs
+    )
 
 
-def stereographic_pixels(points: Array, focal_px: float, centre_px: tuple[float, float], signs: Array) -> Array:
+def stereographic_pixels(
+    points: Array, focal_px: float, centre_px: tuple[float, float], signs: Array
+) -> Array:
     """Return pixels (n, 2) of points (n, 3) in a stereographic camera."""
     right, down, forward = (points * signs).T
     denominator = np.maximum(np.linalg.norm(points, axis=1) + forward, 1e-9)

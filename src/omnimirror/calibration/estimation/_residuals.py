@@ -63,7 +63,9 @@ class BoardShape:
 
     def with_values(self, values: ArrayLike) -> BoardShape:
         """Return the same board with other shape values (5,)."""
-        return BoardShape(self.centre_mm, self.half_diagonal_mm, tuple(float(v) for v in np.asarray(values)))
+        return BoardShape(
+            self.centre_mm, self.half_diagonal_mm, tuple(float(v) for v in np.asarray(values))
+        )
 
     def is_flat_within(self, sigmas: Array) -> bool:
         """Return whether all values are zero within three standard deviations (5,)."""
@@ -173,11 +175,17 @@ def linearise(estimate: Estimate, stack: Stack) -> Linearised:
         changes[~stack.shaped] = 0.0
         d_shared = np.concatenate([d_shared, (d_points @ rotations) @ changes], axis=2)
     if stack.marks is not None:
-        d_shared = np.concatenate([d_shared, (d_points @ rotations) @ stack.marks.derivatives()], axis=2)
+        d_shared = np.concatenate(
+            [d_shared, (d_points @ rotations) @ stack.marks.derivatives()], axis=2
+        )
     d_pose = np.empty((len(points), 2, 6))
     # d(turn x X) = -[X]x turn: a row g of d_points becomes X x g
     (x, y, z), (gx, gy, gz) = rotated.T[..., None], np.moveaxis(d_points, 2, 0)
-    d_pose[..., 0], d_pose[..., 1], d_pose[..., 2] = (y * gz - z * gy, z * gx - x * gz, x * gy - y * gx)
+    d_pose[..., 0], d_pose[..., 1], d_pose[..., 2] = (
+        y * gz - z * gy,
+        z * gx - x * gz,
+        x * gy - y * gx,
+    )
     d_pose[..., 3:] = np.where(stack.distant[:, None, None], 0.0, d_points)
     d_slide = None
     if stack.along is not None:
@@ -212,15 +220,25 @@ def eliminate_line_positions(linearised: Linearised) -> Linearised:
     length = np.sum(linearised.d_slide**2, axis=1)
     along = linearised.d_slide / np.sqrt(np.where(length > 0, length, 1.0))[:, None]
     across = np.eye(2) - along[:, :, None] * along[:, None, :]
-    return linearised._replace(residuals=np.einsum("nij,nj->ni", across, linearised.residuals), d_shared=across @ linearised.d_shared, d_pose=across @ linearised.d_pose)
+    return linearised._replace(
+        residuals=np.einsum("nij,nj->ni", across, linearised.residuals),
+        d_shared=across @ linearised.d_shared,
+        d_pose=across @ linearised.d_pose,
+    )
 
 
 def slid(linearised: Linearised, stack: Stack, shared: Array, poses: Array) -> Array:
     """Return steps (n,) along lines for steps of the shared parameters (g,) and poses (m, 6)."""
     assert linearised.d_slide is not None
-    e = linearised.residuals + linearised.d_shared @ shared + np.einsum("nki,ni->nk", linearised.d_pose, poses[stack.owner])
+    e = (
+        linearised.residuals
+        + linearised.d_shared @ shared
+        + np.einsum("nki,ni->nk", linearised.d_pose, poses[stack.owner])
+    )
     length = np.sum(linearised.d_slide**2, axis=1)
-    return np.asarray(-np.sum(linearised.d_slide * e, axis=1) / np.where(length > 0, length, np.inf))
+    return np.asarray(
+        -np.sum(linearised.d_slide * e, axis=1) / np.where(length > 0, length, np.inf)
+    )
 
 
 def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Mask, Array, Array]:
@@ -230,7 +248,10 @@ def _images(model: CameraModel, points: Array, distant: Mask) -> tuple[Array, Ma
         visible = image.valid
         if visible.all():
             return image.pixels, visible, image.d_points, image.d_parameters
-        d_points, d_parameters = (np.where(visible[:, None, None], part, 0.0) for part in (image.d_points, image.d_parameters))
+        d_points, d_parameters = (
+            np.where(visible[:, None, None], part, 0.0)
+            for part in (image.d_points, image.d_parameters)
+        )
         return np.where(visible[:, None], image.pixels, 0.0), visible, d_points, d_parameters
     masks: Sequence[Mask] = (~distant, distant)
     near, far = (_images(model, points[part], distant[part]) for part in masks)

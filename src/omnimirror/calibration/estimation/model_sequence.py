@@ -12,7 +12,15 @@ from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
 from ...cameras.camera import inside_image
 from ...cameras.frames import Mount, rotate_vectors
-from ...cameras.models import DoubleSphere, EnhancedUnified, KannalaBrandt, OCam, RadialSpline, Unified, ViewpointSpline
+from ...cameras.models import (
+    DoubleSphere,
+    EnhancedUnified,
+    KannalaBrandt,
+    OCam,
+    RadialSpline,
+    Unified,
+    ViewpointSpline,
+)
 from ...cameras.models.camera_model import CameraModel
 from .._initial_sensor import estimate_mirror_size
 from ..sensor_model import SensorModel
@@ -33,11 +41,15 @@ def _unified(u: Unified, omega_max_deg: float) -> CameraModel:
 
 
 def _enhanced(u: Unified, omega_max_deg: float) -> CameraModel:
-    return EnhancedUnified(u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+    return EnhancedUnified(
+        u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
+    )
 
 
 def _double(u: Unified, omega_max_deg: float) -> CameraModel:
-    return DoubleSphere(0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+    return DoubleSphere(
+        0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
+    )
 
 
 def _kannala_brandt(u: Unified, omega_max_deg: float) -> CameraModel:
@@ -63,7 +75,9 @@ def _mirror(u: Unified, omega_max_deg: float) -> CameraModel:
     return SensorModel.from_central_model(u, omega_max_deg=omega_max_deg)
 
 
-def mirror_from_viewpoints(central: Unified, fit: BundleAdjustment, omega_max_deg: float) -> SensorModel | None:
+def mirror_from_viewpoints(
+    central: Unified, fit: BundleAdjustment, omega_max_deg: float
+) -> SensorModel | None:
     """Return an initial mirror model with the size given by fitted viewpoints.
 
     None if the size is undetermined.
@@ -80,7 +94,9 @@ def mirror_from_viewpoints(central: Unified, fit: BundleAdjustment, omega_max_de
     model = fit.model
     assert isinstance(model, ViewpointSpline)
     end = min(omega_max_deg, _degrees(central.model_end))
-    corners = np.concatenate([s.pose(s.points[~s.distant]) for s in fit.observations if s.pose is not None])
+    corners = np.concatenate(
+        [s.pose(s.points[~s.distant]) for s in fit.observations if s.pose is not None]
+    )
     omega = np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), -corners[:, 2])
     omega = np.sort(omega[omega < np.radians(end)])[:: max(1, len(omega) // MAX_SIZE_CORNERS)]
     try:
@@ -90,10 +106,21 @@ def mirror_from_viewpoints(central: Unified, fit: BundleAdjustment, omega_max_de
     if guess is None:
         return None
     rim, distance = guess
-    return SensorModel.from_central_model(central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance)
+    return SensorModel.from_central_model(
+        central, omega_max_deg=end, rim_radius_mm=rim, distance_mm=distance
+    )
 
 
-KINDS: dict[str, ModelConstructor] = {"unified": _unified, "enhanced-unified": _enhanced, "double-sphere": _double, "kannala-brandt": _kannala_brandt, "ocam": _ocam, "radial-spline": _radial_spline, "viewpoint-spline": _viewpoint_spline, "sensor": _mirror}
+KINDS: dict[str, ModelConstructor] = {
+    "unified": _unified,
+    "enhanced-unified": _enhanced,
+    "double-sphere": _double,
+    "kannala-brandt": _kannala_brandt,
+    "ocam": _ocam,
+    "radial-spline": _radial_spline,
+    "viewpoint-spline": _viewpoint_spline,
+    "sensor": _mirror,
+}
 """Constructors by name in files and on the command line; the physical mirror sensor is last."""
 RIM_MM, FARTHER = 40.0, 6.0  # unknown mirror: rim radius; distance in rim radii (usual: 3 to 5)
 MAX_SIZE_CORNERS = 300  # number of corners for the size estimate
@@ -115,7 +142,9 @@ def initial_model(kind: str, central: Unified, omega_max_deg: float) -> CameraMo
 def distant_mirror_model(central: Unified, omega_max_deg: float) -> SensorModel:
     """Return an initial mirror model with a larger distance from its lens than usual."""
     end = min(omega_max_deg, _degrees(central.model_end))
-    return SensorModel.from_central_model(central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM)
+    return SensorModel.from_central_model(
+        central, omega_max_deg=end, distance_mm=FARTHER * RIM_MM, rim_radius_mm=RIM_MM
+    )
 
 
 def _focal(u: Unified) -> tuple[float, float]:
@@ -140,7 +169,14 @@ SHIFTS_MM = np.concatenate([-np.geomspace(600, 5, 20), [0.0], np.geomspace(5, 60
 """Trial shifts of boards along the axis when a model with another viewpoint takes over."""
 
 
-def convert_model(model: CameraModel, start: CameraModel, *, omega_max_deg: float = 170.0, fixed: Iterable[str] = (), priors: Iterable[Prior] = ()) -> CameraModel:
+def convert_model(
+    model: CameraModel,
+    start: CameraModel,
+    *,
+    omega_max_deg: float = 170.0,
+    fixed: Iterable[str] = (),
+    priors: Iterable[Prior] = (),
+) -> CameraModel:
     """Convert a model to another kind with the same projection of distant points.
 
     Parameters
@@ -164,9 +200,26 @@ def convert_model(model: CameraModel, start: CameraModel, *, omega_max_deg: floa
     visible = image.valid.copy()
     visible[visible] = inside_image(image.pixels[visible], model.image_size)
     if visible.sum() < len(start.parameters):
-        raise InvalidParameter(f"the model must project directions within {omega_max_deg:g} deg of its axis; got too few")
-    observation = Observation("model", image.pixels[visible], directions[visible], RigidTransform.identity(), is_known=True, is_distant=True)
-    return bundle_adjust(start, [observation], fixed=fixed, priors=priors, loss="huber", noise_px=AGREEMENT_PX, max_steps=60).model
+        raise InvalidParameter(
+            f"the model must project directions within {omega_max_deg:g} deg of its axis; got too few"
+        )
+    observation = Observation(
+        "model",
+        image.pixels[visible],
+        directions[visible],
+        RigidTransform.identity(),
+        is_known=True,
+        is_distant=True,
+    )
+    return bundle_adjust(
+        start,
+        [observation],
+        fixed=fixed,
+        priors=priors,
+        loss="huber",
+        noise_px=AGREEMENT_PX,
+        max_steps=60,
+    ).model
 
 
 def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:
@@ -174,7 +227,11 @@ def directions_of_field(model: CameraModel, omega_max_deg: float) -> Array:
     omega = np.radians(np.linspace(1.0, omega_max_deg, RINGS))[:, None]
     phi = np.linspace(0, 2 * np.pi, SPOKES, endpoint=False)[None, :]
     forward = -1.0 if model.optics == "mirror" else 1.0
-    parts = (np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), forward * np.cos(omega) + 0 * phi)
+    parts = (
+        np.sin(omega) * np.cos(phi),
+        np.sin(omega) * np.sin(phi),
+        forward * np.cos(omega) + 0 * phi,
+    )
     return np.stack([p.ravel() for p in parts], axis=1)
 
 
@@ -197,7 +254,9 @@ def is_central(model: CameraModel) -> bool:
     return bool(both.any()) and bool(np.allclose(near.pixels[both], far.pixels[both], atol=1e-6))
 
 
-def shifted_to_viewpoint(model: CameraModel, observations: Sequence[Observation]) -> tuple[Observation, ...]:
+def shifted_to_viewpoint(
+    model: CameraModel, observations: Sequence[Observation]
+) -> tuple[Observation, ...]:
     """Return near observations shifted along the axis by the common distance of minimum residuals.
 
     The viewpoint of a central model is elsewhere in the frame of a mirror and its camera, often
@@ -217,7 +276,9 @@ def _shifted(observation: Observation, translation_mm: float) -> Observation:
     if observation.is_known or observation.distant.all() or observation.pose is None:
         return observation
     rotation, translation = observation.pose
-    return observation.with_pose(RigidTransform(rotation, translation + np.array([0.0, 0.0, translation_mm])))
+    return observation.with_pose(
+        RigidTransform(rotation, translation + np.array([0.0, 0.0, translation_mm]))
+    )
 
 
 # -- Stages ----------------------------------------------------------------------------------------
@@ -237,7 +298,9 @@ ROUGH_START = {True: 2.0, False: 10.0}
 It is larger for surveys: boards are placed at the best pose for any camera, even a wrong one.
 """
 UNPLACED = "its pose cannot be estimated: at least 6 points that are not collinear, or 3 directions, are required, and their frame must be right-handed"
-FIELD_MARGIN = 1.03  # maximum field angle of the model comparison relative to that of the farthest corner
+FIELD_MARGIN = (
+    1.03  # maximum field angle of the model comparison relative to that of the farthest corner
+)
 
 
 class InitialFit(NamedTuple):
@@ -249,7 +312,16 @@ class InitialFit(NamedTuple):
     """Reasons for images without a consistent board pose, by name."""
 
 
-def fit_first_model(observations: Sequence[Observation], image_size: tuple[int, int], centre_px: tuple[float, float] | None, optics: str, mount: Mount, *, fixed: tuple[str, ...] = (), priors: tuple[Prior, ...] = ()) -> InitialFit:
+def fit_first_model(
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    centre_px: tuple[float, float] | None,
+    optics: str,
+    mount: Mount,
+    *,
+    fixed: tuple[str, ...] = (),
+    priors: tuple[Prior, ...] = (),
+) -> InitialFit:
     """Fit a unified model robustly to boards and surveyed points without poses.
 
     Fixed parameters keep the values of a stereographic camera without distortion.
@@ -266,25 +338,56 @@ def fit_first_model(observations: Sequence[Observation], image_size: tuple[int, 
     boards = not all(s.is_surveyed for s in observations)
     check_start(start.median_px / ROUGH_START[boards], image_size, boards=boards)
     model = Unified(1.0, (start.focal_px,) * 2, centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
-    inconsistent = {s.name: UNPLACED if s.is_surveyed else "its corners are collinear or coincide" for s, pose in zip(observations, start.poses, strict=True) if pose is None}
-    posed = [s.with_pose(m) for s, m in zip(observations, start.poses, strict=True) if m is not None]
-    fit = min((_fit_in_two_steps(model, posed, free, fixed, priors) for free in FIRST_FREE), key=lambda f: f.problem.noise_px)
+    inconsistent = {
+        s.name: UNPLACED if s.is_surveyed else "its corners are collinear or coincide"
+        for s, pose in zip(observations, start.poses, strict=True)
+        if pose is None
+    }
+    posed = [
+        s.with_pose(m) for s, m in zip(observations, start.poses, strict=True) if m is not None
+    ]
+    fit = min(
+        (_fit_in_two_steps(model, posed, free, fixed, priors) for free in FIRST_FREE),
+        key=lambda f: f.problem.noise_px,
+    )
     check_start(_median_of(fit), image_size, boards=boards)
     inconsistent_names = inconsistent_images(fit)
     if inconsistent_names:
         inconsistent |= inconsistent_names
         consistent = [s for s in fit.observations if s.name not in inconsistent_names]
         if len(consistent) < min(2, len(observations)):
-            raise InvalidParameter("; ".join(f"{name}: {reason}" for name, reason in inconsistent_names.items()))
+            raise InvalidParameter(
+                "; ".join(f"{name}: {reason}" for name, reason in inconsistent_names.items())
+            )
         fit = fit.refit(consistent, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE)
     return InitialFit(fit, inconsistent)
 
 
-def _fit_in_two_steps(model: Unified, observations: Sequence[Observation], first: tuple[str, ...], fixed: tuple[str, ...], priors: tuple[Prior, ...]) -> BundleAdjustment:
+def _fit_in_two_steps(
+    model: Unified,
+    observations: Sequence[Observation],
+    first: tuple[str, ...],
+    fixed: tuple[str, ...],
+    priors: tuple[Prior, ...],
+) -> BundleAdjustment:
     """Return a unified model after adjustment of some of its parameters, then of all."""
     fixed_names = (p.name for p in model.parameters if p.name not in first)
-    rough = bundle_adjust(model, observations, fixed=(*fixed_names, *fixed), priors=priors, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE)
-    return bundle_adjust(rough.model, relocate_boards(rough), fixed=fixed, priors=priors, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE)
+    rough = bundle_adjust(
+        model,
+        observations,
+        fixed=(*fixed_names, *fixed),
+        priors=priors,
+        loss="cauchy",
+        relative_tolerance=ROUGH_TOLERANCE,
+    )
+    return bundle_adjust(
+        rough.model,
+        relocate_boards(rough),
+        fixed=fixed,
+        priors=priors,
+        loss="cauchy",
+        relative_tolerance=ROUGH_TOLERANCE,
+    )
 
 
 def _median_of(fit: BundleAdjustment) -> float:
@@ -300,9 +403,15 @@ def relocate_boards(fit: BundleAdjustment) -> tuple[Observation, ...]:
         rays = fit.model.backproject(observation.pixels)
         pose = None
         if rays.valid.sum() >= len(observation) / 2 and not observation.is_known:
-            pose = linear_pose(observation.subset(rays.valid), rotate_vectors(rays.directions[rays.valid], world))
+            pose = linear_pose(
+                observation.subset(rays.valid), rotate_vectors(rays.directions[rays.valid], world)
+            )
         median = _median_px(fit.model, observation, observation.pose)
-        result.append(observation.with_pose(pose) if _median_px(fit.model, observation, pose) < median else fit.observations[number])
+        result.append(
+            observation.with_pose(pose)
+            if _median_px(fit.model, observation, pose) < median
+            else fit.observations[number]
+        )
     return tuple(result)
 
 
@@ -310,7 +419,9 @@ def _median_px(model: CameraModel, observation: Observation, pose: RigidTransfor
     if pose is None:
         return np.inf
     linearised = residuals_at_poses(model, [observation.with_pose(pose)])
-    return float(np.median(np.where(linearised.visible, np.hypot(*linearised.residuals.T), UNSEEN_PX)))
+    return float(
+        np.median(np.where(linearised.visible, np.hypot(*linearised.residuals.T), UNSEEN_PX))
+    )
 
 
 def field_of(fit: BundleAdjustment) -> float:
@@ -318,7 +429,15 @@ def field_of(fit: BundleAdjustment) -> float:
     return min(FIELD_MARGIN * farthest_angle_deg(fit), 179.0)
 
 
-def fit_next_model(fit: BundleAdjustment, start: CameraModel, *, shape: BoardShape | None = None, fixed: tuple[str, ...] = (), priors: tuple[Prior, ...] = (), max_steps: int = MAX_STEPS) -> BundleAdjustment:
+def fit_next_model(
+    fit: BundleAdjustment,
+    start: CameraModel,
+    *,
+    shape: BoardShape | None = None,
+    fixed: tuple[str, ...] = (),
+    priors: tuple[Prior, ...] = (),
+    max_steps: int = MAX_STEPS,
+) -> BundleAdjustment:
     """Fit the next model: first to the projection of the previous model, then to the corners.
 
     Parameters
@@ -338,13 +457,30 @@ def fit_next_model(fit: BundleAdjustment, start: CameraModel, *, shape: BoardSha
         Robust fit.
     """
     names = {p.name for p in start.parameters}
-    model = convert_model(fit.model, start, omega_max_deg=field_of(fit), fixed=[n for n in fixed if n in names], priors=[p for p in priors if p.name in names])
+    model = convert_model(
+        fit.model,
+        start,
+        omega_max_deg=field_of(fit),
+        fixed=[n for n in fixed if n in names],
+        priors=[p for p in priors if p.name in names],
+    )
     observations = fit.observations
     if not is_central(model):
         observations = shifted_to_viewpoint(model, observations)
-    relative_tolerance = bundle_adjust(model, observations, fixed=[p.name for p in model.parameters], loss="cauchy", max_steps=20)
+    relative_tolerance = bundle_adjust(
+        model, observations, fixed=[p.name for p in model.parameters], loss="cauchy", max_steps=20
+    )
     supported = (*priors, *(p for p in supports(model) if p.name not in fixed))
-    return bundle_adjust(model, relative_tolerance.observations, shape=shape, fixed=fixed, priors=supported, loss="cauchy", relative_tolerance=ROUGH_TOLERANCE, max_steps=max_steps)
+    return bundle_adjust(
+        model,
+        relative_tolerance.observations,
+        shape=shape,
+        fixed=fixed,
+        priors=supported,
+        loss="cauchy",
+        relative_tolerance=ROUGH_TOLERANCE,
+        max_steps=max_steps,
+    )
 
 
 def supports(model: CameraModel) -> tuple[Prior, ...]:

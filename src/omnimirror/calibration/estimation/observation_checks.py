@@ -39,7 +39,9 @@ def joined_names(names: Sequence[str]) -> str:
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool, min_images: int) -> tuple[int, int]:
+def check_detections(
+    detections: Sequence[Any], board: Any, *, is_reversed: bool, min_images: int
+) -> tuple[int, int]:
     """Return the common image size if enough images show the board.
 
     Parameters
@@ -58,20 +60,38 @@ def check_detections(detections: Sequence[Any], board: Any, *, is_reversed: bool
         (usual, _), *others = sizes.most_common()
         deviating = [d.name for d in detections if is_used(d) and tuple(d.image_size) != usual]
         names = ", ".join(f"{w} x {h}" for (w, h), _ in others)
-        raise InvalidParameter(f"images of one calibration must have one size; {joined_names(deviating)}: {names} px, the other images: {usual[0]} x {usual[1]} px")
+        raise InvalidParameter(
+            f"images of one calibration must have one size; {joined_names(deviating)}: {names} px, the other images: {usual[0]} x {usual[1]} px"
+        )
     if not detections:
-        raise InvalidParameter("at least one image is required (recommended: 10 or more of a board); got none")
+        raise InvalidParameter(
+            "at least one image is required (recommended: 10 or more of a board); got none"
+        )
     used = [d for d in detections if is_used(d)]
     if len(used) < min_images:
         missing = [d for d in detections if not is_used(d)]
         reasons = "; ".join(reason_of(d) for d in missing[:MAX_NAMED])
-        raise InvalidParameter(f"the board ({board}) was detected in {len(used)} of {len(detections)} images{f' ({joined_names([d.name for d in used])})' if used else ''}; at least {min_images} {'is' if min_images == 1 else 'are'} required, 10 or more are recommended{': ' if reasons else ''}{reasons}")
-    mismatched = [d.name for d in used if d.is_reversed is not None and d.is_reversed != is_reversed]
+        raise InvalidParameter(
+            f"the board ({board}) was detected in {len(used)} of {len(detections)} images{f' ({joined_names([d.name for d in used])})' if used else ''}; at least {min_images} {'is' if min_images == 1 else 'are'} required, 10 or more are recommended{': ' if reasons else ''}{reasons}"
+        )
+    mismatched = [
+        d.name for d in used if d.is_reversed is not None and d.is_reversed != is_reversed
+    ]
     if mismatched:
-        mismatch = "are not mirror images, unlike those of a mirror" if is_reversed else "are mirror images, unlike those of a fisheye"
+        mismatch = (
+            "are not mirror images, unlike those of a mirror"
+            if is_reversed
+            else "are mirror images, unlike those of a fisheye"
+        )
         is_common = len(mismatched) == sum(d.is_reversed is not None for d in used)
-        remedy = "use --image-flipped if the camera's driver flips the images, or the other --optics" if is_common else "remove them, or flip them"
-        raise InvalidParameter(f"according to the board's markers, {joined_names(mismatched)} {mismatch}; {remedy}")
+        remedy = (
+            "use --image-flipped if the camera's driver flips the images, or the other --optics"
+            if is_common
+            else "remove them, or flip them"
+        )
+        raise InvalidParameter(
+            f"according to the board's markers, {joined_names(mismatched)} {mismatch}; {remedy}"
+        )
     return next(iter(sizes))
 
 
@@ -84,14 +104,22 @@ def reason_of(detection: Any) -> str:
     """Return the reason for which an image is not used, with its name."""
     if detection.reason is None:
         return f"{detection.name}: at least {MIN_CORNERS_PER_IMAGE} corners are required; got {len(detection.ids)}"
-    return detection.reason if detection.name in detection.reason else f"{detection.name}: {detection.reason}"
+    return (
+        detection.reason
+        if detection.name in detection.reason
+        else f"{detection.name}: {detection.reason}"
+    )
 
 
 def check_start(median_px: float, image_size: tuple[int, int], *, boards: bool = True) -> None:
     """Check that a camera explains the corners of boards, or surveyed points."""
     if not median_px < WORST_MEDIAN * max(image_size):
-        kind, remedy = ("corners", BOARD_REMEDY) if boards else ("points and directions", SURVEY_REMEDY)
-        raise InvalidParameter(f"no camera explains the {kind}: the median residual of the best fit is {median_px:.1f} px; {remedy}")
+        kind, remedy = (
+            ("corners", BOARD_REMEDY) if boards else ("points and directions", SURVEY_REMEDY)
+        )
+        raise InvalidParameter(
+            f"no camera explains the {kind}: the median residual of the best fit is {median_px:.1f} px; {remedy}"
+        )
 
 
 def check_poses(observations: Sequence[Observation]) -> None:
@@ -105,17 +133,30 @@ def check_poses(observations: Sequence[Observation]) -> None:
     distance = float(np.linalg.norm(centres, axis=1).mean())
     spread = float(np.linalg.norm(centres[:, None] - centres[None], axis=2).max())
     if tilt < SAME_TILT_DEG and spread < SAME_PLACE * distance:
-        raise InvalidParameter(f"the board must have different poses; it has the same in all images ({joined_names([s.name for s in observations])}); hold it at different positions and angles in all directions")
+        raise InvalidParameter(
+            f"the board must have different poses; it has the same in all images ({joined_names([s.name for s in observations])}); hold it at different positions and angles in all directions"
+        )
 
 
 def inconsistent_images(adjustment: BundleAdjustment) -> dict[str, str]:
     """Return images without a consistent board pose, as a mapping of name to reason."""
-    medians = np.array([np.median(np.hypot(*adjustment.residuals_of(i).T)) for i in range(len(adjustment.observations))])
-    invisible = np.array([1 - adjustment.visible[part].mean() for part in adjustment.problem.stack.slices])
+    medians = np.array(
+        [
+            np.median(np.hypot(*adjustment.residuals_of(i).T))
+            for i in range(len(adjustment.observations))
+        ]
+    )
+    invisible = np.array(
+        [1 - adjustment.visible[part].mean() for part in adjustment.problem.stack.slices]
+    )
     typical = max(float(np.median(medians)), 0.05)
     limit = max(10 * typical, 1.0)
     return {
-        s.name: (f"the median residual of its corners is {median:.1f} px, that of the other images {typical:.2f} px" if share < 0.5 else "a board at this position is not visible to the camera that fits the other images")
+        s.name: (
+            f"the median residual of its corners is {median:.1f} px, that of the other images {typical:.2f} px"
+            if share < 0.5
+            else "a board at this position is not visible to the camera that fits the other images"
+        )
         for s, median, share in zip(adjustment.observations, medians, invisible, strict=True)
         if median > limit or share >= 0.5
     }
@@ -150,13 +191,23 @@ class Outlier(NamedTuple):
 def outlier_limit_px(adjustment: BundleAdjustment) -> float:
     """Return the residual above which a corner is an outlier of normally distributed noise."""
     lengths = np.hypot(*adjustment.residuals[adjustment.visible].T)
-    residual_fraction = 1 - min(adjustment.unknowns / max(2 * len(lengths), 1), MAX_ABSORBED)  # noise in parameters
-    noise = float(np.median(lengths)) / MEDIAN_OF_NOISE / np.sqrt(residual_fraction) if len(lengths) else 0.0
+    residual_fraction = 1 - min(
+        adjustment.unknowns / max(2 * len(lengths), 1), MAX_ABSORBED
+    )  # noise in parameters
+    noise = (
+        float(np.median(lengths)) / MEDIAN_OF_NOISE / np.sqrt(residual_fraction)
+        if len(lengths)
+        else 0.0
+    )
     noise *= 1 + DOUBT / np.sqrt(max(len(lengths), 1))
-    return max(float(noise) * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), MIN_REJECTED_PX)
+    return max(
+        float(noise) * float(np.sqrt(2 * np.log(max(len(lengths), 2) / CHANCE))), MIN_REJECTED_PX
+    )
 
 
-def without_outliers(adjustment: BundleAdjustment, *, max_rejected: int | None = None) -> tuple[BundleAdjustment, tuple[Outlier, ...]]:
+def without_outliers(
+    adjustment: BundleAdjustment, *, max_rejected: int | None = None
+) -> tuple[BundleAdjustment, tuple[Outlier, ...]]:
     """Reject the worst corner and adjust again until none is significant or the limit is reached.
 
     Parameters
@@ -174,7 +225,10 @@ def without_outliers(adjustment: BundleAdjustment, *, max_rejected: int | None =
         Rejected corners, worst first.
     """
     count = len(adjustment.residuals)
-    remaining, remaining_gross = ((max(1, int(s * count)) if max_rejected is None else max_rejected) for s in (MAX_REJECTED, MAX_GROSS))
+    remaining, remaining_gross = (
+        (max(1, int(s * count)) if max_rejected is None else max_rejected)
+        for s in (MAX_REJECTED, MAX_GROSS)
+    )
     outliers: list[Outlier] = []
     fit = adjustment
     while True:
@@ -185,12 +239,21 @@ def without_outliers(adjustment: BundleAdjustment, *, max_rejected: int | None =
         rejected = np.array([index])
         if lengths[index] > GROSS * limit:
             similar = np.flatnonzero(lengths > max(GROSS * limit, ALIKE * lengths[index]))
-            rejected = _removable(fit, similar[np.argsort(-lengths[similar])][: remaining_gross - len(outliers)])
-        if len(outliers) + len(rejected) > (remaining_gross if lengths[index] > GROSS * limit else remaining) or not len(rejected):
+            rejected = _removable(
+                fit, similar[np.argsort(-lengths[similar])][: remaining_gross - len(outliers)]
+            )
+        if len(outliers) + len(rejected) > (
+            remaining_gross if lengths[index] > GROSS * limit else remaining
+        ) or not len(rejected):
             break
         rejected_outliers = [_outlier(fit, int(i), float(lengths[i])) for i in rejected]
         outliers += rejected_outliers
-        fit = fit.refit(without_rejected(fit.observations, tuple(rejected_outliers)), loss="cauchy", noise_px=fit.problem.noise_px, max_steps=2)
+        fit = fit.refit(
+            without_rejected(fit.observations, tuple(rejected_outliers)),
+            loss="cauchy",
+            noise_px=fit.problem.noise_px,
+            max_steps=2,
+        )
     final = fit.refit(fit.observations)
     return final, tuple(sorted(outliers, key=lambda o: -o.residual_px))
 
@@ -203,13 +266,18 @@ def remaining_outliers(adjustment: BundleAdjustment) -> tuple[Outlier, ...]:
     """
     lengths = np.where(adjustment.visible, np.hypot(*adjustment.residuals.T), UNSEEN_PX)
     beyond = np.flatnonzero(lengths > outlier_limit_px(adjustment))
-    return tuple(_outlier(adjustment, int(i), float(lengths[i])) for i in beyond[np.argsort(-lengths[beyond])])
+    return tuple(
+        _outlier(adjustment, int(i), float(lengths[i]))
+        for i in beyond[np.argsort(-lengths[beyond])]
+    )
 
 
 def _outlier(adjustment: BundleAdjustment, index: int, length_px: float) -> Outlier:
     """Return a point of an adjustment with its image and number."""
     stack = adjustment.problem.stack
-    return Outlier(adjustment.observations[int(stack.owner[index])].name, int(stack.ids[index]), length_px)
+    return Outlier(
+        adjustment.observations[int(stack.owner[index])].name, int(stack.ids[index]), length_px
+    )
 
 
 def _removable(adjustment: BundleAdjustment, points: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -231,12 +299,19 @@ def _largest_residual(adjustment: BundleAdjustment, lengths: NDArray[np.float64]
     return int(np.argmax(np.where(can_lose, lengths, -1.0))) if can_lose.any() else None
 
 
-def without_rejected(observations: tuple[Observation, ...], outliers: tuple[Outlier, ...]) -> tuple[Observation, ...]:
+def without_rejected(
+    observations: tuple[Observation, ...], outliers: tuple[Outlier, ...]
+) -> tuple[Observation, ...]:
     """Return observations without the given outliers."""
     rejected: dict[str, list[int]] = {}
     for outlier in outliers:
         rejected.setdefault(outlier.image, []).append(outlier.corner)
-    return tuple(s.subset(~np.isin(s.ids, rejected[s.name])) if s.name in rejected and s.ids is not None else s for s in observations)
+    return tuple(
+        s.subset(~np.isin(s.ids, rejected[s.name]))
+        if s.name in rejected and s.ids is not None
+        else s
+        for s in observations
+    )
 
 
 # -- Recommendations for further calibration images ------------------------------------------------
@@ -262,7 +337,11 @@ class Coverage(NamedTuple):
     """Largest angle between the normals of two boards; NaN if no pose is known."""
 
 
-def coverage(observations: Sequence[Observation], centre_px: tuple[float, float], outer_radius_px: float | None = None) -> Coverage:
+def coverage(
+    observations: Sequence[Observation],
+    centre_px: tuple[float, float],
+    outer_radius_px: float | None = None,
+) -> Coverage:
     """Return the distribution of corners, up to the rim or to the farthest corner if it is unknown.
 
     Boards without a pose contribute their corners only.
@@ -275,31 +354,49 @@ def coverage(observations: Sequence[Observation], centre_px: tuple[float, float]
     sector = np.round(azimuth / (2 * np.pi / SECTORS)).astype(int) % SECTORS
     counts = np.zeros((RINGS, SECTORS), dtype=np.int64)
     np.add.at(counts, (ring, sector), 1)
-    board_poses = [(s.pose, s.points) for s in observations if s.pose is not None and not s.is_surveyed]
+    board_poses = [
+        (s.pose, s.points) for s in observations if s.pose is not None and not s.is_surveyed
+    ]
     normals = np.array([pose.rotation[:, 2] for pose, _ in board_poses]).reshape(-1, 3)
     centres = np.array([pose(points).mean(axis=0) for pose, points in board_poses]).reshape(-1, 3)
     cosines_to_centre = np.sum(normals * centres, axis=1) / np.linalg.norm(centres, axis=1)
     cosines = np.clip(np.abs(normals @ normals.T), 0, 1)
     facing = float(np.degrees(np.arccos(cosines.min()))) if board_poses else float("nan")
-    return Coverage(centre_px, radii, counts, np.degrees(np.arccos(np.clip(np.abs(cosines_to_centre), 0, 1))), facing)
+    return Coverage(
+        centre_px,
+        radii,
+        counts,
+        np.degrees(np.arccos(np.clip(np.abs(cosines_to_centre), 0, 1))),
+        facing,
+    )
 
 
 def recommendations(coverage: Coverage, images: int) -> tuple[str, ...]:
     """Return recommendations for further images, most important first; empty if coverage suffices."""
     sentences = []
     if images < SUFFICIENT_IMAGES:
-        sentences.append(f"Take more images: {images} {'is' if images == 1 else 'are'} used; {SUFFICIENT_IMAGES} to 20 with the board at different positions are recommended.")
+        sentences.append(
+            f"Take more images: {images} {'is' if images == 1 else 'are'} used; {SUFFICIENT_IMAGES} to 20 with the board at different positions are recommended."
+        )
     outer = np.flatnonzero(coverage.counts[-1] < MIN_CORNERS_PER_CELL)
     if len(outer):
         low, high = coverage.radii_px[-2:]
-        sentences.append(f"Hold the board across the edge of the field at the {_side_names(outer)}: few corners there are {low:.0f} to {high:.0f} px from the centre.")
+        sentences.append(
+            f"Hold the board across the edge of the field at the {_side_names(outer)}: few corners there are {low:.0f} to {high:.0f} px from the centre."
+        )
     inner = np.flatnonzero(coverage.counts[:-1].sum(axis=0) < MIN_CORNERS_PER_CELL)
     if len(inner):
-        sentences.append(f"Hold the board towards the {_side_names(inner)} of the image: few corners were detected there.")
+        sentences.append(
+            f"Hold the board towards the {_side_names(inner)} of the image: few corners were detected there."
+        )
     if coverage.counts[0].sum() < MIN_CORNERS_PER_CELL:
-        sentences.append(f"Hold the board nearer to the axis: few corners are within {coverage.radii_px[1]:.0f} px of the centre.")
+        sentences.append(
+            f"Hold the board nearer to the axis: few corners are within {coverage.radii_px[1]:.0f} px of the centre."
+        )
     if images > 1 and coverage.facing_deg < MIN_TILT_DEG:
-        sentences.append(f"Tilt the board more: its orientations differ by only {coverage.facing_deg:.0f} deg.")
+        sentences.append(
+            f"Tilt the board more: its orientations differ by only {coverage.facing_deg:.0f} deg."
+        )
     return tuple(sentences)
 
 

@@ -86,7 +86,10 @@ def rotations_of(vectors: Array) -> Array:
     x, y, z = vectors.T
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
     cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    first, second = (np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2)  # sin(a) / a, (1 - cos(a)) / a^2
+    first, second = (
+        np.sinc(angle / np.pi),
+        np.sinc(angle / (2 * np.pi)) ** 2 / 2,
+    )  # sin(a) / a, (1 - cos(a)) / a^2
     # Rodrigues: R = I + sin(a) / a K + (1 - cos(a)) / a^2 K^2
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
 
@@ -148,9 +151,14 @@ class Observation:
     is_surveyed: bool = False
 
     def __post_init__(self) -> None:
-        pixels, points = (finite("pixels", self.pixels, last=2), finite("points", self.points, last=3))
+        pixels, points = (
+            finite("pixels", self.pixels, last=2),
+            finite("points", self.points, last=3),
+        )
         if pixels.ndim != 2 or len(pixels) != len(points):
-            raise InvalidParameter(f"{self.name}: pixels (n, 2) and points (n, 3) must have the same length; got {pixels.shape} and {points.shape}")
+            raise InvalidParameter(
+                f"{self.name}: pixels (n, 2) and points (n, 3) must have the same length; got {pixels.shape} and {points.shape}"
+            )
         if self.is_known and self.pose is None:
             raise InvalidParameter(f"{self.name}: a known pose must be specified; got None")
         object.__setattr__(self, "pixels", pixels)
@@ -158,19 +166,25 @@ class Observation:
         ids = np.arange(len(pixels)) if self.ids is None else np.asarray(self.ids, dtype=np.int64)
         object.__setattr__(self, "ids", ids)
         if np.ndim(self.is_distant) and np.shape(self.is_distant) != (len(pixels),):
-            raise InvalidParameter(f"{self.name}: is_distant must be one truth value, or one for each of {len(pixels)} points; got shape {np.shape(self.is_distant)}")
+            raise InvalidParameter(
+                f"{self.name}: is_distant must be one truth value, or one for each of {len(pixels)} points; got shape {np.shape(self.is_distant)}"
+            )
         for name in ("along", "normals"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, self._directions(name, len(pixels)))
         if self.normals is not None and (self.along is not None or self.distant.any()):
-            raise InvalidParameter(f"{self.name}: normals must not be combined with lines or distant points")
+            raise InvalidParameter(
+                f"{self.name}: normals must not be combined with lines or distant points"
+            )
 
     def _directions(self, name: str, count: int) -> Array:
         """Return unit vectors (n, 3), one per point."""
         directions = finite(name, getattr(self, name), last=3)
         lengths = np.linalg.norm(directions, axis=-1, keepdims=True)
         if directions.shape != (count, 3) or not (lengths > 0).all():
-            raise InvalidParameter(f"{self.name}: {name} must be {count} nonzero directions ({count}, 3), one per point; got shape {directions.shape}")
+            raise InvalidParameter(
+                f"{self.name}: {name} must be {count} nonzero directions ({count}, 3), one per point; got shape {directions.shape}"
+            )
         return np.asarray(directions / lengths)
 
     def __len__(self) -> int:
@@ -213,7 +227,15 @@ class Observation:
         assert self.ids is not None
         along, normals = (None if d is None else d[selected] for d in (self.along, self.normals))
         distant = self.distant[selected] if np.ndim(self.is_distant) else self.is_distant
-        return replace(self, pixels=self.pixels[selected], points=self.points[selected], along=along, normals=normals, ids=self.ids[selected], is_distant=distant)
+        return replace(
+            self,
+            pixels=self.pixels[selected],
+            points=self.points[selected],
+            along=along,
+            normals=normals,
+            ids=self.ids[selected],
+            is_distant=distant,
+        )
 
     def with_pose(self, pose: RigidTransform | None) -> Observation:
         """Return the observation with another pose.
@@ -281,7 +303,9 @@ def stacked(observations: Sequence[Observation]) -> Stack:
     ends = np.cumsum(counts)
     along = None
     if any(s.along is not None for s in observations):
-        along = np.concatenate([np.zeros((len(s), 3)) if s.along is None else s.along for s in observations])
+        along = np.concatenate(
+            [np.zeros((len(s), 3)) if s.along is None else s.along for s in observations]
+        )
     return Stack(
         np.concatenate([s.pixels for s in observations]),
         np.concatenate([s.points for s in observations]),
@@ -305,15 +329,28 @@ def _marks(observations: Sequence[Observation]) -> Marks:
     """
     ids = np.concatenate([s.ids for s in observations if s.ids is not None])
     points = np.concatenate([s.points for s in observations])
-    normals = np.concatenate([np.zeros((len(s), 3)) if s.normals is None else s.normals for s in observations])
+    normals = np.concatenate(
+        [np.zeros((len(s), 3)) if s.normals is None else s.normals for s in observations]
+    )
     at = np.flatnonzero(np.any(normals != 0, axis=1))
-    mark_ids, first, number, count = np.unique(ids[at], return_index=True, return_inverse=True, return_counts=True)
+    mark_ids, first, number, count = np.unique(
+        ids[at], return_index=True, return_inverse=True, return_counts=True
+    )
     if (unmatched := mark_ids[count < 2]).size:
-        raise InvalidParameter(f"mark {unmatched[0]} on a plane must be observed in at least two images with the same number (ids); got one")
+        raise InvalidParameter(
+            f"mark {unmatched[0]} on a plane must be observed in at least two images with the same number (ids); got one"
+        )
     first_points, other = at[first][number], at
-    distances = np.abs(np.sum(normals[first_points] * (points[other] - points[first_points]), axis=1))
-    size = 1e-6 * (np.linalg.norm(points[other], axis=1) + np.linalg.norm(points[first_points], axis=1))
-    if (is_inconsistent := (distances > size) | (np.abs(np.sum(normals[first_points] * normals[other], axis=1)) < 1 - 1e-9)).any():
+    distances = np.abs(
+        np.sum(normals[first_points] * (points[other] - points[first_points]), axis=1)
+    )
+    size = 1e-6 * (
+        np.linalg.norm(points[other], axis=1) + np.linalg.norm(points[first_points], axis=1)
+    )
+    if (
+        is_inconsistent := (distances > size)
+        | (np.abs(np.sum(normals[first_points] * normals[other], axis=1)) < 1 - 1e-9)
+    ).any():
         raise InvalidParameter(f"mark {ids[at][is_inconsistent][0]} must be on one plane; got two")
     axes = np.zeros((len(ids), 3, 2))
     axes[at] = np.linalg.svd(normals[first_points][:, None])[2][:, 1:].transpose(0, 2, 1)
@@ -363,7 +400,9 @@ def flipped_observations(observation: Observation, ends_mm: float, width: int) -
     board = _reversed_columns(observation, ends_mm)
     assert board.pose is not None
     across = np.array([-1.0, 1.0, 1.0])
-    pose = RigidTransform(across[:, None] * board.pose.rotation * [1.0, 1.0, -1.0], across * board.pose.translation_mm)
+    pose = RigidTransform(
+        across[:, None] * board.pose.rotation * [1.0, 1.0, -1.0], across * board.pose.translation_mm
+    )
     return replace(board, pixels=board.pixels * across[:2] + [width - 1.0, 0.0], pose=pose)
 
 
@@ -381,14 +420,21 @@ def _reversed_columns(observation: Observation, ends_mm: float) -> Observation:
     assert observation.pose is not None
     rotation, shift = observation.pose
     points = observation.points * [-1.0, 1.0, 1.0] + [ends_mm, 0.0, 0.0]
-    return replace(observation, points=points, pose=RigidTransform(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * ends_mm))
+    return replace(
+        observation,
+        points=points,
+        pose=RigidTransform(rotation * [-1.0, 1.0, -1.0], shift + rotation[:, 0] * ends_mm),
+    )
 
 
 def _faces_away(observation: Observation) -> bool:
     """Return whether a board's Z axis, which points away from the viewer, points at the camera."""
     if observation.is_surveyed or observation.pose is None:
         return False
-    return float(observation.pose.rotation[:, 2] @ observation.pose(observation.points).mean(axis=0)) < 0
+    return (
+        float(observation.pose.rotation[:, 2] @ observation.pose(observation.points).mean(axis=0))
+        < 0
+    )
 
 
 # -- Survey files ----------------------------------------------------------------------------------
@@ -422,7 +468,9 @@ class _Row(NamedTuple):
 
 
 @validate_arguments
-def read_observations(points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()) -> SurveyData:
+def read_observations(
+    points: Sequence[str | Path] = (), directions: Sequence[str | Path] = ()
+) -> SurveyData:
     """Read surveyed points and directions with their pixels from CSV tables with a header line.
 
     Lines with the same image name, in all files, belong to one camera pose: a camera that did not
@@ -460,13 +508,22 @@ def read_observations(points: Sequence[str | Path] = (), directions: Sequence[st
     ([0.0, -1.0, 0.0], ('stars.csv line 2', 'stars.csv line 3'))
     """
     rows = [row for path in points for row in _rows(Path(path), (POINT_COLUMNS,), is_distant=False)]
-    rows += [row for path in directions for row in _rows(Path(path), (DIRECTION_COLUMNS, ANGLE_COLUMNS), is_distant=True)]
+    rows += [
+        row
+        for path in directions
+        for row in _rows(Path(path), (DIRECTION_COLUMNS, ANGLE_COLUMNS), is_distant=True)
+    ]
     observations, locations = [], {}
     for name in dict.fromkeys(row.image for row in rows):
         image_rows = [row for row in rows if row.image == name]
-        pixels, targets = (np.array([row.pixel for row in image_rows]), np.array([row.target for row in image_rows]))
+        pixels, targets = (
+            np.array([row.pixel for row in image_rows]),
+            np.array([row.target for row in image_rows]),
+        )
         distant = np.array([row.is_distant for row in image_rows])
-        observations.append(Observation(name, pixels, targets, is_distant=distant, is_surveyed=True))
+        observations.append(
+            Observation(name, pixels, targets, is_distant=distant, is_surveyed=True)
+        )
         locations[name] = tuple(row.place for row in image_rows)
     return SurveyData(tuple(observations), locations)
 
@@ -474,35 +531,56 @@ def read_observations(points: Sequence[str | Path] = (), directions: Sequence[st
 def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> list[_Row]:
     """Return the lines of a file with pixel columns and one of several sets of target columns."""
     text = read_text(path, "points and directions", InvalidParameter, f"there is no file {path}")
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    lines = [
+        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
+    ]
     if len(lines) < 2:
-        raise InvalidParameter(f"{path} contains no points; its first line must be {','.join((*PIXEL_COLUMNS, *valid[0]))}")
+        raise InvalidParameter(
+            f"{path} contains no points; its first line must be {','.join((*PIXEL_COLUMNS, *valid[0]))}"
+        )
     (number, head), *rest = lines
     columns = csv_cells(head, f"line {number} of {path}")
-    target = next((names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}), None)
+    target = next(
+        (names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}),
+        None,
+    )
     if target is None or len(set(columns)) < len(columns):
         column_sets = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
-        raise InvalidParameter(f"line {number} of {path}: the columns must be {column_sets}, and {IMAGE_COLUMN} for several images; got {format_value(head)}")
+        raise InvalidParameter(
+            f"line {number} of {path}: the columns must be {column_sets}, and {IMAGE_COLUMN} for several images; got {format_value(head)}"
+        )
     return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
 
 
-def _row(location: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool) -> _Row:
+def _row(
+    location: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool
+) -> _Row:
     cells = csv_cells(line, location)
     if len(cells) != len(columns):
-        raise InvalidParameter(f"{location} must have {len(columns)} values, as the first line; got {len(cells)}")
+        raise InvalidParameter(
+            f"{location} must have {len(columns)} values, as the first line; got {len(cells)}"
+        )
     entries = dict(zip(columns, cells, strict=True))
     u, v = (csv_number(entries, name, location) for name in PIXEL_COLUMNS)
     numbers = [csv_number(entries, name, location) for name in target]
     if target == ANGLE_COLUMNS:
         azimuth, elevation = np.radians(numbers)
         if abs(elevation) > np.pi / 2:
-            raise InvalidParameter(f"{location}: elevation_deg must be -90 to 90 deg; got {numbers[1]:g}")
+            raise InvalidParameter(
+                f"{location}: elevation_deg must be -90 to 90 deg; got {numbers[1]:g}"
+            )
         horizontal = np.cos(elevation)
         numbers = [horizontal * np.cos(azimuth), -horizontal * np.sin(azimuth), np.sin(elevation)]
     if is_distant and not np.linalg.norm(numbers) > 0:
         raise InvalidParameter(f"{location}: the direction must not be zero; got 0, 0, 0")
     x, y, z = numbers
-    return _Row(location, entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME, (u, v), (float(x), float(y), float(z)), is_distant)
+    return _Row(
+        location,
+        entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME,
+        (u, v),
+        (float(x), float(y), float(z)),
+        is_distant,
+    )
 
 
 # -- Simulated detections --------------------------------------------------------------------------
@@ -515,7 +593,15 @@ BOARD_DISTANCES = (0.9, 2.5)  # multiples of the board's diagonal
 
 
 @validate_arguments
-def simulate_detections(camera: Camera, board: Board, count: int = 12, *, noise_px: float = 0.1, seed: int = 0, points_mm: Array | None = None) -> list[Detection]:
+def simulate_detections(
+    camera: Camera,
+    board: Board,
+    count: int = 12,
+    *,
+    noise_px: float = 0.1,
+    seed: int = 0,
+    points_mm: Array | None = None,
+) -> list[Detection]:
     """Simulate corners of a board at random poses around a camera, with normal noise.
 
     Parameters
@@ -561,7 +647,9 @@ def simulate_detections(camera: Camera, board: Board, count: int = 12, *, noise_
             if projection.valid.mean() >= MIN_VISIBLE:
                 break
         else:
-            raise InvalidParameter(f"camera must observe a board of {board} with squares of {board.square_mm:g} mm; got no visible pose in {MAX_TRIES} attempts")
+            raise InvalidParameter(
+                f"camera must observe a board of {board} with squares of {board.square_mm:g} mm; got no visible pose in {MAX_TRIES} attempts"
+            )
         ids = np.flatnonzero(projection.valid)
         corners = projection.pixels[ids] + random.normal(0.0, noise_px, (len(ids), 2))
         detections.append(Detection(f"image {i + 1}", camera.image_size, ids, corners))
@@ -580,7 +668,9 @@ def _random_board(camera: Camera, points: Array, random: np.random.Generator) ->
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     across = np.cross(direction, random.normal(size=3))
     x = across / np.linalg.norm(across)
-    facing = np.stack([x, np.cross(direction, x), direction], axis=1)  # Z points away from the viewer
+    facing = np.stack(
+        [x, np.cross(direction, x), direction], axis=1
+    )  # Z points away from the viewer
     tilt = random.normal(size=3)
     rotation = rotation_of(random.uniform(0, MAX_TILT) * tilt / np.linalg.norm(tilt)) @ facing
     position = rays.origins[0] + random.uniform(*BOARD_DISTANCES) * diagonal * direction

@@ -14,7 +14,14 @@ import numpy as np
 from ...base.arguments import format_value, parse_float
 from ...base.caching import cached_property
 from ...base.errors import SpecError
-from ...base.files import MAX_TEXT_BYTES, NESTING_MESSAGE, compose_yaml, decompress, parse_json, parse_xml
+from ...base.files import (
+    MAX_TEXT_BYTES,
+    NESTING_MESSAGE,
+    compose_yaml,
+    decompress,
+    parse_json,
+    parse_xml,
+)
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...cameras.frames import Mount
@@ -80,7 +87,9 @@ class Node:
         """Return a finite number."""
         value = self.value
         try:
-            number = np.nan if isinstance(value, bool | dict | list | None) else parse_float(str(value))
+            number = (
+                np.nan if isinstance(value, bool | dict | list | None) else parse_float(str(value))
+            )
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
@@ -196,7 +205,9 @@ def _entry(tree: Any, source: str, name: str) -> Node:
         table: dict[str, Node] = {}
         for key, key_node, value in pairs:
             if key in table:
-                raise SpecError(f"{source} line {key_node.start_mark.line + 1}: {key} must not occur twice")
+                raise SpecError(
+                    f"{source} line {key_node.start_mark.line + 1}: {key} must not occur twice"
+                )
             table[key] = _entry(value, source, f"{name}.{key}" if name else key)
         return Node(table, source, name, line)
     if tree.id == "sequence":
@@ -222,9 +233,15 @@ def read_json(text: str, source: str) -> Node:
     try:
         return _plain(parse_json(text), source, "")
     except json.JSONDecodeError as problem:
-        raise SpecError(f"{source} line {problem.lineno} is not valid JSON: {problem.msg}") from None
+        raise SpecError(
+            f"{source} line {problem.lineno} is not valid JSON: {problem.msg}"
+        ) from None
     except ValueError as problem:
-        reason = f": {problem}" if str(problem) == NESTING_MESSAGE else " contains an integer with thousands of digits"
+        reason = (
+            f": {problem}"
+            if str(problem) == NESTING_MESSAGE
+            else " contains an integer with thousands of digits"
+        )
         raise SpecError(f"{source}{reason}") from None
 
 
@@ -260,12 +277,16 @@ def _element(element: Any, source: str, name: str) -> Node:
     """Convert an element of an XML tree."""
     children = list(element)
     if children and all(child.tag == "_" for child in children):
-        return Node([_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name)
+        return Node(
+            [_element(c, source, f"{name}[{i}]") for i, c in enumerate(children)], source, name
+        )
     if children:
         table: dict[str, Node] = {}
         for child in children:
             if child.tag in table:
-                raise SpecError(f"{source}: {child.tag} must not occur twice in {name or 'the file'}")
+                raise SpecError(
+                    f"{source}: {child.tag} must not occur twice in {name or 'the file'}"
+                )
             table[child.tag] = _element(child, source, f"{name}.{child.tag}" if name else child.tag)
         return Node(table, source, name)
     words = (element.text or "").split()
@@ -353,7 +374,9 @@ class ReadOptions:
             If no size was given.
         """
         if self.image_size is None:
-            raise SpecError(f"{self.source} does not contain the image size; specify image_size (--image-size), for example 1024x768")
+            raise SpecError(
+                f"{self.source} does not contain the image size; specify image_size (--image-size), for example 1024x768"
+            )
         return self.image_size
 
 
@@ -461,7 +484,9 @@ class CameraFile:
                 has_content = False
                 continue
             documents[-1].append(line)
-            has_content = has_content or bool(line.split("#")[0].strip("- ") and not line.startswith("%"))
+            has_content = has_content or bool(
+                line.split("#")[0].strip("- ") and not line.startswith("%")
+            )
         if len(documents) == 1:
             return [self.text]
         texts = ["\n".join(document) + "\n" for document in documents]
@@ -493,15 +518,25 @@ class CameraFile:
     @property
     def problem(self) -> SpecError | None:
         """Parsing error of a file that is JSON, XML or YAML according to its start or its name."""
-        claims = self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz")) or self.data.lstrip()[:1] in b"{<%"
+        claims = (
+            self.name.endswith((".yaml", ".yml", ".json", ".xml", ".gz"))
+            or self.data.lstrip()[:1] in b"{<%"
+        )
         return self._parsed if isinstance(self._parsed, SpecError) and claims else None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on ignored content."""
-        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in ("{", "<")
+        several = not isinstance(self._parsed, SpecError) and self.text.lstrip()[:1] not in (
+            "{",
+            "<",
+        )
         count = len(self._documents) if several else 1
-        return (f"the file contains {count} YAML documents; only the first is read",) if count > 1 else ()
+        return (
+            (f"the file contains {count} YAML documents; only the first is read",)
+            if count > 1
+            else ()
+        )
 
 
 @dataclass(frozen=True)
@@ -560,7 +595,12 @@ class Layout:
         """Return the names of a camera's parameters that have an effect but are not supported."""
         if self.parameters is None or not isinstance(camera, self.kind):
             return ()
-        return tuple(p.name for p in camera.parameters if p.name not in self.parameters and abs(p.value - NEUTRAL_VALUES.get(p.name, 0.0)) > RELATIVE_ROUNDING * p.scale)
+        return tuple(
+            p.name
+            for p in camera.parameters
+            if p.name not in self.parameters
+            and abs(p.value - NEUTRAL_VALUES.get(p.name, 0.0)) > RELATIVE_ROUNDING * p.scale
+        )
 
 
 @dataclass(frozen=True)

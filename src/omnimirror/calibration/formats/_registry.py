@@ -39,7 +39,16 @@ def write_sensor(sensor: Sensor, name: str = "") -> str:
     return format_sensor(sensor)
 
 
-OMNIMIRROR = CameraFormat("omnimirror camera or sensor TOML", lambda file: file.name.endswith(".toml"), _read_omnimirror, {"camera": Layout(RadialModel, write_camera, "a calibrated model"), "sensor": Layout(Sensor, write_sensor, "a sensor of mirror, lens and imager")}, ("*.toml",))
+OMNIMIRROR = CameraFormat(
+    "omnimirror camera or sensor TOML",
+    lambda file: file.name.endswith(".toml"),
+    _read_omnimirror,
+    {
+        "camera": Layout(RadialModel, write_camera, "a calibrated model"),
+        "sensor": Layout(Sensor, write_sensor, "a sensor of mirror, lens and imager"),
+    },
+    ("*.toml",),
+)
 
 
 # -- Registry --------------------------------------------------------------------------------------
@@ -64,13 +73,21 @@ BUILT_IN_FORMATS = {
 
 def _check_format(name: str, kind: Any) -> None:
     if not isinstance(kind, CameraFormat):
-        raise InvalidType(f"a format must be an omnimirror.calibration.formats.CameraFormat; got {format_value(kind)}")
-    existing = [layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts]
+        raise InvalidType(
+            f"a format must be an omnimirror.calibration.formats.CameraFormat; got {format_value(kind)}"
+        )
+    existing = [
+        layout for layout in kind.layouts for f in BUILT_IN_FORMATS.values() if layout in f.layouts
+    ]
     if existing:
-        raise InvalidParameter(f"layouts must have new names; {existing[0]} belongs to another format")
+        raise InvalidParameter(
+            f"layouts must have new names; {existing[0]} belongs to another format"
+        )
 
 
-FORMATS: Registry[CameraFormat] = Registry("omnimirror.camera_formats", "a camera format", BUILT_IN_FORMATS, _check_format)
+FORMATS: Registry[CameraFormat] = Registry(
+    "omnimirror.camera_formats", "a camera format", BUILT_IN_FORMATS, _check_format
+)
 """Camera file formats by name."""
 
 
@@ -108,7 +125,9 @@ def register_camera_format(name: str, kind: CameraFormat) -> None:
 # -- reading ----------------------------------------------------------------------------------
 
 
-def read_cameras(path: str | Path, reading: ReadOptions, name: str | None = None) -> tuple[str, list[CameraEntry]]:
+def read_cameras(
+    path: str | Path, reading: ReadOptions, name: str | None = None
+) -> tuple[str, list[CameraEntry]]:
     """Read the cameras of a file; return the name of its format and the cameras.
 
     Parameters
@@ -142,7 +161,10 @@ def read_cameras(path: str | Path, reading: ReadOptions, name: str | None = None
     file = CameraFile.of(str(path), data)
     name = _recognise(file) if name is None else name
     stored = FORMATS[name].read(file, reading)
-    return name, [one._replace(notes=(*file.notes, *one.notes, *_contradictions(name, one.camera, reading))) for one in stored]
+    return name, [
+        one._replace(notes=(*file.notes, *one.notes, *_contradictions(name, one.camera, reading)))
+        for one in stored
+    ]
 
 
 def _recognise(file: CameraFile) -> str:
@@ -158,13 +180,19 @@ def _recognise(file: CameraFile) -> str:
         return matching[0]
     if matching:
         titles = " or ".join(f"{name} ({FORMATS[name].title})" for name in matching)
-        raise SpecError(f"{file.source} is ambiguous: it can be read as {titles}; specify its format (from_, --from)")
+        raise SpecError(
+            f"{file.source} is ambiguous: it can be read as {titles}; specify its format (from_, --from)"
+        )
     if file.has(CALIBRATION_MARK.strip('":')):
-        raise SpecError(f"{file.source} contains the results of a calibration; use the camera file written with -o")
+        raise SpecError(
+            f"{file.source} contains the results of a calibration; use the camera file written with -o"
+        )
     if file.problem:
         raise file.problem
     known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
-    raise SpecError(f"{file.source} is not recognised as a camera file; specify its format, one of {known}")
+    raise SpecError(
+        f"{file.source} is not recognised as a camera file; specify its format, one of {known}"
+    )
 
 
 def _contradictions(name: str, camera: Any, reading: ReadOptions) -> list[str]:
@@ -172,7 +200,11 @@ def _contradictions(name: str, camera: Any, reading: ReadOptions) -> list[str]:
     if name == "omnimirror" or not isinstance(camera, RadialModel):
         return []
     (width, height), specified = camera.image_size, reading.image_size
-    unused = [] if specified in (None, (width, height)) else [f"the image size of the file is used, {width}x{height}"]
+    unused = (
+        []
+        if specified in (None, (width, height))
+        else [f"the image size of the file is used, {width}x{height}"]
+    )
     return [*unused, *plausibility_warnings(camera)]
 
 
@@ -207,7 +239,9 @@ def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
     known = ", ".join(dict.fromkeys([*FORMATS, *named]))
     if to is not None:
         if not isinstance(to, str):
-            raise InvalidType(f"to must be the name of a format, one of {known}; got {format_value(to)}")
+            raise InvalidType(
+                f"to must be the name of a format, one of {known}; got {format_value(to)}"
+            )
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in FORMATS:
@@ -216,7 +250,9 @@ def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
             return _layouts_for_path(kind, path)
-    raise InvalidParameter(f"the format of {Path(path).name} cannot be inferred from its name; specify to, one of {known}")
+    raise InvalidParameter(
+        f"the format of {Path(path).name} cannot be inferred from its name; specify to, one of {known}"
+    )
 
 
 def _all_targets() -> Iterator[OutputLayout]:
@@ -228,6 +264,10 @@ def _all_targets() -> Iterator[OutputLayout]:
 def _layouts_for_path(kind: CameraFormat, path: str | Path) -> list[OutputLayout]:
     """Return all layouts of a format, or only those for the suffix of the file."""
     suffix = Path(path).suffix.lower()
-    candidates = [OutputLayout(name, kind, layout) for name, layout in kind.layouts.items() if not layout.is_panorama]
+    candidates = [
+        OutputLayout(name, kind, layout)
+        for name, layout in kind.layouts.items()
+        if not layout.is_panorama
+    ]
     matching = [t for t in candidates if suffix in t.layout.suffixes]
     return matching or [t for t in candidates if not t.layout.suffixes] or candidates

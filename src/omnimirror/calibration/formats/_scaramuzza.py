@@ -16,7 +16,15 @@ from ...base.typing import Array
 from ...cameras.models import OCam
 from ...cameras.models.ocam import parse_polynomials
 from ...cameras.models.plausibility import inverse_polynomial_warnings
-from ._camera_format import CameraEntry, CameraFile, CameraFormat, Layout, Node, ReadOptions, number_row
+from ._camera_format import (
+    CameraEntry,
+    CameraFile,
+    CameraFormat,
+    Layout,
+    Node,
+    ReadOptions,
+    number_row,
+)
 
 # -- OCamCalib ``calib_results.txt`` ---------------------------------------------------------------
 #
@@ -97,7 +105,13 @@ def is_ocamcalib(file: CameraFile) -> bool:
     return False
 
 
-OCAMCALIB = CameraFormat("OCamCalib calib_results.txt", is_ocamcalib, read_ocamcalib, {"ocamcalib": Layout(OCam, write_ocamcalib, "Scaramuzza's polynomial")}, ("calib_results*.txt",))
+OCAMCALIB = CameraFormat(
+    "OCamCalib calib_results.txt",
+    is_ocamcalib,
+    read_ocamcalib,
+    {"ocamcalib": Layout(OCam, write_ocamcalib, "Scaramuzza's polynomial")},
+    ("calib_results*.txt",),
+)
 
 
 # -- MATLAB ``fisheyeIntrinsics`` ------------------------------------------------------------------
@@ -143,16 +157,22 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
     """
     c, d, e = camera.affine
     powers = c ** (1.0 - np.arange(len(camera.polynomial)))
-    return MatlabPolynomial(-np.array(camera.polynomial) * powers, camera.centre_px, np.array([[1.0, e], [d, c]]) / c)
+    return MatlabPolynomial(
+        -np.array(camera.polynomial) * powers, camera.centre_px, np.array([[1.0, e], [d, c]]) / c
+    )
 
 
 def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: ReadOptions) -> OCam:
     """Convert to an OCamCalib camera, the inverse of `matlab_polynomial`."""
     (first, q), (r, last) = taylor.stretch
     if not 1e-3 < abs(first) < 1e3:
-        raise SpecError(f"{reading.source}: the first element of the stretch matrix must be near 1; got {first:g}")
+        raise SpecError(
+            f"{reading.source}: the first element of the stretch matrix must be near 1; got {first:g}"
+        )
     if not np.abs(taylor.coefficients).max(initial=0.0) < MATLAB_MAX:
-        raise SpecError(f"{reading.source}: the coefficients of the polynomial must be below {MATLAB_MAX:g}")
+        raise SpecError(
+            f"{reading.source}: the coefficients of the polynomial must be below {MATLAB_MAX:g}"
+        )
     powers = first ** (1.0 - np.arange(len(taylor.coefficients)))
     polynomial = tuple((-np.asarray(taylor.coefficients) * powers).tolist())
     affine = (float(last / first), float(r / first), float(q / first))
@@ -187,17 +207,26 @@ def _arguments(text: str, source: str) -> Node:
     if not call:
         raise SpecError(f"{source} must call fisheyeIntrinsics with numbers in brackets")
     line = code[: call.start()].count("\n") + 1
-    variables = dict(re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()]))
+    variables = dict(
+        re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()])
+    )
     arguments = re.sub(r"[A-Za-z]\w*", lambda word: variables.get(word[0], word[0]), call[1])
     outside = re.sub(r"\[[^\][]*\]", "", re.sub(r"\d[eE][-+]?\d", "", arguments))
     if unknown := re.search(r"[A-Za-z]\w*", outside):
-        raise SpecError(f"{source} line {line}: the variable {unknown[0]} must be set to numbers in brackets; write the numbers into the call of fisheyeIntrinsics")
+        raise SpecError(
+            f"{source} line {line}: the variable {unknown[0]} must be set to numbers in brackets; write the numbers into the call of fisheyeIntrinsics"
+        )
     parts = re.findall(r"\[([^\][]*)\]", arguments)
     if len(parts) not in (3, 4):
-        raise SpecError(f"{source} line {line}: fisheyeIntrinsics must have 3 or 4 arguments in brackets, {', '.join(MATLAB_NAMES)}; got {len(parts)}")
+        raise SpecError(
+            f"{source} line {line}: fisheyeIntrinsics must have 3 or 4 arguments in brackets, {', '.join(MATLAB_NAMES)}; got {len(parts)}"
+        )
     table = {}
     for name, part in zip(MATLAB_NAMES, parts, strict=False):
-        rows = [[_word(w, source, name, line) for w in re.split(r"[\s,]+", r.strip()) if w] for r in part.split(";")]
+        rows = [
+            [_word(w, source, name, line) for w in re.split(r"[\s,]+", r.strip()) if w]
+            for r in part.split(";")
+        ]
         entries = [Node(r, source, name, line) for r in rows]
         table[name] = Node(entries if len(entries) > 1 else rows[0], source, name, line)
     return Node(table, source, "", line)
@@ -214,7 +243,9 @@ def _word(word: str, source: str, name: str, line: int) -> Node:
 
 def is_matlab(file: CameraFile) -> bool:
     """Check for a call of ``fisheyeIntrinsics``, or for its arguments."""
-    return file.has(MATLAB_NAMES[0]) or (file.table is None and MATLAB_SCRIPT.search(file.data) is not None)
+    return file.has(MATLAB_NAMES[0]) or (
+        file.table is None and MATLAB_SCRIPT.search(file.data) is not None
+    )
 
 
 # -- writing ----------------------------------------------------------------------------------
@@ -239,7 +270,12 @@ def _numbers(camera: OCam) -> tuple[Array, tuple[int, int], tuple[float, float],
     a = np.zeros(5)
     a[: min(5, len(taylor.coefficients))] = taylor.coefficients[:5]
     width, height = camera.image_size
-    return (a[[0, 2, 3, 4]], (height, width), (taylor.centre_px[0] + 1, taylor.centre_px[1] + 1), taylor.stretch)
+    return (
+        a[[0, 2, 3, 4]],
+        (height, width),
+        (taylor.centre_px[0] + 1, taylor.centre_px[1] + 1),
+        taylor.stretch,
+    )
 
 
 def _refuses(camera: OCam) -> str:
@@ -249,7 +285,28 @@ def _refuses(camera: OCam) -> str:
 
 MATLAB_WORDS = "Scaramuzza's a0, a2, a3, a4"
 MATLAB = CameraFormat(
-    "MATLAB fisheyeIntrinsics", is_matlab, read_matlab, {"matlab-script": Layout(OCam, write_matlab_script, MATLAB_WORDS, MATLAB_TERMS, suffixes=(".m", ".txt"), restriction=_refuses), "matlab-json": Layout(OCam, write_matlab_json, MATLAB_WORDS, MATLAB_TERMS, suffixes=(".json",), restriction=_refuses)}, ("*.m",)
+    "MATLAB fisheyeIntrinsics",
+    is_matlab,
+    read_matlab,
+    {
+        "matlab-script": Layout(
+            OCam,
+            write_matlab_script,
+            MATLAB_WORDS,
+            MATLAB_TERMS,
+            suffixes=(".m", ".txt"),
+            restriction=_refuses,
+        ),
+        "matlab-json": Layout(
+            OCam,
+            write_matlab_json,
+            MATLAB_WORDS,
+            MATLAB_TERMS,
+            suffixes=(".json",),
+            restriction=_refuses,
+        ),
+    },
+    ("*.m",),
 )
 
 
@@ -274,7 +331,15 @@ def read_py_ocamcalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntr
     name = table["camera_name"].word() if "camera_name" in table else ""
     camera = ocam_of(MatlabPolynomial(coefficients, (u, v), stretch), (width, height), reading)
     inverse = table["inverse_poly"].numbers() if "inverse_poly" in table else ()
-    return [CameraEntry(name, camera, tuple(inverse_polynomial_warnings(camera, stretch[0, 0] * np.array(inverse[::-1]), 0.0)))]
+    return [
+        CameraEntry(
+            name,
+            camera,
+            tuple(
+                inverse_polynomial_warnings(camera, stretch[0, 0] * np.array(inverse[::-1]), 0.0)
+            ),
+        )
+    ]
 
 
 def write_py_ocamcalib(camera: OCam, name: str = "") -> str:
@@ -282,11 +347,24 @@ def write_py_ocamcalib(camera: OCam, name: str = "") -> str:
     taylor = matlab_polynomial(camera)
     inverse, _ = inverse_polynomial(camera, 0.0)
     scale = 1.0 / taylor.stretch[0, 0]  # to the symmetric image of py-OCamCalib
-    values = {"camera_name": name or "camera", "taylor_coefficient": taylor.coefficients.tolist(), "distortion_center": list(taylor.centre_px), "stretch_matrix": taylor.stretch.tolist(), "inverse_poly": (inverse * scale)[::-1].tolist(), "image_size": list(camera.image_size)}
+    values = {
+        "camera_name": name or "camera",
+        "taylor_coefficient": taylor.coefficients.tolist(),
+        "distortion_center": list(taylor.centre_px),
+        "stretch_matrix": taylor.stretch.tolist(),
+        "inverse_poly": (inverse * scale)[::-1].tolist(),
+        "image_size": list(camera.image_size),
+    }
     return json.dumps(values, indent=4) + "\n"
 
 
-PY_OCAMCALIB = CameraFormat("py-OCamCalib JSON", lambda file: file.has("taylor_coefficient"), read_py_ocamcalib, {"py-ocamcalib": Layout(OCam, write_py_ocamcalib, "Scaramuzza's polynomial")}, ())
+PY_OCAMCALIB = CameraFormat(
+    "py-OCamCalib JSON",
+    lambda file: file.has("taylor_coefficient"),
+    read_py_ocamcalib,
+    {"py-ocamcalib": Layout(OCam, write_py_ocamcalib, "Scaramuzza's polynomial")},
+    (),
+)
 
 
 # -- py-omnicalib YAML -----------------------------------------------------------------------------
@@ -304,7 +382,11 @@ def read_py_omnicalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntr
     table = file.entries
     coefficients = np.array(table["poly_radius_to_z"].numbers())
     u, v = table["principal_point"].numbers(2)
-    camera = ocam_of(MatlabPolynomial(coefficients, (u, v), np.eye(2)), reading.size_in(table, "image_size"), reading)
+    camera = ocam_of(
+        MatlabPolynomial(coefficients, (u, v), np.eye(2)),
+        reading.size_in(table, "image_size"),
+        reading,
+    )
     inverse = table[INVERSE_TERMS].numbers() if INVERSE_TERMS in table else ()
     return [CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, inverse, 0.0)))]
 
@@ -317,7 +399,19 @@ def write_py_omnicalib(camera: OCam, name: str = "") -> str:
     return f"extrinsics: []\n{INVERSE_TERMS}: [{number_row(inverse)}]\npoly_radius_to_z: [{number_row(taylor.coefficients)}]\nprincipal_point: [{number_row(taylor.centre_px)}]\nimage_size: [{width}, {height}]\n"
 
 
-PY_OMNICALIB = CameraFormat("py-omnicalib YAML", lambda file: file.has("poly_radius_to_z"), read_py_omnicalib, {"py-omnicalib": Layout(OCam, write_py_omnicalib, "Scaramuzza's polynomial of a rotationally symmetric image", PY_OMNICALIB_PARAMETERS)})
+PY_OMNICALIB = CameraFormat(
+    "py-omnicalib YAML",
+    lambda file: file.has("poly_radius_to_z"),
+    read_py_omnicalib,
+    {
+        "py-omnicalib": Layout(
+            OCam,
+            write_py_omnicalib,
+            "Scaramuzza's polynomial of a rotationally symmetric image",
+            PY_OMNICALIB_PARAMETERS,
+        )
+    },
+)
 
 
 # -- MultiCol-SLAM YAML ----------------------------------------------------------------------------
@@ -330,11 +424,19 @@ def read_multicol(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     c, d, e, u, v = (table[f"Camera.{name}"].number() for name in ("c", "d", "e", "u0", "v0"))
-    size = reading.size() if "Camera.Iw" not in table else (table["Camera.Iw"].integer(), table["Camera.Ih"].integer())
+    size = (
+        reading.size()
+        if "Camera.Iw" not in table
+        else (table["Camera.Iw"].integer(), table["Camera.Ih"].integer())
+    )
     direct = -np.array(table.polynomial("Camera.a"))
     camera = ocam_of(MatlabPolynomial(direct, (u, v), np.array([[c, d], [e, 1.0]])), size, reading)
     inverse = table.polynomial("Camera.pol") if "Camera.pol0" in table else ()
-    return [CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))]
+    return [
+        CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))
+    ]
 
 
-MULTICOL = CameraFormat("MultiCol-SLAM YAML", lambda file: file.has("Camera.a0", "Camera.c"), read_multicol, {})
+MULTICOL = CameraFormat(
+    "MultiCol-SLAM YAML", lambda file: file.has("Camera.a0", "Camera.c"), read_multicol, {}
+)

@@ -44,7 +44,11 @@ class LogisticMember:
 
     def odds(self, features: Array) -> Array:
         """Return log odds (n,) for features (n, count)."""
-        log_odds: Array = features @ self.linear + self.bias + np.tanh(features @ self.hidden + self.shift) @ self.out
+        log_odds: Array = (
+            features @ self.linear
+            + self.bias
+            + np.tanh(features @ self.hidden + self.shift) @ self.out
+        )
         return log_odds
 
 
@@ -73,7 +77,13 @@ class RimClassifier:
             for member in content["members"]
         ]
         trust, first_share = float(content["trust"]), float(content["first_share"])
-        return cls(np.array(content["middle"]), np.array(content["spread"]), tuple(members), trust, first_share)
+        return cls(
+            np.array(content["middle"]),
+            np.array(content["spread"]),
+            tuple(members),
+            trust,
+            first_share,
+        )
 
     def scaled(self, rows: Array) -> Array:
         """Return features (n, count) as standard scores; 0 for unknown values."""
@@ -90,7 +100,9 @@ class RimClassifier:
 
         The result of the first classifier is included.
         """
-        return self.trust * self.judged(rows) + self.first_share * np.maximum(rows[:, FIRST], UNLISTED)
+        return self.trust * self.judged(rows) + self.first_share * np.maximum(
+            rows[:, FIRST], UNLISTED
+        )
 
 
 @cache
@@ -121,7 +133,9 @@ def listed_rows(rings: list[Ring], working: WorkingImage) -> tuple[NDArray[np.in
         position = [centre_offset, 10 * np.hypot(*ellipse.stretch), 2 * ellipse.radius / size[0]]
         rows.append(np.concatenate([first[i], surrounding_statistics(working, ellipse), position]))
     initial_results = np.stack([log_odds[listed], log_odds[listed] - log_odds.max()], axis=1)
-    return listed, np.hstack([np.array(rows), relations(rings, [int(i) for i in listed]), initial_results])
+    return listed, np.hstack(
+        [np.array(rows), relations(rings, [int(i) for i in listed]), initial_results]
+    )
 
 
 def terms(features: RingFeatures) -> Array:
@@ -155,7 +169,9 @@ def terms(features: RingFeatures) -> Array:
     )
 
 
-def confidence(odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0) -> float:
+def confidence(
+    odds: Array, rivals: Array, chance: float, within: float = 0.0, *, evidence: float = 1.0
+) -> float:
     """Return the confidence that a ring is the mirror's outline.
 
     It is based on the agreement between working resolutions.

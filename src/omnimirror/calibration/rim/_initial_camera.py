@@ -40,12 +40,24 @@ class MirrorPreset:
 
 
 PRESETS = {
-    "one-shot": MirrorPreset("radius proportional to the field angle, to 135 deg", "exact-equidistant"),
-    "ball": MirrorPreset("complete mirror ball at a distance of several diameters", field_deg=340.0, camera_looks="forward"),
+    "one-shot": MirrorPreset(
+        "radius proportional to the field angle, to 135 deg", "exact-equidistant"
+    ),
+    "ball": MirrorPreset(
+        "complete mirror ball at a distance of several diameters",
+        field_deg=340.0,
+        camera_looks="forward",
+    ),
     "dome": MirrorPreset("larger part of a ball, such as a ceiling dome mirror", field_deg=260.0),
-    "convex": MirrorPreset("cap of a ball, such as a traffic mirror", field_deg=160.0, camera_looks="forward"),
-    "paraboloid": MirrorPreset("paraboloid with a telecentric lens, to 105 deg", "paraboloid-telecentric"),
-    "hyperboloid": MirrorPreset("hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"),
+    "convex": MirrorPreset(
+        "cap of a ball, such as a traffic mirror", field_deg=160.0, camera_looks="forward"
+    ),
+    "paraboloid": MirrorPreset(
+        "paraboloid with a telecentric lens, to 105 deg", "paraboloid-telecentric"
+    ),
+    "hyperboloid": MirrorPreset(
+        "hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"
+    ),
     "sphere": MirrorPreset("spherical mirror near its lens, to 135 deg", "paper-spherical"),
 }
 """Common types of mirrors by name."""
@@ -57,7 +69,9 @@ Its radii are between those of a sphere and a hyperboloid, which limits the erro
 
 
 @validate_arguments
-def camera_from_rim(rim: MirrorOutline, mirror: str | Path | Sensor = DEFAULT_PRESET, *, mount: Mount | None = None) -> FirstCamera:
+def camera_from_rim(
+    rim: MirrorOutline, mirror: str | Path | Sensor = DEFAULT_PRESET, *, mount: Mount | None = None
+) -> FirstCamera:
     """Create a camera for dewarping from a detected rim and a type of mirror.
 
     Parameters
@@ -94,7 +108,13 @@ def camera_from_rim(rim: MirrorOutline, mirror: str | Path | Sensor = DEFAULT_PR
     if isinstance(selection, Sensor):
         return sensor_from_rim(rim, selection if mount is None else replace(selection, mount=mount))
     if selection.sensor is None:
-        return MirrorBall(rim.centre_px, rim.radius_px, selection.field_deg, rim.image_size, mount or Mount(selection.camera_looks))
+        return MirrorBall(
+            rim.centre_px,
+            rim.radius_px,
+            selection.field_deg,
+            rim.image_size,
+            mount or Mount(selection.camera_looks),
+        )
     sensor = load_sensor(selection.sensor)
     return _centre_on_rim(rim, sensor if mount is None else replace(sensor, mount=mount))
 
@@ -140,7 +160,9 @@ def check_confidence(rim: MirrorOutline) -> None:
         If the confidence is too low.
     """
     if not rim.is_accepted:
-        raise InvalidParameter(f"the confidence of the mirror outline must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}; use more images of the same sensor or one with the complete rim, or specify the mirror with --ball CX,CY,R,FOV or a --sensor file")
+        raise InvalidParameter(
+            f"the confidence of the mirror outline must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}; use more images of the same sensor or one with the complete rim, or specify the mirror with --ball CX,CY,R,FOV or a --sensor file"
+        )
 
 
 @validate_arguments
@@ -228,23 +250,47 @@ def sensors_from_rim(rim: MirrorOutline, sensor: Sensor) -> tuple[Sensor, ...]:
     aspect = (width / height) / (imager.width_px / imager.height_px)
     u, v = ((c + 0.5) * width / imager.width_px - 0.5 for c in imager.centre)
     axis_offset = np.hypot(rim.centre_px[0] - u, rim.centre_px[1] - v) / rim.radius_px
-    if abs(aspect - 1) > SAME_ASPECT or axis_offset > MAX_AXIS_OFFSET or sensor.secondary is not None:
+    if (
+        abs(aspect - 1) > SAME_ASPECT
+        or axis_offset > MAX_AXIS_OFFSET
+        or sensor.secondary is not None
+    ):
         return (_centre_on_rim(rim, sensor),)
     pitch_um = sensor.aligned().rim_radius_px * imager.pixel_pitch_um / rim.semi_axes_px[0]
-    scaled_imager = replace(imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=(u, v))
+    scaled_imager = replace(
+        imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=(u, v)
+    )
     scaled = replace(sensor, imager=scaled_imager)
     is_tilted = rim.semi_axes_px[0] - rim.semi_axes_px[1] > MIN_DIFFERENCE_PX
     candidates = [_fit_pose(scaled, rim, side) for side in ((1, -1) if is_tilted else (0,))]
-    return _consistent_with_camera_image(sorted(candidates, key=lambda candidate: float(np.hypot(*candidate.mirror_pose.shift[:2]))), rim)
+    return _consistent_with_camera_image(
+        sorted(candidates, key=lambda candidate: float(np.hypot(*candidate.mirror_pose.shift[:2]))),
+        rim,
+    )
 
 
-def _consistent_with_camera_image(candidates: list[Sensor], rim: MirrorOutline) -> tuple[Sensor, ...]:
+def _consistent_with_camera_image(
+    candidates: list[Sensor], rim: MirrorOutline
+) -> tuple[Sensor, ...]:
     """Return the sensors that agree with the detected image of the camera; both if ambiguous."""
     if len(candidates) < 2 or rim.camera_image is None:
         return tuple(candidates)
-    measured = [sensor.image_plane.flat_mm(np.array(rim.camera_image.centre_px))[0] / sensor.imager.pitch_mm for sensor in candidates]
-    distances = [float(np.linalg.norm(position - _lens_image(sensor))) for sensor, position in zip(candidates, measured, strict=True)]
-    consistent = [k for k in (0, 1) if distances[k] < OWN_IMAGE * rim.radius_px < 2 * OWN_IMAGE * rim.radius_px < distances[1 - k]]
+    measured = [
+        sensor.image_plane.flat_mm(np.array(rim.camera_image.centre_px))[0] / sensor.imager.pitch_mm
+        for sensor in candidates
+    ]
+    distances = [
+        float(np.linalg.norm(position - _lens_image(sensor)))
+        for sensor, position in zip(candidates, measured, strict=True)
+    ]
+    consistent = [
+        k
+        for k in (0, 1)
+        if distances[k]
+        < OWN_IMAGE * rim.radius_px
+        < 2 * OWN_IMAGE * rim.radius_px
+        < distances[1 - k]
+    ]
     return tuple(candidates[k] for k in consistent) or tuple(candidates)
 
 
@@ -260,7 +306,10 @@ def _lens_image(sensor: Sensor) -> Array:
     def line_of_sight(position: Array) -> tuple[Array, Array]:
         """Return a mirror point (1, 3) relative to the lens, and the direction to the lens."""
         height = mirror.sag(np.array([np.hypot(*position)]))
-        point = pose.to_camera(np.array([[*position, float(height[0])]])) - sensor.optical_train.lens_offset
+        point = (
+            pose.to_camera(np.array([[*position, float(height[0])]]))
+            - sensor.optical_train.lens_offset
+        )
         towards = np.array([[0.0, 0.0, -1.0]]) if sensor.lens.TELECENTRIC else -point
         return point, towards / np.linalg.norm(towards)
 
@@ -288,7 +337,11 @@ def _fit_pose(sensor: Sensor, rim: MirrorOutline, tilt_side: int) -> Sensor:
     a, b = rim.semi_axes_px
     minor_axis = np.radians(rim.angle_deg + 90)
     minor_axis = np.pi - minor_axis if sensor.mount.image_flipped else minor_axis
-    tilt_deg = tilt_side * np.degrees(np.arccos(min(b / a, 1.0))) * np.array([-np.sin(minor_axis), np.cos(minor_axis)])
+    tilt_deg = (
+        tilt_side
+        * np.degrees(np.arccos(min(b / a, 1.0)))
+        * np.array([-np.sin(minor_axis), np.cos(minor_axis)])
+    )
     sag_mm = float(mirror.sag(np.array([mirror.rim_radius_mm]))[0])
     azimuth = np.arange(RIM_POINTS) * (2 * np.pi / RIM_POINTS)
     circle = mirror.rim_radius_mm * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
@@ -302,7 +355,9 @@ def _fit_pose(sensor: Sensor, rim: MirrorOutline, tilt_side: int) -> Sensor:
     def offsets_from_centre(numbers: Array) -> Array:
         """Return offsets (n, 2) of the scaled image points of the rim from the ellipse centre."""
         points = pose_of(numbers).to_camera(circle) - sensor.optical_train.lens_offset
-        towards = np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
+        towards = (
+            np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
+        )
         offsets: Array = numbers[0] * sensor.lens.image_of(points, towards) - centre
         return offsets
 
@@ -313,8 +368,12 @@ def _fit_pose(sensor: Sensor, rim: MirrorOutline, tilt_side: int) -> Sensor:
     moments = (image_mm - centre).T @ (image_mm - centre) * (2 / RIM_POINTS)
     shape = np.linalg.cholesky(moments)
     start = np.array([1.0, *(centre / per_mm), *tilt_deg])[: 5 if tilt_side else 3]
-    solution = least_squares(distances, start, x_scale=np.array([0.01, 1.0, 1.0, 1.0, 1.0])[: len(start)]).x
-    imager = replace(sensor.imager, pixel_pitch_um=sensor.imager.pixel_pitch_um / float(solution[0]))
+    solution = least_squares(
+        distances, start, x_scale=np.array([0.01, 1.0, 1.0, 1.0, 1.0])[: len(start)]
+    ).x
+    imager = replace(
+        sensor.imager, pixel_pitch_um=sensor.imager.pixel_pitch_um / float(solution[0])
+    )
     return replace(sensor, imager=imager, mirror_pose=pose_of(solution))
 
 
@@ -325,5 +384,7 @@ def _centre_on_rim(rim: MirrorOutline, sensor: Sensor) -> Sensor:
     pitch_um = aligned.rim_radius_px * aligned.imager.pixel_pitch_um / rim.radius_px
     u, v = rim.centre_px
     centre = (width - 1 - u, v) if sensor.mount.image_flipped else (u, v)
-    imager = replace(aligned.imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=centre)
+    imager = replace(
+        aligned.imager, width_px=width, height_px=height, pixel_pitch_um=pitch_um, centre_px=centre
+    )
     return replace(aligned, imager=imager)

@@ -14,7 +14,14 @@ from ...base.arguments import check_fields, validate_arguments
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ..edge_detection import SHORT_SIDE_PX, EdgePoints, WorkingImage, at_working_size, edges_of, levels_of
+from ..edge_detection import (
+    SHORT_SIDE_PX,
+    EdgePoints,
+    WorkingImage,
+    at_working_size,
+    edges_of,
+    levels_of,
+)
 from ._candidates import candidate_rings, hough_circles_between, working_rings
 from ._classifier import UNLISTED, confidence, odds
 from ._ellipses import Ellipse, clearness, fit_ellipse, refine_ring
@@ -42,9 +49,14 @@ def find_camera_image(working: WorkingImage, edges: EdgePoints, rim: Ellipse) ->
     radii = max(LEAST * rim.radius, MIN_RADIUS_PX), LARGEST * rim.radius
     voted = hough_circles_between(inner, working.size, radii, RADIUS_STEP)
     best, best_clarity = None, SUPPORT
-    for circle in islice((one for one in voted if rim.offset_share(one) < VOTED_OFFSET), MAX_TRIED_CIRCLES):
+    for circle in islice(
+        (one for one in voted if rim.offset_share(one) < VOTED_OFFSET), MAX_TRIED_CIRCLES
+    ):
         disc = fit_ellipse(inner, circle, REACHES_PX)
-        if rim.offset_share(disc) < OFFSET and (clear := _disc_clarity(working, inner, disc)) > best_clarity:
+        if (
+            rim.offset_share(disc) < OFFSET
+            and (clear := _disc_clarity(working, inner, disc)) > best_clarity
+        ):
             best, best_clarity = disc, clear
     return best
 
@@ -57,7 +69,9 @@ def _disc_clarity(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> fl
     inside, outside = ring.band(0.2, 0.9), ring.band(1.06, 1.4)
     if not inside < CALM * outside:
         return 0.0
-    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(np.hypot(*disc.stretch))
+    edge = (ring.support + ring.close - ring.chance) / 2 - STRETCH_COST * float(
+        np.hypot(*disc.stretch)
+    )
     return edge * min(1.0, outside / SCENE_TEXTURE)
 
 
@@ -68,7 +82,10 @@ Picture = NDArray[Any]
 MIN_CONFIDENCE = 0.6
 """Minimum confidence of an accepted rim."""
 OTHER_SIDES_PX = (240, 500)  # short sides of the other working resolutions
-SAME_SCALES, SAME_SCALES_PX = (0.02, 2.0)  # tolerance between them: fraction of the radius, working px
+SAME_SCALES, SAME_SCALES_PX = (
+    0.02,
+    2.0,
+)  # tolerance between them: fraction of the radius, working px
 SAME_CENTRE, RING_RADII = 0.03, (0.55, 0.93)  # fractions of the radius, for a mirror in its housing
 MAX_CANDIDATES = 3
 SAME_RIM = 0.015  # fraction of the radius; rings within it are the same rim
@@ -143,7 +160,9 @@ class MirrorOutline:
         """
         inner = 0.0
         if self.camera_image is not None:
-            centre_offset = float(np.hypot(*np.subtract(self.camera_image.centre_px, self.centre_px)))
+            centre_offset = float(
+                np.hypot(*np.subtract(self.camera_image.centre_px, self.centre_px))
+            )
             inner = self.camera_image.radius_px + centre_offset
         return inner, self.semi_axes_px[1]
 
@@ -174,9 +193,29 @@ class MirrorOutline:
             Numbers, lists and None.
         """
         inner = self.camera_image
-        camera = None if inner is None else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
-        content = {"centre_px": list(self.centre_px), "semi_axes_px": list(self.semi_axes_px), "angle_deg": self.angle_deg, "confidence": self.confidence, "accepted": self.is_accepted, "camera_image": camera, "annulus_px": list(self.annulus_px), "image_size": list(self.image_size)}
-        content["candidates"] = [{name: value for name, value in candidate.to_json().items() if name in CANDIDATE_ENTRIES} for candidate in self.candidates]
+        camera = (
+            None
+            if inner is None
+            else {"centre_px": list(inner.centre_px), "radius_px": inner.radius_px}
+        )
+        content = {
+            "centre_px": list(self.centre_px),
+            "semi_axes_px": list(self.semi_axes_px),
+            "angle_deg": self.angle_deg,
+            "confidence": self.confidence,
+            "accepted": self.is_accepted,
+            "camera_image": camera,
+            "annulus_px": list(self.annulus_px),
+            "image_size": list(self.image_size),
+        }
+        content["candidates"] = [
+            {
+                name: value
+                for name, value in candidate.to_json().items()
+                if name in CANDIDATE_ENTRIES
+            }
+            for candidate in self.candidates
+        ]
         return content | ({"images": [rim.to_json() for rim in self.images]} if self.images else {})
 
 
@@ -201,7 +240,9 @@ class _AnalysedImage:
     @cached_property
     def places(self) -> Array:
         """Centres and radii (n, 3) of the rings."""
-        return np.array([(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]).reshape(-1, 3)
+        return np.array(
+            [(*ring.ellipse.centre, ring.ellipse.radius) for ring in self.rings]
+        ).reshape(-1, 3)
 
     def near(self, ellipse: Ellipse, tolerance: float) -> NDArray[np.bool_]:
         """Return the mask (n,) of rings equal to an ellipse, except for shape.
@@ -209,7 +250,10 @@ class _AnalysedImage:
         The tolerance is a fraction of its radius.
         """
         differences = np.abs(self.places - (*ellipse.centre, ellipse.radius)) / ellipse.radius
-        return np.asarray((np.hypot(differences[:, 0], differences[:, 1]) < tolerance) & (differences[:, 2] < tolerance))
+        return np.asarray(
+            (np.hypot(differences[:, 0], differences[:, 1]) < tolerance)
+            & (differences[:, 2] < tolerance)
+        )
 
     def like(self, ellipse: Ellipse) -> int | None:
         """Return the most probable ring at the position of a ring in another image."""
@@ -221,7 +265,9 @@ class _AnalysedImage:
         odds, rivals = [], []
         for analysed in (self, *self.others):
             scaled_ellipse = ellipse.scaled(self.working.scale / analysed.working.scale)
-            is_near = analysed.near(scaled_ellipse, max(SAME_SCALES, SAME_SCALES_PX / scaled_ellipse.radius))
+            is_near = analysed.near(
+                scaled_ellipse, max(SAME_SCALES, SAME_SCALES_PX / scaled_ellipse.radius)
+            )
             odds.append(float(analysed.mean[is_near].max(initial=NOT_FOUND)))
             rivals.append(float(analysed.mean[~is_near].max(initial=UNLISTED)))
         return np.array(odds), np.array(rivals)
@@ -232,7 +278,11 @@ class _AnalysedImage:
 
     def chance(self, ellipse: Ellipse) -> float:
         """Return the fraction of the circumference with parallel edges next to an ellipse."""
-        near = [ring.chance for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True) if is_near]
+        near = [
+            ring.chance
+            for ring, is_near in zip(self.rings, self.near(ellipse, SAME_RIM), strict=True)
+            if is_near
+        ]
         return float(np.median(near)) if near else 0.0
 
     def within(self, ellipse: Ellipse) -> float:
@@ -243,7 +293,12 @@ class _AnalysedImage:
         clearest = []
         for analysed in (self, *self.others):
             scaled_ellipse = ellipse.scaled(self.working.scale / analysed.working.scale)
-            inner = [ring.close for ring in analysed.rings if scaled_ellipse.offset_share(ring.ellipse) < SAME_CENTRE and RING_RADII[0] < ring.ellipse.radius / scaled_ellipse.radius < RING_RADII[1]]
+            inner = [
+                ring.close
+                for ring in analysed.rings
+                if scaled_ellipse.offset_share(ring.ellipse) < SAME_CENTRE
+                and RING_RADII[0] < ring.ellipse.radius / scaled_ellipse.radius < RING_RADII[1]
+            ]
             clearest.append(max(inner, default=0.0))
         return float(np.mean(clearest))
 
@@ -256,7 +311,9 @@ class _AnalysedImage:
         selected: list[Ellipse] = []
         for i in np.argsort(-self.mean):
             candidate = self.rings[i].ellipse
-            if self.mean[i] > UNLISTED and not any(other.is_near(candidate, SAME_SENSOR) for other in (ellipse, *selected)):
+            if self.mean[i] > UNLISTED and not any(
+                other.is_near(candidate, SAME_SENSOR) for other in (ellipse, *selected)
+            ):
                 selected.append(candidate)
             if len(selected) == count:
                 break
@@ -320,21 +377,40 @@ def detect_mirror_outline(images: Picture | Sequence[Picture]) -> MirrorOutline:
     for item in analysed:
         k = item.like(ellipse)
         starts = [ellipse] if k is None else [item.rings[i].ellipse for i in item.alike(k)]
-        own_confidence = joint_confidence if len(analysed) == 1 else 0.0 if k is None else item.confidence(item.rings[k].ellipse)
+        own_confidence = (
+            joint_confidence
+            if len(analysed) == 1
+            else 0.0
+            if k is None
+            else item.confidence(item.rings[k].ellipse)
+        )
         outlines.append((_refined_outline(item, starts, own_confidence, size), k is not None))
     if len(outlines) == 1:
         rim = outlines[0][0]
-        others = [_candidate(analysed[0], other, rim.confidence, size) for other in analysed[0].distinct(ellipse, MAX_CANDIDATES)]
+        others = [
+            _candidate(analysed[0], other, rim.confidence, size)
+            for other in analysed[0].distinct(ellipse, MAX_CANDIDATES)
+        ]
         return replace(rim, candidates=(*(() if rim.is_accepted else (rim,)), *others))
-    pooled = _median_outline([rim for rim, is_visible in outlines if is_visible], [rim for rim, _ in outlines], joint_confidence)
+    pooled = _median_outline(
+        [rim for rim, is_visible in outlines if is_visible],
+        [rim for rim, _ in outlines],
+        joint_confidence,
+    )
     return pooled if pooled.is_accepted else replace(pooled, candidates=(pooled,))
 
 
-def _candidate(analysed: _AnalysedImage, ring: Ellipse, best: float, size: tuple[int, int]) -> MirrorOutline:
+def _candidate(
+    analysed: _AnalysedImage, ring: Ellipse, best: float, size: tuple[int, int]
+) -> MirrorOutline:
     """Return a circle that was not selected, with its confidence limited by that of the best one."""
     ellipse = ring.scaled(analysed.working.scale)
-    limited_confidence = min(analysed.confidence(ring), 1 - best, float(np.nextafter(MIN_CONFIDENCE, 0)))
-    return MirrorOutline(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, limited_confidence, size)
+    limited_confidence = min(
+        analysed.confidence(ring), 1 - best, float(np.nextafter(MIN_CONFIDENCE, 0))
+    )
+    return MirrorOutline(
+        ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, limited_confidence, size
+    )
 
 
 def _check(images: list[Picture]) -> None:
@@ -342,7 +418,9 @@ def _check(images: list[Picture]) -> None:
         raise InvalidParameter("images must contain at least one image; got none")
     for image in images:
         if image.ndim not in (2, 3) or min(image.shape[:2]) < MIN_SIDE_PX:
-            raise InvalidParameter(f"images must be arrays (rows, columns) or (rows, columns, channels) with at least {MIN_SIDE_PX} px per side; got shape {image.shape}")
+            raise InvalidParameter(
+                f"images must be arrays (rows, columns) or (rows, columns, channels) with at least {MIN_SIDE_PX} px per side; got shape {image.shape}"
+            )
     check_image_sizes(images, [f"image {number}" for number in range(len(images))])
 
 
@@ -353,10 +431,18 @@ def check_image_sizes(images: Sequence[Picture], names: Sequence[str]) -> None:
     """
     sizes = [(image.shape[1], image.shape[0]) for image in images]
     usual = max(sizes, key=sizes.count, default=(0, 0))
-    deviating = [f"{name} has {width} x {height} px" for name, (width, height) in zip(names, sizes, strict=True) if (width, height) != usual]
+    deviating = [
+        f"{name} has {width} x {height} px"
+        for name, (width, height) in zip(names, sizes, strict=True)
+        if (width, height) != usual
+    ]
     if deviating:
-        listed = ", ".join(deviating[:MAX_NAMED]) + (f" and {len(deviating) - MAX_NAMED} more" if len(deviating) > MAX_NAMED else "")
-        raise InvalidParameter(f"images of one sensor must have one size; {names[sizes.index(usual)]} has {usual[0]} x {usual[1]} px, {listed}; process them separately")
+        listed = ", ".join(deviating[:MAX_NAMED]) + (
+            f" and {len(deviating) - MAX_NAMED} more" if len(deviating) > MAX_NAMED else ""
+        )
+        raise InvalidParameter(
+            f"images of one sensor must have one size; {names[sizes.index(usual)]} has {usual[0]} x {usual[1]} px, {listed}; process them separately"
+        )
 
 
 def _analyse(image: Picture) -> _AnalysedImage:
@@ -367,7 +453,10 @@ def _analyse(image: Picture) -> _AnalysedImage:
     working = at_working_size(image)
     edges = edges_of(working)
     rings = candidate_rings(image, working, edges)
-    sides = {min(side, *image.shape[:2]) for side in OTHER_SIDES_PX} - {min(working.size), SHORT_SIDE_PX}
+    sides = {min(side, *image.shape[:2]) for side in OTHER_SIDES_PX} - {
+        min(working.size),
+        SHORT_SIDE_PX,
+    }
     others = tuple(_at_resolution(image, side) for side in sorted(sides))
     return _AnalysedImage(image, working, edges, rings, odds(rings, working), others)
 
@@ -391,7 +480,12 @@ def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
         probable = np.nonzero(item.mean >= min(UNLISTED + 1, item.mean.max()))[0]
         ellipse = max((item.rings[i].ellipse for i in probable), key=item.pooled)
         return ellipse, item.confidence(ellipse)
-    ellipses = [ring.ellipse for item in analysed for i, ring in enumerate(item.rings) if item.mean[i] > UNLISTED]
+    ellipses = [
+        ring.ellipse
+        for item in analysed
+        for i, ring in enumerate(item.rings)
+        if item.mean[i] > UNLISTED
+    ]
     sums = np.zeros((len(analysed[0].odds), len(ellipses)))
     for item in analysed:
         for i, ellipse in enumerate(ellipses):
@@ -400,14 +494,22 @@ def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     sums /= np.sqrt(len(analysed))
     mean = sums.mean(axis=0)
     best = int(np.argmax(mean))
-    pairs = [item.ranked(item.rings[k].ellipse) for item in analysed if (k := item.like(ellipses[best])) is not None]
+    pairs = [
+        item.ranked(item.rings[k].ellipse)
+        for item in analysed
+        if (k := item.like(ellipses[best])) is not None
+    ]
     odds_of, rivals = (np.mean([pair[i] for pair in pairs], axis=0) for i in (0, 1))
     chance = float(np.median([item.chance(ellipses[best]) for item in analysed]))
     within = float(np.median([item.within(ellipses[best]) for item in analysed]))
-    return ellipses[best], confidence(odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs))))
+    return ellipses[best], confidence(
+        odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs)))
+    )
 
 
-def _refined_outline(analysed: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]) -> MirrorOutline:
+def _refined_outline(
+    analysed: _AnalysedImage, starts: list[Ellipse], confidence: float, size: tuple[int, int]
+) -> MirrorOutline:
     """Return the clearest of several rings after refinement in the full-size image."""
     levels = levels_of(analysed.image)
     levels = levels.reshape(*levels.shape[:2], -1)
@@ -419,22 +521,39 @@ def _refined_outline(analysed: _AnalysedImage, starts: list[Ellipse], confidence
     if disc is not None:
         large = disc.scaled(scale)
         inner = CameraImage(large.centre, large.radius)
-    return MirrorOutline(ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, confidence, size, inner)
+    return MirrorOutline(
+        ellipse.centre, ellipse.semi_axes, ellipse.angle_deg, confidence, size, inner
+    )
 
 
-def _median_outline(detected: list[MirrorOutline], outlines: list[MirrorOutline], confidence: float) -> MirrorOutline:
+def _median_outline(
+    detected: list[MirrorOutline], outlines: list[MirrorOutline], confidence: float
+) -> MirrorOutline:
     """Return the median of the rims of several images."""
     u, v = np.median([rim.centre_px for rim in detected], axis=0)
     stretches = [np.log(rim.semi_axes_px[0] / rim.semi_axes_px[1]) / 2 for rim in detected]
     angles = 2 * np.radians([rim.angle_deg for rim in detected])
-    stretch = (float(np.median(stretches * np.cos(angles))), float(np.median(stretches * np.sin(angles))))
-    middle = Ellipse((float(u), float(v)), float(np.median([rim.radius_px for rim in detected])), stretch)
+    stretch = (
+        float(np.median(stretches * np.cos(angles))),
+        float(np.median(stretches * np.sin(angles))),
+    )
+    middle = Ellipse(
+        (float(u), float(v)), float(np.median([rim.radius_px for rim in detected])), stretch
+    )
     discs = [rim.camera_image for rim in detected if rim.camera_image is not None]
     inner = None
     if len(discs) > len(detected) / 2:
         x, y, radius = np.median([(*disc.centre_px, disc.radius_px) for disc in discs], axis=0)
         inner = CameraImage((float(x), float(y)), float(radius))
-    return MirrorOutline(middle.centre, middle.semi_axes, middle.angle_deg, confidence, outlines[0].image_size, inner, tuple(outlines))
+    return MirrorOutline(
+        middle.centre,
+        middle.semi_axes,
+        middle.angle_deg,
+        confidence,
+        outlines[0].image_size,
+        inner,
+        tuple(outlines),
+    )
 
 
 def _no_outline(size: tuple[int, int]) -> MirrorOutline:

@@ -49,8 +49,16 @@ class LocalMaps(NamedTuple):
 
         Points have the shape (n, 2) or (m, n, 2).
         """
-        bend = np.einsum("maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna", self.second, offsets, offsets, optimize=True)
-        straight = np.einsum("mai,...ni->mna" if offsets.ndim == 2 else "mai,mni->mna", self.first, offsets)
+        bend = np.einsum(
+            "maij,...ni,...nj->mna" if offsets.ndim == 2 else "maij,mni,mnj->mna",
+            self.second,
+            offsets,
+            offsets,
+            optimize=True,
+        )
+        straight = np.einsum(
+            "mai,...ni->mna" if offsets.ndim == 2 else "mai,mni->mna", self.first, offsets
+        )
         return np.asarray(self.pixels[:, None] + straight + bend / 2)
 
     def spacing(self) -> Array:
@@ -58,7 +66,9 @@ class LocalMaps(NamedTuple):
         return np.asarray(np.linalg.norm(self.first, axis=1).min(axis=1))
 
 
-def maps_about(places: Array, pixels: Array, centres: Array, *, leave_out: bool = False, reach: float = REACH) -> LocalMaps:
+def maps_about(
+    places: Array, pixels: Array, centres: Array, *, leave_out: bool = False, reach: float = REACH
+) -> LocalMaps:
     """Fit local maps around points of the board by weighted least squares.
 
     Parameters
@@ -87,7 +97,9 @@ def maps_about(places: Array, pixels: Array, centres: Array, *, leave_out: bool 
     support = weights.sum(axis=1)
     normal += (support[:, None, None] + 1e-12) * np.diag(STIFFNESS + 1e-9)
     mean_pixel = pixels.mean(axis=0)
-    terms = np.linalg.solve(normal, np.einsum("mki,ka->mia", weighted, pixels - mean_pixel, optimize=True))
+    terms = np.linalg.solve(
+        normal, np.einsum("mki,ka->mia", weighted, pixels - mean_pixel, optimize=True)
+    )
     second = terms[:, [3, 4, 4, 5]].reshape(-1, 2, 2, 2).transpose(0, 3, 1, 2)
     return LocalMaps(terms[:, 0] + mean_pixel, terms[:, 1:3].transpose(0, 2, 1), second, support)
 
@@ -159,7 +171,9 @@ class Saddles(NamedTuple):
     """RMS residual (m,) relative to the contrast."""
 
 
-def fit_saddles(image: NDArray[np.float32], maps: LocalMaps, window: CornerWindow, *, is_quick: bool = False) -> Saddles:
+def fit_saddles(
+    image: NDArray[np.float32], maps: LocalMaps, window: CornerWindow, *, is_quick: bool = False
+) -> Saddles:
     """Fit the corners at the centres of the maps.
 
     Parameters
@@ -194,7 +208,9 @@ def _equal_windows(maps: LocalMaps, half: float) -> Iterator[tuple[NDArray[np.in
             yield members[start : start + batch], int(size)
 
 
-def _fit(image: NDArray[np.float32], maps: LocalMaps, window: CornerWindow, reach: int, is_quick: bool) -> Saddles:
+def _fit(
+    image: NDArray[np.float32], maps: LocalMaps, window: CornerWindow, reach: int, is_quick: bool
+) -> Saddles:
     height, width = image.shape
     steps = np.arange(-reach, reach + 1)
     right, down = (axis.ravel() for axis in np.meshgrid(steps, steps))
@@ -216,7 +232,9 @@ def _fit(image: NDArray[np.float32], maps: LocalMaps, window: CornerWindow, reac
     return Saddles(pixels, sigma, blur, contrast, rms / np.where(size > 0, size, 1.0))
 
 
-def _in_window(places: Array, offsets: Array, window: CornerWindow, spacing: Array) -> NDArray[np.bool_]:
+def _in_window(
+    places: Array, offsets: Array, window: CornerWindow, spacing: Array
+) -> NDArray[np.bool_]:
     """Return the mask of pixels within the square of the board and a distance limit.
 
     For tiny squares, a minimum number of pixels is included.
@@ -242,7 +260,9 @@ class _Fit:
     Terms are background (3), contrast, shift (2), logarithm of blur, angles (2).
     """
 
-    def __init__(self, places: Array, back: Array, offsets: Array, values: Array, weights: Array) -> None:
+    def __init__(
+        self, places: Array, back: Array, offsets: Array, values: Array, weights: Array
+    ) -> None:
         lengths = np.hypot(back[:, 0], back[:, 1])
         self.distances = places / lengths  # (2, m, n): from both edges, px
         self.normals = back / lengths[:, None]  # (2, 2, m, n)
@@ -270,7 +290,10 @@ class _Fit:
             matrix = square + np.eye(9) * (prior + 1e-4 * diagonal + 1e-12)[:, None, :]
             step = np.linalg.solve(matrix, right[..., None])[..., 0]
             terms = terms + np.clip(step, -limits, limits)
-            if np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX and np.median(np.abs(step[:, 6])) < CLOSE_BLUR:
+            if (
+                np.abs(step[:, 4:6]).max(initial=0) < CLOSE_PX
+                and np.median(np.abs(step[:, 6])) < CLOSE_BLUR
+            ):
                 break
         variance = np.sum(residual**2, axis=1) / np.maximum(self.count - 9, 1)
         noise = np.linalg.inv(matrix)[:, 4:6, 4:6]
@@ -409,7 +432,10 @@ def _polynomials(points: Array, degree: int) -> Array:
     low, high = points.min(axis=0), points.max(axis=0)
     x, y = (2 * (points - low) / np.where(high > low, high - low, 1.0) - 1).T
     across, down = chebvander(x, degree), chebvander(y, degree)
-    return np.stack([across[:, i] * down[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+    return np.stack(
+        [across[:, i] * down[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)],
+        axis=1,
+    )
 
 
 # -- Corner refinement -----------------------------------------------------------------------------
@@ -439,7 +465,9 @@ squares of 16 px, on rendered mirror images.
 
 
 @validate_arguments
-def refine_corners(image: NDArray[Any], detection: Detection, board: Board, *, passes: int = REFINEMENT_PASSES) -> Detection:
+def refine_corners(
+    image: NDArray[Any], detection: Detection, board: Board, *, passes: int = REFINEMENT_PASSES
+) -> Detection:
     """Refine corners by fitting the surrounding pixels, with edges curved by the local mapping.
 
     Parameters
@@ -486,7 +514,9 @@ def refine_corners(image: NDArray[Any], detection: Detection, board: Board, *, p
     values = grey(image)
     height, width = values.shape
     if (width, height) != tuple(detection.image_size):
-        raise InvalidParameter(f"the image must have the size of {detection.name}, {detection.image_size[0]} x {detection.image_size[1]} px; got {width} x {height} px")
+        raise InvalidParameter(
+            f"the image must have the size of {detection.name}, {detection.image_size[0]} x {detection.image_size[1]} px; got {width} x {height} px"
+        )
     if not detection.found:
         return detection
     ids, pixels = detection.ids, detection.corners_px.astype(float)
@@ -496,12 +526,24 @@ def refine_corners(image: NDArray[Any], detection: Detection, board: Board, *, p
         fit = fit_saddles(values, maps._replace(pixels=pixels), board.surroundings)
         displacement = np.linalg.norm(fit.pixels - pixels, axis=1)
         worst_fit = min(WORST_FIT, max(ODD_FIT * float(np.median(fit.misfit)), LEAST_ODD_FIT))
-        is_valid = (displacement < MAX_DISPLACEMENT * maps.spacing() + 0.3) & (fit.misfit < worst_fit) & (fit.sigma_px < WORST_SIGMA_PX)
+        is_valid = (
+            (displacement < MAX_DISPLACEMENT * maps.spacing() + 0.3)
+            & (fit.misfit < worst_fit)
+            & (fit.sigma_px < WORST_SIGMA_PX)
+        )
         is_valid &= np.all((fit.pixels > 1) & (fit.pixels < np.array([width, height]) - 2), axis=1)
         ids, pixels = ids[is_valid], fit.pixels[is_valid]
         if len(ids) < 4:
-            return replace(detection, ids=ids[:0], corners_px=pixels[:0], reason="the contrast of its corners is too low")
-    sigma, blur = (np.hypot(fit.sigma_px[is_valid], MODEL_PX), float(np.median(fit.blur_px[is_valid])))
+            return replace(
+                detection,
+                ids=ids[:0],
+                corners_px=pixels[:0],
+                reason="the contrast of its corners is too low",
+            )
+    sigma, blur = (
+        np.hypot(fit.sigma_px[is_valid], MODEL_PX),
+        float(np.median(fit.blur_px[is_valid])),
+    )
     sigma = sigma * lattice_scale(places[ids], pixels, sigma)
     side = maps.spacing()[is_valid]  # large blur shifts neighbouring corners equally
     sigma = np.hypot(sigma, SMOOTH_PX + BLUR_BIAS * side * (fit.blur_px[is_valid] / side) ** 4)

@@ -41,7 +41,14 @@ STOPPED = "the search was stopped before this image"
 
 
 @validate_arguments
-def find_board(image: Picture, board: Board, *, name: str = "", camera: Camera | None = None, quick: bool = False) -> Detection:
+def find_board(
+    image: Picture,
+    board: Board,
+    *,
+    name: str = "",
+    camera: Camera | None = None,
+    quick: bool = False,
+) -> Detection:
     """Detect the corners of a board in an image distorted by a mirror or a fisheye.
 
     Corners of four squares are detected in the whole image. From nine that form a grid, the lattice
@@ -87,19 +94,27 @@ def find_board(image: Picture, board: Board, *, name: str = "", camera: Camera |
     values = grey(image)
     size = (values.shape[1], values.shape[0])
     if camera is not None and tuple(camera.image_size) != size:
-        raise InvalidParameter(f"the image must have the size of the camera, {camera.image_size[0]} x {camera.image_size[1]} px; got {size[0]} x {size[1]} px")
+        raise InvalidParameter(
+            f"the image must have the size of the camera, {camera.image_size[0]} x {camera.image_size[1]} px; got {size[0]} x {size[1]} px"
+        )
     detect = _detect_markers if board.has_markers else _detect_squares
     detection = detect(values, board, name, is_quick=quick)
     if camera is not None and not detection.used:
         for view in local_views(values, camera):
             view_detection = detect(view.image, board, "", is_quick=True)
-            if view_detection.used and (image_detection := _in_full_image(values, view_detection, view, board, name)) is not None:
+            if (
+                view_detection.used
+                and (image_detection := _in_full_image(values, view_detection, view, board, name))
+                is not None
+            ):
                 detection = image_detection
                 break
     return _refined(values, detection, board)
 
 
-def _in_full_image(values: Grey, view_detection: Detection, view: LocalView, board: Board, name: str) -> Detection | None:
+def _in_full_image(
+    values: Grey, view_detection: Detection, view: LocalView, board: Board, name: str
+) -> Detection | None:
     """Return a detection in a dewarped view as a detection in the image, which may be mirrored."""
     size = (values.shape[1], values.shape[0])
     pixels = view.back(view_detection.corners_px)
@@ -114,7 +129,16 @@ def _in_full_image(values: Grey, view_detection: Detection, view: LocalView, boa
 
 
 @validate_arguments
-def find_boards(images: Iterable[Picture | str | Path], board: Board, *, names: Sequence[str] | None = None, camera: Camera | None = None, several: bool = False, stored_orientation: bool = False, on_progress: Callable[[int, int], None] | None = None) -> list[Detection]:
+def find_boards(
+    images: Iterable[Picture | str | Path],
+    board: Board,
+    *,
+    names: Sequence[str] | None = None,
+    camera: Camera | None = None,
+    several: bool = False,
+    stored_orientation: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> list[Detection]:
     """Detect the board in each of several images of one sensor, and check their consistency.
 
     Parameters
@@ -160,9 +184,16 @@ def find_boards(images: Iterable[Picture | str | Path], board: Board, *, names: 
         raise InvalidParameter("images must contain at least one image; got none")
     names = _names(sources) if names is None else list(names)
     if len(names) != len(sources):
-        raise InvalidParameter(f"names must have one entry per image; got {len(names)} names for {len(sources)} images")
-    jobs = [(image, board, name, camera, several, stored_orientation) for name, image in zip(names, sources, strict=True)]
-    detections = {number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)}
+        raise InvalidParameter(
+            f"names must have one entry per image; got {len(names)} names for {len(sources)} images"
+        )
+    jobs = [
+        (image, board, name, camera, several, stored_orientation)
+        for name, image in zip(names, sources, strict=True)
+    ]
+    detections = {
+        number: [Detection(name, (0, 0), reason=STOPPED)] for number, name in enumerate(names)
+    }
     try:
         for count_done, (number, boards) in enumerate(_search_images(jobs), 1):
             detections[number] = boards
@@ -186,12 +217,23 @@ def _search_images(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[
             return
 
 
-def _boards_in(source: Picture | str | Path, board: Board, name: str, camera: Camera | None, several: bool, stored_orientation: bool) -> list[Detection]:
+def _boards_in(
+    source: Picture | str | Path,
+    board: Board,
+    name: str,
+    camera: Camera | None,
+    several: bool,
+    stored_orientation: bool,
+) -> list[Detection]:
     """Return the boards of an image or file, or a detection with the reason for the failure."""
     from ...io import read_image
 
     try:
-        pixels = read_image(source, stored_orientation=stored_orientation) if isinstance(source, str | Path) else source
+        pixels = (
+            read_image(source, stored_orientation=stored_orientation)
+            if isinstance(source, str | Path)
+            else source
+        )
         boards = _all_boards(pixels, board, name) if several and not board.has_markers else []
         return boards or [find_board(pixels, board, name=name, camera=camera)]
     except OmnimirrorError as e:
@@ -201,22 +243,46 @@ def _boards_in(source: Picture | str | Path, board: Board, name: str, camera: Ca
 def compared(detections: Sequence[Detection], board: Board) -> list[Detection]:
     """Return detections of one sensor with reasons against inconsistent ones."""
     result = list(detections)
-    sizes = Counter(d.image_size for d in result if d.used) or Counter(d.image_size for d in result if d.found)
+    sizes = Counter(d.image_size for d in result if d.used) or Counter(
+        d.image_size for d in result if d.found
+    )
     usual_size = sizes.most_common(1)[0][0] if sizes else (0, 0)
-    orientations = Counter(d.is_reversed for d in result if d.used and d.image_size == usual_size and d.is_reversed is not None)
+    orientations = Counter(
+        d.is_reversed
+        for d in result
+        if d.used and d.image_size == usual_size and d.is_reversed is not None
+    )
     usual_orientation = orientations.most_common(1)[0][0] if orientations else None
     is_orientation_visible = board.is_symmetric and board.columns != board.rows
-    colours = Counter(d.begins_white for d in result if d.used and d.image_size == usual_size and d.begins_white is not None)
+    colours = Counter(
+        d.begins_white
+        for d in result
+        if d.used and d.image_size == usual_size and d.begins_white is not None
+    )
     usual_colour = colours.most_common(1)[0][0] if colours and is_orientation_visible else None
     is_right_board = any(d.used and not d.is_part for d in result)
     for i, detection in enumerate(result):
         if detection.found and detection.image_size != usual_size:
-            reason = "its size of {} x {} px differs from that of the others, {} x {} px".format(*detection.image_size, *usual_size)
+            reason = "its size of {} x {} px differs from that of the others, {} x {} px".format(
+                *detection.image_size, *usual_size
+            )
             result[i] = replace(detection, reason=reason)
-        elif detection.used and usual_orientation is not None and detection.is_reversed not in (None, usual_orientation):
-            difference = "is a mirror image, unlike the others" if detection.is_reversed else "is not a mirror image, unlike the others"
+        elif (
+            detection.used
+            and usual_orientation is not None
+            and detection.is_reversed not in (None, usual_orientation)
+        ):
+            difference = (
+                "is a mirror image, unlike the others"
+                if detection.is_reversed
+                else "is not a mirror image, unlike the others"
+            )
             result[i] = replace(detection, reason=f"it {difference}: it was flipped")
-        elif detection.used and usual_colour is not None and detection.begins_white not in (None, usual_colour):
+        elif (
+            detection.used
+            and usual_colour is not None
+            and detection.begins_white not in (None, usual_colour)
+        ):
             reason = "its board is the mirror image of that in the others: it was flipped"
             result[i] = replace(detection, reason=reason)
         elif detection.found and detection.is_part and is_right_board:
@@ -225,9 +291,14 @@ def compared(detections: Sequence[Detection], board: Board) -> list[Detection]:
 
 
 def _names(images: Sequence[Any]) -> list[str]:
-    names = [Path(p).name if isinstance(p, str | Path) else f"image {i}" for i, p in enumerate(images, 1)]
+    names = [
+        Path(p).name if isinstance(p, str | Path) else f"image {i}" for i, p in enumerate(images, 1)
+    ]
     if len(set(names)) < len(names):  # files with the same name in several folders
-        names = [str(p) if isinstance(p, str | Path) else name for p, name in zip(images, names, strict=True)]
+        names = [
+            str(p) if isinstance(p, str | Path) else name
+            for p, name in zip(images, names, strict=True)
+        ]
     return names
 
 
@@ -237,10 +308,15 @@ def _all_boards(image: Picture, board: Board, name: str) -> list[Detection]:
     size = (values.shape[1], values.shape[0])
     names = (name if k == 1 else f"{name} ({k})" for k in count(1))
     parts = find_chessboards(values, board)
-    return [_refined(values, _complete_detection(part, board, next(names), size), board) for part in parts]
+    return [
+        _refined(values, _complete_detection(part, board, next(names), size), board)
+        for part in parts
+    ]
 
 
-def _complete_detection(part: LatticePart, board: Board, name: str, size: tuple[int, int]) -> Detection:
+def _complete_detection(
+    part: LatticePart, board: Board, name: str, size: tuple[int, int]
+) -> Detection:
     ids, pixels, begins_white = ordered(part, board)
     return Detection(name, size, ids, pixels, begins_white=begins_white)
 
@@ -250,7 +326,9 @@ def _detect_squares(values: Grey, board: Board, name: str, *, is_quick: bool = F
     part = find_chessboard(values, board, is_quick=is_quick)
     if part is not None and is_whole(part, board):
         if goes_on(values, part):
-            return Detection(name, size, reason=TILES.format(board=board), blur_px=edge_blur_px(values))
+            return Detection(
+                name, size, reason=TILES.format(board=board), blur_px=edge_blur_px(values)
+            )
         return _complete_detection(part, board, name, size)
     if part is None or len(part.places) < MIN_PART:
         return Detection(name, size, reason=_failure_reason(values), blur_px=edge_blur_px(values))
@@ -263,7 +341,10 @@ def _detect_squares(values: Grey, board: Board, name: str, *, is_quick: bool = F
 def _detect_markers(values: Grey, board: Board, name: str, *, is_quick: bool = False) -> Detection:
     size = (values.shape[1], values.shape[0])
     markers = read_markers(values, board, is_quick=is_quick)
-    if board.kind == "aprilgrid" and (difference := layout_difference(values, board, markers, is_quick=is_quick)) is not None:
+    if (
+        board.kind == "aprilgrid"
+        and (difference := layout_difference(values, board, markers, is_quick=is_quick)) is not None
+    ):
         return Detection(name, size, reason=difference, blur_px=edge_blur_px(values))
     ids, pixels = find_by_markers(values, board, markers)
     if len(ids) >= LEAST_OF_MARKED:
@@ -304,9 +385,15 @@ def _refined(values: Grey, detection: Detection, board: Board) -> Detection:
     if not detection.found:
         return detection
     refined = refine_corners(values / np.float32(255), detection, board)
-    min_corners = WHOLE_SHARE * board.corner_count if not (board.has_markers or detection.is_part) else LEAST_OF_MARKED
+    min_corners = (
+        WHOLE_SHARE * board.corner_count
+        if not (board.has_markers or detection.is_part)
+        else LEAST_OF_MARKED
+    )
     if refined.used and len(refined.ids) < min_corners:
-        reason = f"only {len(refined.ids)} of {board.corner_count} corners of the board could be refined"
+        reason = (
+            f"only {len(refined.ids)} of {board.corner_count} corners of the board could be refined"
+        )
         if refined.blur_px > BLURRED_PX:
             reason += f"; the image is blurred (edge blur {refined.blur_px:.1f} px)"
         refined = replace(refined, reason=reason)
@@ -314,7 +401,10 @@ def _refined(values: Grey, detection: Detection, board: Board) -> Detection:
         places = board.points_mm[refined.ids, :2] / board.square_mm
         side = float(np.median(maps_about(places, refined.corners_px, places).spacing()))
         if side < TINY_PX:
-            refined = replace(refined, reason=f"the board is too small in the image: its squares are {side:.1f} px wide")
+            refined = replace(
+                refined,
+                reason=f"the board is too small in the image: its squares are {side:.1f} px wide",
+            )
     return refined
 
 
@@ -322,5 +412,9 @@ def _is_mirrored(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.float64
     """Return whether a board is mirrored in an image."""
     places = board.points_mm[ids, :2] / board.square_mm
     is_finite = np.isfinite(pixels).all(axis=1)
-    determinant = float(np.median(np.linalg.det(maps_about(places[is_finite], pixels[is_finite], places[is_finite]).first)))
+    determinant = float(
+        np.median(
+            np.linalg.det(maps_about(places[is_finite], pixels[is_finite], places[is_finite]).first)
+        )
+    )
     return (determinant < 0) != (board.kind == "aprilgrid")  # Y of an April grid points up

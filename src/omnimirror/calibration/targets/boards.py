@@ -101,16 +101,22 @@ class Board:
             if self.kind != "charuco":
                 raise InvalidParameter(f"marker_mm requires kind = 'charuco'; got {self.kind!r}")
             if self.marker_mm >= self.square_mm:
-                raise InvalidParameter(f"marker_mm must be below square_mm = {self.square_mm:g}; got {self.marker_mm:g}")
+                raise InvalidParameter(
+                    f"marker_mm must be below square_mm = {self.square_mm:g}; got {self.marker_mm:g}"
+                )
         if self.kind == "chessboard":
             if self.family is not None:
-                raise InvalidParameter(f"family requires a board with markers; got {self.family!r} for a chessboard")
+                raise InvalidParameter(
+                    f"family requires a board with markers; got {self.family!r} for a chessboard"
+                )
             if max(self.columns, self.rows) < 3:
                 raise InvalidParameter("a chessboard must have at least 3 x 2 corners; got 2 x 2")
         elif self.family is not None:
             choice("family", self.family.upper(), families())
             if self.marker_count > (family_size := capacity(self.family)):
-                raise InvalidParameter(f"family must have at least {self.marker_count} markers for a board of {self}; {self.family} has {family_size}")
+                raise InvalidParameter(
+                    f"family must have at least {self.marker_count} markers for a board of {self}; {self.family} has {family_size}"
+                )
 
     def __str__(self) -> str:
         unit = {"chessboard": "corners", "charuco": "squares", "aprilgrid": "tags"}[self.kind]
@@ -178,7 +184,10 @@ class Board:
         if self.kind == "charuco":
             return CornerWindow(arm=(1 - self.marker_side_mm / self.square_mm) / 2)
         if self.kind == "aprilgrid":
-            return CornerWindow(min(0.7 * self.spacing, 0.45), self.border_bits / (APRIL_BITS + 2 * self.border_bits))
+            return CornerWindow(
+                min(0.7 * self.spacing, 0.45),
+                self.border_bits / (APRIL_BITS + 2 * self.border_bits),
+            )
         return CornerWindow()
 
     @property
@@ -200,7 +209,9 @@ class Board:
     def _along_mm(self, places: NDArray[Any]) -> Array:
         """Return positions of columns or rows along their side."""
         if self.kind == "aprilgrid":
-            return np.asarray(self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float)
+            return np.asarray(
+                self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float
+            )
         return self.square_mm * np.asarray(places, dtype=float)
 
 
@@ -212,7 +223,9 @@ def families() -> list[str]:
     """
     import cv2
 
-    return sorted({name.removeprefix("DICT_").upper() for name in dir(cv2.aruco) if name.startswith("DICT_")})
+    return sorted(
+        {name.removeprefix("DICT_").upper() for name in dir(cv2.aruco) if name.startswith("DICT_")}
+    )
 
 
 def capacity(family: str) -> int:

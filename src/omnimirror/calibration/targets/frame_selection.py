@@ -33,7 +33,18 @@ QUICK_PX = 500  # longer side of the reduced image for the comparison of sharpne
 
 
 @validate_arguments
-def select_frames(video: str | Path, board: Board, *, count: int = 30, every_s: float = 0.5, start_s: float = 0.0, duration_s: float | None = None, camera: Camera | None = None, stored_orientation: bool = False, on_progress: Callable[[int, int | None], None] | None = None) -> list[Detection]:
+def select_frames(
+    video: str | Path,
+    board: Board,
+    *,
+    count: int = 30,
+    every_s: float = 0.5,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    camera: Camera | None = None,
+    stored_orientation: bool = False,
+    on_progress: Callable[[int, int | None], None] | None = None,
+) -> list[Detection]:
     """Select calibration frames from a video.
 
     The board is detected in the sharpest frame of each interval (0.5 s by default). Frames are then
@@ -88,13 +99,23 @@ def select_frames(video: str | Path, board: Board, *, count: int = 30, every_s: 
     integer("count", count, 1)
     number("every_s", every_s, above=0, unit="s")
     detections: list[Detection] = []
-    with VideoReader(path, start_s, duration_s, with_audio=False, stored_orientation=stored_orientation) as reader:
+    with VideoReader(
+        path, start_s, duration_s, with_audio=False, stored_orientation=stored_orientation
+    ) as reader:
         expected = reader.expected_frames
-        total = None if expected is None else max(1, round(expected / float(reader.frame_rate) / every_s))
+        total = (
+            None
+            if expected is None
+            else max(1, round(expected / float(reader.frame_rate) / every_s))
+        )
         try:
             for time_s, image in _sharpest(reader, every_s):
                 name = f"{path.name} at {start_s + time_s:.2f} s"
-                detections.append(replace(find_board(image, board, name=name, camera=camera), time_s=start_s + time_s))
+                detections.append(
+                    replace(
+                        find_board(image, board, name=name, camera=camera), time_s=start_s + time_s
+                    )
+                )
                 if on_progress is not None:
                     on_progress(len(detections), total)
         except KeyboardInterrupt:
@@ -106,7 +127,9 @@ def select_frames(video: str | Path, board: Board, *, count: int = 30, every_s: 
     return select_distinct_frames(compared(detections, board), board, count=count)
 
 
-def select_distinct_frames(detections: Sequence[Detection], board: Board, *, count: int = 30) -> list[Detection]:
+def select_distinct_frames(
+    detections: Sequence[Detection], board: Board, *, count: int = 30
+) -> list[Detection]:
     """Return the detections, with a reason against the use of those that add no new view.
 
     Parameters
@@ -133,7 +156,10 @@ def select_distinct_frames(detections: Sequence[Detection], board: Board, *, cou
     usual_blur = float(np.median([result[i].blur_px for i in usable]))
     for i in [i for i in usable if result[i].blur_px > BLURRED * usual_blur]:
         blur = result[i].blur_px
-        result[i] = replace(result[i], reason=f"it is blurred: edge blur {blur:.1f} px, median of all frames {usual_blur:.1f} px")
+        result[i] = replace(
+            result[i],
+            reason=f"it is blurred: edge blur {blur:.1f} px, median of all frames {usual_blur:.1f} px",
+        )
     usable = [i for i in usable if result[i].used]
     views = np.array([_view(result[i], board) for i in usable])
     cells = [_cells(result[i]) for i in usable]
@@ -151,12 +177,18 @@ def select_distinct_frames(detections: Sequence[Detection], board: Board, *, cou
         covered |= cells[best]
     for k, i in enumerate(usable):
         if k not in selected:
-            similar = usable[selected[int(np.argmin(np.linalg.norm(views[selected] - views[k], axis=1)))]]
-            result[i] = replace(result[i], reason=f"its view of the board is similar to {result[similar].name}")
+            similar = usable[
+                selected[int(np.argmin(np.linalg.norm(views[selected] - views[k], axis=1)))]
+            ]
+            result[i] = replace(
+                result[i], reason=f"its view of the board is similar to {result[similar].name}"
+            )
     return result
 
 
-def redundancy_reason(candidate: Detection, selected: Sequence[Detection], board: Board) -> str | None:
+def redundancy_reason(
+    candidate: Detection, selected: Sequence[Detection], board: Board
+) -> str | None:
     """Return the reason for which an image adds no new view, None if it does.
 
     Parameters
@@ -185,7 +217,10 @@ def redundancy_reason(candidate: Detection, selected: Sequence[Detection], board
         return None
     distances = np.linalg.norm([_view(d, board) for d in earlier] - _view(candidate, board), axis=1)
     covered: set[tuple[int, int]] = set().union(*map(_cells, earlier))
-    if min(float(distances.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered) >= ENOUGH_NEW:
+    if (
+        min(float(distances.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered)
+        >= ENOUGH_NEW
+    ):
         return None
     return f"its view of the board is similar to {earlier[int(np.argmin(distances))].name}"
 
@@ -214,11 +249,15 @@ def _view(detection: Detection, board: Board) -> Array:
     """Return position, size, tilt and rotation of the board in units of the scales of a new view."""
     places = board.points_mm[detection.ids, :2] / board.square_mm
     centre = places.mean(axis=0, keepdims=True)
-    shape = maps_about(places, detection.corners_px, centre, reach=float(np.ptp(places, axis=0).max()))
+    shape = maps_about(
+        places, detection.corners_px, centre, reach=float(np.ptp(places, axis=0).max())
+    )
     size = np.sqrt(np.abs(np.linalg.det(shape.first[0]))) + 1e-6
     position = shape.pixels[0] / max(detection.image_size)
     orientation = (shape.first[0] / size).ravel()
-    return np.concatenate([position / SCALES[0], [np.log(size) / SCALES[1]], orientation / 2 / SCALES[2]])
+    return np.concatenate(
+        [position / SCALES[0], [np.log(size) / SCALES[1]], orientation / 2 / SCALES[2]]
+    )
 
 
 def _cells(detection: Detection) -> set[tuple[int, int]]:

@@ -42,7 +42,9 @@ class BoardSheet(NamedTuple):
     """Text at the foot of the sheet."""
 
 
-def sheet_of(board: Board, *, margin_mm: float | None = None, paper: str | None = None) -> BoardSheet:
+def sheet_of(
+    board: Board, *, margin_mm: float | None = None, paper: str | None = None
+) -> BoardSheet:
     """Lay out a board on paper.
 
     Parameters
@@ -61,16 +63,28 @@ def sheet_of(board: Board, *, margin_mm: float | None = None, paper: str | None 
         If the board does not fit on the paper, or paper or margin are invalid.
     """
     black, (width, height), corner = _drawn(board)
-    margin = number("margin_mm", WHITE_MARGIN * board.square_mm if margin_mm is None else margin_mm, low=0, unit="mm")
+    margin = number(
+        "margin_mm",
+        WHITE_MARGIN * board.square_mm if margin_mm is None else margin_mm,
+        low=0,
+        unit="mm",
+    )
     if paper is None:
         size = (width + 2 * margin, height + 2 * margin)
     else:
         choice("paper", paper, PAPERS_MM)
         size = PAPERS_MM[paper] if width >= height else PAPERS_MM[paper][::-1]
         if width > size[0] or height > size[1]:
-            raise InvalidParameter(f"paper must be larger than the board of {width:g} x {height:g} mm; got {paper} ({size[0]:g} x {size[1]:g} mm); use smaller squares or a larger paper")
+            raise InvalidParameter(
+                f"paper must be larger than the board of {width:g} x {height:g} mm; got {paper} ({size[0]:g} x {size[1]:g} mm); use smaller squares or a larger paper"
+            )
     left, top = (size[0] - width) / 2, (size[1] - height) / 2
-    return BoardSheet(size, black + np.array([left, top, 0, 0]), (left + corner[0], top + corner[1]), words_of(board))
+    return BoardSheet(
+        size,
+        black + np.array([left, top, 0, 0]),
+        (left + corner[0], top + corner[1]),
+        words_of(board),
+    )
 
 
 def words_of(board: Board) -> str:
@@ -80,14 +94,22 @@ def words_of(board: Board) -> str:
     'omnimirror chessboard 11x7, squares of 30 mm; reference line 100 mm'
     """
     unit = "tags" if board.kind == "aprilgrid" else "squares"
-    markers = f", markers of {board.marker_side_mm:g} mm {board.marker_family}" if board.kind == "charuco" else ""
-    gaps = f", spacing {board.spacing:g}, {board.marker_family}" if board.kind == "aprilgrid" else ""
+    markers = (
+        f", markers of {board.marker_side_mm:g} mm {board.marker_family}"
+        if board.kind == "charuco"
+        else ""
+    )
+    gaps = (
+        f", spacing {board.spacing:g}, {board.marker_family}" if board.kind == "aprilgrid" else ""
+    )
     size = f"{board.columns}x{board.rows}, {unit} of {board.square_mm:g} mm"
     return f"omnimirror {board.kind} {size}{markers}{gaps}; reference line {RULER_MM:g} mm"
 
 
 @validate_arguments
-def draw_board(board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None = None) -> NDArray[np.uint8]:
+def draw_board(
+    board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None = None
+) -> NDArray[np.uint8]:
     """Draw a board, black on white.
 
     Parameters
@@ -113,11 +135,20 @@ def draw_board(board: Board, *, px_per_mm: float = 4.0, margin_mm: float | None 
     >>> draw_board(Board("chessboard", 11, 7, 30.0), px_per_mm=2.0).shape
     (600, 840)
     """
-    return _raster(sheet_of(board, margin_mm=margin_mm), number("px_per_mm", px_per_mm, above=0, high=1e4))
+    return _raster(
+        sheet_of(board, margin_mm=margin_mm), number("px_per_mm", px_per_mm, above=0, high=1e4)
+    )
 
 
 @validate_arguments
-def write_board(board: Board, path: str | Path, *, margin_mm: float | None = None, paper: str | None = None, dpi: float = 300.0) -> Path:
+def write_board(
+    board: Board,
+    path: str | Path,
+    *,
+    margin_mm: float | None = None,
+    paper: str | None = None,
+    dpi: float = 300.0,
+) -> Path:
     """Write a board for printing at true scale.
 
     Print without scaling to the page and check the scale by measurement. PDF and SVG contain
@@ -193,7 +224,9 @@ def _drawn(board: Board) -> tuple[Array, tuple[float, float], tuple[float, float
         white = [(c, r) for c, r in squares if (c + r) % 2 != first]
         for marker, (c, r) in enumerate(white):
             cells = _marker(board, marker)
-            black += _cells(cells, c * side + inset, r * side + inset, board.marker_side_mm / len(cells))
+            black += _cells(
+                cells, c * side + inset, r * side + inset, board.marker_side_mm / len(cells)
+            )
     return np.array(black), (columns * side, rows * side), (side, side)
 
 
@@ -219,16 +252,23 @@ def _marker(board: Board, number: int) -> NDArray[np.bool_]:
 
     family = dictionary(board.marker_family)
     cells = int(family.markerSize) + 2 * board.border_bits
-    marker_image = cv2.aruco.generateImageMarker(family, number, cells, borderBits=board.border_bits)
+    marker_image = cv2.aruco.generateImageMarker(
+        family, number, cells, borderBits=board.border_bits
+    )
     return np.asarray(marker_image) < 128
 
 
-def _cells(black: NDArray[np.bool_], left: float, top: float, side: float) -> list[tuple[float, float, float, float]]:
+def _cells(
+    black: NDArray[np.bool_], left: float, top: float, side: float
+) -> list[tuple[float, float, float, float]]:
     """Return black cells as rectangles, merged along rows."""
     rectangles = []
     for row, cells in enumerate(black):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(int), [0]])))
-        rectangles += [(left + a * side, top + row * side, (b - a) * side, side) for a, b in edges.reshape(-1, 2)]
+        rectangles += [
+            (left + a * side, top + row * side, (b - a) * side, side)
+            for a, b in edges.reshape(-1, 2)
+        ]
     return rectangles
 
 
@@ -238,9 +278,13 @@ def _cells(black: NDArray[np.bool_], left: float, top: float, side: float) -> li
 def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
     width, height = (round(min(length * px_per_mm, 1e9)) for length in sheet.size_mm)
     if not 1 <= min(width, height) <= max(width, height) <= MOST_PX:
-        raise InvalidParameter(f"the image must have 1 to {MOST_PX} px per side; got {width} x {height} px")
+        raise InvalidParameter(
+            f"the image must have 1 to {MOST_PX} px per side; got {width} x {height} px"
+        )
     image = np.full((height, width), 255, np.uint8)
-    corners = np.concatenate([sheet.black_mm[:, :2], sheet.black_mm[:, :2] + sheet.black_mm[:, 2:]], axis=1)
+    corners = np.concatenate(
+        [sheet.black_mm[:, :2], sheet.black_mm[:, :2] + sheet.black_mm[:, 2:]], axis=1
+    )
     for left, top, right, bottom in np.rint(corners * px_per_mm).astype(int):
         image[top:bottom, left:right] = 0
     return image
@@ -254,7 +298,13 @@ def _png(image: NDArray[np.uint8], dpi: float) -> bytes:
     head = 8 + 25  # signature and first chunk, both of fixed length
     metre = round(dpi / 0.0254)
     chunk = b"pHYs" + struct.pack(">IIB", metre, metre, 1)
-    return data[:head] + struct.pack(">I", 9) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[head:]
+    return (
+        data[:head]
+        + struct.pack(">I", 9)
+        + chunk
+        + struct.pack(">I", zlib.crc32(chunk))
+        + data[head:]
+    )
 
 
 def _foot(sheet: BoardSheet) -> tuple[float, float, float]:
@@ -262,14 +312,22 @@ def _foot(sheet: BoardSheet) -> tuple[float, float, float]:
     width, height = sheet.size_mm
     below = height - float((sheet.black_mm[:, 1] + sheet.black_mm[:, 3]).max())
     has_room = below >= 4 * TEXT_MM and width >= RULER_MM + 2 * TEXT_MM
-    return (max(TEXT_MM, float(sheet.black_mm[:, 0].min())), height - TEXT_MM, RULER_MM if has_room else 0.0)
+    return (
+        max(TEXT_MM, float(sheet.black_mm[:, 0].min())),
+        height - TEXT_MM,
+        RULER_MM if has_room else 0.0,
+    )
 
 
 def _svg(sheet: BoardSheet) -> str:
     width, height = sheet.size_mm
     bars = "".join(f"M{x:.6g} {y:.6g}h{w:.6g}v{h:.6g}h{-w:.6g}z" for x, y, w, h in sheet.black_mm)
     left, bottom, ruler = _foot(sheet)
-    foot = f'<path d="M{left:.6g} {bottom:.6g}h{ruler:g}" stroke="black" stroke-width="{LINE_MM}"/><text x="{left:.6g}" y="{bottom - 1.5:.6g}" font-family="sans-serif" font-size="{TEXT_MM}">{xml_text(sheet.words)}</text>' if ruler else ""
+    foot = (
+        f'<path d="M{left:.6g} {bottom:.6g}h{ruler:g}" stroke="black" stroke-width="{LINE_MM}"/><text x="{left:.6g}" y="{bottom - 1.5:.6g}" font-family="sans-serif" font-size="{TEXT_MM}">{xml_text(sheet.words)}</text>'
+        if ruler
+        else ""
+    )
     return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.6g}mm" height="{height:.6g}mm" viewBox="0 0 {width:.6g} {height:.6g}"><path d="M0 0h{width:.6g}v{height:.6g}h{-width:.6g}z" fill="white"/><path d="{bars}" shape-rendering="crispEdges"/>{foot}</svg>\n'
 
 
@@ -278,18 +336,27 @@ def _pdf(sheet: BoardSheet) -> bytes:
     width, height = sheet.size_mm
     scale = POINTS_PER_MM
     lines = [f"{scale:.9f} 0 0 {scale:.9f} 0 0 cm 0 g"]
-    lines += [f"{x:.5f} {height - y - h:.5f} {w:.5f} {h:.5f} re" for x, y, w, h in sheet.black_mm] + ["f"]
+    lines += [
+        f"{x:.5f} {height - y - h:.5f} {w:.5f} {h:.5f} re" for x, y, w, h in sheet.black_mm
+    ] + ["f"]
     left, bottom, ruler = _foot(sheet)
     if ruler:
-        lines.append(f"{LINE_MM} w {left:.5f} {height - bottom:.5f} m {left + ruler:.5f} {height - bottom:.5f} l S")
-        lines.append(f"BT /F {TEXT_MM} Tf {left:.5f} {height - bottom + 1.5:.5f} Td ({sheet.words}) Tj ET")
+        lines.append(
+            f"{LINE_MM} w {left:.5f} {height - bottom:.5f} m {left + ruler:.5f} {height - bottom:.5f} l S"
+        )
+        lines.append(
+            f"BT /F {TEXT_MM} Tf {left:.5f} {height - bottom + 1.5:.5f} Td ({sheet.words}) Tj ET"
+        )
     content = zlib.compress("\n".join(lines).encode("latin-1"))
     box = f"[0 0 {width * scale:.5f} {height * scale:.5f}]"
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences 6 0 R >>",
         b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-        f"<< /Type /Page /Parent 2 0 R /MediaBox {box} /Contents 4 0 R ".encode() + b"/Resources << /Font << /F 5 0 R >> >> >>",
-        f"<< /Length {len(content)} /Filter /FlateDecode >>\nstream\n".encode() + content + b"\nendstream",
+        f"<< /Type /Page /Parent 2 0 R /MediaBox {box} /Contents 4 0 R ".encode()
+        + b"/Resources << /Font << /F 5 0 R >> >> >>",
+        f"<< /Length {len(content)} /Filter /FlateDecode >>\nstream\n".encode()
+        + content
+        + b"\nendstream",
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
         b"<< /PrintScaling /None >>",
     ]

@@ -152,16 +152,26 @@ class CameraModel(ABC):
     @property
     def _signs(self) -> Array:
         """Signs of image right, image down and axis, relative to camera X, Y, Z."""
-        return np.array([-1.0 if self.mount.image_flipped else 1.0, 1.0, -1.0 if self.is_backward_facing else 1.0])
+        return np.array(
+            [
+                -1.0 if self.mount.image_flipped else 1.0,
+                1.0,
+                -1.0 if self.is_backward_facing else 1.0,
+            ]
+        )
 
     # -- Validation in the constructors of all models --------------------------------------------
 
     def _check_camera(self) -> None:
         if finite("image_size", self.image_size).shape != (2,):
-            raise InvalidParameter(f"image_size must be two numbers (width, height); got {format_value(self.image_size)}")
+            raise InvalidParameter(
+                f"image_size must be two numbers (width, height); got {format_value(self.image_size)}"
+            )
         for name, length in zip(("width", "height"), self.image_size, strict=True):
             if not (1 <= length <= MAX_IMAGE_PX and int(length) == length):
-                raise InvalidParameter(f"image {name} must be an integer between 1 and {MAX_IMAGE_PX} px; got {length}")
+                raise InvalidParameter(
+                    f"image {name} must be an integer between 1 and {MAX_IMAGE_PX} px; got {length}"
+                )
         choice("optics", self.optics, get_args(Optics))
 
 
@@ -181,7 +191,9 @@ def direction_covariance(model: CameraModel, covariance: Array, directions: Arra
     return direction_covariance_at(model, covariance, unit, _perpendicular_axes(unit), distant=True)
 
 
-def direction_covariance_at(model: CameraModel, covariance: Array, targets: Array, axes: Array, *, distant: bool) -> Array:
+def direction_covariance_at(
+    model: CameraModel, covariance: Array, targets: Array, axes: Array, *, distant: bool
+) -> Array:
     """Compute the covariance (n, 2, 2) of targets (n, 3) with fixed pixels, along axes (n, 3, 2).
 
     Targets are in the camera frame.
@@ -190,7 +202,11 @@ def direction_covariance_at(model: CameraModel, covariance: Array, targets: Arra
     finite_rows = np.flatnonzero(np.isfinite(targets).all(axis=1))
     image = model.image(targets[finite_rows], distant=distant)
     moves = image.d_points @ axes[finite_rows]
-    is_regular = image.valid & np.isfinite(moves).all(axis=(1, 2)) & np.isfinite(image.d_parameters).all(axis=(1, 2))
+    is_regular = (
+        image.valid
+        & np.isfinite(moves).all(axis=(1, 2))
+        & np.isfinite(image.d_parameters).all(axis=(1, 2))
+    )
     is_regular[is_regular] = np.abs(np.linalg.det(moves[is_regular])) > 0
     change = -np.linalg.solve(moves[is_regular], image.d_parameters[is_regular])
     spread[finite_rows[is_regular]] = change @ covariance @ change.transpose(0, 2, 1)
@@ -200,17 +216,23 @@ def direction_covariance_at(model: CameraModel, covariance: Array, targets: Arra
 def field_angles(model: CameraModel, directions: Array) -> Array:
     """Return angles (n,), deg, of directions (n, 3) from the image centre."""
     forward = -1.0 if model.is_backward_facing else 1.0
-    return np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2]))
+    return np.degrees(
+        np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), forward * directions[:, 2])
+    )
 
 
-def within_field(model: CameraModel, directions: Array, field_deg: float | None) -> NDArray[np.bool_]:
+def within_field(
+    model: CameraModel, directions: Array, field_deg: float | None
+) -> NDArray[np.bool_]:
     """Return which directions (n, 3) are in a calibrated field; all if it is None."""
     if field_deg is None:
         return np.ones(len(directions), dtype=bool)
     return field_angles(model, directions) <= field_deg + FIELD_ROUNDING_DEG
 
 
-def direction_sigma_deg(model: CameraModel, covariance: Array, directions: ArrayLike, field_deg: float | None = None) -> Array:
+def direction_sigma_deg(
+    model: CameraModel, covariance: Array, directions: ArrayLike, field_deg: float | None = None
+) -> Array:
     """Return the standard deviation (n,), deg, of directions, along the larger axis.
 
     Parameters
@@ -265,15 +287,33 @@ def camera_card(camera: CameraModel) -> str:
     """Return an HTML card: rings of constant field angle, and parameters with deviations."""
     width, height = camera.image_size
     symmetry = camera.symmetry
-    field = {} if symmetry is None else {"Field": field_range(symmetry.omega_min, symmetry.omega_max)}
+    field = (
+        {} if symmetry is None else {"Field": field_range(symmetry.omega_min, symmetry.omega_max)}
+    )
     sigmas = camera.uncertainty.sigmas if camera.uncertainty else {}
     displayed = camera.parameters[:MAX_PARAMETERS]
-    parameters = {p.name: f"{p.value:.6g}{_format_sigma(sigmas.get(p.name))} {p.unit}" for p in displayed}
+    parameters = {
+        p.name: f"{p.value:.6g}{_format_sigma(sigmas.get(p.name))} {p.unit}" for p in displayed
+    }
     omitted = len(camera.parameters) - len(displayed)
     more = {f"{omitted} more parameters": ""} if omitted else {}
-    head = {"Optics": camera.optics, **field, "Image": f"{width} × {height} px", "Camera orientation": camera.mount.camera_looks}
-    drawing = line_drawing(list(_field_rings(camera)), f"Image with rings of constant field angle every {RING_STEP_DEG:g} degrees")
-    return card(camera.KIND, "calibrated camera", drawing, {**head, **parameters, **more}, origin(getattr(camera, "notes", ""), len(sigmas)))
+    head = {
+        "Optics": camera.optics,
+        **field,
+        "Image": f"{width} × {height} px",
+        "Camera orientation": camera.mount.camera_looks,
+    }
+    drawing = line_drawing(
+        list(_field_rings(camera)),
+        f"Image with rings of constant field angle every {RING_STEP_DEG:g} degrees",
+    )
+    return card(
+        camera.KIND,
+        "calibrated camera",
+        drawing,
+        {**head, **parameters, **more},
+        origin(getattr(camera, "notes", ""), len(sigmas)),
+    )
 
 
 def _format_sigma(sigma: float | None) -> str:
@@ -283,13 +323,23 @@ def _format_sigma(sigma: float | None) -> str:
 def _field_rings(camera: CameraModel) -> Iterator[Line]:
     """Yield the frame of the image and the images of rings about the axis."""
     width, height = camera.image_size
-    yield Line(np.array([0, width, width, 0, 0.0]) - 0.5, 0.5 - np.array([0, 0, height, height, 0.0]), "plain")
+    yield Line(
+        np.array([0, width, width, 0, 0.0]) - 0.5,
+        0.5 - np.array([0, 0, height, height, 0.0]),
+        "plain",
+    )
     turn = np.linspace(0, 2 * np.pi, RING_POINTS)
     right, down = camera.mount.rotation()[:, 0], camera.mount.rotation()[:, 1]
     end = 180.0 if camera.symmetry is None else float(np.degrees(camera.symmetry.omega_max))
     rings = [*np.arange(RING_STEP_DEG, end - 1e-9, RING_STEP_DEG), end]
     for omega in np.radians(rings):
         around = np.outer(np.cos(turn), right) + np.outer(np.sin(turn), down)
-        pixels, valid = camera.project_directions(np.cos(omega) * camera.axis + np.sin(omega) * around)
+        pixels, valid = camera.project_directions(
+            np.cos(omega) * camera.axis + np.sin(omega) * around
+        )
         if valid.any():
-            yield Line(np.where(valid, pixels[:, 0], np.nan), -np.where(valid, pixels[:, 1], np.nan), "fine" if omega < np.radians(end) else "strong")
+            yield Line(
+                np.where(valid, pixels[:, 0], np.nan),
+                -np.where(valid, pixels[:, 1], np.nan),
+                "fine" if omega < np.radians(end) else "strong",
+            )

@@ -40,18 +40,24 @@ def plausibility_warnings(camera: RadialModel) -> list[str]:
     offset, swapped = (float(np.hypot(*(np.array(uv) - middle))) for uv in ((u, v), (v, u)))
     centre, size = f"the centre ({u:.4g}, {v:.4g})", f"{width} x {height} px image"
     if offset > MAX_CENTRE_OFFSET * min(width, height) and swapped < MAX_SWAPPED_RATIO * offset:
-        messages.append(f"{centre} is {offset:.3g} px from the centre of the {size}, but {swapped:.3g} px with swapped coordinates or swapped width and height; check their order in the file")
+        messages.append(
+            f"{centre} is {offset:.3g} px from the centre of the {size}, but {swapped:.3g} px with swapped coordinates or swapped width and height; check their order in the file"
+        )
     elif not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
         messages.append(f"{centre} is outside the {size}")
     large, small = np.linalg.svd(camera.matrix, compute_uv=False)
     stretch = float(large / small) - 1
     if stretch > MAX_STRETCH:
         shift = stretch * min(camera.field_radius_px, min(width, height) / 2)
-        messages.append(f"the image is stretched by {100 * stretch:.3g} % in one direction ({_affine(camera)}), up to {shift:.3g} px; nearly all cameras have square pixels")
+        messages.append(
+            f"the image is stretched by {100 * stretch:.3g} % in one direction ({_affine(camera)}), up to {shift:.3g} px; nearly all cameras have square pixels"
+        )
     return messages
 
 
-def inverse_polynomial_warnings(camera: RadialModel, inverse: Sequence[float] | Array, start: float = np.pi / 2) -> list[str]:
+def inverse_polynomial_warnings(
+    camera: RadialModel, inverse: Sequence[float] | Array, start: float = np.pi / 2
+) -> list[str]:
     """Compare the inverse polynomial of a file with its direct one, up to the nearest image edge.
 
     Parameters
@@ -76,11 +82,16 @@ def inverse_polynomial_warnings(camera: RadialModel, inverse: Sequence[float] | 
     # An inverse with many terms deviates in unfitted regions, such as the centre of annular images.
     omega = np.linspace(EXCLUDED_FRACTION * end, end, SAMPLES)
     with np.errstate(over="ignore", invalid="ignore"):
-        difference = np.abs(polyval(omega - start, np.asarray(inverse, dtype=float)) - camera.radius_from_omega(omega))
+        difference = np.abs(
+            polyval(omega - start, np.asarray(inverse, dtype=float))
+            - camera.radius_from_omega(omega)
+        )
     largest = int(np.nanargmax(difference)) if np.isfinite(difference).any() else 0
     if difference[largest] <= MAX_DIFFERENCE_PX:
         return []
-    return [f"the inverse polynomial of the file differs from the direct one by up to {difference[largest]:.3g} px ({np.degrees(omega[largest]):.3g} deg from the axis); the direct one is used"]
+    return [
+        f"the inverse polynomial of the file differs from the direct one by up to {difference[largest]:.3g} px ({np.degrees(omega[largest]):.3g} deg from the axis); the direct one is used"
+    ]
 
 
 def _affine(camera: RadialModel) -> str:

@@ -98,7 +98,9 @@ class Blur(NamedTuple):
     @property
     def reach(self) -> int:
         """Maximum number of pixels that kernels extend beyond their own pixel."""
-        least, most = (int(extreme) // self.fineness for extreme in (self.offsets.min(), self.offsets.max()))
+        least, most = (
+            int(extreme) // self.fineness for extreme in (self.offsets.min(), self.offsets.max())
+        )
         return max(-least, most, 1)
 
     @property
@@ -120,7 +122,12 @@ class Blur(NamedTuple):
                     rows = first_row + np.flatnonzero(near.any(axis=1))
                     columns = first_column + np.flatnonzero(near.any(axis=0))
                     begin = columns[0] // GROUP_PX * GROUP_PX
-                    found.append([(top, bottom, left, right), (rows[0], rows[-1] + 1, begin, columns[-1] + 1)])
+                    found.append(
+                        [
+                            (top, bottom, left, right),
+                            (rows[0], rows[-1] + 1, begin, columns[-1] + 1),
+                        ]
+                    )
         return _whole(np.array(found).reshape(-1, 2, 4))
 
     @property
@@ -154,10 +161,14 @@ class Blur(NamedTuple):
         down = np.clip(self.fineness * rows[of_pixel] + self.offsets[entry, 0], 0, deep - 1)
         right = np.clip(self.fineness * columns[of_pixel] + self.offsets[entry, 1], 0, across - 1)
         shape = (len(counts), across * deep)
-        return csr_matrix((self.weights[entry], (down * across + right).astype(np.int32), bounds), shape=shape)
+        return csr_matrix(
+            (self.weights[entry], (down * across + right).astype(np.int32), bounds), shape=shape
+        )
 
 
-def blur_sizes(sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float = np.inf) -> BlurSize:
+def blur_sizes(
+    sensor: Sensor, radius_px: ArrayLike, object_distance_mm: float = np.inf
+) -> BlurSize:
     """Return the blur at distances (n,) px from the optical axis; beyond the rim, that of the rim.
 
     >>> import omnimirror as om
@@ -196,7 +207,9 @@ def whole_radius_px(sensor: Sensor) -> float:
     return sensor.rim_radius_px - 1.0 - float(np.abs(lens.blur(L))) / sensor.imager.pitch_mm / 2
 
 
-def blur_kernels(offsets: Array, whole_radius_px: float, sizes: Callable[[Array], BlurSize], fineness: int = 2) -> Blur:
+def blur_kernels(
+    offsets: Array, whole_radius_px: float, sizes: Callable[[Array], BlurSize], fineness: int = 2
+) -> Blur:
     """Return the blur of all pixels that receive all of their light from the mirror.
 
     Parameters
@@ -223,10 +236,24 @@ def blur_kernels(offsets: Array, whole_radius_px: float, sizes: Callable[[Array]
     kernels = np.full((len(known), whole_groups(known.shape[1]) // block), -1)
     kernels[:, : len(firsts)][blocks] = of_block
     rings, turns = np.divmod(groups, TURNS)
-    found = [_kernels(of_ring.tangential[r], of_ring.sagittal[r], np.pi / TURNS * turns[rings == r], fineness) for r in np.unique(rings)]
+    found = [
+        _kernels(
+            of_ring.tangential[r], of_ring.sagittal[r], np.pi / TURNS * turns[rings == r], fineness
+        )
+        for r in np.unique(rings)
+    ]
     counts, reached, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
     size, pixels, bounds = known.shape[::-1], np.flatnonzero(known), np.r_[0, np.cumsum(counts)]
-    return Blur(size, fineness, _whole(pixels), _whole(kernels), _whole(bounds), _whole(reached), weights, block)
+    return Blur(
+        size,
+        fineness,
+        _whole(pixels),
+        _whole(kernels),
+        _whole(bounds),
+        _whole(reached),
+        weights,
+        block,
+    )
 
 
 def _block_px(sizes: Callable[[Array], BlurSize], whole_radius_px: float) -> int:
@@ -254,7 +281,9 @@ def _whole(numbers: NDArray[Any]) -> IndexArray:
     return np.ascontiguousarray(numbers, np.int32)
 
 
-def _kernels(tangential: float, sagittal: float, turns: Array, fineness: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+def _kernels(
+    tangential: float, sagittal: float, turns: Array, fineness: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
     """Return the kernels of a disk at angles (n,), convolved with the pixel: number of offsets per
     kernel, offsets (m, 2) down and right on the fine grid, column by column, and weights (m,).
     """
@@ -279,7 +308,11 @@ def _kernels(tangential: float, sagittal: float, turns: Array, fineness: int) ->
     wide /= wide.sum(axis=(1, 2), keepdims=True)
     kernel, right, down = np.nonzero(wide.transpose(0, 2, 1))
     counts = np.bincount(kernel, minlength=len(turns))
-    return (counts, np.stack([down, right], axis=-1) - reach, wide[kernel, down, right].astype(np.float32))
+    return (
+        counts,
+        np.stack([down, right], axis=-1) - reach,
+        wide[kernel, down, right].astype(np.float32),
+    )
 
 
 def _sunflower(count: int) -> Array:
@@ -327,10 +360,19 @@ class RadialBlur:
 
     def scaled(self, share: float) -> RadialBlur:
         """Return a fraction of the blur."""
-        return replace(self, sizes=lambda radius: BlurSize(*(share * size for size in self.sizes(radius))))
+        return replace(
+            self, sizes=lambda radius: BlurSize(*(share * size for size in self.sizes(radius)))
+        )
 
 
-def radial_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: BlurDiameters | None = None, *, f_number: float | None = None, focus_mm: float | None = None) -> RadialBlur:
+def radial_blur_of(
+    camera: Camera,
+    object_distance_mm: float = np.inf,
+    told: BlurDiameters | None = None,
+    *,
+    f_number: float | None = None,
+    focus_mm: float | None = None,
+) -> RadialBlur:
     """Return the blur of the images of a camera.
 
     Parameters
@@ -365,15 +407,21 @@ def radial_blur_of(camera: Camera, object_distance_mm: float = np.inf, told: Blu
                     focused = replace(camera, lens=camera.lens.focused_at(focus_mm))
                     scale = focused.rim_radius_px / camera.rim_radius_px
                     other = blur_sizes(focused, scale * radius, object_distance_mm)
-                    found = BlurSize(*(np.minimum(*pair) for pair in zip(found, other, strict=True)))
+                    found = BlurSize(
+                        *(np.minimum(*pair) for pair in zip(found, other, strict=True))
+                    )
                 return BlurSize(*(share * size for size in found))
 
             return RadialBlur(offsets, whole_radius_px(camera), sizes)
         return _specified_blur(offsets, camera.rim_radius_px, told)
     if told is None:
-        raise InvalidParameter(f"blur must be specified for a {type(camera).__name__}; alternatively use a sensor with lens and mirror")
+        raise InvalidParameter(
+            f"blur must be specified for a {type(camera).__name__}; alternatively use a sensor with lens and mirror"
+        )
     if not isinstance(camera, RadialModel):
-        raise InvalidParameter(f"the camera must be a Sensor or a camera model with an optical axis; got a {type(camera).__name__}")
+        raise InvalidParameter(
+            f"the camera must be a Sensor or a camera model with an optical axis; got a {type(camera).__name__}"
+        )
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     offsets = (pixels - np.asarray(camera.centre_px)) @ np.linalg.inv(camera.stretch).T
@@ -394,28 +442,40 @@ def _sizes_of(told: BlurDiameters) -> Callable[[Array], BlurSize]:
         def sizes(radius: Array) -> BlurSize:
             found = function(radius)
             if not isinstance(found, Sequence | np.ndarray) or len(found) != 2:
-                raise InvalidParameter(f"the blur function must return two diameters; got {format_value(found)}")
-            return _checked(BlurSize(*(np.broadcast_to(numbers("blur", size), radius.shape) for size in found)))
+                raise InvalidParameter(
+                    f"the blur function must return two diameters; got {format_value(found)}"
+                )
+            return _checked(
+                BlurSize(*(np.broadcast_to(numbers("blur", size), radius.shape) for size in found))
+            )
 
         return sizes
     table = numbers("blur", told, "of shape (), (2,) or numbers of shape (n, 3)")
     if table.ndim < 2 and table.size in (1, 2):
         tangential, sagittal = np.broadcast_to(table.ravel(), 2)
         _checked(BlurSize(tangential, sagittal))
-        return lambda radius: BlurSize(np.full(radius.shape, tangential), np.full(radius.shape, sagittal))
+        return lambda radius: BlurSize(
+            np.full(radius.shape, tangential), np.full(radius.shape, sagittal)
+        )
     if table.ndim != 2 or table.shape[1] != 3:
-        raise InvalidParameter(f"blur must be one number, two numbers or a table (n, 3); got shape {table.shape}")
+        raise InvalidParameter(
+            f"blur must be one number, two numbers or a table (n, 3); got shape {table.shape}"
+        )
     if not (len(table) and np.isfinite(table).all() and (np.diff(table[:, 0]) > 0).all()):
         raise InvalidParameter("the radii of the blur table must be finite and increasing")
     _checked(BlurSize(table[:, 1], table[:, 2]))
-    return lambda radius: BlurSize(*(np.interp(radius, table[:, 0], column) for column in table.T[1:]))
+    return lambda radius: BlurSize(
+        *(np.interp(radius, table[:, 0], column) for column in table.T[1:])
+    )
 
 
 def _checked(sizes: BlurSize) -> BlurSize:
     for size in sizes:
         wrong = ~((size >= 0) & (size <= MAX_BLUR_PX))
         if wrong.any():
-            raise InvalidParameter(f"blur must be between 0 and {MAX_BLUR_PX:g} px; got {np.asarray(size)[wrong][0]:g} px")
+            raise InvalidParameter(
+                f"blur must be between 0 and {MAX_BLUR_PX:g} px; got {np.asarray(size)[wrong][0]:g} px"
+            )
     return sizes
 
 
@@ -439,15 +499,26 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
         raise SpecError(f"cannot read the blur table {path}: {e.strerror or e}") from None
     except UnicodeDecodeError:
         raise SpecError(f"cannot read the blur table {path}: not a text file") from None
-    lines = [line for line in csv.reader(text.splitlines()) if line and not line[0].lstrip().startswith("#")]
+    lines = [
+        line
+        for line in csv.reader(text.splitlines())
+        if line and not line[0].lstrip().startswith("#")
+    ]
     names = [name.strip() for name in lines[0]] if lines else []
     where = next((name for name in BLUR_FILE_COLUMNS if name in names), None)
     if where is None or not {"t_px", "s_px"} <= set(names):
-        raise SpecError(f"{path} must have the columns radius_px or omega_deg, t_px and s_px; got {names}")
+        raise SpecError(
+            f"{path} must have the columns radius_px or omega_deg, t_px and s_px; got {names}"
+        )
     try:
-        rows = [[float(line[names.index(name)]) for name in (where, "t_px", "s_px")] for line in lines[1:]]
+        rows = [
+            [float(line[names.index(name)]) for name in (where, "t_px", "s_px")]
+            for line in lines[1:]
+        ]
     except (ValueError, IndexError):
-        raise SpecError(f"each line of {path} must contain one number for each of {', '.join(names)}") from None
+        raise SpecError(
+            f"each line of {path} must contain one number for each of {', '.join(names)}"
+        ) from None
     table = np.array(rows).reshape(-1, 3)
     if where == "omega_deg":
         table[:, 0] = _radii_of(table[:, 0], camera, path)
@@ -458,10 +529,14 @@ def load_blur(path: str | Path, camera: Camera) -> Array:
 def _radii_of(omega_deg: Array, camera: Camera, path: str | Path) -> Array:
     symmetry = camera.symmetry
     if symmetry is None:
-        raise SpecError(f"{path} must specify the blur by radius_px for a camera without axial symmetry; got omega_deg")
+        raise SpecError(
+            f"{path} must specify the blur by radius_px for a camera without axial symmetry; got omega_deg"
+        )
     omega = np.radians(omega_deg)
     outside = ~((omega >= symmetry.omega_min - 1e-9) & (omega <= symmetry.omega_max + 1e-9))
     if outside.any():
         low, high = np.degrees([symmetry.omega_min, symmetry.omega_max])
-        raise SpecError(f"{path}: omega_deg must be within the field, {low:.4g} to {high:.4g} deg; got {omega_deg[outside][0]:g} deg")
+        raise SpecError(
+            f"{path}: omega_deg must be within the field, {low:.4g} to {high:.4g} deg; got {omega_deg[outside][0]:g} deg"
+        )
     return symmetry.radius_px(np.clip(omega, symmetry.omega_min, symmetry.omega_max))

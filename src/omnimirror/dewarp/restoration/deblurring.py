@@ -67,7 +67,11 @@ def overshoot(image: Values, inside: NDArray[np.bool_], noise: float = 0.0) -> f
     >>> overshoot(sharpened, everywhere) > max(overshoot_limits(0.01, is_coded=True))
     True
     """
-    found = [part for turned in ((image, inside), (image.T, inside.T)) for part in _overshoots(*turned, noise)]
+    found = [
+        part
+        for turned in ((image, inside), (image.T, inside.T))
+        for part in _overshoots(*turned, noise)
+    ]
     values = np.concatenate(found)
     return float(np.median(values)) if len(values) >= MIN_EDGES else float("nan")
 
@@ -97,11 +101,15 @@ def _overshoots(image: Values, inside: NDArray[np.bool_], noise: float) -> list[
     is_edge[:, :reach] = is_edge[:, -reach:] = False
     row, column = np.nonzero(is_edge)
     sign = np.sign(rise[row, column])
-    profile = sign[:, None] * image[row[:, None], column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)]
+    profile = (
+        sign[:, None] * image[row[:, None], column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)]
+    )
     before, beyond = profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]  # outwards from the edge
     step = np.maximum(beyond[:, 2] - before[:, 2], 1e-3)
     far = slice(NEAREST - 1, FARTHEST)
-    isolated = np.maximum(np.ptp(before[:, far], axis=1), np.ptp(beyond[:, far], axis=1)) < FLATNESS * step
+    isolated = (
+        np.maximum(np.ptp(before[:, far], axis=1), np.ptp(beyond[:, far], axis=1)) < FLATNESS * step
+    )
     top = np.maximum(beyond[:, 1], beyond[:, 2]) - beyond[:, FARTHEST - 2 :].mean(axis=1)
     bottom = before[:, FARTHEST - 2 :].mean(axis=1) - np.minimum(before[:, 1], before[:, 2])
     return [(values / step)[isolated].astype(np.float32) for values in (top, bottom)]
@@ -131,12 +139,24 @@ MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter ev
 SHARPER = "it is sharper than the assumed blur"
 UNSEEN = "its blur cannot be estimated"
 NO_MORE = "it contains no more blur"
-F_TOLERANCE, FOCUS_TOLERANCE = 0.05, 0.1  # EXIF rounds F-numbers to two digits, and distances more coarsely
+F_TOLERANCE, FOCUS_TOLERANCE = (
+    0.05,
+    0.1,
+)  # EXIF rounds F-numbers to two digits, and distances more coarsely
 MAX_FOCUS_MM = 1e7
 
 
 @validate_arguments
-def restore(camera: Camera, image: Picture | str | Path, *, noise: float | Noise | None = None, object_distance_mm: float = np.inf, blur: BlurDiameters | None = None, stored_orientation: bool = False, on_note: Callable[[str], None] | None = None) -> Picture:
+def restore(
+    camera: Camera,
+    image: Picture | str | Path,
+    *,
+    noise: float | Noise | None = None,
+    object_distance_mm: float = np.inf,
+    blur: BlurDiameters | None = None,
+    stored_orientation: bool = False,
+    on_note: Callable[[str], None] | None = None,
+) -> Picture:
     """Remove the blur of the optics from an image of a camera.
 
     For several images of one camera use a :class:`Restorer`.
@@ -231,7 +251,9 @@ class Restorer:
     used.
     """
 
-    def __call__(self, image: Picture, noise: float | Noise | None = None, share: float | None = None) -> Picture:
+    def __call__(
+        self, image: Picture, noise: float | Noise | None = None, share: float | None = None
+    ) -> Picture:
         """Restore an image as :func:`restore`, removing ``share`` of the blur; by default that of
         :meth:`decide`.
         """
@@ -250,13 +272,21 @@ class Restorer:
             mixed = light + mixing * (sharp - light)
         else:
             given = (colours / np.float32(full)).astype(np.float32)
-            mixed = np.rint(full * np.clip(given + mixing * (srgb_from_linear(sharp) - given), 0, 1))
+            mixed = np.rint(
+                full * np.clip(given + mixing * (srgb_from_linear(sharp) - given), 0, 1)
+            )
         restored = image.copy()
         restored.reshape(*image.shape[:2], -1)[..., : mixed.shape[2]] = mixed
         return restored
 
     @classmethod
-    def of_exposure(cls, camera: Camera, exposure: Exposure, object_distance_mm: float = np.inf, told: BlurDiameters | None = None) -> Restorer:
+    def of_exposure(
+        cls,
+        camera: Camera,
+        exposure: Exposure,
+        object_distance_mm: float = np.inf,
+        told: BlurDiameters | None = None,
+    ) -> Restorer:
         """Return the restorer for images with given lens settings.
 
         Settings that differ from those of a sensor by more than their rounding in EXIF data reduce
@@ -265,11 +295,23 @@ class Restorer:
         if told is not None or not isinstance(camera, Sensor):
             return cls(camera, object_distance_mm, told)
         lens = camera.lens
-        f_number = exposure.f_number if _differs(exposure.f_number, lens.stop_number, F_TOLERANCE) else None
+        f_number = (
+            exposure.f_number
+            if _differs(exposure.f_number, lens.stop_number, F_TOLERANCE)
+            else None
+        )
         focus = exposure.focus_distance_mm
-        if not _differs(focus, lens.focus_distance_mm, FOCUS_TOLERANCE) or focus <= lens.nearest_focus_mm:
+        if (
+            not _differs(focus, lens.focus_distance_mm, FOCUS_TOLERANCE)
+            or focus <= lens.nearest_focus_mm
+        ):
             focus = None
-        return cls(camera, object_distance_mm, f_number=f_number, focus_distance_mm=None if focus is None else min(focus, MAX_FOCUS_MM))
+        return cls(
+            camera,
+            object_distance_mm,
+            f_number=f_number,
+            focus_distance_mm=None if focus is None else min(focus, MAX_FOCUS_MM),
+        )
 
     @property
     def exposure_words(self) -> str:
@@ -281,14 +323,22 @@ class Restorer:
             assert isinstance(self.camera, Sensor)
             known = self.camera.lens.stop_number
             share = known / self.f_number
-            effect = f"{100 * share:.0f} % of the blur is assumed" if share < 1 else "the blur of the sensor is assumed"
+            effect = (
+                f"{100 * share:.0f} % of the blur is assumed"
+                if share < 1
+                else "the blur of the sensor is assumed"
+            )
             words.append(f"EXIF has F/{self.f_number:.3g}, the sensor F/{known:.3g}: {effect}")
         if self.focus_distance_mm is not None:
             assert isinstance(self.camera, Sensor)
-            words.append(f"EXIF has a focus distance of {self.focus_distance_mm:.4g} mm, the sensor {self.camera.lens.focus_distance_mm:.4g} mm: the smaller blur is assumed")
+            words.append(
+                f"EXIF has a focus distance of {self.focus_distance_mm:.4g} mm, the sensor {self.camera.lens.focus_distance_mm:.4g} mm: the smaller blur is assumed"
+            )
         return "; ".join(words)
 
-    def reported(self, image: Picture, noise: float | Noise | None = None, file: str | Path | None = None) -> tuple[Picture, str]:
+    def reported(
+        self, image: Picture, noise: float | Noise | None = None, file: str | Path | None = None
+    ) -> tuple[Picture, str]:
         """Restore an image and describe its noise, the removed fraction of the blur and the effect
         of lens settings.
 
@@ -339,7 +389,10 @@ class Restorer:
 
     @cached_property
     def _is_small(self) -> bool:
-        return bool(self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0) < SMALL_PX)
+        return bool(
+            self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0)
+            < SMALL_PX
+        )
 
     def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
         """Return the fraction of the known blur that is removed from an image."""
@@ -348,7 +401,13 @@ class Restorer:
     @cached_property
     def known(self) -> RadialBlur:
         """Known blur."""
-        return radial_blur_of(self.camera, self.object_distance_mm, self.told, f_number=self.f_number, focus_mm=self.focus_distance_mm)
+        return radial_blur_of(
+            self.camera,
+            self.object_distance_mm,
+            self.told,
+            f_number=self.f_number,
+            focus_mm=self.focus_distance_mm,
+        )
 
     @cached_property
     def _scale(self) -> BlurScale:
@@ -385,7 +444,9 @@ class Restorer:
         width, height = self.camera.image_size
         if image.shape[:2] != (height, width):
             name = getattr(self.camera, "name", type(self.camera).__name__)
-            raise InvalidParameter(f"the image must have the {width} x {height} px of {name!r}; got {image.shape[1]} x {image.shape[0]} px")
+            raise InvalidParameter(
+                f"the image must have the {width} x {height} px of {name!r}; got {image.shape[1]} x {image.shape[0]} px"
+            )
 
 
 def _differs(value: float | None, known: float, tolerance: float) -> TypeGuard[float]:
@@ -456,10 +517,18 @@ class Restoration:
             If the blur of the camera is unknown, or specified twice.
         """
         if self.blur_px is None and not isinstance(camera, Sensor):
-            raise InvalidParameter(f"blur_px must be specified unless the camera is a sensor; got a {type(camera).__name__}")
+            raise InvalidParameter(
+                f"blur_px must be specified unless the camera is a sensor; got a {type(camera).__name__}"
+            )
         if self.blur_px is not None and self.object_distance_mm is not None:
-            raise InvalidParameter(f"object_distance_mm must be omitted with blur_px; got {self.object_distance_mm:g}")
-        blur = load_blur(self.blur_px, camera) if isinstance(self.blur_px, str | Path) else self.blur_px
+            raise InvalidParameter(
+                f"object_distance_mm must be omitted with blur_px; got {self.object_distance_mm:g}"
+            )
+        blur = (
+            load_blur(self.blur_px, camera)
+            if isinstance(self.blur_px, str | Path)
+            else self.blur_px
+        )
         distance = np.inf if self.object_distance_mm is None else self.object_distance_mm
         return Restorer.of_exposure(camera, exposure, distance, blur)
 

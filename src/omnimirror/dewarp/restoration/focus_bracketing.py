@@ -61,7 +61,9 @@ class Bracket:
         return SLACK * self.least_px > self.limit_px
 
 
-def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf) -> Bracket:
+def plan_bracket(
+    sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: float = np.inf
+) -> Bracket:
     """Return the minimum number of focus distances that keep the maximum blur below a limit.
 
     If astigmatism does not permit this with a margin of 25 %, the blur is kept within 25 % of its
@@ -106,7 +108,9 @@ def plan_bracket(sensor: Sensor, limit_px: float = 1.0, *, object_distance_mm: f
     least = blur.min(axis=0)
     chosen = _stab(blur <= np.maximum(limit_px, SLACK * least))
     if len(chosen) > MAX_BRACKET_IMAGES:
-        raise InvalidParameter(f"the focus bracket must have at most {MAX_BRACKET_IMAGES} images; got {len(chosen)} with limit_px = {limit_px:g}")
+        raise InvalidParameter(
+            f"the focus bracket must have at most {MAX_BRACKET_IMAGES} images; got {len(chosen)} with limit_px = {limit_px:g}"
+        )
     return Bracket(candidates[chosen], omega, blur[chosen].min(axis=0), least, limit_px)
 
 
@@ -135,7 +139,9 @@ def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
     if sensor.lens.TELECENTRIC:
         return np.linspace(low, high, FOCUSES)
     if not (np.isfinite(L).all() and low > sensor.lens.PARAMETERS["focus_distance_mm"].low):
-        raise InvalidParameter(f"the virtual images of {sensor.name!r} must be within the focus range of its lens; got {low:.4g} to {high:.4g} mm")
+        raise InvalidParameter(
+            f"the virtual images of {sensor.name!r} must be within the focus range of its lens; got {low:.4g} to {high:.4g} mm"
+        )
     spaced: Array = 1 / np.linspace(1 / low, 1 / high, FOCUSES)
     return spaced
 
@@ -166,7 +172,13 @@ def focused_at(sensor: Sensor, focus_mm: float) -> Sensor:
 
 
 @validate_arguments
-def merge_bracket(sensor: Sensor, pictures: Sequence[NDArray[Any]], *, focus_mm: ArrayLike, object_distance_mm: float = np.inf) -> NDArray[Any]:
+def merge_bracket(
+    sensor: Sensor,
+    pictures: Sequence[NDArray[Any]],
+    *,
+    focus_mm: ArrayLike,
+    object_distance_mm: float = np.inf,
+) -> NDArray[Any]:
     """Merge several images into one, using at each radius the sharpest images.
 
     Parameters
@@ -226,7 +238,9 @@ def merge_bracket(sensor: Sensor, pictures: Sequence[NDArray[Any]], *, focus_mm:
     return result
 
 
-def picture_weights(sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf) -> Array:
+def picture_weights(
+    sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf
+) -> Array:
     """Return weights (k, ...) of images at distances (...) px from the optical axis, with sum 1."""
     h = np.linspace(0, sensor.rim_radius_px * ROUNDED, ANGLES)
     rays = sensor.meridian.trace(sensor.x_from_height_px(h))
@@ -239,10 +253,14 @@ def picture_weights(sensor: Sensor, focus_mm: Array, radius_px: Array, object_di
 
 def _check(sensor: Sensor, pictures: Sequence[NDArray[Any]], focuses: Array) -> None:
     if not pictures or len(pictures) != len(focuses):
-        raise InvalidParameter(f"focus_mm must have one distance per image; got {len(focuses)} distances for {len(pictures)} images")
+        raise InvalidParameter(
+            f"focus_mm must have one distance per image; got {len(focuses)} distances for {len(pictures)} images"
+        )
     width, height = sensor.image_size
     for picture in pictures:
         if picture.shape[:2] != (height, width):
-            raise InvalidParameter(f"all images must have the {width} x {height} px of {sensor.name!r}; got {picture.shape[1]} x {picture.shape[0]} px")
+            raise InvalidParameter(
+                f"all images must have the {width} x {height} px of {sensor.name!r}; got {picture.shape[1]} x {picture.shape[0]} px"
+            )
         if picture.shape != pictures[0].shape or picture.dtype != pictures[0].dtype:
             raise InvalidParameter("all images must have the same type and number of channels")

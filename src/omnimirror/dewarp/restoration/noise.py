@@ -35,7 +35,9 @@ UNIFORM_FRACTION_OF_JPEG, MIN_UNIFORM_BLOCKS = 0.05, 10
 # Candidate noise levels, 0 to 255; decrease of the log-likelihood that excludes a level
 DEVIATIONS, UNLIKELY = np.geomspace(0.3, 40, 80), 2.0
 FOLDED = 2.0  # subsampled chroma loses fine detail and gains as much by aliasing
-HELD = 2.0  # ratio of the detail of chroma before subsampling and upsampling to the remaining detail
+HELD = (
+    2.0  # ratio of the detail of chroma before subsampling and upsampling to the remaining detail
+)
 WHOLE = 0.999  # mean of a mask that is entirely valid
 
 STEPS, LOWEST = np.arange(2, 121), 9  # candidate steps, and maximum frequency for their detection
@@ -90,7 +92,9 @@ def error_of(colours: Array, coding: JpegCoding, inside: Mask) -> float:
             error, folded = _error_of_plane(coefficients_of(held)[whole], table)
             total += SHADES[n] * error
             if coarser != (1, 1):
-                total += SHADES[n] * max(folded, _lost_in_coarser(held, counted) * (np.array(coarser) > 1).mean())
+                total += SHADES[n] * max(
+                    folded, _lost_in_coarser(held, counted) * (np.array(coarser) > 1).mean()
+                )
     return total
 
 
@@ -119,10 +123,14 @@ def max_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     held = np.abs(blocks) >= coding.tables[0] / 2
     # The noise of coarse coefficients differs from that of fine detail
     coarse = (blocks**2)[:, ~FINE][:, 1:].sum(axis=1)
-    plainest = np.argsort(coarse, kind="stable")[: max(MIN_UNIFORM_BLOCKS, round(UNIFORM_FRACTION_OF_JPEG * len(blocks)))]
+    plainest = np.argsort(coarse, kind="stable")[
+        : max(MIN_UNIFORM_BLOCKS, round(UNIFORM_FRACTION_OF_JPEG * len(blocks)))
+    ]
     half, counts = coding.tables[0][FINE] / 2, held[:, FINE][plainest].sum(axis=0)
     likely = np.clip(erfc(half / (np.sqrt(2) * DEVIATIONS[:, None])), 1e-300, 1 - 1e-12)
-    likelihood = (counts * np.log(likely) + (len(plainest) - counts) * np.log1p(-likely)).sum(axis=1)
+    likelihood = (counts * np.log(likely) + (len(plainest) - counts) * np.log1p(-likely)).sum(
+        axis=1
+    )
     most = DEVIATIONS[likelihood > likelihood.max() - UNLIKELY].max()
     return float(most**2 * held.mean())
 
@@ -141,7 +149,9 @@ def detected_coding(picture: NDArray[np.uint8], inside: Mask) -> JpegCoding | No
     blocks = coefficients_of(y)[blocks_of(inside).all(axis=(2, 3))]
     blocks = blocks[:: max(1, len(blocks) // MAX_BLOCKS)]
     found = {}
-    for row, column in zip(*np.nonzero(np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) <= LOWEST), strict=True):
+    for row, column in zip(
+        *np.nonzero(np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) <= LOWEST), strict=True
+    ):
         if row + column and (step := _step_of(np.abs(blocks[:, row, column]))):
             found[row, column] = step
     if len(found) < MIN_FOUND:
@@ -149,7 +159,11 @@ def detected_coding(picture: NDArray[np.uint8], inside: Mask) -> JpegCoding | No
     places, steps = tuple(np.array(list(found)).T), np.array(list(found.values()))
     misses = [np.abs(np.log(standard_tables(q)[0][places] / steps)).mean() for q in range(1, 101)]
     tables = standard_tables(1 + int(np.argmin(misses)))
-    return JpegCoding(tables[:1]) if colours.shape[2] == 1 else JpegCoding((*tables, tables[1]), (2, 2))
+    return (
+        JpegCoding(tables[:1])
+        if colours.shape[2] == 1
+        else JpegCoding((*tables, tables[1]), (2, 2))
+    )
 
 
 def standard_tables(quality: int) -> tuple[Array, Array]:
@@ -164,7 +178,9 @@ def standard_tables(quality: int) -> tuple[Array, Array]:
 def blocks_of(plane: NDArray[Any]) -> NDArray[Any]:
     """Return the complete blocks (rows, columns, 8, 8) of a plane."""
     rows, columns = (side // BLOCK for side in plane.shape)
-    return plane[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2)
+    return (
+        plane[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2)
+    )
 
 
 def coefficients_of(plane: Array) -> Array:
@@ -178,7 +194,11 @@ def _binned(plane: Array, by: tuple[int, int]) -> Array:
     rows, columns = (side // n for side, n in zip(plane.shape, by, strict=True))
     if by == (1, 1):
         return plane
-    means: Array = plane[: rows * by[0], : columns * by[1]].reshape(rows, by[0], columns, by[1]).mean(axis=(1, 3))
+    means: Array = (
+        plane[: rows * by[0], : columns * by[1]]
+        .reshape(rows, by[0], columns, by[1])
+        .mean(axis=(1, 3))
+    )
     return means
 
 
@@ -260,7 +280,9 @@ def _error_of_zeros(share: Array, count: int, law: Array, table: Array) -> Array
     x = half / width
     small = half**2 / 3  # for x much below 1: uniform within the step
     with np.errstate(invalid="ignore", divide="ignore"):
-        below = (2 * width**2 - np.exp(-x) * (half**2 + 2 * half * width + 2 * width**2)) / -np.expm1(-x)
+        below = (
+            2 * width**2 - np.exp(-x) * (half**2 + 2 * half * width + 2 * width**2)
+        ) / -np.expm1(-x)
     error: Array = (1 - share) * table**2 / 12 + share * np.where(x < 1e-2, small, below)
     return error
 
@@ -278,9 +300,14 @@ FULL = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
 MIN_NOISE, MAX_NOISE = 1e-3, 0.2
 MIN_NOISE_OF_CODED = 5e-3  # JPEG images were often coded or scaled before
 BLACK, WHITE = 0.03, 0.97  # levels beyond them have clipped noise
-UNIFORM_FRACTION, FINEST = (0.05, 0.02)  # fraction of uniform blocks, and fraction with pure noise in fine detail
+UNIFORM_FRACTION, FINEST = (
+    0.05,
+    0.02,
+)  # fraction of uniform blocks, and fraction with pure noise in fine detail
 LEVELS, UNIFORM_FRACTION_OF_LEVEL, MIN_BLOCKS = 8, 0.1, 20
-RAMP = np.broadcast_to((np.arange(BLOCK) - 3.5) / np.sqrt(42 * BLOCK), (BLOCK, BLOCK))  # slope 1, normalised
+RAMP = np.broadcast_to(
+    (np.arange(BLOCK) - 3.5) / np.sqrt(42 * BLOCK), (BLOCK, BLOCK)
+)  # slope 1, normalised
 PLANE_FREEDOM, FINE_FREEDOM = BLOCK**2 - 3, int(FINE.sum())
 SITES = 1.15  # noise ratio of the 2 x 2 colour-filter sites: measured or interpolated
 VISIBLE_OF_CODED = 0.25  # visible fraction of the standard deviation due to coding
@@ -315,7 +342,9 @@ class Noise(NamedTuple):
 
 
 @validate_arguments
-def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: Mask | None = None) -> Noise:
+def estimate_noise(
+    picture: Picture, file: str | Path | None = None, *, where: Mask | None = None
+) -> Noise:
     """Estimate the noise of an image, or its coding error if that is larger.
 
     Parameters
@@ -355,7 +384,9 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
     check_picture(picture)
     inside = np.ones(picture.shape[:2], bool) if where is None else where
     if inside.shape != picture.shape[:2]:
-        raise InvalidParameter(f"where must have the shape {picture.shape[:2]} of the image; got {inside.shape}")
+        raise InvalidParameter(
+            f"where must have the shape {picture.shape[:2]} of the image; got {inside.shape}"
+        )
     colours = picture[..., None] if picture.ndim == 2 else picture[..., :3]
     colours = (colours / FULL[picture.dtype.name]).astype(np.float32)
     if picture.dtype == np.float32:
@@ -370,9 +401,13 @@ def estimate_noise(picture: Picture, file: str | Path | None = None, *, where: M
             # If most of the apparent noise is texture, the remainder may be texture, too
             visible = left * (left / max(like_noise, MIN_NOISE**2)) ** 2
             variance = max(found, MIN_NOISE_OF_CODED**2)
-            return _even(variance, inside.shape, "JPEG")._replace(missing_share=(found - visible) / variance)
+            return _even(variance, inside.shape, "JPEG")._replace(
+                missing_share=(found - visible) / variance
+            )
     demosaiced = _is_demosaiced(colours, inside)
-    return _even(_white(colours, inside, demosaiced), inside.shape, "demosaiced" if demosaiced else "white")
+    return _even(
+        _white(colours, inside, demosaiced), inside.shape, "demosaiced" if demosaiced else "white"
+    )
 
 
 def check_picture(picture: Picture) -> None:
@@ -380,10 +415,14 @@ def check_picture(picture: Picture) -> None:
     if not isinstance(picture, np.ndarray) or picture.dtype.name not in FULL:
         kind = getattr(picture, "dtype", type(picture).__name__)
         raise InvalidParameter(f"the image must be an array of {', '.join(FULL)}; got {kind}")
-    if 0 in picture.shape or (picture.ndim != 2 and (picture.ndim != 3 or picture.shape[2] not in (1, 3, 4))):
+    if 0 in picture.shape or (
+        picture.ndim != 2 and (picture.ndim != 3 or picture.shape[2] not in (1, 3, 4))
+    ):
         raise InvalidParameter(f"the image must have 1, 3 or 4 channels; got shape {picture.shape}")
     if picture.dtype == np.float32 and (lost := int((~np.isfinite(picture)).sum())):
-        raise InvalidParameter(f"the image must contain finite values; got {lost} that are NaN or infinite")
+        raise InvalidParameter(
+            f"the image must contain finite values; got {lost} that are NaN or infinite"
+        )
 
 
 def specified_noise(share: float, shape: tuple[int, ...]) -> Noise:
@@ -395,7 +434,9 @@ def specified_noise(share: float, shape: tuple[int, ...]) -> Noise:
         If the fraction is not a number from 0 to 0.2.
     """
     if not 0 <= share <= MAX_NOISE:
-        raise InvalidParameter(f"noise must be between 0 and {MAX_NOISE} of full scale; got {share:g}")
+        raise InvalidParameter(
+            f"noise must be between 0 and {MAX_NOISE} of full scale; got {share:g}"
+        )
     return _even(share**2, shape, "specified")
 
 
@@ -414,8 +455,15 @@ def _of_light(light: Light, inside: Mask) -> Noise:
     points = []
     for part in np.array_split(np.argsort(level), LEVELS):
         if len(part) >= MIN_BLOCKS and WHITE > level[part].mean() > 0:
-            plainest = part[np.argsort(plane[part])[: int(2 * UNIFORM_FRACTION_OF_LEVEL * len(part))]]
-            points.append((level[plainest].mean(), _smallest(plane[part], fine[part], UNIFORM_FRACTION_OF_LEVEL)))
+            plainest = part[
+                np.argsort(plane[part])[: int(2 * UNIFORM_FRACTION_OF_LEVEL * len(part))]
+            ]
+            points.append(
+                (
+                    level[plainest].mean(),
+                    _smallest(plane[part], fine[part], UNIFORM_FRACTION_OF_LEVEL),
+                )
+            )
     bright = light.mean(axis=2, dtype=float)
     even, growing = MIN_NOISE**2, 0.0
     if points:
@@ -426,7 +474,9 @@ def _of_light(light: Light, inside: Mask) -> Noise:
     # Standard deviation of the square root
     deviation = spread / (2 * np.sqrt(np.maximum(bright, np.maximum(spread, 1e-9))))
     clipped = np.clip(deviation, MIN_NOISE, MAX_NOISE)
-    return Noise(float(np.sqrt((clipped[inside] ** 2).mean())), clipped.astype(np.float32), "linear")
+    return Noise(
+        float(np.sqrt((clipped[inside] ** 2).mean())), clipped.astype(np.float32), "linear"
+    )
 
 
 def _white(colours: Light, inside: Mask, is_correlated: bool) -> float:
@@ -451,7 +501,9 @@ def _variances(colours: Light, inside: Mask) -> tuple[Array, Array, Array]:
         fine = (coefficients_of(plane.astype(float))[whole][:, FINE] ** 2).mean(axis=1)
         squares = (blocks**2).sum(axis=(1, 2)) - blocks.sum(axis=(1, 2)) ** 2 / BLOCK**2
         slopes = (blocks * RAMP).sum(axis=(1, 2)) ** 2 + (blocks * RAMP.T).sum(axis=(1, 2)) ** 2
-        found.append((blocks.mean(axis=(1, 2)), np.maximum(squares - slopes, 0) / PLANE_FREEDOM, fine))
+        found.append(
+            (blocks.mean(axis=(1, 2)), np.maximum(squares - slopes, 0) / PLANE_FREEDOM, fine)
+        )
     level, plane, fine = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return level, plane, fine
 
@@ -463,7 +515,9 @@ def _smallest(plane: Array, fine: Array | float, plainest: float) -> float:
     found = np.quantile(plane, plainest) * PLANE_FREEDOM / chi2.ppf(plainest, PLANE_FREEDOM)
     if isinstance(fine, np.ndarray):
         finest = plainest * FINEST / UNIFORM_FRACTION
-        found = min(found, np.quantile(fine, finest) * FINE_FREEDOM / chi2.ppf(finest, FINE_FREEDOM))
+        found = min(
+            found, np.quantile(fine, finest) * FINE_FREEDOM / chi2.ppf(finest, FINE_FREEDOM)
+        )
     return float(found)
 
 

@@ -12,7 +12,17 @@ from ...base.arguments import positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
-from ._screen import NO_OFFSET, CentredScreen, Offset, check_angle, check_choice, check_no_tilt, check_range, check_zoom, on_plane
+from ._screen import (
+    NO_OFFSET,
+    CentredScreen,
+    Offset,
+    check_angle,
+    check_choice,
+    check_no_tilt,
+    check_range,
+    check_zoom,
+    on_plane,
+)
 
 Pole = Literal["nadir", "zenith"]
 
@@ -102,7 +112,9 @@ class DomeMaster(PolarScreen):
     def __post_init__(self) -> None:
         self._check()
         if not 0 <= self.omega_min_deg < self.omega_max_deg <= 180:
-            raise InvalidParameter(f"omega_min_deg and omega_max_deg must increase within 0 to 180 deg; got {self.omega_min_deg:g} and {self.omega_max_deg:g} deg")
+            raise InvalidParameter(
+                f"omega_min_deg and omega_max_deg must increase within 0 to 180 deg; got {self.omega_min_deg:g} and {self.omega_max_deg:g} deg"
+            )
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:
         """Return unit vectors (..., 3); NaN outside the circle."""
@@ -183,12 +195,19 @@ class LittlePlanet(PolarScreen):
         # Stereographic projection: radius proportional to tan(omega / 2), and with t = tan(omega / 2)
         # sin(omega) = 2 t / (1 + t^2), cos(omega) = (1 - t^2) / (1 + t^2)
         half_tangent = radius * per_pixel  # tan(omega / 2)
-        return self._vectors(x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2))
+        return self._vectors(
+            x, y, 2 * np.arctan(half_tangent), 2 * per_pixel / (1 + half_tangent**2)
+        )
 
     def zoomed(self, factor: float) -> Self:
         """Return the screen magnified by a factor."""
         check_zoom(factor)
-        return replace(self, hfov_deg=float(4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))))
+        return replace(
+            self,
+            hfov_deg=float(
+                4 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 4)) / factor))
+            ),
+        )
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -197,4 +216,6 @@ class LittlePlanet(PolarScreen):
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
-        return f"little planet (hfov {self.hfov_deg:.6g} deg about the {self.pole}{self._placement})"
+        return (
+            f"little planet (hfov {self.hfov_deg:.6g} deg about the {self.pole}{self._placement})"
+        )

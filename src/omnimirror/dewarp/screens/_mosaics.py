@@ -12,14 +12,34 @@ import numpy as np
 from ...base.arguments import check_fields, validate_arguments
 from ...base.errors import InvalidParameter
 from ._planes import Plane
-from ._screen import NO_OFFSET, Offset, ScreenPart, View, check_angle, check_choice, check_size, offset_text
+from ._screen import (
+    NO_OFFSET,
+    Offset,
+    ScreenPart,
+    View,
+    check_angle,
+    check_choice,
+    check_size,
+    offset_text,
+)
 
 Layout = Literal["cross", "strip", "3x2"]
 
-FACES: dict[str, tuple[float, float]] = {"right": (90.0, 0.0), "left": (-90.0, 0.0), "up": (0.0, 90.0), "down": (0.0, -90.0), "front": (0.0, 0.0), "back": (180.0, 0.0)}
+FACES: dict[str, tuple[float, float]] = {
+    "right": (90.0, 0.0),
+    "left": (-90.0, 0.0),
+    "up": (0.0, 90.0),
+    "down": (0.0, -90.0),
+    "front": (0.0, 0.0),
+    "back": (180.0, 0.0),
+}
 """Pan and tilt (deg) of the faces of a cube as seen from inside; up and down adjoin the front."""
 
-LAYOUTS: dict[str, tuple[tuple[str, ...], ...]] = {"cross": (("", "up", "", ""), ("left", "front", "right", "back"), ("", "down", "", "")), "strip": (tuple(FACES),), "3x2": (("right", "left", "up"), ("down", "front", "back"))}
+LAYOUTS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "cross": (("", "up", "", ""), ("left", "front", "right", "back"), ("", "down", "", "")),
+    "strip": (tuple(FACES),),
+    "3x2": (("right", "left", "up"), ("down", "front", "back")),
+}
 """Rows of faces. Strip and 3x2 have the order of c6x1 and c3x2 in the v360 filter of ffmpeg."""
 
 
@@ -66,7 +86,9 @@ class CubeMap:
         check_choice("layout", self.layout, get_args(Layout))
         columns, rows = self.grid(self.layout)
         if self.size[0] * rows != self.size[1] * columns or self.size[0] % columns:
-            raise InvalidParameter(f"size must be {columns} n x {rows} n px for square faces in the layout {self.layout}, for example {columns * 256} x {rows * 256}; got {self.size[0]} x {self.size[1]} px")
+            raise InvalidParameter(
+                f"size must be {columns} n x {rows} n px for square faces in the layout {self.layout}, for example {columns * 256} x {rows * 256}; got {self.size[0]} x {self.size[1]} px"
+            )
         check_angle("pan_deg", self.pan_deg)
         self.face("front")  # raises an error for an invalid placement
 
@@ -96,23 +118,36 @@ class CubeMap:
         """Faces and their positions."""
         n = self.face_px
         rows = enumerate(LAYOUTS[self.layout])
-        return tuple(ScreenPart(i * n, j * n, self.face(name)) for j, row in rows for i, name in enumerate(row) if name)
+        return tuple(
+            ScreenPart(i * n, j * n, self.face(name))
+            for j, row in rows
+            for i, name in enumerate(row)
+            if name
+        )
 
     @validate_arguments
     def zoomed(self, factor: float) -> Self:
         """Raise an error: a cube covers all directions and cannot be zoomed."""
-        raise InvalidParameter(f"a cube map cannot be zoomed, as it covers all directions; got a factor of {factor:g}")
+        raise InvalidParameter(
+            f"a cube map cannot be zoomed, as it covers all directions; got a factor of {factor:g}"
+        )
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
         """Return the cube rotated with its front farther to the right."""
         if tilt_deg:
-            raise InvalidParameter(f"tilt_deg must be 0 for a cube map, which is upright; got {tilt_deg:g} deg")
+            raise InvalidParameter(
+                f"tilt_deg must be 0 for a cube map, which is upright; got {tilt_deg:g} deg"
+            )
         return replace(self, pan_deg=self.pan_deg + pan_deg)
 
     def __str__(self) -> str:
         turned = f"pan {self.pan_deg:g} deg, " if self.pan_deg else ""
-        place = "" if math.isinf(self.distance_mm) else f", at {self.distance_mm:g} mm{offset_text(self.offset_mm)}"
+        place = (
+            ""
+            if math.isinf(self.distance_mm)
+            else f", at {self.distance_mm:g} mm{offset_text(self.offset_mm)}"
+        )
         return f"cube map ({turned}{self.layout} of {self.face_px} px faces{place})"
 
 
@@ -153,9 +188,13 @@ class Mosaic:
         for left, top, view in self.parts:
             right, bottom = left + view.size[0], top + view.size[1]
             if not (0 <= left == int(left) and 0 <= top == int(top)):
-                raise InvalidParameter(f"left and top of a view must be integers from 0; got ({left}, {top})")
+                raise InvalidParameter(
+                    f"left and top of a view must be integers from 0; got ({left}, {top})"
+                )
             if right > self.size[0] or bottom > self.size[1]:
-                raise InvalidParameter(f"the views must be within the {self.size[0]} x {self.size[1]} px of the mosaic; got one from ({left}, {top}) to ({right}, {bottom})")
+                raise InvalidParameter(
+                    f"the views must be within the {self.size[0]} x {self.size[1]} px of the mosaic; got one from ({left}, {top}) to ({right}, {bottom})"
+                )
 
     @classmethod
     def stacked(cls, rows: Sequence[Sequence[View]], gap_px: int = 0) -> Self:
@@ -189,8 +228,12 @@ class Mosaic:
     def _each(self, method: str, *args: float) -> Self:
         for part in self.parts:
             if not hasattr(part.view, method):
-                raise InvalidParameter(f"the views of the mosaic must support {method}(); got the {part.view}")
-        return replace(self, parts=tuple(p._replace(view=getattr(p.view, method)(*args)) for p in self.parts))
+                raise InvalidParameter(
+                    f"the views of the mosaic must support {method}(); got the {part.view}"
+                )
+        return replace(
+            self, parts=tuple(p._replace(view=getattr(p.view, method)(*args)) for p in self.parts)
+        )
 
     def __str__(self) -> str:
         return f"mosaic of {len(self.parts)} views"

@@ -9,11 +9,19 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import positions, validate_arguments, number, places
+from ...base.arguments import number, positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction
-from ._screen import NO_OFFSET, CentredScreen, Offset, check_angle, check_choice, check_range, check_zoom
+from ._screen import (
+    NO_OFFSET,
+    CentredScreen,
+    Offset,
+    check_angle,
+    check_choice,
+    check_range,
+    check_zoom,
+)
 
 Rows = Literal["tilt", "height"]
 MIN_SPAN_DEG = 1e-6
@@ -39,7 +47,9 @@ class Panorama(CentredScreen):
 
     def pans_at(self, u: ArrayLike) -> Array:
         """Return the pan of columns (...), radians."""
-        return np.radians(self.pan_deg + ((positions("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg)
+        return np.radians(
+            self.pan_deg + ((positions("u", u) + 0.5) / self.size[0] - 0.5) * self.span_deg
+        )
 
     @abstractmethod
     def tilts_at(self, v: ArrayLike) -> Array:
@@ -52,7 +62,9 @@ class Panorama(CentredScreen):
         return highest - (positions("v", v) + 0.5) / self.size[1] * (highest - lowest)
 
     def _description(self, name: str) -> str:
-        around = "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
+        around = (
+            "" if self.span_deg == 360 else f"{self.span_deg:g} deg around pan {self.pan_deg:g}, "
+        )
         elevations = f"elevation {self.tilt_min_deg:.6g} to {self.tilt_max_deg:.6g} deg"
         return f"{name} ({around}{elevations}{self._placement})"
 
@@ -61,9 +73,13 @@ class Panorama(CentredScreen):
         for name in ("tilt_min_deg", "tilt_max_deg"):
             number(name, getattr(self, name), unit="deg")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
-            raise InvalidParameter(f"tilt_min_deg and tilt_max_deg must increase within -90 to 90 deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg")
+            raise InvalidParameter(
+                f"tilt_min_deg and tilt_max_deg must increase within -90 to 90 deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
+            )
         if self.tilt_max_deg - self.tilt_min_deg < MIN_SPAN_DEG:
-            raise InvalidParameter(f"tilt_max_deg must be at least {MIN_SPAN_DEG:g} deg above tilt_min_deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg")
+            raise InvalidParameter(
+                f"tilt_max_deg must be at least {MIN_SPAN_DEG:g} deg above tilt_min_deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
+            )
         check_range("span_deg", self.span_deg, MIN_SPAN_DEG, 360, upper_included=True)
         check_angle("pan_deg", self.pan_deg)
 
@@ -122,18 +138,30 @@ class Cylinder(Panorama):
         self._check()
         check_choice("rows", self.rows, get_args(Rows))
         if self.rows == "height" and 90 in (-self.tilt_min_deg, self.tilt_max_deg):
-            raise InvalidParameter(f"tilt_min_deg and tilt_max_deg must be above -90 and below 90 deg with rows = 'height'; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg")
+            raise InvalidParameter(
+                f"tilt_min_deg and tilt_max_deg must be above -90 and below 90 deg with rows = 'height'; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
+            )
 
     @classmethod
     @validate_arguments
-    def wall(cls, size: tuple[int, int], height_mm: tuple[float, float], distance_mm: float, pan_deg: float = 0.0, span_deg: float = 360.0, offset_mm: Offset = NO_OFFSET) -> Self:
+    def wall(
+        cls,
+        size: tuple[int, int],
+        height_mm: tuple[float, float],
+        distance_mm: float,
+        pan_deg: float = 0.0,
+        span_deg: float = 360.0,
+        offset_mm: Offset = NO_OFFSET,
+    ) -> Self:
         """Return the section of a cylinder wall between two heights (mm) over its centre, in
         ascending order.
         """
         low, high = height_mm
         number("distance_mm", distance_mm, above=0.0)
         if not low < high:
-            raise InvalidParameter(f"height_mm must be the lower and the upper edge of the wall; got {low:g} and {high:g} mm")
+            raise InvalidParameter(
+                f"height_mm must be the lower and the upper edge of the wall; got {low:g} and {high:g} mm"
+            )
         low, high = (float(np.degrees(np.arctan2(z, distance_mm))) for z in (low, high))
         return cls(size, low, high, pan_deg, span_deg, "height", distance_mm, offset_mm)
 
@@ -155,7 +183,9 @@ class Cylinder(Panorama):
         """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = self._rows_changed(1 / factor, 0.0)
-        return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
+        return replace(
+            self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
+        )
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -170,7 +200,9 @@ class Cylinder(Panorama):
         if self.rows == "tilt":
             return _stretched(self.tilt_min_deg, self.tilt_max_deg, stretch, tilt_deg)
         check_range("tilt_deg", tilt_deg, -90, 90, upper_included=False)
-        low, high, shift = (float(np.tan(np.radians(a))) for a in (self.tilt_min_deg, self.tilt_max_deg, tilt_deg))
+        low, high, shift = (
+            float(np.tan(np.radians(a))) for a in (self.tilt_min_deg, self.tilt_max_deg, tilt_deg)
+        )
         low, high = _stretched(low, high, stretch, shift, limit=np.inf)
         return float(np.degrees(np.arctan(low))), float(np.degrees(np.arctan(high)))
 
@@ -231,7 +263,9 @@ class Equirectangular(Panorama):
         """Return the screen with a smaller or larger extent about the same centre."""
         check_zoom(factor)
         low, high = _stretched(self.tilt_min_deg, self.tilt_max_deg, 1 / factor)
-        return replace(self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor))
+        return replace(
+            self, tilt_min_deg=low, tilt_max_deg=high, span_deg=min(360.0, self.span_deg / factor)
+        )
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:
@@ -243,7 +277,9 @@ class Equirectangular(Panorama):
         return self._description("sphere")
 
 
-def _stretched(low: float, high: float, stretch: float, shift: float = 0.0, limit: float = 90.0) -> tuple[float, float]:
+def _stretched(
+    low: float, high: float, stretch: float, shift: float = 0.0, limit: float = 90.0
+) -> tuple[float, float]:
     """Return a range scaled about its middle, clipped to the limits, and shifted."""
     middle, half = (low + high) / 2, (high - low) / 2 * stretch
     return max(middle - half, -limit) + shift, min(middle + half, limit) + shift

@@ -12,7 +12,20 @@ from ...base.arguments import positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
 from ...cameras.frames import view_axes
-from ._screen import NO_OFFSET, CentredScreen, Offset, check_angle, check_no_tilt, check_offset, check_range, check_size, check_zoom, offset_text, on_plane, pixels_of_rows
+from ._screen import (
+    NO_OFFSET,
+    CentredScreen,
+    Offset,
+    check_angle,
+    check_no_tilt,
+    check_offset,
+    check_range,
+    check_size,
+    check_zoom,
+    offset_text,
+    on_plane,
+    pixels_of_rows,
+)
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,12 @@ class Plane(CentredScreen):
     def zoomed(self, factor: float) -> Self:
         """Return the view with its focal length multiplied by a factor."""
         check_zoom(factor)
-        return replace(self, hfov_deg=float(2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))))
+        return replace(
+            self,
+            hfov_deg=float(
+                2 * np.degrees(np.arctan(np.tan(np.radians(self.hfov_deg / 2)) / factor))
+            ),
+        )
 
     @validate_arguments
     def panned(self, pan_deg: float, tilt_deg: float = 0.0) -> Self:

@@ -106,7 +106,9 @@ def parts_of(view: View, left: int = 0, top: int = 0) -> tuple[PlacedScreen, ...
     [(0, 0), (4, 0), (8, 0), (0, 4), (4, 4), (8, 4)]
     """
     if isinstance(view, Composite):
-        return tuple(s for part in view.parts for s in parts_of(part.view, left + part.left, top + part.top))
+        return tuple(
+            s for part in view.parts for s in parts_of(part.view, left + part.left, top + part.top)
+        )
     return (PlacedScreen(left, top, view),)
 
 
@@ -157,10 +159,14 @@ class CentredScreen(ABC):
     def _check_placement(self) -> None:
         check_size(self.size)
         if numbers("distance_mm", self.distance_mm, "of shape ()").ndim or not self.distance_mm > 0:
-            raise InvalidParameter(f"distance_mm must be above 0 mm or infinite; got {format_value(self.distance_mm)}")
+            raise InvalidParameter(
+                f"distance_mm must be above 0 mm or infinite; got {format_value(self.distance_mm)}"
+            )
         check_offset(self.offset_mm)
         if self.is_distant and any(self.offset_mm):
-            raise InvalidParameter(f"offset_mm must be (0, 0, 0) for a screen at infinity; got {self.offset_mm}; specify a finite distance_mm")
+            raise InvalidParameter(
+                f"offset_mm must be (0, 0, 0) for a screen at infinity; got {self.offset_mm}; specify a finite distance_mm"
+            )
 
 
 def pixels_of_rows(size: tuple[int, int], first_row: int, last_row: int) -> tuple[Array, Array]:
@@ -185,15 +191,21 @@ def offset_text(offset_mm: Offset) -> str:
 
 def check_size(size: tuple[int, int]) -> None:
     """Raise an error unless the size is a width and height in whole pixels."""
-    if numbers("size", size, "of shape (2,)").shape != (2,) or not all(1 <= n <= MAX_SIDE_PX and int(n) == n for n in size):
-        raise InvalidParameter(f"size must be (width, height) from 1 to {MAX_SIDE_PX} px; got {format_value(size)}")
+    if numbers("size", size, "of shape (2,)").shape != (2,) or not all(
+        1 <= n <= MAX_SIDE_PX and int(n) == n for n in size
+    ):
+        raise InvalidParameter(
+            f"size must be (width, height) from 1 to {MAX_SIDE_PX} px; got {format_value(size)}"
+        )
 
 
 def check_offset(offset_mm: Offset) -> None:
     """Raise an error unless the offset is a point in the world."""
     offset = numbers("offset_mm", offset_mm, "numbers of shape (3,)")
     if offset.shape != (3,) or not np.isfinite(offset).all():
-        raise InvalidParameter(f"offset_mm must be finite numbers (x, y, z); got {format_value(offset_mm)}")
+        raise InvalidParameter(
+            f"offset_mm must be finite numbers (x, y, z); got {format_value(offset_mm)}"
+        )
 
 
 def check_angle(name: str, angle_deg: float) -> None:
@@ -215,7 +227,9 @@ def check_range(name: str, value: float, low: float, high: float, upper_included
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Raise an error for an unknown choice."""
     if not isinstance(value, str) or value not in choices:
-        raise InvalidParameter(f"{name} must be one of {', '.join(choices)}; got {format_value(value)}")
+        raise InvalidParameter(
+            f"{name} must be one of {', '.join(choices)}; got {format_value(value)}"
+        )
 
 
 def check_zoom(factor: float) -> None:
@@ -226,4 +240,6 @@ def check_zoom(factor: float) -> None:
 def check_no_tilt(screen: object, tilt_deg: float) -> None:
     """Raise an error for tilting a screen without an up direction."""
     if tilt_deg:
-        raise InvalidParameter(f"tilt_deg must be 0 for the {screen}, which can only be panned; got {tilt_deg:g} deg")
+        raise InvalidParameter(
+            f"tilt_deg must be 0 for the {screen}, which can only be panned; got {tilt_deg:g} deg"
+        )

@@ -55,7 +55,13 @@ class LiveView:
         Called when a client connects.
     """
 
-    def __init__(self, without_credentials: NamedView, camera: Camera, interpolation: Interpolation, wake: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        without_credentials: NamedView,
+        camera: Camera,
+        interpolation: Interpolation,
+        wake: Callable[[], None],
+    ) -> None:
         self.named, self.camera, self._interpolation = without_credentials, camera, interpolation
         self._dewarper = self._create_dewarper(without_credentials(camera))
         self.initial_view = self._dewarper.view
@@ -63,7 +69,10 @@ class LiveView:
         self.jpeg = LatestOutput(wake, JpegEncoder())
         self.transport = TransportOutput(self.size, wake)
         self.frames = LatestOutput(wake, lambda frame: frame)
-        self.outputs: dict[Siting, list[StreamOutput]] = {"center": [self.jpeg], "left": [self.transport, self.frames]}
+        self.outputs: dict[Siting, list[StreamOutput]] = {
+            "center": [self.jpeg],
+            "left": [self.transport, self.frames],
+        }
         """Outputs by siting of their chroma samples."""
         self.frames_dewarped = self.frames_dropped = 0
         self.error = ""
@@ -118,7 +127,9 @@ class LiveView:
         view, initial = self._dewarper.view, self.initial_view
         is_plane = isinstance(view, Plane) and isinstance(initial, Plane)
         if not (self.named.steerable and is_plane):
-            raise InvalidParameter(f"the view {self.named.name!r} must be steerable; add steerable = true to its table")
+            raise InvalidParameter(
+                f"the view {self.named.name!r} must be steerable; add steerable = true to its table"
+            )
         assert isinstance(view, Plane)
         assert isinstance(initial, Plane)
         if "zoom" in changes and "hfov_deg" in changes:
@@ -128,7 +139,9 @@ class LiveView:
         if zoom is not None:
             maximum = max_zoom(self.camera, replace(steered, hfov_deg=initial.hfov_deg))
             if zoom > maximum:
-                raise InvalidParameter(f"zoom must be at most {maximum:.3g}, the resolution of the camera; got {zoom:g}")
+                raise InvalidParameter(
+                    f"zoom must be at most {maximum:.3g}, the resolution of the camera; got {zoom:g}"
+                )
             steered = replace(steered, hfov_deg=initial.zoomed(zoom).hfov_deg)
         self._dewarper = self._create_dewarper(steered)
         return steered
@@ -193,9 +206,13 @@ class LiveView:
 def _check_video_size(name: str, size: tuple[int, int]) -> None:
     width, height = size
     if max(width, height) > MAX_VIDEO_SIDE_PX:
-        raise InvalidParameter(f"the sides of the view {name!r} must be at most {MAX_VIDEO_SIDE_PX} px for video; got {width} x {height} px")
+        raise InvalidParameter(
+            f"the sides of the view {name!r} must be at most {MAX_VIDEO_SIDE_PX} px for video; got {width} x {height} px"
+        )
     if width % 2 or height % 2:
-        raise InvalidParameter(f"the sides of the view {name!r} must be even for video with 4:2:0 chroma; got {width} x {height} px; use for example size = [{width + width % 2}, {height + height % 2}]")
+        raise InvalidParameter(
+            f"the sides of the view {name!r} must be even for video with 4:2:0 chroma; got {width} x {height} px; use for example size = [{width + width % 2}, {height + height % 2}]"
+        )
 
 
 class Gateway:
@@ -221,11 +238,24 @@ class Gateway:
         Dewarp frames as stored, without the rotation of a display matrix.
     """
 
-    def __init__(self, source: str, is_live: bool, camera: Camera, views: Mapping[str, NamedView], interpolation: Interpolation = "auto", on_status: Callable[[str], None] = lambda sentence: None, workers: int | None = None, *, stored_orientation: bool = False) -> None:
+    def __init__(
+        self,
+        source: str,
+        is_live: bool,
+        camera: Camera,
+        views: Mapping[str, NamedView],
+        interpolation: Interpolation = "auto",
+        on_status: Callable[[str], None] = lambda sentence: None,
+        workers: int | None = None,
+        *,
+        stored_orientation: bool = False,
+    ) -> None:
         self._stored_orientation = stored_orientation
         self._has_reported = False
         self.source, self._is_live, self._on_status = source, is_live, on_status
-        self.views = {name: LiveView(view, camera, interpolation, self.wake) for name, view in views.items()}
+        self.views = {
+            name: LiveView(view, camera, interpolation, self.wake) for name, view in views.items()
+        }
         self.state = f"{without_credentials(source)} is idle, no clients"
         self.frames_received = 0
         self._pool = ThreadPoolExecutor(workers or usable_cores(), "dewarping")
@@ -258,9 +288,13 @@ class Gateway:
 
     def _open(self) -> None:
         self.state = f"waiting for {without_credentials(self.source)}"
-        self._playing = Playback(self.source, self._is_live, self._report, stored_orientation=self._stored_orientation)
+        self._playing = Playback(
+            self.source, self._is_live, self._report, stored_orientation=self._stored_orientation
+        )
         self._opened = time.monotonic()
-        thread = threading.Thread(target=self._read, args=(self._playing,), name="gateway", daemon=True)
+        thread = threading.Thread(
+            target=self._read, args=(self._playing,), name="gateway", daemon=True
+        )
         thread.start()
 
     def _check(self) -> None:
@@ -303,7 +337,9 @@ class Gateway:
     def _distribute(self, frame: av.VideoFrame, playing: Playback) -> None:
         if (frame.width, frame.height) != self._camera.image_size:
             width, height = self._camera.image_size
-            raise InvalidParameter(f"frames of {without_credentials(self.source)} must have the size of the camera, {width} x {height} px; got {frame.width} x {frame.height} px")
+            raise InvalidParameter(
+                f"frames of {without_credentials(self.source)} must have the size of the camera, {width} x {height} px; got {frame.width} x {frame.height} px"
+            )
         if not self._has_reported:
             self._has_reported = True
             for note in playing.notes:

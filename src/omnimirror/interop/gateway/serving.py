@@ -96,12 +96,25 @@ def serve_views(
     if not views:
         raise InvalidParameter("views must contain at least one view")
     if token is not None and not re.fullmatch("[!-~]+", token):
-        raise InvalidParameter("token must consist of ASCII letters, digits and punctuation characters without spaces")
+        raise InvalidParameter(
+            "token must consist of ASCII letters, digits and punctuation characters without spaces"
+        )
     if publish_to is not None:
         stream_format(publish_to)
         if "{view}" not in publish_to:
-            raise InvalidParameter(f"publish_to must contain {{view}}, the name of the view; got {publish_to}")
-    gateway = Gateway(source, not is_file, camera, views, interpolation, on_status or on_start, threads, stored_orientation=stored_orientation)
+            raise InvalidParameter(
+                f"publish_to must contain {{view}}, the name of the view; got {publish_to}"
+            )
+    gateway = Gateway(
+        source,
+        not is_file,
+        camera,
+        views,
+        interpolation,
+        on_status or on_start,
+        threads,
+        stored_orientation=stored_orientation,
+    )
     if token is None and not is_loopback(host):
         token = secrets.token_urlsafe(16)
     listener = listen(host, port)

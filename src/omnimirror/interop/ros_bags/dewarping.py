@@ -21,7 +21,18 @@ from ...io import interrupts
 from ...io.progress import FrameProgress, ProgressMeter
 from ..named_views import check_view_name
 from ..pinholes import EquivalentPinhole, equivalent_pinhole
-from ._messages import COMPRESSED_IMAGE, IMAGE_TYPES, TF_MESSAGE, TF_STATIC, MessageFactory, MessageImage, decode_image, encode_compressed, encode_raw, mirror_in_optical_frame
+from ._messages import (
+    COMPRESSED_IMAGE,
+    IMAGE_TYPES,
+    TF_MESSAGE,
+    TF_STATIC,
+    MessageFactory,
+    MessageImage,
+    decode_image,
+    encode_compressed,
+    encode_raw,
+    mirror_in_optical_frame,
+)
 from .bag_files import create_bag, is_ros1, open_bag, read_errors, rosbags
 
 Views: TypeAlias = Mapping[str, View | Callable[[Camera], View]]
@@ -146,13 +157,21 @@ def dewarp_bag(
     omnimirror.base.errors.MediaError: cannot read missing.mcap: no such file or folder
     """
     colour = None if border is None else BorderColour.of(border)
-    dewarping = DewarpRequest(camera, interpolation=interpolation, border=colour, keep_tilt=keep_tilt)
+    dewarping = DewarpRequest(
+        camera, interpolation=interpolation, border=colour, keep_tilt=keep_tilt
+    )
     selection = BagSelection(views, topic, tuple(keep_topics), mirror_frame)
     source, output = file_name("source", source), file_name("output", output)
     return run_bag_dewarping(source, output, dewarping, selection, on_progress)
 
 
-def run_bag_dewarping(source: Path, output: Path, dewarping: DewarpRequest, selection: BagSelection, on_progress: Callable[[FrameProgress], None] | None = None) -> DewarpedBag:
+def run_bag_dewarping(
+    source: Path,
+    output: Path,
+    dewarping: DewarpRequest,
+    selection: BagSelection,
+    on_progress: Callable[[FrameProgress], None] | None = None,
+) -> DewarpedBag:
     """Dewarp a bag as specified by a selection; the view of ``dewarping`` is not used."""
     if is_same_file(source, output):
         raise InvalidParameter(f"output must differ from source; got {output}")
@@ -177,31 +196,46 @@ def _image_connection(reader: Any, topic: str | None, source: Path) -> Any:
     known = f"image topics: {available}" if candidates else "it has no image topics"
     if topic is not None:
         if topic not in candidates:
-            raise InvalidParameter(f"topic must be an image topic of {source} ({known}); got {topic}")
+            raise InvalidParameter(
+                f"topic must be an image topic of {source} ({known}); got {topic}"
+            )
         return candidates[topic]
     if len(candidates) != 1:
         raise InvalidParameter(f"topic must be given for {source} ({known})")
     return next(iter(candidates.values()))
 
 
-def _copied_connections(reader: Any, patterns: Iterable[str], source: Path, output: Path) -> list[Any]:
+def _copied_connections(
+    reader: Any, patterns: Iterable[str], source: Path, output: Path
+) -> list[Any]:
     """Return the connections to copy; messages are not converted between ROS 1 and ROS 2."""
     selected: dict[tuple[str, str], Any] = {}
     for pattern in patterns:
         matches = [c for c in reader.connections if fnmatchcase(c.topic, pattern)]
         if not matches:
             available = ", ".join(sorted({c.topic for c in reader.connections}))
-            raise InvalidParameter(f"keep_topics must match a topic of {source} ({available}); got {pattern}")
+            raise InvalidParameter(
+                f"keep_topics must match a topic of {source} ({available}); got {pattern}"
+            )
         selected |= {_key(c): c for c in matches}
     if selected and reader.is2 == is_ros1(output):
         written, kept, suffix = "ROS 2", "ROS 1", ".bag"
         if is_ros1(output):
             written, kept, suffix = "ROS 1", "ROS 2", ".mcap or .db3"
-        raise InvalidParameter(f"topics to keep must be of the ROS version of the output; {output} is a {written} bag and the topics are {kept} messages; write {suffix}, keep no topics, or convert {source} with rosbags-convert")
+        raise InvalidParameter(
+            f"topics to keep must be of the ROS version of the output; {output} is a {written} bag and the topics are {kept} messages; write {suffix}, keep no topics, or convert {source} with rosbags-convert"
+        )
     return list(selected.values())
 
 
-def _process_messages(reader: Any, images: Any, others: list[Any], rig: _VirtualRig, meter: ProgressMeter, source: Path) -> int:
+def _process_messages(
+    reader: Any,
+    images: Any,
+    others: list[Any],
+    rig: _VirtualRig,
+    meter: ProgressMeter,
+    source: Path,
+) -> int:
     """Dewarp all images and copy other messages; return the number of copied messages."""
     keys, image_key, copied = set(map(_key, others)), _key(images), 0
     connections = [c for c in reader.connections if _key(c) in keys | {image_key}]
@@ -251,9 +285,13 @@ class _Recorder:
                 delivery: dict[str, Any] = {"latching": int(latched)}
             else:
                 delivery = {"offered_qos_profiles": [_latched_qos()] if latched else ()}
-            self.connections[topic] = self._writer.add_connection(topic, message.__msgtype__, typestore=self.factory.store, **delivery)
+            self.connections[topic] = self._writer.add_connection(
+                topic, message.__msgtype__, typestore=self.factory.store, **delivery
+            )
         elif self.connections[topic].msgtype != message.__msgtype__:
-            raise InvalidParameter(f"keep_topics must not include the topic {topic} of a view; it has the type {self.connections[topic].msgtype}")
+            raise InvalidParameter(
+                f"keep_topics must not include the topic {topic} of a view; it has the type {self.connections[topic].msgtype}"
+            )
         self._writer.write(self.connections[topic], timestamp, self.factory.serialize(message))
 
     def copy(self, reader: Any, connection: Any, timestamp: int, data: bytes) -> None:
@@ -261,10 +299,20 @@ class _Recorder:
         if connection.topic not in self.connections:
             ext = connection.ext
             if self.factory.ros1:
-                options = {"msgdef": connection.msgdef.data, "md5sum": connection.digest, "callerid": ext.callerid, "latching": ext.latching}
+                options = {
+                    "msgdef": connection.msgdef.data,
+                    "md5sum": connection.digest,
+                    "callerid": ext.callerid,
+                    "latching": ext.latching,
+                }
             else:
-                options = {"typestore": reader.typestore, "offered_qos_profiles": ext.offered_qos_profiles}
-            self.connections[connection.topic] = self._writer.add_connection(connection.topic, connection.msgtype, **options)
+                options = {
+                    "typestore": reader.typestore,
+                    "offered_qos_profiles": ext.offered_qos_profiles,
+                }
+            self.connections[connection.topic] = self._writer.add_connection(
+                connection.topic, connection.msgtype, **options
+            )
         self._writer.write(self.connections[connection.topic], timestamp, data)
 
 
@@ -283,7 +331,17 @@ def _latched_qos() -> Any:
     from rosbags import interfaces as ros
 
     infinite = ros.QosTime(9223372036, 854775807)
-    return ros.Qos(ros.QosHistory.KEEP_LAST, 1, ros.QosReliability.RELIABLE, ros.QosDurability.TRANSIENT_LOCAL, infinite, infinite, ros.QosLiveliness.AUTOMATIC, infinite, False)
+    return ros.Qos(
+        ros.QosHistory.KEEP_LAST,
+        1,
+        ros.QosReliability.RELIABLE,
+        ros.QosDurability.TRANSIENT_LOCAL,
+        infinite,
+        infinite,
+        ros.QosLiveliness.AUTOMATIC,
+        infinite,
+        False,
+    )
 
 
 class _VirtualCamera(NamedTuple):
@@ -298,7 +356,13 @@ class _VirtualCamera(NamedTuple):
 class _VirtualRig:
     """Virtual cameras of a bag, created with the first image."""
 
-    def __init__(self, dewarping: DewarpRequest, selection: BagSelection, connection: Any, recorder: _Recorder) -> None:
+    def __init__(
+        self,
+        dewarping: DewarpRequest,
+        selection: BagSelection,
+        connection: Any,
+        recorder: _Recorder,
+    ) -> None:
         self.dewarping, self.selection, self.recorder = dewarping, selection, recorder
         self.topic = connection.topic
         self.notes: list[str] = []
@@ -330,7 +394,9 @@ class _VirtualRig:
                 info = factory.camera_info(header, camera.pinhole)
                 self.recorder.write(f"{namespace}/camera_info", info, timestamp)
 
-    def _create_cameras(self, source: MessageImage, stamp: Any, optical_frame: str, timestamp: int) -> None:
+    def _create_cameras(
+        self, source: MessageImage, stamp: Any, optical_frame: str, timestamp: int
+    ) -> None:
         """Create the views for the size of the first image and write their frames."""
         height, width = source.image.shape[:2]
         camera = self.dewarping.view_camera(self.dewarping.camera_of((width, height)))
@@ -349,11 +415,15 @@ class _VirtualRig:
                 pinhole = equivalent_pinhole(camera, screen, self.dewarping.viewpoint)
             self._cameras.append(_VirtualCamera(name, dewarper, pinhole))
             if pinhole is None:
-                self.notes.append(f"{name}: no camera_info, because the {screen} is no pinhole image")
+                self.notes.append(
+                    f"{name}: no camera_info, because the {screen} is no pinhole image"
+                )
                 continue
             self.notes.append(_accuracy_note(name, screen, pinhole))
             child = _optical_frame(optical_frame, name)
-            transforms.append(factory.transform(stamp, mirror_frame, child, pinhole.rotation, pinhole.position_mm))
+            transforms.append(
+                factory.transform(stamp, mirror_frame, child, pinhole.rotation, pinhole.position_mm)
+            )
         if any(camera.pinhole for camera in self._cameras):
             message = factory.tf_message(transforms)
             self.recorder.write(TF_STATIC, message, timestamp, latched=True)

@@ -16,7 +16,9 @@ from ._mirror_camera import MirrorCamera
 from ._numerical_camera import NumericalCamera
 
 
-def differentiable(camera: Camera, free: str | Iterable[str] = (), *, dtype: object = None, device: object = "cpu") -> TorchCamera:
+def differentiable(
+    camera: Camera, free: str | Iterable[str] = (), *, dtype: object = None, device: object = "cpu"
+) -> TorchCamera:
     """Return a camera that works on PyTorch tensors with gradients.
 
     A sensor with one mirror, aligned or misaligned, and an ideal lens is traced by PyTorch on any
@@ -70,14 +72,19 @@ def differentiable(camera: Camera, free: str | Iterable[str] = (), *, dtype: obj
     words = (free,) if isinstance(free, str) else tuple(free)
     sensor = camera if isinstance(camera, Sensor) else None
     if words and sensor is None:
-        raise InvalidParameter(f"free must be empty unless camera is a sensor; got {words!r} for a {type(camera).__name__}")
+        raise InvalidParameter(
+            f"free must be empty unless camera is a sensor; got {words!r} for a {type(camera).__name__}"
+        )
     values = {}
     if sensor is not None and words:
         for name in free_names(sensor, words):
             values[name] = value_of(sensor, parameter_location(sensor, name))
     dtype = _checked_dtype(dtype)
     device = _available_device(device, dtype)
-    parameters = {name: torch.tensor(value, dtype=dtype, device=device, requires_grad=True) for name, value in values.items()}
+    parameters = {
+        name: torch.tensor(value, dtype=dtype, device=device, requires_grad=True)
+        for name, value in values.items()
+    }
     if sensor is not None and _is_traceable(sensor):
         return MirrorCamera(sensor, parameters, dtype, device)
     return NumericalCamera(camera, parameters, dtype, device)
@@ -85,7 +92,9 @@ def differentiable(camera: Camera, free: str | Iterable[str] = (), *, dtype: obj
 
 def _checked_dtype(dtype: object) -> object:
     if dtype is not None and dtype not in supported_dtypes():
-        raise InvalidParameter(f"dtype must be torch.float64 or torch.float32; got {format_value(dtype)}")
+        raise InvalidParameter(
+            f"dtype must be torch.float64 or torch.float32; got {format_value(dtype)}"
+        )
     return torch.float64 if dtype is None else dtype
 
 
@@ -97,9 +106,16 @@ def _available_device(device: object, dtype: object) -> object:
         return probe.device
     except (RuntimeError, AssertionError, TypeError, ValueError) as error:
         reason = str(error).splitlines()[0]
-        raise InvalidParameter(f"device must be available to PyTorch, such as 'cpu'; got {format_value(device)} ({reason})") from None
+        raise InvalidParameter(
+            f"device must be available to PyTorch, such as 'cpu'; got {format_value(device)} ({reason})"
+        ) from None
 
 
 def _is_traceable(sensor: Sensor) -> bool:
     """Return whether PyTorch can trace a sensor: one ideal mirror, an ideal lens and no cover."""
-    return sensor.secondary is None and sensor.housing.shell is None and sensor.is_ideal_except_pose and isinstance(sensor.lens, Perspective | Orthographic)
+    return (
+        sensor.secondary is None
+        and sensor.housing.shell is None
+        and sensor.is_ideal_except_pose
+        and isinstance(sensor.lens, Perspective | Orthographic)
+    )

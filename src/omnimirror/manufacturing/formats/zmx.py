@@ -43,7 +43,15 @@ def format_zmx(sensor: Sensor, aspheres: Sequence[Asphere] | None = None) -> str
     ['STANDARD', 'PARAXIAL', 'EVENASPH', 'EVENASPH']
     """
     aspheres = fit_aspheres(sensor) if aspheres is None else aspheres
-    lines = ["VERS 181107 0 0 0 0", "MODE SEQ", f"NAME {label(sensor.name)}", *(f"NOTE 0 {escape_invisible(note)}" for note in _notes(sensor, aspheres)), "UNIT MM X W X CM MR CPMM", *_system(sensor), *_surfaces(sensor, aspheres)]
+    lines = [
+        "VERS 181107 0 0 0 0",
+        "MODE SEQ",
+        f"NAME {label(sensor.name)}",
+        *(f"NOTE 0 {escape_invisible(note)}" for note in _notes(sensor, aspheres)),
+        "UNIT MM X W X CM MR CPMM",
+        *_system(sensor),
+        *_surfaces(sensor, aspheres),
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -72,9 +80,16 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
     two = sensor.secondary is not None
     mirrors = (sensor.mirror, sensor.secondary.mirror) if sensor.secondary else (sensor.mirror,)
     roles = ("mirror", "secondary")
-    shapes = [f"{mirror.KIND} {role} as {asphere.words()}, {_deviation(asphere)}" for mirror, role, asphere in zip(mirrors, roles, aspheres, strict=False)]
+    shapes = [
+        f"{mirror.KIND} {role} as {asphere.words()}, {_deviation(asphere)}"
+        for mirror, role, asphere in zip(mirrors, roles, aspheres, strict=False)
+    ]
     way = "secondary, mirror" if two else "mirror"
-    direction = "angle of the ray to +z, after surface 3" if two else "180 deg - angle of the ray to +z, after surface 2"
+    direction = (
+        "angle of the ray to +z, after surface 3"
+        if two
+        else "180 deg - angle of the ray to +z, after surface 2"
+    )
     rays = _field_rays(sensor)
     angles = _listed_deg(rays.reflected)
     shell = sensor.housing.shell
@@ -84,9 +99,21 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         f"omnimirror {__version__}: {'; '.join(shapes)}.",
         f"Reversed light path: object = imager, stop = lens, {way}, then viewing directions.",
         f"Omega = {direction}. Omega of the fields, deg: {angles}.",
-        *([f"The {shell.KIND} ({wall_description(shell)}) is not included: angles are those between it and the mirror. Omega outside, deg: {_listed_deg(rays.omega)}."] if shell is not None else []),
+        *(
+            [
+                f"The {shell.KIND} ({wall_description(shell)}) is not included: angles are those between it and the mirror. Omega outside, deg: {_listed_deg(rays.omega)}."
+            ]
+            if shell is not None
+            else []
+        ),
         *(["Lens distortion is not included."] if distorts and sensor.lens.IS_THIN else []),
-        *([] if sensor.lens.IS_THIN else ["The lens is ideal, with the focal length, entrance pupil and focus of the sensor."]),
+        *(
+            []
+            if sensor.lens.IS_THIN
+            else [
+                "The lens is ideal, with the focal length, entrance pupil and focus of the sensor."
+            ]
+        ),
     ]
 
 
@@ -114,8 +141,22 @@ def _system(sensor: Sensor) -> list[str]:
         heights = rays.first.x
     else:
         aperture = f"ENPD {_number(2 * cast(GaussianLens, sensor.lens).aperture_radius)}"
-        heights = -sensor.lens.ideal_height(rays.first.x, rays.first.w)  # the lens inverts the image; without distortion
-    return [aperture, "ENVD 20 1 0", "GFAC 0 0", f"FTYP 1 {int(sensor.lens.TELECENTRIC)} {FIELDS} 1 0 0 0 1", "ROPD 2", "PICB 1", f"XFLN {' '.join(['0'] * 12)}", f"YFLN {' '.join([*map(_number, heights), *['0'] * (12 - FIELDS)])}", f"FWGN {' '.join(['1'] * 12)}", f"WAVM 1 {WAVELENGTH_UM} 1", "PWAV 1"]
+        heights = -sensor.lens.ideal_height(
+            rays.first.x, rays.first.w
+        )  # the lens inverts the image; without distortion
+    return [
+        aperture,
+        "ENVD 20 1 0",
+        "GFAC 0 0",
+        f"FTYP 1 {int(sensor.lens.TELECENTRIC)} {FIELDS} 1 0 0 0 1",
+        "ROPD 2",
+        "PICB 1",
+        f"XFLN {' '.join(['0'] * 12)}",
+        f"YFLN {' '.join([*map(_number, heights), *['0'] * (12 - FIELDS)])}",
+        f"FWGN {' '.join(['1'] * 12)}",
+        f"WAVM 1 {WAVELENGTH_UM} 1",
+        "PWAV 1",
+    ]
 
 
 def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
@@ -138,7 +179,9 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         stop.append(f"  PARM 1 {_number(focal)}")
     mirror, folds = aspheres[0], []
     if second is not None:
-        folds = [_mirror("secondary", aspheres[1], -second.distance_mm, second.mirror.rim_radius_mm)]
+        folds = [
+            _mirror("secondary", aspheres[1], -second.distance_mm, second.mirror.rim_radius_mm)
+        ]
         mirror = aspheres[0].reversed()
     last = _mirror("mirror", mirror, 0.0, sensor.mirror.rim_radius_mm)
     end = ["  COMM directions", *_shape(mirror), "  DISZ 0", _diameter(sensor.mirror.rim_radius_mm)]
@@ -147,7 +190,13 @@ def _surfaces(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
 
 
 def _mirror(name: str, asphere: Asphere, to_next: float, rim: float) -> list[str]:
-    return [f"  COMM {name}", *_shape(asphere), "  GLAS MIRROR 0 0 1.5 40", f"  DISZ {_number(to_next)}", _diameter(rim)]
+    return [
+        f"  COMM {name}",
+        *_shape(asphere),
+        "  GLAS MIRROR 0 0 1.5 40",
+        f"  DISZ {_number(to_next)}",
+        _diameter(rim),
+    ]
 
 
 def _diameter(radius: float) -> str:

@@ -71,11 +71,15 @@ class RandomFigure:
         number("exponent", self.exponent, low=0.0, high=10.0)
         low, high = self.orders
         if not (LOWEST_ORDER <= low <= high <= MAX_ORDER and (low, high) == (int(low), int(high))):
-            raise InvalidParameter(f"orders must be between {LOWEST_ORDER} and {MAX_ORDER}, in ascending order; got {low:g} to {high:g}")
+            raise InvalidParameter(
+                f"orders must be between {LOWEST_ORDER} and {MAX_ORDER}, in ascending order; got {low:g} to {high:g}"
+            )
         sizes = [self.rms_um, self.peak_to_valley_um, self.slope_mrad]
         specified = [size for size in sizes if size is not None]
         if len(specified) != 1 or not 0 < specified[0] < np.inf:
-            raise InvalidParameter("exactly one of rms_um, peak_to_valley_um and slope_mrad must be given, and it must be positive")
+            raise InvalidParameter(
+                "exactly one of rms_um, peak_to_valley_um and slope_mrad must be given, and it must be positive"
+            )
 
     def sigmas_um(self, rim_mm: float) -> dict[int, float]:
         """Return the standard deviation of each Zernike term.
@@ -130,7 +134,10 @@ def _slope_mrad(sigmas: dict[int, float], rim_mm: float) -> float:
 
 def figure_tolerances(mirror: Mirror, figure: RandomFigure) -> dict[str, float]:
     """Return normal tolerances (two sigma) of a random figure by error source."""
-    return {f"mirror.zernike_{j}_um": 2 * sigma for j, sigma in figure.sigmas_um(mirror.rim_radius_mm).items()}
+    return {
+        f"mirror.zernike_{j}_um": 2 * sigma
+        for j, sigma in figure.sigmas_um(mirror.rim_radius_mm).items()
+    }
 
 
 MIN_UM = 1e-6  # rounding errors, rms
@@ -175,9 +182,15 @@ def load_measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> M
     1.0
     """
     result = form_error(mirror, read_points(path, unit))
-    terms = [term for term in result.terms if 1 < term.noll <= TERMS and abs(term.um) > max(term.sigma_um, MIN_UM)]
+    terms = [
+        term
+        for term in result.terms
+        if 1 < term.noll <= TERMS and abs(term.um) > max(term.sigma_um, MIN_UM)
+    ]
     if not terms:
-        raise InvalidParameter(f"the form error in {path} must exceed its noise of {result.noise_um:.3g} um")
+        raise InvalidParameter(
+            f"the form error in {path} must exceed its noise of {result.noise_um:.3g} um"
+        )
     return MirrorForm(tuple(term.noll for term in terms), tuple(term.um for term in terms))
 
 
@@ -203,7 +216,12 @@ class FormEffect:
 
     def to_dict(self) -> dict[str, Any]:
         """Convert to a JSON-serialisable dictionary."""
-        return {"nominal": dict(self.nominal), "as_built": dict(self.as_built), "lost_rays": self.lost_rays, "untraced_um": self.untraced_um}
+        return {
+            "nominal": dict(self.nominal),
+            "as_built": dict(self.as_built),
+            "lost_rays": self.lost_rays,
+            "untraced_um": self.untraced_um,
+        }
 
 
 @validate_arguments
@@ -243,8 +261,12 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     _check_its_mirror(sensor, form)
     evaluator, names = TrialEvaluator.of(sensor), merit_names()
     amounts = {term.noll: term.um for term in form.terms}
-    values = {f"mirror.zernike_{j}_um": np.array([0.0, amounts.get(j, 0.0)]) for j in range(1, TERMS + 1)}
-    meant, made = (dict(zip(names, row.tolist(), strict=True)) for row in evaluator.evaluate(values))
+    values = {
+        f"mirror.zernike_{j}_um": np.array([0.0, amounts.get(j, 0.0)]) for j in range(1, TERMS + 1)
+    }
+    meant, made = (
+        dict(zip(names, row.tolist(), strict=True)) for row in evaluator.evaluate(values)
+    )
     lost, _ = int(made.pop("lost_rays")), meant.pop("lost_rays")
     beyond = float(np.sqrt(sum(um**2 for j, um in amounts.items() if j > TERMS)))
     return FormEffect(meant, made, lost, beyond)
@@ -295,11 +317,15 @@ def as_built(sensor: Sensor, form: FormError, *, asymmetric: bool = False) -> Se
     if second is not None:  # mirror positions of folded sensors are distances
         farther = replace(second, distance_mm=second.distance_mm + away)
         distance = sensor.mirror_distance_mm + away
-        return replace(sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance)
+        return replace(
+            sensor, mirror=form.corrected(), secondary=farther, mirror_distance_mm=distance
+        )
     displaced = replace(pose, displacement_mm=pose.displacement_mm + away)
     return replace(sensor, mirror=form.corrected(), mirror_pose=displaced)
 
 
 def _check_its_mirror(sensor: Sensor, form: FormError) -> None:
     if form.mirror != sensor.mirror:
-        raise InvalidParameter(f"form must belong to the mirror of {sensor.name!r}; got the form error of another mirror")
+        raise InvalidParameter(
+            f"form must belong to the mirror of {sensor.name!r}; got the form error of another mirror"
+        )

@@ -48,7 +48,15 @@ class SensorImages(NamedTuple):
     """Lost objects (n,)."""
 
 
-def sequential_images(sensor: Sensor, values: Mapping[str, Array], count: int, targets: RayEndpoints, *, refocus: Refocus = "none", rim_slack: float = RIM_SLACK) -> tuple[TrialImages, NDArray[np.bool_], Array]:
+def sequential_images(
+    sensor: Sensor,
+    values: Mapping[str, Array],
+    count: int,
+    targets: RayEndpoints,
+    *,
+    refocus: Refocus = "none",
+    rim_slack: float = RIM_SLACK,
+) -> tuple[TrialImages, NDArray[np.bool_], Array]:
     """Compute images of trials (t,), lost objects (t, n), and focus distances (t,) in mm, one at a time.
 
     Physically impossible sensors, for example with a mirror that intersects its tube, lose all objects.
@@ -62,13 +70,25 @@ def sequential_images(sensor: Sensor, values: Mapping[str, Array], count: int, t
         except OmnimirrorError:
             blank = np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.nan
             shown.append(SensorImages(*blank, np.ones(n, dtype=bool)))
-    offsets, blur = (np.stack([getattr(one, name) for one in shown]) for name in ("offsets_px", "blur_px"))
+    offsets, blur = (
+        np.stack([getattr(one, name) for one in shown]) for name in ("offsets_px", "blur_px")
+    )
     focus = np.array([one.focus_mm for one in shown])
     by_direction = np.full((count, n, 2, 3), np.nan)
-    return (TrialImages(offsets, blur, by_direction, 1 / focus), np.stack([one.lost for one in shown]), focus)
+    return (
+        TrialImages(offsets, blur, by_direction, 1 / focus),
+        np.stack([one.lost for one in shown]),
+        focus,
+    )
 
 
-def images_within_rim(built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus: Refocus = "none", rim_slack: float = RIM_SLACK) -> SensorImages:
+def images_within_rim(
+    built: Sensor,
+    nominal: Sensor,
+    targets: RayEndpoints,
+    refocus: Refocus = "none",
+    rim_slack: float = RIM_SLACK,
+) -> SensorImages:
     """Compute the images of one sensor; reduce the aperture if a secondary mirror vignettes the
     rim.
     """
@@ -79,15 +99,25 @@ def images_within_rim(built: Sensor, nominal: Sensor, targets: RayEndpoints, ref
             raise
         mirror: Any = built.mirror
         satisfies_limit = replace(mirror, rim_radius_mm=SEEN * mirror.rim_radius_mm)
-        return sensor_images(replace(built, mirror=satisfies_limit), nominal, targets, refocus, rim_slack)
+        return sensor_images(
+            replace(built, mirror=satisfies_limit), nominal, targets, refocus, rim_slack
+        )
 
 
-def sensor_images(built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus: Refocus = "none", rim_slack: float = RIM_SLACK) -> SensorImages:
+def sensor_images(
+    built: Sensor,
+    nominal: Sensor,
+    targets: RayEndpoints,
+    refocus: Refocus = "none",
+    rim_slack: float = RIM_SLACK,
+) -> SensorImages:
     """Compute the images of targets in one sensor, in px from the centre of the nominal sensor."""
     n, train = len(targets.xyz), built.optical_train
     result = train.chief_rays_to(targets)
     lost = ~(result.valid if rim_slack <= RIM_SLACK else result.reflects)
-    pupils = train.entrance_pupil_points(np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0))
+    pupils = train.entrance_pupil_points(
+        np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0)
+    )
     each = RayEndpoints(np.repeat(targets.spread(n).xyz, 4, axis=0), targets.distant)
     beside = train.effective_mirror.specular(pupils, each, np.repeat(result.points, 4, axis=0))
 
@@ -95,7 +125,9 @@ def sensor_images(built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus
         """Return offsets (n, 2) in px and blur matrices (n, 2, 2)."""
         lens, offset = sensor.lens, sensor.optical_train.lens_offset
         flat = lens.image_of(result.facing_points - offset, result.to_pupils)
-        round_about = lens.image_of(beside.facing_points - offset, beside.to_pupils).reshape(n, 4, 2)
+        round_about = lens.image_of(beside.facing_points - offset, beside.to_pupils).reshape(
+            n, 4, 2
+        )
         at, sides = _on_imager(sensor, flat), _on_imager(sensor, round_about)
         blur = np.stack([sides[:, 0] - sides[:, 1], sides[:, 2] - sides[:, 3]], axis=-1) / EDGE_PX
         return at, blur + _by_leaning(sensor, flat, result.to_pupils)
@@ -106,7 +138,12 @@ def sensor_images(built: Sensor, nominal: Sensor, targets: RayEndpoints, refocus
         offsets, blur = imaged(built)
     moved = np.subtract(built.imager.centre, nominal.imager.centre)
     blank = np.where(lost, np.nan, 1.0)
-    return SensorImages((offsets + moved) * blank[:, None], blur * blank[:, None, None], built.lens.focus_distance_mm, lost)
+    return SensorImages(
+        (offsets + moved) * blank[:, None],
+        blur * blank[:, None, None],
+        built.lens.focus_distance_mm,
+        lost,
+    )
 
 
 def _on_imager(sensor: Sensor, flat_mm: Array) -> Array:
@@ -135,7 +172,9 @@ def _by_leaning(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
         return _on_imager(sensor, lens.image_of(middle, ahead))
 
     steps = TANGENT * np.eye(2)
-    widen = np.stack([(place(tangents + s) - place(tangents - s)) / (2 * TANGENT) for s in steps], axis=-1)
+    widen = np.stack(
+        [(place(tangents + s) - place(tangents - s)) / (2 * TANGENT) for s in steps], axis=-1
+    )
     added: Array = 2 * lens.aperture_radius * more[:, None, None] * widen
     return added
 
@@ -199,23 +238,41 @@ class Field:
     def __len__(self) -> int:
         return len(self.targets)
 
-    def picture(self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK) -> TrialImages:
+    def picture(
+        self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK
+    ) -> TrialImages:
         """Compute the images of sensors with errors; see :func:`.states_of`."""
         return self.shown(values, count, rim_slack=rim_slack)[0]
 
-    def shown(self, values: Values, count: int | None = None, *, refocus: Refocus = "none", rim_slack: float = RIM_SLACK) -> tuple[TrialImages, NDArray[np.bool_], Array]:
+    def shown(
+        self,
+        values: Values,
+        count: int | None = None,
+        *,
+        refocus: Refocus = "none",
+        rim_slack: float = RIM_SLACK,
+    ) -> tuple[TrialImages, NDArray[np.bool_], Array]:
         """Compute images of sensors (t,), lost objects (t, n), and focus distances (t,) in mm."""
         if not is_vectorised(self.sensor, values):
             trials = next((len(v) for v in values.values()), 1) if count is None else count
             ends = RayEndpoints(self.targets, self.distant)
-            return sequential_images(self.sensor, values, trials, ends, refocus=refocus, rim_slack=rim_slack)
+            return sequential_images(
+                self.sensor, values, trials, ends, refocus=refocus, rim_slack=rim_slack
+            )
         states = states_of(self.sensor, values, count)
         result = trace_objects(states, self.targets, self.distant, self.start, rim_slack)
         shown = form_images(states, result, refocus)
         return shown, result.lost, 1 / shown.vergence + states.focal_mm - states.breathing_mm
 
 
-def field_of(sensor: Sensor, *, field_deg: tuple[float, float] | None = None, angles: int = ANGLES, azimuths: int = AZIMUTHS, object_distance_mm: float = np.inf) -> Field:
+def field_of(
+    sensor: Sensor,
+    *,
+    field_deg: tuple[float, float] | None = None,
+    angles: int = ANGLES,
+    azimuths: int = AZIMUTHS,
+    object_distance_mm: float = np.inf,
+) -> Field:
     """Distribute objects over the field of a sensor.
 
     Parameters
@@ -249,15 +306,25 @@ def field_of(sensor: Sensor, *, field_deg: tuple[float, float] | None = None, an
     if not sensor.is_axial:  # misalignments in the file are errors relative to the aligned sensor
         displaced = MirrorPose(displacement_mm=sensor.mirror_pose.displacement_mm)
         sensor = replace(sensor.aligned(), mirror_pose=displaced)
-    is_bare = sensor.secondary is None and sensor.housing.shell is None  # other sensors are obscured in the centre
+    is_bare = (
+        sensor.secondary is None and sensor.housing.shell is None
+    )  # other sensors are obscured in the centre
     smallest, largest = sensor.field_deg if is_bare else sensor.clear_field_deg
     inner = smallest if is_bare or not smallest else smallest + (1 - EDGE) * (largest - smallest)
-    requested = (inner, EDGE * largest) if field_deg is None else numbers("field_deg", field_deg, "two numbers")
+    requested = (
+        (inner, EDGE * largest)
+        if field_deg is None
+        else numbers("field_deg", field_deg, "two numbers")
+    )
     low, high = (float(angle) for angle in requested)
     if not smallest - 1e-9 <= low < high <= largest + 1e-9:
-        raise InvalidParameter(f"field_deg must be an ascending range within the field of {sensor.name!r}, {smallest:.4g} to {largest:.4g} deg; got {low:g} to {high:g}")
+        raise InvalidParameter(
+            f"field_deg must be an ascending range within the field of {sensor.name!r}, {smallest:.4g} to {largest:.4g} deg; got {low:g} to {high:g}"
+        )
     if angles < 1 or azimuths < 3:
-        raise InvalidParameter(f"angles must be at least 1 and azimuths at least 3; got {angles} and {azimuths}")
+        raise InvalidParameter(
+            f"angles must be at least 1 and azimuths at least 3; got {angles} and {azimuths}"
+        )
     if not object_distance_mm > 0:
         raise InvalidParameter(f"object_distance_mm must be positive; got {object_distance_mm:g}")
     on_axis = low <= 0
@@ -285,7 +352,9 @@ def directions_of(omega_deg: Array, azimuth_deg: Array) -> tuple[Array, Array]:
 
 def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: float) -> Field:
     """Create objects (n,) at given field angles and azimuths."""
-    away, turned = directions_of(omega_deg, azimuth_deg)  # mirror and camera frame coincide without errors
+    away, turned = directions_of(
+        omega_deg, azimuth_deg
+    )  # mirror and camera frame coincide without errors
     azimuth = np.radians(azimuth_deg)
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega_deg)))
@@ -297,7 +366,9 @@ def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: flo
     bare = Field(sensor, targets, distant, start, omega_deg, omega_deg, omega_deg, azimuth_deg)
     shown, lost, _ = bare.shown({}, count=1)
     if lost.any():
-        raise InvalidParameter(f"field_deg must be within the unobscured field of {sensor.name!r}, {sensor.clear_field_deg[0]:.4g} to {sensor.clear_field_deg[1]:.4g} deg; rays at {omega_deg[lost[0]][0]:.4g} deg are lost")
+        raise InvalidParameter(
+            f"field_deg must be within the unobscured field of {sensor.name!r}, {sensor.clear_field_deg[0]:.4g} to {sensor.clear_field_deg[1]:.4g} deg; rays at {omega_deg[lost[0]][0]:.4g} deg are lost"
+        )
     if is_vectorised(sensor):
         px_per_deg = np.radians(shown.by_direction[0] @ turned)
     else:
@@ -313,6 +384,8 @@ def _px_per_deg(field: Field, points: Array, distance: float, turned: Array) -> 
         for sign in (1, -1):
             moved = field.targets + sign * step * (1.0 if field.distant else distance)
             unit = np.linalg.norm(moved, axis=1, keepdims=True) if field.distant else 1.0
-            ends.append(replace(field, targets=moved / unit).picture({}, 1, rim_slack=BEYOND).offsets_px[0])
+            ends.append(
+                replace(field, targets=moved / unit).picture({}, 1, rim_slack=BEYOND).offsets_px[0]
+            )
         columns.append((ends[0] - ends[1]) / (2 * STEP_DEG))
     return np.stack(columns, axis=-1)

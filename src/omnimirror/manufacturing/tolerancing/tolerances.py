@@ -100,7 +100,9 @@ class Tolerance:
         choice("distribution", self.distribution, DISTRIBUTIONS)
         value = number("tolerance", self.value)
         if value != 0 and not MIN_TOLERANCE <= value <= MAX_TOLERANCE:
-            raise InvalidParameter(f"tolerance must be 0, or between {MIN_TOLERANCE:g} and {MAX_TOLERANCE:g}; got {value:g}")
+            raise InvalidParameter(
+                f"tolerance must be 0, or between {MIN_TOLERANCE:g} and {MAX_TOLERANCE:g}; got {value:g}"
+            )
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,9 @@ class Tolerances:
         if not 0 <= count <= BLOCK:
             raise InvalidParameter(f"count must be between 0 and {BLOCK}; got {count}")
         random = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, block])))
-        return self.at(np.maximum(random.random((BLOCK, len(self.errors)))[:count], MIN_PROBABILITY))
+        return self.at(
+            np.maximum(random.random((BLOCK, len(self.errors)))[:count], MIN_PROBABILITY)
+        )
 
     def at(self, shares: Array) -> dict[str, Array]:
         """Transform probabilities (t, n) in (0, 1) to errors.
@@ -214,7 +218,10 @@ class Tolerances:
 
             shares = ndtr(ndtri(shares) @ self._mixing().T)
         columns = zip(self.errors.items(), shares.T, strict=True)
-        drawn_ = {name: t.value * drawn(t.distribution, np.ascontiguousarray(share)) for (name, t), share in columns}
+        drawn_ = {
+            name: t.value * drawn(t.distribution, np.ascontiguousarray(share))
+            for (name, t), share in columns
+        }
         return self.expand_forms(drawn_)
 
     def expand_forms(self, values: Mapping[str, Array]) -> dict[str, Array]:
@@ -254,18 +261,28 @@ class Tolerances:
         matrix = np.eye(len(self.errors))
         for pair, value in self.correlations.items():
             if not (isinstance(pair, tuple) and len(pair) == 2):
-                raise InvalidParameter(f"keys of correlations must be pairs of error names; got {format_value(pair)}")
+                raise InvalidParameter(
+                    f"keys of correlations must be pairs of error names; got {format_value(pair)}"
+                )
             first, second = pair
             for name in (first, second):
                 if name not in self.errors:
-                    raise InvalidParameter(f"the correlation of {first} and {second} requires a tolerance of {name}")
+                    raise InvalidParameter(
+                        f"the correlation of {first} and {second} requires a tolerance of {name}"
+                    )
             if first == second:
-                raise InvalidParameter(f"correlations must be between two different errors; got {first} twice")
+                raise InvalidParameter(
+                    f"correlations must be between two different errors; got {first} twice"
+                )
             if not -1 <= value <= 1:
-                raise InvalidParameter(f"the correlation of {first} and {second} must be between -1 and 1; got {value:g}")
+                raise InvalidParameter(
+                    f"the correlation of {first} and {second} must be between -1 and 1; got {value:g}"
+                )
             i, j = self.names.index(first), self.names.index(second)
             matrix[i, j] = matrix[j, i] = value
         values, vectors = np.linalg.eigh(matrix)
         if values[0] < -1e-9:
-            raise InvalidParameter("correlations must form a positive semidefinite matrix; reduce one of them")
+            raise InvalidParameter(
+                "correlations must form a positive semidefinite matrix; reduce one of them"
+            )
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)

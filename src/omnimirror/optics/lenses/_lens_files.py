@@ -19,7 +19,9 @@ from ._sequential_tracing import SEARCH_TANGENTS, Sequence, Traced, chief_height
 # -- Files named in lens tables --------------------------------------------------------------------
 
 
-def split_file_entry(table: dict[str, Any], folder: Path | None, entry: str, noun: str) -> tuple[dict[str, Any], Path | None]:
+def split_file_entry(
+    table: dict[str, Any], folder: Path | None, entry: str, noun: str
+) -> tuple[dict[str, Any], Path | None]:
     """Return the table without an entry that names a file, and the file; None if it names none.
 
     Only files named on the user's command line have a ``folder``; with None, the table must not
@@ -50,7 +52,9 @@ def split_file_entry(table: dict[str, Any], folder: Path | None, entry: str, nou
 # -- Lens tables in CSV files ----------------------------------------------------------------------
 
 
-def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[str, ...]) -> dict[str, Any]:
+def read_lens_table(
+    table: dict[str, Any], folder: Path | None, columns: tuple[str, ...]
+) -> dict[str, Any]:
     """Return a lens table with the columns of its CSV ``file`` instead of the file name.
 
     Raises
@@ -63,22 +67,33 @@ def read_lens_table(table: dict[str, Any], folder: Path | None, columns: tuple[s
     if path is None:
         return entries
     text = read_text(path, "lens table", SpecError)
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    lines = [
+        (i, line)
+        for i, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
     if not lines:
         raise SpecError(f"{path} is empty; a lens table must start with a row of column names")
-    rows = [(number, row) for (number, _), row in zip(lines, csv.reader(line for _, line in lines), strict=True)]
+    rows = [
+        (number, row)
+        for (number, _), row in zip(lines, csv.reader(line for _, line in lines), strict=True)
+    ]
     names = [name.strip() for name in rows[0][1]]
     for name in names:
         if name not in columns:
             valid = ", ".join(columns)
-            raise SpecError(f"{path} line {rows[0][0]}: unknown column {format_value(name)}; use {valid}")
+            raise SpecError(
+                f"{path} line {rows[0][0]}: unknown column {format_value(name)}; use {valid}"
+            )
     columns_by_name: dict[str, list[float]] = {name: [] for name in names}
     for number, row in rows[1:]:
         try:
             for name, cell in zip(names, row, strict=True):
                 columns_by_name[name].append(parse_float(cell))
         except ValueError:
-            raise SpecError(f"{path} line {number}: the row must contain {len(names)} numbers, one per column; got {format_value(','.join(row))}") from None
+            raise SpecError(
+                f"{path} line {number}: the row must contain {len(names)} numbers, one per column; got {format_value(','.join(row))}"
+            ) from None
     return columns_by_name | entries
 
 
@@ -89,7 +104,16 @@ SHAPES = ("STANDARD", "EVENASPH")
 LINES_UM = (0.4861327, 0.5875618, 0.6562725)  # F, d and C, for files without wavelengths
 MAX_FOCUS_MM = 1e6  # finite substitute for a focus at infinity
 MODEL_GLASS = "___BLANK"
-PER_SURFACE = ("curvature_per_mm", "thickness_mm", "index", "conic", "edge_mm", "clear_mm", "index_short", "index_long")
+PER_SURFACE = (
+    "curvature_per_mm",
+    "thickness_mm",
+    "index",
+    "conic",
+    "edge_mm",
+    "clear_mm",
+    "index_short",
+    "index_long",
+)
 
 
 @dataclass
@@ -161,11 +185,15 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     """
     lens_file = _parse(path, _text(path))
     if len(lens_file.surfaces) < 4:
-        raise lens_file.error(f"the lens must have object, image and at least two surfaces in between (SURF); got {len(lens_file.surfaces)} surfaces")
+        raise lens_file.error(
+            f"the lens must have object, image and at least two surfaces in between (SURF); got {len(lens_file.surfaces)} surfaces"
+        )
     lens = lens_file.surfaces[1:-1]
     stops = [i for i, surface in enumerate(lens, start=1) if surface.is_stop]
     if len(stops) != 1:
-        raise lens_file.error(f"exactly one surface between object and image must be the stop (STOP); got {len(stops)}")
+        raise lens_file.error(
+            f"exactly one surface between object and image must be the stop (STOP); got {len(stops)}"
+        )
     scale = UNITS[lens_file.unit]
     short, primary, long = _wavelengths(lens_file)
     glasses = [_glass(lens_file, surface, catalogue) for surface in lens]
@@ -181,11 +209,17 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     terms = max((k for s in lens if s.is_asphere for k, v in s.terms.items() if v), default=0)
     if terms:
         powers = range(1, terms + 1)
-        table["aspheres"] = [s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0 for s in lens for j in powers]
+        table["aspheres"] = [
+            s.terms.get(j, 0.0) * scale ** (1 - 2 * j) if s.is_asphere else 0.0
+            for s in lens
+            for j in powers
+        ]
     for name, wave in (("index", primary), ("index_short", short), ("index_long", long)):
         table[name] = [_index(lens_file, s, g, wave) for s, g in zip(lens, glasses, strict=True)]
     if not all(np.isfinite(table["thickness_mm"])):
-        raise lens_file.error("distances between lens surfaces must be finite (DISZ); only the object distance may be infinite")
+        raise lens_file.error(
+            "distances between lens surfaces must be finite (DISZ); only the object distance may be infinite"
+        )
     return table | _opening(lens_file, table, scale)
 
 
@@ -193,7 +227,16 @@ def _opening(lens_file: _File, table: dict[str, Any], scale: float) -> dict[str,
     """Return F-number and focus, from the file's aperture and imager position."""
     count = len(table["index"])
     rows = np.reshape(table.get("aspheres", ()), (count, -1))
-    sequence = Sequence(np.array(table["curvature_per_mm"]), np.array(table["conic"]), rows, np.array(table["thickness_mm"]), np.array([1.0, *table["index"]]), np.full(count, np.inf), np.full(count, np.inf), table["stop_surface"] - 1)
+    sequence = Sequence(
+        np.array(table["curvature_per_mm"]),
+        np.array(table["conic"]),
+        rows,
+        np.array(table["thickness_mm"]),
+        np.array([1.0, *table["index"]]),
+        np.full(count, np.inf),
+        np.full(count, np.inf),
+        table["stop_surface"] - 1,
+    )
     paraxial = sequence.paraxial()
     f = paraxial.focal_length
     a, b, c, d = paraxial.back
@@ -208,9 +251,13 @@ def _opening(lens_file: _File, table: dict[str, Any], scale: float) -> dict[str,
     elif kind == "FNUM":
         diameter = f / value
     else:  # limited by the edge of the stop
-        diameter = 2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
+        diameter = (
+            2 * abs(paraxial.pupil_magnification) * table["edge_mm"][table["stop_surface"] - 1]
+        )
     if not (np.isfinite(f) and diameter > 0):
-        raise lens_file.error("the aperture is missing; define it by ENPD, FNUM, or the radius of the stop (DIAM)")
+        raise lens_file.error(
+            "the aperture is missing; define it by ENPD, FNUM, or the radius of the stop (DIAM)"
+        )
     opening = {"f_number": abs(f) / diameter, "focus_distance_mm": float(distance)}
     tangent = _field_tangent(lens_file, sequence, scale, float(distance), to_imager)
     if not tangent > 0:
@@ -219,7 +266,9 @@ def _opening(lens_file: _File, table: dict[str, Any], scale: float) -> dict[str,
     return opening | {"field_max_deg": min(max(max_angle_deg, 1.0), 80.0)}
 
 
-def _field_tangent(lens_file: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float) -> float:
+def _field_tangent(
+    lens_file: _File, sequence: Sequence, scale: float, focus_mm: float, to_imager: float
+) -> float:
     """Return the tangent of the largest field of the file (XFLN, YFLN); 0 if it defines none.
 
     Fields are angles, object heights, paraxial image heights or real image heights (FTYP 0 to 3).
@@ -237,7 +286,9 @@ def _field_tangent(lens_file: _File, sequence: Sequence, scale: float, focus_mm:
     if lens_file.field_type == 2:  # ray of unit slope through the centre of the entrance pupil
         _, b, _, d = paraxial.back
         return max_height / abs((b - a * pupil) + to_imager * (d - c * pupil))
-    traced = Traced(sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm)
+    traced = Traced(
+        sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm
+    )
     heights = traced.land(SEARCH_TANGENTS, chief_heights(traced, SEARCH_TANGENTS)).image[:, 0]
     grows = np.isfinite(heights) & (np.diff(heights, prepend=0.0) > 0)
     count = len(grows) if grows.all() else int(np.argmin(grows))
@@ -269,7 +320,9 @@ def _parse(path: Path, text: str) -> _File:
         except SpecError:
             raise
         except (ValueError, IndexError):
-            raise lens_file.error(f"cannot parse the line {format_value(line.strip())}", number) from None
+            raise lens_file.error(
+                f"cannot parse the line {format_value(line.strip())}", number
+            ) from None
     return lens_file
 
 
@@ -280,7 +333,9 @@ def _parse_line(lens_file: _File, number: int, words: list[str]) -> None:
         lens_file.surfaces.append(_Surface(number))
     elif key == "UNIT":
         if values[0].upper() not in UNITS:
-            raise lens_file.error(f"UNIT must be one of {', '.join(UNITS)}; got {values[0]}", number)
+            raise lens_file.error(
+                f"UNIT must be one of {', '.join(UNITS)}; got {values[0]}", number
+            )
         lens_file.unit = values[0].upper()
     elif key == "MODE" and values[0] != "SEQ":
         raise lens_file.error(f"MODE must be SEQ (sequential); got {values[0]}", number)
@@ -300,12 +355,17 @@ def _parse_line(lens_file: _File, number: int, words: list[str]) -> None:
     elif key == "PWAV":
         lens_file.primary = int(values[0])
     elif key == "MNUM" and int(values[0]) > 1:
-        raise lens_file.error(f"MNUM must be 1; got {values[0]} configurations; save one configuration separately", number)
+        raise lens_file.error(
+            f"MNUM must be 1; got {values[0]} configurations; save one configuration separately",
+            number,
+        )
     elif lens_file.surfaces:
         _parse_surface_line(lens_file, lens_file.surfaces[-1], number, key, values)
 
 
-def _parse_surface_line(lens_file: _File, surface: _Surface, number: int, key: str, values: list[str]) -> None:
+def _parse_surface_line(
+    lens_file: _File, surface: _Surface, number: int, key: str, values: list[str]
+) -> None:
     """Parse one line of a surface."""
     if key == "TYPE":
         if values[0] not in SHAPES:
@@ -321,7 +381,10 @@ def _parse_surface_line(lens_file: _File, surface: _Surface, number: int, key: s
         surface.terms[int(values[0])] = float(values[1])
     elif key == "GLAS":
         if values[0].upper() == "MIRROR":
-            raise lens_file.error("GLAS must be a glass: lenses with mirror surfaces are not supported; got MIRROR", number)
+            raise lens_file.error(
+                "GLAS must be a glass: lenses with mirror surfaces are not supported; got MIRROR",
+                number,
+            )
         surface.glass, surface.line = values, number
     elif key == "DIAM":
         surface.edge = float(values[0])

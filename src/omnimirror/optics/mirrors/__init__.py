@@ -8,8 +8,28 @@ from typing import Any, TypeVar
 from ...base.arguments import InvalidType, format_value
 from ...base.errors import InvalidParameter
 from ...base.registry import Registry
-from .conics_and_aspheres import Cone, ConicAsphere, Ellipsoid, EvenPolynomial, Flat, Hyperboloid, Paraboloid, Sphere
-from .mappings import MAPPINGS, Conformal, CylinderMapping, Equiangular, Equiareal, Equidistant, GroundPlane, Rectifying, TabulatedMapping, UnitAspect
+from .conics_and_aspheres import (
+    Cone,
+    ConicAsphere,
+    Ellipsoid,
+    EvenPolynomial,
+    Flat,
+    Hyperboloid,
+    Paraboloid,
+    Sphere,
+)
+from .mappings import (
+    MAPPINGS,
+    Conformal,
+    CylinderMapping,
+    Equiangular,
+    Equiareal,
+    Equidistant,
+    GroundPlane,
+    Rectifying,
+    TabulatedMapping,
+    UnitAspect,
+)
 from .mirror import RIM_RADIUS, Mirror, Secondary
 from .splines import SampledProfile, SlopeSpline
 
@@ -19,20 +39,38 @@ M = TypeVar("M", bound=Mirror)
 def _check(name: str, cls: Any) -> None:
     """Check that an object is a mirror class with this kind."""
     if not (isinstance(cls, type) and issubclass(cls, Mirror)):
-        raise InvalidType(f"a mirror class must be derived from omnimirror.optics.mirrors.Mirror; got {format_value(cls)}")
+        raise InvalidType(
+            f"a mirror class must be derived from omnimirror.optics.mirrors.Mirror; got {format_value(cls)}"
+        )
     dataclass_parameters = vars(cls).get("__dataclass_params__")
     if dataclass_parameters is None or not dataclass_parameters.frozen:
         raise InvalidParameter(f"{cls.__name__} must be a frozen dataclass of its parameters")
     if (kind := getattr(cls, "KIND", None)) != name:
-        raise InvalidParameter(f"{cls.__name__}.KIND must be {name!r}, its registered name; got {format_value(kind)}")
+        raise InvalidParameter(
+            f"{cls.__name__}.KIND must be {name!r}, its registered name; got {format_value(kind)}"
+        )
     names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
     if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
-        raise InvalidParameter(f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in their order, including rim_radius_mm")
+        raise InvalidParameter(
+            f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in their order, including rim_radius_mm"
+        )
 
 
-SHAPES: tuple[type[Mirror], ...] = (Sphere, Hyperboloid, Paraboloid, Ellipsoid, Cone, EvenPolynomial, ConicAsphere, SampledProfile, SlopeSpline)
+SHAPES: tuple[type[Mirror], ...] = (
+    Sphere,
+    Hyperboloid,
+    Paraboloid,
+    Ellipsoid,
+    Cone,
+    EvenPolynomial,
+    ConicAsphere,
+    SampledProfile,
+    SlopeSpline,
+)
 
-MIRRORS: Registry[type[Mirror]] = Registry("omnimirror.mirrors", "a mirror", {cls.KIND: cls for cls in SHAPES} | MAPPINGS, _check)
+MIRRORS: Registry[type[Mirror]] = Registry(
+    "omnimirror.mirrors", "a mirror", {cls.KIND: cls for cls in SHAPES} | MAPPINGS, _check
+)
 """Mirror classes by their name in sensor files. Add a class to this list, or from another package
 by :func:`register_mirror` or an entry point."""
 

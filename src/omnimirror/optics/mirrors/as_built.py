@@ -61,11 +61,19 @@ class MirrorPose:
     tilt_y_deg: float = 0.0
 
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "decentre_x_mm": Parameter("mm", *SHIFT, "decentring of the vertex to the right in the image"),
+        "decentre_x_mm": Parameter(
+            "mm", *SHIFT, "decentring of the vertex to the right in the image"
+        ),
         "decentre_y_mm": Parameter("mm", *SHIFT, "decentring of the vertex downwards in the image"),
         "displacement_mm": Parameter("mm", *SHIFT, "displacement of the vertex away from the lens"),
-        "tilt_x_deg": Parameter("deg", *TILT, "rotation about the X axis of the image, through the vertex; applied first"),
-        "tilt_y_deg": Parameter("deg", *TILT, "rotation about the Y axis of the image, through the vertex"),
+        "tilt_x_deg": Parameter(
+            "deg",
+            *TILT,
+            "rotation about the X axis of the image, through the vertex; applied first",
+        ),
+        "tilt_y_deg": Parameter(
+            "deg", *TILT, "rotation about the Y axis of the image, through the vertex"
+        ),
     }
 
     def __post_init__(self) -> None:
@@ -84,7 +92,9 @@ class MirrorPose:
 
     def rotation(self) -> Array:
         """Return the rotation (3, 3) from the mirror frame to the camera frame."""
-        (cx, cy), (sx, sy) = (f(np.radians([self.tilt_x_deg, self.tilt_y_deg])) for f in (np.cos, np.sin))
+        (cx, cy), (sx, sy) = (
+            f(np.radians([self.tilt_x_deg, self.tilt_y_deg])) for f in (np.cos, np.sin)
+        )
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
         about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
         rotation: Array = about_y @ about_x
@@ -155,16 +165,25 @@ class MirrorForm:
     zernike: tuple[int, ...] = ()
     um: tuple[float, ...] = ()
 
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {"zernike": Parameter("", 1, TERMS, "Zernike terms of the form error (Noll indices)"), "um": Parameter("um", -1e4, 1e4, "rms of each term over the disk of the rim, along the axis")}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "zernike": Parameter("", 1, TERMS, "Zernike terms of the form error (Noll indices)"),
+        "um": Parameter(
+            "um", -1e4, 1e4, "rms of each term over the disk of the rim, along the axis"
+        ),
+    }
 
     def __post_init__(self) -> None:
         for name, parameter in self.PARAMETERS.items():
             parameter.check(name, getattr(self, name))
         terms = np.array(self.zernike, dtype=float)
         if (terms != np.round(terms)).any() or len(set(terms)) != len(terms):
-            raise InvalidParameter(f"zernike must contain different indices of terms; got {list(self.zernike)}")
+            raise InvalidParameter(
+                f"zernike must contain different indices of terms; got {list(self.zernike)}"
+            )
         if len(self.um) != len(terms):
-            raise InvalidParameter(f"um must have one amplitude for each of the {len(terms)} terms; got {len(self.um)}")
+            raise InvalidParameter(
+                f"um must have one amplitude for each of the {len(terms)} terms; got {len(self.um)}"
+            )
         object.__setattr__(self, "zernike", tuple(int(j) for j in terms))
         object.__setattr__(self, "um", tuple(float(v) for v in self.um))
 
@@ -178,7 +197,9 @@ class MirrorForm:
         """Coefficients (n, n), mm, of (x/rim)^i (y/rim)^j."""
         order = max(noll(j)[0] for j in self.zernike)
         rows = zernike_powers(order)
-        mixed = MM_PER_UM * sum(um * rows[j - 1] for j, um in zip(self.zernike, self.um, strict=True))
+        mixed = MM_PER_UM * sum(
+            um * rows[j - 1] for j, um in zip(self.zernike, self.um, strict=True)
+        )
         square = np.zeros((order + 1, order + 1))
         for i in range(order + 1):
             for j in range(order + 1 - i):
@@ -196,10 +217,14 @@ class MirrorForm:
         rows, columns = ([_derived(w, powers, k) for k in range(3)] for w in (u, v))
 
         def summed(a: int, b: int) -> Array:
-            total: Array = np.einsum("ni,ij,nj->n", rows[a], self._powers, columns[b], optimize=True)
+            total: Array = np.einsum(
+                "ni,ij,nj->n", rows[a], self._powers, columns[b], optimize=True
+            )
             return total / rim_mm ** (a + b)
 
-        return SurfaceHeights(*(summed(a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))))
+        return SurfaceHeights(
+            *(summed(a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
+        )
 
 
 def _derived(w: Array, powers: NDArray[np.intp], times: int) -> Array:

@@ -24,12 +24,34 @@ from ...base.typing import Array
 from .conics_and_aspheres import Hyperboloid, Paraboloid, conic_profile
 from .measured import MAPPING_FILE
 from .mirror import APEX, RIM_RADIUS, near_apex
-from .prescribed_mapping import OMEGA_MIN, THETA_MAX, Curve, MappingMirror, OrthographicMeridian, PerspectiveMeridian, PrescribedMapping, PrescribedMeridian
+from .prescribed_mapping import (
+    OMEGA_MIN,
+    THETA_MAX,
+    Curve,
+    MappingMirror,
+    OrthographicMeridian,
+    PerspectiveMeridian,
+    PrescribedMapping,
+    PrescribedMeridian,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-__all__ = ["MAPPINGS", "Conformal", "CylinderMapping", "Equiangular", "Equiareal", "Equidistant", "GroundPlane", "MappingMirror", "PrescribedMapping", "Rectifying", "TabulatedMapping", "UnitAspect"]
+__all__ = [
+    "MAPPINGS",
+    "Conformal",
+    "CylinderMapping",
+    "Equiangular",
+    "Equiareal",
+    "Equidistant",
+    "GroundPlane",
+    "MappingMirror",
+    "PrescribedMapping",
+    "Rectifying",
+    "TabulatedMapping",
+    "UnitAspect",
+]
 
 
 # -- Mappings for distant objects ------------------------------------------------------------------
@@ -54,7 +76,10 @@ class Equidistant(PrescribedMapping):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equidistant"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": OMEGA_MIN}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **PrescribedMapping.PARAMETERS,
+        "omega_min_deg": OMEGA_MIN,
+    }
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
@@ -81,7 +106,10 @@ class Equiangular(PrescribedMapping):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equiangular"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": OMEGA_MIN}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **PrescribedMapping.PARAMETERS,
+        "omega_min_deg": OMEGA_MIN,
+    }
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, low = coordinates("tau", tau), float(np.radians(self.omega_min_deg))
@@ -89,7 +117,9 @@ class Equiangular(PrescribedMapping):
         if Theta == 0:
             return low + span * tau, np.full_like(tau, span)
         tangent = tau * np.tan(Theta)
-        return low + span / Theta * np.arctan(tangent), span / Theta * np.tan(Theta) / (1 + tangent**2)
+        return low + span / Theta * np.arctan(tangent), span / Theta * np.tan(Theta) / (
+            1 + tangent**2
+        )
 
     @cached_property
     def _meridian(self) -> PrescribedMeridian:
@@ -97,7 +127,12 @@ class Equiangular(PrescribedMapping):
         if Theta == 0:
             return _straight_line(low, self._omega_max)
         alpha = (self._omega_max - low) / Theta
-        return PerspectiveMeridian.of(lambda theta: low + alpha * theta, lambda theta: np.full_like(theta, alpha), lambda theta: -2 / (alpha + 1) * _log_cosine_ratio(low / 2, (alpha + 1) / 2 * theta), Theta)
+        return PerspectiveMeridian.of(
+            lambda theta: low + alpha * theta,
+            lambda theta: np.full_like(theta, alpha),
+            lambda theta: -2 / (alpha + 1) * _log_cosine_ratio(low / 2, (alpha + 1) / 2 * theta),
+            Theta,
+        )
 
 
 def _both(mapping: Callable[[Array], tuple[Array, Array]]) -> tuple[Curve, Curve]:
@@ -108,7 +143,11 @@ def _both(mapping: Callable[[Array], tuple[Array, Array]]) -> tuple[Curve, Curve
 def _straight_line(low: float, high: float) -> OrthographicMeridian:
     """Return the meridian for Omega linear in x from low to high, in closed form."""
     k = high - low
-    return OrthographicMeridian(lambda x: low + k * x, lambda x: np.full_like(x, k), lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x))
+    return OrthographicMeridian(
+        lambda x: low + k * x,
+        lambda x: np.full_like(x, k),
+        lambda x: -2 / k * _log_cosine_ratio(low / 2, k / 2 * x),
+    )
 
 
 def _log_cosine_ratio(a: float, t: Array) -> Array:
@@ -139,7 +178,9 @@ class Conformal(PrescribedMapping):
     @property
     def design_distance(self) -> float:
         surface = self.surface
-        return surface.single_viewpoint_distance if isinstance(surface, Hyperboloid) else float("inf")
+        return (
+            surface.single_viewpoint_distance if isinstance(surface, Hyperboloid) else float("inf")
+        )
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau, Theta, high = coordinates("tau", tau), self._theta_max, np.tan(self._omega_max / 2)
@@ -222,7 +263,10 @@ class Equiareal(PrescribedMapping):
     omega_min_deg: float = 0.0
 
     KIND: ClassVar[str] = "equiareal"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": OMEGA_MIN}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **PrescribedMapping.PARAMETERS,
+        "omega_min_deg": OMEGA_MIN,
+    }
 
     def mapping(self, tau: ArrayLike) -> tuple[Array, Array]:
         tau = coordinates("tau", tau)
@@ -240,7 +284,9 @@ class Equiareal(PrescribedMapping):
         if self.omega_min_deg > 0:
             return OrthographicMeridian.solve(*_both(self.mapping))
         A = 1 / np.sin(self._omega_max / 2)
-        return OrthographicMeridian(*_both(self.mapping), lambda x: x**2 / (A + np.sqrt(A**2 - x**2)))
+        return OrthographicMeridian(
+            *_both(self.mapping), lambda x: x**2 / (A + np.sqrt(A**2 - x**2))
+        )
 
 
 @dataclass(frozen=True)
@@ -385,7 +431,11 @@ class FiniteMapping(PrescribedMapping):
     @cached_property
     def _meridian(self) -> PrescribedMeridian:
         if self.theta_max_deg == 0:
-            return OrthographicMeridian(lambda x: self._angle_and_height(x)[0], lambda x: self._field(x)[1], self._solution.y)
+            return OrthographicMeridian(
+                lambda x: self._angle_and_height(x)[0],
+                lambda x: self._field(x)[1],
+                self._solution.y,
+            )
         return PerspectiveMeridian(self._angle_and_height, self._field_and_height, self._theta_max)
 
     # -- differential equation ---------------------------------------------------------------------
@@ -414,7 +464,9 @@ class FiniteMapping(PrescribedMapping):
         """Return the residual at the rim, which must be at x = 1 and height rim_z."""
         if self.theta_max_deg == 0:
             return y - rim_z
-        return y - float(np.log(1 / (1 / np.tan(self._theta_max) - rim_z) / np.sin(self._theta_max)))
+        return y - float(
+            np.log(1 / (1 / np.tan(self._theta_max) - rim_z) / np.sin(self._theta_max))
+        )
 
     @cached_property
     def _solution(self) -> Solution:
@@ -426,7 +478,9 @@ class FiniteMapping(PrescribedMapping):
                 if size[-4:].max() <= 1e-15 * size.max() or nodes >= MAX_NODES:
                     return solution
             elif nodes >= MAX_NODES:
-                raise InvalidParameter(f"no {self.KIND} mirror at these distances reaches omega_max_deg = {self.omega_max_deg:g} at theta_max_deg = {self.theta_max_deg:g}; reduce the angles or increase the object distance")
+                raise InvalidParameter(
+                    f"no {self.KIND} mirror at these distances reaches omega_max_deg = {self.omega_max_deg:g} at theta_max_deg = {self.theta_max_deg:g}; reduce the angles or increase the object distance"
+                )
             nodes *= 2
 
     def _collocate(self, count: int) -> Solution | None:
@@ -437,7 +491,9 @@ class FiniteMapping(PrescribedMapping):
         t, weights = concentration.t(s), concentration.rate(s) / 2
         integral, last = integral * weights, last * weights
         rim_z = float(np.tan((self._omega_max - self._theta_max) / 2)) / 2  # of a paraboloid
-        y = integral @ np.tan((self._omega_max * t / concentration.end + (t if self.theta_max_deg else 0.0)) / 2)
+        y = integral @ np.tan(
+            (self._omega_max * t / concentration.end + (t if self.theta_max_deg else 0.0)) / 2
+        )
         for _ in range(NEWTON_STEPS):
             with np.errstate(all="ignore"):
                 law = self._law(t, y, rim_z)
@@ -463,8 +519,12 @@ class FiniteMapping(PrescribedMapping):
                 break
         else:
             return None
-        coefficients = np.linalg.solve(chebyshev.chebvander(nodes, count - 1), self._law(t, y, rim_z) * weights * 2)
-        return Solution(concentration, Chebyshev(coefficients, domain=[0.0, 1.0]).integ(lbnd=0.0), rim_z)
+        coefficients = np.linalg.solve(
+            chebyshev.chebvander(nodes, count - 1), self._law(t, y, rim_z) * weights * 2
+        )
+        return Solution(
+            concentration, Chebyshev(coefficients, domain=[0.0, 1.0]).integ(lbnd=0.0), rim_z
+        )
 
 
 @lru_cache(maxsize=8)
@@ -497,7 +557,12 @@ class GroundPlane(FiniteMapping):
     plane_distance_mm: float
 
     KIND: ClassVar[str] = "ground-plane"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "plane_distance_mm": Parameter("mm", *DISTANCE, "distance from the mirror vertex to the plane beyond the lens (H)")}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **PrescribedMapping.PARAMETERS,
+        "plane_distance_mm": Parameter(
+            "mm", *DISTANCE, "distance from the mirror vertex to the plane beyond the lens (H)"
+        ),
+    }
     MAX_OMEGA_DEG: ClassVar[float] = 90.0
 
     def _target(self, tau: Any, rim_z: Any) -> tuple[Any, Any]:
@@ -523,12 +588,25 @@ class CylinderMapping(FiniteMapping):
     cylinder_radius_mm: float
 
     KIND: ClassVar[str] = "cylinder"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {**PrescribedMapping.PARAMETERS, "omega_min_deg": Parameter("deg", 1.0, OMEGA_MIN.high, "field angle at the image centre; greater than 0 for a pointed mirror"), "cylinder_radius_mm": Parameter("mm", *DISTANCE, "radius of the cylinder, greater than that of the rim")}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        **PrescribedMapping.PARAMETERS,
+        "omega_min_deg": Parameter(
+            "deg",
+            1.0,
+            OMEGA_MIN.high,
+            "field angle at the image centre; greater than 0 for a pointed mirror",
+        ),
+        "cylinder_radius_mm": Parameter(
+            "mm", *DISTANCE, "radius of the cylinder, greater than that of the rim"
+        ),
+    }
 
     def __post_init__(self) -> None:
         check_fields(self)
         if self.cylinder_radius_mm <= self.rim_radius_mm:
-            raise InvalidParameter(f"cylinder_radius_mm must be greater than rim_radius_mm = {self.rim_radius_mm:g}; got {self.cylinder_radius_mm:g}")
+            raise InvalidParameter(
+                f"cylinder_radius_mm must be greater than rim_radius_mm = {self.rim_radius_mm:g}; got {self.cylinder_radius_mm:g}"
+            )
         super().__post_init__()
 
     def _target(self, tau: Any, rim_z: Any) -> tuple[Any, Any]:
@@ -538,7 +616,9 @@ class CylinderMapping(FiniteMapping):
         return R, low + (high - low) * tau
 
     def _poles(self) -> tuple[float, float]:
-        start, end = (1 / math.tan(omega) for omega in (math.radians(self.omega_min_deg), self._omega_max))
+        start, end = (
+            1 / math.tan(omega) for omega in (math.radians(self.omega_min_deg), self._omega_max)
+        )
         return start / (start - end), 1 / (start - end)
 
 
@@ -558,15 +638,21 @@ def check_rows(omega_deg: Sequence[float], height: Sequence[float]) -> None:
         centre.
     """
     if len(omega_deg) != len(height):
-        raise InvalidParameter(f"omega_deg and height must have equally many values; got {len(omega_deg)} and {len(height)}")
+        raise InvalidParameter(
+            f"omega_deg and height must have equally many values; got {len(omega_deg)} and {len(height)}"
+        )
     if len(omega_deg) <= DEGREE:
-        raise InvalidParameter(f"omega_deg must have at least {DEGREE + 1} values; got {len(omega_deg)}")
+        raise InvalidParameter(
+            f"omega_deg must have at least {DEGREE + 1} values; got {len(omega_deg)}"
+        )
     if height[0] != 0.0:
         raise InvalidParameter(f"height must start with 0, at the image centre; got {height[0]:g}")
     for name, column in (("omega_deg", omega_deg), ("height", height)):
         if not np.all(np.diff(column) > 0):
             i = int(np.argmin(np.diff(column) > 0))
-            raise InvalidParameter(f"{name} must increase; got {column[i]:g} and {column[i + 1]:g} in rows {i + 1} and {i + 2}")
+            raise InvalidParameter(
+                f"{name} must increase; got {column[i]:g} and {column[i + 1]:g} in rows {i + 1} and {i + 2}"
+            )
 
 
 @dataclass(frozen=True)
@@ -599,7 +685,16 @@ class TabulatedMapping(MappingMirror):
 
     KIND: ClassVar[str] = "tabulated-mapping"
     FILES = (MAPPING_FILE,)
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {"omega_deg": Parameter("deg", 0.0, 179.0, "field angles, increasing from the image centre to the rim"), "height": Parameter("", 0.0, 1e9, "image heights at these angles in any unit, increasing from 0"), "theta_max_deg": THETA_MAX, "rim_radius_mm": RIM_RADIUS}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "omega_deg": Parameter(
+            "deg", 0.0, 179.0, "field angles, increasing from the image centre to the rim"
+        ),
+        "height": Parameter(
+            "", 0.0, 1e9, "image heights at these angles in any unit, increasing from 0"
+        ),
+        "theta_max_deg": THETA_MAX,
+        "rim_radius_mm": RIM_RADIUS,
+    }
 
     def __post_init__(self) -> None:
         self._take_columns(self.omega_deg, self.height)
@@ -613,7 +708,9 @@ class TabulatedMapping(MappingMirror):
         object.__setattr__(self, "height", floats("height", height))
 
     @classmethod
-    def unchecked(cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float) -> TabulatedMapping:
+    def unchecked(
+        cls, omega_deg: Array, height: Array, theta_max_deg: float, rim_radius_mm: float
+    ) -> TabulatedMapping:
         """Create a mirror without the costly check of its surface, for iterations."""
         mirror = object.__new__(cls)
         mirror._take_columns(omega_deg, height)
@@ -629,7 +726,15 @@ class TabulatedMapping(MappingMirror):
         return self
 
     @classmethod
-    def from_function(cls, height: Callable[[Array], ArrayLike], omega_max_deg: float, theta_max_deg: float, rim_radius_mm: float, omega_min_deg: float = 0.0, tolerance: float = 1e-11) -> TabulatedMapping:
+    def from_function(
+        cls,
+        height: Callable[[Array], ArrayLike],
+        omega_max_deg: float,
+        theta_max_deg: float,
+        rim_radius_mm: float,
+        omega_min_deg: float = 0.0,
+        tolerance: float = 1e-11,
+    ) -> TabulatedMapping:
         """Create the mirror of a function from field angles (n,) to image heights.
 
         Rows are added until the spline agrees with the function halfway between rows, within
@@ -648,7 +753,9 @@ class TabulatedMapping(MappingMirror):
         4.072351768
         """
         if not callable(height):
-            raise InvalidType(f"height must be a function of field angles (n,) in radians; got {format_value(height)}")
+            raise InvalidType(
+                f"height must be a function of field angles (n,) in radians; got {format_value(height)}"
+            )
         low, high = number("omega_min_deg", omega_min_deg), number("omega_max_deg", omega_max_deg)
         tolerance = number("tolerance", tolerance, above=0.0)
         rows = 64
@@ -659,9 +766,13 @@ class TabulatedMapping(MappingMirror):
             between = (omega[1:] + omega[:-1]) / 2
             h, heights_between = (coordinates("height(omega)", height(a)) for a in (omega, between))
             if (h.shape, heights_between.shape) != (omega.shape, between.shape):
-                raise InvalidParameter(f"the mapping function must return one height per field angle, shape ({len(omega)},); got {h.shape}")
+                raise InvalidParameter(
+                    f"the mapping function must return one height per field angle, shape ({len(omega)},); got {h.shape}"
+                )
             if not (np.isfinite(h).all() and np.isfinite(heights_between).all()):
-                raise InvalidParameter("the mapping function must return finite heights over the field")
+                raise InvalidParameter(
+                    "the mapping function must return finite heights over the field"
+                )
             mirror = cls(tuple(np.degrees(omega)), tuple(h), theta_max_deg, rim_radius_mm)
             angles, rate = mirror.mapping(heights_between / h[-1])
             error = float(np.abs((angles - between) / rate).max())
@@ -669,7 +780,9 @@ class TabulatedMapping(MappingMirror):
                 return mirror
             rows *= 2
             if rows > MAX_ROWS:
-                raise InvalidParameter(f"the mapping function must be smooth: the error with {MAX_ROWS} rows is {error:.2g} of the rim's height; use a table, or a tolerance above {tolerance:g}")
+                raise InvalidParameter(
+                    f"the mapping function must be smooth: the error with {MAX_ROWS} rows is {error:.2g} of the rim's height; use a table, or a tolerance above {tolerance:g}"
+                )
 
     @cached_property
     def _splines(self) -> tuple[BSpline, BSpline]:
@@ -698,5 +811,18 @@ class TabulatedMapping(MappingMirror):
 
 # -- Registry of mappings --------------------------------------------------------------------------
 
-MAPPINGS: dict[str, type[MappingMirror]] = {cls.KIND: cls for cls in (Equidistant, Equiangular, Conformal, UnitAspect, Equiareal, Rectifying, GroundPlane, CylinderMapping, TabulatedMapping)}
+MAPPINGS: dict[str, type[MappingMirror]] = {
+    cls.KIND: cls
+    for cls in (
+        Equidistant,
+        Equiangular,
+        Conformal,
+        UnitAspect,
+        Equiareal,
+        Rectifying,
+        GroundPlane,
+        CylinderMapping,
+        TabulatedMapping,
+    )
+}
 """Mappings by name, which is also the kind of the mirror."""

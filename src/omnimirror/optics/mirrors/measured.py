@@ -109,14 +109,20 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
         fit, residuals, residual = _smooth(x, z, smooth_apex, used, noise)
         size = np.where(used, np.abs(residuals), 0.0)
         typical = MAD_TO_SIGMA * float(np.median(size[used]))
-        outliers = size > max(MAX_DEVIATION * max(noise, typical), size.max() / 2)  # the worst may bend the others
+        outliers = size > max(
+            MAX_DEVIATION * max(noise, typical), size.max() / 2
+        )  # the worst may bend the others
         if not outliers.any() or used.sum() - outliers.sum() < (1 - MAX_OUTLIER_FRACTION) * len(x):
             break
         used = used & ~outliers
-    if uncertainty_mm is None and residual > TOO_ROUGH * noise:  # points too sparse for fewer pieces
+    if (
+        uncertainty_mm is None and residual > TOO_ROUGH * noise
+    ):  # points too sparse for fewer pieces
         return _interpolated(x, z, smooth_apex, used)
     if uncertainty_mm is not None and residual > TOO_ROUGH * uncertainty_mm:
-        raise InvalidParameter(f"uncertainty_um must be at least {residual * 1e3 / TOO_ROUGH:.2g}: the points of the profile scatter by {residual * 1e3:.3g} um about the smoothest admissible curve; got {uncertainty_mm * 1e3:g}; omit it to have it estimated")
+        raise InvalidParameter(
+            f"uncertainty_um must be at least {residual * 1e3 / TOO_ROUGH:.2g}: the points of the profile scatter by {residual * 1e3:.3g} um about the smoothest admissible curve; got {uncertainty_mm * 1e3:g}; omit it to have it estimated"
+        )
     return fit
 
 
@@ -147,14 +153,20 @@ def extended(x: Array, z: Array, smooth_apex: bool, at: Array) -> Array:
 
 def _scatter(x: Array, z: Array) -> Scatter:
     """Return the smallest noise estimate over several polynomial degrees."""
-    residuals_by_order = [_prediction_residuals(x, z, order) for order in ORDERS if len(x) > order + 1]
+    residuals_by_order = [
+        _prediction_residuals(x, z, order) for order in ORDERS if len(x) > order + 1
+    ]
     if not residuals_by_order:
         return Scatter(np.zeros(len(x)), False)
     sizes = [float(np.median(np.abs(r))) for r in residuals_by_order]
     residuals = residuals_by_order[int(np.argmin(sizes))]
     inner = residuals[ORDERS[-1] // 2 : -ORDERS[-1] // 2]
     changes = np.signbit(inner[1:]) != np.signbit(inner[:-1])
-    is_noise = len(inner) >= MIN_NOISE_POINTS and changes.mean() > ALTERNATING and max(sizes) < ALIKE * min(sizes)
+    is_noise = (
+        len(inner) >= MIN_NOISE_POINTS
+        and changes.mean() > ALTERNATING
+        and max(sizes) < ALIKE * min(sizes)
+    )
     return Scatter(residuals, bool(is_noise))
 
 
@@ -172,7 +184,9 @@ def _prediction_residuals(x: Array, z: Array, order: int) -> Array:
     ratio = steps[:, None, :] / gaps
     ratio[:, np.arange(order), np.arange(order)] = 1.0
     weights = ratio.prod(axis=2)
-    residual: Array = (z - np.einsum("no,no->n", weights, z[neighbours])) / np.sqrt(1 + (weights**2).sum(axis=1))
+    residual: Array = (z - np.einsum("no,no->n", weights, z[neighbours])) / np.sqrt(
+        1 + (weights**2).sum(axis=1)
+    )
     return residual
 
 
@@ -193,11 +207,15 @@ def _local_outliers(x: Array, z: Array) -> Mask:
         again, _ = _relative_residuals(x[without], z[without], float(np.ptp(z)), scatter[candidate])
         neighbours = again[max(candidate - ORDERS[0] // 2, 0) : candidate + ORDERS[0] // 2]
         tested[inliers[candidate]] = True
-        outliers[inliers[candidate]] = bool((neighbours < max(OUTLIER_THRESHOLD, deviation[candidate] / 8)).all())
+        outliers[inliers[candidate]] = bool(
+            (neighbours < max(OUTLIER_THRESHOLD, deviation[candidate] / 8)).all()
+        )
     return outliers
 
 
-def _relative_residuals(x: Array, z: Array, height: float, given_scatter: float | None = None) -> tuple[Array, Array]:
+def _relative_residuals(
+    x: Array, z: Array, height: float, given_scatter: float | None = None
+) -> tuple[Array, Array]:
     """Return residuals (n,) in local (or given) standard deviations, and the latter, mm."""
     size = np.abs(_prediction_residuals(x, z, ORDERS[0]))
     padded = np.pad(size, WINDOW, constant_values=np.nan)
@@ -212,7 +230,9 @@ def _relative_residuals(x: Array, z: Array, height: float, given_scatter: float 
 # -- smooth curve ----------------------------------------------------------------------------------
 
 
-def _smooth(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -> tuple[Fit, Array, float]:
+def _smooth(
+    x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float
+) -> tuple[Fit, Array, float]:
     """Return the fit of the points used, all residuals (n,), mm, and their sigma."""
     curves: list[_Curve] = []
     criteria: list[float] = []
@@ -222,7 +242,9 @@ def _smooth(x: Array, z: Array, smooth_apex: bool, used: Mask, noise: float) -> 
         curves.append(_least_squares(x, z, smooth_apex, used, pieces))
         count = curves[-1].basis.shape[1]
         loss = np.abs(curves[-1].residuals[used] / noise)
-        loss = np.where(loss > MAX_DEVIATION, MAX_DEVIATION * (2 * loss - MAX_DEVIATION), loss**2)  # Huber loss
+        loss = np.where(
+            loss > MAX_DEVIATION, MAX_DEVIATION * (2 * loss - MAX_DEVIATION), loss**2
+        )  # Huber loss
         criteria.append(float(loss.sum() + np.log(used.sum()) * count))
         if len(curves) - int(np.argmin(criteria)) > max(PATIENCE, EXTRA_REFINEMENTS):
             break
@@ -250,7 +272,9 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     breaks = _breaks(x[used], x[-1], pieces)
     if smooth_apex:
         breaks = np.concatenate([-breaks[:0:-1], breaks])
-    knots = np.concatenate([[breaks[0]] * SMOOTHING_DEGREE, breaks, [breaks[-1]] * SMOOTHING_DEGREE])
+    knots = np.concatenate(
+        [[breaks[0]] * SMOOTHING_DEGREE, breaks, [breaks[-1]] * SMOOTHING_DEGREE]
+    )
     count = len(knots) - SMOOTHING_DEGREE - 1
     half = (count + 1) // 2
     expand = np.eye(count)
@@ -263,7 +287,9 @@ def _least_squares(x: Array, z: Array, smooth_apex: bool, used: Mask, pieces: in
     residuals = z - basis @ c
     spline = BSpline(knots, expand @ c, SMOOTHING_DEGREE)
     spline = BSpline(knots, spline.c - spline(0.0), SMOOTHING_DEGREE)
-    return _Curve(spline, basis, residuals, float((residuals[used] ** 2).sum()), np.linalg.inv(R).T, expand)
+    return _Curve(
+        spline, basis, residuals, float((residuals[used] ** 2).sum()), np.linalg.inv(R).T, expand
+    )
 
 
 def _breaks(x: Array, end: float, pieces: int) -> Array:
@@ -297,7 +323,17 @@ NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 COMMA_NUMBER = NUMBER.replace(r"\.", ",")
 UNMEASURED = {"nan", "inf", "-inf", "+inf", "none", "null", "---", "****", "bad"}
 PREFIXED = re.compile(r"[xyzXYZ]\s*[=:]?\s*(?=[+-]?[\d.,])")
-UNIT_WORDS = {"mm": "mm", "um": "um", "µm": "um", "μm": "um", "micron": "um", "microns": "um", "m": "m", "in": "inch", "inch": "inch"}
+UNIT_WORDS = {
+    "mm": "mm",
+    "um": "um",
+    "µm": "um",
+    "μm": "um",
+    "micron": "um",
+    "microns": "um",
+    "m": "m",
+    "in": "inch",
+    "inch": "inch",
+}
 AXES = ("x", "y", "z")
 
 
@@ -330,7 +366,9 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     header, is_numeric, table = _plain_table(lines, style) or _labelled_table(lines, style, path)
     _check_unit(header, unit, path)
     names = _named_columns(header, len(is_numeric))
-    has_decimals = any(sign in style.words(line)[0] for _, line in lines[len(header) :][:1] for sign in ".,")
+    has_decimals = any(
+        sign in style.words(line)[0] for _, line in lines[len(header) :][:1] for sign in ".,"
+    )
     table = table[np.isfinite(table).all(axis=1)]
     if names is not None and all(is_numeric[column] for column in names.values()):
         columns = [sum(is_numeric[: names[axis]]) for axis in AXES if axis in names]
@@ -338,7 +376,9 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     if table.shape[1] >= 3 and not has_decimals and _are_row_numbers(table[:, 0]):
         table = table[:, 1:]
     if table.shape[1] < 2:
-        raise OmnimirrorError(f"{path} must contain rows of x, y, z, or of x, z for a profile; got one column")
+        raise OmnimirrorError(
+            f"{path} must contain rows of x, y, z, or of x, z for a profile; got one column"
+        )
     return np.asarray(table[:, :3])
 
 
@@ -347,8 +387,14 @@ def _plain_table(lines: list[Line], style: _Style) -> Table | None:
     if style.has_decimal_comma:
         return None
     rows = [line.replace(",", " ").replace(";", " ").split() for _, line in lines]
-    first = next((k for k, row in enumerate(rows) if len(row) > 1 and all(map(style.is_number, row))), None)
-    if first is None or len({len(row) for row in rows[first:]}) > 1 or any("_" in line for _, line in lines[first:]):
+    first = next(
+        (k for k, row in enumerate(rows) if len(row) > 1 and all(map(style.is_number, row))), None
+    )
+    if (
+        first is None
+        or len({len(row) for row in rows[first:]}) > 1
+        or any("_" in line for _, line in lines[first:])
+    ):
         return None
     try:
         table = np.array(rows[first:], dtype=float)
@@ -369,17 +415,29 @@ def _labelled_table(lines: list[Line], style: _Style, path: Path) -> Table:
     widths = [len(words) if sum(map(style.is_number, words)) >= 2 else 0 for words in rows]
     counts = Counter(width for width in widths if width)
     if not counts:
-        raise OmnimirrorError(f"{path} must contain rows of x, y, z, or of x, z for a profile; got no numbers")
+        raise OmnimirrorError(
+            f"{path} must contain rows of x, y, z, or of x, z for a profile; got no numbers"
+        )
     common_width, count = counts.most_common(1)[0]
-    first = next(k for k, width in enumerate(widths) if width and (width == common_width or 2 * count <= counts.total()))
+    first = next(
+        k
+        for k, width in enumerate(widths)
+        if width and (width == common_width or 2 * count <= counts.total())
+    )
     width = widths[first]
     is_numeric = [style.is_number(word) for word in rows[first]]
     values: list[list[float]] = []
     for (number, line), words in zip(lines[first:], rows[first:], strict=True):
-        row_values = [style.value(word) for word, is_number in zip(words, is_numeric, strict=False) if is_number]
+        row_values = [
+            style.value(word)
+            for word, is_number in zip(words, is_numeric, strict=False)
+            if is_number
+        ]
         if len(words) < width or None in row_values:
             names = "x, y, z" if sum(is_numeric) > 2 else "x, z"
-            raise OmnimirrorError(f"{path} line {number}: the row must contain {names}, as the other rows; got {format_value(line)}")
+            raise OmnimirrorError(
+                f"{path} line {number}: the row must contain {names}, as the other rows; got {format_value(line)}"
+            )
         values.append([value for value in row_values if value is not None])
     return [line for _, line in lines[:first]], is_numeric, np.array(values)
 
@@ -412,8 +470,19 @@ class _Style:
             return cls(r",?\s+", has_decimal_comma=True)  # such as "1,5 2,0 3,1"
         rows = [line.split(",") for line in digits]
         counts = Counter(map(len, rows))
-        if counts and counts.most_common(1)[0][0] in (4, 6) and all(re.fullmatch(r"\d+", row[k].strip()) for row in rows if len(row) in (4, 6) for k in range(1, len(row), 2)):
-            raise OmnimirrorError(f"{path} must not use commas for both columns and decimals; use semicolons or tabs between columns, or decimal points")
+        if (
+            counts
+            and counts.most_common(1)[0][0] in (4, 6)
+            and all(
+                re.fullmatch(r"\d+", row[k].strip())
+                for row in rows
+                if len(row) in (4, 6)
+                for k in range(1, len(row), 2)
+            )
+        ):
+            raise OmnimirrorError(
+                f"{path} must not use commas for both columns and decimals; use semicolons or tabs between columns, or decimal points"
+            )
         return cls(r"\s*,\s*", has_decimal_comma=False)
 
     def words(self, line: str) -> list[str]:
@@ -436,7 +505,10 @@ class _Style:
 def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
     """Return the columns of x, (y) and z from the last header line that names them."""
     for line in reversed(header):
-        words = [re.sub(r"[\[(/_ ].*", "", word.strip("\"' ").lower()) for word in re.split(r"[;,\t]|\s+", line)]
+        words = [
+            re.sub(r"[\[(/_ ].*", "", word.strip("\"' ").lower())
+            for word in re.split(r"[;,\t]|\s+", line)
+        ]
         words = [word for word in words if word]
         columns = {axis: words.index(axis) for axis in AXES if words.count(axis) == 1}
         if len(words) == width and {"x", "z"} <= set(columns):
@@ -446,11 +518,17 @@ def _named_columns(header: list[str], width: int) -> dict[str, int] | None:
 
 def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
     """Check that the header does not name another unit than that assumed by the caller."""
-    words = [word for line in header for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)]
+    words = [
+        word
+        for line in header
+        for word in re.findall(r"[\[(/_]\s*([A-Za-zµμ]+)\s*[\])\s,;]?", line)
+    ]
     header_units = {UNIT_WORDS[word.lower()] for word in words if word.lower() in UNIT_WORDS}
     if unit is not None and len(header_units) == 1 and unit not in header_units:
         (header_unit,) = header_units
-        raise OmnimirrorError(f"{path} specifies the unit {header_unit}, which differs from {unit}; set unit {header_unit} (--unit {header_unit})")
+        raise OmnimirrorError(
+            f"{path} specifies the unit {header_unit}, which differs from {unit}; set unit {header_unit} (--unit {header_unit})"
+        )
 
 
 def _are_row_numbers(first: Array) -> bool:
@@ -458,7 +536,9 @@ def _are_row_numbers(first: Array) -> bool:
     if len(first) < 2 or np.any(first != np.round(first)):
         return False
     steps = np.diff(first)
-    return bool(np.all(steps > 0) and np.median(steps) == 1 and steps.max() <= max(10.0, 0.05 * len(first)))
+    return bool(
+        np.all(steps > 0) and np.median(steps) == 1 and steps.max() <= max(10.0, 0.05 * len(first))
+    )
 
 
 # -- Meridian from point clouds and grids ----------------------------------------------------------
@@ -513,7 +593,11 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
     starting at the corner -x, +y; a non-zero fifth number marks missing data.
     """
     text = read_text(path, noun)
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("!", "#"))]
+    lines = [
+        line
+        for line in text.splitlines()
+        if line.strip() and not line.lstrip().startswith(("!", "#"))
+    ]
     try:
         head = [parse_float(word) for word in lines[0].split()]
         nx, ny, (dx, dy), unit = int(head[0]), int(head[1]), head[2:4], UNITS_MM[int(head[4])]
@@ -521,7 +605,9 @@ def grid_points(path: Path, noun: str = "grid", names: str = "z and further colu
         if nx < 2 or ny < 2 or nx * ny != len(lines) - 1 or not (dx > 0 and dy > 0):
             raise ValueError
     except (ValueError, IndexError):
-        raise OmnimirrorError(f"{path} must be a grid of heights: first line 'nx ny dx dy unit xdec ydec', followed by nx * ny lines") from None
+        raise OmnimirrorError(
+            f"{path} must be a grid of heights: first line 'nx ny dx dy unit xdec ydec', followed by nx * ny lines"
+        ) from None
     rows = _cloud_rows(path, "\n".join(lines[1:]), names)
     j, i = np.divmod(np.arange(nx * ny), nx)
     x, y = (i - (nx - 1) / 2) * dx + offset[0], ((ny - 1) / 2 - j) * dy + offset[1]
@@ -537,11 +623,19 @@ def _cloud_rows(path: Path, text: str, names: str) -> Array:
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
-            numbers = [parse_float(word) for word in line.replace(",", " ").replace(";", " ").split()]
-            if not numbers or not np.isfinite(numbers).all() or len(numbers) < len(rows[0] if rows else []):
+            numbers = [
+                parse_float(word) for word in line.replace(",", " ").replace(";", " ").split()
+            ]
+            if (
+                not numbers
+                or not np.isfinite(numbers).all()
+                or len(numbers) < len(rows[0] if rows else [])
+            ):
                 raise ValueError
         except ValueError:
-            raise OmnimirrorError(f"{path} line {number}: the line must contain {names}; got {format_value(line)}") from None
+            raise OmnimirrorError(
+                f"{path} line {number}: the line must contain {names}; got {format_value(line)}"
+            ) from None
         rows.append(numbers[: len(rows[0])] if rows else numbers)
     return np.array(rows).reshape(-1, len(rows[0]) if rows else 1)
 
@@ -574,7 +668,9 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     order = np.argsort(r, kind="stable")
     r, z = r[order], z[order]
     pieces = min(MERIDIAN_PIECES[1], len(r) // (2 * POINTS_PER_RING))
-    smooth, pointed = (_least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False))
+    smooth, pointed = (
+        _least_squares(r, z, apex, np.ones(len(r), dtype=bool), pieces) for apex in (True, False)
+    )
     curve = pointed if pointed.square_sum < TIP * smooth.square_sum else smooth
     rings = np.array_split(np.arange(len(r)), min(MAX_RINGS, len(r) // POINTS_PER_RING))
     x = np.array([r[ring].mean() for ring in rings])
@@ -583,7 +679,10 @@ def profile_of(points: Array, source: str = "the cloud") -> Columns:
     x, heights = x[growing], heights[growing]
     rim = [r[-1]] if r[-1] > x[-1] * (1 + 1e-9) else []
     ends = extended(x, heights, curve is smooth, np.array([0.0, *rim]))
-    x, heights = (np.concatenate([[0.0], x, rim]), np.concatenate([ends[:1], heights, ends[1:]]) - ends[0])
+    x, heights = (
+        np.concatenate([[0.0], x, rim]),
+        np.concatenate([ends[:1], heights, ends[1:]]) - ends[0],
+    )
     return tuple(map(float, x)), tuple(map(float, heights))
 
 
@@ -591,7 +690,9 @@ def check_distance(points: Array, source: str) -> None:
     """Check that no point (n, 3), mm, is farther than 10 km from the origin."""
     max_coordinate = float(np.abs(points).max(initial=0.0))
     if max_coordinate > MAX_COORDINATE_MM:
-        raise OmnimirrorError(f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's origin; got {max_coordinate:.4g} mm; check the unit and remove wrong points")
+        raise OmnimirrorError(
+            f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's origin; got {max_coordinate:.4g} mm; check the unit and remove wrong points"
+        )
 
 
 def check_spread(points: Array, source: str) -> None:
@@ -604,11 +705,17 @@ def check_spread(points: Array, source: str) -> None:
         projected along z.
     """
     if len(points) < MIN_CLOUD_POINTS:
-        raise OmnimirrorError(f"{source} must have at least {MIN_CLOUD_POINTS} points; got {len(points)}")
+        raise OmnimirrorError(
+            f"{source} must have at least {MIN_CLOUD_POINTS} points; got {len(points)}"
+        )
     check_distance(points, source)
-    length, width = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    length, width = np.linalg.svd(
+        points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False
+    ) / np.sqrt(len(points))
     if width < max(MIN_WIDTH_MM, MIN_RELATIVE_WIDTH * length):
-        raise OmnimirrorError(f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points all over the mirror")
+        raise OmnimirrorError(
+            f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points all over the mirror"
+        )
 
 
 def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]:
@@ -622,7 +729,9 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
     def residuals(pose: Array) -> Array:
         r, z = profile(pose)
         order = np.argsort(r)
-        curve = _least_squares(r[order], z[order], False, np.ones(len(r), dtype=bool), MERIDIAN_PIECES[0])
+        curve = _least_squares(
+            r[order], z[order], False, np.ones(len(r), dtype=bool), MERIDIAN_PIECES[0]
+        )
         ordered_residuals = np.empty_like(r)
         ordered_residuals[order] = curve.residuals / scale
         return ordered_residuals
@@ -630,7 +739,9 @@ def _about_axis(points: Array, start: Array, source: str) -> tuple[Array, Array]
     scale, pose = 1.0, np.array([*(start / size), 0.0, 0.0])
     scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residuals(pose)))), 1e-12 * size)
     for _ in range(2):
-        pose = least_squares(residuals, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25).x
+        pose = least_squares(
+            residuals, pose, loss="soft_l1", x_scale=1e-2, xtol=1e-12, ftol=1e-12, max_nfev=25
+        ).x
         scale = max(scale * MAD_TO_SIGMA * float(np.median(np.abs(residuals(pose)))), 1e-12 * size)
     r, z = _profile_function(points, size)(pose)
     centred = points[:, :2] - pose[:2] * size
@@ -644,7 +755,9 @@ def _profile_function(points: Array, size: float) -> Callable[[Array], tuple[Arr
 
     def at(pose: Array) -> tuple[Array, Array]:
         cx, cy, a, b = pose
-        axis = np.array([np.sin(a), np.sin(b), np.sqrt(max(1 - np.sin(a) ** 2 - np.sin(b) ** 2, 0.0))])
+        axis = np.array(
+            [np.sin(a), np.sin(b), np.sqrt(max(1 - np.sin(a) ** 2 - np.sin(b) ** 2, 0.0))]
+        )
         p = points - [cx * size, cy * size, 0.0]
         z = p @ axis
         return np.sqrt(np.maximum((p**2).sum(axis=1) - z**2, 0.0)), z
@@ -690,7 +803,9 @@ class ColumnFile:
             names = " and ".join(self.columns)
             raise SpecError(f"{self.entry} must not name a file here; enter {names} instead")
         if clash := set(self.columns) & set(table):
-            raise SpecError(f"{self.entry} must not be combined with {' and '.join(sorted(clash))}; remove one")
+            raise SpecError(
+                f"{self.entry} must not be combined with {' and '.join(sorted(clash))}; remove one"
+            )
         name = table[self.entry]
         if not isinstance(name, str):
             raise SpecError(f"{self.entry} must be a file name in quotes; got {format_value(name)}")
@@ -699,7 +814,9 @@ class ColumnFile:
         return entries | dict(zip(self.columns, map(list, columns), strict=True))
 
 
-def read_columns(path: Path, noun: str = "profile", names: str = "x_mm, z_mm") -> tuple[tuple[float, ...], tuple[float, ...]]:
+def read_columns(
+    path: Path, noun: str = "profile", names: str = "x_mm, z_mm"
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Read two numeric columns of a CSV file; header and comment lines are skipped.
 
     Raises
@@ -713,7 +830,9 @@ def read_columns(path: Path, noun: str = "profile", names: str = "x_mm, z_mm") -
             first, second = parse_float(row[0]), parse_float(row[1])
         except (ValueError, IndexError):
             if points and row and not row[0].lstrip().startswith("#"):
-                raise OmnimirrorError(f"{path} line {number}: the line must contain two numbers {names}; got {format_value(','.join(row))}") from None
+                raise OmnimirrorError(
+                    f"{path} line {number}: the line must contain two numbers {names}; got {format_value(','.join(row))}"
+                ) from None
             continue
         points.append((first, second))
     if not points:
@@ -732,4 +851,9 @@ def _csv_rows(text: str, path: Path) -> list[list[str]]:
 PROFILE_FILE = ColumnFile("profile_csv", ("x_mm", "z_mm"), "profile", read_columns)
 CLOUD_FILE = ColumnFile("cloud_csv", ("x_mm", "z_mm"), "cloud", read_cloud)
 GRID_FILE = ColumnFile("grid_sag", ("x_mm", "z_mm"), "grid", read_grid)
-MAPPING_FILE = ColumnFile("mapping_csv", ("omega_deg", "height"), "mapping", lambda path, noun: read_columns(path, noun, "omega_deg, height"))
+MAPPING_FILE = ColumnFile(
+    "mapping_csv",
+    ("omega_deg", "height"),
+    "mapping",
+    lambda path, noun: read_columns(path, noun, "omega_deg, height"),
+)

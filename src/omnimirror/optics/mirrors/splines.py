@@ -14,7 +14,15 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from .measured import CLOUD_FILE, GRID_FILE, PROFILE_FILE, SMOOTHING_DEGREE, Fit, fitted, read_columns
+from .measured import (
+    CLOUD_FILE,
+    GRID_FILE,
+    PROFILE_FILE,
+    SMOOTHING_DEGREE,
+    Fit,
+    fitted,
+    read_columns,
+)
 from .mirror import RIM_RADIUS, Mirror, near_apex
 
 if TYPE_CHECKING:
@@ -69,12 +77,22 @@ class SlopeSpline(Mirror):
     rim_radius_mm: float
 
     KIND: ClassVar[str] = "slope-spline"
-    PARAMETERS: ClassVar[dict[str, Parameter]] = {"slopes": Parameter("", -1e3, 1e3, "dz/dx at equal steps from the axis to the rim; the first is 0, except for a pointed mirror"), "rim_radius_mm": RIM_RADIUS}
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "slopes": Parameter(
+            "",
+            -1e3,
+            1e3,
+            "dz/dx at equal steps from the axis to the rim; the first is 0, except for a pointed mirror",
+        ),
+        "rim_radius_mm": RIM_RADIUS,
+    }
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "slopes", floats("slopes", self.slopes))
         if len(self.slopes) < MIN_SLOPES:
-            raise InvalidParameter(f"slopes must have at least {MIN_SLOPES} values; got {len(self.slopes)}")
+            raise InvalidParameter(
+                f"slopes must have at least {MIN_SLOPES} values; got {len(self.slopes)}"
+            )
         self._check()
 
     @cached_property
@@ -171,33 +189,52 @@ class SampledProfile(Mirror):
         "z_mm": Parameter("mm", -1e5, 1e5, "heights, increasing away from the lens"),
         "rim_radius_mm": RIM_RADIUS,
         "apex": Parameter("", 0, 0, "shape at the axis", choices=("smooth", "pointed")),
-        "uncertainty_um": Parameter("um", 0.0, 1e4, "standard uncertainty of the heights, estimated by default; 0 interpolates the points"),
+        "uncertainty_um": Parameter(
+            "um",
+            0.0,
+            1e4,
+            "standard uncertainty of the heights, estimated by default; 0 interpolates the points",
+        ),
     }
 
     def __post_init__(self) -> None:
         x, z = floats("x_mm", self.x_mm), floats("z_mm", self.z_mm)
         if len(x) != len(z):
-            raise InvalidParameter(f"x_mm and z_mm must have equally many values; got {len(x)} and {len(z)}")
+            raise InvalidParameter(
+                f"x_mm and z_mm must have equally many values; got {len(x)} and {len(z)}"
+            )
         if not np.isfinite([x, z]).all():
             raise InvalidParameter("x_mm and z_mm must be finite")
         if len(x) <= SMOOTHING_DEGREE:
-            raise InvalidParameter(f"a sampled profile must have at least {SMOOTHING_DEGREE + 1} points; got {len(x)}")
+            raise InvalidParameter(
+                f"a sampled profile must have at least {SMOOTHING_DEGREE + 1} points; got {len(x)}"
+            )
         if x[0] != 0.0:
             raise InvalidParameter(f"x_mm must start with 0, on the axis; got {x[0]:g}")
         if not np.all(np.diff(x) > 0):
             i = int(np.argmin(np.diff(x) > 0))
-            raise InvalidParameter(f"x_mm must increase; got {x[i]:g} and {x[i + 1]:g} mm at points {i} and {i + 1}")
+            raise InvalidParameter(
+                f"x_mm must increase; got {x[i]:g} and {x[i + 1]:g} mm at points {i} and {i + 1}"
+            )
         object.__setattr__(self, "x_mm", x)
         object.__setattr__(self, "z_mm", z)
         rim: float | None = self.rim_radius_mm
         object.__setattr__(self, "rim_radius_mm", x[-1] if rim is None else rim)
         if rim is not None and number("rim_radius_mm", rim) > x[-1]:
-            raise InvalidParameter(f"rim_radius_mm must be at most {x[-1]:g} mm, the last point of the profile; got {rim:g}")
+            raise InvalidParameter(
+                f"rim_radius_mm must be at most {x[-1]:g} mm, the last point of the profile; got {rim:g}"
+            )
         self._check()
 
     @classmethod
     @validate_arguments
-    def from_csv(cls, path: str | Path, rim_radius_mm: float | None = None, apex: str = "smooth", uncertainty_um: float | None = None) -> SampledProfile:
+    def from_csv(
+        cls,
+        path: str | Path,
+        rim_radius_mm: float | None = None,
+        apex: str = "smooth",
+        uncertainty_um: float | None = None,
+    ) -> SampledProfile:
         """Read a profile from a CSV file of two columns x, z in mm.
 
         Raises
@@ -233,7 +270,13 @@ class SampledProfile(Mirror):
         from scipy.interpolate import BSpline
 
         fit, rim, factor = self.fit, self._rim * (1 + EXTRAPOLATION), number("share", factor)
-        curves = [fit.spline, *(BSpline(fit.spline.t, fit.spline.c + factor * d, SMOOTHING_DEGREE) for d in fit.deviations)]
+        curves = [
+            fit.spline,
+            *(
+                BSpline(fit.spline.t, fit.spline.c + factor * d, SMOOTHING_DEGREE)
+                for d in fit.deviations
+            ),
+        ]
         return [SmoothCurve(rim, curve, self.apex) for curve in curves]
 
     @property
@@ -249,5 +292,7 @@ class SampledProfile(Mirror):
     def profile(self, x_mm: ArrayLike) -> tuple[Array, Array, Array]:
         x = coordinates("x_mm", x_mm)
         z, slope, curvature = self._curve.profile(x)
-        there = (x >= 0.0 if self.apex == "pointed" else np.abs(x) <= self.x_mm[-1]) & (x <= self.x_mm[-1])
+        there = (x >= 0.0 if self.apex == "pointed" else np.abs(x) <= self.x_mm[-1]) & (
+            x <= self.x_mm[-1]
+        )
         return tuple(np.where(there, a, np.nan) for a in (z, slope, curvature))  # type: ignore[return-value]

@@ -112,7 +112,9 @@ def trace(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Reflecti
         valid = valid.copy()
         lifted = hits.points[valid] + LIFT * mirror.rim_radius_mm * outgoing[valid]
         valid[valid] = ~intersect(mirror, lifted, outgoing[valid]).valid
-    points, outgoing, normals = (np.where(valid[:, None], a, np.nan) for a in (hits.points, outgoing, hits.normals))
+    points, outgoing, normals = (
+        np.where(valid[:, None], a, np.nan) for a in (hits.points, outgoing, hits.normals)
+    )
     return Reflections(points, outgoing, normals, valid)
 
 
@@ -128,7 +130,9 @@ def intersect(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Hits
     >>> hits.distance, hits.valid
     (array([15., nan]), array([ True, False]))
     """
-    o, d = np.broadcast_arrays(np.asarray(origins, dtype=float), np.asarray(directions, dtype=float))
+    o, d = np.broadcast_arrays(
+        np.asarray(origins, dtype=float), np.asarray(directions, dtype=float)
+    )
     o, d = np.atleast_2d(o), np.atleast_2d(d)
     distance = np.full(len(o), np.nan)
     points, normals = np.full((2, len(o), 3), np.nan)
@@ -136,7 +140,11 @@ def intersect(mirror: Mirror, origins: ArrayLike, directions: ArrayLike) -> Hits
         for start in range(0, len(o), CHUNK):
             part = slice(start, start + CHUNK)
             rays = o[part].T, d[part].T
-            t = _enter_conic(mirror, *rays) if isinstance(mirror, Conic) else _approach(mirror, *rays)
+            t = (
+                _enter_conic(mirror, *rays)
+                if isinstance(mirror, Conic)
+                else _approach(mirror, *rays)
+            )
             distance[part] = t
             points[part] = o[part] + t[:, None] * d[part]
             normals[part] = normals_at(mirror, points[part])

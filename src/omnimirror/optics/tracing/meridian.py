@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.caching import cached_property
-from ...base.errors import InvalidParameter, NotOneToOne, OutsideField, OutsideMirror, SelfObstruction
+from ...base.errors import (
+    InvalidParameter,
+    NotOneToOne,
+    OutsideField,
+    OutsideMirror,
+    SelfObstruction,
+)
 from ...base.root_finding import increasing_root, sign_change
 from ...base.typing import Array, Mask
 from ..housing import Dome, FlatWindow, Shell, Tube
@@ -66,7 +72,10 @@ def first_non_increasing_x(mirror: Mirror, m: float) -> float | None:
         w[0] += m
         x = np.stack([start, step])
         one = np.ones((1, len(step)))
-        growth = _sum(2 * _product(curvature, _sum(_product(w, w), _product(x, x))), _product(_sum(w, -_product(x, slope)), _sum(one, _product(slope, slope))))
+        growth = _sum(
+            2 * _product(curvature, _sum(_product(w, w), _product(x, x))),
+            _product(_sum(w, -_product(x, slope)), _sum(one, _product(slope, slope))),
+        )
     return _first_not_positive(growth, start, step)
 
 
@@ -75,7 +84,16 @@ def _taylor(mirror: Mirror, start: Array, step: Array) -> Array:
     sides = [mirror.profile(start), mirror.profile(start + step)]
     (z0, s0, c0), (z1, s1, c1) = ((z, s * step, c * step**2) for z, s, c in sides)
     dz, ds, dc = z1 - z0 - s0 - c0 / 2, s1 - s0 - c0, c1 - c0
-    return np.stack([z0, s0, c0 / 2, 10 * dz - 4 * ds + dc / 2, -15 * dz + 7 * ds - dc, 6 * dz - 3 * ds + dc / 2])
+    return np.stack(
+        [
+            z0,
+            s0,
+            c0 / 2,
+            10 * dz - 4 * ds + dc / 2,
+            -15 * dz + 7 * ds - dc,
+            6 * dz - 3 * ds + dc / 2,
+        ]
+    )
 
 
 def _derivative(a: Array) -> Array:
@@ -180,13 +198,17 @@ class OutsideRays:
         if not np.all(behind > 0):
             i = int(np.argmin(np.broadcast_to(behind, self.inside.shape)))
             p = float(np.broadcast_to(object_distance, self.inside.shape)[i])
-            raise InvalidParameter(f"object_distance_mm must be greater than {self.inside[i]:.5g} mm, outside the cover; got {p:g}")
+            raise InvalidParameter(
+                f"object_distance_mm must be greater than {self.inside[i]:.5g} mm, outside the cover; got {p:g}"
+            )
         with np.errstate(divide="ignore"):
             t, s = (1 / inverse for inverse in distances_inside_cover(self.refractions, 1 / behind))
         return t, s
 
 
-def distances_inside_cover(refractions: tuple[Refraction, ...], inverse_distance: Any) -> tuple[Any, Any]:
+def distances_inside_cover(
+    refractions: tuple[Refraction, ...], inverse_distance: Any
+) -> tuple[Any, Any]:
     """Convert 1/distance from the outer surface to that from the mirror, T and S."""
     vergence_t = vergence_s = -inverse_distance
     for r in reversed(refractions):
@@ -250,11 +272,16 @@ def refracting_surfaces(shell: Shell) -> tuple[RefractingSurface, RefractingSurf
     elif isinstance(shell, Tube):
         inner, outer = (RefractingSurface("cylinder", radius, 0.0) for radius in shell.radii_mm)
     else:
-        inner, outer = (RefractingSurface("sphere", radius, centre) for radius, centre in zip(shell.radii_mm, shell.centres_mm, strict=True))
+        inner, outer = (
+            RefractingSurface("sphere", radius, centre)
+            for radius, centre in zip(shell.radii_mm, shell.centres_mm, strict=True)
+        )
     return inner, outer
 
 
-def refract_through_shell(ray: Pencil, sides: tuple[RefractingSurface, RefractingSurface], indices: tuple[float, float]) -> CoverTransit:
+def refract_through_shell(
+    ray: Pencil, sides: tuple[RefractingSurface, RefractingSurface], indices: tuple[float, float]
+) -> CoverTransit:
     """Refract rays through both surfaces of a wall; ``indices`` are those of wall and outer medium.
 
     Rays that miss a surface or are totally reflected are non-finite. Imaginary parts of complex
@@ -267,7 +294,9 @@ def refract_through_shell(ray: Pencil, sides: tuple[RefractingSurface, Refractin
         through.append(refraction)
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
     reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos
-    foot = Pencil(ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate)
+    foot = Pencil(
+        ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate
+    )
     return CoverTransit(foot, reach, through[0].path_mm + through[1].path_mm, tuple(through))
 
 
@@ -318,16 +347,22 @@ class Cover:
         start = Pencil(rays.x, rays.z, rays.reflected, rays.spread(), rays.dreflected_dx())
         crosses = self.crosses(rays) if self.in_air else np.ones(rays.x.shape, dtype=bool)
         with np.errstate(all="ignore"):  # misses and total reflection: see below
-            transit = refract_through_shell(start, refracting_surfaces(self.shell), (self.shell.index, self.shell.outer_index))
+            transit = refract_through_shell(
+                start, refracting_surfaces(self.shell), (self.shell.index, self.shell.outer_index)
+            )
         foot, through = transit.foot, transit.refractions
         values: tuple[Array, ...] = (*foot, transit.reach, transit.inside)
         if not crosses.all():
             zeros = np.zeros_like(start.x)
             bare = (*start, zeros, zeros)
-            values = tuple(np.where(crosses, new, old) for new, old in zip(values, bare, strict=True))
+            values = tuple(
+                np.where(crosses, new, old) for new, old in zip(values, bare, strict=True)
+            )
             through = tuple(_identity_unless(crosses, r) for r in through)
         x, z, omega, spread, rate, reach, inside = values
-        return replace(rays, omega=omega, outside=OutsideRays(x, z, rate, spread, reach, inside, through))
+        return replace(
+            rays, omega=omega, outside=OutsideRays(x, z, rate, spread, reach, inside, through)
+        )
 
     def crosses(self, rays: ChiefRays) -> Mask:
         """Return which rays (n,) reach the wall within the ends of a tube."""
@@ -341,7 +376,9 @@ class Cover:
             height: Array = rays.z - (self.shell.radii_mm[0] - rays.x) / np.tan(rays.reflected)
         return height
 
-    def first_visible_x(self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float) -> float:
+    def first_visible_x(
+        self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float
+    ) -> float:
         """Return the distance from the axis of the first mirror point with outside view.
 
         Rays from smaller distances end at the base. In air, the inner rays are used.
@@ -357,7 +394,9 @@ class Cover:
         height = clear(x)
         (passing,) = np.nonzero(height > 0)
         if not passing.size:
-            raise SelfObstruction("at least one ray from the mirror must pass the wall of the tube; all of them end at its base")
+            raise SelfObstruction(
+                "at least one ray from the mirror must pass the wall of the tube; all of them end at its base"
+            )
         if passing[0] == 0:
             return start
         if not height[passing[0] - 1] <= 0:  # NaN: outside the mirror surface
@@ -372,7 +411,9 @@ class Cover:
         sin, cos = np.sin(rays.omega), np.cos(rays.omega)
         dx, dz = x - outside.x, z - outside.z
         along, across = dx * sin - dz * cos, dx * cos + dz * sin
-        behind: Mask = (along >= outside.reach * (1 - RAY_TOLERANCE)) & (np.abs(across) <= RAY_TOLERANCE * np.abs(along))
+        behind: Mask = (along >= outside.reach * (1 - RAY_TOLERANCE)) & (
+            np.abs(across) <= RAY_TOLERANCE * np.abs(along)
+        )
         return behind
 
     def check(self, rays: ChiefRays) -> None:
@@ -388,16 +429,24 @@ class Cover:
         is_blocked = ~np.isfinite(rays.omega)
         if is_blocked.any() and isinstance(self.shell, FlatWindow):
             i = int(np.argmax(is_blocked))
-            raise SelfObstruction(f"rays from the mirror must be directed back past the lens to pass the window; those from x = {rays.x[i]:.5g} mm leave at {np.degrees(rays.reflected[i]):.5g} deg; reduce rim_radius_mm, or use a tube or dome")
+            raise SelfObstruction(
+                f"rays from the mirror must be directed back past the lens to pass the window; those from x = {rays.x[i]:.5g} mm leave at {np.degrees(rays.reflected[i]):.5g} deg; reduce rim_radius_mm, or use a tube or dome"
+            )
         if is_blocked.any():
-            raise SelfObstruction(f"rays from the mirror must pass the {self.shell.KIND}; those from x = {rays.x[np.argmax(is_blocked)]:.5g} mm are totally reflected at its outer surface; use a larger diameter")
+            raise SelfObstruction(
+                f"rays from the mirror must pass the {self.shell.KIND}; those from x = {rays.x[np.argmax(is_blocked)]:.5g} mm are totally reflected at its outer surface; use a larger diameter"
+            )
         crossing = (outside.rate <= 0) | (outside.spread + outside.reach * outside.rate <= 0)
         crossing[0] &= rays.slope[0] == 0  # as without a cover: at the apex of a pointed mirror
         if crossing.any():
-            raise SelfObstruction(f"the mapping behind the {self.shell.KIND} must be one-to-one; neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm; use a larger diameter or a thinner wall")
+            raise SelfObstruction(
+                f"the mapping behind the {self.shell.KIND} must be one-to-one; neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm; use a larger diameter or a thinner wall"
+            )
 
 
-def _refracted(ray: Pencil, side: RefractingSurface, before: float, after: float) -> tuple[Pencil, Refraction]:
+def _refracted(
+    ray: Pencil, side: RefractingSurface, before: float, after: float
+) -> tuple[Pencil, Refraction]:
     """Return rays behind a surface, and its effect on wavefronts."""
     sin, cos = np.sin(ray.omega), np.cos(ray.omega)
     distance, normal = side.intersection(ray)
@@ -412,9 +461,19 @@ def _refracted(ray: Pencil, side: RefractingSurface, before: float, after: float
     along = (ray.spread + distance * ray.rate) / cos_i  # separation of neighbours along the surface
     turn = curvature_t * along
     rate = turn + before * cos_i * (ray.rate - turn) / (after * cos_behind)
-    outgoing = Pencil(ray.x + distance * sin, ray.z - distance * cos, normal + behind, cos_behind * along, rate)
+    outgoing = Pencil(
+        ray.x + distance * sin, ray.z - distance * cos, normal + behind, cos_behind * along, rate
+    )
     ones = np.ones_like(gain)
-    return outgoing, Refraction(distance, before * cos_i**2, after * cos_behind**2, gain * curvature_t, before * ones, after * ones, gain * curvature_s)
+    return outgoing, Refraction(
+        distance,
+        before * cos_i**2,
+        after * cos_behind**2,
+        gain * curvature_t,
+        before * ones,
+        after * ones,
+        gain * curvature_s,
+    )
 
 
 def _identity_unless(crosses: Mask, r: Refraction) -> Refraction:
@@ -465,7 +524,11 @@ class ChiefRays:
 
     def dfirst_dx(self) -> Array:
         """Compute the derivative, by x, of the coordinate on the mirror facing the lens."""
-        return np.ones_like(self.x) if self.secondary_rays is None else self._dtheta_dx() / self.secondary_rays.domega_dx()
+        return (
+            np.ones_like(self.x)
+            if self.secondary_rays is None
+            else self._dtheta_dx() / self.secondary_rays.domega_dx()
+        )
 
     def pupil_distance(self) -> Array:
         """Compute the distance (mm) to the focus of neighbouring chief rays.
@@ -510,12 +573,16 @@ class ChiefRays:
         if self.outside is None:
             return self.x, self.z
         reach = self.outside.reach
-        return self.outside.x + reach * np.sin(self.omega), self.outside.z - reach * np.cos(self.omega)
+        return self.outside.x + reach * np.sin(self.omega), self.outside.z - reach * np.cos(
+            self.omega
+        )
 
     def spread(self) -> Array:
         """Compute the transverse separation of neighbouring rays at :attr:`start`, per mm of
         mirror."""
-        return np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
+        return (
+            np.cos(self.gamma) / np.cos(self.beta) if self.outside is None else self.outside.spread
+        )
 
     def viewpoint_offset(self) -> Array:
         """Compute the axial distance z_v - z (mm) to the viewpoint, x / tan(Omega).
@@ -537,7 +604,9 @@ class ChiefRays:
         return sagittal_radius(self.x, self.slope, self.curvature)
 
 
-def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntrancePupil = IN_REFERENCE_POINT) -> ChiefRays:
+def trace_chief_rays(
+    mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntrancePupil = IN_REFERENCE_POINT
+) -> ChiefRays:
     """Trace chief rays through the mirror points at distances x from the axis (Eqs. 1-5).
 
     >>> from omnimirror.optics.mirrors import Sphere
@@ -552,7 +621,9 @@ def trace_chief_rays(mirror: Mirror, m: float, x_mm: ArrayLike, pupil: EntranceP
     # law of reflection: gamma = beta + theta, Omega = beta + gamma = 2 beta + theta (Eqs. 3, 4)
     theta = np.arctan2(x, w)
     gamma = beta + theta
-    return ChiefRays(x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w), drift=drift)
+    return ChiefRays(
+        x, z, slope, curvature, m, w, beta, theta, gamma, beta + gamma, np.hypot(x, w), drift=drift
+    )
 
 
 @dataclass(frozen=True)
@@ -583,12 +654,16 @@ class Meridian:
             return
         x = first_non_increasing_x(self.mirror, self.m - self.pupil.at_mm)
         if x is not None:
-            raise _not_one_to_one(x, float(np.degrees(self._rays(np.array([x])).omega[0])), self.mirror.rim_radius_mm)
+            raise _not_one_to_one(
+                x, float(np.degrees(self._rays(np.array([x])).omega[0])), self.mirror.rim_radius_mm
+            )
 
     def _check_finer_table(self) -> None:
         """Check monotonicity with more nodes per piece, for two mirrors or a moving pupil."""
         if (breaks := self.mirror.breaks) is not None and len(breaks) > 2:
-            x = np.concatenate([np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)])
+            x = np.concatenate(
+                [np.linspace(a, b, BETWEEN, endpoint=False) for a, b in pairwise(breaks)]
+            )
             checked(self._rays(np.append(x[x > self.x_min], breaks[-1])))
 
     @cached_property
@@ -636,7 +711,9 @@ class Meridian:
         start, rim = self.x_min, self.mirror.rim_radius_mm
         inside = (x >= start * (1 - ROUNDING)) & (x <= rim * (1 + ROUNDING))
         if not inside.all():
-            raise OutsideMirror(f"x must be {start:g} to {rim:g} mm, the visible part of the mirror; got {_first(x, ~inside):g}")
+            raise OutsideMirror(
+                f"x must be {start:g} to {rim:g} mm, the visible part of the mirror; got {_first(x, ~inside):g}"
+            )
         return self._rays(np.clip(x, start, rim))
 
     def x_from_omega(self, omega: ArrayLike) -> Array:
@@ -644,7 +721,9 @@ class Meridian:
         omega = np.asarray(omega, dtype=float)
         inside = self.sees(omega)
         if not inside.all():
-            raise OutsideField(f"omega must be {np.degrees(self.omega_min):.6g} to {np.degrees(self.omega_max):.6g} deg, the field; got {np.degrees(_first(omega, ~inside)):.10g}")
+            raise OutsideField(
+                f"omega must be {np.degrees(self.omega_min):.6g} to {np.degrees(self.omega_max):.6g} deg, the field; got {np.degrees(_first(omega, ~inside)):.10g}"
+            )
         return self._invert_omega(omega)
 
     def sees(self, omega: Array) -> NDArray[np.bool_]:
@@ -673,7 +752,9 @@ class Meridian:
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = width / table.domega_dx()[np.stack([cell, cell + 1])]
             interpolated = t * (1 - t) * ((1 - t) * (rate[0] - step) + t * (step - rate[1]))
-        x: Array = a + t * step + np.where(np.isfinite(interpolated), interpolated, 0.0)  # finite rates
+        x: Array = (
+            a + t * step + np.where(np.isfinite(interpolated), interpolated, 0.0)
+        )  # finite rates
         return x
 
     def x_from_first(self, x_mm: ArrayLike) -> Array:
@@ -686,7 +767,9 @@ class Meridian:
         tangents = table.x / table.w
         inside = (tangent >= 0) & (tangent <= tangents[-1] * (1 + ROUNDING))
         if not inside.all():
-            raise OutsideField(f"theta must be at most {np.degrees(self.theta_max):.6g} deg, the rim of the mirror; got {np.degrees(np.arctan(_first(tangent, ~inside))):.10g}")
+            raise OutsideField(
+                f"theta must be at most {np.degrees(self.theta_max):.6g} deg, the rim of the mirror; got {np.degrees(np.arctan(_first(tangent, ~inside))):.10g}"
+            )
         cell = np.clip(np.searchsorted(tangents, tangent) - 1, 0, NODES - 2)
 
         depth = self.m - self.pupil.position(tangent)
@@ -696,7 +779,9 @@ class Meridian:
             return x - (depth + z) * tangent, 1 - slope * tangent
 
         start = np.interp(tangent, tangents, table.x)
-        return increasing_root(difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm)
+        return increasing_root(
+            difference, table.x[cell], table.x[cell + 1], start, self.mirror.rim_radius_mm
+        )
 
     def x_from_point(self, x_t: ArrayLike, z_t: ArrayLike) -> Array:
         """Return the mirror points (mm) that image points of the meridional plane.
@@ -721,13 +806,23 @@ class Meridian:
         surface = np.where(x_t <= rim, self.mirror.sag(np.minimum(x_t, rim)), np.inf)
         with np.errstate(invalid="ignore"):  # non-finite points are not imaged
             in_field = (z_t < surface) & np.isfinite(x_t) & np.isfinite(z_t)
-            in_field &= (difference(start, x_t, z_t)[0] <= 0) & (difference(edge, x_t, z_t)[0] >= -ROUNDING)
+            in_field &= (difference(start, x_t, z_t)[0] <= 0) & (
+                difference(edge, x_t, z_t)[0] >= -ROUNDING
+            )
         x = np.full_like(x_t, np.nan)
         if in_field.any():
             xt, zt = x_t[in_field], z_t[in_field]
-            x[in_field] = increasing_root(lambda x: difference(x, xt, zt), start[in_field], edge[in_field], self.first_guess(xt, zt), rim)
+            x[in_field] = increasing_root(
+                lambda x: difference(x, xt, zt),
+                start[in_field],
+                edge[in_field],
+                self.first_guess(xt, zt),
+                rim,
+            )
             if self.cover is not None:
-                x[in_field] = np.where(self.cover.leads_to(self._rays(x[in_field]), xt, zt), x[in_field], np.nan)
+                x[in_field] = np.where(
+                    self.cover.leads_to(self._rays(x[in_field]), xt, zt), x[in_field], np.nan
+                )
         return x
 
     def first_guess(self, x_t: Array, z_t: Array) -> Array:
@@ -764,10 +859,14 @@ def _check_front_side(rays: ChiefRays) -> None:
     if not rays.m > 0:
         raise InvalidParameter(f"mirror_distance_mm must be greater than 0; got {rays.m:g}")
     if rays.w[0] <= 0:
-        raise InvalidParameter(f"mirror_distance_mm must be greater than {rays.m - rays.w[0] + rays.z[0]:g} mm, the position of the lens's entrance pupil: it would be behind the mirror; got {rays.m:g}")
+        raise InvalidParameter(
+            f"mirror_distance_mm must be greater than {rays.m - rays.w[0] + rays.z[0]:g} mm, the position of the lens's entrance pupil: it would be behind the mirror; got {rays.m:g}"
+        )
     hidden = (rays.w <= 0) | (np.cos(rays.theta) - rays.slope * np.sin(rays.theta) <= 0)
     if hidden.any():
-        raise SelfObstruction(f"rim_radius_mm must be less than {_first(rays.x, hidden):.6g} mm, where the lens views the mirror edge-on and its outer part is obscured; got {rays.x[-1]:g}")
+        raise SelfObstruction(
+            f"rim_radius_mm must be less than {_first(rays.x, hidden):.6g} mm, where the lens views the mirror edge-on and its outer part is obscured; got {rays.x[-1]:g}"
+        )
 
 
 def _check_one_to_one(rays: ChiefRays) -> None:
@@ -777,9 +876,13 @@ def _check_one_to_one(rays: ChiefRays) -> None:
         return
     i = int(np.argmax(falling))
     if i <= 1:
-        raise NotOneToOne("the field angle Omega(x) must increase away from the axis; the mirror must be convex towards the lens, and a cone requires a perspective lens")
+        raise NotOneToOne(
+            "the field angle Omega(x) must increase away from the axis; the mirror must be convex towards the lens, and a cone requires a perspective lens"
+        )
     raise _not_one_to_one(rays.x[i], float(np.degrees(rays.omega[i])), rays.x[-1])
 
 
 def _not_one_to_one(x: float, omega_deg: float, rim: float) -> NotOneToOne:
-    return NotOneToOne(f"rim_radius_mm must be less than {x:.6g} mm, where the field angle Omega(x) stops increasing ({omega_deg:.5g} deg) and the mapping is no longer one-to-one; got {rim:g}")
+    return NotOneToOne(
+        f"rim_radius_mm must be less than {x:.6g} mm, where the field angle Omega(x) stops increasing ({omega_deg:.5g} deg) and the mapping is no longer one-to-one; got {rim:g}"
+    )

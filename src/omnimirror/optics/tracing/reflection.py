@@ -17,7 +17,25 @@ from ..mirrors.as_built import NO_FORM, MirrorForm, SurfaceHeights
 from ._ray_intersection import LIFT, hollowness, intersect
 from .meridian import trace_chief_rays
 
-__all__ = ["BEYOND", "CELLS", "MAX_STEPS", "MAX_STEP_LENGTH", "REFLECTION_TOLERANCE", "RIM_SLACK", "TIP", "MirrorSurface", "MirrorTables", "RayEndpoints", "ReflectionPoints", "continued_profile", "cubic_pieces", "footprint", "meridian_table", "radii", "specular_points"]
+__all__ = [
+    "BEYOND",
+    "CELLS",
+    "MAX_STEPS",
+    "MAX_STEP_LENGTH",
+    "REFLECTION_TOLERANCE",
+    "RIM_SLACK",
+    "TIP",
+    "MirrorSurface",
+    "MirrorTables",
+    "RayEndpoints",
+    "ReflectionPoints",
+    "continued_profile",
+    "cubic_pieces",
+    "footprint",
+    "meridian_table",
+    "radii",
+    "specular_points",
+]
 
 
 # -- Limits of the search --------------------------------------------------------------------------
@@ -113,7 +131,11 @@ class MirrorSurface:
         hoop = np.where(on_axis, bend, slope / safe)
         self.points = np.stack([x, y, sag], axis=-1)
         self.slopes = np.stack([slope * cos, slope * sin], axis=-1)
-        self.second = (bend * cos * cos + hoop * sin * sin, (bend - hoop) * cos * sin, bend * sin * sin + hoop * cos * cos)
+        self.second = (
+            bend * cos * cos + hoop * sin * sin,
+            (bend - hoop) * cos * sin,
+            bend * sin * sin + hoop * cos * cos,
+        )
         if not form.is_empty:
             self._add(form.heights(mirror.rim_radius_mm, xy))
 
@@ -191,8 +213,20 @@ class MirrorTables:
         depth, max_tangent = None, 0.0
         if np.isfinite(pupil_distance):
             max_tangent = float(x[-1] / rays.w[-1])
-            depth = _depths(mirror, pupil_distance, np.linspace(0.0, max_tangent, CELLS + 1), x, rays.w)
-        return cls(meridian_table(mirror), cubic_pieces(even, np.gradient(even)), depth, rim / CELLS, omegas, float(rays.z[2 * CELLS] + rays.viewpoint_offset()[2 * CELLS]), max_tangent, rim, TIP * rim if mirror.is_pointed else 0.0)
+            depth = _depths(
+                mirror, pupil_distance, np.linspace(0.0, max_tangent, CELLS + 1), x, rays.w
+            )
+        return cls(
+            meridian_table(mirror),
+            cubic_pieces(even, np.gradient(even)),
+            depth,
+            rim / CELLS,
+            omegas,
+            float(rays.z[2 * CELLS] + rays.viewpoint_offset()[2 * CELLS]),
+            max_tangent,
+            rim,
+            TIP * rim if mirror.is_pointed else 0.0,
+        )
 
     def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
         """Return kernel arguments of the surface, including the lens position."""
@@ -215,7 +249,9 @@ def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
     """
     sag, slope, curvature = continued_profile(mirror, radii(mirror, cells))
     step = mirror.rim_radius_mm / cells
-    return np.concatenate([cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1)
+    return np.concatenate(
+        [cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)], axis=1
+    )
 
 
 def cubic_pieces(values: Array, rates: Array) -> Array:
@@ -229,12 +265,18 @@ def cubic_pieces(values: Array, rates: Array) -> Array:
     return np.stack([values[:-1], low, 3 * rise - 2 * low - high, low + high - 2 * rise], axis=1)
 
 
-def _depths(mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _depths(
+    mirror: Mirror, distance: float, tangents: np.ndarray, x: np.ndarray, w: np.ndarray
+) -> np.ndarray:
     """Return pieces (n, 4) of the mirror's depth from the lens, by tangents."""
     r = np.interp(tangents, x / w, x)
     for _ in range(4):
         sag, slope, _ = mirror.profile(r)
-        r = np.clip(r - (r - (distance + sag) * tangents) / (1 - slope * tangents), 0.0, mirror.rim_radius_mm)
+        r = np.clip(
+            r - (r - (distance + sag) * tangents) / (1 - slope * tangents),
+            0.0,
+            mirror.rim_radius_mm,
+        )
     sag, slope, _ = mirror.profile(r)
     growth = slope * (distance + sag) / (1 - slope * tangents)
     return cubic_pieces(distance + sag, growth * (tangents[1] - tangents[0]))
@@ -264,27 +306,56 @@ class Search(NamedTuple):
 
     def until(self, close: float, aside: float = 0.0) -> tuple[float, ...]:
         """Return kernel arguments, with a tolerance limited by the decentring."""
-        return (self.steps, self.first_steps, close, max(self.first_close, aside), MAX_STEP_LENGTH, self.reach, RIM_SLACK)
+        return (
+            self.steps,
+            self.first_steps,
+            close,
+            max(self.first_close, aside),
+            MAX_STEP_LENGTH,
+            self.reach,
+            RIM_SLACK,
+        )
 
 
 SEARCH = Search(STEPS, FIRST_STEPS, FIRST_CLOSE, REACH)
 
 
-def compiled_reflection_points(mirror: Mirror, form: MirrorForm, pupils: RayEndpoints, targets: RayEndpoints) -> Array | None:
+def compiled_reflection_points(
+    mirror: Mirror, form: MirrorForm, pupils: RayEndpoints, targets: RayEndpoints
+) -> Array | None:
     """Return the points (n, 2), mm, of a convex mirror that image targets in one pupil.
 
     NaN without convergence; None if kernels do not apply.
     """
     xyz = pupils.xyz
-    if len(xyz) < MIN_PAIRS or not backend.is_compiled or not form.is_empty or (xyz != xyz[0]).any():
+    if (
+        len(xyz) < MIN_PAIRS
+        or not backend.is_compiled
+        or not form.is_empty
+        or (xyz != xyz[0]).any()
+    ):
         return None
     x, y, z = (float(part) for part in xyz[0])
     tables = _tables(mirror, np.inf if pupils.distant else max(-z, NEAREST * mirror.rim_radius_mm))
     if tables is None or z == 0:
         return None
     count = len(targets.xyz)
-    coordinates, rows, states = (kernel_array(targets.xyz.T), np.empty((8, count)), np.empty(count, np.uint8))
-    backend.kernels.find_reflections(tables.surface((x, y, z), pupils.distant), SEARCH.until(SETTLED, float(np.hypot(x, y)) / abs(z)), tables.by_omega, tables.omegas, tables.middle_mm, targets.distant, coordinates, rows, states)
+    coordinates, rows, states = (
+        kernel_array(targets.xyz.T),
+        np.empty((8, count)),
+        np.empty(count, np.uint8),
+    )
+    backend.kernels.find_reflections(
+        tables.surface((x, y, z), pupils.distant),
+        SEARCH.until(SETTLED, float(np.hypot(x, y)) / abs(z)),
+        tables.by_omega,
+        tables.omegas,
+        tables.middle_mm,
+        targets.distant,
+        coordinates,
+        rows,
+        states,
+    )
     a, b, c = rows[5:]
     is_shortest = (states != NOT_SETTLED) & (a > 0) & (a * c > b * b)
     positions: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
@@ -320,7 +391,13 @@ GUESS_NODES = 129
 RESTARTS = 8  # around the apex of a pointed mirror
 
 
-def specular_points(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints, start: Array | None = None, form: MirrorForm = NO_FORM) -> ReflectionPoints:
+def specular_points(
+    mirror: Mirror,
+    pupils: RayEndpoints,
+    targets: RayEndpoints,
+    start: Array | None = None,
+    form: MirrorForm = NO_FORM,
+) -> ReflectionPoints:
     """Return the mirror points that image targets in pupils.
 
     Parameters
@@ -347,7 +424,11 @@ def specular_points(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints,
     pupils, targets = pupils.spread(count), targets.spread(count)
     xy = np.empty((count, 2))
     with np.errstate(all="ignore"):  # non-finite results are marked invalid
-        first = _first((mirror, form), pupils, targets) if start is None else np.broadcast_to(start, (count, 2))
+        first = (
+            _first((mirror, form), pupils, targets)
+            if start is None
+            else np.broadcast_to(start, (count, 2))
+        )
         for row in range(0, count, CHUNK):
             part = slice(row, row + CHUNK)
             xy[part] = _shortest((mirror, form), pupils[part], targets[part], first[part])
@@ -371,7 +452,11 @@ def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
     the same distance."""
     if not len(pupils.xyz):
         return np.empty((0, 2))
-    m = np.inf if pupils.distant else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
+    m = (
+        np.inf
+        if pupils.distant
+        else max(-float(np.median(pupils.xyz[:, 2])), 1e-3 * mirror.rim_radius_mm)
+    )
     table = trace_chief_rays(mirror, m, np.linspace(0.0, mirror.rim_radius_mm, GUESS_NODES))
     midpoint = table.z[GUESS_NODES // 2] + table.viewpoint_offset()[GUESS_NODES // 2]
     towards = targets.xyz if targets.distant else targets.xyz - [0.0, 0.0, midpoint]
@@ -383,7 +468,14 @@ def guess(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints) -> Array:
     return np.stack([x * np.cos(azimuth), x * np.sin(azimuth)], axis=-1)
 
 
-def footprint(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints, reflections: ReflectionPoints, motion: Array, form: MirrorForm = NO_FORM) -> Array:
+def footprint(
+    mirror: Mirror,
+    pupils: RayEndpoints,
+    targets: RayEndpoints,
+    reflections: ReflectionPoints,
+    motion: Array,
+    form: MirrorForm = NO_FORM,
+) -> Array:
     """Return the footprint (n,), mm^2 on the plane z = 0, per unit of pupil motion.
 
     Parameters
@@ -416,7 +508,9 @@ def footprint(mirror: Mirror, pupils: RayEndpoints, targets: RayEndpoints, refle
     return area
 
 
-def _path(surface: MirrorSurface, pupils: RayEndpoints, targets: RayEndpoints) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+def _path(
+    surface: MirrorSurface, pupils: RayEndpoints, targets: RayEndpoints
+) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Return path length (n,), gradient (n, 2) and second derivatives (xx, xy, yy)."""
     length = np.zeros(len(surface.points))
     pull = np.zeros_like(surface.points)
@@ -446,11 +540,17 @@ def _shortest(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, start: 
     """Return (x, y) (n, 2) of the shortest paths, by descent from initial points."""
     rim, pointed = shape[0].rim_radius_mm, shape[0].is_pointed
     best_path = np.array(start)
-    trial, step, length = (best_path.copy(), np.zeros_like(best_path), np.full(len(best_path), np.inf))
+    trial, step, length = (
+        best_path.copy(),
+        np.zeros_like(best_path),
+        np.full(len(best_path), np.inf),
+    )
     active = np.arange(len(best_path))
     for _ in range(MAX_STEPS):
         pupil, target = pupils[active], targets[active]
-        new_length, gradient, second = _path(MirrorSurface(shape[0], trial[active], shape[1]), pupil, target)
+        new_length, gradient, second = _path(
+            MirrorSurface(shape[0], trial[active], shape[1]), pupil, target
+        )
         down = new_length <= length[active] * (1 + PATH_ROUNDING) + PATH_ROUNDING * rim
         is_shorter = active[down]
         best_path[is_shorter], length[is_shorter] = trial[is_shorter], new_length[down]
@@ -474,7 +574,9 @@ def _restart_from_tip(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints,
         if not at_tip.size:
             return
         start = shape[0].rim_radius_mm / 2 * np.array([np.cos(azimuth), np.sin(azimuth)])
-        xy[at_tip] = _shortest(shape, pupils[at_tip], targets[at_tip], np.broadcast_to(start, (at_tip.size, 2)))
+        xy[at_tip] = _shortest(
+            shape, pupils[at_tip], targets[at_tip], np.broadcast_to(start, (at_tip.size, 2))
+        )
 
 
 def _downhill(gradient: Array, second: tuple[Array, ...], max_step: Array | float) -> Array:
@@ -491,13 +593,19 @@ def _downhill(gradient: Array, second: tuple[Array, ...], max_step: Array | floa
     return limited
 
 
-def _verified(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array) -> ReflectionPoints:
+def _verified(
+    shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Array
+) -> ReflectionPoints:
     """Verify mirror points and return their rays."""
     mirror, surface = shape[0], MirrorSurface(shape[0], xy, shape[1])
     length, gradient, _ = _path(surface, pupils, targets)
     points, slopes, normals = surface.points, surface.slopes, surface.normals
-    to_pupils, to_targets = (end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets))
-    faces_both = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (np.einsum("ni,ni->n", to_targets, normals) > 0)
+    to_pupils, to_targets = (
+        end.xyz if end.distant else _unit(end.xyz - points) for end in (pupils, targets)
+    )
+    faces_both = (np.einsum("ni,ni->n", to_pupils, normals) > 0) & (
+        np.einsum("ni,ni->n", to_targets, normals) > 0
+    )
     miss = np.hypot(*gradient.T) / np.sqrt(1 + np.einsum("ni,ni->n", slopes, slopes))
     reflects = faces_both & (miss <= REFLECTION_TOLERANCE)
     valid = reflects & (np.hypot(*xy.T) <= mirror.rim_radius_mm * (1 + RIM_SLACK))
@@ -508,7 +616,16 @@ def _verified(shape: Shape, pupils: RayEndpoints, targets: RayEndpoints, xy: Arr
             away = np.inf if end.distant else np.linalg.norm(end.xyz[valid] - lifted, axis=1)
             valid[valid] = ~(hit < away)
     blank = np.where(reflects, 1.0, np.nan)
-    return ReflectionPoints(points, normals * blank[:, None], to_pupils * blank[:, None], to_targets * blank[:, None], length * blank, reflects, valid, points)
+    return ReflectionPoints(
+        points,
+        normals * blank[:, None],
+        to_pupils * blank[:, None],
+        to_targets * blank[:, None],
+        length * blank,
+        reflects,
+        valid,
+        points,
+    )
 
 
 def _unit(vectors: Array) -> Array:

@@ -61,7 +61,9 @@ def check_mesh_file(path: Path) -> None:
 def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
     """Raise MediaError if triangles (n, 3) reference missing vertices."""
     if (invalid := (faces < 0) | (faces >= count)).any():
-        raise MediaError(f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[invalid][0]}, in total {int(invalid.any(axis=1).sum())} invalid triangles")
+        raise MediaError(
+            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[invalid][0]}, in total {int(invalid.any(axis=1).sum())} invalid triangles"
+        )
 
 
 def check_corners(path: Path, corners_mm: list[Array]) -> None:
@@ -69,11 +71,18 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
     invalid = sum(int((~np.isfinite(corners).all(axis=(1, 2))).sum()) for corners in corners_mm)
     count = sum(len(corners) for corners in corners_mm)
     if invalid:
-        raise MediaError(f"the corners of the mesh {path} must be finite; {invalid} of {count} triangles are not")
-    low, high = (pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0) for pick in (np.min, np.max))
+        raise MediaError(
+            f"the corners of the mesh {path} must be finite; {invalid} of {count} triangles are not"
+        )
+    low, high = (
+        pick([pick(corners, axis=(0, 1)) for corners in corners_mm], axis=0)
+        for pick in (np.min, np.max)
+    )
     extent = float(np.max(high - low))
     if not MIN_EXTENT_MM <= extent <= MAX_EXTENT_MM:
-        raise MediaError(f"the extent of the mesh {path} must be between {MIN_EXTENT_MM:g} and {MAX_EXTENT_MM:g} mm; got {extent:.3g} mm; specify the unit of the mesh (--unit-mm, unit_mm)")
+        raise MediaError(
+            f"the extent of the mesh {path} must be between {MIN_EXTENT_MM:g} and {MAX_EXTENT_MM:g} mm; got {extent:.3g} mm; specify the unit of the mesh (--unit-mm, unit_mm)"
+        )
     sides = [corners[:, 1:] - corners[:, :1] for corners in corners_mm]
     if not any(np.cross(side[:, 0], side[:, 1]).any() for side in sides):
         raise MediaError(f"the mesh {path} must have an area; all {count} triangles are degenerate")
@@ -83,7 +92,9 @@ def _check_obj(path: Path) -> None:
     text = read_bytes(path, MAX_MESH_BYTES)
     if match := ZERO_INDEX.search(text):
         line = text.count(b"\n", 0, match.end()) + 1
-        raise MediaError(f"the mesh {path}: indices of OBJ files must be nonzero; got 0 in line {line}")
+        raise MediaError(
+            f"the mesh {path}: indices of OBJ files must be nonzero; got 0 in line {line}"
+        )
     for names in MATERIALS.findall(text):
         name = _text(names)
         _check_referenced_file(path, "material file", name)
@@ -100,25 +111,37 @@ def _check_gltf(path: Path) -> None:
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
     try:
         data: Any = parse_json(content)
-        parts = [(kind, each.get("uri")) for kind in ("images", "buffers") for each in data.get(kind, [])]
+        parts = [
+            (kind, each.get("uri")) for kind in ("images", "buffers") for each in data.get(kind, [])
+        ]
         corners = sum(each.get("count", 0) for each in data.get("accessors", []))
-        too_many = corners > MAX_CORNERS  # accessors without a buffer are zeros, without data in the file
+        too_many = (
+            corners > MAX_CORNERS
+        )  # accessors without a buffer are zeros, without data in the file
     except (ValueError, AttributeError, TypeError):
         return  # the reader reports the reason
     if too_many:
-        raise MediaError(f"the mesh {path} must have at most {MAX_CORNERS} corner values; got {corners}")
+        raise MediaError(
+            f"the mesh {path} must have at most {MAX_CORNERS} corner values; got {corners}"
+        )
     for kind, uri in parts:
         if isinstance(uri, str) and not uri.startswith("data:"):
-            _check_referenced_file(path, {"images": "texture", "buffers": "buffer"}[kind], unquote(uri))
+            _check_referenced_file(
+                path, {"images": "texture", "buffers": "buffer"}[kind], unquote(uri)
+            )
 
 
 def _check_referenced_file(path: Path, kind: str, name: str) -> None:
     try:
         check_file(path.parent / name, MAX_MESH_BYTES)
     except FileNotFoundError:
-        raise MediaError(f"cannot find the {kind} {name!r} of the mesh {path}; copy it to {path.parent}") from None
+        raise MediaError(
+            f"cannot find the {kind} {name!r} of the mesh {path}; copy it to {path.parent}"
+        ) from None
     except OSError as e:
-        raise MediaError(f"cannot read the {kind} {name!r} of the mesh {path}: {e.strerror}") from None
+        raise MediaError(
+            f"cannot read the {kind} {name!r} of the mesh {path}: {e.strerror}"
+        ) from None
 
 
 def _text(name: bytes) -> str:
@@ -135,7 +158,12 @@ SUN_DIRECTION = np.array([0.35, 0.5, 0.8]) / np.linalg.norm([0.35, 0.5, 0.8])
 SKY_FRACTION, SUN_FRACTION = 0.55, 0.45
 
 
-def load_mesh(path: str | Path, unit_mm: float | None = None, up: str | None = None, background: Scene | None = None) -> Surroundings:
+def load_mesh(
+    path: str | Path,
+    unit_mm: float | None = None,
+    up: str | None = None,
+    background: Scene | None = None,
+) -> Surroundings:
     """Read a mesh.
 
     Textures are rendered unchanged, as baked light; vertex colours and uniform colours are shaded
@@ -161,7 +189,9 @@ def load_mesh(path: str | Path, unit_mm: float | None = None, up: str | None = N
         If the axis is unknown or the unit is not a length.
     """
     path = Path(path)
-    default_unit, default_up = DEFAULT_CONVENTIONS.get(path.suffix.lower(), DEFAULT_CONVENTIONS[".glb"])
+    default_unit, default_up = DEFAULT_CONVENTIONS.get(
+        path.suffix.lower(), DEFAULT_CONVENTIONS[".glb"]
+    )
     unit_mm, up = default_unit if unit_mm is None else unit_mm, default_up if up is None else up
     if up not in TO_WORLD:
         raise InvalidParameter(f"up must be one of {', '.join(TO_WORLD)}; got {up!r}")
@@ -171,10 +201,18 @@ def load_mesh(path: str | Path, unit_mm: float | None = None, up: str | None = N
     for mesh in meshes:
         check_faces(path, np.asarray(mesh.faces), len(mesh.vertices))
     with np.errstate(all="ignore"):  # overflows are rejected below
-        corners = [rotate_vectors(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes]
+        corners = [
+            rotate_vectors(np.asarray(mesh.vertices)[mesh.faces], to_world.T) for mesh in meshes
+        ]
         check_corners(path, corners)
-    corners_are_linear = path.suffix.lower() in (".glb", ".gltf")  # defined by glTF; other formats imply sRGB
-    parts = [_surfaces_of(m, c, to_world, corners_are_linear) for m, c in zip(meshes, corners, strict=True)]
+    corners_are_linear = path.suffix.lower() in (
+        ".glb",
+        ".gltf",
+    )  # defined by glTF; other formats imply sRGB
+    parts = [
+        _surfaces_of(m, c, to_world, corners_are_linear)
+        for m, c in zip(meshes, corners, strict=True)
+    ]
     return Surroundings(combine_surfaces(parts), background)
 
 
@@ -183,28 +221,42 @@ def _meshes(path: Path) -> list[Any]:
     try:
         import trimesh
     except ImportError:
-        raise MediaError(f"reading the mesh {path.name} requires trimesh: pip install 'omnimirror[cad]'") from None
+        raise MediaError(
+            f"reading the mesh {path.name} requires trimesh: pip install 'omnimirror[cad]'"
+        ) from None
     if not path.exists():
         raise MediaError(f"cannot find the mesh {path}")
     check_mesh_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)
-        meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+        meshes = [
+            mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+        ]
     except Exception as e:  # readers of many formats raise arbitrary exceptions
         reason = str(e).strip().splitlines()
-        raise MediaError(f"cannot read the mesh {path}: {reason[0] if reason else type(e).__name__}") from None
+        raise MediaError(
+            f"cannot read the mesh {path}: {reason[0] if reason else type(e).__name__}"
+        ) from None
     if not meshes:
         raise MediaError(f"the mesh {path} must contain triangles")
     return meshes
 
 
-def _surfaces_of(mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool) -> Surfaces:
+def _surfaces_of(
+    mesh: Any, triangles: Array, to_world: Array, corners_are_linear: bool
+) -> Surfaces:
     texture, uv = _texture(mesh.visual), getattr(mesh.visual, "uv", None)
     if texture is not None and uv is not None and len(uv) == len(mesh.vertices):
         return _textured(triangles, np.asarray(uv, dtype=float)[mesh.faces], texture)
-    normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (to_world.T / np.linalg.norm(to_world[0]))
-    shade = SKY_FRACTION * (0.5 + 0.5 * normals[..., 2]) + SUN_FRACTION * np.clip(normals @ SUN_DIRECTION, 0, 1)
-    return facets(triangles, (shade[..., None] * _corner_colours(mesh, corners_are_linear)).astype(np.float32))
+    normals = np.asarray(mesh.vertex_normals, dtype=float)[mesh.faces] @ (
+        to_world.T / np.linalg.norm(to_world[0])
+    )
+    shade = SKY_FRACTION * (0.5 + 0.5 * normals[..., 2]) + SUN_FRACTION * np.clip(
+        normals @ SUN_DIRECTION, 0, 1
+    )
+    return facets(
+        triangles, (shade[..., None] * _corner_colours(mesh, corners_are_linear)).astype(np.float32)
+    )
 
 
 def _textured(triangles: Array, uv: Array, texture: Light) -> Surfaces:
@@ -224,7 +276,9 @@ def _texture(visual: Any) -> Light | None:
     if image is None:
         return None
     rgba = np.asarray(image.convert("RGBA"), dtype=np.float32) / 255
-    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(getattr(material, "baseColorFactor", None))
+    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(
+        getattr(material, "baseColorFactor", None)
+    )
     is_opaque = getattr(material, "alphaMode", None) in (None, "OPAQUE")
     alpha = np.ones_like(rgba[..., 3:]) if is_opaque else rgba[..., 3:]
     return np.ascontiguousarray(np.concatenate([colour * alpha, 1 - alpha], axis=-1), np.float32)
@@ -245,7 +299,9 @@ def _corner_colours(mesh: Any, are_linear: bool) -> Light:
         corners = np.asarray(visual.vertex_colors)[mesh.faces][..., :3] / np.float32(255)
         return corners if are_linear else linear_from_srgb(corners)
     if visual.kind == "face":
-        return np.broadcast_to(linear_from_srgb(np.asarray(visual.face_colors)[:, None, :3] / 255), shape)
+        return np.broadcast_to(
+            linear_from_srgb(np.asarray(visual.face_colors)[:, None, :3] / 255), shape
+        )
     material = getattr(visual, "material", None)
     factor, diffuse = (getattr(material, name, None) for name in ("baseColorFactor", "diffuse"))
     if factor is not None:

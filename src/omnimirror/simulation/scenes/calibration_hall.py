@@ -15,7 +15,14 @@ from ...base.parameters import Parameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction, view_axes
 from ._lighting import light_on
-from ._painting import Canvas, Paint, Surroundings, illuminated_texels, outer_faces, surfaces_of_faces
+from ._painting import (
+    Canvas,
+    Paint,
+    Surroundings,
+    illuminated_texels,
+    outer_faces,
+    surfaces_of_faces,
+)
 from .surfaces import Box, Face, face_of, rays_inside
 
 # -- Checkerboards ---------------------------------------------------------------------------------
@@ -45,8 +52,12 @@ class HallBoard:
     @property
     def face(self) -> Face:
         """Face of the whole board."""
-        middle = self.distance_mm * pan_tilt_direction(np.radians(self.pan_deg), np.radians(self.tilt_deg))
-        forward, right, down = view_axes(self.pan_deg + self.yaw_deg, self.tilt_deg + self.pitch_deg, self.roll_deg)
+        middle = self.distance_mm * pan_tilt_direction(
+            np.radians(self.pan_deg), np.radians(self.tilt_deg)
+        )
+        forward, right, down = view_axes(
+            self.pan_deg + self.yaw_deg, self.tilt_deg + self.pitch_deg, self.roll_deg
+        )
         width, height = (count * SQUARE_MM + 2 * MARGIN_MM for count in SQUARES)
         corner = middle - width / 2 * right + height / 2 * down
         return Face(corner, right, -down, -forward, width, height)
@@ -63,10 +74,15 @@ class HallBoard:
     def paint(self, texel_mm: float) -> Canvas:
         """Paint the board, with square edges aligned to texel edges."""
         face, (columns, rows) = self.face, SQUARES
-        canvas = Canvas(face.width_mm, face.height_mm, SQUARE_MM / max(1, round(SQUARE_MM / texel_mm)), WHITE)
+        canvas = Canvas(
+            face.width_mm, face.height_mm, SQUARE_MM / max(1, round(SQUARE_MM / texel_mm)), WHITE
+        )
         for row in range(rows):
             for column in range(row % 2, columns, 2):
-                left, top = (MARGIN_MM + column * SQUARE_MM, face.height_mm - MARGIN_MM - row * SQUARE_MM)
+                left, top = (
+                    MARGIN_MM + column * SQUARE_MM,
+                    face.height_mm - MARGIN_MM - row * SQUARE_MM,
+                )
                 canvas.rectangle(left, top - SQUARE_MM, left + SQUARE_MM, top, BLACK)
         canvas.text(self.name, face.width_mm / 2, MARGIN_MM / 2, 0.5 * MARGIN_MM, LABEL)
         return canvas
@@ -77,14 +93,49 @@ class HallBoard:
 TEXEL = Parameter("mm", 1.0, 100.0, "texel size of the painted surfaces")
 PLAIN_TEXEL_FACTOR = 4.0  # times coarser on faces without corners
 HALL = Box((-5200.0, -4200.0, -1700.0), (5200.0, 4200.0, 3300.0))
-CRATES = (Box((3900.0, 2700.0, -1700.0), (4900.0, 3700.0, -800.0)), Box((4100.0, 2800.0, -800.0), (4700.0, 3400.0, -200.0)), Box((-4900.0, -3900.0, -1700.0), (-3600.0, -3300.0, -900.0)), Box((3600.0, -4000.0, -1700.0), (4400.0, -3400.0, -1100.0)))
-PILLARS = tuple(Box((x - 150.0, y - 150.0, -1700.0), (x + 150.0, y + 150.0, 3300.0)) for x in (-4000.0, 4000.0) for y in (-3950.0, 3950.0))
+CRATES = (
+    Box((3900.0, 2700.0, -1700.0), (4900.0, 3700.0, -800.0)),
+    Box((4100.0, 2800.0, -800.0), (4700.0, 3400.0, -200.0)),
+    Box((-4900.0, -3900.0, -1700.0), (-3600.0, -3300.0, -900.0)),
+    Box((3600.0, -4000.0, -1700.0), (4400.0, -3400.0, -1100.0)),
+)
+PILLARS = tuple(
+    Box((x - 150.0, y - 150.0, -1700.0), (x + 150.0, y + 150.0, 3300.0))
+    for x in (-4000.0, 4000.0)
+    for y in (-3950.0, 3950.0)
+)
 SOLIDS = (*CRATES, *PILLARS)
 
 BOARDS = (
-    *(HallBoard(f"A{i + 1}", -180.0 + 60 * i, 3.0 + 5 * (i % 2), 2300.0 + 300 * (i % 3), 14 * (-1) ** i) for i in range(6)),
-    *(HallBoard(f"B{i + 1}", -150.0 + 60 * i, -42.0 - 5 * (i % 2), 1750.0 + 120 * (i % 2), 0, 10 * (-1) ** i, 8 * (-1) ** i) for i in range(6)),
-    *(HallBoard(f"C{i + 1}", -150.0 + 60 * i, 36.0 + 4 * (i % 2), 2300.0 + 200 * (i % 3), 0, 12 * (-1) ** i) for i in range(6)),
+    *(
+        HallBoard(
+            f"A{i + 1}", -180.0 + 60 * i, 3.0 + 5 * (i % 2), 2300.0 + 300 * (i % 3), 14 * (-1) ** i
+        )
+        for i in range(6)
+    ),
+    *(
+        HallBoard(
+            f"B{i + 1}",
+            -150.0 + 60 * i,
+            -42.0 - 5 * (i % 2),
+            1750.0 + 120 * (i % 2),
+            0,
+            10 * (-1) ** i,
+            8 * (-1) ** i,
+        )
+        for i in range(6)
+    ),
+    *(
+        HallBoard(
+            f"C{i + 1}",
+            -150.0 + 60 * i,
+            36.0 + 4 * (i % 2),
+            2300.0 + 200 * (i % 3),
+            0,
+            12 * (-1) ** i,
+        )
+        for i in range(6)
+    ),
 )
 """Boards in three rings: at the height of the sensor, below it and above it."""
 
@@ -189,7 +240,9 @@ class Hall:
         InvalidParameter
             If the corners are not points.
         """
-        low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
+        low_mm, high_mm = (
+            finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm))
+        )
         inside = (np.array(HALL.low) <= low_mm).all() and (np.array(HALL.high) >= high_mm).all()
         return _painted(self.texel_mm) if inside else None
 
@@ -221,14 +274,23 @@ class Hall:
 def _painted(texel_mm: float) -> Surroundings:
     coarse = PLAIN_TEXEL_FACTOR * texel_mm
     walls = [face_of(HALL, i, inside=True) for i in range(6)]
-    painted: list[tuple[Face, Canvas]] = [(face, _wall(i, face, coarse)) for i, face in enumerate(walls)]
+    painted: list[tuple[Face, Canvas]] = [
+        (face, _wall(i, face, coarse)) for i, face in enumerate(walls)
+    ]
     for number, face in enumerate(outer_faces(SOLIDS)):
-        painted.append((face, _crate(face, coarse) if number < 6 * len(CRATES) else _pillar(face, coarse)))
+        painted.append(
+            (face, _crate(face, coarse) if number < 6 * len(CRATES) else _pillar(face, coarse))
+        )
     painted += [(board.face, board.paint(texel_mm)) for board in BOARDS]
     backs = [_back(board.face) for board in BOARDS]
-    painted += [(face, Canvas(face.width_mm, face.height_mm, 50.0, Paint("#5b6670"))) for face in backs]
+    painted += [
+        (face, Canvas(face.width_mm, face.height_mm, 50.0, Paint("#5b6670"))) for face in backs
+    ]
     lights = light_on(painted, HALL, SOLIDS)
-    images = [illuminated_texels(canvas, light) for (_, canvas), light in zip(painted, lights, strict=True)]
+    images = [
+        illuminated_texels(canvas, light)
+        for (_, canvas), light in zip(painted, lights, strict=True)
+    ]
     return Surroundings(surfaces_of_faces([face for face, _ in painted], images))
 
 
@@ -252,8 +314,15 @@ def _wall(number: int, face: Face, texel_mm: float) -> Canvas:
         return _floor(face, texel_mm)
     if number == 5:
         return _ceiling(face, texel_mm)
-    canvas = Canvas(face.width_mm, face.height_mm, texel_mm, Paint(("#c9cdc8", "#bfc8cd", "#cfc8bd", "#c6c4cf")[number]))
-    canvas.rectangle(0, 0, face.width_mm, 1250, Paint(("#6f8577", "#5f7a8c", "#93775f", "#77708c")[number]))
+    canvas = Canvas(
+        face.width_mm,
+        face.height_mm,
+        texel_mm,
+        Paint(("#c9cdc8", "#bfc8cd", "#cfc8bd", "#c6c4cf")[number]),
+    )
+    canvas.rectangle(
+        0, 0, face.width_mm, 1250, Paint(("#6f8577", "#5f7a8c", "#93775f", "#77708c")[number])
+    )
     canvas.rectangle(0, 1250, face.width_mm, 1310, Paint("#e9e6df"))
     for middle in np.arange(650.0, face.width_mm, 1300.0):  # panels
         canvas.rectangle(middle - 648, 1310, middle - 640, face.height_mm, Paint("#a8aaa6"))

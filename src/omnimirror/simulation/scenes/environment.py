@@ -58,8 +58,15 @@ class Environment:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if self.light.ndim != 3 or self.light.shape[2] != 3 or self.light.size == 0 or self.light.dtype != np.float32:
-            raise InvalidParameter(f"light must be (height, width, 3) of float32; got {self.light.shape} of {self.light.dtype}")
+        if (
+            self.light.ndim != 3
+            or self.light.shape[2] != 3
+            or self.light.size == 0
+            or self.light.dtype != np.float32
+        ):
+            raise InvalidParameter(
+                f"light must be (height, width, 3) of float32; got {self.light.shape} of {self.light.dtype}"
+            )
         if not (np.isfinite(self.light).all() and (self.light >= 0).all()):
             raise InvalidParameter("light must contain finite values from 0")
 
@@ -91,9 +98,13 @@ class Environment:
         image = read_image(path)
         height, width = image.shape[:2]
         if not 1.9 <= width / height <= 2.1:
-            raise MediaError(f"{path}: an equirectangular image must have the aspect ratio 2:1; got {width} x {height} px")
+            raise MediaError(
+                f"{path}: an equirectangular image must have the aspect ratio 2:1; got {width} x {height} px"
+            )
         if height < MIN_ROWS:
-            raise MediaError(f"{path}: an environment must have at least {2 * MIN_ROWS} x {MIN_ROWS} px; got {width} x {height} px")
+            raise MediaError(
+                f"{path}: an environment must have at least {2 * MIN_ROWS} x {MIN_ROWS} px; got {width} x {height} px"
+            )
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:

@@ -83,7 +83,9 @@ class MovingBox:
         finite("size_mm", self.size_mm, 1e-3)
         hex_colour(self.colour)
         if unknown := next((name for name in self.path.tracks if name not in POSE_NAMES), None):
-            raise InvalidParameter(f"the tracks of path must be from {', '.join(POSE_NAMES)}; got {unknown!r}")
+            raise InvalidParameter(
+                f"the tracks of path must be from {', '.join(POSE_NAMES)}; got {unknown!r}"
+            )
 
     def pose_at(self, time_s: float) -> Pose:
         """Return the pose at a time.
@@ -136,18 +138,25 @@ def load_bodies(path: str | Path) -> tuple[MovingBox, ...]:
     [('cart', 1200.0)]
     """
     path = file_name("path", path)
-    return tuple(_body(name, table, path) for name, table in read_tables(path, "body", "bodies", MAX_BODIES).items())
+    return tuple(
+        _body(name, table, path)
+        for name, table in read_tables(path, "body", "bodies", MAX_BODIES).items()
+    )
 
 
 def _body(name: str, table: dict[str, Any], source: Path) -> MovingBox:
     location, remaining = f"[{name}] of {source}", dict(table)
     size = remaining.pop("size_mm", None)
     if not isinstance(size, list):
-        raise SpecError(f"{location}: size_mm must be [length, width, height], for example [400, 300, 500]")
+        raise SpecError(
+            f"{location}: size_mm must be [length, width, height], for example [400, 300, 500]"
+        )
     colour = {"colour": remaining.pop("colour")} if "colour" in remaining else {}
     try:
         if "path" in remaining:
-            track = Keyframes.load(source.parent / file_name("path", remaining.pop("path")), POSE_NAMES)
+            track = Keyframes.load(
+                source.parent / file_name("path", remaining.pop("path")), POSE_NAMES
+            )
             if remaining:
                 raise InvalidParameter(f"{next(iter(remaining))} must be omitted with a path")
         else:
@@ -201,18 +210,31 @@ class SceneWithBodies:
         None if the scene contains more than surfaces, has too many surfaces to reorder for each
         time, or if rays may start in a body.
         """
-        surroundings = self.scene.surroundings_from(low_mm, high_mm) if isinstance(self.scene, PaintedScene) else None
+        surroundings = (
+            self.scene.surroundings_from(low_mm, high_mm)
+            if isinstance(self.scene, PaintedScene)
+            else None
+        )
         if surroundings is None or not self.bodies:
             return surroundings
         poses = [box.pose_at(self.time_s) for box in self.bodies]
         starts = [np.clip(pose.shift_mm, low_mm, high_mm) - pose.shift_mm for pose in poses]
         reaches = [np.linalg.norm(box.size_mm) / 2 for box in self.bodies]
-        is_inside = any(np.linalg.norm(start) <= reach for start, reach in zip(starts, reaches, strict=True))
+        is_inside = any(
+            np.linalg.norm(start) <= reach for start, reach in zip(starts, reaches, strict=True)
+        )
         if is_inside or len(surroundings.surfaces.records) > MAX_REORDERED_SURFACES:
             return None
-        faces = [face for box, pose in zip(self.bodies, poses, strict=True) for face in _faces_of(box, pose)]
+        faces = [
+            face
+            for box, pose in zip(self.bodies, poses, strict=True)
+            for face in _faces_of(box, pose)
+        ]
         images = [_plain(box, number // 2) for box in self.bodies for number in FACES]
-        return Surroundings(merge_surfaces(surroundings.surfaces, surfaces_of_faces(faces, images)), surroundings.background)
+        return Surroundings(
+            merge_surfaces(surroundings.surfaces, surfaces_of_faces(faces, images)),
+            surroundings.background,
+        )
 
     def distance_mm(self, origins_mm: Array, directions: Array) -> Array:
         """Return distances (n,) of rays, mm."""
@@ -234,7 +256,9 @@ class SceneWithBodies:
         first = 1 + len(self.label_names) - len(self.bodies)
         return np.where(body >= 0, first + body, labels)
 
-    def _nearest(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    def _nearest(
+        self, origins: Array, directions: Array
+    ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
         """Return distances (n,) of rays, body indices, -1 for none, and the axis of the intersected
         face.
         """
@@ -251,14 +275,22 @@ class SceneWithBodies:
             exits = (np.sign(towards) * half - start) / towards
             near = entries.max(axis=1)
             is_hit = (near > 0) & (near < exits.min(axis=1)) & (near < nearest)
-            nearest[is_hit], body[is_hit], axis[is_hit] = (near[is_hit], number, entries.argmax(axis=1)[is_hit])
+            nearest[is_hit], body[is_hit], axis[is_hit] = (
+                near[is_hit],
+                number,
+                entries.argmax(axis=1)[is_hit],
+            )
         return nearest, body, axis
 
 
 def _faces_of(box: MovingBox, pose: Pose) -> list[Face]:
     """Return its faces in the scene, ordered by number."""
     length, width, height = (side / 2 for side in box.size_mm)
-    local_box, turn, faces = (Box((-length, -width, -height), (length, width, height)), pose.rotation().T, [])
+    local_box, turn, faces = (
+        Box((-length, -width, -height), (length, width, height)),
+        pose.rotation().T,
+        [],
+    )
     for face in (face_of(local_box, number, inside=False) for number in FACES):
         corner = pose.to_scene(face.corner[None])[0]
         right, up, normal = rotate_vectors(np.array([face.right, face.up, face.normal]), turn)

@@ -18,7 +18,17 @@ from ...base.native import backend
 from ...base.parameters import Parameter
 from ...base.typing import Array
 from ._lighting import light_on
-from ._painting import Canvas, Extent, Landscape, Paint, Surroundings, illuminated_texels, landscape_light, outer_faces, surfaces_of_faces
+from ._painting import (
+    Canvas,
+    Extent,
+    Landscape,
+    Paint,
+    Surroundings,
+    illuminated_texels,
+    landscape_light,
+    outer_faces,
+    surfaces_of_faces,
+)
 from .surfaces import FACES, Box, Face, face_of, intersect_boxes, rays_inside
 
 # -- Decoration ------------------------------------------------------------------------------------
@@ -46,12 +56,26 @@ class Sign(NamedTuple):
     paint: Paint
 
 
-SIGNS = (Sign(1, "OMNIMIRROR", 2500.0, 1930.0, 350.0, Paint("#1f3a52")), Sign(3, "GARDEN", 3000.0, 2570.0, 290.0, Paint("#5b4a2a")), Sign(0, "LIBRARY", 3830.0, 1880.0, 290.0, Paint("#2c4734")), Sign(2, "EXIT", 4800.0, 2440.0, 250.0, WHITE))
+SIGNS = (
+    Sign(1, "OMNIMIRROR", 2500.0, 1930.0, 350.0, Paint("#1f3a52")),
+    Sign(3, "GARDEN", 3000.0, 2570.0, 290.0, Paint("#5b4a2a")),
+    Sign(0, "LIBRARY", 3830.0, 1880.0, 290.0, Paint("#2c4734")),
+    Sign(2, "EXIT", 4800.0, 2440.0, 250.0, WHITE),
+)
 
 
-def paint_room(face: int, texel_mm: float, width_mm: float, height_mm: float) -> tuple[Canvas, dict[str, Extent]]:
+def paint_room(
+    face: int, texel_mm: float, width_mm: float, height_mm: float
+) -> tuple[Canvas, dict[str, Extent]]:
     """Paint one of the six faces of the room; return the canvas and the extents of its words."""
-    painters: tuple[tuple[str, Callable[[Canvas], None]], ...] = (("#b3bfa8", _back_wall), ("#b9c7cf", _front_wall), ("#cdab97", _right_wall), ("#d9cba9", _left_wall), ("#c9c0b0", _floor), ("#f0eee8", _ceiling))
+    painters: tuple[tuple[str, Callable[[Canvas], None]], ...] = (
+        ("#b3bfa8", _back_wall),
+        ("#b9c7cf", _front_wall),
+        ("#cdab97", _right_wall),
+        ("#d9cba9", _left_wall),
+        ("#c9c0b0", _floor),
+        ("#f0eee8", _ceiling),
+    )
     ground, paint = painters[face]
     canvas = Canvas(width_mm, height_mm, texel_mm, Paint(ground))
     paint(canvas)
@@ -104,14 +128,24 @@ def _floor(canvas: Canvas) -> None:
 
 def _compass(canvas: Canvas, x: float, y: float) -> None:
     """Paint four letters below the sensor; north is forward."""
-    for radius, paint in ((620.0, CREAM), (595.0, Paint("#2f4858")), (240.0, CREAM), (220.0, Paint("#8a4a41"))):
+    for radius, paint in (
+        (620.0, CREAM),
+        (595.0, Paint("#2f4858")),
+        (240.0, CREAM),
+        (220.0, Paint("#8a4a41")),
+    ):
         canvas.disc(x, y, radius, paint)
     for letter, right, up in (("N", 0, 1), ("E", 1, 0), ("S", 0, -1), ("W", -1, 0)):
         canvas.text(letter, x + 415 * right, y + 415 * up, 190.0, CREAM)
 
 
 def _ceiling(canvas: Canvas) -> None:
-    for middle in (750.0, 2250.0, 3750.0, 5250.0):  # ordered from the front, as seen by a viewer facing up
+    for middle in (
+        750.0,
+        2250.0,
+        3750.0,
+        5250.0,
+    ):  # ordered from the front, as seen by a viewer facing up
         canvas.rectangle(1550, middle - 150, 3450, middle + 150, STEEL)
         canvas.rectangle(1580, middle - 120, 3420, middle + 120, LAMP)
 
@@ -140,8 +174,16 @@ def _door(canvas: Canvas, left: float, right: float, top: float) -> None:
 def _painting(canvas: Canvas, left: float, bottom: float) -> None:
     canvas.rectangle(left, bottom, left + 1900, bottom + 1150, WALNUT)
     canvas.rectangle(left + 60, bottom + 60, left + 1840, bottom + 1090, WHITE)
-    fields = ((170, 170, 780, 560, "#26456b"), (170, 590, 780, 980, "#d8b04c"), (810, 170, 1180, 980, "#efe7d4"))
-    for x0, y0, x1, y1, colour in (*fields, (1210, 480, 1730, 980, "#a8402f"), (1210, 170, 1730, 450, "#3d4247")):
+    fields = (
+        (170, 170, 780, 560, "#26456b"),
+        (170, 590, 780, 980, "#d8b04c"),
+        (810, 170, 1180, 980, "#efe7d4"),
+    )
+    for x0, y0, x1, y1, colour in (
+        *fields,
+        (1210, 480, 1730, 980, "#a8402f"),
+        (1210, 170, 1730, 450, "#3d4247"),
+    ):
         canvas.rectangle(left + x0, bottom + y0, left + x1, bottom + y1, Paint(colour))
     canvas.disc(left + 995, bottom + 690, 150, INK)
     canvas.disc(left + 1470, bottom + 730, 170, CREAM)
@@ -172,7 +214,17 @@ def _books(canvas: Canvas) -> None:
     """Paint four shelves of books whose sizes and colours have a long period without visible
     pattern.
     """
-    colours = ("#7a2e2a", "#2f4858", "#d2c4a0", "#3f5e46", "#8a6a3d", "#54415f", "#b9b3a5", "#1f3a52", "#a35a3a")
+    colours = (
+        "#7a2e2a",
+        "#2f4858",
+        "#d2c4a0",
+        "#3f5e46",
+        "#8a6a3d",
+        "#54415f",
+        "#b9b3a5",
+        "#1f3a52",
+        "#a35a3a",
+    )
     for shelf in range(4):
         bottom, x = 60.0 + 490 * shelf, 60.0
         canvas.rectangle(50, bottom, canvas.width_mm - 50, bottom + 440, Paint("#2b2019"))
@@ -183,7 +235,9 @@ def _books(canvas: Canvas) -> None:
                 break
             if n % 17 != 11:  # occasional gaps
                 canvas.rectangle(x, bottom, x + width, bottom + height, Paint(colours[n * 4 % 9]))
-                canvas.rectangle(x + 5, bottom + 0.7 * height, x + width - 5, bottom + 0.76 * height, CREAM)
+                canvas.rectangle(
+                    x + 5, bottom + 0.7 * height, x + width - 5, bottom + 0.76 * height, CREAM
+                )
             x += width + 4
 
 
@@ -201,7 +255,9 @@ def _ribs(canvas: Canvas) -> None:
         canvas.rectangle(25 + 70 * i, 30, 45 + 70 * i, canvas.height_mm - 30, Paint("#b9b6ad"))
 
 
-def _legs(name: str, left: float, right: float, back: float, front: float, top: float, paint: Paint) -> list[Piece]:
+def _legs(
+    name: str, left: float, right: float, back: float, front: float, top: float, paint: Paint
+) -> list[Piece]:
     """Return four legs within the corners of a table top at the height ``top`` over the sensor."""
     t, floor = 70.0, ROOM.low[2]
     corners = [(x, y) for x in (left, right - t) for y in (back, front - t)]
@@ -211,7 +267,10 @@ def _legs(name: str, left: float, right: float, back: float, front: float, top: 
 FLOOR, CLOTH = ROOM.low[2], Paint("#4f6a6e")
 
 PIECES: tuple[Piece, ...] = (
-    *(Piece("beam", Box((x - 60, -2700, 1630), (x + 60, 2300, 1800)), WALNUT) for x in (-1100.0, 400.0, 1900.0)),
+    *(
+        Piece("beam", Box((x - 60, -2700, 1630), (x + 60, 2300, 1800)), WALNUT)
+        for x in (-1100.0, 400.0, 1900.0)
+    ),
     Piece("cabinet", Box((2950, -1300, FLOOR), (3400, 1300, -450)), OAK, {0: _cabinet_doors}),
     Piece("bookcase", Box((-2600, -2400, FLOOR), (-2280, 0, 820)), WALNUT, {1: _books}),
     Piece("radiator", Box((-1800, 2150, -1060), (-400, 2280, -470)), WHITE, {2: _ribs}),
@@ -223,7 +282,10 @@ PIECES: tuple[Piece, ...] = (
     Piece("book", Box((1530, -1610, -385), (1780, -1420, -340)), Paint("#d2c4a0")),
     Piece("armchair", Box((-2350, 700, -1160), (-1600, 1500, -790)), CLOTH),
     Piece("armchair", Box((-2500, 590, -1160), (-2350, 1610, -330)), CLOTH),
-    *(Piece("armchair", Box((-2350, y, -1160), (-1600, y + 110, -580)), CLOTH) for y in (590.0, 1500.0)),
+    *(
+        Piece("armchair", Box((-2350, y, -1160), (-1600, y + 110, -580)), CLOTH)
+        for y in (590.0, 1500.0)
+    ),
 )
 """All solids in the room, in world millimetres."""
 
@@ -236,7 +298,13 @@ PLAIN_TEXEL_MM = 25.0  # sufficient for faces with shading only
 SOLIDS = tuple(piece.box for piece in PIECES)
 SIDES = ("wall behind", "wall ahead", "wall right", "wall left", "floor", "ceiling")
 FURNITURE = tuple(dict.fromkeys(piece.name for piece in PIECES))
-LABELS = np.array([*range(1, 1 + len(SIDES)), *(1 + len(SIDES) + FURNITURE.index(p.name) for p in PIECES for _ in SIDES)], np.int64)
+LABELS = np.array(
+    [
+        *range(1, 1 + len(SIDES)),
+        *(1 + len(SIDES) + FURNITURE.index(p.name) for p in PIECES for _ in SIDES),
+    ],
+    np.int64,
+)
 """Label of each face, from 1 on: the sides of the room individually, then one label per solid."""
 
 
@@ -286,7 +354,9 @@ class Room:
 
     @property
     def _faces(self) -> _Painted:
-        return _painted(self.texel_mm, self.texel_mm if self.other_texel_mm is None else self.other_texel_mm)
+        return _painted(
+            self.texel_mm, self.texel_mm if self.other_texel_mm is None else self.other_texel_mm
+        )
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
@@ -313,7 +383,9 @@ class Room:
         painted = self._faces
         if backend.is_compiled:
             return painted.surroundings.radiance(origins, towards)
-        hits = intersect_boxes(ROOM, SOLIDS, origins, towards)  # boxes are faster than surfaces in NumPy
+        hits = intersect_boxes(
+            ROOM, SOLIDS, origins, towards
+        )  # boxes are faster than surfaces in NumPy
         light, clear = painted.look_up(hits.face, origins + hits.distance[:, None] * towards)
         outside = np.flatnonzero(clear)
         light[outside] += clear[outside, None] * landscape_light(towards[outside])
@@ -337,7 +409,9 @@ class Room:
         InvalidParameter
             If the corners are not points.
         """
-        low_mm, high_mm = (finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm)))
+        low_mm, high_mm = (
+            finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm))
+        )
         inside = (np.array(ROOM.low) <= low_mm).all() and (np.array(ROOM.high) >= high_mm).all()
         return self._faces.surroundings if inside else None
 
@@ -451,7 +525,9 @@ class _Painted:
         """All texels in a row; unused with the compiled module, which would store them twice."""
         return np.concatenate([p.reshape(-1, 4) for p in self._images])
 
-    def look_up(self, face: NDArray[np.int32], points_mm: Array) -> tuple[Light, NDArray[np.float32]]:
+    def look_up(
+        self, face: NDArray[np.int32], points_mm: Array
+    ) -> tuple[Light, NDArray[np.float32]]:
         """Return light (n, 3) of points (n, 3) on faces (n,), and the transmitted fraction (n,) of
         the background.
         """
@@ -485,7 +561,12 @@ def _painted(texel_mm: float, other_texel_mm: float) -> _Painted:
     canvases: list[Canvas] = []
     signs: dict[str, Array] = {}
     for i in FACES:
-        canvas, extents = paint_room(i, texel_mm if i == WALL_AHEAD else other_texel_mm, faces[i].width_mm, faces[i].height_mm)
+        canvas, extents = paint_room(
+            i,
+            texel_mm if i == WALL_AHEAD else other_texel_mm,
+            faces[i].width_mm,
+            faces[i].height_mm,
+        )
         canvases.append(canvas)
         signs |= {word: _corners(faces[i], extent) for word, extent in extents.items()}
     for number, face in enumerate(faces[6:]):

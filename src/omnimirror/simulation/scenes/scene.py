@@ -58,7 +58,9 @@ def rays_from(origins_mm: ArrayLike, directions: ArrayLike) -> tuple[Array, Arra
     origins = vectors("origins_mm", origins_mm, 3, is_list=True)
     towards = vectors("directions", directions, 3, is_list=True)
     if len(origins) != len(towards):
-        raise InvalidParameter(f"origins_mm must have one origin per direction; got {len(origins)} for {len(towards)} directions")
+        raise InvalidParameter(
+            f"origins_mm must have one origin per direction; got {len(origins)} for {len(towards)} directions"
+        )
     usable = ~np.isnan(towards).any(axis=1) & towards.any(axis=1)
     if not usable.all():
         invalid = np.asarray(directions, float)[~usable][0].tolist()
@@ -75,7 +77,9 @@ def distances_mm(scene: Scene, origins_mm: Array, directions: Array) -> Array:
         If the scene provides no distances.
     """
     if not isinstance(scene, MeasurableScene):
-        raise InvalidParameter(f"the scene must have the method distance_mm() for depth; got a {type(scene).__name__}")
+        raise InvalidParameter(
+            f"the scene must have the method distance_mm() for depth; got a {type(scene).__name__}"
+        )
     return scene.distance_mm(origins_mm, directions)
 
 
@@ -193,7 +197,9 @@ class Pose:
         (n, 3) array
             Points in the sensor world, mm.
         """
-        points: Array = rotate_vectors(np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation())
+        points: Array = rotate_vectors(
+            np.asarray(points_mm, dtype=float) - self.shift_mm, self.rotation()
+        )
         return points
 
 

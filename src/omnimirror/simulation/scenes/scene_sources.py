@@ -91,17 +91,33 @@ class SceneSource:
         if self.is_mesh:
             from ._mesh_files import load_mesh
 
-            distant_scene = None if self.background is None else Environment.load(self.background, self.heading_deg)
+            distant_scene = (
+                None
+                if self.background is None
+                else Environment.load(self.background, self.heading_deg)
+            )
             return load_mesh(self.name, self.unit_mm, self.up, distant_scene)
         if self.is_environment:
             return Environment.load(self.name, self.heading_deg)
         if self.name in BUNDLED:
-            return BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
-        raise OmnimirrorError(f"the scene must be one of {', '.join(BUNDLED)} or a file {', '.join((*ENVIRONMENTS, *MESHES))}; got {self.name!r}")
+            return (
+                BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
+            )
+        raise OmnimirrorError(
+            f"the scene must be one of {', '.join(BUNDLED)} or a file {', '.join((*ENVIRONMENTS, *MESHES))}; got {self.name!r}"
+        )
 
 
 @validate_arguments
-def load_scene(name: str | Path, *, texel_mm: float | None = None, heading_deg: float = 0.0, unit_mm: float | None = None, up: str | None = None, background: str | Path | None = None) -> Scene:
+def load_scene(
+    name: str | Path,
+    *,
+    texel_mm: float | None = None,
+    heading_deg: float = 0.0,
+    unit_mm: float | None = None,
+    up: str | None = None,
+    background: str | Path | None = None,
+) -> Scene:
     """Load a scene by name, or from an environment or mesh file, as ``omnimirror simulate --scene``
     does.
 
@@ -165,8 +181,12 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         If the scene was created in Python, or a file is missing or has changed.
     """
     if record is None:
-        raise MediaError("the scene of the dataset was created in Python and is not stored; use the original program")
-    source = SceneSource(**{name: value for name, value in record.items() if not name.endswith("_sha256")})
+        raise MediaError(
+            "the scene of the dataset was created in Python and is not stored; use the original program"
+        )
+    source = SceneSource(
+        **{name: value for name, value in record.items() if not name.endswith("_sha256")}
+    )
     for entry in ("name", "background"):
         expected = record.get(f"{entry}_sha256")
         if expected is None:
@@ -176,9 +196,15 @@ def source_of(record: dict[str, Any] | None, folder: Path) -> SceneSource:
         matches = [file for file in candidates if sha256_of(file) == expected]
         if not matches:
             problem = "has changed" if candidates else "is missing"
-            raise MediaError(f"the scene {original} of the dataset {problem}; it must be there or in {folder}")
+            raise MediaError(
+                f"the scene {original} of the dataset {problem}; it must be there or in {folder}"
+            )
         location = str(matches[0])
-        source = replace(source, name=location) if entry == "name" else replace(source, background=location)
+        source = (
+            replace(source, name=location)
+            if entry == "name"
+            else replace(source, background=location)
+        )
     return source
 
 

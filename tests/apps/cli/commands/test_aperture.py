@@ -11,7 +11,16 @@ from tests.commands import fails, omnimirror
 
 
 def test_spots_table_figure_and_files(tmp_path):
-    args = ["--omega-deg", "0,60,120", "--focus-mm", "205,215", "-o", tmp_path / "s.png", "--csv", tmp_path / "s.csv"]
+    args = [
+        "--omega-deg",
+        "0,60,120",
+        "--focus-mm",
+        "205,215",
+        "-o",
+        tmp_path / "s.png",
+        "--csv",
+        tmp_path / "s.csv",
+    ]
     run = omnimirror("spots", "paper-spherical", *args)
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "s.csv", delimiter=",", names=True)
@@ -31,7 +40,16 @@ def test_spots_f_number_table():
 
 
 def test_mtf_units(tmp_path):
-    args = ["--omega-deg", "60", "--cycles-per-px", "0:0.5:0.1", "--csv", tmp_path / "m.csv", "-o", tmp_path / "m.svg"]
+    args = [
+        "--omega-deg",
+        "60",
+        "--cycles-per-px",
+        "0:0.5:0.1",
+        "--csv",
+        tmp_path / "m.csv",
+        "-o",
+        tmp_path / "m.svg",
+    ]
     run = omnimirror("mtf", "paper-spherical", *args)
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "m.csv", delimiter=",", names=True)
@@ -50,7 +68,16 @@ def test_psf_and_encircled_energy_figures(tmp_path):
 
 
 def test_illumination_of_metal(tmp_path):
-    run = omnimirror("illumination", "paper-spherical", "--reflectivity", "0.96,6.69", "--csv", tmp_path / "i.csv", "-o", tmp_path / "i.png")
+    run = omnimirror(
+        "illumination",
+        "paper-spherical",
+        "--reflectivity",
+        "0.96,6.69",
+        "--csv",
+        tmp_path / "i.csv",
+        "-o",
+        tmp_path / "i.png",
+    )
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "i.csv", delimiter=",", names=True)
     assert table["reflectance"][0] == pytest.approx(0.921, abs=1e-3)
@@ -60,28 +87,52 @@ def test_illumination_of_metal(tmp_path):
 def test_misaligned_sensor(tmp_path):
     from dataclasses import replace
 
-    sensor = replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(0.5, 0.0, 0.0, 0.0, 1.0))
+    sensor = replace(
+        om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(0.5, 0.0, 0.0, 0.0, 1.0)
+    )
     om.save_sensor(sensor, tmp_path / "m.toml")
     for command in ("spots", "mtf"):
-        run = omnimirror(command, "m.toml", "--omega-deg", "60", "--azimuth-deg", "90", cwd=tmp_path)
+        run = omnimirror(
+            command, "m.toml", "--omega-deg", "60", "--azimuth-deg", "90", cwd=tmp_path
+        )
         assert run.returncode == 0, run.stderr
     assert "decentred or tilted; specify --omega-deg" in fails("spots", "m.toml", cwd=tmp_path)
-    assert "is decentred or tilted" in fails("evaluate", "m.toml", "--focus-mm", "300", cwd=tmp_path)
+    assert "is decentred or tilted" in fails(
+        "evaluate", "m.toml", "--focus-mm", "300", cwd=tmp_path
+    )
 
 
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (["spots", "paper-spherical", "--omega-deg", "150"], "omega = 150 deg at azimuth 0 deg must be in the field"),
+        (
+            ["spots", "paper-spherical", "--omega-deg", "150"],
+            "omega = 150 deg at azimuth 0 deg must be in the field",
+        ),
         (["spots", "paper-spherical", "--rings", "0"], "rings = 0 is not a whole number"),
-        (["spots", "paper-spherical", "--focus-mm", "200:300:1"], "--focus-mm must be at most 15 distances; got 101"),
-        (["spots", "paper-spherical", "--f-numbers", "4", "-o", "a.png"], "--f-numbers must not be given together"),
+        (
+            ["spots", "paper-spherical", "--focus-mm", "200:300:1"],
+            "--focus-mm must be at most 15 distances; got 101",
+        ),
+        (
+            ["spots", "paper-spherical", "--f-numbers", "4", "-o", "a.png"],
+            "--f-numbers must not be given together",
+        ),
         (["mtf", "paper-spherical", "--wavelength-nm", "3"], "wavelength_nm = 3 is outside"),
         (["mtf", "paper-spherical", "--focus-mm", "2"], "focus_distance_mm must be greater than"),
-        (["psf", "paper-spherical", "--omega-deg", "0:130:1"], "--omega-deg must be at most 15 field angles; got 131"),
+        (
+            ["psf", "paper-spherical", "--omega-deg", "0:130:1"],
+            "--omega-deg must be at most 15 field angles; got 131",
+        ),
         (["psf", "paper-spherical", "--omega-deg", "0", "-o", "p.gif"], "not as gif"),
-        (["illumination", "paper-spherical", "--reflectivity", "tin"], "must be a fraction from 0 to 1"),
-        (["illumination", "paper-spherical", "--reflectivity", "2"], "reflectivity must be greater than 0, up to 1; got 2"),
+        (
+            ["illumination", "paper-spherical", "--reflectivity", "tin"],
+            "must be a fraction from 0 to 1",
+        ),
+        (
+            ["illumination", "paper-spherical", "--reflectivity", "2"],
+            "reflectivity must be greater than 0, up to 1; got 2",
+        ),
     ],
 )
 def test_invalid_arguments_print_one_line(args, message, tmp_path):

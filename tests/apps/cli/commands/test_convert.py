@@ -13,7 +13,9 @@ def test_round_trip_between_formats(tmp_path):
     om.save_camera(camera, tmp_path / "a.toml")
     out = omnimirror("convert", "a.toml", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
     assert out.returncode == 0
-    assert out.stdout.startswith("omnimirror to kalibr-omni: exact\nNote: the picture is a mirror image")
+    assert out.stdout.startswith(
+        "omnimirror to kalibr-omni: exact\nNote: the picture is a mirror image"
+    )
     assert out.stdout.endswith("Wrote b.yaml\n")
     back = omnimirror("convert", "b.yaml", "c.toml", cwd=tmp_path)
     assert back.returncode == 0
@@ -21,15 +23,36 @@ def test_round_trip_between_formats(tmp_path):
 
 
 def test_standard_output(tmp_path):
-    out = omnimirror("convert", "paper-hyperboloidal", "-", "--to", "kalibr-eucm", "--tolerance-px", "1", cwd=tmp_path)
+    out = omnimirror(
+        "convert",
+        "paper-hyperboloidal",
+        "-",
+        "--to",
+        "kalibr-eucm",
+        "--tolerance-px",
+        "1",
+        cwd=tmp_path,
+    )
     assert out.returncode == 0
     assert yaml.safe_load(out.stdout)["cam0"]["camera_model"] == "eucm"
     assert "fitted model" in out.stderr
 
 
-@pytest.mark.parametrize(("options", "sentence"), [([], "set tolerance_px"), pytest.param(["--tolerance-px", "0.001"], "at most tolerance_px = 0.001", marks=pytest.mark.full), (["--distance-mm", "500,near"], "must be a distance in mm above 0, or 'inf'; got 'near'"), (["--from", "kalibre"], "kalibr")])
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ([], "set tolerance_px"),
+        pytest.param(
+            ["--tolerance-px", "0.001"], "at most tolerance_px = 0.001", marks=pytest.mark.full
+        ),
+        (["--distance-mm", "500,near"], "must be a distance in mm above 0, or 'inf'; got 'near'"),
+        (["--from", "kalibre"], "kalibr"),
+    ],
+)
 def test_invalid_arguments_print_one_line(tmp_path, options, sentence):
-    out = omnimirror("convert", "paper-spherical", "a.yaml", "--to", "opencv-omnidir", *options, cwd=tmp_path)
+    out = omnimirror(
+        "convert", "paper-spherical", "a.yaml", "--to", "opencv-omnidir", *options, cwd=tmp_path
+    )
     assert out.returncode in (1, 2)
     assert sentence in out.stderr
     assert out.stderr.count("\n") == 1
@@ -38,15 +61,28 @@ def test_invalid_arguments_print_one_line(tmp_path, options, sentence):
 
 def test_command_and_function_write_same_file(tmp_path):
     distance = (700.0, np.inf)
-    om.convert("paper-spherical", tmp_path / "a.yaml", to="kalibr-ds", tolerance_px=20, distance_mm=distance, flip=True)
+    om.convert(
+        "paper-spherical",
+        tmp_path / "a.yaml",
+        to="kalibr-ds",
+        tolerance_px=20,
+        distance_mm=distance,
+        flip=True,
+    )
     options = ["--to", "kalibr-ds", "--tolerance-px", 20, "--distance-mm", "700,inf", "--flip"]
-    assert omnimirror("convert", "paper-spherical", "b.yaml", *options, cwd=tmp_path).returncode == 0
+    assert (
+        omnimirror("convert", "paper-spherical", "b.yaml", *options, cwd=tmp_path).returncode == 0
+    )
     assert (tmp_path / "a.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
 
 
 def test_inconsistent_file_is_reported(tmp_path):
     """Notes of a conversion, and warnings on standard error when the file is used."""
-    om.convert(om.OCam((-130.0, 0.0, 1.9e-3), (515.0, 380.0), (1024, 768)), tmp_path / "a.txt", to="ocamcalib")
+    om.convert(
+        om.OCam((-130.0, 0.0, 1.9e-3), (515.0, 380.0), (1024, 768)),
+        tmp_path / "a.txt",
+        to="ocamcalib",
+    )
     text = (tmp_path / "a.txt").read_text().replace("380.0 515.0", "515.0 380.0")
     (tmp_path / "a.txt").write_text(text)
     sentence = "the centre (380, 515) is 186 px from the centre of the 1024 x 768 px image"

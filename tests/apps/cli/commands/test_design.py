@@ -10,11 +10,30 @@ import pytest
 import omnimirror as om
 from tests.commands import fails, omnimirror
 
-COMMON = ["--mapping", "equidistant", "--omega-max-deg", 135, "--theta-max-deg", 12, "--rim-radius-mm", 43.9]
+COMMON = [
+    "--mapping",
+    "equidistant",
+    "--omega-max-deg",
+    135,
+    "--theta-max-deg",
+    12,
+    "--rim-radius-mm",
+    43.9,
+]
 
 
 def test_design_from_options(tmp_path):
-    run = omnimirror("design", *COMMON, "--focal-length-mm", 11.6, "-o", "s.toml", "--json", "t.json", cwd=tmp_path)
+    run = omnimirror(
+        "design",
+        *COMMON,
+        "--focal-length-mm",
+        11.6,
+        "-o",
+        "s.toml",
+        "--json",
+        "t.json",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     assert om.load_sensor(tmp_path / "s.toml").field_deg[1] == pytest.approx(135, abs=1e-9)
     table = json.loads((tmp_path / "t.json").read_text())
@@ -25,13 +44,17 @@ def test_design_from_options(tmp_path):
 
 
 def test_infeasible_requirements_print_relaxations_and_exit_with_3(tmp_path):
-    (tmp_path / "r.toml").write_text('field.omega_max_deg = 135\nmirror = {family = "sphere", rim_radius_mm = 43.9}\nlens.theta_max_deg = 12\n[[limit]]\nquantity = "total_blur_px"\nat_most = 4.5\n')
+    (tmp_path / "r.toml").write_text(
+        'field.omega_max_deg = 135\nmirror = {family = "sphere", rim_radius_mm = 43.9}\nlens.theta_max_deg = 12\n[[limit]]\nquantity = "total_blur_px"\nat_most = 4.5\n'
+    )
     run = omnimirror("design", "r.toml", "-o", "s.toml", "--json", "t.json", cwd=tmp_path)
     assert run.returncode == 3
     assert "Infeasible requirements: total_blur_px." in run.stdout
     assert "All requirements are met if one of these is relaxed:" in run.stdout
     conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
-    assert {"total_blur_px", "f_number"} <= {r["name"] for r in conflict["alone"] if r["needed"] is not None}
+    assert {"total_blur_px", "f_number"} <= {
+        r["name"] for r in conflict["alone"] if r["needed"] is not None
+    }
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best feasible choice
     eased = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
     assert eased.returncode == 0, eased.stdout
@@ -43,9 +66,17 @@ def test_check_of_bundled_sensor(tmp_path):
     file = tmp_path / "r.toml"
     mirror = 'mirror = {family = "sphere", rim_radius_mm = [43, 44]}'
     limit = '[[limit]]\nquantity = "dh_domega_px_per_deg"'
-    worst = om.evaluate(om.load_sensor("paper-spherical"), np.linspace(0, 130, 1001)).dh_domega_px_per_deg.min()
+    worst = om.evaluate(
+        om.load_sensor("paper-spherical"), np.linspace(0, 130, 1001)
+    ).dh_domega_px_per_deg.min()
     for at_least, code in ((worst - 1, 0), (worst + 1, 3)):
-        lines = ("field.omega_max_deg = 130", mirror, "lens.focal_length_mm = 11.6", limit, f"at_least = {at_least}")
+        lines = (
+            "field.omega_max_deg = 130",
+            mirror,
+            "lens.focal_length_mm = 11.6",
+            limit,
+            f"at_least = {at_least}",
+        )
         file.write_text("\n".join(lines))
         run = omnimirror("check", "r.toml", "paper-spherical", "--json", "t.json", cwd=tmp_path)
         assert run.returncode == code, run.stderr
@@ -53,7 +84,10 @@ def test_check_of_bundled_sensor(tmp_path):
         table = json.loads((tmp_path / "t.json").read_text())
         assert table["is_met"] is (code == 0)
         row = table["requirements"][-1]
-        assert (row["name"], row["reached"]) == ("dh_domega_px_per_deg", pytest.approx(worst, rel=1e-6))
+        assert (row["name"], row["reached"]) == (
+            "dh_domega_px_per_deg",
+            pytest.approx(worst, rel=1e-6),
+        )
         assert row["margin"] == pytest.approx(worst - at_least, rel=1e-5)
     assert json.loads(omnimirror("check", file, "paper-spherical", "--json", "-").stdout) == table
     assert "the lens of the sensor must be" in fails("check", file, "paraboloid-telecentric")
@@ -83,7 +117,9 @@ def test_invalid_arguments_print_one_line(args, message, tmp_path):
 def test_mappings_table_and_figure(tmp_path):
     run = omnimirror("mappings", "--omega-max-deg", 75, "--figure", "m.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    assert "4.2365121" in run.stdout  # far plane to 75 deg at 12 deg, computed separately with 40 digits
+    assert (
+        "4.2365121" in run.stdout
+    )  # far plane to 75 deg at 12 deg, computed separately with 40 digits
     assert (tmp_path / "m.png").read_bytes()[:4] == b"\x89PNG"
     wide = omnimirror("mappings", "--omega-max-deg", 135)
     for number in ("3.9242676", "3.9162533", "3.5500754", "3.556120", "4.0723518"):
@@ -98,7 +134,9 @@ def test_mappings_of_infeasible_field():
 @pytest.mark.full
 @pytest.mark.long
 def test_relaxations_are_printed_as_elevations(tmp_path):
-    (tmp_path / "watch.toml").write_text('[mount]\ncamera_looks = "up"\n[field]\nelevation_deg = [-60, 20]\n[mirror]\nfamily = "sphere"\nrim_radius_mm = 30.0\n[lens]\nfocal_length_mm = 11.6\n[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 6.0\nelevation_deg = 0\n')
+    (tmp_path / "watch.toml").write_text(
+        '[mount]\ncamera_looks = "up"\n[field]\nelevation_deg = [-60, 20]\n[mirror]\nfamily = "sphere"\nrim_radius_mm = 30.0\n[lens]\nfocal_length_mm = 11.6\n[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 6.0\nelevation_deg = 0\n'
+    )
     said = omnimirror("design", tmp_path / "watch.toml").stdout
     assert "Infeasible requirements: resolution_px_per_deg, elevation 0 deg." in said
     told = said[said.index("Infeasible") :]

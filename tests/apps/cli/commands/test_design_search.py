@@ -34,13 +34,33 @@ at_most = 4.0
 
 
 def test_optimise_writes_sensor_and_prints_convergence(tmp_path):
-    run = omnimirror("design", "--like", "paper-spherical", "--optimise", "worst_blur_deg", "--shape", "polynomial", "--terms", "3,4,5", "--starts", 1, "--paper-mode", "--image-radius-px", 500, "-o", "best.toml", cwd=tmp_path)
+    run = omnimirror(
+        "design",
+        "--like",
+        "paper-spherical",
+        "--optimise",
+        "worst_blur_deg",
+        "--shape",
+        "polynomial",
+        "--terms",
+        "3,4,5",
+        "--starts",
+        1,
+        "--paper-mode",
+        "--image-radius-px",
+        500,
+        "-o",
+        "best.toml",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     values = [float(line.split()[-2]) for line in run.stdout.splitlines()[2:5]]
     assert values == sorted(values, reverse=True)
     sensor = om.load_sensor(tmp_path / "best.toml")
     assert sensor.mirror.KIND == "even-polynomial"
-    assert sensor.field_deg[1] == pytest.approx(om.load_sensor("paper-spherical").field_deg[1], abs=1e-9)
+    assert sensor.field_deg[1] == pytest.approx(
+        om.load_sensor("paper-spherical").field_deg[1], abs=1e-9
+    )
     for word in ("requirement", "margin", "sphere", "optimised"):
         assert word in run.stdout
 
@@ -85,7 +105,11 @@ def test_optimise_from_options_only(tmp_path):
     assert run.returncode == 0, run.stderr
     sensor = om.load_sensor(tmp_path / "best.toml")
     assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-9)
-    assert (sensor.mirror.rim_radius_mm, sensor.lens.focal_length_mm, sensor.imager.width_px) == (30.0, 16.0, 2048)
+    assert (sensor.mirror.rim_radius_mm, sensor.lens.focal_length_mm, sensor.imager.width_px) == (
+        30.0,
+        16.0,
+        2048,
+    )
     assert (tmp_path / "search.json").exists()
     areas = om.evaluate(sensor).area_px2
     assert areas.min() / areas.max() >= 0.667
@@ -96,7 +120,16 @@ def test_optimise_from_options_only(tmp_path):
     assert all(r["is_met"] for r in rows)
 
 
-SEARCH = ("design", "r.toml", "--optimise", "worst_floored_area_deg2", "--shape", "polynomial:3", "--starts", 1)
+SEARCH = (
+    "design",
+    "r.toml",
+    "--optimise",
+    "worst_floored_area_deg2",
+    "--shape",
+    "polynomial:3",
+    "--starts",
+    1,
+)
 
 
 def test_optimise_replaces_mapping_of_file(tmp_path):
@@ -121,7 +154,19 @@ def test_optimised_requirements_report_conflicts(tmp_path):
 
 @pytest.mark.long
 def test_pareto_front_is_saved_drawn_and_selected_from(tmp_path):
-    arguments = ("design", "--pareto", "worst_floored_area_deg2,inverse_area_ratio", "--shape", "polynomial:4", "--population", 20, "--generations", 20, "--resume", "front.parquet")
+    arguments = (
+        "design",
+        "--pareto",
+        "worst_floored_area_deg2,inverse_area_ratio",
+        "--shape",
+        "polynomial:4",
+        "--population",
+        20,
+        "--generations",
+        20,
+        "--resume",
+        "front.parquet",
+    )
     run = omnimirror(*arguments, "--figure", "front.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     for name in ("SPH", "E-DI", "SVP", "exactly equiareal"):
@@ -130,7 +175,10 @@ def test_pareto_front_is_saved_drawn_and_selected_from(tmp_path):
     run = omnimirror(*arguments, "--pick", 1, "-o", "one.toml", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "requirement" in run.stdout
-    assert om.load_sensor(tmp_path / "one.toml").name == "front-worst-floored-area-deg2-inverse-area-ratio-1"
+    assert (
+        om.load_sensor(tmp_path / "one.toml").name
+        == "front-worst-floored-area-deg2-inverse-area-ratio-1"
+    )
     assert "--pick NUMBER" in fails(*arguments, "-o", "other.toml", cwd=tmp_path)
     assert not (tmp_path / "other.toml").exists()
 
@@ -140,11 +188,23 @@ def test_pareto_front_is_saved_drawn_and_selected_from(tmp_path):
 def test_interrupted_search_is_resumed(tmp_path):
     """Ctrl-C after the first start: the best design is written, and the same command completes the
     search."""
-    search = ("design", "--optimise", "worst_blur_deg", "--terms", "16", "--starts", "12", "--resume", "search.json")
+    search = (
+        "design",
+        "--optimise",
+        "worst_blur_deg",
+        "--terms",
+        "16",
+        "--starts",
+        "12",
+        "--resume",
+        "search.json",
+    )
     listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # also in background
     main = "from omnimirror.apps.cli import main; main(sys.argv[1:])"
     program = [sys.executable, "-c", listens + main, *search, "-o", "best.toml"]
-    process = subprocess.Popen(program, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        program, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     while not (tmp_path / "search.json").exists():
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.05)
@@ -157,7 +217,13 @@ def test_interrupted_search_is_resumed(tmp_path):
     assert 0 < kept < 12
     problem = DesignProblem(terms=16)
     told = []
-    optimise(problem, "worst_blur_deg", starts=kept + 1, resume=tmp_path / "search.json", on_progress=told.append)
+    optimise(
+        problem,
+        "worst_blur_deg",
+        starts=kept + 1,
+        resume=tmp_path / "search.json",
+        on_progress=told.append,
+    )
     assert {p.run for p in told} == {kept}
 
 
@@ -170,7 +236,9 @@ def test_apertures_and_parts_print_tables(tmp_path):
     assert "exceeds" in run.stdout
     bought = om.load_sensor(tmp_path / "bought.toml")
     assert bought.mirror == om.load_sensor("paper-spherical").mirror
-    assert "no sensor file was written" in fails("parts", "paper-spherical", "typical", "--min-fill", 0.99999, "-o", "x.toml", cwd=tmp_path)
+    assert "no sensor file was written" in fails(
+        "parts", "paper-spherical", "typical", "--min-fill", 0.99999, "-o", "x.toml", cwd=tmp_path
+    )
 
 
 OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
@@ -192,14 +260,40 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         ([*OPTIMISE, "--mapping", "equidistant"], "got mapping and optimise"),
         ([*OPTIMISE, "--resume", "s.json", "--terms", "3,4"], "requires a single value of --terms"),
         (["design", "--optimise", "beauty"], "is not one of"),
-        (["design", "--shape", "spline:5", "--like", "paper-spherical", "--mapping", "equidistant"], "requires mirror.optimise"),
-        (["design", "--like", "nowhere", "--optimise", "worst_blur_deg"], "no sensor file or bundled sensor"),
+        (
+            [
+                "design",
+                "--shape",
+                "spline:5",
+                "--like",
+                "paper-spherical",
+                "--mapping",
+                "equidistant",
+            ],
+            "requires mirror.optimise",
+        ),
+        (
+            ["design", "--like", "nowhere", "--optimise", "worst_blur_deg"],
+            "no sensor file or bundled sensor",
+        ),
         (["design", "--pareto", "worst_blur_deg"], "at least two different names"),
         (["design", "--pareto", "worst_blur_deg,beauty"], "must be one of worst_floored_area_deg2"),
-        (["design", "--pareto", "worst_blur_deg,worst_aspect", "--starts", "3"], "requires --optimise"),
-        (["design", "--pareto", "worst_blur_deg,worst_aspect", "--focus-mm", "200"], "focus_mm must be omitted"),
-        (["design", "--mapping", "equidistant", "--like", "paper-spherical", "--seed", "3"], "--seed requires"),
-        (["apertures", "paper-spherical", "--f-number", "8:4"], "must be a range with 0 < low <= high"),
+        (
+            ["design", "--pareto", "worst_blur_deg,worst_aspect", "--starts", "3"],
+            "requires --optimise",
+        ),
+        (
+            ["design", "--pareto", "worst_blur_deg,worst_aspect", "--focus-mm", "200"],
+            "focus_mm must be omitted",
+        ),
+        (
+            ["design", "--mapping", "equidistant", "--like", "paper-spherical", "--seed", "3"],
+            "--seed requires",
+        ),
+        (
+            ["apertures", "paper-spherical", "--f-number", "8:4"],
+            "must be a range with 0 < low <= high",
+        ),
         (["parts", "paper-spherical", "nowhere.toml"], "cannot read"),
     ],
 )

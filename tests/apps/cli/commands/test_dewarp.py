@@ -28,8 +28,13 @@ def folder(tmp_path, monkeypatch):
     om.write_image("ocam.png", np.full((120, 160, 3), 50, np.uint8))
     om.write_image("deep.png", np.full((200, 200), 50_000, np.uint16))
     Path("calib.txt").write_text(OCAM)
-    om.save_camera(om.Unified(0.9, (60.0, 60.0), (79.5, 59.5), (160, 120), k1=-0.05), "symmetric.toml")
-    om.save_camera(om.Unified(0.9, (60.0, 61.0), (79.5, 59.5), (160, 120), 0.1, -0.05, p1=0.01), "distorted.toml")
+    om.save_camera(
+        om.Unified(0.9, (60.0, 60.0), (79.5, 59.5), (160, 120), k1=-0.05), "symmetric.toml"
+    )
+    om.save_camera(
+        om.Unified(0.9, (60.0, 61.0), (79.5, 59.5), (160, 120), 0.1, -0.05, p1=0.01),
+        "distorted.toml",
+    )
     Path("broken.txt").write_text(OCAM.replace("120 160", "120"))
     Path("note.txt").write_text("no picture")
     Path("cut.png").write_bytes(Path("sphere.png").read_bytes()[:-40])
@@ -50,21 +55,50 @@ def test_ball_camera_looks_up_by_default(folder):
     v, u = np.mgrid[:200, :200]
     om.write_image("ball.png", np.where(v < 100, 30 + u, 250 - u).astype(np.uint8))
     views = {}
-    for name, options in {"default": [], "up": ["--camera-looks", "up"], "forward": ["--camera-looks", "forward"]}.items():
-        assert dewarp("ball.png", *BALL, *options, "--size", "96x", "--black", "-o", f"{name}.png") == 0
+    for name, options in {
+        "default": [],
+        "up": ["--camera-looks", "up"],
+        "forward": ["--camera-looks", "forward"],
+    }.items():
+        assert (
+            dewarp("ball.png", *BALL, *options, "--size", "96x", "--black", "-o", f"{name}.png")
+            == 0
+        )
         views[name] = om.read_image(f"{name}.png").astype(float)
     np.testing.assert_array_equal(views["default"], views["up"])
-    assert views["forward"].shape != views["up"].shape or np.abs(views["forward"] - views["up"]).max() > 50
+    assert (
+        views["forward"].shape != views["up"].shape
+        or np.abs(views["forward"] - views["up"]).max() > 50
+    )
 
 
-CAMERAS = [("sphere.png", SPHERE), ("ball.png", BALL), ("ocam.png", ["--ocam", "calib.txt"]), ("ocam.png", ["--sensor", "calib.txt"]), ("ocam.png", ["--sensor", "symmetric.toml"]), ("ocam.png", ["--sensor", "distorted.toml"]), ("ocam.png", ["--ocam", "calib.txt", "--optics", "fisheye", "--rim-radius-px", "70"])]
-VIEWS = [[], ["--view", "perspective", "--tilt-deg", "-40"], ["--view", "dome"], ["--view", "sphere"], ["--view", "planet"], ["--view", "cube", "--layout", "strip", "--distance-mm", "800"], ["--view", "mosaic", "--distance-mm", "800", "--viewpoint", "single"], ["--preset", "super-wide", "--tilt-deg", "-40"]]
+CAMERAS = [
+    ("sphere.png", SPHERE),
+    ("ball.png", BALL),
+    ("ocam.png", ["--ocam", "calib.txt"]),
+    ("ocam.png", ["--sensor", "calib.txt"]),
+    ("ocam.png", ["--sensor", "symmetric.toml"]),
+    ("ocam.png", ["--sensor", "distorted.toml"]),
+    ("ocam.png", ["--ocam", "calib.txt", "--optics", "fisheye", "--rim-radius-px", "70"]),
+]
+VIEWS = [
+    [],
+    ["--view", "perspective", "--tilt-deg", "-40"],
+    ["--view", "dome"],
+    ["--view", "sphere"],
+    ["--view", "planet"],
+    ["--view", "cube", "--layout", "strip", "--distance-mm", "800"],
+    ["--view", "mosaic", "--distance-mm", "800", "--viewpoint", "single"],
+    ["--preset", "super-wide", "--tilt-deg", "-40"],
+]
 
 
 @pytest.mark.parametrize(
     ("picture", "source", "view"),
     [  # all views of two cameras; one view and one mosaic of the others
-        pytest.param(*camera, view, marks=() if i in (0, 5) or k in (0, 6) else pytest.mark.full) for i, camera in enumerate(CAMERAS) for k, view in enumerate(VIEWS)
+        pytest.param(*camera, view, marks=() if i in (0, 5) or k in (0, 6) else pytest.mark.full)
+        for i, camera in enumerate(CAMERAS)
+        for k, view in enumerate(VIEWS)
     ],
 )
 def test_all_views_of_all_cameras(folder, capsys, picture, source, view):
@@ -85,31 +119,125 @@ def test_all_views_of_all_cameras(folder, capsys, picture, source, view):
 
 
 def test_printed_line_describes_view(folder, capsys):
-    assert dewarp("sphere.png", *SPHERE, "--size", "720x", "--elevation-deg", "-45:90", "-o", "out.jpg") == 0
-    assert capsys.readouterr().out == "out.jpg: panorama (elevation -45 to 90 deg), 720 x 270 px, 66.7 % of the pixels inside the field\n"
+    assert (
+        dewarp(
+            "sphere.png", *SPHERE, "--size", "720x", "--elevation-deg", "-45:90", "-o", "out.jpg"
+        )
+        == 0
+    )
+    assert (
+        capsys.readouterr().out
+        == "out.jpg: panorama (elevation -45 to 90 deg), 720 x 270 px, 66.7 % of the pixels inside the field\n"
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--view", "perspective", "--pan-deg", "30", "--tilt-deg", "-20", "--roll-deg", "5", "--hfov-deg", "60"], "perspective view (pan 30, tilt -20, roll 5, hfov 60 deg), 1280 x 720 px, all pixels"),
-        (["--span-deg", "90", "--pan-deg", "10", "--size", "x100", "--elevation-deg=-60:30"], "panorama (90 deg around pan 10, elevation -60 to 30 deg), 100 x 100 px"),
-        (["--omega-deg", "30:120", "--size", "400X"], "panorama (elevation -60 to 30 deg), 400 x 100 px"),
-        (["--omega-deg", "30:120", "--size", "400x100", "--camera-looks", "down"], "(elevation -30 to 60 deg)"),
-        (["--view", "dome", "--omega-deg", "20:90", "--size", "300x"], "dome (20 to 90 deg from the nadir), 300 x 300"),
+        (
+            [
+                "--view",
+                "perspective",
+                "--pan-deg",
+                "30",
+                "--tilt-deg",
+                "-20",
+                "--roll-deg",
+                "5",
+                "--hfov-deg",
+                "60",
+            ],
+            "perspective view (pan 30, tilt -20, roll 5, hfov 60 deg), 1280 x 720 px, all pixels",
+        ),
+        (
+            ["--span-deg", "90", "--pan-deg", "10", "--size", "x100", "--elevation-deg=-60:30"],
+            "panorama (90 deg around pan 10, elevation -60 to 30 deg), 100 x 100 px",
+        ),
+        (
+            ["--omega-deg", "30:120", "--size", "400X"],
+            "panorama (elevation -60 to 30 deg), 400 x 100 px",
+        ),
+        (
+            ["--omega-deg", "30:120", "--size", "400x100", "--camera-looks", "down"],
+            "(elevation -30 to 60 deg)",
+        ),
+        (
+            ["--view", "dome", "--omega-deg", "20:90", "--size", "300x"],
+            "dome (20 to 90 deg from the nadir), 300 x 300",
+        ),
         (["--view", "dome", "--camera-looks", "down", "--size", "30x"], "from the zenith"),
-        (["--wall-mm=-1200:900", "--distance-mm", "2000", "--span-deg", "90", "--size", "300x"], "panorama (90 deg around pan 0, elevation -30.9638 to 24.2277 deg, at 2000 mm), 300 x 201 px, all"),
+        (
+            ["--wall-mm=-1200:900", "--distance-mm", "2000", "--span-deg", "90", "--size", "300x"],
+            "panorama (90 deg around pan 0, elevation -30.9638 to 24.2277 deg, at 2000 mm), 300 x 201 px, all",
+        ),
         (["--rows", "height", "--elevation-deg=-45:45", "--size", "400x"], "400 x 127 px, all"),
-        (["--view", "sphere", "--size", "200x", "--distance-mm", "500", "--offset-mm=-10,0,25"], "sphere (elevation -90 to 90 deg, at 500 mm, offset by (-10, 0, 25) mm), 200 x 100 px"),
-        (["--view", "ground", "--height-mm", "1200", "--mm-per-px", "4", "--size", "300x", "--offset-mm", "900,0,0"], "plan of the ground (1200 mm below the mirror, 4 mm per pixel, offset by (900, 0, 0) mm), 300 x 300 px"),
-        (["--view", "planet", "--hfov-deg", "200", "--pole", "nadir", "--size", "90x60"], "little planet (hfov 200 deg about the nadir), 90 x 60 px, all"),
-        (["--view", "cube", "--layout", "3x2", "--size", "90x"], "cube map (3x2 of 30 px faces), 90 x 60 px"),
-        (["--view", "mosaic", "--size", "400x", "--tilt-deg", "-20"], "mosaic of 5 views, 400 x 225 px, all"),
-        (["--preset", "distant", "--pan-deg", "20", "--size", "64x"], "(pan 20, tilt 0, hfov 28.0725 deg), 64 x 36"),
-        (["--preset", "super-wide", "--tilt-deg", "-10"], "180 deg around pan 0, elevation -46.6656 to 35.2697 deg"),
+        (
+            ["--view", "sphere", "--size", "200x", "--distance-mm", "500", "--offset-mm=-10,0,25"],
+            "sphere (elevation -90 to 90 deg, at 500 mm, offset by (-10, 0, 25) mm), 200 x 100 px",
+        ),
+        (
+            [
+                "--view",
+                "ground",
+                "--height-mm",
+                "1200",
+                "--mm-per-px",
+                "4",
+                "--size",
+                "300x",
+                "--offset-mm",
+                "900,0,0",
+            ],
+            "plan of the ground (1200 mm below the mirror, 4 mm per pixel, offset by (900, 0, 0) mm), 300 x 300 px",
+        ),
+        (
+            ["--view", "planet", "--hfov-deg", "200", "--pole", "nadir", "--size", "90x60"],
+            "little planet (hfov 200 deg about the nadir), 90 x 60 px, all",
+        ),
+        (
+            ["--view", "cube", "--layout", "3x2", "--size", "90x"],
+            "cube map (3x2 of 30 px faces), 90 x 60 px",
+        ),
+        (
+            ["--view", "mosaic", "--size", "400x", "--tilt-deg", "-20"],
+            "mosaic of 5 views, 400 x 225 px, all",
+        ),
+        (
+            ["--preset", "distant", "--pan-deg", "20", "--size", "64x"],
+            "(pan 20, tilt 0, hfov 28.0725 deg), 64 x 36",
+        ),
+        (
+            ["--preset", "super-wide", "--tilt-deg", "-10"],
+            "180 deg around pan 0, elevation -46.6656 to 35.2697 deg",
+        ),
         (["--view", "perspective", "--zoom", "1.5", "--size", "320x"], "hfov 67.3801 deg"),
-        (["--view", "ground", "--height-mm", "1200", "--zoom", "2", "--mm-per-px", "20", "--size", "99x"], "10 mm per pixel"),
-        (["--view", "perspective", "--size", "64x", "--interpolation", "cubic", "--image-flipped"], "64 x 36 px"),
+        (
+            [
+                "--view",
+                "ground",
+                "--height-mm",
+                "1200",
+                "--zoom",
+                "2",
+                "--mm-per-px",
+                "20",
+                "--size",
+                "99x",
+            ],
+            "10 mm per pixel",
+        ),
+        (
+            [
+                "--view",
+                "perspective",
+                "--size",
+                "64x",
+                "--interpolation",
+                "cubic",
+                "--image-flipped",
+            ],
+            "64 x 36 px",
+        ),
     ],
 )
 def test_view_options(folder, capsys, options, message):
@@ -121,11 +249,25 @@ def test_view_options(folder, capsys, options, message):
 def test_viewpoint_option(folder, viewpoint):
     rng = np.random.default_rng(0)
     om.write_image("a.png", rng.integers(1, 255, (1024, 1024, 3), np.uint8))
-    args = ["a.png", *SPHERE, "--view", "perspective", "--size", "64x48", "--distance-mm", "200", "--black"]
-    assert dewarp(*args, "--viewpoint", viewpoint, "--interpolation", "nearest", "-o", "out.png") == 0
+    args = [
+        "a.png",
+        *SPHERE,
+        "--view",
+        "perspective",
+        "--size",
+        "64x48",
+        "--distance-mm",
+        "200",
+        "--black",
+    ]
+    assert (
+        dewarp(*args, "--viewpoint", viewpoint, "--interpolation", "nearest", "-o", "out.png") == 0
+    )
     view = om.screens.Plane((64, 48), distance_mm=200.0)
     v = viewpoint if viewpoint.isalpha() else float(viewpoint)
-    expected = om.Dewarper(om.load_sensor("paper-spherical"), view, "nearest", v)(om.read_image("a.png"))
+    expected = om.Dewarper(om.load_sensor("paper-spherical"), view, "nearest", v)(
+        om.read_image("a.png")
+    )
     np.testing.assert_array_equal(om.read_image("out.png"), expected)
 
 
@@ -134,7 +276,9 @@ def test_zoom_beyond_resolution_is_reported(folder, capsys):
     assert dewarp(*args, "--zoom", "50") == 0
     limited = capsys.readouterr()
     assert limited.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (")
-    assert limited.err.endswith(" output pixels per source pixel); limited to 3.39; use --allow-upsampling to remove the limit\n")
+    assert limited.err.endswith(
+        " output pixels per source pixel); limited to 3.39; use --allow-upsampling to remove the limit\n"
+    )
     assert "hfov 32.8" in limited.out
     assert dewarp(*args, "--zoom", "50", "--allow-upsampling") == 0
     past = capsys.readouterr()
@@ -149,7 +293,17 @@ def test_mount_options_rotate_view(folder):
     rng = np.random.default_rng(0)
     picture = rng.integers(1, 255, (1024, 1024, 3), np.uint8)
     om.write_image("a.png", picture)
-    args = ["a.png", *SPHERE, "--view", "perspective", "--size", "64x48", "--tilt-deg", "-30", "--black"]
+    args = [
+        "a.png",
+        *SPHERE,
+        "--view",
+        "perspective",
+        "--size",
+        "64x48",
+        "--tilt-deg",
+        "-30",
+        "--black",
+    ]
     assert dewarp(*args, "-o", "top.png") == 0
     assert dewarp(*args, "--forward-azimuth-deg", "0", "--pan-deg", "90", "-o", "right.png") == 0
     # for an upward camera, pan to the right decreases the azimuth: 0 - 90 is the top again
@@ -160,9 +314,14 @@ def test_mount_options_rotate_view(folder):
     assert difference.mean() < 2
 
 
-@pytest.mark.parametrize(("name", "channels"), [("o.png", 4), ("o.tif", 4), ("o.webp", 4), ("o.jpg", 3), ("o.bmp", 3)])
+@pytest.mark.parametrize(
+    ("name", "channels"), [("o.png", 4), ("o.tif", 4), ("o.webp", 4), ("o.jpg", 3), ("o.bmp", 3)]
+)
 def test_transparency_by_file_format(folder, name, channels):
-    assert dewarp("sphere.png", *SPHERE, "--size", "60x40", "--elevation-deg", "-90:90", "-o", name) == 0
+    assert (
+        dewarp("sphere.png", *SPHERE, "--size", "60x40", "--elevation-deg", "-90:90", "-o", name)
+        == 0
+    )
     straight = om.read_image(name)
     assert straight.shape == (40, 60, channels)
     assert (straight[:9] < 20).all()
@@ -170,7 +329,20 @@ def test_transparency_by_file_format(folder, name, channels):
 
 
 def test_black_keeps_channels(folder):
-    assert dewarp("deep.png", *BALL, "--size", "60x40", "--elevation-deg", "-90:90", "--black", "-o", "o.tif") == 0
+    assert (
+        dewarp(
+            "deep.png",
+            *BALL,
+            "--size",
+            "60x40",
+            "--elevation-deg",
+            "-90:90",
+            "--black",
+            "-o",
+            "o.tif",
+        )
+        == 0
+    )
     straight = om.read_image("o.tif")
     assert (straight.dtype, straight.shape) == (np.uint16, (40, 60))
     assert (straight[0, 0], straight[20, 20]) == (0, 50_000)
@@ -178,7 +350,16 @@ def test_black_keeps_channels(folder):
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
 def test_all_interpolations(folder, interpolation):
-    args = ["sphere.png", *SPHERE, "--size", "60x40", "--interpolation", interpolation, "--threads", "2"]
+    args = [
+        "sphere.png",
+        *SPHERE,
+        "--size",
+        "60x40",
+        "--interpolation",
+        interpolation,
+        "--threads",
+        "2",
+    ]
     assert dewarp(*args, "-o", "o.png") == 0
     assert (om.read_image("o.png")[20] == [200, 200, 200, 255]).all()
 
@@ -202,7 +383,21 @@ def test_border_colour(folder, picture, source, border, expected):
     om.write_image("clear.png", np.full((200, 200, 4), 200, np.uint8))
     om.write_image("light.tif", np.full((200, 200, 3), 0.3, np.float32))
     out = "o.tif" if picture.endswith("tif") else "o.png"
-    assert dewarp(picture, *source, "--size", "60x40", "--elevation-deg", "-90:90", "--border", border, "-o", out) == 0
+    assert (
+        dewarp(
+            picture,
+            *source,
+            "--size",
+            "60x40",
+            "--elevation-deg",
+            "-90:90",
+            "--border",
+            border,
+            "-o",
+            out,
+        )
+        == 0
+    )
     straight = om.read_image(out)
     np.testing.assert_array_equal(straight[0, 0], expected)
     np.testing.assert_allclose(straight[30, 0], om.read_image(picture)[100, 100], rtol=1e-6)
@@ -215,7 +410,15 @@ def test_border_colour(folder, picture, source, border, expected):
         ("#0a141e", "uint8", 4, (10, 20, 30, 255)),
         ("#0A141E", "uint16", 4, (2570, 5140, 7710, 65535)),
         ("#ff0000", "float32", 4, (1, 0, 0, 1)),
-        ("#80ff0a", "float32", 3, [((v / 255 + 0.055) / 1.055) ** 2.4 if v > 10 else v / 255 / 12.92 for v in (128, 255, 10)]),
+        (
+            "#80ff0a",
+            "float32",
+            3,
+            [
+                ((v / 255 + 0.055) / 1.055) ** 2.4 if v > 10 else v / 255 / 12.92
+                for v in (128, 255, 10)
+            ],
+        ),
         ("0", "uint8", 3, (0, 0, 0)),
         (255, "uint8", 1, (255,)),
         (65535, "uint16", 1, (65535,)),
@@ -226,10 +429,28 @@ def test_border_colour(folder, picture, source, border, expected):
 )
 def test_border_colour_is_converted_to_image_format(border, dtype, channels, expected):
     for shape in {(2, 2), (2, 2, 1)} if channels == 1 else {(2, 2, channels)}:
-        assert BorderColour.of(border).for_image(np.zeros(shape, dtype)) == pytest.approx(tuple(expected), rel=1e-6)
+        assert BorderColour.of(border).for_image(np.zeros(shape, dtype)) == pytest.approx(
+            tuple(expected), rel=1e-6
+        )
 
 
-@pytest.mark.parametrize("border", ["#12345", "#1234567", "#1234g6", "1,2", "1,2,3,4", "", "nan", "1,inf,3", (), (1, 2), "#", None])
+@pytest.mark.parametrize(
+    "border",
+    [
+        "#12345",
+        "#1234567",
+        "#1234g6",
+        "1,2",
+        "1,2,3,4",
+        "",
+        "nan",
+        "1,inf,3",
+        (),
+        (1, 2),
+        "#",
+        None,
+    ],
+)
 def test_invalid_border_colour_raises(border):
     with pytest.raises(InvalidParameter, match="border must be a grey level, R,G,B or #rrggbb"):
         BorderColour.of(border)
@@ -237,18 +458,30 @@ def test_invalid_border_colour_raises(border):
 
 @pytest.mark.parametrize("border", [-1, 0.5, 256, (0, 0, 256)])
 def test_border_colour_out_of_range_raises(border):
-    with pytest.raises(InvalidParameter, match="border must contain integers from 0 to 255 for uint8 images"):
+    with pytest.raises(
+        InvalidParameter, match="border must contain integers from 0 to 255 for uint8 images"
+    ):
         BorderColour.of(border).for_image(np.zeros((2, 2, 3), np.uint8))
 
 
-@pytest.mark.parametrize(("border", "coded"), [("#ff0000", (81, 90, 240)), ("0,255,0", (145, 54, 34)), ((0, 0, 255), (41, 240, 110)), (255, (235, 128, 128))])
+@pytest.mark.parametrize(
+    ("border", "coded"),
+    [
+        ("#ff0000", (81, 90, 240)),
+        ("0,255,0", (145, 54, 34)),
+        ((0, 0, 255), (41, 240, 110)),
+        (255, (235, 128, 128)),
+    ],
+)
 def test_video_border_is_encoded_as_frames(border, coded):
     """Corners of the colour cube in ITU-R BT.601."""
     assert BorderColour.of(border).for_frame(empty_frame((64, 48))[0]) == coded
 
 
 def test_colour_border_of_grey_image_raises():
-    with pytest.raises(InvalidParameter, match="border must be one value for a grey image; got 1,2,2"):
+    with pytest.raises(
+        InvalidParameter, match="border must be one value for a grey image; got 1,2,2"
+    ):
         BorderColour.of("1,2,2").for_image(np.zeros((2, 2), np.uint8))
 
 
@@ -263,75 +496,150 @@ def test_colour_border_of_grey_image_raises():
         ("note.txt SPHERE", "cannot read the image note.txt: it must be an undamaged image file"),
         ("cut.png SPHERE", "cannot read the image cut.png: the file is truncated"),
         (". SPHERE", "must be a folder for several images"),
-        ("ball.png SPHERE", "1024 x 1024 px of the camera; got 200 x 200 px; the aspect ratios are equal"),
+        (
+            "ball.png SPHERE",
+            "1024 x 1024 px of the camera; got 200 x 200 px; the aspect ratios are equal",
+        ),
         ("ocam.png SPHERE", "1024 x 1024 px of the camera; got 160 x 120 px"),
         ("sphere.png --sensor paper-sperical", "did you mean paper-spherical?"),
         ("sphere.png --sensor note.txt", "note.txt must be valid TOML"),
         ("ocam.png --ocam none.txt", "path must be an existing OCamCalib file; got none.txt"),
-        ("ocam.png --ocam broken.txt", "broken.txt line 19: the image size (height and width) must be 2 numbers"),
+        (
+            "ocam.png --ocam broken.txt",
+            "broken.txt line 19: the image size (height and width) must be 2 numbers",
+        ),
         ("ocam.png --ocam ocam.png", "the file must be text in UTF-8"),
         ("ocam.png --ocam calib.txt --optics prism", "'prism'"),
-        ("ocam.png --ocam calib.txt --rim-radius-px -3", "rim_radius_px must be greater than 0 px and at most 1e+06 px; got -3.0"),
+        (
+            "ocam.png --ocam calib.txt --rim-radius-px -3",
+            "rim_radius_px must be greater than 0 px and at most 1e+06 px; got -3.0",
+        ),
         ("ocam.png --ocam calib.txt --rim-radius-px big", "'big'"),
-        ("sphere.png SPHERE --optics mirror", "--optics requires --ocam; it does not apply to --sensor"),
+        (
+            "sphere.png SPHERE --optics mirror",
+            "--optics requires --ocam; it does not apply to --sensor",
+        ),
         ("ball.png --ball 99,99,90", "must be CX,CY,R,FOV"),
         ("ball.png --ball 99,99,90,x", "must be CX,CY,R,FOV"),
         ("ball.png --ball 99,99,90,nan", "must be CX,CY,R,FOV"),
-        ("ball.png --ball 99,99,0,260", "rim_radius_px must be greater than 0 px and at most 1e+06 px; got 0.0"),
-        ("ball.png --ball 99,99,90,400", "field_deg must be greater than 0 and at most 360 deg; got 400"),
-        ("ball.png --ball 9999,99,90,260", "at least one pixel of the camera must observe the scene"),
+        (
+            "ball.png --ball 99,99,0,260",
+            "rim_radius_px must be greater than 0 px and at most 1e+06 px; got 0.0",
+        ),
+        (
+            "ball.png --ball 99,99,90,400",
+            "field_deg must be greater than 0 and at most 360 deg; got 400",
+        ),
+        (
+            "ball.png --ball 9999,99,90,260",
+            "at least one pixel of the camera must observe the scene",
+        ),
         ("sphere.png SPHERE --view globe", "'globe'"),
-        ("sphere.png SPHERE --roll-deg 3", "--roll-deg requires --view perspective; it does not apply to --view panorama"),
+        (
+            "sphere.png SPHERE --roll-deg 3",
+            "--roll-deg requires --view perspective; it does not apply to --view panorama",
+        ),
         ("sphere.png SPHERE --hfov-deg 3", "--hfov-deg requires"),
         ("sphere.png SPHERE --tilt-deg 3 --view dome", "it does not apply to --view dome"),
         ("sphere.png SPHERE --elevation-deg 0:9 --view dome", "--elevation-deg requires"),
-        ("sphere.png SPHERE --omega-deg 0:9 --view perspective", "requires --view panorama, --view dome or --view sphere"),
+        (
+            "sphere.png SPHERE --omega-deg 0:9 --view perspective",
+            "requires --view panorama, --view dome or --view sphere",
+        ),
         ("sphere.png SPHERE --span-deg 9 --view perspective", "--span-deg requires"),
         ("sphere.png SPHERE --omega-deg 0:9 --elevation-deg 0:9", "must not be given together"),
         ("sphere.png SPHERE --omega-deg 50:100 --camera-looks forward", "use --elevation-deg"),
         ("sphere.png SPHERE --elevation-deg 9:0", "got 9 and 0 deg"),
         ("sphere.png SPHERE --elevation-deg 9", "must be a range MIN:MAX in degrees; got '9'"),
         ("sphere.png SPHERE --elevation-deg 50:80", "must overlap the field of the camera"),
-        ("sphere.png SPHERE --span-deg 400", "span_deg must be above 1e-06 and up to 360 deg; got 400"),
+        (
+            "sphere.png SPHERE --span-deg 400",
+            "span_deg must be above 1e-06 and up to 360 deg; got 400",
+        ),
         ("sphere.png SPHERE --pan-deg north", "must be an angle in degrees; got 'north'"),
         ("sphere.png SPHERE --pan-deg inf", "must be an angle in degrees; got 'inf'"),
         ("sphere.png SPHERE --view perspective --hfov-deg 180", "below 180 deg; got 180"),
-        ("sphere.png SPHERE --view ground", "--view ground requires --height-mm, the height of the mirror"),
+        (
+            "sphere.png SPHERE --view ground",
+            "--view ground requires --height-mm, the height of the mirror",
+        ),
         ("sphere.png SPHERE --view ground --height-mm high", "must be a height in mm; got 'high'"),
-        ("sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0", "must be a distance in mm above 0, or 'inf'; got '0'"),
-        ("sphere.png SPHERE --view ground --height-mm 9 --mm-per-px inf", "mm_per_px must be finite and above 0; got inf"),
-        ("sphere.png SPHERE --view ground --height-mm 0", "mm_per_px must be finite and above 0; got 0"),
-        ("sphere.png SPHERE --view ground --height-mm 9 --distance-mm 9", "it does not apply to --view ground"),
-        ("sphere.png SPHERE --height-mm 9", "--height-mm requires --view ground; it does not apply to --view panorama"),
-        ("sphere.png SPHERE --layout strip", "--layout requires --view cube; it does not apply to --view panorama"),
+        (
+            "sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0",
+            "must be a distance in mm above 0, or 'inf'; got '0'",
+        ),
+        (
+            "sphere.png SPHERE --view ground --height-mm 9 --mm-per-px inf",
+            "mm_per_px must be finite and above 0; got inf",
+        ),
+        (
+            "sphere.png SPHERE --view ground --height-mm 0",
+            "mm_per_px must be finite and above 0; got 0",
+        ),
+        (
+            "sphere.png SPHERE --view ground --height-mm 9 --distance-mm 9",
+            "it does not apply to --view ground",
+        ),
+        (
+            "sphere.png SPHERE --height-mm 9",
+            "--height-mm requires --view ground; it does not apply to --view panorama",
+        ),
+        (
+            "sphere.png SPHERE --layout strip",
+            "--layout requires --view cube; it does not apply to --view panorama",
+        ),
         ("sphere.png SPHERE --view cube --layout ring", "'ring'"),
-        ("sphere.png SPHERE --view cube --size 100x100", "4 n x 3 n px for square faces in the layout cross"),
+        (
+            "sphere.png SPHERE --view cube --size 100x100",
+            "4 n x 3 n px for square faces in the layout cross",
+        ),
         ("sphere.png SPHERE --view cube --zoom 2", "it does not apply to --view cube"),
         ("sphere.png SPHERE --view mosaic --size x100", "the height of a mosaic must be None"),
         ("sphere.png SPHERE --view planet --hfov-deg 360", "below 360 deg; got 360"),
         ("sphere.png SPHERE --pole nadir", "it does not apply to --view panorama"),
-        ("sphere.png SPHERE --preset wide --view perspective", "--preset and --view must not be given together"),
+        (
+            "sphere.png SPHERE --preset wide --view perspective",
+            "--preset and --view must not be given together",
+        ),
         ("sphere.png SPHERE --preset wide --hfov-deg 9", "--hfov-deg requires --view perspective"),
         ("sphere.png SPHERE --preset tele", "'tele'"),
         ("sphere.png SPHERE --preset super-wide --tilt-deg 90", "below 90 deg; got 90"),
-        ("sphere.png SPHERE --distance-mm 0", "must be a distance in mm above 0, or 'inf'; got '0'"),
+        (
+            "sphere.png SPHERE --distance-mm 0",
+            "must be a distance in mm above 0, or 'inf'; got '0'",
+        ),
         ("sphere.png SPHERE --offset-mm 1,2,3", "for a screen at infinity; got (1.0, 2.0, 3.0)"),
         ("sphere.png SPHERE --offset-mm 1,2 --distance-mm 9", "must be X,Y,Z in mm; got '1,2'"),
         ("sphere.png SPHERE --viewpoint single", "--viewpoint requires --distance-mm"),
-        ("sphere.png SPHERE --viewpoint best --distance-mm 9", "must be 'exact', 'single' or a height"),
+        (
+            "sphere.png SPHERE --viewpoint best --distance-mm 9",
+            "must be 'exact', 'single' or a height",
+        ),
         ("sphere.png SPHERE --wall-mm 0:9", "--wall-mm requires --distance-mm"),
         ("sphere.png SPHERE --wall-mm 9:0 --distance-mm 9", "--wall-mm must be LOW:HIGH"),
-        ("sphere.png SPHERE --wall-mm 0:9 --distance-mm 9 --rows tilt", "--wall-mm and --rows must not be given together"),
+        (
+            "sphere.png SPHERE --wall-mm 0:9 --distance-mm 9 --rows tilt",
+            "--wall-mm and --rows must not be given together",
+        ),
         ("sphere.png SPHERE --rows height", "above -90 and below 90 deg with rows = 'height'"),
         ("sphere.png SPHERE --zoom 0", "must be a factor above 0; got '0'"),
         ("sphere.png SPHERE --allow-upsampling", "--allow-upsampling requires --zoom"),
-        ("sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10", "must overlap the field of the camera"),
+        (
+            "sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10",
+            "must overlap the field of the camera",
+        ),
         ("sphere.png SPHERE --size big", "must be a size in pixels"),
         ("sphere.png SPHERE --size 0x5", "size must be greater than 0 px and finite; got 0"),
-        ("sphere.png SPHERE --size 999999x5", "size must be (width, height) from 1 to 100000 px; got (999999, 5)"),
+        (
+            "sphere.png SPHERE --size 999999x5",
+            "size must be (width, height) from 1 to 100000 px; got (999999, 5)",
+        ),
         ("sphere.png SPHERE --camera-looks left", "'left'"),
         ("sphere.png SPHERE --interpolation magic", "'magic'"),
-        ("sphere.png SPHERE --border red", "border must be a grey level, R,G,B or #rrggbb; got 'red'"),
+        (
+            "sphere.png SPHERE --border red",
+            "border must be a grey level, R,G,B or #rrggbb; got 'red'",
+        ),
         ("sphere.png SPHERE --border #12345g", "got '#12345g'"),
         ("sphere.png SPHERE --border 1,2", "got '1,2'"),
         ("sphere.png SPHERE --border 256", "for uint8 images; got 256"),
@@ -365,7 +673,14 @@ def test_invalid_arguments_print_one_line(folder, capfd, line, message):
 def test_help(capsys):
     assert dewarp("--help") == 0
     said = capsys.readouterr().out
-    for word in ("--ball", "CX,CY,R,FOV", "--elevation-deg", "MIN:MAX", "--transparent", "never reversed"):
+    for word in (
+        "--ball",
+        "CX,CY,R,FOV",
+        "--elevation-deg",
+        "MIN:MAX",
+        "--transparent",
+        "never reversed",
+    ):
         assert word in said
 
 
@@ -378,7 +693,9 @@ def likeness(picture, text):
     best = 0.0
     for w in range(100, 135, 6):
         for h in range(50, 80, 6):
-            template = cv2.GaussianBlur(cv2.resize(word, (w, h), interpolation=cv2.INTER_AREA), (5, 5), 1.5)
+            template = cv2.GaussianBlur(
+                cv2.resize(word, (w, h), interpolation=cv2.INTER_AREA), (5, 5), 1.5
+            )
             best = max(best, cv2.matchTemplate(picture, template, cv2.TM_CCOEFF_NORMED).max())
     return best
 
@@ -387,7 +704,14 @@ def likeness(picture, text):
 def test_sign_in_store_is_legible(folder):
     """The brand name of a loudspeaker at the right rear of the camera; it is reversed in the raw
     image."""
-    args = [MIRRORBALL / "store.jpg", "--ball", "1226,1217.5,1122.75,260", "--view", "perspective", "--black"]
+    args = [
+        MIRRORBALL / "store.jpg",
+        "--ball",
+        "1226,1217.5,1122.75,260",
+        "--view",
+        "perspective",
+        "--black",
+    ]
     args += ["--pan-deg", "109", "--tilt-deg", "-2.2", "--hfov-deg", "5.5", "--size", "160x90"]
     assert dewarp(*args, "-o", "sign.png") == 0
     sign = cv2.cvtColor(om.read_image("sign.png"), cv2.COLOR_RGB2GRAY)

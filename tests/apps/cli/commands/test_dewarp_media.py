@@ -64,13 +64,28 @@ def test_all_video_frames_are_dewarped(video, tmp_path):
 
 
 def test_video_border_colour(video, tmp_path):
-    args = [*BALL, "--elevation-deg", "-90:90", "--size", "128x64", "--crf", "1", "--interpolation", "area"]
-    run = omnimirror("dewarp", video, *args, "--border", "#c86432", "--threads", "1", "-o", tmp_path / "out.mp4")
+    args = [
+        *BALL,
+        "--elevation-deg",
+        "-90:90",
+        "--size",
+        "128x64",
+        "--crf",
+        "1",
+        "--interpolation",
+        "area",
+    ]
+    run = omnimirror(
+        "dewarp", video, *args, "--border", "#c86432", "--threads", "1", "-o", tmp_path / "out.mp4"
+    )
     assert run.returncode == 0, run.stderr
     for frame in frames(tmp_path / "out.mp4"):
         assert np.abs(frame[:10, 8:-8].astype(int) - [0xC8, 0x64, 0x32]).max() < 12
     for border in ("#ff", "300"):
-        fails(omnimirror("dewarp", video, *args, "--border", border, "-o", tmp_path / "no.mp4"), border)
+        fails(
+            omnimirror("dewarp", video, *args, "--border", border, "-o", tmp_path / "no.mp4"),
+            border,
+        )
         assert not (tmp_path / "no.mp4").exists()
 
 
@@ -79,15 +94,22 @@ def test_video_range(video, tmp_path):
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
     assert len(frames(tmp_path / "out.mp4")) == 10
-    assert b"GPano" in (tmp_path / "out.mp4").read_bytes() or b"sv3d" in (tmp_path / "out.mp4").read_bytes()
+    assert (
+        b"GPano" in (tmp_path / "out.mp4").read_bytes()
+        or b"sv3d" in (tmp_path / "out.mp4").read_bytes()
+    )
 
 
 def test_keyframes(video, tmp_path):
     (tmp_path / "keys.csv").write_text("time_s,pan_deg,hfov_deg\n0,0,60\n0.76,40,90\n")
     args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
-    run = omnimirror("dewarp", video, *args, "--keyframes", tmp_path / "keys.csv", "-o", tmp_path / "out.mp4")
+    run = omnimirror(
+        "dewarp", video, *args, "--keyframes", tmp_path / "keys.csv", "-o", tmp_path / "out.mp4"
+    )
     assert run.returncode == 0, run.stderr
-    last = om.Dewarper(CAMERA, om.screens.Plane((96, 64), 40.0, -30.0, hfov_deg=90.0))(frames(video)[-1])
+    last = om.Dewarper(CAMERA, om.screens.Plane((96, 64), 40.0, -30.0, hfov_deg=90.0))(
+        frames(video)[-1]
+    )
     assert np.abs(frames(tmp_path / "out.mp4")[-1] - last.astype(float))[4:-4, 4:-4].mean() < 3
 
 
@@ -110,12 +132,27 @@ def test_raw_video_pipe(video):
 
 
 def test_several_outputs(video, tmp_path):
-    args = [*BALL, "--size", "128x64", "-o", tmp_path / "a.mp4", "-o", tmp_path / "b.mkv", "-o", "-"]
+    args = [
+        *BALL,
+        "--size",
+        "128x64",
+        "-o",
+        tmp_path / "a.mp4",
+        "-o",
+        tmp_path / "b.mkv",
+        "-o",
+        "-",
+    ]
     run = omnimirror("dewarp", video, *args, text=False)
     assert run.returncode == 0, run.stderr
     assert b"a.mp4, " in run.stderr
     assert b"b.mkv, standard output: panorama" in run.stderr
-    assert run.stdout.count(b"FRAME") == len(frames(tmp_path / "a.mp4")) == len(frames(tmp_path / "b.mkv")) == 20
+    assert (
+        run.stdout.count(b"FRAME")
+        == len(frames(tmp_path / "a.mp4"))
+        == len(frames(tmp_path / "b.mkv"))
+        == 20
+    )
 
 
 def test_sigterm_keeps_completed_frames(video, tmp_path):
@@ -137,7 +174,9 @@ def test_file_is_streamed_in_real_time(video, tmp_path):
     with LiveSource(url, timeout_s=60, patience_s=600, reconnect=False) as live:
         while not live.received:  # repeatedly, until the receiver has recognised the format
             began = time.monotonic()
-            run = omnimirror("dewarp", video, *BALL, "--size", "128x64", "-o", url + "?pkt_size=1316")
+            run = omnimirror(
+                "dewarp", video, *BALL, "--size", "128x64", "-o", url + "?pkt_size=1316"
+            )
             assert run.returncode == 0, run.stderr
             assert time.monotonic() - began > 19 / 25
         frame = live.first()
@@ -163,20 +202,31 @@ def test_skip_existing_continues_folder(tmp_path):
         om.write_image(tmp_path / f"{i}.png", picture(60 + i))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "1.png").write_bytes(b"done before")
-    (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(b"half of it")  # left by a killed run
-    run = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
+    (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(
+        b"half of it"
+    )  # left by a killed run
+    run = omnimirror(
+        "dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out"
+    )
     assert run.returncode == 0, run.stderr
     assert "2 of 2 images dewarped, 1 existed" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
     assert (tmp_path / "out" / "1.png").read_bytes() == b"done before"
-    again = omnimirror("dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out")
+    again = omnimirror(
+        "dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out"
+    )
     assert again.returncode == 0
     assert "0 of 0 images dewarped, 3 existed" in again.stdout
 
 
 def test_panorama_metadata(tmp_path):
     om.write_image(tmp_path / "a.png", picture(90))
-    assert omnimirror("dewarp", tmp_path / "a.png", *BALL, "--size", "128x", "-o", tmp_path / "p.jpg").returncode == 0
+    assert (
+        omnimirror(
+            "dewarp", tmp_path / "a.png", *BALL, "--size", "128x", "-o", tmp_path / "p.jpg"
+        ).returncode
+        == 0
+    )
     assert b"GPano:CroppedAreaTopPixels" in (tmp_path / "p.jpg").read_bytes()
     args = ["--view", "perspective", "--tilt-deg", "-30", "-o", tmp_path / "v.jpg"]
     assert omnimirror("dewarp", tmp_path / "a.png", *BALL, *args).returncode == 0
@@ -189,9 +239,15 @@ def test_panorama_metadata(tmp_path):
         (["no.mp4", "-o", "o.mp4"], "cannot read the video no.mp4: the file does not exist"),
         (["in.mp4", "-o", "in.mp4"], "must differ from the source video; got in.mp4"),
         (["in.mp4", "-o", "o.gifv"], "got '.gifv'"),
-        (["in.mp4", "-o", "o.mp4", "--start-s", "9"], "start_s must be less than the duration of in.mp4"),
+        (
+            ["in.mp4", "-o", "o.mp4", "--start-s", "9"],
+            "start_s must be less than the duration of in.mp4",
+        ),
         (["in.mp4", "-o", "o.mp4", "--transparent"], "--transparent and --black require images"),
-        (["in.mp4", "-o", "-", "--crf", "3"], "crf must be omitted unless an output is a video file or stream"),
+        (
+            ["in.mp4", "-o", "-", "--crf", "3"],
+            "crf must be omitted unless an output is a video file or stream",
+        ),
         (["in.mp4", "-o", "o.mp4", "--keyframes", "no.csv"], "no.csv"),
         (["in.mp4", "-o", "o.mp4", "--codec", "h266"], "h266"),
         (["a.png", "-o", "o.png", "--start-s", "1"], "--start-s requires a video; got a.png"),
@@ -202,8 +258,14 @@ def test_panorama_metadata(tmp_path):
         (["in.mp4", "-o", "o.mp4", "-o", "/dev/video98"], "got /dev/video98; on Linux"),
         (["in.mp4", "-o", "gopher://x"], "got 'gopher://x'"),
         (["in.mp4", "-o", "o.mp4", "-o", "o.mp4"], "the outputs must differ; got o.mp4 twice"),
-        (["in.mp4", "-o", "o.mp4", "--format", "rawvideo"], "pipe_format must be omitted unless an output is '-'"),
-        (["in.mp4", "-o", "-", "--pixel-format", "gray"], "pixel_format must be omitted unless an output is a video file"),
+        (
+            ["in.mp4", "-o", "o.mp4", "--format", "rawvideo"],
+            "pipe_format must be omitted unless an output is '-'",
+        ),
+        (
+            ["in.mp4", "-o", "-", "--pixel-format", "gray"],
+            "pixel_format must be omitted unless an output is a video file",
+        ),
         (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
         (["in.mp4"], "--output or --viewer must be given, or --preview for a video"),
         (["a.png", "-o", "o.png", "-o", "p.png"], "several outputs require a video"),

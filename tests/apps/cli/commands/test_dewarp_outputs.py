@@ -49,14 +49,25 @@ def test_conversion_to_8_bits_and_srgb(folder, capsys):
     assert np.abs(middle("b.png") - expected).max() <= 1
     assert middle("b.png")[2] == 65535
     main(["dewarp", "deep.png", *BALL, "-o", "c.hdr"])
-    np.testing.assert_allclose(middle("c.hdr"), linear_from_srgb([0.9, 0.4, 0.05]), rtol=0.02, atol=2e-3)
+    np.testing.assert_allclose(
+        middle("c.hdr"), linear_from_srgb([0.9, 0.4, 0.05]), rtol=0.02, atol=2e-3
+    )
     main(["dewarp", "grey.png", *BALL, "-o", "d.webp"])
     assert middle("d.webp").tolist() == [128, 128, 128]
 
 
 @pytest.mark.parametrize(("suffix", "most"), [("jpg", "65500"), ("webp", "16383")])
 def test_image_too_large_for_format_raises_before_dewarping(folder, capsys, suffix, most):
-    args = ("grey.png", "--ball", "31.5,31.5,30,280", "--size", "70000x2", "--black", "-o", f"o.{suffix}")
+    args = (
+        "grey.png",
+        "--ball",
+        "31.5,31.5,30,280",
+        "--size",
+        "70000x2",
+        "--black",
+        "-o",
+        f"o.{suffix}",
+    )
     assert f"images must have at most {most} px per side; got 70000 x 2 px" in fails(capsys, *args)
     with pytest.raises(om.base.errors.MediaError, match="70000 x 2 px"):
         om.write_image(f"o.{suffix}", np.zeros((2, 70_000, 3), np.uint8))
@@ -69,10 +80,14 @@ def test_exr_without_package_raises_before_dewarping(folder, capsys, monkeypatch
     assert "OpenEXR must be installed for o.exr" in fails(capsys, "deep.png", *BALL, "-o", "o.exr")
 
 
-@pytest.mark.parametrize("option", ["--span-deg=1e-308", "--elevation-deg=0:1e-308", "--span-deg=1e-9"])
+@pytest.mark.parametrize(
+    "option", ["--span-deg=1e-308", "--elevation-deg=0:1e-308", "--span-deg=1e-9"]
+)
 def test_empty_views_print_one_line(folder, capsys, option):
     for size in ("64x", "64x8"):
-        said = fails(capsys, "grey.png", "--ball", "31.5,31.5,30,280", option, "--size", size, "-o", "o.png")
+        said = fails(
+            capsys, "grey.png", "--ball", "31.5,31.5,30,280", option, "--size", size, "-o", "o.png"
+        )
         assert "must be" in said or "must increase" in said or "valid" in said
 
 
@@ -85,5 +100,7 @@ def test_circular_links_print_one_line(folder, capsys):
 
 def test_alpha_in_format_without_alpha_raises(folder, capsys):
     om.write_image("clear.png", np.full((64, 64, 4), 128, np.uint8))
-    assert "jpg holds uint8 pictures of 1 or 3 channels" in fails(capsys, "clear.png", *BALL, "-o", "out.jpg")
+    assert "jpg holds uint8 pictures of 1 or 3 channels" in fails(
+        capsys, "clear.png", *BALL, "-o", "out.jpg"
+    )
     assert not (folder / "out.jpg").exists()

@@ -37,13 +37,19 @@ def test_all_commands_have_help(name):
 def test_printed_table_has_all_angles():
     run = omnimirror("evaluate", "paper-spherical", "--omega-deg", "0:135:5")
     assert run.returncode == 0
-    rows = [line.split() for line in run.stdout.splitlines() if line.strip() and line.split()[0].isdigit()]
+    rows = [
+        line.split()
+        for line in run.stdout.splitlines()
+        if line.strip() and line.split()[0].isdigit()
+    ]
     assert [int(r[0]) for r in rows] == list(range(0, 136, 5))
     assert "212.00 mm" in run.stdout
 
 
 def test_csv_is_exact(tmp_path):
-    run = omnimirror("evaluate", "paper-equidistant", "--omega-deg", "0:135:15", "--csv", tmp_path / "e.csv")
+    run = omnimirror(
+        "evaluate", "paper-equidistant", "--omega-deg", "0:135:15", "--csv", tmp_path / "e.csv"
+    )
     assert run.returncode == 0
     header, *rows = (tmp_path / "e.csv").read_text().splitlines()
     assert header.split(",") == HEADER
@@ -53,7 +59,16 @@ def test_csv_is_exact(tmp_path):
 
 
 def test_json_contains_summary_and_columns(tmp_path):
-    args = ["evaluate", "paper-spherical", "--omega-deg", "90", "--object-distance-mm", "219.5", "--focus-mm", "auto"]
+    args = [
+        "evaluate",
+        "paper-spherical",
+        "--omega-deg",
+        "90",
+        "--object-distance-mm",
+        "219.5",
+        "--focus-mm",
+        "auto",
+    ]
     assert omnimirror(*args, "--json", tmp_path / "e.json").returncode == 0
     data = json.loads((tmp_path / "e.json").read_text())
     assert list(data["columns"]) == HEADER
@@ -63,8 +78,12 @@ def test_json_contains_summary_and_columns(tmp_path):
 
 
 def test_non_finite_numbers_in_json(tmp_path):
-    (tmp_path / "cone.toml").write_text('[mirror]\nkind = "cone"\nslope_deg = 50.0\nrim_radius_mm = 40.0\n[lens]\nkind = "perspective"\nfocal_length_mm = 11.6\nf_number = 4.0\nfocus_distance_mm = 200.0\n[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n[mount]\nmirror_distance_mm = 160.0\n')
-    run = omnimirror("evaluate", "cone.toml", "--omega-deg", "105", "--json", "e.json", cwd=tmp_path)
+    (tmp_path / "cone.toml").write_text(
+        '[mirror]\nkind = "cone"\nslope_deg = 50.0\nrim_radius_mm = 40.0\n[lens]\nkind = "perspective"\nfocal_length_mm = 11.6\nf_number = 4.0\nfocus_distance_mm = 200.0\n[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n[mount]\nmirror_distance_mm = 160.0\n'
+    )
+    run = omnimirror(
+        "evaluate", "cone.toml", "--omega-deg", "105", "--json", "e.json", cwd=tmp_path
+    )
     assert run.returncode == 0, run.stderr
     assert json.loads((tmp_path / "e.json").read_text())["columns"]["radius_t_mm"] == ["inf"]
 
@@ -73,7 +92,9 @@ def test_paper_mode_changes_only_blur(tmp_path):
     for name, flags in (("exact", []), ("paper", ["--paper-mode"])):
         args = ["--omega-deg", "0:135:45", "--csv", tmp_path / f"{name}.csv", *flags]
         assert omnimirror("evaluate", "paper-spherical", *args).returncode == 0
-    exact, paper = (np.genfromtxt(tmp_path / f"{n}.csv", delimiter=",", names=True) for n in ("exact", "paper"))
+    exact, paper = (
+        np.genfromtxt(tmp_path / f"{n}.csv", delimiter=",", names=True) for n in ("exact", "paper")
+    )
     for name in HEADER:
         same = np.array_equal(exact[name], paper[name])
         assert same != name.startswith("blur"), name
@@ -103,28 +124,57 @@ def test_template_secondary_is_valid(tmp_path):
     folded = "".join(line.removeprefix("# ") + "\n" for line in text[start:end].splitlines())
     (tmp_path / "folded.toml").write_text(text[:start] + folded + text[end:])
     one, two = (om.load_sensor(tmp_path / name) for name in ("mine.toml", "folded.toml"))
-    np.testing.assert_allclose(om.evaluate(two, [60.0]).h_px, om.evaluate(one, [60.0]).h_px, rtol=1e-12)
+    np.testing.assert_allclose(
+        om.evaluate(two, [60.0]).h_px, om.evaluate(one, [60.0]).h_px, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (["evaluate", "nowhere.toml"], "there is no sensor file, camera file or bundled sensor 'nowhere.toml'"),
+        (
+            ["evaluate", "nowhere.toml"],
+            "there is no sensor file, camera file or bundled sensor 'nowhere.toml'",
+        ),
         (["evaluate", "paper-sferical"], "did you mean paper-spherical"),
         (["evaluate"], "Missing argument 'SENSOR'"),
         (["evaluate", "paper-spherical", "--omega-deg", "140"], "omega must be 0 to "),
         (["evaluate", "paper-spherical", "--omega-deg", "0:135"], "must be START:STOP:STEP"),
-        (["evaluate", "paper-spherical", "--omega-deg", "0:135:0"], "START must be at most STOP, and STEP above 0"),
-        (["evaluate", "paper-spherical", "--omega-deg", "0:1e9:1e-3"], "must be at most 1000000 numbers"),
+        (
+            ["evaluate", "paper-spherical", "--omega-deg", "0:135:0"],
+            "START must be at most STOP, and STEP above 0",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--omega-deg", "0:1e9:1e-3"],
+            "must be at most 1000000 numbers",
+        ),
         (["evaluate", "paper-spherical", "--omega-deg", "ten"], "got 'ten'"),
         (["evaluate", "paper-spherical", "--omega-deg", "nan"], "must be finite numbers"),
-        (["evaluate", "paper-spherical", "--omega-deg", "1", "--x-mm", "2"], "omega_deg and x_mm were given together"),
-        (["evaluate", "paper-spherical", "--object-distance-mm", "-3"], "must be a distance in mm above 0, or 'inf'; got '-3'"),
-        (["evaluate", "paper-spherical", "--object-distance-mm", "5m"], "must be a distance in mm above 0, or 'inf'; got '5m'"),
-        (["evaluate", "paper-spherical", "--focus-mm", "near"], "must be a distance in mm, or 'auto'; got 'near'"),
-        (["evaluate", "paper-spherical", "--focus-mm", "3"], "focus_distance_mm must be greater than focal_length_mm"),
+        (
+            ["evaluate", "paper-spherical", "--omega-deg", "1", "--x-mm", "2"],
+            "omega_deg and x_mm were given together",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--object-distance-mm", "-3"],
+            "must be a distance in mm above 0, or 'inf'; got '-3'",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--object-distance-mm", "5m"],
+            "must be a distance in mm above 0, or 'inf'; got '5m'",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--focus-mm", "near"],
+            "must be a distance in mm, or 'auto'; got 'near'",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--focus-mm", "3"],
+            "focus_distance_mm must be greater than focal_length_mm",
+        ),
         (["evaluate", "paper-spherical", "--pixel", "7"], "must be a pixel U,V; got '7'"),
-        (["evaluate", "paper-spherical", "--merit", "nice"], "'nice' is not one of 'worst_floored_area_deg2'"),
+        (
+            ["evaluate", "paper-spherical", "--merit", "nice"],
+            "'nice' is not one of 'worst_floored_area_deg2'",
+        ),
         (["evaluate", "paper-spherical", "--omga-deg", "3"], "No such option"),
         (["evaluate", "paper-spherical", "--csv", "/proc/no/e.csv"], "cannot write /proc/no/e.csv"),
         (["evaluat", "paper-spherical"], "unknown command 'evaluat'; did you mean evaluate?"),
@@ -138,14 +188,25 @@ def test_invalid_arguments_print_one_line(args, message, tmp_path):
 @pytest.mark.long
 @pytest.mark.long
 def test_figures_are_written_to_folder(tmp_path):
-    run = omnimirror("evaluate", "paraboloid-telecentric", "--omega-deg", "0:90:30", "--figures", tmp_path / "f")
+    run = omnimirror(
+        "evaluate", "paraboloid-telecentric", "--omega-deg", "0:90:30", "--figures", tmp_path / "f"
+    )
     assert run.returncode == 0, run.stderr
     names = {p.name for p in (tmp_path / "f").iterdir()}
     assert {"fig4.svg", "fig4.png", "fig5.svg", "fig9.svg"} <= names
 
 
 def test_pixel_option(tmp_path):
-    run = omnimirror("evaluate", "paper-spherical", "--pixel", "511.5,11.5", "--pixel", "811.5,511.5", "--csv", tmp_path / "p.csv")
+    run = omnimirror(
+        "evaluate",
+        "paper-spherical",
+        "--pixel",
+        "511.5,11.5",
+        "--pixel",
+        "811.5,511.5",
+        "--csv",
+        tmp_path / "p.csv",
+    )
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "p.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["h_px"], [500, 300], rtol=1e-12)
@@ -156,21 +217,47 @@ def test_camera_file_table(tmp_path):
     known = Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.04)))
     camera = om.Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480), uncertainty=known)
     om.save_camera(camera, tmp_path / "mine.toml")
-    run = omnimirror("evaluate", "mine.toml", "--omega-deg", "0:90:45", "--csv", "t.csv", "--json", "t.json", cwd=tmp_path)
+    run = omnimirror(
+        "evaluate",
+        "mine.toml",
+        "--omega-deg",
+        "0:90:45",
+        "--csv",
+        "t.csv",
+        "--json",
+        "t.json",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     assert "mine.toml: unified model of a mirror, field to" in run.stdout
     data = json.loads((tmp_path / "t.json").read_text())
-    np.testing.assert_allclose(data["columns"]["h_px"], [0.0, 200 * np.tan(np.radians(22.5)), 200.0], atol=1e-12)
+    np.testing.assert_allclose(
+        data["columns"]["h_px"], [0.0, 200 * np.tan(np.radians(22.5)), 200.0], atol=1e-12
+    )
     # 0.2 px in both directions; both have 200 / 2 px per radian in the centre
     assert data["columns"]["direction_sigma_deg"][0] == pytest.approx(np.degrees(0.2 / 100))
-    assert {"name": "cx", "value": 319.5, "sigma": pytest.approx(0.2), "unit": "px"} in data["summary"]["parameters"]
+    assert {"name": "cx", "value": 319.5, "sigma": pytest.approx(0.2), "unit": "px"} in data[
+        "summary"
+    ]["parameters"]
     header = (tmp_path / "t.csv").read_text().splitlines()[0].split(",")
     assert list(data["columns"]) == header
 
 
 @pytest.mark.parametrize(
-    ("options", "message"), [(["--pixel", "3,1"], "--pixel requires a mirror and a lens, which a camera file does not contain"), (["--focus-mm", "auto"], "--focus-mm requires"), (["--support", "rod"], "--support requires"), (["--figures", "folder"], "--figures requires"), (["--omega-deg", "170"], "omega_deg must be 0 to")]
+    ("options", "message"),
+    [
+        (
+            ["--pixel", "3,1"],
+            "--pixel requires a mirror and a lens, which a camera file does not contain",
+        ),
+        (["--focus-mm", "auto"], "--focus-mm requires"),
+        (["--support", "rod"], "--support requires"),
+        (["--figures", "folder"], "--figures requires"),
+        (["--omega-deg", "170"], "omega_deg must be 0 to"),
+    ],
 )
 def test_optical_options_of_camera_file_raise(options, message, tmp_path):
-    om.save_camera(om.Unified(0.9, (200.0, 200.0), (319.5, 239.5), (640, 480)), tmp_path / "mine.toml")
+    om.save_camera(
+        om.Unified(0.9, (200.0, 200.0), (319.5, 239.5), (640, 480)), tmp_path / "mine.toml"
+    )
     assert message in fails("evaluate", "mine.toml", *options, cwd=tmp_path)

@@ -10,10 +10,17 @@ import omnimirror as om
 def test_field_mask_is_computed_once_per_image_size(tmp_path, monkeypatch):
     asked = []
     found = om.Dewarper.valid.fget
-    monkeypatch.setattr(om.Dewarper, "valid", property(lambda dewarp: asked.append(dewarp) or found(dewarp)))
+    monkeypatch.setattr(
+        om.Dewarper, "valid", property(lambda dewarp: asked.append(dewarp) or found(dewarp))
+    )
     sizes = [(64, 64)] * 3 + [(96, 96)] * 2
     for i, (width, height) in enumerate(sizes):
         om.write_image(tmp_path / f"{i}.png", np.full((height, width, 3), 90, np.uint8))
-    om.dewarp_images(tmp_path, tmp_path / "straight", threads=1, camera=lambda size: om.MirrorBall((size[0] / 2, size[1] / 2), size[0] / 2 - 2, 260.0, size))
+    om.dewarp_images(
+        tmp_path,
+        tmp_path / "straight",
+        threads=1,
+        camera=lambda size: om.MirrorBall((size[0] / 2, size[1] / 2), size[0] / 2 - 2, 260.0, size),
+    )
     assert len(list((tmp_path / "straight").iterdir())) == len(sizes)
     assert len(asked) == len(set(sizes))

@@ -17,20 +17,30 @@ def test_rays_of_a_sensor(tmp_path):
 
 
 def test_formats_in_a_folder(tmp_path):
-    run = omnimirror("rays", "paper-spherical", "-o", tmp_path, "--format", "npz,newton,mitsuba", "--step", 16)
+    run = omnimirror(
+        "rays", "paper-spherical", "-o", tmp_path, "--format", "npz,newton,mitsuba", "--step", 16
+    )
     assert run.returncode == 0, run.stderr
-    assert {p.name for p in tmp_path.iterdir()} == {f"paper-spherical-{name}" for name in ("npz.npz", "newton.npy", "mitsuba.py", "mitsuba.npy")}
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"paper-spherical-{name}" for name in ("npz.npz", "newton.npy", "mitsuba.py", "mitsuba.npy")
+    }
     assert "deg: interpolation between rays" in run.stdout
 
 
 def test_invalid_arguments(tmp_path):
-    assert "formats must be given for the folder" in fails("rays", "paper-spherical", "-o", tmp_path)
+    assert "formats must be given for the folder" in fails(
+        "rays", "paper-spherical", "-o", tmp_path
+    )
     sentence = "must be one of exr, npz, mitsuba, blender, newton; got 'obj'"
     assert sentence in fails("rays", "paper-spherical", "-o", tmp_path, "--format", "obj")
-    assert "step must be an integer between 1 and 1024; got 0" in fails("rays", "paper-spherical", "-o", tmp_path / "a.npz", "--step", 0)
+    assert "step must be an integer between 1 and 1024; got 0" in fails(
+        "rays", "paper-spherical", "-o", tmp_path / "a.npz", "--step", 0
+    )
 
 
-@pytest.mark.parametrize(("more", "begins"), [((), b"v/1\x01"), (("--format", "npz"), b"PK\x03\x04")])
+@pytest.mark.parametrize(
+    ("more", "begins"), [((), b"v/1\x01"), (("--format", "npz"), b"PK\x03\x04")]
+)
 def test_standard_output(more, begins):
     run = omnimirror("rays", "paper-spherical", "--step", 64, "-o", "-", *more, text=False)
     assert run.returncode == 0, run.stderr
@@ -38,5 +48,7 @@ def test_standard_output(more, begins):
 
 
 def test_several_files_on_standard_output_raise():
-    sentence = "standard output requires a single file; blender consists of several; specify a folder"
+    sentence = (
+        "standard output requires a single file; blender consists of several; specify a folder"
+    )
     assert sentence in fails("rays", "paper-spherical", "-o", "-", "--format", "blender")

@@ -32,13 +32,30 @@ def small(tmp_path) -> om.Sensor:
 @pytest.mark.long
 def test_restoration_precedes_dewarping(small, tmp_path):
     options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x")
-    assert omnimirror("dewarp", "raw.png", *options, "-o", "given.png", cwd=tmp_path).returncode == 0
-    run = omnimirror("dewarp", "raw.png", *options, "--restore", "--noise", "0.01", "-o", "sharp.png", cwd=tmp_path)
+    assert (
+        omnimirror("dewarp", "raw.png", *options, "-o", "given.png", cwd=tmp_path).returncode == 0
+    )
+    run = omnimirror(
+        "dewarp",
+        "raw.png",
+        *options,
+        "--restore",
+        "--noise",
+        "0.01",
+        "-o",
+        "sharp.png",
+        cwd=tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     restored = om.restore(small, om.read_image(tmp_path / "raw.png"), noise=0.01)
     om.write_image(tmp_path / "restored.png", restored)
-    assert omnimirror("dewarp", "restored.png", *options, "-o", "both.png", cwd=tmp_path).returncode == 0
-    given, sharp, both = (om.read_image(tmp_path / f"{name}.png") for name in ("given", "sharp", "both"))
+    assert (
+        omnimirror("dewarp", "restored.png", *options, "-o", "both.png", cwd=tmp_path).returncode
+        == 0
+    )
+    given, sharp, both = (
+        om.read_image(tmp_path / f"{name}.png") for name in ("given", "sharp", "both")
+    )
     np.testing.assert_array_equal(sharp, both)
     assert (sharp != given).any()
 
@@ -46,27 +63,64 @@ def test_restoration_precedes_dewarping(small, tmp_path):
 @pytest.mark.full
 @pytest.mark.long
 def test_restoration_of_nearby_objects(small, tmp_path):
-    options = ("--sensor", "small.toml", "--view", "panorama", "--size", "256x", "--restore", "--noise", "0.01")
-    run = omnimirror("dewarp", "raw.png", *options, "--object-distance-mm", "300", "-o", "near.png", cwd=tmp_path)
+    options = (
+        "--sensor",
+        "small.toml",
+        "--view",
+        "panorama",
+        "--size",
+        "256x",
+        "--restore",
+        "--noise",
+        "0.01",
+    )
+    run = omnimirror(
+        "dewarp", "raw.png", *options, "--object-distance-mm", "300", "-o", "near.png", cwd=tmp_path
+    )
     assert run.returncode == 0, run.stderr
     raw = om.read_image(tmp_path / "raw.png")
-    near, far = (om.restore(small, raw, noise=0.01, object_distance_mm=distance) for distance in (300.0, np.inf))
+    near, far = (
+        om.restore(small, raw, noise=0.01, object_distance_mm=distance)
+        for distance in (300.0, np.inf)
+    )
     assert (near != far).any()
     om.write_image(tmp_path / "restored.png", near)
-    assert omnimirror("dewarp", "restored.png", *options[:6], "-o", "both.png", cwd=tmp_path).returncode == 0
-    np.testing.assert_array_equal(om.read_image(tmp_path / "near.png"), om.read_image(tmp_path / "both.png"))
+    assert (
+        omnimirror(
+            "dewarp", "restored.png", *options[:6], "-o", "both.png", cwd=tmp_path
+        ).returncode
+        == 0
+    )
+    np.testing.assert_array_equal(
+        om.read_image(tmp_path / "near.png"), om.read_image(tmp_path / "both.png")
+    )
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
         (("--sensor", "small.toml", "--noise", "0.01"), "--noise requires --restore"),
-        (("--sensor", "small.toml", "--object-distance-mm", "300"), "--object-distance-mm requires --restore"),
-        (("--sensor", "small.toml", "--restore", "--viewer", "v.html"), "--viewer and --restore must not be given together"),
+        (
+            ("--sensor", "small.toml", "--object-distance-mm", "300"),
+            "--object-distance-mm requires --restore",
+        ),
+        (
+            ("--sensor", "small.toml", "--restore", "--viewer", "v.html"),
+            "--viewer and --restore must not be given together",
+        ),
         (("--ball", "64,64,50,180", "--blur-px", "2"), "--blur-px requires --restore"),
-        (("--ball", "64,64,50,180", "--restore", "--blur-px", "1,2,3"), "--blur-px must be a diameter, T,S or a file; got 1,2,3"),
-        (("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"), "cannot read the blur table no.csv"),
-        (("--ball", "64,64,50,180", "--restore"), "blur_px must be specified unless the camera is a sensor"),
+        (
+            ("--ball", "64,64,50,180", "--restore", "--blur-px", "1,2,3"),
+            "--blur-px must be a diameter, T,S or a file; got 1,2,3",
+        ),
+        (
+            ("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"),
+            "cannot read the blur table no.csv",
+        ),
+        (
+            ("--ball", "64,64,50,180", "--restore"),
+            "blur_px must be specified unless the camera is a sensor",
+        ),
     ],
 )
 def test_invalid_restoration_prints_one_line(small, tmp_path, options, sentence):
@@ -84,10 +138,22 @@ def test_ball_restored_with_given_blur(small, tmp_path):
     for name, column, places in (("a.csv", "omega_deg", angles), ("b.csv", "radius_px", radii)):
         lines = [f"{column},t_px,s_px", *(f"{place!r},3,2" for place in places.tolist())]
         (tmp_path / name).write_text("\n".join(lines))
-    options = ("--ball", "63.5,63.5,60,360", "--view", "panorama", "--size", "128x", "--restore", "--noise", "0.02")
+    options = (
+        "--ball",
+        "63.5,63.5,60,360",
+        "--view",
+        "panorama",
+        "--size",
+        "128x",
+        "--restore",
+        "--noise",
+        "0.02",
+    )
     found = []
     for blur in ("3,2", "a.csv", "b.csv"):
-        run = omnimirror("dewarp", "raw.png", *options, "--blur-px", blur, "-o", "out.png", cwd=tmp_path)
+        run = omnimirror(
+            "dewarp", "raw.png", *options, "--blur-px", blur, "-o", "out.png", cwd=tmp_path
+        )
         assert run.returncode == 0, run.stderr
         assert "restored with noise of 2 % (specified)" in run.stdout
         found.append(om.read_image(tmp_path / "out.png"))
@@ -101,14 +167,31 @@ def test_reduced_restoration_is_reported(small, tmp_path):
     limited to that."""
     grain = 128 + 5 * np.random.default_rng(2).standard_normal((128, 128, 3))
     om.write_image(tmp_path / "grain.png", grain.astype(np.uint8))
-    options = ("--sensor", "small.toml", "--view", "panorama", "--size", "128x", "--restore", "--noise", "0.015")
+    options = (
+        "--sensor",
+        "small.toml",
+        "--view",
+        "panorama",
+        "--size",
+        "128x",
+        "--restore",
+        "--noise",
+        "0.015",
+    )
     run = omnimirror("dewarp", "grain.png", *options, "-o", "out.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "85 % of the blur is removed because its blur cannot be estimated" in run.stdout
 
 
 @pytest.mark.parametrize(
-    ("f_number", "metres", "words"), [((40, 10), 0, ""), ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"), ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: the blur of the sensor is assumed"), (8.0, 0, "EXIF has F/8, the sensor F/4"), ((0, 1), 5, "EXIF has a focus distance of 5000 mm")]
+    ("f_number", "metres", "words"),
+    [
+        ((40, 10), 0, ""),
+        ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"),
+        ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: the blur of the sensor is assumed"),
+        (8.0, 0, "EXIF has F/8, the sensor F/4"),
+        ((0, 1), 5, "EXIF has a focus distance of 5000 mm"),
+    ],
 )
 def test_different_exif_reduces_assumed_blur(f_number, metres, words):
     """EXIF data written by Pillow, parsed from the file."""
@@ -145,7 +228,9 @@ def test_restore_compares_the_exif_data_of_a_file(small, tmp_path, f_number, is_
     # The limit of small blur is estimated from the image with different kernels.
     assert np.abs(restored.astype(int) - expected).mean() <= 0.5
     assert (np.abs(restored.astype(int) - given).mean() > 1) == is_other
-    assert [("EXIF has F/2, the sensor F/1: 50 % of the blur is assumed" in note) for note in notes] == [is_other]
+    assert [
+        ("EXIF has F/2, the sensor F/1: 50 % of the blur is assumed" in note) for note in notes
+    ] == [is_other]
     if is_other:
         with pytest.warns(OmnimirrorWarning, match=r"stopped\.png: .*EXIF has F/2"):
             om.restore(small, str(tmp_path / "stopped.png"), noise=0.01)
@@ -157,13 +242,35 @@ def test_bracket_plan_render_and_merge(small, tmp_path):
     assert run.returncode == 0, run.stderr
     assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
     scene = ("--scene", "world.hdr", "--heading-deg", "20", "--pose", "0,0,0,20")
-    take = ("bracket", "render", "small.toml", "--focus-mm", "175,207", "--samples", "16", "-o", "b", *scene)
+    take = (
+        "bracket",
+        "render",
+        "small.toml",
+        "--focus-mm",
+        "175,207",
+        "--samples",
+        "16",
+        "-o",
+        "b",
+        *scene,
+    )
     run = omnimirror(*take, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     world = om.Environment.load(tmp_path / "world.hdr")
-    straight = om.render_image(focused_at(small, 175.0), world, samples=16, blur=True)  # heading and pose cancel
+    straight = om.render_image(
+        focused_at(small, 175.0), world, samples=16, blur=True
+    )  # heading and pose cancel
     assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - straight).max() <= 2
-    merge = ("bracket", "merge", "small.toml", "b/175.0mm.png", "b/207.0mm.png", "-o", "merged.png", "--focus-mm")
+    merge = (
+        "bracket",
+        "merge",
+        "small.toml",
+        "b/175.0mm.png",
+        "b/207.0mm.png",
+        "-o",
+        "merged.png",
+        "--focus-mm",
+    )
     assert omnimirror(*merge, "175,207", cwd=tmp_path).returncode == 0
     assert om.read_image(tmp_path / "merged.png").shape == (128, 128, 3)
     run = omnimirror(*merge, "175", cwd=tmp_path)
@@ -173,6 +280,10 @@ def test_bracket_plan_render_and_merge(small, tmp_path):
 
 def test_restore_of_video_raises(small, tmp_path):
     (tmp_path / "film.mp4").write_bytes(b"")
-    run = omnimirror("dewarp", "film.mp4", "--sensor", "small.toml", "--restore", "-o", "out.mp4", cwd=tmp_path)
+    run = omnimirror(
+        "dewarp", "film.mp4", "--sensor", "small.toml", "--restore", "-o", "out.mp4", cwd=tmp_path
+    )
     assert run.returncode == 2
-    assert "got the video film.mp4; extract its frames to a folder and restore them" in " ".join(run.stderr.split())
+    assert "got the video film.mp4; extract its frames to a folder and restore them" in " ".join(
+        run.stderr.split()
+    )

@@ -19,7 +19,10 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rims")
     for turn in (0.0, 90.0):
         scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=turn))
-        om.write_image(folder / f"room{turn:.0f}.png", om.render_image(om.load_sensor("paper-spherical"), scene, samples=1))
+        om.write_image(
+            folder / f"room{turn:.0f}.png",
+            om.render_image(om.load_sensor("paper-spherical"), scene, samples=1),
+        )
     v, u = np.mgrid[:200, :260]
     away, turn = np.hypot(u - 130.0, v - 100.0), np.arctan2(v - 100.0, u - 130.0)
     disc = np.clip(80.5 - away, 0, 1) * (110 + 80 * np.tanh(6 * np.sin(11 * turn))) + 12
@@ -29,7 +32,14 @@ def folder(tmp_path_factory):
 
 
 def test_rim_of_sensor(folder, tmp_path):
-    run = omnimirror("rim", folder / "room0.png", "--json", tmp_path / "rim.json", "--figure", tmp_path / "rim.png")
+    run = omnimirror(
+        "rim",
+        folder / "room0.png",
+        "--json",
+        tmp_path / "rim.json",
+        "--figure",
+        tmp_path / "rim.png",
+    )
     assert run.returncode == 0, run.stderr
     rim = json.loads((tmp_path / "rim.json").read_text())
     assert rim["centre_px"] == pytest.approx([511.5, 511.5], abs=1.0)
@@ -40,7 +50,9 @@ def test_rim_of_sensor(folder, tmp_path):
 
 
 def test_images_of_one_sensor_are_evaluated_together(folder, tmp_path):
-    run = omnimirror("rim", folder / "room0.png", folder / "room90.png", "--json", tmp_path / "rim.json")
+    run = omnimirror(
+        "rim", folder / "room0.png", folder / "room90.png", "--json", tmp_path / "rim.json"
+    )
     assert run.returncode == 0, run.stderr
     assert "together" in run.stdout
     rim = json.loads((tmp_path / "rim.json").read_text())
@@ -57,7 +69,9 @@ def test_rejected_outline_is_reported(folder):
 def test_rejected_outlines_are_listed_as_candidates(tmp_path):
     """Two discs of one colour that are not mirrors."""
     v, u = np.mgrid[:240, :400]
-    picture = np.where(np.hypot(u - 110, v - 120) < 70, 200, np.where(np.hypot(u - 290, v - 120) < 60, 120, 40))
+    picture = np.where(
+        np.hypot(u - 110, v - 120) < 70, 200, np.where(np.hypot(u - 290, v - 120) < 60, 120, 40)
+    )
     om.write_image(tmp_path / "discs.png", picture.astype(np.uint8))
     run = omnimirror("rim", tmp_path / "discs.png", "--json", tmp_path / "rim.json")
     assert run.returncode == 0, run.stderr
@@ -81,7 +95,10 @@ def test_images_of_different_sizes_raise(command, folder):
 def test_auto_dewarps_image_by_detected_rim(folder, tmp_path):
     """Same view as with the sensor that rendered the image, up to the outline error."""
     views = {}
-    for name, camera in {"auto": ["--auto", "--mirror", "paper-spherical"], "told": ["--sensor", "paper-spherical"]}.items():
+    for name, camera in {
+        "auto": ["--auto", "--mirror", "paper-spherical"],
+        "told": ["--sensor", "paper-spherical"],
+    }.items():
         run = omnimirror("dewarp", folder / "room0.png", *camera, "-o", tmp_path / f"{name}.png")
         assert run.returncode == 0, run.stderr
         views[name] = om.read_image(tmp_path / f"{name}.png")[..., :3].astype(float)
@@ -100,20 +117,29 @@ def test_assumed_mirror_is_reported(folder, tmp_path):
 
 def test_ball_orientation_is_reported(folder, tmp_path):
     """A camera looks slightly down at a ball: the view is that of a tilted ball."""
-    ball = om.MirrorBall((299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0))
+    ball = om.MirrorBall(
+        (299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0)
+    )
     om.write_image(tmp_path / "ball.png", om.render_image(ball, om.Room(texel_mm=20.0), samples=1))
     command = ("dewarp", tmp_path / "ball.png", "--auto", "--mirror", "ball", "-o")
     run = omnimirror(*command, tmp_path / "view.png")
     assert run.returncode == 0, run.stderr
-    said = re.search(r"look forward \(--camera-looks\); tilt (\S+),(\S+) deg, from \d+ vertical edges", run.stderr)
+    said = re.search(
+        r"look forward \(--camera-looks\); tilt (\S+),(\S+) deg, from \d+ vertical edges",
+        run.stderr,
+    )
     assert said is not None, run.stderr
     assert (float(said[1]), float(said[2])) == pytest.approx((-15.0, 3.0), abs=0.5)
     run = omnimirror(*command, tmp_path / "told.png", "--level", "-15,3")
     assert run.returncode == 0, run.stderr
     assert "the camera" not in run.stderr
-    told, found = (om.read_image(tmp_path / name)[..., :3].astype(float) for name in ("told.png", "view.png"))
+    told, found = (
+        om.read_image(tmp_path / name)[..., :3].astype(float) for name in ("told.png", "view.png")
+    )
     assert np.median(np.abs(told - found)) < 4
-    run = omnimirror("dewarp", folder / "disc.png", "--auto", "--mirror", "ball", "-o", tmp_path / "disc.png")
+    run = omnimirror(
+        "dewarp", folder / "disc.png", "--auto", "--mirror", "ball", "-o", tmp_path / "disc.png"
+    )
     assert "the camera is assumed to look forward without tilt" in run.stderr
 
 
@@ -124,25 +150,57 @@ def test_ambiguous_tilt_is_reported(tmp_path):
     sensor = om.load_sensor("prototype-hyperboloidal")
     imager = replace(sensor.imager, width_px=1100, height_px=1100, centre_px=None)
     tilted = replace(sensor, imager=imager, mirror_pose=MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0))
-    om.write_image(tmp_path / "tilted.png", om.render_image(tilted, om.load_scene("room", texel_mm=20.0), samples=1))
-    run = omnimirror("dewarp", tmp_path / "tilted.png", "--auto", "--mirror", "prototype-hyperboloidal", "-o", tmp_path / "view.png")
+    om.write_image(
+        tmp_path / "tilted.png",
+        om.render_image(tilted, om.load_scene("room", texel_mm=20.0), samples=1),
+    )
+    run = omnimirror(
+        "dewarp",
+        tmp_path / "tilted.png",
+        "--auto",
+        "--mirror",
+        "prototype-hyperboloidal",
+        "-o",
+        tmp_path / "view.png",
+    )
     assert run.returncode == 0, run.stderr
-    said = re.search(r"tilt (\S+), (\S+) deg about x and y assumed; (\S+), (\S+) deg has", run.stderr)
+    said = re.search(
+        r"tilt (\S+), (\S+) deg about x and y assumed; (\S+), (\S+) deg has", run.stderr
+    )
     assert said is not None, run.stderr
-    assert [float(said[k]) for k in (1, 2)] == [pytest.approx(-5.0, abs=0.4), pytest.approx(2.0, abs=0.4)]
+    assert [float(said[k]) for k in (1, 2)] == [
+        pytest.approx(-5.0, abs=0.4),
+        pytest.approx(2.0, abs=0.4),
+    ]
     assert float(said[3]) > 1.0
 
 
 def test_auto_with_invalid_arguments(folder, tmp_path):
     view = tmp_path / "view.png"
-    assert "no rim was found for sure" in fails("dewarp", folder / "nothing.png", "--auto", "-o", view)
+    assert "no rim was found for sure" in fails(
+        "dewarp", folder / "nothing.png", "--auto", "-o", view
+    )
     assert not view.exists()
-    assert "--auto and --ball must not be given together" in fails("dewarp", folder / "room0.png", "--auto", "--ball", "1,2,3,90", "-o", view)
-    assert "--mirror requires --auto" in fails("dewarp", folder / "room0.png", "--mirror", "ball", "-o", view)
-    assert "presets: one-shot" in fails("dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view)  # raised before the detection
+    assert "--auto and --ball must not be given together" in fails(
+        "dewarp", folder / "room0.png", "--auto", "--ball", "1,2,3,90", "-o", view
+    )
+    assert "--mirror requires --auto" in fails(
+        "dewarp", folder / "room0.png", "--mirror", "ball", "-o", view
+    )
+    assert "presets: one-shot" in fails(
+        "dewarp", folder / "nothing.png", "--auto", "--mirror", "bal", "-o", view
+    )  # raised before the detection
 
 
-@pytest.mark.parametrize(("options", "sentence"), [(["--crf", "20"], "--crf requires a video"), (["--noise", ".01"], "--noise requires --restore"), (["--restore", "--blur-px", "1,2,3"], "got 1,2,3"), (["-o", "view.xyz"], "got '.xyz'")])
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--crf", "20"], "--crf requires a video"),
+        (["--noise", ".01"], "--noise requires --restore"),
+        (["--restore", "--blur-px", "1,2,3"], "got 1,2,3"),
+        (["-o", "view.xyz"], "got '.xyz'"),
+    ],
+)
 def test_auto_checks_options_before_detection(options, sentence, folder, tmp_path):
     output = [] if "-o" in options else ["-o", tmp_path / "view.png"]
     said = fails("dewarp", folder / "nothing.png", "--auto", *options, *output)

@@ -55,7 +55,10 @@ def test_exr_contains_light_and_ground_truth(sensor_file, tmp_path):
     with OpenEXR.File(str(out), separate_channels=True) as file:
         channels = {name: np.array(c.pixels) for name, c in file.channels().items()}
     assert set(channels) == {"R", "G", "B", "A", "H", "Z", "DX", "DY", "DZ", "OX", "OY", "OZ"}
-    sensor, scene = (om.load_sensor(sensor_file), PosedScene(om.Room(), Pose(300.0, 100.0, 0.0, 30.0)))
+    sensor, scene = (
+        om.load_sensor(sensor_file),
+        PosedScene(om.Room(), Pose(300.0, 100.0, 0.0, 30.0)),
+    )
     truth = ground_truth(sensor, scene)
     np.testing.assert_allclose(channels["Z"], truth.depth_mm, rtol=1e-6)
     np.testing.assert_allclose(channels["DY"], truth.directions[..., 1], atol=1e-6)
@@ -67,7 +70,10 @@ def test_exr_contains_light_and_ground_truth(sensor_file, tmp_path):
 def test_exr_labels_obscuration_and_refraction(sensor_file, sky_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     found = {}
-    supports = {"rod": ("--support", "rod", "--support-diameter-mm", 12), "tube": ("--support", "tube")}
+    supports = {
+        "rod": ("--support", "rod", "--support-diameter-mm", 12),
+        "tube": ("--support", "tube"),
+    }
     for name, options in supports.items():
         out = tmp_path / f"{name}.exr"
         done(sensor_file, "--scene", sky_file, "--no-blur", "--samples", 1, *options, "-o", out)
@@ -78,12 +84,25 @@ def test_exr_labels_obscuration_and_refraction(sensor_file, sky_file, tmp_path):
         assert not found[name]["A"][hidden].any()
         assert np.isnan(found[name]["Z"][hidden]).all()
     seen = found["tube"]["A"] == 1
-    np.testing.assert_allclose(np.hypot(found["tube"]["OX"], found["tube"]["OY"])[seen], 50.0, atol=1e-4)
+    np.testing.assert_allclose(
+        np.hypot(found["tube"]["OX"], found["tube"]["OY"])[seen], 50.0, atol=1e-4
+    )
 
 
 def test_blurred_noisy_environment_in_12_bits(sensor_file, sky_file, tmp_path):
     out = tmp_path / "noisy.png"
-    options = ("--full-well-e", 4000, "--read-noise-e", 5, "--bits", 12, "--curve", "linear", "--seed", 5)
+    options = (
+        "--full-well-e",
+        4000,
+        "--read-noise-e",
+        5,
+        "--bits",
+        12,
+        "--curve",
+        "linear",
+        "--seed",
+        5,
+    )
     said = done(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", out)
     assert "128 x 128 px, 4 rays" in said
     picture = om.read_image(out)
@@ -100,13 +119,35 @@ def test_video_along_path(sensor_file, sky_file, tmp_path):
 
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n0.2,100,90\n")
     out = tmp_path / "drive.mp4"
-    said = done(sensor_file, "--scene", sky_file, "--spp", 1, "--path", tmp_path / "path.csv", "--fps", 20, "-o", out)
+    said = done(
+        sensor_file,
+        "--scene",
+        sky_file,
+        "--spp",
+        1,
+        "--path",
+        tmp_path / "path.csv",
+        "--fps",
+        20,
+        "-o",
+        out,
+    )
     assert "5 frames" in said
     assert VideoReader(out).expected_frames == 5
 
 
 def test_panorama_option(sensor_file, sky_file, tmp_path):
-    done(sensor_file, "--scene", sky_file, "--spp", 1, "-o", tmp_path / "a.jpg", "--panorama", tmp_path / "p.png")
+    done(
+        sensor_file,
+        "--scene",
+        sky_file,
+        "--spp",
+        1,
+        "-o",
+        tmp_path / "a.jpg",
+        "--panorama",
+        tmp_path / "p.png",
+    )
     panorama = om.read_image(tmp_path / "p.png")
     height, width = panorama.shape[:2]
     assert width > 2 * height
@@ -116,8 +157,14 @@ def test_panorama_option(sensor_file, sky_file, tmp_path):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (("--scene", "moon", "-o", "a.png"), "the scene must be one of room, street, hall or a file"),
-        (("--scene", "none.hdr", "-o", "a.png"), "cannot read the image none.hdr: the file does not exist"),
+        (
+            ("--scene", "moon", "-o", "a.png"),
+            "the scene must be one of room, street, hall or a file",
+        ),
+        (
+            ("--scene", "none.hdr", "-o", "a.png"),
+            "cannot read the image none.hdr: the file does not exist",
+        ),
         (("--pose", "1,2", "-o", "a.png"), "must be a pose X,Y,Z"),
         (("--pose", "9e6,0,0", "-o", "a.png"), "ray origins must be inside the room"),
         (("--bits", "12", "-o", "a.jpg"), "use .png or .tif"),
@@ -136,7 +183,12 @@ def test_invalid_arguments_write_no_file(sensor_file, tmp_path, args, words):
 def _terminated_when(state, *words):
     """Return the output of a command after SIGTERM, sent once its handler is installed and a state
     is reached."""
-    with subprocess.Popen([sys.executable, "-m", "omnimirror", *map(str, words)], stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+    with subprocess.Popen(
+        [sys.executable, "-m", "omnimirror", *map(str, words)],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
         while not (_listens(run.pid) and state()):
             assert run.poll() is None, run.stderr.read()
             time.sleep(0.01)
@@ -153,13 +205,17 @@ def _listens(process: int) -> bool:
     return bool(int(caught[1], 16) & 1 << signal.SIGTERM - 1)
 
 
-needs_proc = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="signals are seen in /proc")
+needs_proc = pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="signals are seen in /proc"
+)
 
 
 @needs_proc
 def test_sigterm_before_first_image_leaves_no_file(sensor_file, tmp_path):
     output = tmp_path / "out.png"
-    said = _terminated_when(lambda: True, "simulate", sensor_file, "--samples", "1024", "-o", output)
+    said = _terminated_when(
+        lambda: True, "simulate", sensor_file, "--samples", "1024", "-o", output
+    )
     assert said.strip() == "omnimirror: stopped"
     assert not list(tmp_path.iterdir())
 
@@ -180,8 +236,25 @@ def test_sigterm_keeps_completed_dataset_images(sensor_file, sky_file, tmp_path)
 def test_sigterm_keeps_completed_training_shards(sensor_file, sky_file, tmp_path):
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
-    words = ("simulate", "training", sensor_file, "--scene", sky_file, "--spp", "1", "--per-shard", "1")
-    said = _terminated_when(lambda: len([*folder.glob("set-*.tar")]) > 1, *words, "--path", tmp_path / "path.csv", "-o", folder)
+    words = (
+        "simulate",
+        "training",
+        sensor_file,
+        "--scene",
+        sky_file,
+        "--spp",
+        "1",
+        "--per-shard",
+        "1",
+    )
+    said = _terminated_when(
+        lambda: len([*folder.glob("set-*.tar")]) > 1,
+        *words,
+        "--path",
+        tmp_path / "path.csv",
+        "-o",
+        folder,
+    )
     shards = sorted(folder.iterdir())
     assert f"contains {len(shards)} shards" in said
     for number, shard in enumerate(shards):
@@ -194,9 +267,23 @@ def test_sigterm_leaves_playable_video(sensor_file, sky_file, tmp_path):
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "out"
-    words = ("simulate", sensor_file, "--scene", sky_file, "--spp", "4", "--path", tmp_path / "path.csv")
+    words = (
+        "simulate",
+        sensor_file,
+        "--scene",
+        sky_file,
+        "--spp",
+        "4",
+        "--path",
+        tmp_path / "path.csv",
+    )
     # the hidden file grows after the first of 2501 frames have been encoded
-    _terminated_when(lambda: any(p.stat().st_size > 2000 for p in folder.glob(".*")), *words, "-o", folder / "a.mkv")
+    _terminated_when(
+        lambda: any(p.stat().st_size > 2000 for p in folder.glob(".*")),
+        *words,
+        "-o",
+        folder / "a.mkv",
+    )
     assert [p.name for p in folder.iterdir()] == ["a.mkv"]
     with av.open(str(folder / "a.mkv")) as container:
         assert 1 <= sum(1 for _ in container.decode(video=0)) < 2501
@@ -208,13 +295,27 @@ def test_sigterm_keeps_completed_video_dataset_frames(sensor_file, sky_file, tmp
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
-    words = ("simulate", "dataset", sensor_file, "--scene", sky_file, "--spp", "4", "--path", tmp_path / "path.csv")
-    said = _terminated_when(lambda: len([*folder.glob("frames/frame-*.png")]) > 1, *words, "-o", folder)
+    words = (
+        "simulate",
+        "dataset",
+        sensor_file,
+        "--scene",
+        sky_file,
+        "--spp",
+        "4",
+        "--path",
+        tmp_path / "path.csv",
+    )
+    said = _terminated_when(
+        lambda: len([*folder.glob("frames/frame-*.png")]) > 1, *words, "-o", folder
+    )
     described = json.loads((folder / "dataset.json").read_text())
     count = described["frames"]
     assert 1 <= count < 2501, said
     assert not [p for p in folder.rglob("*") if p.name.startswith(".")]
-    pictures = sorted((folder / "frames").iterdir())  # one more if terminated between writing and recording
+    pictures = sorted(
+        (folder / "frames").iterdir()
+    )  # one more if terminated between writing and recording
     assert len(pictures) in (count, count + 1)
     for picture in pictures:
         om.read_image(picture)
@@ -228,12 +329,23 @@ def test_calibrated_camera_renders_sharp_images(tmp_path):
     camera = om.Unified(0.9, (33.0, 32.0), (41.0, 39.0), (80, 80), k1=-0.02, rim_radius_px=36.0)
     om.save_camera(camera, tmp_path / "mine.toml")
     om.write_image(tmp_path / "world.hdr", np.random.default_rng(0).random((32, 64, 3), np.float32))
-    done(tmp_path / "mine.toml", "--scene", tmp_path / "world.hdr", "--samples", 1, "-o", tmp_path / "picture.png")
+    done(
+        tmp_path / "mine.toml",
+        "--scene",
+        tmp_path / "world.hdr",
+        "--samples",
+        1,
+        "-o",
+        tmp_path / "picture.png",
+    )
     rays = camera.backproject(np.argwhere(np.ones((80, 80)))[:, ::-1])
     world = om.Environment.load(tmp_path / "world.hdr")
     light = np.zeros((6400, 3), np.float32)
     light[rays.valid] = world.radiance(rays.origins[rays.valid], rays.directions[rays.valid])
     shown = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
     np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
-    for option, words in (("--blur=on", "blur must be False unless the camera is a sensor"), ("--support=rod", "requires a sensor; a calibrated camera has no housing")):
+    for option, words in (
+        ("--blur=on", "blur must be False unless the camera is a sensor"),
+        ("--support=rod", "requires a sensor; a calibrated camera has no housing"),
+    ):
         assert words in fails("simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png")

@@ -19,7 +19,10 @@ from ....design.requirement_check import ROUNDING, Judgement, Verdict
 from ....optics.tracing.obscuration import obscuration_summary
 from .._output import column_head, plain_table, print_line
 
-OF_ELEVATIONS = {"omega_max_deg": "elevation at the rim", "omega_min_deg": "elevation at the inner end"}
+OF_ELEVATIONS = {
+    "omega_max_deg": "elevation at the rim",
+    "omega_min_deg": "elevation at the inner end",
+}
 MAX_ALTERNATIVES = 3
 """Number of alternatives printed for each entry under each heading; the JSON file contains all."""
 EXIT_MISSED = 3
@@ -29,7 +32,11 @@ EXIT_MISSED = 3
 def print_design(console: Console, design: Design) -> None:
     """Print the notes of the design and the table of its requirements."""
     sensor = design.sensor
-    place = "" if sensor.lens.TELECENTRIC else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
+    place = (
+        ""
+        if sensor.lens.TELECENTRIC
+        else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
+    )
     print_line((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
     for note in design.notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
@@ -40,10 +47,17 @@ def print_design(console: Console, design: Design) -> None:
 def print_verdict(console: Console, verdict: Verdict) -> None:
     """Print each requirement with its limit, the value reached, and the margin."""
     by_elevation = verdict.requirements.field.angles == "elevation"
-    numbers = ("required", "reached", "margin", "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}")
+    numbers = (
+        "required",
+        "reached",
+        "margin",
+        "at elevation" if by_elevation else f"at {QUANTITIES['omega_deg'].symbol}",
+    )
     table = plain_table("requirement", *numbers, "", text_columns=("requirement", ""), tight=True)
     for row in verdict.rows:
-        at, label = _elevation_and_label(verdict, row) if by_elevation else (row.omega_deg, row.label)
+        at, label = (
+            _elevation_and_label(verdict, row) if by_elevation else (row.omega_deg, row.label)
+        )
         met = Text("met") if row.is_met else Text("missed", style="bold red")
         margin = 0.0 if abs(row.margin) <= ROUNDING * row.scale else row.margin
         required = _format_limit(row.at_least, row.at_most, row.unit)
@@ -55,7 +69,9 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         names = ", ".join(row.label for row in verdict.rows if remark in row.remarks)
         console.print(f"  {names}: {remark}", highlight=False, soft_wrap=True)
     sensor = verdict.sensor
-    if sensor.obscured and not any("obscured by" in remark for remark in remarks):  # not yet reported
+    if sensor.obscured and not any(
+        "obscured by" in remark for remark in remarks
+    ):  # not yet reported
         obscurations = obscuration_summary(sensor.obscured, sensor.obscured_percent)
         console.print(f"  obscured: {obscurations}", highlight=False, soft_wrap=True)
 
@@ -70,7 +86,9 @@ def _elevation_and_label(verdict: Verdict, row: Judgement) -> tuple[float | None
     if row.part_deg is None:
         return at, row.label
     low, high = (round(v, 9) + 0.0 for v in mount.elevations_deg(row.part_deg))
-    return at, row.name + (f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg")
+    return at, row.name + (
+        f", elevation {low:g} deg" if low == high else f", elevations {low:g} to {high:g} deg"
+    )
 
 
 def _format_limit(low: float | None, high: float | None, unit: str) -> str:
@@ -89,7 +107,9 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
     """Print the missed requirements and the relaxations that make the others feasible."""
     labels = {}
     if verdict.requirements.field.angles == "elevation":
-        labels = {row.label: _elevation_and_label(verdict, row)[1] for row in verdict.rows} | OF_ELEVATIONS
+        labels = {
+            row.label: _elevation_and_label(verdict, row)[1] for row in verdict.rows
+        } | OF_ELEVATIONS
     missed = "; ".join(labels.get(label, label) for label in conflict.missed)
     console.print(f"\nInfeasible requirements: {missed}.", highlight=False, soft_wrap=True)
     helpful = [r for r in conflict.alone if r.needed is not None and r.needed != r.asked]
@@ -98,12 +118,27 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
         for r in helpful:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
     elif conflict.is_complete:
-        console.print("No relaxation of a single requirement within the permitted range is sufficient.", highlight=False)
+        console.print(
+            "No relaxation of a single requirement within the permitted range is sufficient.",
+            highlight=False,
+        )
     if conflict.joint_share is not None:
-        console.print(f"Or if these are relaxed together by up to {conflict.joint_share:.2%}:", highlight=False)
+        console.print(
+            f"Or if these are relaxed together by up to {conflict.joint_share:.2%}:",
+            highlight=False,
+        )
         for r in conflict.joint:
             console.print(f"  {_change(r, verdict, labels)}", highlight=False, soft_wrap=True)
-    for others, heading in (([a for a in conflict.alternatives if a.is_met], "All requirements are met with one of these alternatives:"), ([a for a in conflict.alternatives if not a.is_met], "Alternatives with a smaller violation (largest violation):")):
+    for others, heading in (
+        (
+            [a for a in conflict.alternatives if a.is_met],
+            "All requirements are met with one of these alternatives:",
+        ),
+        (
+            [a for a in conflict.alternatives if not a.is_met],
+            "Alternatives with a smaller violation (largest violation):",
+        ),
+    ):
         if others:
             console.print(heading, highlight=False)
         counts = Counter[str]()
@@ -124,21 +159,31 @@ def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
     share = f" ({r.share:.2%})" if r.share is not None else ""
     relaxed, required = r.needed, r.asked
     if name in OF_ELEVATIONS.values() and relaxed is not None:
-        (required, relaxed), share = ((verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0 for v in (required, relaxed)), "")
+        (required, relaxed), share = (
+            (
+                verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0
+                for v in (required, relaxed)
+            ),
+            "",
+        )
     return f"{name}: {_number(relaxed)}{unit} instead of {_number(required)}{unit}{share}"
 
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:
     """Print the result for each number of terms."""
     merit = QUANTITIES[next(iter(designs.values())).requirements.mirror.optimise or ""]
-    table = plain_table("terms", "best start", "steps", f"{merit.name}\n{merit.unit}", column_head("focus_mm"))
+    table = plain_table(
+        "terms", "best start", "steps", f"{merit.name}\n{merit.unit}", column_head("focus_mm")
+    )
     for count, design in designs.items():
         if (optimum := design.optimum) is None:
             table.add_row(str(count), "", "", "limits violated", "")
             continue
         run = min((r for r in optimum.runs if r.kept), key=lambda r: r.value)
         focus = f"{design.sensor.lens.focus_distance_mm:.2f}"
-        table.add_row(str(count), run.start, str(len(run.history) - 1), f"{optimum.value:.5f}", focus)
+        table.add_row(
+            str(count), run.start, str(len(run.history) - 1), f"{optimum.value:.5f}", focus
+        )
     console.print(table)
     console.print()
 
@@ -146,17 +191,25 @@ def print_convergence(console: Console, designs: dict[int, Design]) -> None:
 def print_merits(console: Console, optimum: Optimum) -> None:
     """Print all merits of the optimised mirror next to those of the sphere for the same field."""
     sphere = next(iter(known_sensors(optimum.problem).values()))
-    table = plain_table("merit", "sphere", "optimised", "unit", "meaning", text_columns=("merit", "unit", "meaning"))
+    table = plain_table(
+        "merit", "sphere", "optimised", "unit", "meaning", text_columns=("merit", "unit", "meaning")
+    )
     focus_by = optimum.merit if optimum.merit in FOCUS_MERITS else "worst_floored_area_deg2"
     before_all = merit_values(sphere, list(DESIGN_MERITS), optimum.problem, focus_by)
     after_all = merit_values(optimum.sensor, list(DESIGN_MERITS), optimum.problem, None)
     for name, before, after in zip(DESIGN_MERITS, before_all, after_all, strict=True):
-        table.add_row(name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning)
+        table.add_row(
+            name, f"{before:.4f}", f"{after:.4f}", QUANTITIES[name].unit, QUANTITIES[name].meaning
+        )
     console.print()
     console.print(table)
-    print_line((f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console)
+    print_line(
+        (f"the sphere for the same field, at its best focus by {focus_by}", "dim"), console=console
+    )
     if optimum.problem.optics is not None:  # the bound holds for ideal lenses
         return
     bound, blur = optimum.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
     if bound:
-        console.print(f"Lower bound of the worst single blur for this field, rim and lens: {bound:.4f} deg; this mirror exceeds it by {blur / bound - 1:.2%}.")
+        console.print(
+            f"Lower bound of the worst single blur for this field, rim and lens: {bound:.4f} deg; this mirror exceeds it by {blur / bound - 1:.2%}."
+        )

@@ -30,7 +30,9 @@ def board_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text.strip().lower())
     if not match:
-        raise click.BadParameter(f"must be the size of a board, such as 11x7; got {format_value(text)}")
+        raise click.BadParameter(
+            f"must be the size of a board, such as 11x7; got {format_value(text)}"
+        )
     return int(match[1]), int(match[2])
 
 
@@ -38,13 +40,26 @@ def board_size(text: str) -> tuple[int, int]:
 class OptionalBoardOptions(Options):
     """Calibration board, with the parameters of :class:`omnimirror.Board`; optional."""
 
-    board: tuple[int, int] | None = option(type=board_size, metavar="CxR", show_default=False, help=SIZE)
+    board: tuple[int, int] | None = option(
+        type=board_size, metavar="CxR", show_default=False, help=SIZE
+    )
     square_mm: float | None = option(type=NUMBER, show_default=False, metavar="MM", help=SQUARE)
     target: str = option(type=click.Choice(KINDS), default="chessboard", help="Type of board.")
-    marker_mm: float | None = option(type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]")
-    spacing: float | None = option(type=NUMBER, metavar="RATIO", help="April grid: gap between tags as a fraction of their side.  [default: 0.3]")
-    family: str | None = option(metavar="NAME", help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]")
-    legacy: bool = option("--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6.")
+    marker_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]"
+    )
+    spacing: float | None = option(
+        type=NUMBER,
+        metavar="RATIO",
+        help="April grid: gap between tags as a fraction of their side.  [default: 0.3]",
+    )
+    family: str | None = option(
+        metavar="NAME",
+        help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]",
+    )
+    legacy: bool = option(
+        "--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6."
+    )
 
     def target_board(self) -> Board | None:
         """Return the board; None without options for one."""
@@ -61,8 +76,12 @@ class OptionalBoardOptions(Options):
 class BoardOptions(OptionalBoardOptions):
     """Calibration board, with the parameters of :class:`omnimirror.Board`."""
 
-    board: tuple[int, int] = option(type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE)
-    square_mm: float = option(type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE)
+    board: tuple[int, int] = option(
+        type=board_size, metavar="CxR", required=True, show_default=False, help=SIZE
+    )
+    square_mm: float = option(
+        type=NUMBER, required=True, show_default=False, metavar="MM", help=SQUARE
+    )
 
     def target_board(self) -> Board:
         """Return the board."""
@@ -78,13 +97,28 @@ class BoardOptions(OptionalBoardOptions):
 class SheetOptions(Options):
     """Sheet, with the parameters of :func:`omnimirror.write_board`."""
 
-    margin_mm: float | None = option(type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]")
-    paper: str | None = option(type=click.Choice(list(PAPERS_MM)), help="Paper size.  [default: as large as the board requires]")
+    margin_mm: float | None = option(
+        type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]"
+    )
+    paper: str | None = option(
+        type=click.Choice(list(PAPERS_MM)),
+        help="Paper size.  [default: as large as the board requires]",
+    )
     dpi: float = option(type=NUMBER, default=300.0, help="Resolution of PNG files, dots per inch.")
 
 
-@click.command(cls=DocumentedCommand, page="calibrate", examples=("omnimirror board --board 11x7 --square-mm 30 -o board.pdf",))
-@output_option("-o", "--output", required=True, formats=tuple(suffix[1:] for suffix in SUFFIXES), help="Output file: .pdf, .svg or .png.")
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror board --board 11x7 --square-mm 30 -o board.pdf",),
+)
+@output_option(
+    "-o",
+    "--output",
+    required=True,
+    formats=tuple(suffix[1:] for suffix in SUFFIXES),
+    help="Output file: .pdf, .svg or .png.",
+)
 @format_option(tuple(suffix[1:] for suffix in SUFFIXES))
 @add_options(BoardOptions, "board")
 @add_options(SheetOptions, "sheet")
@@ -95,8 +129,12 @@ def command(output: Path, board: BoardOptions, sheet: SheetOptions) -> None:
     Mount it on a flat and stiff support.
     """
     target = board.target_board()
-    written = write_board(target, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi)
+    written = write_board(
+        target, output, margin_mm=sheet.margin_mm, paper=sheet.paper, dpi=sheet.dpi
+    )
     print_written(written)
     if not is_standard_output(output):
         size = f"--board {target.columns}x{target.rows} --square-mm {target.square_mm:g}"
-        print_line(f"Calibrate with {size} --target {target.kind}, with the measured size of a square")
+        print_line(
+            f"Calibrate with {size} --target {target.kind}, with the measured size of a square"
+        )

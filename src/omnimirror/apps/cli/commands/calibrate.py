@@ -18,7 +18,13 @@ from rich.table import Table
 from ....base.arguments import format_value, parse_float
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
-from ....calibration.estimation import Calibration, Prior, SurveyData, calibrate_camera, read_observations
+from ....calibration.estimation import (
+    Calibration,
+    Prior,
+    SurveyData,
+    calibrate_camera,
+    read_observations,
+)
 from ....calibration.estimation.model_sequence import KINDS
 from ....calibration.sensor_model import SensorModel
 from ....calibration.straight_edges import read_line_points
@@ -34,7 +40,15 @@ from ....optics.sensor_files import load_camera
 from .._camera_options import OrientationOptions
 from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import INTEGER, NUMBER, angle, distance, full_image_size, pixel
-from .._output import Output, output_console, plain_table, print_line, print_notice, print_written, progress_bar
+from .._output import (
+    Output,
+    output_console,
+    plain_table,
+    print_line,
+    print_notice,
+    print_written,
+    progress_bar,
+)
 from .board import OptionalBoardOptions
 
 MAX_OUTLIERS = 12
@@ -50,84 +64,211 @@ def prior(text: str) -> Prior:
     try:
         if match:
             name, value, sigma = match.groups()
-            parsed = Prior(name, parse_float(value.strip()), 0.0 if sigma is None else parse_float(sigma.strip()))
+            parsed = Prior(
+                name,
+                parse_float(value.strip()),
+                0.0 if sigma is None else parse_float(sigma.strip()),
+            )
             if np.isfinite(parsed[1:]).all() and parsed.sigma >= 0:
                 return parsed
     except ValueError:
         pass
-    raise click.BadParameter(f"must be NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1; got {format_value(text)}")
+    raise click.BadParameter(
+        f"must be NAME=VALUE+-SIGMA, such as lens.focal_length_mm=8+-0.1; got {format_value(text)}"
+    )
 
 
 @dataclass(frozen=True)
 class CameraModelOptions(Options):
     """Camera model, with the parameters of :func:`omnimirror.calibrate_camera`."""
 
-    model: str = option(default="auto", metavar="NAME|FILE", help=f"Model: auto, {', '.join(KINDS)}; or the name or file of a sensor or camera as initial value.")
-    free: str | None = option(metavar="A,B,...", help="Parameters to estimate if the initial value is a sensor.")
-    optics: Optics = option(default="mirror", type=click.Choice(["mirror", "fisheye"]), help="Type of optics: mirror or fisheye lens.")
-    camera_looks: CameraLooks = option(default="up", type=click.Choice(["up", "down", "forward"]), help="Orientation of the optical axis.")
-    forward_azimuth_deg: float = option(default=-90.0, type=angle, metavar="DEG", help="Image direction of forward, from right towards bottom.")
-    image_flipped: bool = option(default=False, is_flag=True, help="Declare that the images are mirrored left to right.")
-    centre_px: tuple[float, float] | None = option(type=pixel, metavar="U,V", help="Initial value of the image centre.  [default: the image centre]")
-    rim_radius_px: float | None = option(type=NUMBER, metavar="PX", help="Radius of the field in the image, as detected by omnimirror rim.  [default: limit of the image or of the model]")
+    model: str = option(
+        default="auto",
+        metavar="NAME|FILE",
+        help=f"Model: auto, {', '.join(KINDS)}; or the name or file of a sensor or camera as initial value.",
+    )
+    free: str | None = option(
+        metavar="A,B,...", help="Parameters to estimate if the initial value is a sensor."
+    )
+    optics: Optics = option(
+        default="mirror",
+        type=click.Choice(["mirror", "fisheye"]),
+        help="Type of optics: mirror or fisheye lens.",
+    )
+    camera_looks: CameraLooks = option(
+        default="up",
+        type=click.Choice(["up", "down", "forward"]),
+        help="Orientation of the optical axis.",
+    )
+    forward_azimuth_deg: float = option(
+        default=-90.0,
+        type=angle,
+        metavar="DEG",
+        help="Image direction of forward, from right towards bottom.",
+    )
+    image_flipped: bool = option(
+        default=False, is_flag=True, help="Declare that the images are mirrored left to right."
+    )
+    centre_px: tuple[float, float] | None = option(
+        type=pixel,
+        metavar="U,V",
+        help="Initial value of the image centre.  [default: the image centre]",
+    )
+    rim_radius_px: float | None = option(
+        type=NUMBER,
+        metavar="PX",
+        help="Radius of the field in the image, as detected by omnimirror rim.  [default: limit of the image or of the model]",
+    )
 
     def initial_model(self) -> str | CameraModel | Sensor:
         """Return the kind of model, or the model that provides initial values."""
         if self.model == "auto" or self.model in KINDS:
             if self.free is not None:
-                raise click.UsageError("--free requires a sensor as initial value; specify it with --model")
+                raise click.UsageError(
+                    "--free requires a sensor as initial value; specify it with --model"
+                )
             return self.model
         camera = load_camera(self.model)
         if isinstance(camera, Sensor):
-            return SensorModel(camera) if self.free is None else SensorModel(camera, tuple(self.free.split(",")))
+            return (
+                SensorModel(camera)
+                if self.free is None
+                else SensorModel(camera, tuple(self.free.split(",")))
+            )
         if self.free is not None:
-            raise click.UsageError(f"--free requires a sensor; {self.model} is a {camera.KIND} camera")
+            raise click.UsageError(
+                f"--free requires a sensor; {self.model} is a {camera.KIND} camera"
+            )
         return camera
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of :func:`omnimirror.calibrate_camera`."""
         mount = Mount(self.camera_looks, self.forward_azimuth_deg, self.image_flipped)
-        return {"model": self.initial_model(), "optics": self.optics, "mount": mount, "centre_px": self.centre_px, "rim_radius_px": self.rim_radius_px}
+        return {
+            "model": self.initial_model(),
+            "optics": self.optics,
+            "mount": mount,
+            "centre_px": self.centre_px,
+            "rim_radius_px": self.rim_radius_px,
+        }
 
 
 @dataclass(frozen=True)
 class EstimationOptions(Options):
     """Estimation."""
 
-    fixed: tuple[str, ...] = option("--fix", default=(), multiple=True, metavar="NAME", show_default=False, help="Hold a parameter at its initial value (repeatable).")
-    priors: tuple[Prior, ...] = option("--prior", default=(), multiple=True, type=prior, metavar="NAME=VALUE+-SIGMA", show_default=False, help="Prior of a parameter; without +-SIGMA the parameter is fixed (repeatable).")
-    flat_board: bool = option(default=False, is_flag=True, help="Treat the board as flat and square.")
-    seed: int = option(default=0, type=INTEGER, help="Random seed of the cross-validation groups for more than 20 images.")
+    fixed: tuple[str, ...] = option(
+        "--fix",
+        default=(),
+        multiple=True,
+        metavar="NAME",
+        show_default=False,
+        help="Hold a parameter at its initial value (repeatable).",
+    )
+    priors: tuple[Prior, ...] = option(
+        "--prior",
+        default=(),
+        multiple=True,
+        type=prior,
+        metavar="NAME=VALUE+-SIGMA",
+        show_default=False,
+        help="Prior of a parameter; without +-SIGMA the parameter is fixed (repeatable).",
+    )
+    flat_board: bool = option(
+        default=False, is_flag=True, help="Treat the board as flat and square."
+    )
+    seed: int = option(
+        default=0,
+        type=INTEGER,
+        help="Random seed of the cross-validation groups for more than 20 images.",
+    )
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of :func:`omnimirror.calibrate_camera`."""
-        return {"fixed": self.fixed, "priors": self.priors, "board_shape": not self.flat_board, "seed": self.seed}
+        return {
+            "fixed": self.fixed,
+            "priors": self.priors,
+            "board_shape": not self.flat_board,
+            "seed": self.seed,
+        }
 
 
 @dataclass(frozen=True)
 class SurveyOptions(Options):
     """Survey data, with the parameters of :func:`omnimirror.read_observations`."""
 
-    points: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture for several images (repeatable).")
-    directions: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg (repeatable).")
-    lines: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Points marked on straight edges, CSV: line,u_px,v_px, and image for several images (repeatable).")
-    lines_distance_mm: float = option(type=distance, metavar="MM", default=np.inf, help="Object distance of the straight edges, for mirrors without a single viewpoint.")
-    image_size: tuple[int, int] | None = option(type=full_image_size, metavar="WxH", help="Image size, required if no image of a board is given.")
+    points: tuple[str, ...] = option(
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
+        help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture for several images (repeatable).",
+    )
+    directions: tuple[str, ...] = option(
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
+        help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg (repeatable).",
+    )
+    lines: tuple[str, ...] = option(
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and image for several images (repeatable).",
+    )
+    lines_distance_mm: float = option(
+        type=distance,
+        metavar="MM",
+        default=np.inf,
+        help="Object distance of the straight edges, for mirrors without a single viewpoint.",
+    )
+    image_size: tuple[int, int] | None = option(
+        type=full_image_size,
+        metavar="WxH",
+        help="Image size, required if no image of a board is given.",
+    )
 
 
-@click.command(cls=DocumentedCommand, page="calibrate", examples=("omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html", "omnimirror calibrate --points room.csv --directions stars.csv --image-size 1920x1080 -o camera.toml"))
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=(
+        "omnimirror calibrate *.jpg --board 11x7 --square-mm 30 -o camera.toml --report calibration.html",
+        "omnimirror calibrate --points room.csv --directions stars.csv --image-size 1920x1080 -o camera.toml",
+    ),
+)
 @click.argument("images", nargs=-1)
 @add_options(OptionalBoardOptions, "target")
 @add_options(SurveyOptions, "survey")
 @add_options(CameraModelOptions, "camera")
 @add_options(EstimationOptions, "estimation")
 @add_options(OrientationOptions, "orientation")
-@click.option("--multiple-boards", is_flag=True, help="Detect several such chessboards in each image.")
+@click.option(
+    "--multiple-boards", is_flag=True, help="Detect several such chessboards in each image."
+)
 @click.option("-o", "--output", type=Output(), help="Output camera file, TOML.")
 @click.option("--json", "json_path", type=Output(), help="Write all numbers as JSON.")
 @click.option("--report", type=Output(), help="Write an HTML report.")
-@click.option("--figures", type=click.Path(path_type=Path, file_okay=False), help="Output folder for figures, SVG.")
-def command(images: tuple[str, ...], target: OptionalBoardOptions, survey: SurveyOptions, camera: CameraModelOptions, estimation: EstimationOptions, orientation: OrientationOptions, multiple_boards: bool, output: Path | None, json_path: Path | None, report: Path | None, figures: Path | None) -> None:
+@click.option(
+    "--figures",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Output folder for figures, SVG.",
+)
+def command(
+    images: tuple[str, ...],
+    target: OptionalBoardOptions,
+    survey: SurveyOptions,
+    camera: CameraModelOptions,
+    estimation: EstimationOptions,
+    orientation: OrientationOptions,
+    multiple_boards: bool,
+    output: Path | None,
+    json_path: Path | None,
+    report: Path | None,
+    figures: Path | None,
+) -> None:
     """Calibrate a camera from IMAGES of a target, or one video, without prior knowledge of the
     camera.
 
@@ -143,10 +284,25 @@ def command(images: tuple[str, ...], target: OptionalBoardOptions, survey: Surve
     board, model_arguments, console = target.target_board(), camera.arguments(), output_console()
     _check_input(images, board, survey)
     known = read_observations(survey.points, survey.directions)
-    detections, interruption = ([], 0) if board is None else _detect_boards(console, images, board, multiple_boards, orientation)
+    detections, interruption = (
+        ([], 0)
+        if board is None
+        else _detect_boards(console, images, board, multiple_boards, orientation)
+    )
     with _steps(console) as progress, interrupts.deferred():
         try:
-            calibration = calibrate_camera(detections, board, surveys=known.observations, lines=read_line_points(survey.lines), lines_distance_mm=survey.lines_distance_mm, image_size=survey.image_size, **model_arguments, **estimation.arguments(), on_progress=progress, should_stop=interrupts.is_pending)
+            calibration = calibrate_camera(
+                detections,
+                board,
+                surveys=known.observations,
+                lines=read_line_points(survey.lines),
+                lines_distance_mm=survey.lines_distance_mm,
+                image_size=survey.image_size,
+                **model_arguments,
+                **estimation.arguments(),
+                on_progress=progress,
+                should_stop=interrupts.is_pending,
+            )
         except OmnimirrorError:
             if not (code := interrupts.exit_code() or interruption):
                 raise
@@ -167,14 +323,30 @@ def command(images: tuple[str, ...], target: OptionalBoardOptions, survey: Surve
 def _check_input(images: tuple[str, ...], board: Board | None, survey: SurveyOptions) -> None:
     """Raise UsageError if there is no input, or if an option has no effect on the given input."""
     if bool(images) != (board is not None):
-        problem = "--board requires IMAGES of the board" if board else "IMAGES require --board and --square-mm"
-        raise click.UsageError(f"{problem}; specify points and directions with --points and --directions")
+        problem = (
+            "--board requires IMAGES of the board"
+            if board
+            else "IMAGES require --board and --square-mm"
+        )
+        raise click.UsageError(
+            f"{problem}; specify points and directions with --points and --directions"
+        )
     if not (images or survey.points or survey.directions):
-        hint = "; to refine a known camera with --lines only, use omnimirror lines" if survey.lines else ""
+        hint = (
+            "; to refine a known camera with --lines only, use omnimirror lines"
+            if survey.lines
+            else ""
+        )
         raise click.UsageError(f"IMAGES of a board, --points or --directions must be given{hint}")
 
 
-def _detect_boards(console: Console, images: tuple[str, ...], board: Board, multiple_boards: bool, orientation: OrientationOptions) -> tuple[list[Detection], int]:
+def _detect_boards(
+    console: Console,
+    images: tuple[str, ...],
+    board: Board,
+    multiple_boards: bool,
+    orientation: OrientationOptions,
+) -> tuple[list[Detection], int]:
     """Detect boards in images or video frames; also return the exit code of an interruption."""
     is_stored = orientation.stored_orientation
     with progress_bar(console) as bar, interrupts.deferred():
@@ -188,11 +360,19 @@ def _detect_boards(console: Console, images: tuple[str, ...], board: Board, mult
 
         if len(images) == 1 and is_video(images[0]):
             orientation.report_video(images[0])
-            detected = select_frames(images[0], board, stored_orientation=is_stored, on_progress=progress)
+            detected = select_frames(
+                images[0], board, stored_orientation=is_stored, on_progress=progress
+            )
         else:
             files = expand_inputs(images, READABLE_IMAGE_SUFFIXES)
             orientation.report(files)
-            detected = find_boards(files, board, several=multiple_boards, stored_orientation=is_stored, on_progress=progress)
+            detected = find_boards(
+                files,
+                board,
+                several=multiple_boards,
+                stored_orientation=is_stored,
+                on_progress=progress,
+            )
         return detected, interrupts.exit_code()
 
 
@@ -204,7 +384,13 @@ def _steps(console: Console) -> Iterator[Callable[[str, float], None]]:
         yield lambda step, fraction: bar.update(task, description=step, completed=fraction)
 
 
-def _write(calibration: Calibration, output: Path | None, json_path: Path | None, report: Path | None, figures: Path | None) -> None:
+def _write(
+    calibration: Calibration,
+    output: Path | None,
+    json_path: Path | None,
+    report: Path | None,
+    figures: Path | None,
+) -> None:
     if output is not None:
         calibration.save(output)
     if json_path is not None:
@@ -228,16 +414,26 @@ def _command_line() -> str:
 
 def _print(console: Console, calibration: Calibration, known: SurveyData) -> None:
     used, count = sum(p.used for p in calibration.images), len(calibration.images)
-    held_out = f", {calibration.held_out_rms_px:.3f} px in held-out images" if calibration.held_out else ""
+    held_out = (
+        f", {calibration.held_out_rms_px:.3f} px in held-out images" if calibration.held_out else ""
+    )
     inliers = calibration.corners - len(calibration.outliers)
-    print_line((f"{calibration.model.KIND}", "bold"), f": {calibration.rms_px:.3f} px RMS over {inliers} of {calibration.corners} {calibration.measurement_kinds} in {used} of {count} {'image' if count == 1 else 'images'}{held_out}", console=console)
+    print_line(
+        (f"{calibration.model.KIND}", "bold"),
+        f": {calibration.rms_px:.3f} px RMS over {inliers} of {calibration.corners} {calibration.measurement_kinds} in {used} of {count} {'image' if count == 1 else 'images'}{held_out}",
+        console=console,
+    )
     if len(calibration.candidates) > 1:
         console.print(_models(calibration))
     console.print(_parameters(calibration))
     for image in calibration.images:
         if not image.used:
             reason = image.reason or ""
-            print_line(("Not used: ", "yellow"), reason if image.name in reason else f"{image.name}: {reason}", console=console)
+            print_line(
+                ("Not used: ", "yellow"),
+                reason if image.name in reason else f"{image.name}: {reason}",
+                console=console,
+            )
         elif image.name in known.places and image.camera_at_mm is not None:
             position = ", ".join(f"{x:.1f}" for x in image.camera_at_mm)
             print_line(f"{image.name}: camera position {position} mm", console=console)
@@ -253,22 +449,38 @@ def _outliers(calibration: Calibration, known: SurveyData) -> str:
     def location(image: str, corner: int) -> str:
         return known.places[image][corner] if image in known.places else f"{image} corner {corner}"
 
-    listed = [f"{location(o.image, o.corner)} ({o.residual_px:.2f} px)" for o in calibration.outliers[:MAX_OUTLIERS]]
+    listed = [
+        f"{location(o.image, o.corner)} ({o.residual_px:.2f} px)"
+        for o in calibration.outliers[:MAX_OUTLIERS]
+    ]
     more = len(calibration.outliers) - len(listed)
     return ", ".join(listed) + (f" and {more} more" if more else "")
 
 
 def _models(calibration: Calibration) -> Table:
-    table = plain_table("model", "parameters", "RMS\npx", "held out\npx", "", text_columns=("model", ""))
+    table = plain_table(
+        "model", "parameters", "RMS\npx", "held out\npx", "", text_columns=("model", "")
+    )
     for candidate in calibration.candidates:
-        held_out = f"{candidate.held_out_rms_px:.3f}" if np.isfinite(candidate.held_out_rms_px) else "-"
+        held_out = (
+            f"{candidate.held_out_rms_px:.3f}" if np.isfinite(candidate.held_out_rms_px) else "-"
+        )
         style = "bold" if candidate.kind == calibration.model.KIND else None
-        table.add_row(candidate.kind, str(candidate.parameters), f"{candidate.rms_px:.3f}", held_out, candidate.why, style=style)
+        table.add_row(
+            candidate.kind,
+            str(candidate.parameters),
+            f"{candidate.rms_px:.3f}",
+            held_out,
+            candidate.why,
+            style=style,
+        )
     return table
 
 
 def _parameters(calibration: Calibration) -> Table:
     table = plain_table("parameter", "value", "sigma", "", text_columns=("parameter", ""))
     for p in calibration.parameters:
-        table.add_row(p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit)
+        table.add_row(
+            p.name, f"{p.value:.6g}", f"{p.sigma:.2g}" if p.sigma > 0 else "fixed", p.unit
+        )
     return table

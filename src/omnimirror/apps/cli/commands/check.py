@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from ....base.arguments import parse_float, float_of, shown
+from ....base.arguments import format_value, parse_float
 from ....base.files import write_json
 from ....design.requirement_check import TemperatureRange, judge, temperature_range
 from ....design.requirement_files import load_requirements
@@ -30,17 +30,34 @@ def temperatures(text: str) -> tuple[float, float]:
     try:
         low, high = (parse_float(word) for word in text.split(":"))
     except ValueError:
-        raise click.BadParameter(f"must be two temperatures, such as -40:85; got {shown(text)}") from None
+        raise click.BadParameter(
+            f"must be two temperatures, such as -40:85; got {format_value(text)}"
+        ) from None
     return low, high
 
 
-@click.command(cls=DocumentedCommand, page="design", examples=("omnimirror check panorama.toml paper-equidistant",))
+@click.command(
+    cls=DocumentedCommand,
+    page="design",
+    examples=("omnimirror check panorama.toml paper-equidistant",),
+)
 @click.argument("requirements", type=click.Path(path_type=Path))
 @click.argument("sensor", type=SENSOR)
 @json_option()
-@click.option("--temperatures", type=temperatures, metavar="A:B", help="Temperature range, C: report the part in which the requirements are met.")
+@click.option(
+    "--temperatures",
+    type=temperatures,
+    metavar="A:B",
+    help="Temperature range, C: report the part in which the requirements are met.",
+)
 @add_options(HousingOptions, "housing")
-def command(requirements: Path, sensor: str, json_file: Path | None, temperatures: tuple[float, float] | None, housing: HousingOptions) -> None:
+def command(
+    requirements: Path,
+    sensor: str,
+    json_file: Path | None,
+    temperatures: tuple[float, float] | None,
+    housing: HousingOptions,
+) -> None:
     """Check SENSOR against REQUIREMENTS, a TOML file as for omnimirror design, and report the
     margins.
 
@@ -67,7 +84,11 @@ def command(requirements: Path, sensor: str, json_file: Path | None, temperature
 def _format_range(limits: TemperatureRange) -> str:
     """Format a range of temperatures and its limiting requirements."""
     if math.isnan(limits.low_c):
-        return f"met at no temperature: {', '.join(limits.above)} missed at the reference temperature"
+        return (
+            f"met at no temperature: {', '.join(limits.above)} missed at the reference temperature"
+        )
     sides = ((limits.below, "below"), (limits.above, "above"))
     ends = [f"{', '.join(labels)} missed {where}" for labels, where in sides if labels]
-    return f"met from {limits.low_c:g} to {limits.high_c:g} C" + (f"; {'; '.join(ends)}" if ends else "")
+    return f"met from {limits.low_c:g} to {limits.high_c:g} C" + (
+        f"; {'; '.join(ends)}" if ends else ""
+    )

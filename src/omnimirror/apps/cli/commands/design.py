@@ -31,24 +31,59 @@ from ....optics.sensor_files import save_sensor
 from .._declarations import DocumentedCommand, add_options, refuse_inapplicable
 from .._design_options import OptimisationOptions, RequirementOptions, merit_list
 from .._option_types import INTEGER
-from .._output import FIGURES, column_head, format_option, json_option, output_console, output_option, plain_table, print_line, print_written, progress_bar
+from .._output import (
+    FIGURES,
+    column_head,
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_line,
+    print_written,
+    progress_bar,
+)
 from .._process_state import interrupted_exit_code
 from .._sensor_options import HousingOptions
-from ._design_report import EXIT_MISSED, print_conflict, print_convergence, print_design, print_merits, print_verdict
+from ._design_report import (
+    EXIT_MISSED,
+    print_conflict,
+    print_convergence,
+    print_design,
+    print_merits,
+    print_verdict,
+)
 
 # -- Design with a catalogue -----------------------------------------------------------------------
 
 
-def design_with_catalogue(console: Console, requirements: Requirements, max_designs: int, price_front: bool, processes: int, out: Path | None, json_file: Path | None) -> NoReturn:
+def design_with_catalogue(
+    console: Console,
+    requirements: Requirements,
+    max_designs: int,
+    price_front: bool,
+    processes: int,
+    out: Path | None,
+    json_file: Path | None,
+) -> NoReturn:
     """Design with off-the-shelf parts, print the result, write the cheapest design, and exit."""
     with console.status("Designing") as status:
-        search = design_from_parts(requirements, most=max_designs, front=price_front, processes=processes, on_step=lambda words: status.update(f"Designing: {words}"))
+        search = design_from_parts(
+            requirements,
+            most=max_designs,
+            front=price_front,
+            processes=processes,
+            on_step=lambda words: status.update(f"Designing: {words}"),
+        )
     if search.found:
         console.print(_parts_table(search.found))
         console.print()
     cheapest = search.found[0] if search.found else search.nearest
     if cheapest is not None:
-        console.print(f"{'Cheapest' if search.found else 'Smallest violation'}: {cheapest.combination.name}", highlight=False)
+        console.print(
+            f"{'Cheapest' if search.found else 'Smallest violation'}: {cheapest.combination.name}",
+            highlight=False,
+        )
         print_verdict(console, cheapest.design.verdict)
     _print_counts(console, search)
     if out and cheapest is not None:
@@ -61,14 +96,32 @@ def design_with_catalogue(console: Console, requirements: Requirements, max_desi
 
 def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
     area = QUANTITIES["worst_floored_area_deg2"]
-    kinds = [kind for kind in ("lens", "imager", "ball", "dome") if _component_name(designs[0], kind)]
-    numbers = (column_head("f_number"), "Θ\ndeg", column_head("focus_mm"), "ring\nmm", "rim\npx", f"{area.title}\n{area.unit}", "mass\ng")
+    kinds = [
+        kind for kind in ("lens", "imager", "ball", "dome") if _component_name(designs[0], kind)
+    ]
+    numbers = (
+        column_head("f_number"),
+        "Θ\ndeg",
+        column_head("focus_mm"),
+        "ring\nmm",
+        "rim\npx",
+        f"{area.title}\n{area.unit}",
+        "mass\ng",
+    )
     table = plain_table("price", *kinds, *numbers, text_columns=tuple(kinds))
     for d in designs:
         sensor, lens = d.design.sensor, d.design.sensor.lens
         theta = 0.0 if lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
         table.add_row(
-            "" if d.price is None else f"{d.price:g}", *(_component_name(d, kind) for kind in kinds), f"{lens.stop_number:.3g}", f"{theta:.1f}", f"{lens.focus_distance_mm:.1f}", f"{d.ring_mm:g}", f"{sensor.rim_radius_px:.0f}", area.text(d.worst_floored_area_deg2), "" if d.mass_g is None else f"{d.mass_g:.0f}"
+            "" if d.price is None else f"{d.price:g}",
+            *(_component_name(d, kind) for kind in kinds),
+            f"{lens.stop_number:.3g}",
+            f"{theta:.1f}",
+            f"{lens.focus_distance_mm:.1f}",
+            f"{d.ring_mm:g}",
+            f"{sensor.rim_radius_px:.0f}",
+            area.text(d.worst_floored_area_deg2),
+            "" if d.mass_g is None else f"{d.mass_g:.0f}",
         )
     return table
 
@@ -80,11 +133,21 @@ def _component_name(design: BoughtDesign, kind: str) -> str:
 
 def _print_counts(console: Console, search: PartsSearch) -> None:
     """Print the number of combinations by result."""
-    console.print(f"\n{search.combinations} combinations; {len(search.found)} of them listed above", highlight=False)
-    for outcome, counts in (("excluded before the mirror design", search.cut), ("designed, requirements missed", search.missed)):
+    console.print(
+        f"\n{search.combinations} combinations; {len(search.found)} of them listed above",
+        highlight=False,
+    )
+    for outcome, counts in (
+        ("excluded before the mirror design", search.cut),
+        ("designed, requirements missed", search.missed),
+    ):
         if counts:
-            reasons = ", ".join(f"{count} {name}" for name, count in sorted(counts.items(), key=lambda c: -c[1]))
-            console.print(f"  {sum(counts.values())} {outcome}: {reasons}", highlight=False, soft_wrap=True)
+            reasons = ", ".join(
+                f"{count} {name}" for name, count in sorted(counts.items(), key=lambda c: -c[1])
+            )
+            console.print(
+                f"  {sum(counts.values())} {outcome}: {reasons}", highlight=False, soft_wrap=True
+            )
     if search.left:
         console.print(f"  {search.left} more expensive combinations not evaluated", highlight=False)
 
@@ -92,30 +155,52 @@ def _print_counts(console: Console, search: PartsSearch) -> None:
 # -- Pareto front ----------------------------------------------------------------------------------
 
 
-def compute_front(console: Console, requirements: Requirements, merits: list[str], settings: OptimisationOptions) -> Front:
+def compute_front(
+    console: Console, requirements: Requirements, merits: list[str], settings: OptimisationOptions
+) -> Front:
     """Compute, draw and print the Pareto front."""
     if settings.figure and len(merits) != 2:
         raise click.UsageError(f"--figure requires two merits; got {len(merits)}")
     with progress_bar(console) as bar:
         task = bar.add_task("Generations", total=settings.generations)
-        front = pareto(requirements, merits, population=settings.population, generations=settings.generations, seed=settings.seed, resume=settings.resume, on_progress=lambda done, _: bar.update(task, completed=done), mode=settings.mode, image_radius_px=settings.image_radius_px)
+        front = pareto(
+            requirements,
+            merits,
+            population=settings.population,
+            generations=settings.generations,
+            seed=settings.seed,
+            resume=settings.resume,
+            on_progress=lambda done, _: bar.update(task, completed=done),
+            mode=settings.mode,
+            image_radius_px=settings.image_radius_px,
+        )
     if settings.pick is not None:
         front.sensor(settings.pick)  # raises if the design does not exist
     problem = front.space.problem
-    known = {name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()}
+    known = {
+        name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()
+    }
     if settings.figure:
         _draw_front(front, known, settings.figure)
     _print_front(console, front, known)
     if settings.pick is not None:
         console.print()
     if not front.is_complete:
-        resume = f"; repeat the command to continue from {settings.resume}" if settings.resume else ""
-        console.print(f"Stopped before generation {settings.generations}{resume}", highlight=False, soft_wrap=True)
+        resume = (
+            f"; repeat the command to continue from {settings.resume}" if settings.resume else ""
+        )
+        console.print(
+            f"Stopped before generation {settings.generations}{resume}",
+            highlight=False,
+            soft_wrap=True,
+        )
     return front
 
 
 def _print_front(console: Console, front: Front, known: dict[str, Any], rows: int = 12) -> None:
-    table = plain_table("number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), column_head("focus_mm"))
+    table = plain_table(
+        "number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), column_head("focus_mm")
+    )
     for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
         table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
     for name, values in known.items():
@@ -128,7 +213,10 @@ def _draw_front(front: Front, known: dict[str, Any], path: Path) -> None:
     from ....analysis.figures.style import axis_title, save_figure, styled
 
     places = {name: (float(v[0]), float(v[1])) for name, v in known.items()}
-    groups = [{n: v for n, v in places.items() if n.startswith(EXACTLY) == exact} for exact in (False, True)]
+    groups = [
+        {n: v for n, v in places.items() if n.startswith(EXACTLY) == exact}
+        for exact in (False, True)
+    ]
     a, b = (axis_title(m) for m in front.merits)
     with styled():
         save_figure(drawing(front.values, (a, b), *groups), path)
@@ -138,30 +226,77 @@ def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:
     """Raise UsageError for outputs of a single design if none is selected with --pick."""
     given = [f"--{name}" for name, path in outputs.items() if path]
     if pick is None and given:
-        raise click.UsageError(f"{given[0]} requires one design of the front; select it with --pick NUMBER")
+        raise click.UsageError(
+            f"{given[0]} requires one design of the front; select it with --pick NUMBER"
+        )
 
 
 # -- Command ---------------------------------------------------------------------------------------
 
 SEARCH_OPTIONS = ("seed", "resume", "paper_mode", "image_radius_px")
-ONLY = {"--optimise": ("starts", "terms", *SEARCH_OPTIONS), "--pareto": ("population", "generations", "figure", "pick", *SEARCH_OPTIONS), "--parts": ("max_designs", "price_front", "processes")}
+ONLY = {
+    "--optimise": ("starts", "terms", *SEARCH_OPTIONS),
+    "--pareto": ("population", "generations", "figure", "pick", *SEARCH_OPTIONS),
+    "--parts": ("max_designs", "price_front", "processes"),
+}
 
 
-@click.command(cls=DocumentedCommand, page="design", examples=("omnimirror design panorama.toml -o sensor.toml", "omnimirror design --mapping equidistant --omega-max-deg 135 --theta-max-deg 12 --rim-radius-mm 44 -o eq.toml", "omnimirror design --like paper-spherical --optimise worst_floored_area_deg2 -o sharper.toml"))
+@click.command(
+    cls=DocumentedCommand,
+    page="design",
+    examples=(
+        "omnimirror design panorama.toml -o sensor.toml",
+        "omnimirror design --mapping equidistant --omega-max-deg 135 --theta-max-deg 12 --rim-radius-mm 44 -o eq.toml",
+        "omnimirror design --like paper-spherical --optimise worst_floored_area_deg2 -o sharper.toml",
+    ),
+)
 @click.argument("requirements", required=False, type=click.Path(path_type=Path))
 @add_options(RequirementOptions, "options")
-@click.option("--pareto", "merits", type=merit_list, metavar="MERIT,MERIT", help="Compute the Pareto front of these merits instead of a single design.")
+@click.option(
+    "--pareto",
+    "merits",
+    type=merit_list,
+    metavar="MERIT,MERIT",
+    help="Compute the Pareto front of these merits instead of a single design.",
+)
 @add_options(OptimisationOptions, "settings")
-@click.option("--max-designs", type=INTEGER, default=10, help="Stop after N feasible combinations; with a catalogue.")
-@click.option("--price-front", is_flag=True, help="Return designs that are sharper than all cheaper ones; with a catalogue.")
-@click.option("--processes", type=INTEGER, default=1, help="Number of parallel designs; with a catalogue.")
+@click.option(
+    "--max-designs",
+    type=INTEGER,
+    default=10,
+    help="Stop after N feasible combinations; with a catalogue.",
+)
+@click.option(
+    "--price-front",
+    is_flag=True,
+    help="Return designs that are sharper than all cheaper ones; with a catalogue.",
+)
+@click.option(
+    "--processes", type=INTEGER, default=1, help="Number of parallel designs; with a catalogue."
+)
 @format_option(FIGURES)
 @output_option("-o", "--output", "out", help="Output sensor file.")
 @json_option("Write the table and the relaxations.")
-@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
+@click.option(
+    "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
+)
 @add_options(HousingOptions, "housing")
 @click.pass_context
-def command(ctx: click.Context, /, requirements: Path | None, merits: list[str] | None, options: RequirementOptions, settings: OptimisationOptions, out: Path | None, json_file: Path | None, figures: Path | None, housing: HousingOptions, max_designs: int, price_front: bool, processes: int) -> None:
+def command(
+    ctx: click.Context,
+    /,
+    requirements: Path | None,
+    merits: list[str] | None,
+    options: RequirementOptions,
+    settings: OptimisationOptions,
+    out: Path | None,
+    json_file: Path | None,
+    figures: Path | None,
+    housing: HousingOptions,
+    max_designs: int,
+    price_front: bool,
+    processes: int,
+) -> None:
     """Design a sensor that meets REQUIREMENTS, a TOML file, or the requirements given as options.
 
     Options override entries of the file. Prints the requirements, the values reached and the
@@ -171,9 +306,19 @@ def command(ctx: click.Context, /, requirements: Path | None, merits: list[str] 
         options = replace(options, optimise=merits[0])
     loaded = options.requirements(requirements)
     loaded = replace(loaded, housing=housing.of(loaded.housing))
-    method = "--pareto" if merits else "--optimise" if loaded.mirror.optimise else "a mapping or a family"
+    method = (
+        "--pareto"
+        if merits
+        else "--optimise"
+        if loaded.mirror.optimise
+        else "a mapping or a family"
+    )
     method = "--parts" if loaded.parts is not None else method
-    given = [n for n in ctx.params if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE]
+    given = [
+        n
+        for n in ctx.params
+        if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE
+    ]
     refuse_inapplicable(given, ONLY, method)
     console = output_console()
     if loaded.parts is not None:
@@ -184,12 +329,18 @@ def command(ctx: click.Context, /, requirements: Path | None, merits: list[str] 
         design = None if settings.pick is None else pareto_front.design(settings.pick)
         is_complete = pareto_front.is_complete
     elif loaded.mirror.optimise:
-        design = _optimised(console, loaded, settings, lambda design: _write(console, design, out, json_file))
+        design = _optimised(
+            console, loaded, settings, lambda design: _write(console, design, out, json_file)
+        )
         is_complete = design.optimum is None or design.optimum.is_complete
         is_complete = is_complete and (design.conflict is None or design.conflict.is_complete)
     else:
         with console.status("Designing") as status:
-            design = design_sensor(loaded, lambda words: status.update(f"Designing: {words}"), on_design=lambda design: _write(console, design, out, json_file))
+            design = design_sensor(
+                loaded,
+                lambda words: status.update(f"Designing: {words}"),
+                on_design=lambda design: _write(console, design, out, json_file),
+            )
         is_complete = design.conflict is None or design.conflict.is_complete
     if design is not None:
         if merits:
@@ -213,7 +364,9 @@ def _write(console: Console, design: Design, out: Path | None, json_file: Path |
     print_design(console, design)
 
 
-def _finish(console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None) -> None:
+def _finish(
+    console: Console, design: Design, out: Path | None, json_file: Path | None, figures: Path | None
+) -> None:
     """Print relaxations and merits, write the relaxations, and draw the figures."""
     if design.conflict is not None:
         print_conflict(console, design.conflict, design.verdict)
@@ -228,7 +381,12 @@ def _finish(console: Console, design: Design, out: Path | None, json_file: Path 
     print_written(out, json_file, figures, console=console)
 
 
-def _optimised(console: Console, requirements: Requirements, settings: OptimisationOptions, on_design: Callable[[Design], None]) -> Design:
+def _optimised(
+    console: Console,
+    requirements: Requirements,
+    settings: OptimisationOptions,
+    on_design: Callable[[Design], None],
+) -> Design:
     """Return the best design of one or several numbers of terms, with a progress bar.
 
     ``on_design`` receives the design before the search for relaxations; with several numbers of
@@ -244,9 +402,18 @@ def _optimised(console: Console, requirements: Requirements, settings: Optimisat
         for i, count in enumerate(counts):
 
             def on_progress(p: Progress, i: int = i) -> None:
-                bar.update(task, completed=i * starts + p.run, description=f"{requirements.mirror.optimise} {p.value:.5g}")
+                bar.update(
+                    task,
+                    completed=i * starts + p.run,
+                    description=f"{requirements.mirror.optimise} {p.value:.5g}",
+                )
 
-            designs[count] = design_sensor(requirements.changed(shape=f"{shape.partition(':')[0]}:{count}"), lambda words: bar.update(task, description=words), search=settings.search(on_progress), on_design=on_design if len(counts) == 1 else None)
+            designs[count] = design_sensor(
+                requirements.changed(shape=f"{shape.partition(':')[0]}:{count}"),
+                lambda words: bar.update(task, description=words),
+                search=settings.search(on_progress),
+                on_design=on_design if len(counts) == 1 else None,
+            )
     optimum = min(designs.values(), key=lambda d: d.optimum.value if d.optimum else float("inf"))
     if len(counts) > 1:
         print_convergence(console, designs)

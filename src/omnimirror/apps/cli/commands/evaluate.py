@@ -26,7 +26,14 @@ from ....optics.sensor_files import load_camera
 from ....optics.tracing.obscuration import obscuration_summary
 from .._declarations import DocumentedCommand, Options, add_options, flag, option
 from .._option_types import NUMBER, SENSOR, distance, focus, pixel, values
-from .._output import json_option, output_console, output_option, print_line, print_rows, print_written
+from .._output import (
+    json_option,
+    output_console,
+    output_option,
+    print_line,
+    print_rows,
+    print_written,
+)
 from .._sensor_options import HousingOptions, LensOptions
 
 MAX_NAMED = 5  # outliers listed by name
@@ -38,18 +45,59 @@ TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floor
 class EvaluationOptions(Options):
     """Evaluation points, with the parameters of :func:`omnimirror.evaluate`."""
 
-    omega_deg: Array | None = option(type=values, metavar="A:B:STEP", help="Field angles, measured from the direction back past the lens.")
-    x_mm: Array | None = option(type=values, metavar="A:B:STEP", help="Mirror points by their distance from the axis, instead of field angles.")
-    h_px: Array | None = option(type=values, metavar="A:B:STEP", help="Image heights in pixels from the centre, instead of field angles.")
-    pixels: tuple[tuple[float, float], ...] = option("--pixel", type=pixel, metavar="U,V", multiple=True, help="Pixel, instead of field angles (repeatable).")
-    object_distance_mm: float = option(type=distance, metavar="MM", default=np.inf, help="Object distance from the reflection point.")
-    focus_mm: Any = option(type=focus, metavar="MM|auto", help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]")
-    merit: str = option(type=click.Choice(list(FOCUS_MERITS)), default="worst_floored_area_deg2", help="Merit minimised by --focus-mm auto.")
-    paper_mode: bool | None = option(is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form.")
-    image_radius_px: float | None = option(type=NUMBER, help="Scale the image to this rim radius, 500 in the paper.")
+    omega_deg: Array | None = option(
+        type=values,
+        metavar="A:B:STEP",
+        help="Field angles, measured from the direction back past the lens.",
+    )
+    x_mm: Array | None = option(
+        type=values,
+        metavar="A:B:STEP",
+        help="Mirror points by their distance from the axis, instead of field angles.",
+    )
+    h_px: Array | None = option(
+        type=values,
+        metavar="A:B:STEP",
+        help="Image heights in pixels from the centre, instead of field angles.",
+    )
+    pixels: tuple[tuple[float, float], ...] = option(
+        "--pixel",
+        type=pixel,
+        metavar="U,V",
+        multiple=True,
+        help="Pixel, instead of field angles (repeatable).",
+    )
+    object_distance_mm: float = option(
+        type=distance,
+        metavar="MM",
+        default=np.inf,
+        help="Object distance from the reflection point.",
+    )
+    focus_mm: Any = option(
+        type=focus,
+        metavar="MM|auto",
+        help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]",
+    )
+    merit: str = option(
+        type=click.Choice(list(FOCUS_MERITS)),
+        default="worst_floored_area_deg2",
+        help="Merit minimised by --focus-mm auto.",
+    )
+    paper_mode: bool | None = option(
+        is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form."
+    )
+    image_radius_px: float | None = option(
+        type=NUMBER, help="Scale the image to this rim radius, 500 in the paper."
+    )
     wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
-    tolerance_px: float = option(type=NUMBER, default=1.0, help="Permissible blur for the depth of field.")
-    temperature_c: float | None = option(type=NUMBER, metavar="C", help="Temperature of the sensor; requires a table [thermal] in its file.")
+    tolerance_px: float = option(
+        type=NUMBER, default=1.0, help="Permissible blur for the depth of field."
+    )
+    temperature_c: float | None = option(
+        type=NUMBER,
+        metavar="C",
+        help="Temperature of the sensor; requires a table [thermal] in its file.",
+    )
 
     def evaluation(self, sensor: Sensor) -> Evaluation:
         """Return the evaluation for the options."""
@@ -59,15 +107,36 @@ class EvaluationOptions(Options):
         return evaluate(sensor, **arguments, mode=mode)
 
 
-@click.command(cls=DocumentedCommand, page="evaluation", examples=("omnimirror evaluate paper-spherical --omega-deg 0:135:5", "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures"))
+@click.command(
+    cls=DocumentedCommand,
+    page="evaluation",
+    examples=(
+        "omnimirror evaluate paper-spherical --omega-deg 0:135:5",
+        "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures",
+    ),
+)
 @click.argument("sensor", type=SENSOR)
 @add_options(EvaluationOptions, "conditions")
-@output_option("--csv", "csv_file", help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.")
+@output_option(
+    "--csv",
+    "csv_file",
+    help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.",
+)
 @json_option("Write summary and all columns.")
-@click.option("--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper.")
+@click.option(
+    "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
+)
 @add_options(LensOptions, "lens")
 @add_options(HousingOptions, "housing")
-def command(sensor: str, conditions: EvaluationOptions, lens: LensOptions, housing: HousingOptions, csv_file: Path | None, json_file: Path | None, figures: Path | None) -> None:
+def command(
+    sensor: str,
+    conditions: EvaluationOptions,
+    lens: LensOptions,
+    housing: HousingOptions,
+    csv_file: Path | None,
+    json_file: Path | None,
+    figures: Path | None,
+) -> None:
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
     Prints a table; output files contain more columns.
@@ -81,7 +150,12 @@ def command(sensor: str, conditions: EvaluationOptions, lens: LensOptions, housi
     if not isinstance(camera, Sensor) or not camera.is_axial:
         _refuse_optical_options(camera, (conditions, lens, housing), figures)
         if isinstance(camera, Sensor):
-            camera.check("evaluation of a misaligned sensor", "single mirror", "thin lens", "ideal except poses")
+            camera.check(
+                "evaluation of a misaligned sensor",
+                "single mirror",
+                "thin lens",
+                "ideal except poses",
+            )
         model = SensorModel(camera) if isinstance(camera, Sensor) else camera
         camera_mapping = evaluate_camera(model, conditions.omega_deg)
         _show_mapping(console, sensor, camera_mapping, csv_file, json_file)
@@ -106,7 +180,9 @@ def _print_motion(console: Console, sensor: Sensor, temperature_c: float) -> Non
     """Print the image motion due to the change of temperature."""
     motion = thermal_motion_px(sensor, temperature_c)
     assert sensor.thermal is not None, "checked by thermal_motion_px"
-    console.print(f"image motion between {sensor.thermal.reference_c:g} C and {temperature_c:g} C: up to {motion:.3g} px")
+    console.print(
+        f"image motion between {sensor.thermal.reference_c:g} C and {temperature_c:g} C: up to {motion:.3g} px"
+    )
 
 
 def _refuse_optical_options(camera: Any, groups: tuple[Options, ...], figures: Path | None) -> None:
@@ -121,7 +197,13 @@ def _refuse_optical_options(camera: Any, groups: tuple[Options, ...], figures: P
         raise click.UsageError(f"{given[0]} {reason}; only --omega-deg, --csv and --json apply")
 
 
-def _show_mapping(console: Console, source: str, result: CameraMapping, csv_file: Path | None, json_file: Path | None) -> None:
+def _show_mapping(
+    console: Console,
+    source: str,
+    result: CameraMapping,
+    csv_file: Path | None,
+    json_file: Path | None,
+) -> None:
     if csv_file:
         result.to_csv(csv_file)
     if json_file:
@@ -130,10 +212,16 @@ def _show_mapping(console: Console, source: str, result: CameraMapping, csv_file
     heading = f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg at a radius of {s['rim_radius_px']:.1f} px"
     print_line((Path(source).name, "bold"), heading, console=console)
     if isinstance(result.camera, SensorModel):
-        print_line(f"{_misalignment_text(result.camera.sensor)}: values for distant objects, averaged over azimuths; resolution varies by up to {result.azimuthal_variation_percent:.2g} % with azimuth", console=console)
+        print_line(
+            f"{_misalignment_text(result.camera.sensor)}: values for distant objects, averaged over azimuths; resolution varies by up to {result.azimuthal_variation_percent:.2g} % with azimuth",
+            console=console,
+        )
     if result.camera.uncertainty is not None:
         command = shell_command(["omnimirror", "uncertainty", source])
-        print_line(f"error: standard deviation of directions; for the whole image: {command}", console=console)
+        print_line(
+            f"error: standard deviation of directions; for the whole image: {command}",
+            console=console,
+        )
     console.print()
     cells = result.texts()
     heads = [(QUANTITIES[column].heading, QUANTITIES[column].unit) for column in cells]
@@ -156,28 +244,50 @@ def print_table(console: Console, result: Evaluation) -> None:
     print_rows(console, heads, [cells[name] for name in shown])
     hidden = len(columns) - len(shown)
     if hidden:
-        print_line((f"{hidden} columns omitted; use a wider terminal, or --csv for all", "dim"), console=console)
+        print_line(
+            (f"{hidden} columns omitted; use a wider terminal, or --csv for all", "dim"),
+            console=console,
+        )
 
 
 def print_summary(console: Console, result: Evaluation, merit: str) -> None:
     """Print field, focus and blur of the sensor in a few lines."""
     sensor, s = result.sensor, result.summary()
     near, far = result.depth_of_field_mm
-    best = best_focus(sensor, merit, object_distance_mm=float(np.max(result.object_distance_mm)), mode=result.mode, image_radius_px=result.image_radius_px, wavelength_nm=result.wavelength_nm)
-    second = "" if sensor.secondary is None else f" with secondary mirror ({sensor.secondary.mirror.KIND})"
+    best = best_focus(
+        sensor,
+        merit,
+        object_distance_mm=float(np.max(result.object_distance_mm)),
+        mode=result.mode,
+        image_radius_px=result.image_radius_px,
+        wavelength_nm=result.wavelength_nm,
+    )
+    second = (
+        ""
+        if sensor.secondary is None
+        else f" with secondary mirror ({sensor.secondary.mirror.KIND})"
+    )
     lines = [
         f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field {s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
         f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm (blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
         f"best focus by {merit}: {best.focus_mm:.2f} mm, value {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
     if not sensor.housing.is_empty:
-        lines.append(f"obscured at every azimuth: {obscuration_summary(sensor.obscurations, sensor.obscured_percent)}")
+        lines.append(
+            f"obscured at every azimuth: {obscuration_summary(sensor.obscurations, sensor.obscured_percent)}"
+        )
     if isinstance(sensor.mirror, Cone) and sensor.secondary is None:
         radius, z = sensor.mirror.pinhole_ring(sensor.meridian.m)
-        lines.append(f"no single viewpoint (cone): virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm")
+        lines.append(
+            f"no single viewpoint (cone): virtual pinholes on a ring of radius {radius:.2f} mm at z = {z:.2f} mm"
+        )
     if np.isfinite(result.object_distance_mm).all():
-        v = best_viewpoint(sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px)
-        lines.append(f"best single viewpoint: {v.z_mm:.3f} mm above the vertex, error up to {v.worst_px:.2f} px ({v.worst_deg:.3f} deg)")
+        v = best_viewpoint(
+            sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px
+        )
+        lines.append(
+            f"best single viewpoint: {v.z_mm:.3f} mm above the vertex, error up to {v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
+        )
     if isinstance(sensor.mirror, SampledProfile):
         lines += profile_lines(result, sensor.mirror)
     print_line((sensor.name, "bold"), "\n".join(lines), console=console)
@@ -193,10 +303,22 @@ def profile_lines(result: Evaluation, mirror: SampledProfile) -> list[str]:
         lines.append(f"rejected outliers of the profile: {named}{more}")
     deviations = result.standard_deviations()
     if deviations:
-        source = "estimated from the points" if mirror.uncertainty_um is None else "as specified, or by their scatter"
-        lines.append(f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {source}; standard deviations at most:")
-        finite = ((QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS)
-        maxima = [f"{q.heading} {v.max():.2g} {q.unit}".strip() for q, v in finite if v.size and v.max() > 0]
+        source = (
+            "estimated from the points"
+            if mirror.uncertainty_um is None
+            else "as specified, or by their scatter"
+        )
+        lines.append(
+            f"profile smoothed to {fit.uncertainty_mm * 1e3:.3g} um, {source}; standard deviations at most:"
+        )
+        finite = (
+            (QUANTITIES[k], v[np.isfinite(v)]) for k, v in deviations.items() if k in READ_COLUMNS
+        )
+        maxima = [
+            f"{q.heading} {v.max():.2g} {q.unit}".strip()
+            for q, v in finite
+            if v.size and v.max() > 0
+        ]
         lines.append("  " + ", ".join(maxima))
     return lines
 
@@ -212,5 +334,9 @@ def _draw(console: Console, result: Evaluation, folder: Path) -> None:
 def _misalignment_text(sensor: Sensor) -> str:
     """Format the decentration and tilt of a sensor."""
     parts = {"mirror": sensor.mirror_pose, "cover": sensor.housing.shell}
-    misalignments = [f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by {np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg" for name, part in parts.items() if part is not None and not part.is_axial]
+    misalignments = [
+        f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by {np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg"
+        for name, part in parts.items()
+        if part is not None and not part.is_axial
+    ]
     return ", ".join(misalignments)

@@ -10,7 +10,15 @@ import click
 
 from ....base.arguments import parse_float
 from ....base.files import write_json
-from ....manufacturing import DEFAULT_FORMATS, FORMATS, Body, ExportedFile, Tool, Workshop, load_workshop
+from ....manufacturing import (
+    DEFAULT_FORMATS,
+    FORMATS,
+    Body,
+    ExportedFile,
+    Tool,
+    Workshop,
+    load_workshop,
+)
 from ....manufacturing.body import TAP_DRILLS_MM
 from ....manufacturing.drawings.sheet import SHEETS
 from ....manufacturing.exporter import export
@@ -20,7 +28,14 @@ from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import INTEGER, NUMBER, SENSOR
-from .._output import json_option, output_console, output_option, plain_table, print_line, print_written
+from .._output import (
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_line,
+    print_written,
+)
 from .._sensor_options import HousingOptions
 
 DRAWN = (".pdf", ".svg", ".png", ".dxf")
@@ -58,19 +73,40 @@ def scale(text: str) -> float:
 class BodyOptions(Options):
     """Bodies of the mirrors; defaults follow from the rims in the housing of the sensor."""
 
-    thickness_mm: float | None = option(type=NUMBER, help="Body: thickness from rim to back.  [default: 5]")
-    bore_diameter_mm: float | None = option(type=NUMBER, help="Body: diameter of a bore on the axis, from the back.")
-    thread: str | None = option(type=click.Choice(list(TAP_DRILLS_MM)), help="Body: tapped hole for this thread instead of a bore.")
-    bore_depth_mm: float | None = option(type=NUMBER, help="Body: depth of the bore; 'inf' for a through bore.  [default: 10]")
-    flange_width_mm: float | None = option(type=NUMBER, help="Body: width of a flange at the back, beyond the rim.")
-    flange_thickness_mm: float | None = option(type=NUMBER, help="Body: thickness of the flange.  [default: 2]")
-    counterbore_diameter_mm: float | None = option(type=NUMBER, help="Body: diameter of a counterbore for a camera behind the mirror.")
-    counterbore_depth_mm: float | None = option(type=NUMBER, help="Body: depth of the counterbore.  [default: 5]")
-    secondary_thickness_mm: float | None = option(type=NUMBER, help="Body: thickness of the secondary mirror.  [default: 5]")
+    thickness_mm: float | None = option(
+        type=NUMBER, help="Body: thickness from rim to back.  [default: 5]"
+    )
+    bore_diameter_mm: float | None = option(
+        type=NUMBER, help="Body: diameter of a bore on the axis, from the back."
+    )
+    thread: str | None = option(
+        type=click.Choice(list(TAP_DRILLS_MM)),
+        help="Body: tapped hole for this thread instead of a bore.",
+    )
+    bore_depth_mm: float | None = option(
+        type=NUMBER, help="Body: depth of the bore; 'inf' for a through bore.  [default: 10]"
+    )
+    flange_width_mm: float | None = option(
+        type=NUMBER, help="Body: width of a flange at the back, beyond the rim."
+    )
+    flange_thickness_mm: float | None = option(
+        type=NUMBER, help="Body: thickness of the flange.  [default: 2]"
+    )
+    counterbore_diameter_mm: float | None = option(
+        type=NUMBER, help="Body: diameter of a counterbore for a camera behind the mirror."
+    )
+    counterbore_depth_mm: float | None = option(
+        type=NUMBER, help="Body: depth of the counterbore.  [default: 5]"
+    )
+    secondary_thickness_mm: float | None = option(
+        type=NUMBER, help="Body: thickness of the secondary mirror.  [default: 5]"
+    )
 
     def body(self, sensor: Sensor) -> Body | None:
         """Return the body of the mirror; None without options."""
-        changes = {name: value for name, value in self.given.items() if name != "secondary_thickness_mm"}
+        changes = {
+            name: value for name, value in self.given.items() if name != "secondary_thickness_mm"
+        }
         return replace(Body.of(sensor.housing.rim, sensor.mirror), **changes) if changes else None
 
     def secondary_body(self) -> Body | None:
@@ -82,13 +118,23 @@ class BodyOptions(Options):
 class FileOptions(Options):
     """Resolution of files, as for :func:`omnimirror.export`."""
 
-    chord_tolerance_um: float = option(type=NUMBER, default=10.0, help="STL, 3MF: chord tolerance of the triangles.")
-    step_mm: float | None = option(type=NUMBER, help="Sag table: step along x.  [default: 0.01 rim radius]")
+    chord_tolerance_um: float = option(
+        type=NUMBER, default=10.0, help="STL, 3MF: chord tolerance of the triangles."
+    )
+    step_mm: float | None = option(
+        type=NUMBER, help="Sag table: step along x.  [default: 0.01 rim radius]"
+    )
     step_deg: float | None = option(type=NUMBER, help="Sag table: step of the field angle instead.")
-    digits: int = option(type=INTEGER, default=6, help="Sag table, tool path: decimals of a millimetre.")
+    digits: int = option(
+        type=INTEGER, default=6, help="Sag table, tool path: decimals of a millimetre."
+    )
     grid_points: int = option(type=INTEGER, default=257, help="Grid sag: points along each side.")
     sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper size.")
-    scale: float | None = option(type=scale, metavar="1:N", help="Drawing: scale of the sensor view.  [default: the largest that fits]")
+    scale: float | None = option(
+        type=scale,
+        metavar="1:N",
+        help="Drawing: scale of the sensor view.  [default: the largest that fits]",
+    )
 
 
 @dataclass(frozen=True)
@@ -97,30 +143,86 @@ class ToolOptions(Options):
 
     tool_radius_mm: float = option(type=NUMBER, default=0.5, help="Tool path: nose radius.")
     feed_um: float = option(type=NUMBER, default=2.0, help="Tool path: feed per revolution.")
-    path_tolerance_nm: float = option(type=NUMBER, default=5.0, help="Tool path: maximum form error.")
+    path_tolerance_nm: float = option(
+        type=NUMBER, default=5.0, help="Tool path: maximum form error."
+    )
     spindle_rpm: float = option(type=NUMBER, default=1000.0, help="Tool path: spindle speed.")
-    clearance_mm: float = option(type=NUMBER, default=1.0, help="Tool path: clearance before and after the cut.")
+    clearance_mm: float = option(
+        type=NUMBER, default=1.0, help="Tool path: clearance before and after the cut."
+    )
     x_is_diameter: bool = option(is_flag=True, default=False, help="Tool path: X is a diameter.")
 
     def tool(self) -> Tool:
         """Return the tool."""
-        return Tool(self.tool_radius_mm, self.feed_um, self.path_tolerance_nm, self.spindle_rpm, self.clearance_mm, self.x_is_diameter)
+        return Tool(
+            self.tool_radius_mm,
+            self.feed_um,
+            self.path_tolerance_nm,
+            self.spindle_rpm,
+            self.clearance_mm,
+            self.x_is_diameter,
+        )
 
 
-@click.command(cls=DocumentedCommand, page="manufacture", examples=("omnimirror export paper-spherical -o export --thread M6 --bore-depth-mm 12", "omnimirror export mine.toml -o mirror.step"))
+@click.command(
+    cls=DocumentedCommand,
+    page="manufacture",
+    examples=(
+        "omnimirror export paper-spherical -o export --thread M6 --bore-depth-mm 12",
+        "omnimirror export mine.toml -o mirror.step",
+    ),
+)
 @click.argument("sensor", type=SENSOR)
-@output_option("-o", "--output", required=True, formats=("csv",), help="Folder, or file whose suffix selects the format; - prints the sag table.")
-@click.option("--formats", type=formats, metavar="NAME,...", help=f"Formats for a folder: {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]")
-@click.option("--workshop", metavar="FILE", help="Drawing: TOML file with title block, material, coating, texture, tolerances.")
-@click.option("--tolerances", metavar="FILE", help="Drawing: TOML or JSON file of 'omnimirror tolerance'.")
+@output_option(
+    "-o",
+    "--output",
+    required=True,
+    formats=("csv",),
+    help="Folder, or file whose suffix selects the format; - prints the sag table.",
+)
+@click.option(
+    "--formats",
+    type=formats,
+    metavar="NAME,...",
+    help=f"Formats for a folder: {', '.join(FORMATS)}.  [default: {','.join(DEFAULT_FORMATS)}]",
+)
+@click.option(
+    "--workshop",
+    metavar="FILE",
+    help="Drawing: TOML file with title block, material, coating, texture, tolerances.",
+)
+@click.option(
+    "--tolerances", metavar="FILE", help="Drawing: TOML or JSON file of 'omnimirror tolerance'."
+)
 @add_options(BodyOptions, "body")
 @add_options(FileOptions, "files")
 @add_options(ToolOptions, "lathe")
 @add_options(HousingOptions, "housing")
-@click.option("--allow-changes", is_flag=True, help="Write the files even if an option changes the evaluated sensor.")
-@click.option("--requirements", metavar="FILE", help="Requirement file; if an option changes the sensor, list the affected entries.")
+@click.option(
+    "--allow-changes",
+    is_flag=True,
+    help="Write the files even if an option changes the evaluated sensor.",
+)
+@click.option(
+    "--requirements",
+    metavar="FILE",
+    help="Requirement file; if an option changes the sensor, list the affected entries.",
+)
 @json_option("Write the table of files and deviations.")
-def command(sensor: str, output: Path, formats: list[str] | None, workshop: str | None, tolerances: str | None, body: BodyOptions, files: FileOptions, lathe: ToolOptions, housing: HousingOptions, allow_changes: bool, requirements: str | None, json_file: Path | None) -> None:
+def command(
+    sensor: str,
+    output: Path,
+    formats: list[str] | None,
+    workshop: str | None,
+    tolerances: str | None,
+    body: BodyOptions,
+    files: FileOptions,
+    lathe: ToolOptions,
+    housing: HousingOptions,
+    allow_changes: bool,
+    requirements: str | None,
+    json_file: Path | None,
+) -> None:
     """Export CAD files, lens files, tables and a drawing of SENSOR.
 
     Prints a table with the deviation of the surface in each file from the mirror.
@@ -129,7 +231,19 @@ def command(sensor: str, output: Path, formats: list[str] | None, workshop: str 
     data = _workshop(camera, workshop, tolerances)
     console = output_console()
     with console.status("Writing"):
-        written = export(camera, output, formats=formats, body=body.body(camera), secondary_body=body.secondary_body(), housing=housing.of(camera.housing), tool=lathe.tool(), workshop=data, allow_changes=allow_changes, requirements=requirements, **files.given)
+        written = export(
+            camera,
+            output,
+            formats=formats,
+            body=body.body(camera),
+            secondary_body=body.secondary_body(),
+            housing=housing.of(camera.housing),
+            tool=lathe.tool(),
+            workshop=data,
+            allow_changes=allow_changes,
+            requirements=requirements,
+            **files.given,
+        )
     numbers = ("deviation\num", "ray deviation\ndeg")
     table = plain_table("file", "content", *numbers, text_columns=("file", "content"))
     for file in written:
@@ -139,21 +253,31 @@ def command(sensor: str, output: Path, formats: list[str] | None, workshop: str 
         write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
         print_written(json_file, console=console)
     parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
-    if any(file.path.suffix.lower() in DRAWN for file in written) and (missing := data.missing(parts)):
+    if any(file.path.suffix.lower() in DRAWN for file in written) and (
+        missing := data.missing(parts)
+    ):
         console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")
     if any(file.path.suffix.lower() in DRAWN for file in written):
         for conflict in tolerance_conflicts(camera, data, body.body(camera), body.secondary_body()):
             print_line(("inconsistent tolerances", "yellow"), f": {conflict}", console=console)
     for file in written:
         if not file.follows:
-            print_line((f"{file.path.name} is not accurate", "yellow"), f": its rays deviate by up to {ray_text(file)} deg from those of the mirror; no asphere is more accurate; use the grid sag (--formats gridsag)", console=console)
+            print_line(
+                (f"{file.path.name} is not accurate", "yellow"),
+                f": its rays deviate by up to {ray_text(file)} deg from those of the mirror; no asphere is more accurate; use the grid sag (--formats gridsag)",
+                console=console,
+            )
 
 
 def _workshop(sensor: Sensor, workshop: str | None, tolerances: str | None) -> Workshop:
     """Return the data of the drawing, with today as the default date."""
     data = Workshop() if workshop is None else load_workshop(workshop)
     title = data.title if data.title.date else replace(data.title, date=date.today().isoformat())
-    return replace(data, title=title, tolerances={} if tolerances is None else load_allocated_tolerances(tolerances, sensor))
+    return replace(
+        data,
+        title=title,
+        tolerances={} if tolerances is None else load_allocated_tolerances(tolerances, sensor),
+    )
 
 
 def deviation_text(file: ExportedFile) -> str:

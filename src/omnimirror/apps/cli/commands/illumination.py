@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from ....analysis.relative_illumination import Illumination, illumination
-from ....base.arguments import parse_float, float_of, shown
+from ....base.arguments import format_value, parse_float
 from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....optics.materials import METALS, Reflectivity
@@ -18,7 +18,16 @@ from ....optics.sensor_files import load_sensor
 from .._aperture_options import angles_of
 from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER, SENSOR, angle, values
-from .._output import FIGURES, column_head, format_option, json_option, output_console, output_option, plain_table, print_written
+from .._output import (
+    FIGURES,
+    column_head,
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_written,
+)
 
 CURVE, RIM_DEG = 121, 1.5  # points of the curve; refined zone inside the rim
 
@@ -39,38 +48,75 @@ def reflectivity(text: str) -> Reflectivity:
         return numbers[0]
     if len(numbers) == 2:
         return complex(*numbers)
-    raise click.BadParameter(f"must be a fraction from 0 to 1, an index n,k, or one of {', '.join(METALS)}; got {shown(text)}")
+    raise click.BadParameter(
+        f"must be a fraction from 0 to 1, an index n,k, or one of {', '.join(METALS)}; got {format_value(text)}"
+    )
 
 
 @dataclass(frozen=True)
 class LightOptions(Options):
     """Illumination, with transmission of mirror and lens."""
 
-    omega_deg: Array | None = option(type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]")
-    azimuth_deg: float = option(type=angle, default=0.0, metavar="DEG", help="Azimuth in the image, from right towards bottom.")
-    reflectivity: Reflectivity = option(type=reflectivity, default=1.0, metavar="R|N,K|METAL", help=f"Reflectivity of the mirror: a fraction, a refractive index, or {', '.join(METALS)}.")
+    omega_deg: Array | None = option(
+        type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
+    )
+    azimuth_deg: float = option(
+        type=angle,
+        default=0.0,
+        metavar="DEG",
+        help="Azimuth in the image, from right towards bottom.",
+    )
+    reflectivity: Reflectivity = option(
+        type=reflectivity,
+        default=1.0,
+        metavar="R|N,K|METAL",
+        help=f"Reflectivity of the mirror: a fraction, a refractive index, or {', '.join(METALS)}.",
+    )
     transmission: float = option(type=NUMBER, default=1.0, help="Transmission of the lens.")
 
     def of(self, sensor: Sensor, omega_deg: Array) -> Illumination:
         """Return the illumination at field angles (n,)."""
-        return illumination(sensor, omega_deg, **self.subset("azimuth_deg", "reflectivity", "transmission"))
+        return illumination(
+            sensor, omega_deg, **self.subset("azimuth_deg", "reflectivity", "transmission")
+        )
 
 
-@click.command(cls=DocumentedCommand, page="aperture", examples=("omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",))
+@click.command(
+    cls=DocumentedCommand,
+    page="aperture",
+    examples=(
+        "omnimirror illumination paper-spherical --reflectivity aluminium -o illumination.png",
+    ),
+)
 @click.argument("sensor", type=SENSOR)
 @add_options(LightOptions, "light")
 @output_option("-o", "--output", formats=FIGURES, help="Output figure (PNG, SVG, PDF).")
 @format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the table as CSV.")
 @json_option("Write the columns of --csv as a list of objects.")
-def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Path | None, json_file: Path | None) -> None:
+def command(
+    sensor: str,
+    light: LightOptions,
+    output: Path | None,
+    csv_file: Path | None,
+    json_file: Path | None,
+) -> None:
     """Compute the relative illumination of SENSOR over its field."""
     camera = load_sensor(sensor)
     result = light.of(camera, angles_of(camera, light.omega_deg))
     console = output_console()
     names = ("irradiance_sr", "relative", "reflectance")
-    table = plain_table(column_head("omega_deg"), *map(column_head, names), column_head("filled", "%"))
-    for row in zip(result.omega_deg, result.irradiance_sr, result.relative, result.reflectance, result.filled, strict=True):
+    table = plain_table(
+        column_head("omega_deg"), *map(column_head, names), column_head("filled", "%")
+    )
+    for row in zip(
+        result.omega_deg,
+        result.irradiance_sr,
+        result.relative,
+        result.reflectance,
+        result.filled,
+        strict=True,
+    ):
         omega, *numbers, filled = row
         texts = (QUANTITIES[name].text(v) for name, v in zip(names, numbers, strict=True))
         table.add_row(f"{omega:g}", *texts, f"{100 * filled:.4g}")
@@ -85,6 +131,8 @@ def command(sensor: str, light: LightOptions, output: Path | None, csv_file: Pat
         from ....analysis.figures.aperture import illumination_curves
 
         dense = np.linspace(result.omega_deg[0], result.omega_deg[-1], CURVE)
-        dense = np.union1d(dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2))
+        dense = np.union1d(
+            dense, np.linspace(max(dense[0], dense[-1] - RIM_DEG), dense[-1], CURVE // 2)
+        )
         figure = illumination_curves([(camera.name, light.of(camera, dense))])
         print_written(save_figure(figure, output), console=console)

@@ -20,7 +20,9 @@ from .._output import Output, print_line
 def command(path: Path, force: bool) -> None:
     """Write a commented sensor file to PATH (sensor.toml by default) and print the next steps."""
     if path.exists() and not (force or is_stream(path)):
-        raise OmnimirrorError(f"{path} already exists; specify another name, or use --force to overwrite it")
+        raise OmnimirrorError(
+            f"{path} already exists; specify another name, or use --force to overwrite it"
+        )
     write_text(path, sensor_template("sensor" if is_stream(path) else path.stem))
     if not is_stream(path):
         print_line(f"Wrote {path}; edit it, then run: omnimirror evaluate {shell_word(str(path))}")

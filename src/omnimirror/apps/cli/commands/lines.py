@@ -34,35 +34,94 @@ from .._output import json_option, output_console, output_option, print_line, pr
 class LineOptions(Options):
     """Camera, or known data of an uncalibrated camera, and object distance of the edges."""
 
-    camera: str | None = option(metavar="FILE|NAME", help="Camera to refine.  [default: uncalibrated camera]")
-    optics: Optics = option(type=click.Choice(["mirror", "fisheye"]), default="mirror", help="Type of optics of an uncalibrated camera.")
-    camera_looks: CameraLooks = option(type=click.Choice(["up", "down", "forward"]), default="up", help="Orientation of the optical axis of an uncalibrated camera.")
-    rim: tuple[float, float, float] | None = option(nargs=3, type=NUMBER, metavar="U V R", help="Circle of the field in the image, px.  [default: the detected outline of a mirror; the largest circle for a fisheye]")
-    inner_radius_px: float | None = option(type=NUMBER, help="Radius of the central obscuration by the camera itself, px.  [default: as detected with the rim]")
-    distance_mm: float = option(type=distance, metavar="MM", default=np.inf, help="Object distance of the edges, for mirrors without a single viewpoint.")
+    camera: str | None = option(
+        metavar="FILE|NAME", help="Camera to refine.  [default: uncalibrated camera]"
+    )
+    optics: Optics = option(
+        type=click.Choice(["mirror", "fisheye"]),
+        default="mirror",
+        help="Type of optics of an uncalibrated camera.",
+    )
+    camera_looks: CameraLooks = option(
+        type=click.Choice(["up", "down", "forward"]),
+        default="up",
+        help="Orientation of the optical axis of an uncalibrated camera.",
+    )
+    rim: tuple[float, float, float] | None = option(
+        nargs=3,
+        type=NUMBER,
+        metavar="U V R",
+        help="Circle of the field in the image, px.  [default: the detected outline of a mirror; the largest circle for a fisheye]",
+    )
+    inner_radius_px: float | None = option(
+        type=NUMBER,
+        help="Radius of the central obscuration by the camera itself, px.  [default: as detected with the rim]",
+    )
+    distance_mm: float = option(
+        type=distance,
+        metavar="MM",
+        default=np.inf,
+        help="Object distance of the edges, for mirrors without a single viewpoint.",
+    )
 
-    lines: tuple[str, ...] = option(default=(), multiple=True, metavar="FILE", show_default=False, help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).")
-    image_size: tuple[int, int] | None = option(type=full_image_size, metavar="WxH", help="Image size, if only --lines are given.")
+    lines: tuple[str, ...] = option(
+        default=(),
+        multiple=True,
+        metavar="FILE",
+        show_default=False,
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
+    )
+    image_size: tuple[int, int] | None = option(
+        type=full_image_size, metavar="WxH", help="Image size, if only --lines are given."
+    )
 
     def model(self) -> Sensor | CameraModel | None:
         """Return the camera to refine."""
         return None if self.camera is None else load_camera(self.camera)
 
-    def refined(self, images: Sequence[NDArray[Any]], lines: Sequence[Sequence[Array]], model: Sensor | CameraModel | None) -> PlumbLineCalibration:
+    def refined(
+        self,
+        images: Sequence[NDArray[Any]],
+        lines: Sequence[Sequence[Array]],
+        model: Sensor | CameraModel | None,
+    ) -> PlumbLineCalibration:
         """Return the refinement of the camera from the edges of images."""
         return calibrate_plumb_lines(
-            images, lines=lines, image_size=self.image_size, model=model, optics=self.optics, mount=Mount(self.camera_looks), centre_px=None if self.rim is None else self.rim[:2], radius_px=None if self.rim is None else self.rim[2], inner_radius_px=self.inner_radius_px or 0.0, distance_mm=self.distance_mm
+            images,
+            lines=lines,
+            image_size=self.image_size,
+            model=model,
+            optics=self.optics,
+            mount=Mount(self.camera_looks),
+            centre_px=None if self.rim is None else self.rim[:2],
+            radius_px=None if self.rim is None else self.rim[2],
+            inner_radius_px=self.inner_radius_px or 0.0,
+            distance_mm=self.distance_mm,
         )
 
 
-@click.command(cls=DocumentedCommand, page="calibrate", examples=("omnimirror lines room.jpg --camera mine.toml -o built.toml", "omnimirror lines --lines edges.csv --image-size 1024x1024 --camera mine.toml -o built.toml"))
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=(
+        "omnimirror lines room.jpg --camera mine.toml -o built.toml",
+        "omnimirror lines --lines edges.csv --image-size 1024x1024 --camera mine.toml -o built.toml",
+    ),
+)
 @click.argument("images", nargs=-1)
 @add_options(LineOptions, "options")
 @add_options(OrientationOptions, "orientation")
 @output_option("-o", "--output", help="Output camera file, levelled and with its uncertainty.")
 @json_option("Write parameters, residuals and tilt.")
 @output_option("--figure", help="Draw the edges of the first image: green if straight, red if not.")
-def command(images: tuple[str, ...], options: LineOptions, orientation: OrientationOptions, output: Path | None, json_file: Path | None, figure: Path | None) -> None:
+def command(
+    images: tuple[str, ...],
+    options: LineOptions,
+    orientation: OrientationOptions,
+    output: Path | None,
+    json_file: Path | None,
+    figure: Path | None,
+) -> None:
     """Refine a camera until straight edges in IMAGES are straight, and level it from vertical
     edges.
 
@@ -85,7 +144,9 @@ def command(images: tuple[str, ...], options: LineOptions, orientation: Orientat
     optics = options.optics if model is None else getattr(model, "optics", "mirror")
     if pixels and options.rim is None and optics == "mirror":
         (u, v, radius), inner = _detect_rim(pixels)
-        print_line(f"detected rim: centre {u:.1f}, {v:.1f} px, radius {radius:.1f} px", console=console)
+        print_line(
+            f"detected rim: centre {u:.1f}, {v:.1f} px, radius {radius:.1f} px", console=console
+        )
         if options.inner_radius_px is not None:
             inner = options.inner_radius_px
         options = replace(options, rim=(u, v, radius), inner_radius_px=inner)
@@ -93,9 +154,15 @@ def command(images: tuple[str, ...], options: LineOptions, orientation: Orientat
         result = options.refined(pixels, lines, model)
     record = result.to_dict()
     used, edges = (sum(p[key] for p in record["images"]) for key in ("used", "edges"))
-    print_line(f"{used} of {edges} edges used, residual {result.rms_px:.2f} px rms", console=console)
+    print_line(
+        f"{used} of {edges} edges used, residual {result.rms_px:.2f} px rms", console=console
+    )
     for p in record["parameters"]:
-        print_line((f"  {p['name']}", "bold"), f" {p['value']:.6g} +- {p['sigma']:.2g} {p['unit']}", console=console)
+        print_line(
+            (f"  {p['name']}", "bold"),
+            f" {p['value']:.6g} +- {p['sigma']:.2g} {p['unit']}",
+            console=console,
+        )
     for parameter in result.free:
         print_line(("not determined: ", "bold"), parameter, console=console)
     for name, level in zip(names, result.levels, strict=True):
@@ -115,7 +182,9 @@ def _detect_rim(images: Sequence[NDArray[Any]]) -> tuple[tuple[float, float, flo
     """
     rim = detect_mirror_outline(images)
     if not rim.is_accepted:
-        raise InvalidParameter(f"no rim detected: the confidence must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}; use more images of the same sensor, or one with the whole rim, or specify the rim with --rim U V R")
+        raise InvalidParameter(
+            f"no rim detected: the confidence must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}; use more images of the same sensor, or one with the whole rim, or specify the rim with --rim U V R"
+        )
     inner, radius = rim.annulus_px
     return (*rim.centre_px, radius), inner
 

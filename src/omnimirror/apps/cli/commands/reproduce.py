@@ -10,10 +10,30 @@ from .._declarations import DocumentedCommand
 from .._output import output_console, print_line
 
 
-@click.command(cls=DocumentedCommand, page="errata", examples=("omnimirror reproduce -o paper --figures",))
-@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), default="reproduced", show_default=True, help="Folder for numbers.csv, numbers.md and the figures.")
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw figures, or write the table only.")
-@click.option("--only", multiple=True, metavar="FIG", help="Draw this figure only, for example fig4 (repeatable).")
+@click.command(
+    cls=DocumentedCommand, page="errata", examples=("omnimirror reproduce -o paper --figures",)
+)
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    type=click.Path(path_type=Path),
+    default="reproduced",
+    show_default=True,
+    help="Folder for numbers.csv, numbers.md and the figures.",
+)
+@click.option(
+    "--figures/--no-figures",
+    default=True,
+    show_default=True,
+    help="Draw figures, or write the table only.",
+)
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="FIG",
+    help="Draw this figure only, for example fig4 (repeatable).",
+)
 def command(folder: Path, figures: bool, only: tuple[str, ...]) -> None:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
@@ -24,7 +44,12 @@ def command(folder: Path, figures: bool, only: tuple[str, ...]) -> None:
 
     console = output_console()
     with console.status("Computing") as status:
-        result = reproduce_paper(folder, figures=figures, only=only or None, on_progress=lambda step: status.update(f"Computing {step}"))
+        result = reproduce_paper(
+            folder,
+            figures=figures,
+            only=only or None,
+            on_progress=lambda step: status.update(f"Computing {step}"),
+        )
     console.print(_claims.terminal_table(result.rows))
     console.print(_claims.summary(result.rows), highlight=False, soft_wrap=True)
     print_line(f"Wrote {len(result.files)} files to ", (str(folder), "bold"), console=console)

@@ -22,19 +22,54 @@ from .studio import ListenOptions
 class GatewayOptions(ListenOptions):
     """Options of the gateway."""
 
-    token: str | None = option(envvar="OMNIMIRROR_TOKEN", help="Access token: password of any user, or ?token=...; also from OMNIMIRROR_TOKEN.  [default: random if reachable from other machines]")
-    publish: str | None = option(metavar="ADDRESS", help="Also push every view to a media server, such as 'rtsp://server:8554/{view}'.")
+    token: str | None = option(
+        envvar="OMNIMIRROR_TOKEN",
+        help="Access token: password of any user, or ?token=...; also from OMNIMIRROR_TOKEN.  [default: random if reachable from other machines]",
+    )
+    publish: str | None = option(
+        metavar="ADDRESS",
+        help="Also push every view to a media server, such as 'rtsp://server:8554/{view}'.",
+    )
 
 
-@click.command(cls=DocumentedCommand, page="gateway", examples=("omnimirror serve rtsp://camera/1 --views views.toml --sensor mine.toml",))
+@click.command(
+    cls=DocumentedCommand,
+    page="gateway",
+    examples=("omnimirror serve rtsp://camera/1 --views views.toml --sensor mine.toml",),
+)
 @click.argument("source")
-@click.option("--views", "views_file", required=True, type=click.Path(path_type=Path), help="TOML file of named views.")
+@click.option(
+    "--views",
+    "views_file",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="TOML file of named views.",
+)
 @add_options(CameraOptions, "camera")
 @add_options(OrientationOptions, "orientation")
 @add_options(GatewayOptions, "gateway")
-@click.option("--interpolation", type=click.Choice(list(INTERPOLATIONS)), default="auto", show_default=True, help="Resampling; auto: cubic, with averaging for minification.")
-@click.option("--threads", type=IntegerRange(1, MAX_THREADS), metavar="N", help="Number of dewarping threads.  [default: one per processor core]")
-def command(source: str, views_file: Path, camera: CameraOptions, orientation: OrientationOptions, gateway: GatewayOptions, interpolation: Interpolation, threads: int | None) -> None:
+@click.option(
+    "--interpolation",
+    type=click.Choice(list(INTERPOLATIONS)),
+    default="auto",
+    show_default=True,
+    help="Resampling; auto: cubic, with averaging for minification.",
+)
+@click.option(
+    "--threads",
+    type=IntegerRange(1, MAX_THREADS),
+    metavar="N",
+    help="Number of dewarping threads.  [default: one per processor core]",
+)
+def command(
+    source: str,
+    views_file: Path,
+    camera: CameraOptions,
+    orientation: OrientationOptions,
+    gateway: GatewayOptions,
+    interpolation: Interpolation,
+    threads: int | None,
+) -> None:
     """Serve views of SOURCE as network cameras: MJPEG, MPEG-TS, HLS and JPEG images over HTTP.
 
     SOURCE is a camera or stream (/dev/video0, rtsp://...), or a video file, which is repeated. Each
@@ -48,10 +83,29 @@ def command(source: str, views_file: Path, camera: CameraOptions, orientation: O
     except ModuleNotFoundError as e:
         if e.name not in ("fastapi", "starlette", "uvicorn", "av"):
             raise
-        raise OmnimirrorError("serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'") from None
+        raise OmnimirrorError(
+            "serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'"
+        ) from None
     check_source(source)
     views = load_views(views_file)
     is_stored = orientation.stored_orientation
     is_live = not Path(source).is_file()
-    size = (0, 0) if camera.ball is None else source_size(source, is_live, stored_orientation=is_stored)
-    serve_views(source, views, camera=camera.drawing(camera.camera(size)), interpolation=interpolation, host=gateway.host, port=gateway.port, token=gateway.token, publish_to=gateway.publish, threads=threads, stored_orientation=is_stored, on_start=click.echo, on_status=print_notice)
+    size = (
+        (0, 0)
+        if camera.ball is None
+        else source_size(source, is_live, stored_orientation=is_stored)
+    )
+    serve_views(
+        source,
+        views,
+        camera=camera.drawing(camera.camera(size)),
+        interpolation=interpolation,
+        host=gateway.host,
+        port=gateway.port,
+        token=gateway.token,
+        publish_to=gateway.publish,
+        threads=threads,
+        stored_orientation=is_stored,
+        on_start=click.echo,
+        on_status=print_notice,
+    )

@@ -25,8 +25,25 @@ from ....simulation.rendering import render_light
 from ....simulation.scenes.scene import DistantScene, Pose, PosedScene, Scene
 from .._declarations import DocumentedCommand, Options, add_options, flag, option
 from .._option_types import INTEGER, SENSOR
-from .._output import IMAGE_FORMATS, format_option, json_option, output_console, output_option, plain_table, print_line, print_notice, print_written
-from .._scene_options import DETECTOR, RenderingOptions, SceneOptions, TrajectoryOptions, percentage_bar, pose
+from .._output import (
+    IMAGE_FORMATS,
+    format_option,
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_line,
+    print_notice,
+    print_written,
+)
+from .._scene_options import (
+    DETECTOR,
+    RenderingOptions,
+    SceneOptions,
+    TrajectoryOptions,
+    percentage_bar,
+    pose,
+)
 from .._sensor_options import HousingOptions
 
 if TYPE_CHECKING:
@@ -52,18 +69,50 @@ def command() -> None:
     """
 
 
-@command.command("image", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate paper-spherical --scene street --full-well-e 10000 -o circle.png", "omnimirror simulate mine.toml --path walk.csv -o walk.mp4"))
+@command.command(
+    "image",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=(
+        "omnimirror simulate paper-spherical --scene street --full-well-e 10000 -o circle.png",
+        "omnimirror simulate mine.toml --path walk.csv -o walk.mp4",
+    ),
+)
 @click.argument("sensor", type=SENSOR)
 @add_options(SceneOptions, "scene")
-@click.option("--pose", "mirror_pose", type=pose, metavar="X,Y,Z,...", help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]")
+@click.option(
+    "--pose",
+    "mirror_pose",
+    type=pose,
+    metavar="X,Y,Z,...",
+    help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
+)
 @add_options(TrajectoryOptions, "trajectory")
-@click.option("--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax.")
+@click.option(
+    "--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax."
+)
 @add_options(RenderingOptions, "rendering")
 @add_options(HousingOptions, "housing")
 @output_option("--panorama", formats=IMAGE_FORMATS, help="Write a panorama of the light as well.")
-@output_option("-o", "--output", formats=IMAGE_FORMATS, required=True, help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.")
+@output_option(
+    "-o",
+    "--output",
+    formats=IMAGE_FORMATS,
+    required=True,
+    help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.",
+)
 @format_option(IMAGE_FORMATS)
-def image(sensor: str, scene: SceneOptions, mirror_pose: Pose | None, trajectory: TrajectoryOptions, distant: bool, rendering: RenderingOptions, housing: HousingOptions, panorama: Path | None, output: Path) -> None:
+def image(
+    sensor: str,
+    scene: SceneOptions,
+    mirror_pose: Pose | None,
+    trajectory: TrajectoryOptions,
+    distant: bool,
+    rendering: RenderingOptions,
+    housing: HousingOptions,
+    panorama: Path | None,
+    output: Path,
+) -> None:
     """Render the image, or the video, that SENSOR would capture of a scene.
 
     SENSOR is a sensor, or a calibrated camera, which is rendered without blur.
@@ -76,7 +125,12 @@ def image(sensor: str, scene: SceneOptions, mirror_pose: Pose | None, trajectory
     """
     loaded_scene, camera = scene.source().load(), housing.on(load_camera(sensor))
     if trajectory.path is not None:
-        still_image_options = {"mirror_pose": mirror_pose, "panorama": panorama, **rendering.subset(*IMAGE_ONLY), "distant": distant or None}
+        still_image_options = {
+            "mirror_pose": mirror_pose,
+            "panorama": panorama,
+            **rendering.subset(*IMAGE_ONLY),
+            "distant": distant or None,
+        }
         if given := [name for name, value in still_image_options.items() if value is not None]:
             raise click.UsageError(f"{flag(given[0])} requires an image, without --path")
         _render_video(camera, loaded_scene, output, trajectory, rendering)
@@ -89,24 +143,44 @@ def image(sensor: str, scene: SceneOptions, mirror_pose: Pose | None, trajectory
     _render_image(camera, DistantScene(posed) if distant else posed, output, rendering, panorama)
 
 
-def _render_image(camera: AnyCamera, scene: Scene, output: Path, rendering: RenderingOptions, panorama: Path | None = None) -> None:
+def _render_image(
+    camera: AnyCamera,
+    scene: Scene,
+    output: Path,
+    rendering: RenderingOptions,
+    panorama: Path | None = None,
+) -> None:
     """Render the image, convert it to the output format, and write it with the panorama of its
     light.
     """
     kind = format_of(output)
     is_light = "float32" in kind.depths and "uint8" not in kind.depths
     if is_light and (given := [name for name in rendering.subset(*DETECTOR) if name != "exposure"]):
-        raise click.UsageError(f"{flag(given[0])} requires an integer image format; {output.suffix} files contain linear light")
+        raise click.UsageError(
+            f"{flag(given[0])} requires an integer image format; {output.suffix} files contain linear light"
+        )
     detector, radiometry = rendering.detector(), rendering.radiometry()
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
-        raise click.UsageError(f"--bits must be at most 8 for {output.suffix}; got {detector.bits}; use .png or .tif")
+        raise click.UsageError(
+            f"--bits must be at most 8 for {output.suffix}; got {detector.bits}; use .png or .tif"
+        )
     if output.suffix.lower() == ".exr":
         from ....io.exr import check_exr_can_be_written
 
         check_exr_can_be_written(output)
     readout = None if is_light or panorama is not None else Readout(detector, rendering.seed)
     with percentage_bar("Rendering") as progress:
-        light = render_light(camera, scene, LIGHT if readout is None else readout.conversion, samples=rendering.samples, blur=rendering.is_blurred(camera), radiometry=radiometry, seed=rendering.seed, on_progress=progress, wavelengths_nm=rendering.wavelengths_nm)
+        light = render_light(
+            camera,
+            scene,
+            LIGHT if readout is None else readout.conversion,
+            samples=rendering.samples,
+            blur=rendering.is_blurred(camera),
+            radiometry=radiometry,
+            seed=rendering.seed,
+            on_progress=progress,
+            wavelengths_nm=rendering.wavelengths_nm,
+        )
     if readout is not None:
         write_image(output, readout.digital_values(light))
     elif not is_light:
@@ -117,10 +191,14 @@ def _render_image(camera: AnyCamera, scene: Scene, output: Path, rendering: Rend
     width, height = camera.image_size
     print_line(f"{display_name(output)}: {width} x {height} px, {rendering.samples} rays per pixel")
     if panorama is not None:
-        _write_panorama(camera, Detector(exposure=1.0 if is_light else detector.exposure).read(light), panorama)
+        _write_panorama(
+            camera, Detector(exposure=1.0 if is_light else detector.exposure).read(light), panorama
+        )
 
 
-def _write_light(output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None) -> None:
+def _write_light(
+    output: Path, camera: AnyCamera, scene: Scene, light: Light, radiometry: Radiometry | None
+) -> None:
     if output.suffix.lower() == ".exr":
         from ....simulation.datasets import write_truth
 
@@ -135,10 +213,18 @@ def _write_panorama(camera: AnyCamera, image: Any, output: Path) -> None:
     dewarp = Dewarper(camera, views.panorama(camera), "cubic")
     panorama = dewarp(image)
     write_image(output, panorama)
-    print_line(f"{display_name(output)}: {dewarp.view}, {panorama.shape[1]} x {panorama.shape[0]} px")
+    print_line(
+        f"{display_name(output)}: {dewarp.view}, {panorama.shape[1]} x {panorama.shape[0]} px"
+    )
 
 
-def _render_video(camera: AnyCamera, scene: Scene, output: Path, trajectory: TrajectoryOptions, rendering: RenderingOptions) -> None:
+def _render_video(
+    camera: AnyCamera,
+    scene: Scene,
+    output: Path,
+    trajectory: TrajectoryOptions,
+    rendering: RenderingOptions,
+) -> None:
     from ....simulation.simulated_video import load_path, write_video
 
     assert trajectory.path is not None
@@ -163,7 +249,8 @@ def _render_video(camera: AnyCamera, scene: Scene, output: Path, trajectory: Tra
                 blur=rendering.is_blurred(camera),
                 radiometry=rendering.radiometry(),
                 detector=rendering.detector(),
-                seed=rendering.seed, on_frame=on_frame,
+                seed=rendering.seed,
+                on_frame=on_frame,
             )
         except KeyboardInterrupt:
             _report_interruption(output, done, "frames")
@@ -178,17 +265,49 @@ def _report_interruption(output: Path, done: int, what: str) -> None:
     print_notice(f"{output} {state}")
 
 
-@command.command("dataset", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",))
+@command.command(
+    "dataset",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=(
+        "omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",
+    ),
+)
 @click.argument("sensor", type=SENSOR, required=False)
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
-@click.option("--reproduce", type=click.Path(path_type=Path), metavar="dataset.json", help="Reproduce a dataset: its sensor and options, no others.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Output folder.",
+)
+@click.option(
+    "--reproduce",
+    type=click.Path(path_type=Path),
+    metavar="dataset.json",
+    help="Reproduce a dataset: its sensor and options, no others.",
+)
 @click.option("--views", type=INTEGER, help="Number of images of the hall.  [default: 12]")
 @add_options(TrajectoryOptions, "trajectory")
-@click.option("--truth", is_flag=True, help="Write an EXR file with light, depth and directions for each image or frame.")
+@click.option(
+    "--truth",
+    is_flag=True,
+    help="Write an EXR file with light, depth and directions for each image or frame.",
+)
 @add_options(SceneOptions, "scene")
 @add_options(RenderingOptions, "rendering")
 @add_options(HousingOptions, "housing")
-def dataset(sensor: str | None, output: Path, reproduce: Path | None, views: int | None, trajectory: TrajectoryOptions, truth: bool, scene: SceneOptions, rendering: RenderingOptions, housing: HousingOptions) -> None:
+def dataset(
+    sensor: str | None,
+    output: Path,
+    reproduce: Path | None,
+    views: int | None,
+    trajectory: TrajectoryOptions,
+    truth: bool,
+    scene: SceneOptions,
+    rendering: RenderingOptions,
+    housing: HousingOptions,
+) -> None:
     """Write a calibration dataset, or with --path a video dataset, of SENSOR.
 
     A calibration dataset contains images of the checkerboards of the hall from many poses.
@@ -209,7 +328,9 @@ def dataset(sensor: str | None, output: Path, reproduce: Path | None, views: int
     elif sensor is None:
         raise click.UsageError("SENSOR or --reproduce dataset.json must be given")
     else:
-        recipe = _new_recipe(lambda: housing.on(load_camera(sensor)), views, trajectory, truth, scene, rendering)
+        recipe = _new_recipe(
+            lambda: housing.on(load_camera(sensor)), views, trajectory, truth, scene, rendering
+        )
     if isinstance(recipe, VideoRecipe):
         _write_video_dataset(output, recipe)
     else:
@@ -227,31 +348,61 @@ def _existing_recipe(dataset: Path) -> CalibrationRecipe | VideoRecipe:
         source = context.get_parameter_source(name)
         if name not in ("reproduce", "output") and source == click.core.ParameterSource.COMMANDLINE:
             what = "SENSOR" if name == "sensor" else flag(name)
-            raise click.UsageError(f"{what} and --reproduce must not be given together; {dataset} contains all settings")
+            raise click.UsageError(
+                f"{what} and --reproduce must not be given together; {dataset} contains all settings"
+            )
     manifest, installed = load_recipe(dataset), version("omnimirror")
     if manifest.created_with != installed:
-        print_notice(f"{dataset} was written by omnimirror {manifest.created_with}; the files of {installed} may differ")
+        print_notice(
+            f"{dataset} was written by omnimirror {manifest.created_with}; the files of {installed} may differ"
+        )
     return manifest.recipe
 
 
-def _new_recipe(sensor: Callable[[], AnyCamera], views: int | None, trajectory: TrajectoryOptions, truth: bool, scene: SceneOptions, rendering: RenderingOptions) -> CalibrationRecipe | VideoRecipe:
+def _new_recipe(
+    sensor: Callable[[], AnyCamera],
+    views: int | None,
+    trajectory: TrajectoryOptions,
+    truth: bool,
+    scene: SceneOptions,
+    rendering: RenderingOptions,
+) -> CalibrationRecipe | VideoRecipe:
     """Return the recipe of the dataset for the options."""
     from ....simulation.dataset_manifest import CalibrationRecipe, VideoRecipe
 
     if rendering.wavelengths_nm is not None:
         raise click.UsageError("--wavelengths-nm requires a single image, not a dataset")
-    common: dict[str, Any] = {"samples": rendering.samples, "blur": rendering.wants_blur, "seed": rendering.seed, "radiometry": rendering.radiometry(), "detector": rendering.detector(), "truth": truth}
+    common: dict[str, Any] = {
+        "samples": rendering.samples,
+        "blur": rendering.wants_blur,
+        "seed": rendering.seed,
+        "radiometry": rendering.radiometry(),
+        "detector": rendering.detector(),
+        "truth": truth,
+    }
     if trajectory.path is None:
         source = click.get_current_context().get_parameter_source("scene")
         is_named = source == click.core.ParameterSource.COMMANDLINE
-        if given := [name for name in (*scene.given, *trajectory.given) if name != "scene" or is_named]:
-            raise click.UsageError(f"{flag(given[0])} requires a video dataset with --path; the calibration dataset has a fixed scene")
+        if given := [
+            name for name in (*scene.given, *trajectory.given) if name != "scene" or is_named
+        ]:
+            raise click.UsageError(
+                f"{flag(given[0])} requires a video dataset with --path; the calibration dataset has a fixed scene"
+            )
         return CalibrationRecipe(sensor=sensor(), views=12 if views is None else views, **common)
     from ....simulation.simulated_video import load_path
 
     if given := [*["views"] * (views is not None), *rendering.subset("bits", "bayer")]:
         raise click.UsageError(f"{flag(given[0])} requires a calibration dataset, without --path")
-    return VideoRecipe(sensor=sensor(), scene=scene.source(), path=load_path(trajectory.path), bodies=trajectory.moving(), frame_rate=trajectory.frame_rate, duration_s=trajectory.duration_s, **common)
+    return VideoRecipe(
+        sensor=sensor(),
+        scene=scene.source(),
+        path=load_path(trajectory.path),
+        bodies=trajectory.moving(),
+        frame_rate=trajectory.frame_rate,
+        duration_s=trajectory.duration_s,
+        **common,
+    )
 
 
 def _write_calibration_dataset(output: Path, recipe: CalibrationRecipe) -> None:
@@ -295,15 +446,36 @@ class ShardOptions(Options):
     per_shard: int = option(type=INTEGER, default=100, help="Samples per tar file.")
 
 
-@command.command("training", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate training paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",))
+@command.command(
+    "training",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=(
+        "omnimirror simulate training paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",
+    ),
+)
 @click.argument("sensor", type=SENSOR)
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Output folder.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Output folder.",
+)
 @add_options(TrajectoryOptions, "trajectory")
 @add_options(ShardOptions, "storage")
 @add_options(SceneOptions, "scene")
 @add_options(RenderingOptions, "rendering")
 @add_options(HousingOptions, "housing")
-def training(sensor: str, output: Path, trajectory: TrajectoryOptions, storage: ShardOptions, scene: SceneOptions, rendering: RenderingOptions, housing: HousingOptions) -> None:
+def training(
+    sensor: str,
+    output: Path,
+    trajectory: TrajectoryOptions,
+    storage: ShardOptions,
+    scene: SceneOptions,
+    rendering: RenderingOptions,
+    housing: HousingOptions,
+) -> None:
     """Write a training dataset: images of SENSOR along a --path, with ground truth for each pixel.
 
     The dataset consists of WebDataset shards, tar files in which each frame has an image, its pose,
@@ -317,7 +489,11 @@ def training(sensor: str, output: Path, trajectory: TrajectoryOptions, storage: 
         raise click.UsageError("a training dataset requires --path")
     if rendering.wavelengths_nm is not None:
         raise click.UsageError("--wavelengths-nm requires a single image, not a dataset")
-    camera, path, bodies = (housing.on(load_camera(sensor)), load_path(trajectory.path), trajectory.moving())
+    camera, path, bodies = (
+        housing.on(load_camera(sensor)),
+        load_path(trajectory.path),
+        trajectory.moving(),
+    )
     with percentage_bar("Rendering frames") as progress:
         try:
             shards = write_training_dataset(
@@ -332,7 +508,8 @@ def training(sensor: str, output: Path, trajectory: TrajectoryOptions, storage: 
                 blur=rendering.is_blurred(camera),
                 radiometry=rendering.radiometry(),
                 detector=rendering.detector(),
-                seed=rendering.seed, on_progress=progress,
+                seed=rendering.seed,
+                on_progress=progress,
                 **storage.given,
             )
         except KeyboardInterrupt:
@@ -348,11 +525,18 @@ class RoundTripRendering(Options):
     samples: int = option("--samples", "--spp", type=INTEGER, default=16, help="Rays per pixel.")
 
 
-@command.command("roundtrip", cls=DocumentedCommand, page="simulate", examples=("omnimirror simulate roundtrip paper-spherical paper-hyperboloidal",))
+@command.command(
+    "roundtrip",
+    cls=DocumentedCommand,
+    page="simulate",
+    examples=("omnimirror simulate roundtrip paper-spherical paper-hyperboloidal",),
+)
 @click.argument("sensors", type=SENSOR, nargs=-1, metavar="[SENSOR...]")
 @add_options(RoundTripRendering, "rendering")
 @json_option()
-def roundtrip(sensors: tuple[str, ...], rendering: RoundTripRendering, json_file: Path | None) -> None:
+def roundtrip(
+    sensors: tuple[str, ...], rendering: RoundTripRendering, json_file: Path | None
+) -> None:
     """Render a wall of the room at 800 mm, dewarp it, and compare it with a pinhole camera.
 
     The table contains the PSNR (dB, sRGB) of the sharp image dewarped exactly, with pixels of half
@@ -362,7 +546,9 @@ def roundtrip(sensors: tuple[str, ...], rendering: RoundTripRendering, json_file
     """
     from ....simulation.round_trip import measure_round_trip
 
-    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + ["due to blur\n%"]
+    heads = [f"{heading}\ndB" for heading in ("exact", "half pixels", "blurred", "single")] + [
+        "due to blur\n%"
+    ]
     heads += [f"shift, {heading}\npx" for heading in ("exact", "single", "Eq. 23")]
     table = plain_table("sensor", *heads, text_columns=("sensor",))
     console = output_console()
@@ -379,7 +565,10 @@ def roundtrip(sensors: tuple[str, ...], rendering: RoundTripRendering, json_file
         records.append({"sensor": name, "blur_share": result.blur_share} | asdict(result))
         decibels = (result.exact_db, result.finer_db, result.blurred_db, result.single_db)
         numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * result.blur_share:.0f}"]
-        numbers += [f"{np.abs(s).max():.2f}" for s in (result.exact_px, result.single_px, result.predicted_px)]
+        numbers += [
+            f"{np.abs(s).max():.2f}"
+            for s in (result.exact_px, result.single_px, result.predicted_px)
+        ]
         table.add_row(name, *("-" if number == "nan" else number for number in numbers))
     console.print(table)
     if json_file:

@@ -17,12 +17,30 @@ from ....manufacturing.tolerancing.monte_carlo import format_motion
 from ....manufacturing.tolerancing.perturbation import GRADES
 from ....manufacturing.tolerancing.requirement_merits import is_lower_limit, is_requirement_merit
 from ....manufacturing.tolerancing.sweep import FULL_SWEEP, SHARD_TRIALS, Sweep
-from ....manufacturing.tolerancing.tolerance_analysis import ToleranceReport, TypicalSensor, tolerance, typical_sensors, with_requirements
-from ....manufacturing.tolerancing.tolerance_file import TolerancePlan, load_tolerances, tolerance_template
+from ....manufacturing.tolerancing.tolerance_analysis import (
+    ToleranceReport,
+    TypicalSensor,
+    tolerance,
+    typical_sensors,
+    with_requirements,
+)
+from ....manufacturing.tolerancing.tolerance_file import (
+    TolerancePlan,
+    load_tolerances,
+    tolerance_template,
+)
 from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand, Options, add_options, flag, option
 from .._option_types import NUMBER, SENSOR, IntegerRange
-from .._output import json_option, output_console, output_option, plain_table, print_line, print_written, progress_bar
+from .._output import (
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_line,
+    print_written,
+    progress_bar,
+)
 
 INIT = "init"
 SHARDS = "trials"
@@ -36,11 +54,27 @@ class TrialOptions(Options):
 
     trials: int = option(default=10_000, type=IntegerRange(1), help="Number of Monte Carlo trials.")
     seed: int = option(default=0, type=IntegerRange(0), help="Random seed.")
-    target_yield: float | None = option("--yield", type=NUMBER, metavar="YIELD", help="Target yield, for example 0.95; allocates tolerances at minimum cost.")
-    merits: tuple[str, ...] = option("--merit", default=(), multiple=True, metavar="NAME=LIMIT", help="Limit instead of those of the file, 'motion_px after pose=0.5' or 'min aspect, 20 to 90 deg=0.8' (repeatable).")
-    requirements: str | None = option(metavar="FILE", help="Requirement file with limits and object distance, instead of those of TOLERANCES.")
+    target_yield: float | None = option(
+        "--yield",
+        type=NUMBER,
+        metavar="YIELD",
+        help="Target yield, for example 0.95; allocates tolerances at minimum cost.",
+    )
+    merits: tuple[str, ...] = option(
+        "--merit",
+        default=(),
+        multiple=True,
+        metavar="NAME=LIMIT",
+        help="Limit instead of those of the file, 'motion_px after pose=0.5' or 'min aspect, 20 to 90 deg=0.8' (repeatable).",
+    )
+    requirements: str | None = option(
+        metavar="FILE",
+        help="Requirement file with limits and object distance, instead of those of TOLERANCES.",
+    )
 
-    variance: bool = option(default=False, is_flag=True, help="Compute Sobol indices of the limited merits by error.")
+    variance: bool = option(
+        default=False, is_flag=True, help="Compute Sobol indices of the limited merits by error."
+    )
 
     def plan(self, plan: TolerancePlan) -> TolerancePlan:
         """Return the plan with the limits of the options."""
@@ -56,9 +90,17 @@ class TrialOptions(Options):
 class SweepOptions(Options):
     """Storage of trials in shards, and their execution."""
 
-    part: str | None = option(metavar="I/N", help="Compute the I-th of N parts; run without this option to combine all parts.")
-    scheduler: str | None = option(metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials.")
-    shard_trials: int | None = option(type=IntegerRange(1), help=f"Trials per shard; larger runs are stored in DIR/{SHARDS}.  [default: {SHARD_TRIALS}]")
+    part: str | None = option(
+        metavar="I/N",
+        help="Compute the I-th of N parts; run without this option to combine all parts.",
+    )
+    scheduler: str | None = option(
+        metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials."
+    )
+    shard_trials: int | None = option(
+        type=IntegerRange(1),
+        help=f"Trials per shard; larger runs are stored in DIR/{SHARDS}.  [default: {SHARD_TRIALS}]",
+    )
 
     def of(self, trials: int, out: Path | None) -> Sweep | None:
         """Return the storage of the trials; None for a single shard without options."""
@@ -69,21 +111,62 @@ class SweepOptions(Options):
             return None
         if trials <= size and not self.changed:
             return None
-        return Sweep(out / SHARDS, FULL_SWEEP if self.part is None else _part(self.part), self.scheduler, size)
+        return Sweep(
+            out / SHARDS,
+            FULL_SWEEP if self.part is None else _part(self.part),
+            self.scheduler,
+            size,
+        )
 
 
-@click.command(cls=DocumentedCommand, page="tolerance", examples=("omnimirror tolerance init paper-spherical", "omnimirror tolerance paper-spherical tolerances.toml --trials 20000"))
+@click.command(
+    cls=DocumentedCommand,
+    page="tolerance",
+    examples=(
+        "omnimirror tolerance init paper-spherical",
+        "omnimirror tolerance paper-spherical tolerances.toml --trials 20000",
+    ),
+)
 @click.argument("sensor", type=SENSOR)
 @click.argument("tolerances", required=False)
 @add_options(TrialOptions, "options")
 @add_options(SweepOptions, "storage")
-@click.option("--grade", type=click.Choice(GRADES), default="medium", show_default=True, help="Manufacturing grade; with init.")
+@click.option(
+    "--grade",
+    type=click.Choice(GRADES),
+    default="medium",
+    show_default=True,
+    help="Manufacturing grade; with init.",
+)
 @click.option("--force", is_flag=True, help="Overwrite an existing file; with init.")
-@click.option("-o", "--output", "out", type=click.Path(path_type=Path, file_okay=False), help="Folder for charts, numbers and trials of long runs; repeating the command continues a run.")
-@click.option("--save-trials", is_flag=True, help="Write sensors at the 5, 50 and 95 % quantiles of the first limit, or of motion_px, with images to --output.")
-@output_option("--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer.")
+@click.option(
+    "-o",
+    "--output",
+    "out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for charts, numbers and trials of long runs; repeating the command continues a run.",
+)
+@click.option(
+    "--save-trials",
+    is_flag=True,
+    help="Write sensors at the 5, 50 and 95 % quantiles of the first limit, or of motion_px, with images to --output.",
+)
+@output_option(
+    "--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer."
+)
 @json_option("Write all numbers.")
-def command(sensor: str, tolerances: str | None, options: TrialOptions, storage: SweepOptions, grade: str, force: bool, out: Path | None, save_trials: bool, report_file: Path | None, json_file: Path | None) -> None:
+def command(
+    sensor: str,
+    tolerances: str | None,
+    options: TrialOptions,
+    storage: SweepOptions,
+    grade: str,
+    force: bool,
+    out: Path | None,
+    save_trials: bool,
+    report_file: Path | None,
+    json_file: Path | None,
+) -> None:
     """Run a tolerance analysis of SENSOR with the TOML file TOLERANCES and predict the
     manufacturing yield.
 
@@ -108,14 +191,31 @@ def command(sensor: str, tolerances: str | None, options: TrialOptions, storage:
     console, sweep = output_console(), storage.of(options.trials, out)
     with progress_bar(console) as bar:
         task = bar.add_task("Simulating", total=options.trials)
-        report = tolerance(nominal, plan, trials=options.trials, seed=options.seed, target_yield=options.target_yield, variance=options.variance, sweep=sweep, on_progress=lambda done, all_: bar.update(task, completed=done, total=all_), on_warning=lambda message: print_line(message, console=console))
+        report = tolerance(
+            nominal,
+            plan,
+            trials=options.trials,
+            seed=options.seed,
+            target_yield=options.target_yield,
+            variance=options.variance,
+            sweep=sweep,
+            on_progress=lambda done, all_: bar.update(task, completed=done, total=all_),
+            on_warning=lambda message: print_line(message, console=console),
+        )
     merit = next(iter(report.plan.limits), "motion_px")
-    typical = typical_sensors(nominal, report.plan, merit, trials=options.trials, seed=options.seed) if save_trials else []
+    typical = (
+        typical_sensors(nominal, report.plan, merit, trials=options.trials, seed=options.seed)
+        if save_trials
+        else []
+    )
     _print(console, report)
     if sweep is not None:
         print_line(f"\nTrials stored in {sweep.folder}", console=console)
         if not sweep.is_whole:  # charts require all trials
-            print_line(f"Part {storage.part} completed; when all parts are done, run without --part to combine them", console=console)
+            print_line(
+                f"Part {storage.part} completed; when all parts are done, run without --part to combine them",
+                console=console,
+            )
             out = None
     written = _write(report, out, json_file)
     if report_file is not None:
@@ -134,7 +234,9 @@ def _init(name: str | None, grade: str, force: bool) -> None:
     if path.exists() and not (force or is_stream(path)):
         raise OmnimirrorError(f"{path} already exists; rename it or use --force to overwrite it")
     write_text(path, tolerance_template(load_sensor(name), grade))
-    print_line(f"Wrote {path}; edit it, then run: omnimirror tolerance {shell_command([name, path])}")
+    print_line(
+        f"Wrote {path}; edit it, then run: omnimirror tolerance {shell_command([name, path])}"
+    )
 
 
 def _limit(words: str) -> tuple[str, float]:
@@ -143,7 +245,9 @@ def _limit(words: str) -> tuple[str, float]:
     try:
         return name.strip(), float(value)
     except ValueError:
-        raise InvalidParameter(f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {words!r}") from None
+        raise InvalidParameter(
+            f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {words!r}"
+        ) from None
 
 
 def _part(words: str) -> tuple[int, int]:
@@ -160,25 +264,45 @@ def _print(console: Console, report: ToleranceReport) -> None:
     lost = f", {statistics.lost} lose rays" if statistics.lost else ""
     console.print(f"{statistics.trials} trials{lost}; seed {report.seed}\n")
     table = plain_table("merit", "limit", "median", "95 %", "99 %", "good %")
-    usual = (*(after("motion_px", depth) for depth in CALIBRATIONS), "direction_error_deg", "blur_px")
+    usual = (
+        *(after("motion_px", depth) for depth in CALIBRATIONS),
+        "direction_error_deg",
+        "blur_px",
+    )
     for name in (*usual, *(name for name in statistics.limits if name not in usual)):
         limit = statistics.limits.get(name)
-        good = "" if limit is None else f"{100 * statistics.passed_each[name] / statistics.trials:.1f}"
+        good = (
+            "" if limit is None else f"{100 * statistics.passed_each[name] / statistics.trials:.1f}"
+        )
         digits = 6 if is_requirement_merit(name) else 3  # more digits: these merits may vary little
         values = [f"{statistics.quantile(name, share):.{digits}g}" for share in (0.5, 0.95, 0.99)]
         side = "" if limit is None else f"{'≥' if is_lower_limit(name) else '≤'} {limit:g}"
         table.add_row(name, side, *values, good)
     console.print(table)
-    console.print(f"\nyield {100 * of.value:.2f} % (95 % confidence: {100 * of.low:.2f} to {100 * of.high:.2f} %)\n")
-    table = plain_table("single error", "tolerance", "motion px", "after affine", "after pose", "max. tolerance")
+    console.print(
+        f"\nyield {100 * of.value:.2f} % (95 % confidence: {100 * of.low:.2f} to {100 * of.high:.2f} %)\n"
+    )
+    table = plain_table(
+        "single error", "tolerance", "motion px", "after affine", "after pose", "max. tolerance"
+    )
     ranked = sorted(report.sensitivities, key=lambda row: -row.merits["motion_px"])
     for row in ranked[:MAX_ROWS]:
-        motions = [format_motion(row.merits[after("motion_px", depth)]) for depth in ("none", "affine", "pose")]
+        motions = [
+            format_motion(row.merits[after("motion_px", depth)])
+            for depth in ("none", "affine", "pose")
+        ]
         alone = min(row.max_tolerance.values(), default=float("nan"))
-        table.add_row(row.name, f"{row.tolerance:.3g}", *motions, "any" if alone == float("inf") else f"{alone:.3g}")
+        table.add_row(
+            row.name,
+            f"{row.tolerance:.3g}",
+            *motions,
+            "any" if alone == float("inf") else f"{alone:.3g}",
+        )
     console.print(table)
     if len(ranked) > MAX_ROWS:
-        console.print(f"... and {len(ranked) - MAX_ROWS} smaller ones; use --json or --output for all")
+        console.print(
+            f"... and {len(ranked) - MAX_ROWS} smaller ones; use --json or --output for all"
+        )
     _print_variance(console, report)
     _print_allocation(console, report)
 
@@ -191,7 +315,10 @@ def _print_variance(console: Console, report: ToleranceReport) -> None:
         table = plain_table("error or group", "first order %", "total %", "+-")
         for name, share in sorted(shares.items(), key=lambda item: -item[1].total)[:MAX_ROWS]:
             label = f"{name} ({len(variance.groups[name])})" if name in variance.groups else name
-            table.add_row(label, *(f"{100 * v:.1f}" for v in (share.first, share.total, 2 * share.total_error)))
+            table.add_row(
+                label,
+                *(f"{100 * v:.1f}" for v in (share.first, share.total, 2 * share.total_error)),
+            )
         console.print(table)
 
 
@@ -199,17 +326,23 @@ def _print_allocation(console: Console, report: ToleranceReport) -> None:
     if (allocation := report.allocation) is None:
         return
     of = allocation.confirmed_yield
-    console.print(f"\nallocated tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to {100 * of.high:.2f} %) of {allocation.trials} independent trials\ncost {allocation.cost:.4g}; {allocation.uniform_cost:.4g} with uniform scaling\n")
+    console.print(
+        f"\nallocated tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to {100 * of.high:.2f} %) of {allocation.trials} independent trials\ncost {allocation.cost:.4g}; {allocation.uniform_cost:.4g} with uniform scaling\n"
+    )
     table = plain_table("error", "initial", "allocated", "factor")
     for name, value in allocation.tolerances.items():
         initial = report.plan.tolerances.errors[name].value
         table.add_row(name, f"{initial:.3g}", f"{value:.3g}", f"{value / initial:.2g}")
     console.print(table)
     if allocation.at_maximum:
-        console.print(f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(allocation.at_maximum)}")
+        console.print(
+            f"\nat their maximum (max_tolerance, or the coarse grade): {', '.join(allocation.at_maximum)}"
+        )
 
 
-def _write_typical(typical: list[TypicalSensor], merit: str, out: Path, console: Console) -> list[Path]:
+def _write_typical(
+    typical: list[TypicalSensor], merit: str, out: Path, console: Console
+) -> list[Path]:
     from ....io.images import write_image
     from ....optics.sensor_files import save_sensor
     from ....simulation.rendering import render_image
@@ -240,7 +373,11 @@ def _write(report: ToleranceReport, out: Path | None, json_file: Path | None) ->
             save_figure(curves(report.statistics), out / "yield.svg")
             if report.variance is not None:
                 save_figure(plot_variance(report.variance), out / "variance.svg")
-        charts = ("tornado.svg", "yield.svg", *(() if report.variance is None else ("variance.svg",)))
+        charts = (
+            "tornado.svg",
+            "yield.svg",
+            *(() if report.variance is None else ("variance.svg",)),
+        )
         written += [out / name for name in ("tolerance.json", *charts)]
     if json_file is not None:
         write_json(json_file, report.to_dict())

@@ -19,12 +19,25 @@ if TYPE_CHECKING:
     from ...studio._server_state import Studio
 
 
-@click.command(cls=DocumentedCommand, page="studio", examples=("omnimirror view /dev/video0 --sensor mine.toml", "omnimirror view room.mp4 --sensor mine.toml", "omnimirror view rtsp://door/1 rtsp://yard/1 --sensor mine.toml"))
+@click.command(
+    cls=DocumentedCommand,
+    page="studio",
+    examples=(
+        "omnimirror view /dev/video0 --sensor mine.toml",
+        "omnimirror view room.mp4 --sensor mine.toml",
+        "omnimirror view rtsp://door/1 rtsp://yard/1 --sensor mine.toml",
+    ),
+)
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @add_options(CameraOptions, "camera")
 @add_options(OrientationOptions, "orientation")
 @add_options(ServerOptions, "server")
-def command(sources: tuple[str, ...], camera: CameraOptions, orientation: OrientationOptions, server: ServerOptions) -> None:
+def command(
+    sources: tuple[str, ...],
+    camera: CameraOptions,
+    orientation: OrientationOptions,
+    server: ServerOptions,
+) -> None:
     """View each SOURCE in the browser.
 
     SOURCE is an image, a video file, or a camera or stream (/dev/video0, rtsp://...); the page
@@ -39,7 +52,12 @@ def command(sources: tuple[str, ...], camera: CameraOptions, orientation: Orient
 
         live = [source for source in sources if _is_live(source)]
         known = _known(sources[0], camera, orientation) if camera.given else None
-        return Studio(Sources(sources, server.folders, live), known, stored_orientation=orientation.stored_orientation, on_note=orientation_remark)
+        return Studio(
+            Sources(sources, server.folders, live),
+            known,
+            stored_orientation=orientation.stored_orientation,
+            on_note=orientation_remark,
+        )
 
     run_studio(make, server)
 
@@ -63,7 +81,9 @@ def _known(source: str, options: CameraOptions, orientation: OrientationOptions)
 
     size = (1024, 1024)
     if options.ball is not None and not is_video(source):
-        height, width = read_image(source, stored_orientation=orientation.stored_orientation).shape[:2]
+        height, width = read_image(source, stored_orientation=orientation.stored_orientation).shape[
+            :2
+        ]
         size = (width, height)
     name, arguments = options.command_words()
     camera = options.camera(size)
