@@ -86,7 +86,8 @@ def main() -> None:
 def corners(_: Path | None) -> str:
     """Return a table of corner detection errors."""
     rows = [
-        "| squares | blur, noise, JPEG quality | corners found | RMS px in two dimensions | along the radius px | `cornerSubPix` RMS px, along the radius px |",
+        "| squares | blur, noise, JPEG quality | corners found | RMS px in two dimensions "
+        "| along the radius px | `cornerSubPix` RMS px, along the radius px |",
         "|---|---|---|---|---|---|",
     ]
     for taken in CONDITIONS:
@@ -95,7 +96,9 @@ def corners(_: Path | None) -> str:
         )
         low, high = np.percentile(spacings, [5, 95])
         rows.append(
-            f"| {low:.0f} to {high:.0f} px | {taken.blur_px:g} px, {taken.noise:g} of 255, {taken.quality} | {len(ours)} of {looked_for.sum():.0f} | {_rms(ours):.3f} | {ours[:, 2].mean():+.3f} | {_rms(theirs):.3f}, {theirs[:, 2].mean():+.3f} |"
+            f"| {low:.0f} to {high:.0f} px | {taken.blur_px:g} px, {taken.noise:g} of 255, "
+            f"{taken.quality} | {len(ours)} of {looked_for.sum():.0f} | {_rms(ours):.3f} | "
+            f"{ours[:, 2].mean():+.3f} | {_rms(theirs):.3f}, {theirs[:, 2].mean():+.3f} |"
         )
     return "\n".join(rows)
 

@@ -268,7 +268,10 @@ def main() -> None:
                         visited(browser, address, person, folder, arguments.pictures, screen, theme)
         version = browser.version
         browser.close()
-    head = f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} without a graphics card.{load}"
+    head = (
+        f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} "
+        f"without a graphics card.{load}"
+    )
     lines = [
         "# First minutes",
         "",

@@ -428,7 +428,10 @@ def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, environme
     assert "cannot load a mirror 'broken' of bowls (bowls:NotThere): module 'bowls'" in run.stderr
     assert len(run.stderr.splitlines()) == 1
     assert 'kind = "bowl"' in (tmp_path / "new.toml").read_text()
-    form = "from omnimirror.apps.studio._bench_sensors import bench_start; print([m.kind for m in bench_start().mirrors])"
+    form = (
+        "from omnimirror.apps.studio._bench_sensors import bench_start; print([m.kind for m in "
+        "bench_start().mirrors])"
+    )
     run = subprocess.run(
         [sys.executable, "-c", form], env=environment, capture_output=True, text=True
     )

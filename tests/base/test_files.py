@@ -318,7 +318,8 @@ def test_commands_reject_pipes_and_devices(kind, tmp_path):
         f'[mirror]\nkind = "sampled"\nprofile_csv = "{endless}"\n[lens]\n[imager]\n'
     )
     (tmp_path / "w.toml").write_text(
-        f'[field]\nomega_max_deg = 90\n[mirror]\nmapping_csv = "{endless}"\nrim_radius_mm = 40\n[lens]\ntheta_max_deg = 12\n'
+        f'[field]\nomega_max_deg = 90\n[mirror]\nmapping_csv = "{endless}"\nrim_radius_mm '
+        "= 40\n[lens]\ntheta_max_deg = 12\n"
     )
     (tmp_path / "m.toml").write_text(f'[[measured]]\nname = "a"\nfile = "{named(".x3p")}"\n')
     (tmp_path / "p.toml").write_text(f'[[lens]]\nname = "a"\nfile = "{named(".zmx")}"\n')
@@ -408,7 +409,10 @@ def test_pipes_and_devices_are_written_directly(tmp_path):
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
 def test_standard_output_continues_at_its_position(name, tmp_path):
-    script = f"from omnimirror.base.files import write_text; print('before'); write_text({name!r}, 'rows'); print('after')"
+    script = (
+        f"from omnimirror.base.files import write_text; print('before'); write_text({name!r}, "
+        "'rows'); print('after')"
+    )
     with (tmp_path / "log").open("w") as log:
         log.write("earlier ")
         log.flush()

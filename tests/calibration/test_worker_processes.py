@@ -160,7 +160,8 @@ def test_unguarded_script_can_use_workers(tmp_path):
     """A script that multiprocessing would restart in each of its processes."""
     script = tmp_path / "script.py"
     script.write_text(
-        "import omnimirror.calibration._worker_processes as h\nh.usable_cores = lambda: 2\nwith h.WorkerPool() as spread:\n    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
+        "import omnimirror.calibration._worker_processes as h\nh.usable_cores = lambda: 2\n"
+        "with h.WorkerPool() as spread:\n    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
     )
     run = subprocess.run([sys.executable, script], capture_output=True, text=True)
     assert (run.stdout, run.stderr, run.returncode) == ("[(3, 1), (2, 1)]\n", "", 0)

@@ -191,7 +191,8 @@ def test_the_ellipsoid_left_free_is_the_sharpest_of_its_family():
 def test_a_telecentric_lens_is_as_wide_as_the_mirror():
     design = design_sensor(
         parse_requirements(
-            'field.omega_max_deg = 120\n[mirror]\nmapping = "equiareal"\nrim_radius_mm = 20\n[lens]\nkind = "orthographic"'
+            'field.omega_max_deg = 120\n[mirror]\nmapping = "equiareal"\nrim_radius_mm = '
+            '20\n[lens]\nkind = "orthographic"'
         )
     )
     assert design.is_met

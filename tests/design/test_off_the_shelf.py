@@ -321,7 +321,11 @@ def test_where_nothing_does_the_nearest_is_told():
 
 # -- files and commands ----------------------------------------------------------------------------
 
-CSV = 'name,focal_length_mm,f_number_min,f_number_max,minimum_focus_mm,width_px,height_px,pixel_pitch_um,price,mount\n"C 8 mm, iris",8,1.4,16,100,,,,120,C\n8 MP,,,,,3840,2160,2.0,90,C\n2 MP,,,,,1920,1080,2.9,60,C\n'
+CSV = (
+    "name,focal_length_mm,f_number_min,f_number_max,minimum_focus_mm,width_px,height_px,pixel_pitch_um,price,mount\n"
+    '"C 8 mm, iris",8,1.4,16,100,,,,120,C\n8 MP,,,,,3840,2160,2.0,90,C\n2 '
+    "MP,,,,,1920,1080,2.9,60,C\n"
+)
 FILE = """
 [field]
 omega_max_deg = 120
@@ -498,7 +502,8 @@ def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
     the same numbers."""
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
     (tmp_path / "shelf.csv").write_text(
-        "name,file,minimum_focus_mm,f_number_max,price,mass_g,width_px,height_px,pixel_pitch_um\ntriplet,triplet.zmx,60,11,80,20,,,\n1 MP,,,,90,30,1024,1024,5.2\n"
+        "name,file,minimum_focus_mm,f_number_max,price,mass_g,width_px,height_px,pixel_pitch_um\n"
+        "triplet,triplet.zmx,60,11,80,20,,,\n1 MP,,,,90,30,1024,1024,5.2\n"
     )
     shelf = read_catalogue(tmp_path / "shelf.csv")
     (lens,) = shelf.lenses

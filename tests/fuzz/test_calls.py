@@ -445,7 +445,8 @@ def _files(tmp_path_factory):
         patch.chdir(folder)
         (folder / "calib.txt").write_text(OCAM)
         (folder / "wanted.toml").write_text(
-            'field.omega_max_deg = 90\nmirror = {mapping = "equidistant", rim_radius_mm = 40.0}\nlens.theta_max_deg = 12.0\n'
+            'field.omega_max_deg = 90\nmirror = {mapping = "equidistant", rim_radius_mm = '
+            "40.0}\nlens.theta_max_deg = 12.0\n"
         )
         workflows.write_files(folder)
         patch.setattr(simulated_video, "MAX_FRAMES", 20)  # larger values are valid and take hours

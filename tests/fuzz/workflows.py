@@ -76,7 +76,9 @@ def write_files(folder: Path) -> None:
         "[cart]\nsize_mm = [90, 80, 70]\nkeyframe = [{ time_s = 0, x_mm = 900 }]\n"
     )
     (folder / "parts.toml").write_text(
-        '[[imager]]\nname = "i"\nwidth_px = 9\nheight_px = 9\npixel_pitch_um = 5.0\n[[lens]]\nname = "l"\nfocal_length_mm = 8.0\nf_number_min = 1.4\nf_number_max = 16.0\nminimum_focus_mm = 100.0\n'
+        '[[imager]]\nname = "i"\nwidth_px = 9\nheight_px = 9\npixel_pitch_um = 5.0\n'
+        '[[lens]]\nname = "l"\nfocal_length_mm = 8.0\nf_number_min = 1.4\nf_number_max = '
+        "16.0\nminimum_focus_mm = 100.0\n"
     )
     with av.open(str(folder / "v.mp4"), "w") as container:
         stream = container.add_stream("libx264", rate=10)

@@ -411,7 +411,11 @@ def test_exr_without_package_raises_with_remedy(tmp_path, monkeypatch):
 def test_full_disk_error_of_exr_names_output(tmp_path, monkeypatch):
     pytest.importorskip("OpenEXR")
     monkeypatch.chdir(tmp_path)
-    script = "import numpy as np, resource, signal, omnimirror as om\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\nom.write_image('view.exr', np.random.default_rng(0).random((64, 64, 3), np.float32))\n"
+    script = (
+        "import numpy as np, resource, signal, omnimirror as om\nsignal.signal(signal.SIGXFSZ, "
+        "signal.SIG_IGN)\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "om.write_image('view.exr', np.random.default_rng(0).random((64, 64, 3), np.float32))\n"
+    )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     last = run.stderr.splitlines()[-1]
     assert "cannot write view.exr: " in last

@@ -176,7 +176,10 @@ def test_missing_package_message(tmp_path, monkeypatch):
         module, "find_spec", lambda name: None if name in ("OCP", "ezdxf") else object()
     )
     sensor = om.load_sensor("paper-spherical")
-    said = "step, dxf require OCP, ezdxf; install with pip install 'omnimirror[cad]', or select stl, 3mf, zmx, gridsag, csv, pdf"
+    said = (
+        "step, dxf require OCP, ezdxf; install with pip install 'omnimirror[cad]', or select "
+        "stl, 3mf, zmx, gridsag, csv, pdf"
+    )
     with pytest.raises(OmnimirrorError, match=f"^{re.escape(said)}$"):
         om.export(sensor, tmp_path)
     with pytest.raises(
@@ -189,7 +192,12 @@ def test_missing_package_message(tmp_path, monkeypatch):
 @pytest.mark.full
 def test_core_formats_import_no_optional_package():
     """Lens files, tables and drawings require only core packages."""
-    code = "import sys, tempfile, omnimirror as om\nwith tempfile.TemporaryDirectory() as folder:\n    sensor = om.load_sensor('exact-equidistant')\n    om.export(sensor, folder, formats=['zmx', 'gridsag', 'csv', 'pdf'], grid_points=9)\nprint([m for m in ('OCP', 'ezdxf', 'trimesh', 'networkx') if m in sys.modules])"
+    code = (
+        "import sys, tempfile, omnimirror as om\nwith tempfile.TemporaryDirectory() as "
+        "folder:\n    sensor = om.load_sensor('exact-equidistant')\n    om.export(sensor, "
+        "folder, formats=['zmx', 'gridsag', 'csv', 'pdf'], grid_points=9)\nprint([m for m in "
+        "('OCP', 'ezdxf', 'trimesh', 'networkx') if m in sys.modules])"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.stdout.strip() == "[]", run.stderr
 

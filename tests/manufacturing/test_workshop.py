@@ -152,7 +152,9 @@ def test_command_lists_missing_entries(tmp_path):
     words = " ".join(run.stdout.split())
     assert "Missing entries of the drawing: number, owner, approved_by, mirror.material" in words
     (tmp_path / "w.toml").write_text(
-        "[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\nimperfections = '5x0.16'\n"
+        "[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n"
+        "[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\n"
+        "imperfections = '5x0.16'\n"
     )
     run = omnimirror(
         "export", "paper-spherical", "-o", "mirror.svg", "--workshop", "w.toml", cwd=tmp_path

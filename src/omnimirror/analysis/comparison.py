@@ -180,7 +180,8 @@ def _note(study: Study, sensor: Sensor) -> str:
     pose, shell, is_in_place = sensor.mirror_pose, sensor.housing.shell, study.sensor != sensor
     method = "as an aligned sensor" if is_in_place else "over the full image, at all azimuths"
     differences = {
-        f"mirror decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm and tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg": not pose.is_axial,
+        f"mirror decentred by {math.hypot(pose.decentre_x_mm, pose.decentre_y_mm):.2g} mm "
+        f"and tilted by {math.hypot(pose.tilt_x_deg, pose.tilt_y_deg):.2g} deg": not pose.is_axial,
         "form error of the mirror": not sensor.mirror_form.is_empty,
         "tilted or rotated imager": sensor.imager_pose != ImagerPose(),
         "misaligned cover": shell is not None and not shell.is_axial,

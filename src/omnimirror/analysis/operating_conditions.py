@@ -99,7 +99,9 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
     thermal = sensor.thermal
     if thermal is None:
         raise InvalidParameter(
-            f'the thermal model of {sensor.name!r} is missing; add a table [thermal] to its file, for example with mirror_material = "acrylic", spacer_material = "aluminium"'
+            f"the thermal model of {sensor.name!r} is missing; add a table [thermal] to "
+            'its file, for example with mirror_material = "acrylic", spacer_material = '
+            '"aluminium"'
         )
     warmer = (
         number("temperature_c", temperature_c, low=-273.0, high=1000.0, unit="C")
@@ -147,13 +149,16 @@ def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
         return lens
     if not isinstance(lens, Perspective):
         raise InvalidParameter(
-            f"thermal changes of focal length and mount are not supported for a {lens.KIND} lens; remove focal_ppm_per_k, mount_material and mount_ppm_per_k from [thermal]"
+            "thermal changes of focal length and mount are not supported for a "
+            f"{lens.KIND} lens; remove focal_ppm_per_k, mount_material and mount_ppm_per_k "
+            "from [thermal]"
         )
     f = lens.focal_length_mm * (1 + PPM * focal * warmer)
     behind = lens.image_distance * (1 + PPM * mount * warmer)
     if not behind > f:
         raise InvalidParameter(
-            f"the imager must be farther behind the lens than its focal length, {f:.4f} mm; at {warmer:+g} K it is at {behind:.4f} mm, where no object is in focus"
+            f"the imager must be farther behind the lens than its focal length, {f:.4f} "
+            f"mm; at {warmer:+g} K it is at {behind:.4f} mm, where no object is in focus"
         )
     # The imager stays at its expanded distance b: the focus follows from 1/L0 = 1/f - 1/b.
     return replace(lens, focal_length_mm=f, focus_distance_mm=1 / (1 / f - 1 / behind))

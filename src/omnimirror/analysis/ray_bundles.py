@@ -301,7 +301,8 @@ def trace_bundles(
     p = row("object_distance_mm", distances("object_distance_mm", object_distance_mm))
     if len({len(a) for a in (angles, azimuths, p)} - {1}) > 1:
         raise InvalidParameter(
-            f"omega_deg, azimuth_deg and object_distance_mm must have one value, or equally many; got {len(angles)}, {len(azimuths)} and {len(p)}"
+            "omega_deg, azimuth_deg and object_distance_mm must have one value, or "
+            f"equally many; got {len(angles)}, {len(azimuths)} and {len(p)}"
         )
     omega, azimuth, p = np.broadcast_arrays(angles, azimuths, p)
     towards = camera_direction(np.radians(omega), np.radians(azimuth))
@@ -315,7 +316,8 @@ def trace_bundles(
     is_complete: Mask = np.logical_and.reduce(reflections.reflects.reshape(k, n), axis=1)
     if not is_complete.all():
         raise OutsideField(
-            f"{_named(omega, azimuth, is_complete)} must be visible through the whole aperture; the aperture is too wide for the mirror"
+            f"{_named(omega, azimuth, is_complete)} must be visible through the whole "
+            "aperture; the aperture is too wide for the mirror"
         )
     mean = density @ pupil.weights
     bundles = Bundles(

@@ -102,7 +102,8 @@ class Sample:
         discriminant = distance_mm**2 - np.sum(self.origins**2, axis=1) + along**2
         if discriminant.min() < 0:
             raise InvalidParameter(
-                f"distance_mm must be larger than the distances of the ray origins, up to {np.linalg.norm(self.origins, axis=1).max():.4g} mm; got {distance_mm:g}"
+                "distance_mm must be larger than the distances of the ray origins, up to "
+                f"{np.linalg.norm(self.origins, axis=1).max():.4g} mm; got {distance_mm:g}"
             )
         # |o + t d| = distance: t = -o.d + sqrt(distance^2 - |o|^2 + (o.d)^2)
         points: Array = self.origins + (np.sqrt(discriminant) - along)[:, None] * self.directions
@@ -127,7 +128,9 @@ class Sample:
         inside = (self.omega >= np.radians(low)) & (self.omega <= np.radians(high))
         if inside.sum() < MIN_PIXELS:
             raise InvalidParameter(
-                f"inner_deg and field_deg must include part of the field, {np.degrees(self.omega.min()):.4g} to {np.degrees(self.omega.max()):.4g} deg from the axis; got {' and '.join(limits)}"
+                "inner_deg and field_deg must include part of the field, "
+                f"{np.degrees(self.omega.min()):.4g} to {np.degrees(self.omega.max()):.4g} "
+                f"deg from the axis; got {' and '.join(limits)}"
             )
         return replace(
             self,
@@ -336,7 +339,8 @@ def _pinhole(
     """
     if not projection.omega.max() < MAX_PINHOLE_ANGLE:
         raise InvalidParameter(
-            f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg from the axis: a pinhole projection is limited to less than 90 deg"
+            f"does not cover the field of {np.degrees(projection.omega.max()):.4g} deg "
+            "from the axis: a pinhole projection is limited to less than 90 deg"
         )
     tan = np.tan(projection.omega)
     scale = tan.max()

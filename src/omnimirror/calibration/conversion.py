@@ -110,7 +110,10 @@ FIT_THINNING = 8  # thinning factor of the grid for the fit
 SUFFICIENT_ERROR_PX = 0.02  # a simpler model within this error is preferred to a richer one
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
-REACH_REMEDY = "reduce field_deg (--field-deg) to convert only the central field, or specify the radius of the camera's field, rim_radius_px (--rim-radius-px)"
+REACH_REMEDY = (
+    "reduce field_deg (--field-deg) to convert only the central field, or specify the radius "
+    "of the camera's field, rim_radius_px (--rim-radius-px)"
+)
 _Field: TypeAlias = tuple[float | None, float | None]  # maximum and minimum field angle, deg
 
 
@@ -425,7 +428,8 @@ def _approximate(
             reasons.append(f"{target.name} ({target.layout.description}) {e}")
     usable = [trial for trial in trials if np.isfinite(trial.largest_px)]
     reasons += [
-        f"{trial.target.name} ({trial.target.layout.description}) does not cover the field of {np.degrees(evaluated.omega.max()):.4g} deg from the axis"
+        f"{trial.target.name} ({trial.target.layout.description}) does not cover the field "
+        f"of {np.degrees(evaluated.omega.max()):.4g} deg from the axis"
         for trial in trials
         if trial not in usable
     ]
@@ -450,7 +454,9 @@ def _approximate(
             else f"the error must be at most tolerance_px = {tolerance:g}"
         )
         raise InvalidParameter(
-            f"{best.target.name} {best.target.layout.unsupported(camera)}; the best fit has an error of {_description(best, evaluated.is_central)}; {verdict}{_remedies(camera, best)}"
+            f"{best.target.name} {best.target.layout.unsupported(camera)}; the best fit "
+            f"has an error of {_description(best, evaluated.is_central)}; "
+            f"{verdict}{_remedies(camera, best)}"
         )
     return best._replace(is_restricted=len(evaluated.pixels) < len(full_field.pixels))
 
@@ -530,14 +536,17 @@ def _field_notes(source: Camera, stored: _StoredCamera, field_deg: float | None)
         return
     if stored.is_restricted:
         yield (
-            f"the fit is restricted to the calibrated field of 0 to {calibrated_deg:.4g} deg; use field_deg (--field-deg) to include angles beyond it, where the camera is an extrapolation"
+            f"the fit is restricted to the calibrated field of 0 to {calibrated_deg:.4g} "
+            "deg; use field_deg (--field-deg) to include angles beyond it, where the "
+            "camera is an extrapolation"
         )
     elif (
         not stored.costs
         and np.degrees(getattr(source, "omega_max", 0.0)) > calibrated_deg + FIELD_ROUNDING_DEG
     ):
         yield (
-            f"the calibrated field of 0 to {calibrated_deg:.4g} deg is not in the file: beyond it the camera is an extrapolation"
+            f"the calibrated field of 0 to {calibrated_deg:.4g} deg is not in the file: "
+            "beyond it the camera is an extrapolation"
         )
 
 
@@ -552,21 +561,27 @@ def _notes(source: Camera, output_camera: Any, stored: _StoredCamera) -> Iterabl
     if target.layout.is_panorama:
         width, height = sphere(source).size
         yield (
-            f"the file describes a panorama; dewarp each image first with omnimirror dewarp --view sphere --size {width}x{height}; the axes of its frame are the world's right, down and forward"
+            "the file describes a panorama; dewarp each image first with omnimirror "
+            f"dewarp --view sphere --size {width}x{height}; the axes of its frame are the "
+            "world's right, down and forward"
         )
         return
     if not isinstance(output_camera, CameraModel) or target.layout.kind is RadialModel:
         return
     if output_camera.is_image_reversed:
         yield (
-            "the image is mirrored: the file's frame (right, down, viewing direction of the image centre) is left-handed; flip writes the camera of the flipped image, whose frame is right-handed"
+            "the image is mirrored: the file's frame (right, down, viewing direction of "
+            "the image centre) is left-handed; flip writes the camera of the flipped "
+            "image, whose frame is right-handed"
         )
     elif output_camera.mount.image_flipped:
         yield "the file applies to the image flipped left to right"
     field_angle = np.degrees(getattr(output_camera, "omega_max", 0.0))
     if field_angle > target.layout.max_field_angle_deg:
         yield (
-            f"programs that read this format project less than {target.layout.max_field_angle_deg:g} deg from the axis; the field of the camera is {field_angle:.4g} deg"
+            "programs that read this format project less than "
+            f"{target.layout.max_field_angle_deg:g} deg from the axis; the field of the "
+            f"camera is {field_angle:.4g} deg"
         )
     if isinstance(source, Sensor) or getattr(source, "rim_radius_px", None) is not None:
         yield "the boundary of the field (rim_radius_px) is not in the file"

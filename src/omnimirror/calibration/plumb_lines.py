@@ -221,7 +221,8 @@ def calibrate_plumb_lines(
         initial = SensorModel(model) if isinstance(model, Sensor) else model
         if initial.image_size != size:
             raise InvalidParameter(
-                f"model must have the size of the images, {size[0]} x {size[1]} px; got {initial.image_size[0]} x {initial.image_size[1]} px"
+                f"model must have the size of the images, {size[0]} x {size[1]} px; got "
+                f"{initial.image_size[0]} x {initial.image_size[1]} px"
             )
         free = _parameters_with_priors(initial)
     fit, kept = _without_curved_edges(initial, edges, free, distance_mm)
@@ -420,7 +421,9 @@ def _without_curved_edges(
         straight = [part for part, r in zip(retained.slices, rms, strict=True) if r <= limit]
         if len(straight) < MIN_CHAINS:
             raise InvalidParameter(
-                f"at least {MIN_CHAINS} edges must be straight for one camera; got {len(straight)} of {len(edges.slices)}; check that the images are from this camera"
+                f"at least {MIN_CHAINS} edges must be straight for one camera; got "
+                f"{len(straight)} of {len(edges.slices)}; check that the images are from "
+                "this camera"
             )
         if len(straight) == len(rms):
             break

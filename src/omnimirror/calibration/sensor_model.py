@@ -462,7 +462,8 @@ def mirror_ball_model(
     delta, alpha = (far + near) / 2, (far - near) / 2  # of the ball's centre; elongated off axis
     if not alpha > MIN_ANGULAR_RADIUS:
         raise InvalidParameter(
-            f"rim_radius_px must be above {MIN_ANGULAR_RADIUS * focal_px:g} px for focal_px = {focal_px:g}; got {rim_radius_px:g}"
+            f"rim_radius_px must be above {MIN_ANGULAR_RADIUS * focal_px:g} px for "
+            f"focal_px = {focal_px:g}; got {rim_radius_px:g}"
         )
     towards = np.append(np.sin(delta) * across / (offset or 1.0), np.cos(delta))
     vertex = ball_radius_mm * (1 / np.sin(alpha) - 1) * towards

@@ -204,11 +204,13 @@ def free_names(sensor: Sensor, free: str | Iterable[str]) -> tuple[str, ...]:
             names[parameter_location(sensor, entry).name] = None
         else:
             raise InvalidParameter(
-                f"free must contain groups ({', '.join(GROUPS)}) or parameter names ({', '.join(parameter_names(sensor))}); got {format_value(entry)}"
+                f"free must contain groups ({', '.join(GROUPS)}) or parameter names "
+                f"({', '.join(parameter_names(sensor))}); got {format_value(entry)}"
             )
     if not names:
         raise InvalidParameter(
-            f"free must contain at least one parameter of {sensor.name!r}, for example of the groups {', '.join(GROUPS)}; got none"
+            f"free must contain at least one parameter of {sensor.name!r}, for example of "
+            f"the groups {', '.join(GROUPS)}; got none"
         )
     return tuple(names)
 

@@ -88,7 +88,8 @@ def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]
             for edge, pixels in edges.items():
                 if len(pixels) < MIN_MARKED_POINTS:
                     raise InvalidParameter(
-                        f"{path.name}: line {edge} of {image} must have at least {MIN_MARKED_POINTS} points; got {len(pixels)}"
+                        f"{path.name}: line {edge} of {image} must have at least "
+                        f"{MIN_MARKED_POINTS} points; got {len(pixels)}"
                     )
     return {
         image: tuple(np.array(pixels) for pixels in edges.values())
@@ -110,7 +111,8 @@ def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     columns = csv_cells(head, f"line {number} of {path}")
     if set(columns) - {IMAGE_COLUMN} != set(COLUMNS) or len(set(columns)) < len(columns):
         raise InvalidParameter(
-            f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and {IMAGE_COLUMN} for several images; got {format_value(head)}"
+            f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and "
+            f"{IMAGE_COLUMN} for several images; got {format_value(head)}"
         )
     return [_point(f"{path.name} line {n}", columns, line) for n, line in rest]
 
@@ -460,7 +462,8 @@ class StraightEdges:
                 edge = Edge(image, number_in_image, finite("lines", points, last=2))
                 if edge.pixels.ndim != 2 or len(edge.pixels) < MIN_MARKED_POINTS:
                     raise InvalidParameter(
-                        f"{edge.name} must be an array (n, 2) with n >= {MIN_MARKED_POINTS}; got shape {edge.pixels.shape}"
+                        f"{edge.name} must be an array (n, 2) with n >= "
+                        f"{MIN_MARKED_POINTS}; got shape {edge.pixels.shape}"
                     )
                 outside = np.any(
                     (edge.pixels < -0.5) | (edge.pixels > np.array(size) - 0.5), axis=1
@@ -538,7 +541,8 @@ class StraightEdges:
         )
         if (count := int((rms <= limit).sum())) < MIN_EDGES:
             raise InvalidParameter(
-                f"at least {MIN_EDGES} of {len(self.edges)} edges must be straight for this camera; got {count}; check that the lines belong to its images"
+                f"at least {MIN_EDGES} of {len(self.edges)} edges must be straight for "
+                f"this camera; got {count}; check that the lines belong to its images"
             )
         return replace(self, edges=straight)
 

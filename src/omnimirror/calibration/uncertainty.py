@@ -311,7 +311,8 @@ def _uncertain_model(
     specified = camera.uncertainty if covariance is None else covariance
     if specified is None:
         raise InvalidParameter(
-            "covariance must be specified for a camera without uncertainty; a calibration writes it into the table [uncertainty] of the camera file"
+            "covariance must be specified for a camera without uncertainty; a calibration "
+            "writes it into the table [uncertainty] of the camera file"
         )
     if isinstance(specified, Uncertainty):
         field = specified.field_deg if field is None else field
@@ -326,6 +327,7 @@ def _uncertain_model(
     matrix = finite("covariance", specified)
     if matrix.shape != (len(names), len(names)):
         raise InvalidParameter(
-            f"covariance must have the shape {len(names), len(names)} for the parameters {', '.join(names)}; got {matrix.shape}"
+            f"covariance must have the shape {len(names), len(names)} for the parameters "
+            f"{', '.join(names)}; got {matrix.shape}"
         )
     return _UncertainModel(model, matrix, field)

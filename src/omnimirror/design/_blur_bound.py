@@ -315,7 +315,8 @@ def _least(too_steep: Callable[[float], float]) -> float:
         return 0.0
     if not too_steep(MIN_BLUR_RAD) > 0 or not too_steep(MAX_BLUR_RAD) <= 0:
         raise InvalidParameter(
-            f"the bound of blur for this field, rim, lens and object distance must be between {np.degrees(MIN_BLUR_RAD):.2g} and {np.degrees(MAX_BLUR_RAD):.3g} deg"
+            "the bound of blur for this field, rim, lens and object distance must be "
+            f"between {np.degrees(MIN_BLUR_RAD):.2g} and {np.degrees(MAX_BLUR_RAD):.3g} deg"
         )
     return sign_change(too_steep, MIN_BLUR_RAD, MAX_BLUR_RAD, 1e-13)
 

@@ -196,7 +196,9 @@ class DesignProblem:
             object.__setattr__(self, "f_number", self.optics.f_number)
             if self.is_telecentric or self.mode != "exact" or self.image_radius_px is not None:
                 raise InvalidParameter(
-                    f"a real lens requires lens = 'perspective', mode = 'exact' and no image_radius_px; got lens = {self.lens!r}, mode = {self.mode!r}, image_radius_px = {self.image_radius_px}"
+                    "a real lens requires lens = 'perspective', mode = 'exact' and no "
+                    f"image_radius_px; got lens = {self.lens!r}, mode = {self.mode!r}, "
+                    f"image_radius_px = {self.image_radius_px}"
                 )
         if self.is_telecentric:
             for name in OF_LENS:
@@ -297,7 +299,8 @@ class DesignProblem:
         theta_max = 0.0 if self.theta_max_deg is None else ends(self.theta_max_deg)[1]
         if not (theta_max < omega_min and omega < 180 - theta_max):
             raise InvalidParameter(
-                f"omega_max_deg must be between {theta_max:g} and {180 - theta_max:g} deg for theta_max_deg = {theta_max:g}; got {omega:g}"
+                f"omega_max_deg must be between {theta_max:g} and {180 - theta_max:g} deg "
+                f"for theta_max_deg = {theta_max:g}; got {omega:g}"
             )
         if not 0 <= self.omega_min_deg < omega_min:
             raise InvalidParameter(

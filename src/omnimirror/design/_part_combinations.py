@@ -94,7 +94,8 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
     if not there:
         known = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
         raise InvalidParameter(
-            f"the catalogue must contain an extra part with the use {format_value(use)} for parts.extras; it has {known}"
+            f"the catalogue must contain an extra part with the use {format_value(use)} "
+            f"for parts.extras; it has {known}"
         )
     return min(there, key=lambda part: (part.price is None, part.price or 0.0))
 

@@ -116,7 +116,8 @@ class LensComponent(Component):
         _check_f_numbers(self.name, self.f_number_min, self.f_number_max)
         if self.minimum_focus_mm <= self.focal_length_mm:
             raise InvalidParameter(
-                f"{self.name}: minimum_focus_mm must be greater than the focal length, {self.focal_length_mm:g} mm; got {self.minimum_focus_mm:g}"
+                f"{self.name}: minimum_focus_mm must be greater than the focal length, "
+                f"{self.focal_length_mm:g} mm; got {self.minimum_focus_mm:g}"
             )
 
     @cached_property

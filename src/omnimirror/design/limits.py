@@ -489,7 +489,10 @@ class Limit:
                 continue
             if low.quantity == high.quantity:
                 return f"{low.quantity} at least {low.at_least:g} and at most {high.at_most:g}"
-            return f"{low.quantity} at least {low.at_least:g} and {high.quantity} at most {high.at_most:g}, which is never smaller"
+            return (
+                f"{low.quantity} at least {low.at_least:g} and {high.quantity} at most "
+                f"{high.at_most:g}, which is never smaller"
+            )
         return None
 
     @property

@@ -54,7 +54,8 @@ class RimRay:
             )
         if not theta < omega < 180 - theta:
             raise InvalidParameter(
-                f"omega_max_deg must be between {theta:g} and {180 - theta:g} deg for theta_max_deg = {theta:g}; got {omega:g}"
+                f"omega_max_deg must be between {theta:g} and {180 - theta:g} deg for "
+                f"theta_max_deg = {theta:g}; got {omega:g}"
             )
         if not self.rim_radius_mm > 0:
             raise InvalidParameter(
@@ -124,7 +125,8 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
     square = 1 / rim.slope**2 + 1 + conic
     if square <= 0:
         raise InvalidParameter(
-            f"conic must be greater than {-1 - 1 / rim.slope**2:.6g} for the slope of the rim, {rim.slope_angle_deg:.4g} deg; got {conic:g}"
+            f"conic must be greater than {-1 - 1 / rim.slope**2:.6g} for the slope of the "
+            f"rim, {rim.slope_angle_deg:.4g} deg; got {conic:g}"
         )
     return rim.rim_radius_mm * float(np.sqrt(square))
 
@@ -159,7 +161,8 @@ def hyperboloid(rim: RimRay, conic: float | None = None) -> MountedMirror:
     if conic is None:
         if rim.theta_max_deg == 0:
             raise InvalidParameter(
-                "a hyperboloid has no single viewpoint with an orthographic lens; use a paraboloid, or specify conic below -1"
+                "a hyperboloid has no single viewpoint with an orthographic lens; use a "
+                "paraboloid, or specify conic below -1"
             )
         mirror = conformal_conic(np.radians(rim.omega_max_deg), np.radians(rim.theta_max_deg), M)
         return rim.place(mirror, (f"conic = {mirror.conic:.6g}, chosen for a single viewpoint",))
@@ -279,7 +282,8 @@ def mapped_mirror(
         and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9
     ):
         raise InvalidParameter(
-            f"omega_max_deg must be the last angle of the mapping table, {mirror.omega_deg[-1]:g} deg; got {rim.omega_max_deg:g}"
+            "omega_max_deg must be the last angle of the mapping table, "
+            f"{mirror.omega_deg[-1]:g} deg; got {rim.omega_max_deg:g}"
         )
     return mirror
 
@@ -555,7 +559,9 @@ def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
     if not np.isfinite(missed):
         kind = "cover" if housing.shell is None else housing.shell.KIND
         raise InvalidParameter(
-            f"the {kind} must transmit the rays up to omega_max_deg = {rim.omega_max_deg:g}; use a smaller field, or a larger diameter or thinner wall"
+            f"the {kind} must transmit the rays up to omega_max_deg = "
+            f"{rim.omega_max_deg:g}; use a smaller field, or a larger diameter or thinner "
+            "wall"
         )
 
 

@@ -58,7 +58,8 @@ class FitForm(NamedTuple):
         least = 1 if match and match[1] == "polynomial" else 0
         if not match or not least <= int(match[2]) <= MAX_TERMS:
             raise InvalidParameter(
-                f"fit must be polynomial:N with 1 to {MAX_TERMS} terms, or asphere:N with 0 to {MAX_TERMS} terms in addition to the conic; got {text!r}"
+                f"fit must be polynomial:N with 1 to {MAX_TERMS} terms, or asphere:N with "
+                f"0 to {MAX_TERMS} terms in addition to the conic; got {text!r}"
             )
         return cls("polynomial" if match[1] == "polynomial" else "asphere", int(match[2]))
 

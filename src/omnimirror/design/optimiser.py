@@ -376,7 +376,8 @@ def optimise(
     found = optimised(problem, merit, starts, seed, resume, on_progress)
     if not isinstance(found, Optimum):
         raise OmnimirrorError(
-            f"no mirror of {problem.terms} terms of {problem.family} meets all limits; use more terms, more starts, or looser limits"
+            f"no mirror of {problem.terms} terms of {problem.family} meets all limits; use "
+            "more terms, more starts, or looser limits"
         )
     return found
 

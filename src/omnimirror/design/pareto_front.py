@@ -76,7 +76,8 @@ class Contest:
         keep = keep[first]
         if not keep.size:
             raise OmnimirrorError(
-                "no design meets all limits; use more generations or looser limits, or optimise a single merit, which reports the conflicts"
+                "no design meets all limits; use more generations or looser limits, or "
+                "optimise a single merit, which reports the conflicts"
             )
         return y[keep], values[keep]
 

@@ -433,7 +433,8 @@ def temperature_range(
     reference = sensor.thermal.reference_c  # type: ignore[union-attr]  # refused above
     if not coldest_c <= reference <= warmest_c:
         raise InvalidParameter(
-            f"coldest_c and warmest_c must enclose the reference temperature of the sensor, {reference:g} C; got {coldest_c:g} and {warmest_c:g}"
+            "coldest_c and warmest_c must enclose the reference temperature of the "
+            f"sensor, {reference:g} C; got {coldest_c:g} and {warmest_c:g}"
         )
     if missed := _missed(requirements, sensor, reference):
         return TemperatureRange(np.nan, np.nan, missed, missed)

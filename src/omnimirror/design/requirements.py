@@ -62,7 +62,8 @@ def check_consistency(requirements: Requirements) -> None:
     if field.omega_min_deg >= field.omega_max_deg:
         raise EntryError(
             ("field", "omega_min_deg"),
-            f"field.omega_min_deg must be less than omega_max_deg = {field.omega_max_deg:g}; got {field.omega_min_deg:g}",
+            "field.omega_min_deg must be less than omega_max_deg = "
+            f"{field.omega_max_deg:g}; got {field.omega_min_deg:g}",
         )
     _check_way(mirror)
     _check_forms(mirror)
@@ -137,7 +138,8 @@ def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequire
         if abs(omega[-1] - field.omega_max_deg) > SAME_DEG:
             raise EntryError(
                 ("field", "omega_max_deg"),
-                f"omega_max_deg must be the last angle of the mapping table, {omega[-1]:g} deg; got {field.omega_max_deg:g}",
+                f"omega_max_deg must be the last angle of the mapping table, {omega[-1]:g} "
+                f"deg; got {field.omega_max_deg:g}",
             )
     maximum = getattr(MAPPINGS[mapping], "MAX_OMEGA_DEG", 180.0)
     if field.omega_max_deg >= maximum:
@@ -188,7 +190,8 @@ def _check_camera(requirements: Requirements) -> None:
     if camera.diameter_mm > maximum:
         raise EntryError(
             ("housing.camera", "diameter_mm"),
-            f"housing.camera.diameter_mm must be at most {maximum:g}, {WIDEST_CAMERA:g} times the diameter of the mirror; got {camera.diameter_mm:g}",
+            f"housing.camera.diameter_mm must be at most {maximum:g}, {WIDEST_CAMERA:g} "
+            f"times the diameter of the mirror; got {camera.diameter_mm:g}",
         )
 
 
@@ -243,7 +246,8 @@ def _check_parts(requirements: Requirements) -> None:
     if mirror.optimise is not None:
         raise EntryError(
             ("mirror", "optimise"),
-            "mirror.optimise must not be given together with parts; use a mapping or a family, and optimise the mirror for the selected parts",
+            "mirror.optimise must not be given together with parts; use a mapping or a "
+            "family, and optimise the mirror for the selected parts",
         )
     if parts.mirror == "ball" and (mirror.family != "sphere" or mirror.fit is not None):
         raise EntryError(

@@ -252,7 +252,8 @@ class Dewarper:
     def _sees_nothing(self) -> OutsideField:
         field = field_of(self.camera)
         return OutsideField(
-            f"the view must overlap the field of the camera, elevation {field.tilt_min_deg:.6g} to {field.tilt_max_deg:.6g} deg; got the {self.view}"
+            "the view must overlap the field of the camera, elevation "
+            f"{field.tilt_min_deg:.6g} to {field.tilt_max_deg:.6g} deg; got the {self.view}"
         )
 
     @property

@@ -167,7 +167,9 @@ class ImageDewarper:
         assert self.wavelengths_nm is not None
         if not isinstance(camera, Sensor):
             raise InvalidParameter(
-                f"wavelengths_nm must be omitted unless the camera is a sensor; got a {type(camera).__name__}; alternatively use an om.ColourDewarper of three calibrations"
+                "wavelengths_nm must be omitted unless the camera is a sensor; got a "
+                f"{type(camera).__name__}; alternatively use an om.ColourDewarper of three "
+                "calibrations"
             )
         red, green, blue = (at_wavelength(camera, nm) for nm in self.wavelengths_nm)
         return red, green, blue
@@ -195,7 +197,8 @@ class ImageDewarper:
         kind = format_of(output)
         if self.transparent and not kind.has_alpha:
             raise InvalidParameter(
-                f"the output must be a .png, .tif or .webp file for transparency; got a {output.suffix} file; alternatively use black outside the field"
+                "the output must be a .png, .tif or .webp file for transparency; got a "
+                f"{output.suffix} file; alternatively use black outside the field"
             )
         is_stored = self.request.stored_orientation
         image, source_metadata = read_image_and_metadata(source, stored_orientation=is_stored)
@@ -275,7 +278,9 @@ def _check_orientation(size: Size, camera_size: Size, orientation: int, is_store
             else STORED_ORIENTATION_HINT
         )
         raise InvalidParameter(
-            f"the image must have the {camera_size[0]} x {camera_size[1]} px of the camera; got {size[0]} x {size[1]} px, {'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}"
+            f"the image must have the {camera_size[0]} x {camera_size[1]} px of the "
+            f"camera; got {size[0]} x {size[1]} px, "
+            f"{'as stored' if is_stored else ORIENTATION_NAMES[orientation]}; {remedy}"
         )
 
 

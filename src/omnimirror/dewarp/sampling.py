@@ -92,7 +92,8 @@ def check_largest(image: Image, longest_side_px: int) -> None:
     height, width = image.shape[:2]
     if max(width, height) > longest_side_px:
         raise InvalidParameter(
-            f"the sides of the image must be at most {longest_side_px} px without the compiled samplers; got {width} x {height} px"
+            f"the sides of the image must be at most {longest_side_px} px without the "
+            f"compiled samplers; got {width} x {height} px"
         )
     if image.size > MAX_VALUES:
         raise InvalidParameter(

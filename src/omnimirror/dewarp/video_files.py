@@ -359,7 +359,8 @@ def _check_outputs(source: str, outputs: Sequence[str], settings: VideoSettings)
         inapplicable := [name for name in ("codec", "crf") if getattr(settings, name) is not None]
     ):
         raise InvalidParameter(
-            f"{inapplicable[0]} must be omitted unless an output is a video file or stream; got {getattr(settings, inapplicable[0])}"
+            f"{inapplicable[0]} must be omitted unless an output is a video file or "
+            f"stream; got {getattr(settings, inapplicable[0])}"
         )
     if settings.pipe_format is not None and "-" not in outputs:
         raise InvalidParameter(
@@ -367,7 +368,8 @@ def _check_outputs(source: str, outputs: Sequence[str], settings: VideoSettings)
         )
     if settings.pixel_format is not None and settings.pipe_format != "rawvideo" and not is_coded:
         raise InvalidParameter(
-            f"pixel_format must be omitted unless an output is a video file, a stream or a pipe of raw video; got {settings.pixel_format}"
+            "pixel_format must be omitted unless an output is a video file, a stream or a "
+            f"pipe of raw video; got {settings.pixel_format}"
         )
 
 

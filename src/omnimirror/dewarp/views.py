@@ -175,7 +175,9 @@ def completed_size(size: PartialSize, natural: tuple[float, float]) -> tuple[int
         return width, height
     if not np.isfinite(natural).all() or max(natural) > MAX_ASPECT_RATIO * min(natural) >= 0:
         raise InvalidParameter(
-            f"the size of the view at the resolution of the image must be finite and nonzero; got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or specify both sides"
+            "the size of the view at the resolution of the image must be finite and "
+            f"nonzero; got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or "
+            "specify both sides"
         )
     if width is None and height is None:
         return _even(natural[0]), _even(natural[1])
@@ -320,7 +322,9 @@ def sphere(
         width, height = size
         if height is None and width is not None and width % 2:
             raise InvalidParameter(
-                f"the width must be even for an equirectangular image with the aspect ratio 2:1; got {width} px; use for example {width + 1} px, or specify the height also"
+                "the width must be even for an equirectangular image with the aspect "
+                f"ratio 2:1; got {width} px; use for example {width + 1} px, or specify "
+                "the height also"
             )
     return Equirectangular(
         completed_size(size, natural), low, high, pan_deg, span_deg, distance_mm, offset_mm

@@ -266,7 +266,8 @@ def check_size(path: str | Path, size: tuple[int, int]) -> None:
     max_side = format_of(path).max_side_px
     if max(size) > max_side:
         raise MediaError(
-            f"cannot write {path}: {Path(path).suffix} images must have at most {max_side} px per side; got {size[0]} x {size[1]} px; use .png or .tif"
+            f"cannot write {path}: {Path(path).suffix} images must have at most {max_side} "
+            f"px per side; got {size[0]} x {size[1]} px; use .png or .tif"
         )
 
 
@@ -365,7 +366,8 @@ def _check_decoded_size(path: str | Path, data: bytes) -> None:
     size = decoded_bytes(data)
     if size > MAX_DECODED_BYTES:
         raise MediaError(
-            f"the image {path} must have at most {MAX_DECODED_BYTES >> 20} MB after decoding; got {-(-size >> 20)} MB according to its header; reduce or split it"
+            f"the image {path} must have at most {MAX_DECODED_BYTES >> 20} MB after "
+            f"decoding; got {-(-size >> 20)} MB according to its header; reduce or split it"
         )
 
 
@@ -400,7 +402,10 @@ def decoded(path: str | Path, data: bytes) -> Image:
 def _decoding_failure(path: str | Path, data: bytes) -> str:
     """Return the reason for a decoding failure, with a remedy for common formats."""
     if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC_BRANDS):
-        return f"cannot read the image {path}: HEIC is not supported; save it as JPEG (iPhone: Camera, Formats, Most Compatible)"
+        return (
+            f"cannot read the image {path}: HEIC is not supported; save it as JPEG (iPhone: "
+            "Camera, Formats, Most Compatible)"
+        )
     if Path(path).suffix.lower() in RAW_SUFFIXES:
         return (
             f"cannot read the image {path}: raw files are not supported; convert it to .tif or .png"
@@ -456,7 +461,9 @@ def write_image(
         )
     if image.dtype.name not in kind.depths or channels not in kind.channels:
         raise MediaError(
-            f"cannot write {path}: {Path(path).suffix} images must be {' or '.join(kind.depths)} with {' or '.join(map(str, kind.channels))} channels; got {image.dtype.name} with {channels}"
+            f"cannot write {path}: {Path(path).suffix} images must be "
+            f"{' or '.join(kind.depths)} with {' or '.join(map(str, kind.channels))} "
+            f"channels; got {image.dtype.name} with {channels}"
         )
     check_size(path, (image.shape[1], image.shape[0]))
     if panorama is not None:

@@ -359,7 +359,8 @@ def _check_host(url: str, scheme: str) -> None:
         raise MediaError(f"{without_credentials(url)!r} must be a valid address: {e}") from None
     if not host and port is None:
         raise MediaError(
-            f"the address must contain a host, as in {scheme}://HOST or {scheme}://HOST:PORT/PATH; got {without_credentials(url)!r}"
+            f"the address must contain a host, as in {scheme}://HOST or "
+            f"{scheme}://HOST:PORT/PATH; got {without_credentials(url)!r}"
         )
     if scheme in SCHEMES_WITH_PORT and port is None:
         raise MediaError(

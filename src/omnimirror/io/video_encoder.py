@@ -244,7 +244,8 @@ class Encoder:
         """
         if (frame.width, frame.height) != self.size:
             raise InvalidParameter(
-                f"frames of {self.target} must have {self.size[0]} x {self.size[1]} px; got {frame.width} x {frame.height} px"
+                f"frames of {self.target} must have {self.size[0]} x {self.size[1]} px; "
+                f"got {frame.width} x {frame.height} px"
             )
         frame = self._converted(frame)
         self._set_time(frame)
@@ -363,7 +364,8 @@ class Encoder:
     def _unsupported_audio(self, source: AudioStream) -> MediaError:
         codec = source.codec_context.name if source.codec_context else "unknown"
         return MediaError(
-            f"{self.container.format.name} does not support the audio codec of the source, {codec}; write to .mkv, or omit the audio"
+            f"{self.container.format.name} does not support the audio codec of the source, "
+            f"{codec}; write to .mkv, or omit the audio"
         )
 
 
@@ -415,7 +417,8 @@ def _pixel_format(
     ]
     if sides != [*size] and codec.name not in CHROMA_444_CODECS:
         raise InvalidParameter(
-            f"the size of a video encoded by {codec.name} must be even because of chroma subsampling, such as {sides[0]} x {sides[1]} px; got {size[0]} x {size[1]} px"
+            f"the size of a video encoded by {codec.name} must be even because of chroma "
+            f"subsampling, such as {sides[0]} x {sides[1]} px; got {size[0]} x {size[1]} px"
         )
     return chosen
 

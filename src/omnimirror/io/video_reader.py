@@ -200,7 +200,8 @@ class VideoReader:
         self.total_duration_s = _duration(self._container, stream)
         if self.total_duration_s is not None and self.start_s >= self.total_duration_s:
             raise InvalidParameter(
-                f"start_s must be less than the duration of {self.path}, {self.total_duration_s:.6g} s; got {self.start_s:g}"
+                f"start_s must be less than the duration of {self.path}, "
+                f"{self.total_duration_s:.6g} s; got {self.start_s:g}"
             )
 
     @property

@@ -57,7 +57,7 @@ class Imager:
             if value is not None or f.name != "centre_px":
                 self.PARAMETERS[f.name].check(f.name, value)
         for name in ("width_px", "height_px"):
-            value = numbers(name, getattr(self, name), "(one number)")
+            value = numbers(name, getattr(self, name), "a number")
             if value.ndim or int(value) != value:
                 raise InvalidParameter(
                     f"{name} must be an integer number of pixels; got {getattr(self, name)}"

@@ -138,7 +138,8 @@ class Glass:
         low, high = self.from_um, self.to_um
         if not low <= wavelength_um <= high:
             raise InvalidParameter(
-                f"the wavelength must be {low * 1e3:g} to {high * 1e3:g} nm, the range of the data of {self.name}; got {wavelength_um * 1e3:g} nm"
+                f"the wavelength must be {low * 1e3:g} to {high * 1e3:g} nm, the range of "
+                f"the data of {self.name}; got {wavelength_um * 1e3:g} nm"
             )
         square, (first, *coefficients_after_first) = wavelength_um**2, self.coefficients
         pairs = list(
@@ -258,7 +259,9 @@ def glass_named(name: str, makers: tuple[str, ...], catalogue: GlassCatalogue | 
         if (glass := source_catalogue.find(name, makers)) is not None:
             if glass.formula.startswith("formula"):
                 raise InvalidParameter(
-                    f"the dispersion formula of glass {name} in {source_catalogue.source} must be one of {', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}; got {glass.formula}"
+                    f"the dispersion formula of glass {name} in {source_catalogue.source} "
+                    f"must be one of {', '.join(map(str, sorted([*SELLMEIER, *POWERS])))}; "
+                    f"got {glass.formula}"
                 )
             return glass
     known_names = {n for c in catalogues for _, n in c.glasses}

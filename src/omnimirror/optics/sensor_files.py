@@ -173,7 +173,9 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
     data = parse_toml(text, source)
     if "camera" in data and "mirror" not in data:
         raise SpecError(
-            f"{source} must be a sensor file; got a camera file, which describes directions of pixels without mirror and lens; estimate a sensor with omnimirror calibrate --model sensor"
+            f"{source} must be a sensor file; got a camera file, which describes "
+            "directions of pixels without mirror and lens; estimate a sensor with "
+            "omnimirror calibrate --model sensor"
         )
     return sensor_of(data, where, folder)
 

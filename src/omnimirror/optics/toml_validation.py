@@ -221,7 +221,10 @@ def _error_message(model: type[Table], path: tuple[str, ...], problem: Any) -> s
         case _:
             requirement = re.sub(r"^(Input|List|String|Tuple|it) should", "must", problem["msg"])
             requirement = re.sub(r" after validation, not \d+$", "", requirement)
-            return f"{name}{index} {requirement}; got {format_value(value)}{_describe(model, path[1]) if path[1:] else ''}"
+            return (
+                f"{name}{index} {requirement}; got "
+                f"{format_value(value)}{_describe(model, path[1]) if path[1:] else ''}"
+            )
 
 
 def _describe(model: type[Table], name: str) -> str:

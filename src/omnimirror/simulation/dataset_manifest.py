@@ -150,7 +150,8 @@ def _check_same_recipe(folder: Path, previous: dict[str, Any], recipe: dict[str,
     ]
     if different:
         raise InvalidParameter(
-            f"folder must be new or contain the same dataset; {folder} differs in {', '.join(different)}; choose another folder or remove it"
+            f"folder must be new or contain the same dataset; {folder} differs in "
+            f"{', '.join(different)}; choose another folder or remove it"
         )
 
 

@@ -109,7 +109,8 @@ class Detector:
             )
         if self.offset_dn > self.max_dn / 2:
             raise InvalidParameter(
-                f"black_level_dn must be at most {self.max_dn // 2}, half of the largest value; got {self.offset_dn:g} DN; reduce black_level_dn or read_noise_e"
+                f"black_level_dn must be at most {self.max_dn // 2}, half of the largest "
+                f"value; got {self.offset_dn:g} DN; reduce black_level_dn or read_noise_e"
             )
 
     @property

@@ -332,7 +332,8 @@ def check_housing_is_rendered(sensor: Sensor) -> None:
     """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
     if sensor.secondary is not None and not sensor.housing.is_empty:
         raise InvalidParameter(
-            f"the housing must be empty for rendering and ground truth of two mirrors; {sensor.name!r} has both; use replace(sensor, housing=Housing())"
+            "the housing must be empty for rendering and ground truth of two mirrors; "
+            f"{sensor.name!r} has both; use replace(sensor, housing=Housing())"
         )
 
 

@@ -227,7 +227,8 @@ def _check_size(camera: Camera) -> None:
     width, height = camera.image_size
     if width * height > MAX_SIDE_PX**2:
         raise InvalidParameter(
-            f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} x {MAX_SIDE_PX} px; got {width} x {height} px"
+            f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} x "
+            f"{MAX_SIDE_PX} px; got {width} x {height} px"
         )
 
 
@@ -521,7 +522,8 @@ def render_pinhole_image(scene: Scene, directions: ArrayLike, samples: int = 1) 
         or towards.shape[1] % samples
     ):
         raise InvalidParameter(
-            f"directions must have the shape (rows, columns, 3), with rows and columns multiples of samples = {samples}; got {towards.shape}"
+            "directions must have the shape (rows, columns, 3), with rows and columns "
+            f"multiples of samples = {samples}; got {towards.shape}"
         )
     light = np.zeros(towards.shape, dtype=np.float32)
     valid = np.isfinite(towards).all(axis=2)

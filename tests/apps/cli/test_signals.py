@@ -546,7 +546,12 @@ def test_main_restores_process_state_after_signal(number, monkeypatch, capsys):
 def test_main_keeps_streams_of_caller(tmp_path):
     """Separate process with standard error at descriptor 2: C code of the caller can write to it
     again."""
-    code = "import os, signal, sys, omnimirror.apps.cli as cli\ncli.main(['sensors', '--quiet'])\ntry: cli.main(['evaluate', 'nothing.toml'])\nexcept SystemExit as e: print(e.code)\nos.write(2, b'by the caller')\nassert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL\nassert 'OPENBLAS_NUM_THREADS' not in os.environ\n"
+    code = (
+        "import os, signal, sys, omnimirror.apps.cli as cli\ncli.main(['sensors', '--quiet'])\n"
+        "try: cli.main(['evaluate', 'nothing.toml'])\nexcept SystemExit as e: print(e.code)\n"
+        "os.write(2, b'by the caller')\nassert signal.getsignal(signal.SIGTERM) == "
+        "signal.SIG_DFL\nassert 'OPENBLAS_NUM_THREADS' not in os.environ\n"
+    )
     environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path
@@ -561,7 +566,9 @@ def test_ctrl_c_during_exec_sets_exit_code(where, tmp_path):
     """Case of dataclass definitions: the interpreter would end with SIGINT even if the exception is
     handled."""
     (tmp_path / "interrupted.py").write_text(
-        f"import signal, sys, omnimirror.apps.cli as cli\nfrom omnimirror.__main__ import run\ndef work(*args, **more): exec('signal.raise_signal(signal.SIGINT)')\n{where} = work\nsys.argv = ['omnimirror', 'sensors']\nrun()\n"
+        "import signal, sys, omnimirror.apps.cli as cli\nfrom omnimirror.__main__ import "
+        "run\ndef work(*args, **more): exec('signal.raise_signal(signal.SIGINT)')\n"
+        f"{where} = work\nsys.argv = ['omnimirror', 'sensors']\nrun()\n"
     )
     run = subprocess.run(
         [sys.executable, "-m", "interrupted"],
@@ -576,7 +583,12 @@ def test_ctrl_c_during_exec_sets_exit_code(where, tmp_path):
 
 def test_unraisable_signal_is_resent(capsys):
     """An exception in a destructor is lost; the command ends regardless."""
-    code = "import signal, sys, time, omnimirror.apps.cli as cli\nclass Deaf:\n    def __del__(self): signal.raise_signal(signal.SIGTERM); sum(range(100))\ndef work(*args, **more):\n    Deaf()\n    while True: time.sleep(0.01)\ncli.app.invoke = work\ncli.main(['sensors'])\n"
+    code = (
+        "import signal, sys, time, omnimirror.apps.cli as cli\nclass Deaf:\n    def "
+        "__del__(self): signal.raise_signal(signal.SIGTERM); sum(range(100))\ndef work(*args, "
+        "**more):\n    Deaf()\n    while True: time.sleep(0.01)\ncli.app.invoke = work\n"
+        "cli.main(['sensors'])\n"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert run.returncode == 128 + signal.SIGTERM
     assert run.stderr.strip() == "omnimirror: stopped"
@@ -587,7 +599,10 @@ def test_signal_during_import_is_resent(tmp_path):
     (tmp_path / "discarding.py").write_text(
         "import signal\ntry: signal.raise_signal(signal.SIGTERM)\nexcept KeyboardInterrupt: pass\n"
     )
-    code = "import time, omnimirror.apps.cli as cli\ndef work(*args, **more):\n    import discarding\n    time.sleep(60)\ncli.app.invoke = work\ncli.main(['sensors'])\n"
+    code = (
+        "import time, omnimirror.apps.cli as cli\ndef work(*args, **more):\n    import "
+        "discarding\n    time.sleep(60)\ncli.app.invoke = work\ncli.main(['sensors'])\n"
+    )
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, cwd=tmp_path
     )

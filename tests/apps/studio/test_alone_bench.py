@@ -47,7 +47,8 @@ centre_px = [600.0, 520.0]
 mirror_distance_mm = 160.0
 """
 ELLIPSOID = ASPHERE.replace(
-    'kind = "conic-asphere"\nvertex_radius_mm = 38.0\nconic = -1.7\nrim_radius_mm = 40.0\ncoefficients = [0.2, -0.03]\nnormalization_radius_mm = 35.0',
+    'kind = "conic-asphere"\nvertex_radius_mm = 38.0\nconic = -1.7\nrim_radius_mm = 40.0\n'
+    "coefficients = [0.2, -0.03]\nnormalization_radius_mm = 35.0",
     'kind = "ellipsoid"\na_mm = 44.0\nb_mm = 60.0\nrim_radius_mm = 31.0',
 )
 DESIGNS = [

@@ -183,7 +183,8 @@ def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
         enter(bench, "Focal length", str(12 + number))
         bench.locator(".compare tbody tr").nth(number + 1).wait_for()
     bottoms = bench.evaluate(
-        "[...document.querySelectorAll('#bench .plot:not([hidden]):has(.chart)')].map((f) => f.getBoundingClientRect().bottom)"
+        "[...document.querySelectorAll('#bench .plot:not([hidden]):has(.chart)')].map((f) "
+        "=> f.getBoundingClientRect().bottom)"
     )
     assert len(bottoms) == 8
     assert max(bottoms) <= 800

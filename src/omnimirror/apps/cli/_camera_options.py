@@ -97,7 +97,9 @@ class CameraOptions(Options):
     ball: tuple[float, float, float, float] | None = option(
         type=ball,
         metavar="CX,CY,R,FOV",
-        help="Camera: a mirror ball, with its circle in px and its full field in deg. The optical axis is assumed to point up; for a ball photographed horizontally, add --camera-looks forward.",
+        help="Camera: a mirror ball, with its circle in px and its full field in deg. The "
+        "optical axis is assumed to point up; for a ball photographed horizontally, add "
+        "--camera-looks forward.",
     )
     optics: Optics | None = option(
         type=click.Choice(["mirror", "fisheye"]),
@@ -110,12 +112,14 @@ class CameraOptions(Options):
     )
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
-        help="Orientation of the optical axis.  [default: as in the sensor file, or up, also for --ball; forward for --auto with --mirror ball or convex]",
+        help="Orientation of the optical axis.  [default: as in the sensor file, or up, also "
+        "for --ball; forward for --auto with --mirror ball or convex]",
     )
     forward_azimuth_deg: float | None = option(
         type=angle,
         metavar="DEG",
-        help="Image direction of forward, from image right towards image bottom.  [default: as in the sensor file, or -90]",
+        help="Image direction of forward, from image right towards image bottom.  [default: as "
+        "in the sensor file, or -90]",
     )
     image_flipped: bool | None = option(
         "--image-flipped/--not-image-flipped",
@@ -124,7 +128,9 @@ class CameraOptions(Options):
     level: tuple[float, float] | None = option(
         type=pitch_roll,
         metavar="PITCH,ROLL",
-        help="Level the view of a tilted sensor: its forward direction is PITCH deg above the horizon, and it is rolled ROLL deg clockwise.  [default: as in the sensor file, or 0,0]",
+        help="Level the view of a tilted sensor: its forward direction is PITCH deg above the "
+        "horizon, and it is rolled ROLL deg clockwise.  [default: as in the sensor file, "
+        "or 0,0]",
     )
     keep_tilt: bool | None = option(
         is_flag=True,
@@ -204,11 +210,14 @@ class AutoOptions(Options):
 
     auto: bool | None = option(
         is_flag=True,
-        help="Detect the outline of the mirror in the images and use the mirror of --mirror; a ball is levelled from vertical edges.",
+        help="Detect the outline of the mirror in the images and use the mirror of --mirror; a "
+        "ball is levelled from vertical edges.",
     )
     mirror: str | None = option(
         metavar="PRESET|FILE|NAME",
-        help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, or a sensor. The camera of ball and convex is assumed to look forward, that of dome up (--camera-looks).  [default: one-shot]",
+        help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, "
+        "or a sensor. The camera of ball and convex is assumed to look forward, that of "
+        "dome up (--camera-looks).  [default: one-shot]",
     )
 
     def check(self, camera: CameraOptions) -> None:
@@ -233,7 +242,8 @@ class AutoOptions(Options):
         """Raise UsageError for --auto with a video."""
         if self.auto:
             raise click.UsageError(
-                f"--auto requires images; got {source}; for a video, detect the outline in one of its frames with 'omnimirror rim', and specify it with --ball"
+                f"--auto requires images; got {source}; for a video, detect the outline in "
+                "one of its frames with 'omnimirror rim', and specify it with --ball"
             )
 
     def camera(
@@ -263,14 +273,20 @@ class AutoOptions(Options):
         def camera_of(size: tuple[int, int]) -> Sensor | MirrorBall:
             if size != rim.image_size:
                 raise InvalidParameter(
-                    f"the image size must be {rim.image_size[0]} x {rim.image_size[1]} px, that of the images with the detected rim; got {size[0]} x {size[1]} px; dewarp images of each size separately"
+                    f"the image size must be {rim.image_size[0]} x {rim.image_size[1]} px, "
+                    f"that of the images with the detected rim; got {size[0]} x {size[1]} "
+                    "px; dewarp images of each size separately"
                 )
             return camera
 
         (u, v), among = rim.centre_px, "" if len(images) == 1 else f" in {len(images)} images"
         words = f" ({PRESETS[name].words})" if name in PRESETS else ""
         default = "" if self.mirror else "; specify another with --mirror"
-        report = f"detected rim of radius {rim.radius_px:.1f} px at {u:.1f}, {v:.1f}{among}, confidence {rim.confidence:.2f}; assumed mirror: {name}{words}{default}{_tilt_ambiguity(rim, name)}{levelling}"
+        report = (
+            f"detected rim of radius {rim.radius_px:.1f} px at {u:.1f}, {v:.1f}{among}, "
+            f"confidence {rim.confidence:.2f}; assumed mirror: "
+            f"{name}{words}{default}{_tilt_ambiguity(rim, name)}{levelling}"
+        )
         return camera_of, report
 
 

@@ -163,7 +163,8 @@ def limit(text: str) -> LimitEntry:
         return match[1], parse_float(match[3]), entries
     except ValueError:
         raise click.BadParameter(
-            f"must be QUANTITY=NUMBER, QUANTITY=NUMBER@ANGLE or QUANTITY=NUMBER@FROM:TO, such as total_blur_px=4@20:120; got {format_value(text)}"
+            "must be QUANTITY=NUMBER, QUANTITY=NUMBER@ANGLE or QUANTITY=NUMBER@FROM:TO, "
+            f"such as total_blur_px=4@20:120; got {format_value(text)}"
         ) from None
 
 

@@ -58,7 +58,8 @@ class SceneOptions(Options):
     scene: str = option(
         default="room",
         metavar="NAME|FILE",
-        help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or a mesh (GLB, glTF, OBJ, PLY, STL).",
+        help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or "
+        "a mesh (GLB, glTF, OBJ, PLY, STL).",
     )
     heading_deg: float | None = option(
         type=angle,
@@ -104,7 +105,8 @@ class RenderingOptions(Options):
         type=click.Choice(["on", "off"]),
         is_flag=False,
         flag_value="on",
-        help="Render through the whole aperture, or without blur.  [default: on; off for a calibrated camera, which has no known aperture]",
+        help="Render through the whole aperture, or without blur.  [default: on; off for a "
+        "calibrated camera, which has no known aperture]",
     )
     no_blur: bool | None = option(is_flag=True, help="Disable blur, as --blur off.")
     samples: int = option("--samples", "--spp", type=INTEGER, default=16, help="Rays per pixel.")
@@ -112,7 +114,8 @@ class RenderingOptions(Options):
     reflectivity: Any = option(
         type=reflectivity,
         metavar="FRACTION|METAL|N+Kj",
-        help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three values for red, green and blue.  [default: 1]",
+        help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three "
+        "values for red, green and blue.  [default: 1]",
     )
     vignetting: bool | None = option(
         "--vignetting/--no-vignetting",
@@ -141,7 +144,8 @@ class RenderingOptions(Options):
     black_level_dn: float | None = option(
         type=NUMBER,
         metavar="DN",
-        help="Black level added to linear values, which avoids clipping of dark noise.  [default: 5 standard deviations of read noise]",
+        help="Black level added to linear values, which avoids clipping of dark noise.  "
+        "[default: 5 standard deviations of read noise]",
     )
     bits: int | None = option(
         type=INTEGER,

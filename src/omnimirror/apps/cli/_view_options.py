@@ -267,7 +267,8 @@ def _zoom(camera: Camera, view: Shape, zoom: float, allow_upsampling: bool) -> S
             else f"; limited to {maximum:.3g}; use --allow-upsampling to remove the limit"
         )
         click.echo(
-            f"omnimirror: zoom {zoom:g} exceeds the resolution of the sensor ({magnification:.1f} output pixels per source pixel){limited}",
+            f"omnimirror: zoom {zoom:g} exceeds the resolution of the sensor "
+            f"({magnification:.1f} output pixels per source pixel){limited}",
             err=True,
         )
         zoom = zoom if allow_upsampling else maximum

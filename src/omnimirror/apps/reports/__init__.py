@@ -202,7 +202,8 @@ def _figures(sensor: Sensor, report: ProgressCallback) -> str:
 
 def _table(result: Evaluation) -> str:
     head = "".join(
-        f'<th title="{html_text(describe_quantity(q))}">{html_text(q.heading)}<small>{html_text(q.unit) or "&nbsp;"}</small></th>'
+        f'<th title="{html_text(describe_quantity(q))}">{html_text(q.heading)}'
+        f"<small>{html_text(q.unit) or '&nbsp;'}</small></th>"
         for q in map(QUANTITIES.__getitem__, COLUMNS_SHOWN)
     )
     cells = result.texts(COLUMNS_SHOWN).values()

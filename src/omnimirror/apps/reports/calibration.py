@@ -27,11 +27,14 @@ from . import figure_html, page_html
 
 GRID = (48, 36)  # grid of the direction uncertainty
 CAPTIONS = {
-    "coverage": "Boards and their corners, with the rings in which corners are counted. Darker areas have a higher uncertainty of direction.",
-    "residuals": "Residual of each corner, from the detected to the projected position. Correlated neighbouring arrows indicate a systematic error of the model.",
+    "coverage": "Boards and their corners, with the rings in which corners are counted. Darker areas "
+    "have a higher uncertainty of direction.",
+    "residuals": "Residual of each corner, from the detected to the projected position. Correlated "
+    "neighbouring arrows indicate a systematic error of the model.",
     "residuals-by-radius": "Residuals along and across the image radius; means with their standard errors.",
     "residuals-by-image": "RMS of each image in the fit, and in a fit without this image.",
-    "residual-histograms": "Residuals in both image directions, and a normal distribution with the same standard deviation.",
+    "residual-histograms": "Residuals in both image directions, and a normal distribution with the same standard "
+    "deviation.",
 }
 
 

@@ -111,7 +111,8 @@ def comparison_html(comparison: Comparison, images: RenderedImages) -> str:
         curves=figure_html(
             render(side_by_side(_aligned_sensors(comparison)), "svg"),
             "svg+xml",
-            "Distant objects, each sensor at the focus of its file. Dots are lenses; thin lines connect them to the rim of the mirror.",
+            "Distant objects, each sensor at the focus of its file. Dots are lenses; thin "
+            "lines connect them to the rim of the mirror.",
             css="plot",
         ),
         circles="".join(

@@ -161,14 +161,20 @@ def tolerances_html(report: ToleranceReport) -> str:
         ),
         curves=figure_html(shares, "svg+xml", f"{order.statistics.trials} trials.", "plot"),
         command=html_text(
-            f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials {report.statistics.trials} --seed {report.seed}{target_yield} --report order.html"
+            f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials "
+            f"{report.statistics.trials} --seed {report.seed}{target_yield} --report "
+            "order.html"
         ),
     )
 
 
 def _lead(order: _Order) -> str:
     of = order.confirmed_yield
-    return f"Predicted yield within these tolerances: {100 * of.value:.1f} % (95 % confidence: {100 * of.low:.1f} to {100 * of.high:.1f} %), from {order.statistics.trials} simulated sensors."
+    return (
+        f"Predicted yield within these tolerances: {100 * of.value:.1f} % (95 % confidence: "
+        f"{100 * of.low:.1f} to {100 * of.high:.1f} %), from {order.statistics.trials} "
+        "simulated sensors."
+    )
 
 
 def _numbers(order: _Order) -> str:
@@ -254,7 +260,10 @@ def _conditions(order: _Order) -> str:
     plan = order.report.plan
     focus = {"none": "has the nominal focus", "rms": "is refocused for minimum rms blur"}
     focused = focus.get(plan.refocus, "is refocused for minimum worst-case blur")
-    return f"Image motions of objects over the field relative to the nominal sensor. Each sensor {focused}. &ldquo;After&rdquo; denotes residuals after the calibration."
+    return (
+        "Image motions of objects over the field relative to the nominal sensor. Each sensor "
+        f"{focused}. &ldquo;After&rdquo; denotes residuals after the calibration."
+    )
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -144,7 +144,8 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
     width, height = sensor.imager.size
     if max(width, height) > MAX_SIDE_PX:
         raise InvalidParameter(
-            f"the imager of a report must have at most {MAX_SIDE_PX} px per side; got {width} x {height} px; omnimirror demo supports larger imagers"
+            f"the imager of a report must have at most {MAX_SIDE_PX} px per side; got "
+            f"{width} x {height} px; omnimirror demo supports larger imagers"
         )
     with tempfile.TemporaryDirectory() as folder:
         data = write_demo(sensor, folder, on_progress=tell).read_bytes()

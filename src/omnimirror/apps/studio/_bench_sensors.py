@@ -200,12 +200,20 @@ def remark_on(sensor: Sensor) -> str | None:
     if pose.is_axial and sensor.is_ideal_except_pose:
         return None
     if pose.is_axial:
-        return "The file contains a form error of the mirror or a tilt of the imager. Only the image of the room includes them; cross-section, plots and requirements are those of the ideal sensor."
+        return (
+            "The file contains a form error of the mirror or a tilt of the imager. Only the "
+            "image of the room includes them; cross-section, plots and requirements are those "
+            "of the ideal sensor."
+        )
     shift, tilt = (
         f"{a:g} and {b:g}"
         for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
     )
-    return f"The mirror is misaligned: decentred by {shift} mm, tilted by {tilt}°. Only the image of the room includes this; cross-section, plots and requirements are those of the aligned mirror."
+    return (
+        f"The mirror is misaligned: decentred by {shift} mm, tilted by {tilt}°. Only the image "
+        "of the room includes this; cross-section, plots and requirements are those of the "
+        "aligned mirror."
+    )
 
 
 def why_not_optimised(sensor: Sensor) -> str | None:
@@ -534,5 +542,7 @@ def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> 
     against = side * beam < 0
     most = float(np.min(steps[against] / np.abs(beam[against])))
     raise InvalidParameter(
-        f"the image height must increase with the field angle; a change of {pulled:+.3g} times the image height of the rim at {omega_deg:.4g} deg violates this; the limit is {side * most:+.3g}"
+        f"the image height must increase with the field angle; a change of {pulled:+.3g} "
+        f"times the image height of the rim at {omega_deg:.4g} deg violates this; the "
+        f"limit is {side * most:+.3g}"
     )

@@ -244,7 +244,9 @@ def render_board_view(ask: BoardViewRequest, data: bytes) -> bytes:
     screen = BoardScreen(ask.place)
     if not np.all((screen.sides_mm > 0) & (screen.sides_mm < MAX_BOARD_MM)):
         raise InvalidParameter(
-            f"the board in {ask.place.picture} must be larger than 0 and smaller than {MAX_BOARD_MM:g} mm; its corners extend from {ask.place.low_mm} to {ask.place.high_mm} mm"
+            f"the board in {ask.place.picture} must be larger than 0 and smaller than "
+            f"{MAX_BOARD_MM:g} mm; its corners extend from {ask.place.low_mm} to "
+            f"{ask.place.high_mm} mm"
         )
     picture = eight_bits(picture_in(data, ask.name))
     camera = parse_camera(ask.camera_file, source="the camera")

@@ -37,8 +37,8 @@ from .calibration_messages import (
 
 Tell = Callable[[CalibrationStatus], None]
 LABELS = {
-    "say --flipped": 'select "Camera driver flips images left to right"',
-    "--flipped": '"Camera driver flips images left to right"',
+    "use --image-flipped": 'select "Camera driver flips images left to right"',
+    "--image-flipped": '"Camera driver flips images left to right"',
     "--optics": '"Optics"',
 }
 """Labels of the page for command-line options in messages."""

@@ -143,7 +143,8 @@ def render_room(known: NamedCamera) -> bytes:
     width, height = known.camera.image_size
     if width * height > MAX_PIXELS:
         raise OmnimirrorError(
-            f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million pixels; got {width} x {height} px; omnimirror simulate supports larger images"
+            f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million "
+            f"pixels; got {width} x {height} px; omnimirror simulate supports larger images"
         )
     return encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 

@@ -207,7 +207,8 @@ def video_viewer(
         )
     if video.rotation_deg:
         raise MediaError(
-            f"{path} must have a rotation by a multiple of 90 deg, and none with --stored-orientation, since browsers apply it; got {video.rotation_deg} deg"
+            f"{path} must have a rotation by a multiple of 90 deg, and none with "
+            f"--stored-orientation, since browsers apply it; got {video.rotation_deg} deg"
         )
     _check_size(camera, video.size, "video")
     is_small = path.stat().st_size <= MAX_EMBEDDED_BYTES
@@ -250,7 +251,8 @@ def _page_with(
 def page_with_messages(**messages: Message) -> str:
     """Return the page with embedded messages, identified by their names (with hyphens)."""
     held = "".join(
-        f'<script type="application/json" id="{name.replace("_", "-")}">{script_json(message.model_dump_json())}</script>'
+        '<script type="application/json" '
+        f'id="{name.replace("_", "-")}">{script_json(message.model_dump_json())}</script>'
         for name, message in messages.items()
     )
     return page_text().replace(PLACE, held)

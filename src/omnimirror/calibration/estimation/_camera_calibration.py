@@ -179,7 +179,11 @@ Picture = NDArray[Any]
 FEW_PICTURES = 6
 OVERFIT = 1.25  # ratio of held-out error to fit error that indicates overfitting
 COSTLY = 2.0  # ratio to the corner noise; smaller single-viewpoint errors are not reported
-TOGETHER = "Do not use such parameters individually: many cameras fit these images equally well. The directions of the pixels are well determined. A measured or specified value separates the parameters: --prior NAME=VALUE+-SIGMA."
+TOGETHER = (
+    "Do not use such parameters individually: many cameras fit these images equally well. The "
+    "directions of the pixels are well determined. A measured or specified value separates the "
+    "parameters: --prior NAME=VALUE+-SIGMA."
+)
 OWN_RIM = "The sensor model has its own rim radius; rim_radius_px = {rim:g} is not stored."
 
 
@@ -400,7 +404,8 @@ def _size(
         )
     if not detections and (count := sum(map(len, surveys))) < MIN_CORNERS_PER_IMAGE:
         raise InvalidParameter(
-            f"surveys must contain at least {MIN_CORNERS_PER_IMAGE} points (recommended: 40 in all directions); got {count}"
+            f"surveys must contain at least {MIN_CORNERS_PER_IMAGE} points (recommended: "
+            f"40 in all directions); got {count}"
         )
     for survey in surveys:
         outside = np.any((survey.pixels < -0.5) | (survey.pixels > np.array(size) - 0.5), axis=1)
@@ -481,7 +486,10 @@ def _with_edges(calibration: Calibration, edges: StraightEdges) -> Calibration:
     rejected = [
         f"edge {e.edge} of {e.image} ({_deviation_text(e.rms_px)})" for e in results if not e.used
     ]
-    note = f"{len(used)} of {len(results)} marked edges are straight with a residual of {np.sqrt(np.mean(used**2)):.2f} px rms"
+    note = (
+        f"{len(used)} of {len(results)} marked edges are straight with a residual of "
+        f"{np.sqrt(np.mean(used**2)):.2f} px rms"
+    )
     note += f"; not used: {joined_names(rejected)}." if rejected else "."
     return replace(calibration, edges=results, notes=(*calibration.notes, note))
 
@@ -592,10 +600,13 @@ def _notes(
         notes.append("The calibration was stopped early: this is the best fit so far.")
     if len(fit.observations) < FEW_PICTURES and not any(s.is_surveyed for s in fit.observations):
         notes.append(
-            f"The fit error of {len(fit.observations)} images is not representative of other images: check the error in held-out images, and take more images."
+            f"The fit error of {len(fit.observations)} images is not representative of "
+            "other images: check the error in held-out images, and take more images."
         )
     notes += [
-        f"The images do not determine {joined_names(free.names)}{' separately' if len(free.names) > 1 else ''}: a camera with {free} (one standard deviation) fits nearly as well."
+        "The images do not determine "
+        f"{joined_names(free.names)}{' separately' if len(free.names) > 1 else ''}: a "
+        f"camera with {free} (one standard deviation) fits nearly as well."
         for free in covariance.free
     ]
     if covariance.free:
@@ -605,7 +616,9 @@ def _notes(
     moving_part = "lens" if getattr(fit.model, "optics", "mirror") == "fisheye" else "mirror"
     if held_out_rms_px > OVERFIT * fit.rms_px:
         notes.append(
-            f"The error in held-out images, {held_out_rms_px:.3f} px, is well above the fit error, {fit.rms_px:.3f} px: the model is too flexible for these images, or compensates for motion of the {moving_part} between them."
+            f"The error in held-out images, {held_out_rms_px:.3f} px, is well above the "
+            f"fit error, {fit.rms_px:.3f} px: the model is too flexible for these images, "
+            f"or compensates for motion of the {moving_part} between them."
         )
     notes += _viewpoint_notes(fit, state.multi_viewpoint)
     notes += [f"{kind} could not be fitted: {why}" for kind, why in state.failures.items()]
@@ -622,7 +635,9 @@ def _remaining_notes(remaining: tuple[Outlier, ...], fit: BundleAdjustment) -> l
     names = joined_names([f"{name} ({count})" for name, count in counts.most_common()])
     percentage = 100 * len(remaining) / len(fit.residuals)
     return [
-        f"{len(remaining)} of the used corners ({percentage:.2g} %) have residuals above the noise, up to {remaining[0].residual_px:.2f} px, and were not rejected. Possible causes: wrong corners, a bent board, or model errors. Images: {names}."
+        f"{len(remaining)} of the used corners ({percentage:.2g} %) have residuals above "
+        f"the noise, up to {remaining[0].residual_px:.2f} px, and were not rejected. "
+        f"Possible causes: wrong corners, a bent board, or model errors. Images: {names}."
     ]
 
 

@@ -297,7 +297,10 @@ ROUGH_START = {True: 2.0, False: 10.0}
 
 It is larger for surveys: boards are placed at the best pose for any camera, even a wrong one.
 """
-UNPLACED = "its pose cannot be estimated: at least 6 points that are not collinear, or 3 directions, are required, and their frame must be right-handed"
+UNPLACED = (
+    "its pose cannot be estimated: at least 6 points that are not collinear, or 3 directions, "
+    "are required, and their frame must be right-handed"
+)
 FIELD_MARGIN = (
     1.03  # maximum field angle of the model comparison relative to that of the farthest corner
 )

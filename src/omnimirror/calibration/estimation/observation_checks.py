@@ -23,7 +23,11 @@ MAX_NAMED = 6
 SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
 """Maximum tilt and relative position difference of boards that count as one pose."""
 BOARD_REMEDY = "check that the board is the specified one, and flat"
-SURVEY_REMEDY = "check that their axes are right-handed, that their units are those of the columns, that all points of an image were observed from one position, and that --optics and --image-flipped are correct"
+SURVEY_REMEDY = (
+    "check that their axes are right-handed, that their units are those of the columns, that "
+    "all points of an image were observed from one position, and that --optics and "
+    "--image-flipped are correct"
+)
 WORST_MEDIAN = 0.01  # maximum initial median residual, fraction of the larger image side
 
 
@@ -61,7 +65,8 @@ def check_detections(
         deviating = [d.name for d in detections if is_used(d) and tuple(d.image_size) != usual]
         names = ", ".join(f"{w} x {h}" for (w, h), _ in others)
         raise InvalidParameter(
-            f"images of one calibration must have one size; {joined_names(deviating)}: {names} px, the other images: {usual[0]} x {usual[1]} px"
+            f"images of one calibration must have one size; {joined_names(deviating)}: "
+            f"{names} px, the other images: {usual[0]} x {usual[1]} px"
         )
     if not detections:
         raise InvalidParameter(
@@ -72,7 +77,10 @@ def check_detections(
         missing = [d for d in detections if not is_used(d)]
         reasons = "; ".join(reason_of(d) for d in missing[:MAX_NAMED])
         raise InvalidParameter(
-            f"the board ({board}) was detected in {len(used)} of {len(detections)} images{f' ({joined_names([d.name for d in used])})' if used else ''}; at least {min_images} {'is' if min_images == 1 else 'are'} required, 10 or more are recommended{': ' if reasons else ''}{reasons}"
+            f"the board ({board}) was detected in {len(used)} of {len(detections)} "
+            f"images{f' ({joined_names([d.name for d in used])})' if used else ''}; at "
+            f"least {min_images} {'is' if min_images == 1 else 'are'} required, 10 or more "
+            f"are recommended{': ' if reasons else ''}{reasons}"
         )
     mismatched = [
         d.name for d in used if d.is_reversed is not None and d.is_reversed != is_reversed
@@ -134,7 +142,9 @@ def check_poses(observations: Sequence[Observation]) -> None:
     spread = float(np.linalg.norm(centres[:, None] - centres[None], axis=2).max())
     if tilt < SAME_TILT_DEG and spread < SAME_PLACE * distance:
         raise InvalidParameter(
-            f"the board must have different poses; it has the same in all images ({joined_names([s.name for s in observations])}); hold it at different positions and angles in all directions"
+            "the board must have different poses; it has the same in all images "
+            f"({joined_names([s.name for s in observations])}); hold it at different "
+            "positions and angles in all directions"
         )
 
 
@@ -376,13 +386,16 @@ def recommendations(coverage: Coverage, images: int) -> tuple[str, ...]:
     sentences = []
     if images < SUFFICIENT_IMAGES:
         sentences.append(
-            f"Take more images: {images} {'is' if images == 1 else 'are'} used; {SUFFICIENT_IMAGES} to 20 with the board at different positions are recommended."
+            f"Take more images: {images} {'is' if images == 1 else 'are'} used; "
+            f"{SUFFICIENT_IMAGES} to 20 with the board at different positions are "
+            "recommended."
         )
     outer = np.flatnonzero(coverage.counts[-1] < MIN_CORNERS_PER_CELL)
     if len(outer):
         low, high = coverage.radii_px[-2:]
         sentences.append(
-            f"Hold the board across the edge of the field at the {_side_names(outer)}: few corners there are {low:.0f} to {high:.0f} px from the centre."
+            f"Hold the board across the edge of the field at the {_side_names(outer)}: few "
+            f"corners there are {low:.0f} to {high:.0f} px from the centre."
         )
     inner = np.flatnonzero(coverage.counts[:-1].sum(axis=0) < MIN_CORNERS_PER_CELL)
     if len(inner):

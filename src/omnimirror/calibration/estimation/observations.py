@@ -157,7 +157,8 @@ class Observation:
         )
         if pixels.ndim != 2 or len(pixels) != len(points):
             raise InvalidParameter(
-                f"{self.name}: pixels (n, 2) and points (n, 3) must have the same length; got {pixels.shape} and {points.shape}"
+                f"{self.name}: pixels (n, 2) and points (n, 3) must have the same length; "
+                f"got {pixels.shape} and {points.shape}"
             )
         if self.is_known and self.pose is None:
             raise InvalidParameter(f"{self.name}: a known pose must be specified; got None")
@@ -167,7 +168,8 @@ class Observation:
         object.__setattr__(self, "ids", ids)
         if np.ndim(self.is_distant) and np.shape(self.is_distant) != (len(pixels),):
             raise InvalidParameter(
-                f"{self.name}: is_distant must be one truth value, or one for each of {len(pixels)} points; got shape {np.shape(self.is_distant)}"
+                f"{self.name}: is_distant must be one truth value, or one for each of "
+                f"{len(pixels)} points; got shape {np.shape(self.is_distant)}"
             )
         for name in ("along", "normals"):
             if getattr(self, name) is not None:
@@ -183,7 +185,8 @@ class Observation:
         lengths = np.linalg.norm(directions, axis=-1, keepdims=True)
         if directions.shape != (count, 3) or not (lengths > 0).all():
             raise InvalidParameter(
-                f"{self.name}: {name} must be {count} nonzero directions ({count}, 3), one per point; got shape {directions.shape}"
+                f"{self.name}: {name} must be {count} nonzero directions ({count}, 3), one "
+                f"per point; got shape {directions.shape}"
             )
         return np.asarray(directions / lengths)
 
@@ -338,7 +341,8 @@ def _marks(observations: Sequence[Observation]) -> Marks:
     )
     if (unmatched := mark_ids[count < 2]).size:
         raise InvalidParameter(
-            f"mark {unmatched[0]} on a plane must be observed in at least two images with the same number (ids); got one"
+            f"mark {unmatched[0]} on a plane must be observed in at least two images with "
+            "the same number (ids); got one"
         )
     first_points, other = at[first][number], at
     distances = np.abs(
@@ -547,7 +551,8 @@ def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> 
     if target is None or len(set(columns)) < len(columns):
         column_sets = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
         raise InvalidParameter(
-            f"line {number} of {path}: the columns must be {column_sets}, and {IMAGE_COLUMN} for several images; got {format_value(head)}"
+            f"line {number} of {path}: the columns must be {column_sets}, and "
+            f"{IMAGE_COLUMN} for several images; got {format_value(head)}"
         )
     return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
 
@@ -648,7 +653,8 @@ def simulate_detections(
                 break
         else:
             raise InvalidParameter(
-                f"camera must observe a board of {board} with squares of {board.square_mm:g} mm; got no visible pose in {MAX_TRIES} attempts"
+                f"camera must observe a board of {board} with squares of "
+                f"{board.square_mm:g} mm; got no visible pose in {MAX_TRIES} attempts"
             )
         ids = np.flatnonzero(projection.valid)
         corners = projection.pixels[ids] + random.normal(0.0, noise_px, (len(ids), 2))

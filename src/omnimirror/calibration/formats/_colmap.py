@@ -191,7 +191,11 @@ def values_of(camera: Any, name: str) -> Numbers:
 
 def text_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> str:
     """Return a ``cameras.txt`` with one camera."""
-    return f"# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: 1\n1 {name} {size[0]} {size[1]} {number_row(numbers, ' ')}\n"
+    return (
+        "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, "
+        f"HEIGHT, PARAMS[]\n# Number of cameras: 1\n1 {name} {size[0]} {size[1]} "
+        f"{number_row(numbers, ' ')}\n"
+    )
 
 
 def binary_file(size: tuple[int, int], name: str, numbers: Sequence[float]) -> bytes:

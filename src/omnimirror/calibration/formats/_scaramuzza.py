@@ -214,12 +214,14 @@ def _arguments(text: str, source: str) -> Node:
     outside = re.sub(r"\[[^\][]*\]", "", re.sub(r"\d[eE][-+]?\d", "", arguments))
     if unknown := re.search(r"[A-Za-z]\w*", outside):
         raise SpecError(
-            f"{source} line {line}: the variable {unknown[0]} must be set to numbers in brackets; write the numbers into the call of fisheyeIntrinsics"
+            f"{source} line {line}: the variable {unknown[0]} must be set to numbers in "
+            "brackets; write the numbers into the call of fisheyeIntrinsics"
         )
     parts = re.findall(r"\[([^\][]*)\]", arguments)
     if len(parts) not in (3, 4):
         raise SpecError(
-            f"{source} line {line}: fisheyeIntrinsics must have 3 or 4 arguments in brackets, {', '.join(MATLAB_NAMES)}; got {len(parts)}"
+            f"{source} line {line}: fisheyeIntrinsics must have 3 or 4 arguments in "
+            f"brackets, {', '.join(MATLAB_NAMES)}; got {len(parts)}"
         )
     table = {}
     for name, part in zip(MATLAB_NAMES, parts, strict=False):
@@ -255,7 +257,12 @@ def write_matlab_script(camera: OCam, name: str = "") -> str:
     """Return a script that creates the object ``intrinsics``."""
     a, (height, width), centre, stretch = _numbers(camera)
     matrix = "; ".join(number_row(r, " ") for r in stretch)
-    return f"% Camera for MATLAB's Computer Vision Toolbox; run this file and use the variable intrinsics.\n% The centre of the first pixel is (1, 1).\nintrinsics = fisheyeIntrinsics([{number_row(a, ' ')}], ...\n    [{height} {width}], ...  % rows and columns\n    [{number_row(centre, ' ')}], ...\n    [{matrix}]);\n"
+    return (
+        "% Camera for MATLAB's Computer Vision Toolbox; run this file and use the variable "
+        "intrinsics.\n% The centre of the first pixel is (1, 1).\nintrinsics = "
+        f"fisheyeIntrinsics([{number_row(a, ' ')}], ...\n    [{height} {width}], ...  % rows "
+        f"and columns\n    [{number_row(centre, ' ')}], ...\n    [{matrix}]);\n"
+    )
 
 
 def write_matlab_json(camera: OCam, name: str = "") -> str:
@@ -396,7 +403,11 @@ def write_py_omnicalib(camera: OCam, name: str = "") -> str:
     taylor = matlab_polynomial(camera)
     inverse, _ = inverse_polynomial(camera, 0.0)
     width, height = camera.image_size
-    return f"extrinsics: []\n{INVERSE_TERMS}: [{number_row(inverse)}]\npoly_radius_to_z: [{number_row(taylor.coefficients)}]\nprincipal_point: [{number_row(taylor.centre_px)}]\nimage_size: [{width}, {height}]\n"
+    return (
+        f"extrinsics: []\n{INVERSE_TERMS}: [{number_row(inverse)}]\npoly_radius_to_z: "
+        f"[{number_row(taylor.coefficients)}]\nprincipal_point: "
+        f"[{number_row(taylor.centre_px)}]\nimage_size: [{width}, {height}]\n"
+    )
 
 
 PY_OMNICALIB = CameraFormat(

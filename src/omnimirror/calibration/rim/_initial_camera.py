@@ -161,7 +161,10 @@ def check_confidence(rim: MirrorOutline) -> None:
     """
     if not rim.is_accepted:
         raise InvalidParameter(
-            f"the confidence of the mirror outline must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}; use more images of the same sensor or one with the complete rim, or specify the mirror with --ball CX,CY,R,FOV or a --sensor file"
+            f"the confidence of the mirror outline must be at least {MIN_CONFIDENCE:g}; "
+            f"got {rim.confidence:.2f}; use more images of the same sensor or one with the "
+            "complete rim, or specify the mirror with --ball CX,CY,R,FOV or a --sensor "
+            "file"
         )
 
 

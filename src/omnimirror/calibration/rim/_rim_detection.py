@@ -419,7 +419,8 @@ def _check(images: list[Picture]) -> None:
     for image in images:
         if image.ndim not in (2, 3) or min(image.shape[:2]) < MIN_SIDE_PX:
             raise InvalidParameter(
-                f"images must be arrays (rows, columns) or (rows, columns, channels) with at least {MIN_SIDE_PX} px per side; got shape {image.shape}"
+                "images must be arrays (rows, columns) or (rows, columns, channels) with "
+                f"at least {MIN_SIDE_PX} px per side; got shape {image.shape}"
             )
     check_image_sizes(images, [f"image {number}" for number in range(len(images))])
 
@@ -441,7 +442,8 @@ def check_image_sizes(images: Sequence[Picture], names: Sequence[str]) -> None:
             f" and {len(deviating) - MAX_NAMED} more" if len(deviating) > MAX_NAMED else ""
         )
         raise InvalidParameter(
-            f"images of one sensor must have one size; {names[sizes.index(usual)]} has {usual[0]} x {usual[1]} px, {listed}; process them separately"
+            f"images of one sensor must have one size; {names[sizes.index(usual)]} has "
+            f"{usual[0]} x {usual[1]} px, {listed}; process them separately"
         )
 
 

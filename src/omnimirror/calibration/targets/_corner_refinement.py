@@ -515,7 +515,8 @@ def refine_corners(
     height, width = values.shape
     if (width, height) != tuple(detection.image_size):
         raise InvalidParameter(
-            f"the image must have the size of {detection.name}, {detection.image_size[0]} x {detection.image_size[1]} px; got {width} x {height} px"
+            f"the image must have the size of {detection.name}, {detection.image_size[0]} "
+            f"x {detection.image_size[1]} px; got {width} x {height} px"
         )
     if not detection.found:
         return detection

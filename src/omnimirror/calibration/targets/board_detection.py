@@ -95,7 +95,8 @@ def find_board(
     size = (values.shape[1], values.shape[0])
     if camera is not None and tuple(camera.image_size) != size:
         raise InvalidParameter(
-            f"the image must have the size of the camera, {camera.image_size[0]} x {camera.image_size[1]} px; got {size[0]} x {size[1]} px"
+            f"the image must have the size of the camera, {camera.image_size[0]} x "
+            f"{camera.image_size[1]} px; got {size[0]} x {size[1]} px"
         )
     detect = _detect_markers if board.has_markers else _detect_squares
     detection = detect(values, board, name, is_quick=quick)
@@ -376,7 +377,10 @@ def _size_reason(part: LatticePart, board: Board, values: Grey) -> str:
     if [columns, rows] == expected_size:
         return f"only {len(part.places)} of {board.corner_count} corners of the board were detected"
     if [columns + 1, rows + 1] == expected_size:
-        return f"a board of {columns} x {rows} corners was detected instead of {board}; specify the number of inner corners, not of squares{blurred}"
+        return (
+            f"a board of {columns} x {rows} corners was detected instead of {board}; specify "
+            f"the number of inner corners, not of squares{blurred}"
+        )
     return f"a board of {columns} x {rows} corners was detected instead of {board}{blurred}"
 
 

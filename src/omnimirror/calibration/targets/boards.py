@@ -115,7 +115,8 @@ class Board:
             choice("family", self.family.upper(), families())
             if self.marker_count > (family_size := capacity(self.family)):
                 raise InvalidParameter(
-                    f"family must have at least {self.marker_count} markers for a board of {self}; {self.family} has {family_size}"
+                    f"family must have at least {self.marker_count} markers for a board of "
+                    f"{self}; {self.family} has {family_size}"
                 )
 
     def __str__(self) -> str:

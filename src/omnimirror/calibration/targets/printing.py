@@ -76,7 +76,9 @@ def sheet_of(
         size = PAPERS_MM[paper] if width >= height else PAPERS_MM[paper][::-1]
         if width > size[0] or height > size[1]:
             raise InvalidParameter(
-                f"paper must be larger than the board of {width:g} x {height:g} mm; got {paper} ({size[0]:g} x {size[1]:g} mm); use smaller squares or a larger paper"
+                f"paper must be larger than the board of {width:g} x {height:g} mm; got "
+                f"{paper} ({size[0]:g} x {size[1]:g} mm); use smaller squares or a larger "
+                "paper"
             )
     left, top = (size[0] - width) / 2, (size[1] - height) / 2
     return BoardSheet(
@@ -324,11 +326,18 @@ def _svg(sheet: BoardSheet) -> str:
     bars = "".join(f"M{x:.6g} {y:.6g}h{w:.6g}v{h:.6g}h{-w:.6g}z" for x, y, w, h in sheet.black_mm)
     left, bottom, ruler = _foot(sheet)
     foot = (
-        f'<path d="M{left:.6g} {bottom:.6g}h{ruler:g}" stroke="black" stroke-width="{LINE_MM}"/><text x="{left:.6g}" y="{bottom - 1.5:.6g}" font-family="sans-serif" font-size="{TEXT_MM}">{xml_text(sheet.words)}</text>'
+        f'<path d="M{left:.6g} {bottom:.6g}h{ruler:g}" stroke="black" '
+        f'stroke-width="{LINE_MM}"/><text x="{left:.6g}" y="{bottom - 1.5:.6g}" '
+        f'font-family="sans-serif" font-size="{TEXT_MM}">{xml_text(sheet.words)}</text>'
         if ruler
         else ""
     )
-    return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.6g}mm" height="{height:.6g}mm" viewBox="0 0 {width:.6g} {height:.6g}"><path d="M0 0h{width:.6g}v{height:.6g}h{-width:.6g}z" fill="white"/><path d="{bars}" shape-rendering="crispEdges"/>{foot}</svg>\n'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.6g}mm" '
+        f'height="{height:.6g}mm" viewBox="0 0 {width:.6g} {height:.6g}"><path d="M0 '
+        f'0h{width:.6g}v{height:.6g}h{-width:.6g}z" fill="white"/><path d="{bars}" '
+        f'shape-rendering="crispEdges"/>{foot}</svg>\n'
+    )
 
 
 def _pdf(sheet: BoardSheet) -> bytes:

@@ -41,7 +41,9 @@ def plausibility_warnings(camera: RadialModel) -> list[str]:
     centre, size = f"the centre ({u:.4g}, {v:.4g})", f"{width} x {height} px image"
     if offset > MAX_CENTRE_OFFSET * min(width, height) and swapped < MAX_SWAPPED_RATIO * offset:
         messages.append(
-            f"{centre} is {offset:.3g} px from the centre of the {size}, but {swapped:.3g} px with swapped coordinates or swapped width and height; check their order in the file"
+            f"{centre} is {offset:.3g} px from the centre of the {size}, but {swapped:.3g} "
+            "px with swapped coordinates or swapped width and height; check their order "
+            "in the file"
         )
     elif not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
         messages.append(f"{centre} is outside the {size}")
@@ -50,7 +52,9 @@ def plausibility_warnings(camera: RadialModel) -> list[str]:
     if stretch > MAX_STRETCH:
         shift = stretch * min(camera.field_radius_px, min(width, height) / 2)
         messages.append(
-            f"the image is stretched by {100 * stretch:.3g} % in one direction ({_affine(camera)}), up to {shift:.3g} px; nearly all cameras have square pixels"
+            f"the image is stretched by {100 * stretch:.3g} % in one direction "
+            f"({_affine(camera)}), up to {shift:.3g} px; nearly all cameras have square "
+            "pixels"
         )
     return messages
 
@@ -90,7 +94,9 @@ def inverse_polynomial_warnings(
     if difference[largest] <= MAX_DIFFERENCE_PX:
         return []
     return [
-        f"the inverse polynomial of the file differs from the direct one by up to {difference[largest]:.3g} px ({np.degrees(omega[largest]):.3g} deg from the axis); the direct one is used"
+        "the inverse polynomial of the file differs from the direct one by up to "
+        f"{difference[largest]:.3g} px ({np.degrees(omega[largest]):.3g} deg from the "
+        "axis); the direct one is used"
     ]
 
 

@@ -450,7 +450,7 @@ def _sizes_of(told: BlurDiameters) -> Callable[[Array], BlurSize]:
             )
 
         return sizes
-    table = numbers("blur", told, "of shape (), (2,) or numbers of shape (n, 3)")
+    table = numbers("blur", told, "one number, two numbers or a table (n, 3)")
     if table.ndim < 2 and table.size in (1, 2):
         tangential, sagittal = np.broadcast_to(table.ravel(), 2)
         _checked(BlurSize(tangential, sagittal))
@@ -537,6 +537,7 @@ def _radii_of(omega_deg: Array, camera: Camera, path: str | Path) -> Array:
     if outside.any():
         low, high = np.degrees([symmetry.omega_min, symmetry.omega_max])
         raise SpecError(
-            f"{path}: omega_deg must be within the field, {low:.4g} to {high:.4g} deg; got {omega_deg[outside][0]:g} deg"
+            f"{path}: omega_deg must be within the field, {low:.4g} to {high:.4g} deg; got "
+            f"{omega_deg[outside][0]:g} deg"
         )
     return symmetry.radius_px(np.clip(omega, symmetry.omega_min, symmetry.omega_max))

@@ -332,7 +332,8 @@ class Restorer:
         if self.focus_distance_mm is not None:
             assert isinstance(self.camera, Sensor)
             words.append(
-                f"EXIF has a focus distance of {self.focus_distance_mm:.4g} mm, the sensor {self.camera.lens.focus_distance_mm:.4g} mm: the smaller blur is assumed"
+                f"EXIF has a focus distance of {self.focus_distance_mm:.4g} mm, the sensor "
+                f"{self.camera.lens.focus_distance_mm:.4g} mm: the smaller blur is assumed"
             )
         return "; ".join(words)
 

@@ -109,7 +109,8 @@ def plan_bracket(
     chosen = _stab(blur <= np.maximum(limit_px, SLACK * least))
     if len(chosen) > MAX_BRACKET_IMAGES:
         raise InvalidParameter(
-            f"the focus bracket must have at most {MAX_BRACKET_IMAGES} images; got {len(chosen)} with limit_px = {limit_px:g}"
+            f"the focus bracket must have at most {MAX_BRACKET_IMAGES} images; got "
+            f"{len(chosen)} with limit_px = {limit_px:g}"
         )
     return Bracket(candidates[chosen], omega, blur[chosen].min(axis=0), least, limit_px)
 
@@ -140,7 +141,8 @@ def _candidates(sensor: Sensor, study: FocusStudy) -> Array:
         return np.linspace(low, high, FOCUSES)
     if not (np.isfinite(L).all() and low > sensor.lens.PARAMETERS["focus_distance_mm"].low):
         raise InvalidParameter(
-            f"the virtual images of {sensor.name!r} must be within the focus range of its lens; got {low:.4g} to {high:.4g} mm"
+            f"the virtual images of {sensor.name!r} must be within the focus range of its "
+            f"lens; got {low:.4g} to {high:.4g} mm"
         )
     spaced: Array = 1 / np.linspace(1 / low, 1 / high, FOCUSES)
     return spaced
@@ -260,7 +262,8 @@ def _check(sensor: Sensor, pictures: Sequence[NDArray[Any]], focuses: Array) -> 
     for picture in pictures:
         if picture.shape[:2] != (height, width):
             raise InvalidParameter(
-                f"all images must have the {width} x {height} px of {sensor.name!r}; got {picture.shape[1]} x {picture.shape[0]} px"
+                f"all images must have the {width} x {height} px of {sensor.name!r}; got "
+                f"{picture.shape[1]} x {picture.shape[0]} px"
             )
         if picture.shape != pictures[0].shape or picture.dtype != pictures[0].dtype:
             raise InvalidParameter("all images must have the same type and number of channels")

@@ -113,7 +113,8 @@ class DomeMaster(PolarScreen):
         self._check()
         if not 0 <= self.omega_min_deg < self.omega_max_deg <= 180:
             raise InvalidParameter(
-                f"omega_min_deg and omega_max_deg must increase within 0 to 180 deg; got {self.omega_min_deg:g} and {self.omega_max_deg:g} deg"
+                "omega_min_deg and omega_max_deg must increase within 0 to 180 deg; got "
+                f"{self.omega_min_deg:g} and {self.omega_max_deg:g} deg"
             )
 
     def from_centre(self, u: ArrayLike, v: ArrayLike) -> Array:

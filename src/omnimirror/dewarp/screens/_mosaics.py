@@ -87,7 +87,9 @@ class CubeMap:
         columns, rows = self.grid(self.layout)
         if self.size[0] * rows != self.size[1] * columns or self.size[0] % columns:
             raise InvalidParameter(
-                f"size must be {columns} n x {rows} n px for square faces in the layout {self.layout}, for example {columns * 256} x {rows * 256}; got {self.size[0]} x {self.size[1]} px"
+                f"size must be {columns} n x {rows} n px for square faces in the layout "
+                f"{self.layout}, for example {columns * 256} x {rows * 256}; got "
+                f"{self.size[0]} x {self.size[1]} px"
             )
         check_angle("pan_deg", self.pan_deg)
         self.face("front")  # raises an error for an invalid placement
@@ -193,7 +195,8 @@ class Mosaic:
                 )
             if right > self.size[0] or bottom > self.size[1]:
                 raise InvalidParameter(
-                    f"the views must be within the {self.size[0]} x {self.size[1]} px of the mosaic; got one from ({left}, {top}) to ({right}, {bottom})"
+                    f"the views must be within the {self.size[0]} x {self.size[1]} px of "
+                    f"the mosaic; got one from ({left}, {top}) to ({right}, {bottom})"
                 )
 
     @classmethod

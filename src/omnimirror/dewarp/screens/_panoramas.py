@@ -74,11 +74,13 @@ class Panorama(CentredScreen):
             number(name, getattr(self, name), unit="deg")
         if not -90 <= self.tilt_min_deg < self.tilt_max_deg <= 90:
             raise InvalidParameter(
-                f"tilt_min_deg and tilt_max_deg must increase within -90 to 90 deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
+                "tilt_min_deg and tilt_max_deg must increase within -90 to 90 deg; got "
+                f"{self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
         if self.tilt_max_deg - self.tilt_min_deg < MIN_SPAN_DEG:
             raise InvalidParameter(
-                f"tilt_max_deg must be at least {MIN_SPAN_DEG:g} deg above tilt_min_deg; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
+                f"tilt_max_deg must be at least {MIN_SPAN_DEG:g} deg above tilt_min_deg; "
+                f"got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
         check_range("span_deg", self.span_deg, MIN_SPAN_DEG, 360, upper_included=True)
         check_angle("pan_deg", self.pan_deg)
@@ -139,7 +141,8 @@ class Cylinder(Panorama):
         check_choice("rows", self.rows, get_args(Rows))
         if self.rows == "height" and 90 in (-self.tilt_min_deg, self.tilt_max_deg):
             raise InvalidParameter(
-                f"tilt_min_deg and tilt_max_deg must be above -90 and below 90 deg with rows = 'height'; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
+                "tilt_min_deg and tilt_max_deg must be above -90 and below 90 deg with "
+                f"rows = 'height'; got {self.tilt_min_deg:g} and {self.tilt_max_deg:g} deg"
             )
 
     @classmethod

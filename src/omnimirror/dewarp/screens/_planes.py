@@ -189,4 +189,7 @@ class Ground:
     def __str__(self) -> str:
         turned = f", pan {self.pan_deg:g} deg" if self.pan_deg else ""
         side = "below" if self.height_mm >= 0 else "above"
-        return f"plan of the ground ({abs(self.height_mm):g} mm {side} the mirror, {self.mm_per_px:.4g} mm per pixel{turned}{offset_text(self.offset_mm)})"
+        return (
+            f"plan of the ground ({abs(self.height_mm):g} mm {side} the mirror, "
+            f"{self.mm_per_px:.4g} mm per pixel{turned}{offset_text(self.offset_mm)})"
+        )

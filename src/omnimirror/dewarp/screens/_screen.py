@@ -158,14 +158,15 @@ class CentredScreen(ABC):
 
     def _check_placement(self) -> None:
         check_size(self.size)
-        if numbers("distance_mm", self.distance_mm, "of shape ()").ndim or not self.distance_mm > 0:
+        if numbers("distance_mm", self.distance_mm, "a number").ndim or not self.distance_mm > 0:
             raise InvalidParameter(
                 f"distance_mm must be above 0 mm or infinite; got {format_value(self.distance_mm)}"
             )
         check_offset(self.offset_mm)
         if self.is_distant and any(self.offset_mm):
             raise InvalidParameter(
-                f"offset_mm must be (0, 0, 0) for a screen at infinity; got {self.offset_mm}; specify a finite distance_mm"
+                "offset_mm must be (0, 0, 0) for a screen at infinity; got "
+                f"{self.offset_mm}; specify a finite distance_mm"
             )
 
 
@@ -191,7 +192,7 @@ def offset_text(offset_mm: Offset) -> str:
 
 def check_size(size: tuple[int, int]) -> None:
     """Raise an error unless the size is a width and height in whole pixels."""
-    if numbers("size", size, "of shape (2,)").shape != (2,) or not all(
+    if numbers("size", size, "two numbers (width, height)").shape != (2,) or not all(
         1 <= n <= MAX_SIDE_PX and int(n) == n for n in size
     ):
         raise InvalidParameter(
@@ -201,7 +202,7 @@ def check_size(size: tuple[int, int]) -> None:
 
 def check_offset(offset_mm: Offset) -> None:
     """Raise an error unless the offset is a point in the world."""
-    offset = numbers("offset_mm", offset_mm, "numbers of shape (3,)")
+    offset = numbers("offset_mm", offset_mm, "three numbers (x, y, z)")
     if offset.shape != (3,) or not np.isfinite(offset).all():
         raise InvalidParameter(
             f"offset_mm must be finite numbers (x, y, z); got {format_value(offset_mm)}"

@@ -207,11 +207,14 @@ def _check_video_size(name: str, size: tuple[int, int]) -> None:
     width, height = size
     if max(width, height) > MAX_VIDEO_SIDE_PX:
         raise InvalidParameter(
-            f"the sides of the view {name!r} must be at most {MAX_VIDEO_SIDE_PX} px for video; got {width} x {height} px"
+            f"the sides of the view {name!r} must be at most {MAX_VIDEO_SIDE_PX} px for "
+            f"video; got {width} x {height} px"
         )
     if width % 2 or height % 2:
         raise InvalidParameter(
-            f"the sides of the view {name!r} must be even for video with 4:2:0 chroma; got {width} x {height} px; use for example size = [{width + width % 2}, {height + height % 2}]"
+            f"the sides of the view {name!r} must be even for video with 4:2:0 chroma; got "
+            f"{width} x {height} px; use for example size = [{width + width % 2}, "
+            f"{height + height % 2}]"
         )
 
 
@@ -338,7 +341,8 @@ class Gateway:
         if (frame.width, frame.height) != self._camera.image_size:
             width, height = self._camera.image_size
             raise InvalidParameter(
-                f"frames of {without_credentials(self.source)} must have the size of the camera, {width} x {height} px; got {frame.width} x {frame.height} px"
+                f"frames of {without_credentials(self.source)} must have the size of the "
+                f"camera, {width} x {height} px; got {frame.width} x {frame.height} px"
             )
         if not self._has_reported:
             self._has_reported = True

@@ -223,7 +223,9 @@ def _copied_connections(
         if is_ros1(output):
             written, kept, suffix = "ROS 1", "ROS 2", ".mcap or .db3"
         raise InvalidParameter(
-            f"topics to keep must be of the ROS version of the output; {output} is a {written} bag and the topics are {kept} messages; write {suffix}, keep no topics, or convert {source} with rosbags-convert"
+            f"topics to keep must be of the ROS version of the output; {output} is a "
+            f"{written} bag and the topics are {kept} messages; write {suffix}, keep no "
+            f"topics, or convert {source} with rosbags-convert"
         )
     return list(selected.values())
 
@@ -290,7 +292,8 @@ class _Recorder:
             )
         elif self.connections[topic].msgtype != message.__msgtype__:
             raise InvalidParameter(
-                f"keep_topics must not include the topic {topic} of a view; it has the type {self.connections[topic].msgtype}"
+                f"keep_topics must not include the topic {topic} of a view; it has the "
+                f"type {self.connections[topic].msgtype}"
             )
         self._writer.write(self.connections[topic], timestamp, self.factory.serialize(message))
 

@@ -101,7 +101,9 @@ def _notes(sensor: Sensor, aspheres: Sequence[Asphere]) -> list[str]:
         f"Omega = {direction}. Omega of the fields, deg: {angles}.",
         *(
             [
-                f"The {shell.KIND} ({wall_description(shell)}) is not included: angles are those between it and the mirror. Omega outside, deg: {_listed_deg(rays.omega)}."
+                f"The {shell.KIND} ({wall_description(shell)}) is not included: angles are "
+                "those between it and the mirror. Omega outside, deg: "
+                f"{_listed_deg(rays.omega)}."
             ]
             if shell is not None
             else []

@@ -319,7 +319,8 @@ def field_of(
     low, high = (float(angle) for angle in requested)
     if not smallest - 1e-9 <= low < high <= largest + 1e-9:
         raise InvalidParameter(
-            f"field_deg must be an ascending range within the field of {sensor.name!r}, {smallest:.4g} to {largest:.4g} deg; got {low:g} to {high:g}"
+            f"field_deg must be an ascending range within the field of {sensor.name!r}, "
+            f"{smallest:.4g} to {largest:.4g} deg; got {low:g} to {high:g}"
         )
     if angles < 1 or azimuths < 3:
         raise InvalidParameter(
@@ -367,7 +368,9 @@ def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: flo
     shown, lost, _ = bare.shown({}, count=1)
     if lost.any():
         raise InvalidParameter(
-            f"field_deg must be within the unobscured field of {sensor.name!r}, {sensor.clear_field_deg[0]:.4g} to {sensor.clear_field_deg[1]:.4g} deg; rays at {omega_deg[lost[0]][0]:.4g} deg are lost"
+            f"field_deg must be within the unobscured field of {sensor.name!r}, "
+            f"{sensor.clear_field_deg[0]:.4g} to {sensor.clear_field_deg[1]:.4g} deg; rays "
+            f"at {omega_deg[lost[0]][0]:.4g} deg are lost"
         )
     if is_vectorised(sensor):
         px_per_deg = np.radians(shown.by_direction[0] @ turned)

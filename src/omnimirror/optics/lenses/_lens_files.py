@@ -92,7 +92,8 @@ def read_lens_table(
                 columns_by_name[name].append(parse_float(cell))
         except ValueError:
             raise SpecError(
-                f"{path} line {number}: the row must contain {len(names)} numbers, one per column; got {format_value(','.join(row))}"
+                f"{path} line {number}: the row must contain {len(names)} numbers, one per "
+                f"column; got {format_value(','.join(row))}"
             ) from None
     return columns_by_name | entries
 
@@ -186,7 +187,8 @@ def read_zmx(path: Path, catalogue: GlassCatalogue | None = None) -> dict[str, A
     lens_file = _parse(path, _text(path))
     if len(lens_file.surfaces) < 4:
         raise lens_file.error(
-            f"the lens must have object, image and at least two surfaces in between (SURF); got {len(lens_file.surfaces)} surfaces"
+            "the lens must have object, image and at least two surfaces in between "
+            f"(SURF); got {len(lens_file.surfaces)} surfaces"
         )
     lens = lens_file.surfaces[1:-1]
     stops = [i for i, surface in enumerate(lens, start=1) if surface.is_stop]

@@ -52,7 +52,8 @@ def _check(name: str, cls: Any) -> None:
     names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
     if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
         raise InvalidParameter(
-            f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in their order, including rim_radius_mm"
+            f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in "
+            "their order, including rim_radius_mm"
         )
 
 

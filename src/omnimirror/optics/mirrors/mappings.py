@@ -479,7 +479,9 @@ class FiniteMapping(PrescribedMapping):
                     return solution
             elif nodes >= MAX_NODES:
                 raise InvalidParameter(
-                    f"no {self.KIND} mirror at these distances reaches omega_max_deg = {self.omega_max_deg:g} at theta_max_deg = {self.theta_max_deg:g}; reduce the angles or increase the object distance"
+                    f"no {self.KIND} mirror at these distances reaches omega_max_deg = "
+                    f"{self.omega_max_deg:g} at theta_max_deg = {self.theta_max_deg:g}; "
+                    "reduce the angles or increase the object distance"
                 )
             nodes *= 2
 
@@ -605,7 +607,8 @@ class CylinderMapping(FiniteMapping):
         check_fields(self)
         if self.cylinder_radius_mm <= self.rim_radius_mm:
             raise InvalidParameter(
-                f"cylinder_radius_mm must be greater than rim_radius_mm = {self.rim_radius_mm:g}; got {self.cylinder_radius_mm:g}"
+                "cylinder_radius_mm must be greater than rim_radius_mm = "
+                f"{self.rim_radius_mm:g}; got {self.cylinder_radius_mm:g}"
             )
         super().__post_init__()
 
@@ -781,7 +784,9 @@ class TabulatedMapping(MappingMirror):
             rows *= 2
             if rows > MAX_ROWS:
                 raise InvalidParameter(
-                    f"the mapping function must be smooth: the error with {MAX_ROWS} rows is {error:.2g} of the rim's height; use a table, or a tolerance above {tolerance:g}"
+                    f"the mapping function must be smooth: the error with {MAX_ROWS} rows "
+                    f"is {error:.2g} of the rim's height; use a table, or a tolerance "
+                    f"above {tolerance:g}"
                 )
 
     @cached_property

@@ -121,7 +121,9 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
         return _interpolated(x, z, smooth_apex, used)
     if uncertainty_mm is not None and residual > TOO_ROUGH * uncertainty_mm:
         raise InvalidParameter(
-            f"uncertainty_um must be at least {residual * 1e3 / TOO_ROUGH:.2g}: the points of the profile scatter by {residual * 1e3:.3g} um about the smoothest admissible curve; got {uncertainty_mm * 1e3:g}; omit it to have it estimated"
+            f"uncertainty_um must be at least {residual * 1e3 / TOO_ROUGH:.2g}: the points "
+            f"of the profile scatter by {residual * 1e3:.3g} um about the smoothest "
+            f"admissible curve; got {uncertainty_mm * 1e3:g}; omit it to have it estimated"
         )
     return fit
 
@@ -481,7 +483,8 @@ class _Style:
             )
         ):
             raise OmnimirrorError(
-                f"{path} must not use commas for both columns and decimals; use semicolons or tabs between columns, or decimal points"
+                f"{path} must not use commas for both columns and decimals; use semicolons "
+                "or tabs between columns, or decimal points"
             )
         return cls(r"\s*,\s*", has_decimal_comma=False)
 
@@ -527,7 +530,8 @@ def _check_unit(header: list[str], unit: str | None, path: Path) -> None:
     if unit is not None and len(header_units) == 1 and unit not in header_units:
         (header_unit,) = header_units
         raise OmnimirrorError(
-            f"{path} specifies the unit {header_unit}, which differs from {unit}; set unit {header_unit} (--unit {header_unit})"
+            f"{path} specifies the unit {header_unit}, which differs from {unit}; set unit "
+            f"{header_unit} (--unit {header_unit})"
         )
 
 
@@ -691,7 +695,8 @@ def check_distance(points: Array, source: str) -> None:
     max_coordinate = float(np.abs(points).max(initial=0.0))
     if max_coordinate > MAX_COORDINATE_MM:
         raise OmnimirrorError(
-            f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's origin; got {max_coordinate:.4g} mm; check the unit and remove wrong points"
+            f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's origin; "
+            f"got {max_coordinate:.4g} mm; check the unit and remove wrong points"
         )
 
 
@@ -714,7 +719,8 @@ def check_spread(points: Array, source: str) -> None:
     ) / np.sqrt(len(points))
     if width < max(MIN_WIDTH_MM, MIN_RELATIVE_WIDTH * length):
         raise OmnimirrorError(
-            f"{source} must not lie on one line; got points {width:.2g} mm about a line (rms, along z); measure points all over the mirror"
+            f"{source} must not lie on one line; got points {width:.2g} mm about a line "
+            "(rms, along z); measure points all over the mirror"
         )
 
 
@@ -831,7 +837,8 @@ def read_columns(
         except (ValueError, IndexError):
             if points and row and not row[0].lstrip().startswith("#"):
                 raise OmnimirrorError(
-                    f"{path} line {number}: the line must contain two numbers {names}; got {format_value(','.join(row))}"
+                    f"{path} line {number}: the line must contain two numbers {names}; got "
+                    f"{format_value(','.join(row))}"
                 ) from None
             continue
         points.append((first, second))

@@ -430,17 +430,24 @@ class Cover:
         if is_blocked.any() and isinstance(self.shell, FlatWindow):
             i = int(np.argmax(is_blocked))
             raise SelfObstruction(
-                f"rays from the mirror must be directed back past the lens to pass the window; those from x = {rays.x[i]:.5g} mm leave at {np.degrees(rays.reflected[i]):.5g} deg; reduce rim_radius_mm, or use a tube or dome"
+                "rays from the mirror must be directed back past the lens to pass the "
+                f"window; those from x = {rays.x[i]:.5g} mm leave at "
+                f"{np.degrees(rays.reflected[i]):.5g} deg; reduce rim_radius_mm, or use a "
+                "tube or dome"
             )
         if is_blocked.any():
             raise SelfObstruction(
-                f"rays from the mirror must pass the {self.shell.KIND}; those from x = {rays.x[np.argmax(is_blocked)]:.5g} mm are totally reflected at its outer surface; use a larger diameter"
+                f"rays from the mirror must pass the {self.shell.KIND}; those from x = "
+                f"{rays.x[np.argmax(is_blocked)]:.5g} mm are totally reflected at its "
+                "outer surface; use a larger diameter"
             )
         crossing = (outside.rate <= 0) | (outside.spread + outside.reach * outside.rate <= 0)
         crossing[0] &= rays.slope[0] == 0  # as without a cover: at the apex of a pointed mirror
         if crossing.any():
             raise SelfObstruction(
-                f"the mapping behind the {self.shell.KIND} must be one-to-one; neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm; use a larger diameter or a thinner wall"
+                f"the mapping behind the {self.shell.KIND} must be one-to-one; "
+                f"neighbouring rays cross from x = {rays.x[np.argmax(crossing)]:.5g} mm; "
+                "use a larger diameter or a thinner wall"
             )
 
 
@@ -722,7 +729,9 @@ class Meridian:
         inside = self.sees(omega)
         if not inside.all():
             raise OutsideField(
-                f"omega must be {np.degrees(self.omega_min):.6g} to {np.degrees(self.omega_max):.6g} deg, the field; got {np.degrees(_first(omega, ~inside)):.10g}"
+                f"omega must be {np.degrees(self.omega_min):.6g} to "
+                f"{np.degrees(self.omega_max):.6g} deg, the field; got "
+                f"{np.degrees(_first(omega, ~inside)):.10g}"
             )
         return self._invert_omega(omega)
 
@@ -768,7 +777,8 @@ class Meridian:
         inside = (tangent >= 0) & (tangent <= tangents[-1] * (1 + ROUNDING))
         if not inside.all():
             raise OutsideField(
-                f"theta must be at most {np.degrees(self.theta_max):.6g} deg, the rim of the mirror; got {np.degrees(np.arctan(_first(tangent, ~inside))):.10g}"
+                f"theta must be at most {np.degrees(self.theta_max):.6g} deg, the rim of "
+                f"the mirror; got {np.degrees(np.arctan(_first(tangent, ~inside))):.10g}"
             )
         cell = np.clip(np.searchsorted(tangents, tangent) - 1, 0, NODES - 2)
 
@@ -860,12 +870,16 @@ def _check_front_side(rays: ChiefRays) -> None:
         raise InvalidParameter(f"mirror_distance_mm must be greater than 0; got {rays.m:g}")
     if rays.w[0] <= 0:
         raise InvalidParameter(
-            f"mirror_distance_mm must be greater than {rays.m - rays.w[0] + rays.z[0]:g} mm, the position of the lens's entrance pupil: it would be behind the mirror; got {rays.m:g}"
+            f"mirror_distance_mm must be greater than {rays.m - rays.w[0] + rays.z[0]:g} "
+            "mm, the position of the lens's entrance pupil: it would be behind the "
+            f"mirror; got {rays.m:g}"
         )
     hidden = (rays.w <= 0) | (np.cos(rays.theta) - rays.slope * np.sin(rays.theta) <= 0)
     if hidden.any():
         raise SelfObstruction(
-            f"rim_radius_mm must be less than {_first(rays.x, hidden):.6g} mm, where the lens views the mirror edge-on and its outer part is obscured; got {rays.x[-1]:g}"
+            f"rim_radius_mm must be less than {_first(rays.x, hidden):.6g} mm, where the "
+            "lens views the mirror edge-on and its outer part is obscured; got "
+            f"{rays.x[-1]:g}"
         )
 
 
@@ -877,12 +891,15 @@ def _check_one_to_one(rays: ChiefRays) -> None:
     i = int(np.argmax(falling))
     if i <= 1:
         raise NotOneToOne(
-            "the field angle Omega(x) must increase away from the axis; the mirror must be convex towards the lens, and a cone requires a perspective lens"
+            "the field angle Omega(x) must increase away from the axis; the mirror must be "
+            "convex towards the lens, and a cone requires a perspective lens"
         )
     raise _not_one_to_one(rays.x[i], float(np.degrees(rays.omega[i])), rays.x[-1])
 
 
 def _not_one_to_one(x: float, omega_deg: float, rim: float) -> NotOneToOne:
     return NotOneToOne(
-        f"rim_radius_mm must be less than {x:.6g} mm, where the field angle Omega(x) stops increasing ({omega_deg:.5g} deg) and the mapping is no longer one-to-one; got {rim:g}"
+        f"rim_radius_mm must be less than {x:.6g} mm, where the field angle Omega(x) stops "
+        f"increasing ({omega_deg:.5g} deg) and the mapping is no longer one-to-one; got "
+        f"{rim:g}"
     )

@@ -62,7 +62,9 @@ def check_faces(path: Path, faces: NDArray[np.integer], count: int) -> None:
     """Raise MediaError if triangles (n, 3) reference missing vertices."""
     if (invalid := (faces < 0) | (faces >= count)).any():
         raise MediaError(
-            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got {faces[invalid][0]}, in total {int(invalid.any(axis=1).sum())} invalid triangles"
+            f"the corner indices of the mesh {path} must be between 0 and {count - 1}; got "
+            f"{faces[invalid][0]}, in total {int(invalid.any(axis=1).sum())} invalid "
+            "triangles"
         )
 
 
@@ -81,7 +83,9 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
     extent = float(np.max(high - low))
     if not MIN_EXTENT_MM <= extent <= MAX_EXTENT_MM:
         raise MediaError(
-            f"the extent of the mesh {path} must be between {MIN_EXTENT_MM:g} and {MAX_EXTENT_MM:g} mm; got {extent:.3g} mm; specify the unit of the mesh (--unit-mm, unit_mm)"
+            f"the extent of the mesh {path} must be between {MIN_EXTENT_MM:g} and "
+            f"{MAX_EXTENT_MM:g} mm; got {extent:.3g} mm; specify the unit of the mesh "
+            "(--unit-mm, unit_mm)"
         )
     sides = [corners[:, 1:] - corners[:, :1] for corners in corners_mm]
     if not any(np.cross(side[:, 0], side[:, 1]).any() for side in sides):

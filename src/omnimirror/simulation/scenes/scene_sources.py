@@ -104,7 +104,8 @@ class SceneSource:
                 BUNDLED[self.name]() if self.texel_mm is None else BUNDLED[self.name](self.texel_mm)
             )
         raise OmnimirrorError(
-            f"the scene must be one of {', '.join(BUNDLED)} or a file {', '.join((*ENVIRONMENTS, *MESHES))}; got {self.name!r}"
+            f"the scene must be one of {', '.join(BUNDLED)} or a file "
+            f"{', '.join((*ENVIRONMENTS, *MESHES))}; got {self.name!r}"
         )
 
 

@@ -45,7 +45,8 @@ def test_design_from_options(tmp_path):
 
 def test_infeasible_requirements_print_relaxations_and_exit_with_3(tmp_path):
     (tmp_path / "r.toml").write_text(
-        'field.omega_max_deg = 135\nmirror = {family = "sphere", rim_radius_mm = 43.9}\nlens.theta_max_deg = 12\n[[limit]]\nquantity = "total_blur_px"\nat_most = 4.5\n'
+        'field.omega_max_deg = 135\nmirror = {family = "sphere", rim_radius_mm = 43.9}\n'
+        'lens.theta_max_deg = 12\n[[limit]]\nquantity = "total_blur_px"\nat_most = 4.5\n'
     )
     run = omnimirror("design", "r.toml", "-o", "s.toml", "--json", "t.json", cwd=tmp_path)
     assert run.returncode == 3
@@ -135,7 +136,9 @@ def test_mappings_of_infeasible_field():
 @pytest.mark.long
 def test_relaxations_are_printed_as_elevations(tmp_path):
     (tmp_path / "watch.toml").write_text(
-        '[mount]\ncamera_looks = "up"\n[field]\nelevation_deg = [-60, 20]\n[mirror]\nfamily = "sphere"\nrim_radius_mm = 30.0\n[lens]\nfocal_length_mm = 11.6\n[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 6.0\nelevation_deg = 0\n'
+        '[mount]\ncamera_looks = "up"\n[field]\nelevation_deg = [-60, 20]\n[mirror]\n'
+        'family = "sphere"\nrim_radius_mm = 30.0\n[lens]\nfocal_length_mm = 11.6\n'
+        '[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 6.0\nelevation_deg = 0\n'
     )
     said = omnimirror("design", tmp_path / "watch.toml").stdout
     assert "Infeasible requirements: resolution_px_per_deg, elevation 0 deg." in said

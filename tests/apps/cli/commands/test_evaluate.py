@@ -79,7 +79,10 @@ def test_json_contains_summary_and_columns(tmp_path):
 
 def test_non_finite_numbers_in_json(tmp_path):
     (tmp_path / "cone.toml").write_text(
-        '[mirror]\nkind = "cone"\nslope_deg = 50.0\nrim_radius_mm = 40.0\n[lens]\nkind = "perspective"\nfocal_length_mm = 11.6\nf_number = 4.0\nfocus_distance_mm = 200.0\n[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n[mount]\nmirror_distance_mm = 160.0\n'
+        '[mirror]\nkind = "cone"\nslope_deg = 50.0\nrim_radius_mm = 40.0\n[lens]\nkind = '
+        '"perspective"\nfocal_length_mm = 11.6\nf_number = 4.0\nfocus_distance_mm = 200.0\n'
+        "[imager]\nwidth_px = 1024\nheight_px = 1024\npixel_pitch_um = 5.2\n[mount]\n"
+        "mirror_distance_mm = 160.0\n"
     )
     run = omnimirror(
         "evaluate", "cone.toml", "--omega-deg", "105", "--json", "e.json", cwd=tmp_path

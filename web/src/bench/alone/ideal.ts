@@ -128,6 +128,6 @@ function check(section: string, { name, low, high, unit }: ParameterInfo, value:
   const of = unit ? ` ${unit}` : "";
   throw new InvalidDesign(
     [section, name],
-    `${name} must be between ${low} and ${high}${of}; got ${value}${of}; got ${value}`,
+    `${name} must be between ${low} and ${high}${of}; got ${value}`,
   );
 }

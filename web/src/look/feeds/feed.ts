@@ -22,6 +22,8 @@ export interface Feed {
   video?: HTMLVideoElement;
   /** File of a rendered image that is not stored yet. */
   made?: Blob;
+  /** Image file with EXIF data, for requests that use them. */
+  file?: Blob;
   /** Device id of a webcam. */
   device?: string;
   close(): void;

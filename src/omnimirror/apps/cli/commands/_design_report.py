@@ -211,5 +211,6 @@ def print_merits(console: Console, optimum: Optimum) -> None:
     bound, blur = optimum.bound.blur_deg, after_all[list(DESIGN_MERITS).index("worst_blur_deg")]
     if bound:
         console.print(
-            f"Lower bound of the worst single blur for this field, rim and lens: {bound:.4f} deg; this mirror exceeds it by {blur / bound - 1:.2%}."
+            "Lower bound of the worst single blur for this field, rim and lens: "
+            f"{bound:.4f} deg; this mirror exceeds it by {blur / bound - 1:.2%}."
         )

@@ -117,7 +117,8 @@ class CameraModelOptions(Options):
     rim_radius_px: float | None = option(
         type=NUMBER,
         metavar="PX",
-        help="Radius of the field in the image, as detected by omnimirror rim.  [default: limit of the image or of the model]",
+        help="Radius of the field in the image, as detected by omnimirror rim.  [default: limit "
+        "of the image or of the model]",
     )
 
     def initial_model(self) -> str | CameraModel | Sensor:
@@ -209,7 +210,8 @@ class SurveyOptions(Options):
         multiple=True,
         metavar="FILE",
         show_default=False,
-        help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or azimuth_deg,elevation_deg (repeatable).",
+        help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or "
+        "azimuth_deg,elevation_deg (repeatable).",
     )
     lines: tuple[str, ...] = option(
         default=(),
@@ -420,7 +422,9 @@ def _print(console: Console, calibration: Calibration, known: SurveyData) -> Non
     inliers = calibration.corners - len(calibration.outliers)
     print_line(
         (f"{calibration.model.KIND}", "bold"),
-        f": {calibration.rms_px:.3f} px RMS over {inliers} of {calibration.corners} {calibration.measurement_kinds} in {used} of {count} {'image' if count == 1 else 'images'}{held_out}",
+        f": {calibration.rms_px:.3f} px RMS over {inliers} of {calibration.corners} "
+        f"{calibration.measurement_kinds} in {used} of {count} "
+        f"{'image' if count == 1 else 'images'}{held_out}",
         console=console,
     )
     if len(calibration.candidates) > 1:

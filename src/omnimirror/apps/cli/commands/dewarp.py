@@ -172,7 +172,8 @@ class ImageFileOptions(Options):
     )
     transparent: bool | None = option(
         "--transparent/--black",
-        help="Images: make pixels outside the field transparent.  [default: on if the format supports it: PNG, TIFF, WebP]",
+        help="Images: make pixels outside the field transparent.  [default: on if the format "
+        "supports it: PNG, TIFF, WebP]",
     )
     restore: bool | None = option(
         is_flag=True,
@@ -190,7 +191,9 @@ class ImageFileOptions(Options):
     )
     blur_px: str | None = option(
         metavar="PX|T,S|FILE",
-        help="Blur for --restore with any camera: diameter, tangential and sagittal diameters, or a CSV file of radius_px or omega_deg, t_px and s_px.  [default: the blur of the sensor]",
+        help="Blur for --restore with any camera: diameter, tangential and sagittal diameters, "
+        "or a CSV file of radius_px or omega_deg, t_px and s_px.  [default: the blur of "
+        "the sensor]",
     )
 
     wavelengths_nm: tuple[float, float, float] | None = option(
@@ -243,7 +246,8 @@ class VideoOptions(Options):
         is_flag=True, help="Videos: show the view in a window; Escape ends it."
     )
     pixel_format: str | None = option(
-        help="Videos: encoded pixel format by FFmpeg name.  [default: that of the source if the codec supports it; raw: rgb24]"
+        help="Videos: encoded pixel format by FFmpeg name.  [default: that of the source if the "
+        "codec supports it; raw: rgb24]"
     )
 
     def settings(self, kind: str | None) -> VideoSettings:
@@ -269,7 +273,9 @@ class VideoOptions(Options):
     "--output",
     "outputs",
     multiple=True,
-    help="Output: an image, or a folder for several; for videos also an address (udp://..., rtsp://...), a virtual camera (/dev/video9), an image sequence (f%04d.png) or - for a pipe (repeatable).",
+    help="Output: an image, or a folder for several; for videos also an address (udp://..., "
+    "rtsp://...), a virtual camera (/dev/video9), an image sequence (f%04d.png) or - for a "
+    "pipe (repeatable).",
 )
 @add_options(AutoOptions, "auto")
 @add_options(CameraOptions, "camera")

@@ -209,11 +209,16 @@ def _show_mapping(
     if json_file:
         result.to_json(json_file)
     s = result.summary()
-    heading = f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to {s['field_deg']:.6g} deg at a radius of {s['rim_radius_px']:.1f} px"
+    heading = (
+        f": {s['kind'].replace('-', ' ')} model of a {s['optics']}, field to "
+        f"{s['field_deg']:.6g} deg at a radius of {s['rim_radius_px']:.1f} px"
+    )
     print_line((Path(source).name, "bold"), heading, console=console)
     if isinstance(result.camera, SensorModel):
         print_line(
-            f"{_misalignment_text(result.camera.sensor)}: values for distant objects, averaged over azimuths; resolution varies by up to {result.azimuthal_variation_percent:.2g} % with azimuth",
+            f"{_misalignment_text(result.camera.sensor)}: values for distant objects, "
+            "averaged over azimuths; resolution varies by up to "
+            f"{result.azimuthal_variation_percent:.2g} % with azimuth",
             console=console,
         )
     if result.camera.uncertainty is not None:
@@ -268,8 +273,12 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         else f" with secondary mirror ({sensor.secondary.mirror.KIND})"
     )
     lines = [
-        f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field {s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at {s['rim_radius_px']:.1f} px",
-        f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm (blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at {result.wavelength_nm:g} nm",
+        f": {sensor.mirror.KIND}{second}, {sensor.lens.KIND} lens, field "
+        f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at "
+        f"{s['rim_radius_px']:.1f} px",
+        f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
+        f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at "
+        f"{result.wavelength_nm:g} nm",
         f"best focus by {merit}: {best.focus_mm:.2f} mm, value {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
     if not sensor.housing.is_empty:
@@ -286,7 +295,8 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
             sensor, float(np.min(result.object_distance_mm)), image_radius_px=result.image_radius_px
         )
         lines.append(
-            f"best single viewpoint: {v.z_mm:.3f} mm above the vertex, error up to {v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
+            f"best single viewpoint: {v.z_mm:.3f} mm above the vertex, error up to "
+            f"{v.worst_px:.2f} px ({v.worst_deg:.3f} deg)"
         )
     if isinstance(sensor.mirror, SampledProfile):
         lines += profile_lines(result, sensor.mirror)
@@ -335,7 +345,9 @@ def _misalignment_text(sensor: Sensor) -> str:
     """Format the decentration and tilt of a sensor."""
     parts = {"mirror": sensor.mirror_pose, "cover": sensor.housing.shell}
     misalignments = [
-        f"the {name} is decentred by {np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by {np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg"
+        f"the {name} is decentred by "
+        f"{np.hypot(part.decentre_x_mm, part.decentre_y_mm):.3g} mm and tilted by "
+        f"{np.hypot(part.tilt_x_deg, part.tilt_y_deg):.3g} deg"
         for name, part in parts.items()
         if part is not None and not part.is_axial
     ]

@@ -264,7 +264,8 @@ def command(
         if not file.follows:
             print_line(
                 (f"{file.path.name} is not accurate", "yellow"),
-                f": its rays deviate by up to {ray_text(file)} deg from those of the mirror; no asphere is more accurate; use the grid sag (--formats gridsag)",
+                f": its rays deviate by up to {ray_text(file)} deg from those of the "
+                "mirror; no asphere is more accurate; use the grid sag (--formats gridsag)",
                 console=console,
             )
 

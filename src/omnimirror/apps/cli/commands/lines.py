@@ -51,7 +51,8 @@ class LineOptions(Options):
         nargs=3,
         type=NUMBER,
         metavar="U V R",
-        help="Circle of the field in the image, px.  [default: the detected outline of a mirror; the largest circle for a fisheye]",
+        help="Circle of the field in the image, px.  [default: the detected outline of a "
+        "mirror; the largest circle for a fisheye]",
     )
     inner_radius_px: float | None = option(
         type=NUMBER,
@@ -183,7 +184,9 @@ def _detect_rim(images: Sequence[NDArray[Any]]) -> tuple[tuple[float, float, flo
     rim = detect_mirror_outline(images)
     if not rim.is_accepted:
         raise InvalidParameter(
-            f"no rim detected: the confidence must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}; use more images of the same sensor, or one with the whole rim, or specify the rim with --rim U V R"
+            f"no rim detected: the confidence must be at least {MIN_CONFIDENCE:g}; got "
+            f"{rim.confidence:.2f}; use more images of the same sensor, or one with the "
+            "whole rim, or specify the rim with --rim U V R"
         )
     inner, radius = rim.annulus_px
     return (*rim.centre_px, radius), inner

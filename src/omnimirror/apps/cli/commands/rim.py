@@ -90,7 +90,8 @@ def command(
         if not rim.is_accepted:
             prefix = f"{name}: " if len(files) > 1 else ""
             print_line(
-                f"{prefix}no rim detected: the confidence must be at least {MIN_CONFIDENCE:g}; got {rim.confidence:.2f}",
+                f"{prefix}no rim detected: the confidence must be at least "
+                f"{MIN_CONFIDENCE:g}; got {rim.confidence:.2f}",
                 console=console,
             )
     if json_file:

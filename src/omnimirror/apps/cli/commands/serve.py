@@ -24,7 +24,8 @@ class GatewayOptions(ListenOptions):
 
     token: str | None = option(
         envvar="OMNIMIRROR_TOKEN",
-        help="Access token: password of any user, or ?token=...; also from OMNIMIRROR_TOKEN.  [default: random if reachable from other machines]",
+        help="Access token: password of any user, or ?token=...; also from OMNIMIRROR_TOKEN.  "
+        "[default: random if reachable from other machines]",
     )
     publish: str | None = option(
         metavar="ADDRESS",

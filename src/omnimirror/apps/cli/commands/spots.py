@@ -146,7 +146,8 @@ def _print_check(
     )
     low, high = result.omega_deg[[0, -1]]
     console.print(
-        f"Maximum difference between real rays and the blur formula, {low:g} to {high:g} deg: two edge rays, and the full width of the ray fan",
+        f"Maximum difference between real rays and the blur formula, {low:g} to {high:g} "
+        "deg: two edge rays, and the full width of the ray fan",
         soft_wrap=True,
         highlight=False,
     )

@@ -65,7 +65,8 @@ class TrialOptions(Options):
         default=(),
         multiple=True,
         metavar="NAME=LIMIT",
-        help="Limit instead of those of the file, 'motion_px after pose=0.5' or 'min aspect, 20 to 90 deg=0.8' (repeatable).",
+        help="Limit instead of those of the file, 'motion_px after pose=0.5' or 'min aspect, 20 "
+        "to 90 deg=0.8' (repeatable).",
     )
     requirements: str | None = option(
         metavar="FILE",
@@ -327,7 +328,9 @@ def _print_allocation(console: Console, report: ToleranceReport) -> None:
         return
     of = allocation.confirmed_yield
     console.print(
-        f"\nallocated tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to {100 * of.high:.2f} %) of {allocation.trials} independent trials\ncost {allocation.cost:.4g}; {allocation.uniform_cost:.4g} with uniform scaling\n"
+        f"\nallocated tolerances: yield {100 * of.value:.2f} % ({100 * of.low:.2f} to "
+        f"{100 * of.high:.2f} %) of {allocation.trials} independent trials\ncost "
+        f"{allocation.cost:.4g}; {allocation.uniform_cost:.4g} with uniform scaling\n"
     )
     table = plain_table("error", "initial", "allocated", "factor")
     for name, value in allocation.tolerances.items():
