@@ -166,8 +166,8 @@ def test_camera_file_formats_read(tmp_path):
     (tmp_path / "camchain.yaml").write_text("cam0:\n  camera_model: ds\n")
     with pytest.raises(
         SpecError,
-        match=r"camchain\.yaml must be valid TOML: .*convert camera files key in a key/value "
-        r"pair \(at line other programs with omnimirror convert",
+        match=r"camchain\.yaml must be valid TOML: Expected '=' after a key in a key/value pair "
+        r"\(at line 1, .*; convert camera files of other programs with omnimirror convert$",
     ):
         om.load_camera(tmp_path / "camchain.yaml")
     (tmp_path / "found.json").write_text('{"rms_px": 0.1, "held_out_rms_px": 0.1}')

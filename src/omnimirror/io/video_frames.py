@@ -35,7 +35,7 @@ class PixelFormat:
 
     >>> PixelFormat.of("yuva444p10le")
     PixelFormat(colours='444', bits=10, alpha=True)
-    >>> PixelFormat.of(name).name PixelFormat.of("rgb48be", "nv12", PixelFormat.of("yuv411p")]
+    >>> [PixelFormat.of(name).name for name in ("rgb48be", "nv12", "yuv411p")]
     ['yuv444p16le', 'yuv420p', 'yuv422p']
     """
 
@@ -112,8 +112,7 @@ def nearest_format(requested: PixelFormat, supported: Sequence[str]) -> str:
 def conversion_losses(of: str, to: PixelFormat) -> str:
     """Describe the losses of a pixel format conversion; empty if there are none.
 
-    >>> (conversion_losses("yuva444p12le", PixelFormat("420", 8)),
-    ...  conversion_losses("yuv420p", PixelFormat("422", 10)), conversion_losses("rgb24", PixelFormat()))
+    >>> conversion_losses("yuva444p12le", PixelFormat("420", 8))
     '12 bits are reduced to 8, chroma is reduced from 4:4:4 to 4:2:0, transparency is lost'
     >>> conversion_losses("yuv420p", PixelFormat("422", 10)), conversion_losses("rgb24", PixelFormat())
     ('', 'chroma is reduced from RGB to 4:2:0')

@@ -362,8 +362,7 @@ def read_timecode(metadata: Iterable[Mapping[str, str]]) -> str | None:
 def advance_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     """Add a number of frames to a timecode; a semicolon marks drop-frame timecode.
 
-    >>> (advance_timecode(t, 1, Fraction(30000, 1001)),
-    ...  advance_timecode("00:00:59;29", "00:09:59;29")]
+    >>> [advance_timecode(t, 1, Fraction(30000, 1001)) for t in ("00:00:59;29", "00:09:59;29")]
     ['00:01:00;02', '00:10:00;00']
     >>> advance_timecode("23:59:59:24", 26, Fraction(25))
     '00:00:01:00'
@@ -436,8 +435,8 @@ class MasteringDisplay:
     def options(self, codec: str) -> str | None:
         """Return the encoder options; None if the codec does not support all data.
 
-        >>> MasteringDisplay(light=(1000, 400))
-        >>> display.options("libx265"), MasteringDisplay(light=(1000, 400)).options("ffv1")
+        >>> display = MasteringDisplay(light=(1000, 400))
+        >>> display.options("libx265"), display.options("ffv1")
         ('max-cll=1000,400', None)
         """
         has_mastering = bool(self.primaries and self.luminance)

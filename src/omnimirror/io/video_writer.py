@@ -446,8 +446,7 @@ class ImageSequenceWriter:
 def is_image_output(name: str | Path) -> bool:
     """Return whether the name of an output is that of an image or an image sequence.
 
-    >>> (is_image_output("out/f%04d.jpg", is_image_output("f.png",
-    ...  is_image_output("f%d.gif", is_image_output("f%d.mp4")]
+    >>> [is_image_output(name) for name in ("out/f%04d.jpg", "f.png", "f%d.gif", "f%d.mp4")]
     [True, True, True, False]
     """
     suffix = Path(name).suffix.lower()

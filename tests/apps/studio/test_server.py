@@ -407,7 +407,7 @@ def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
 
 
 @pytest.mark.parametrize("stored", [False, True])
-def test_damaged_video_ends_with_message(tmp_path, stored):
+def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path, stored):
     """Images, uploads and videos, compared with the files as OpenCV reads them with and without."""
     folder = tmp_path / "in"
     folder.mkdir()
@@ -440,7 +440,7 @@ def test_damaged_video_ends_with_message(tmp_path, stored):
     words = (
         ["as stored; their EXIF data", "frames as stored"]
         if stored
-        else ["as their EXIF data", "as the file requires"]
+        else ["as their EXIF data", "according to the file"]
     )
     assert len(notes) == 2
     for note, name, phrase in zip(notes, ["a.png", "b.mp4"], words, strict=True):
@@ -459,7 +459,7 @@ def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, comm
     assert [studio.stored_orientation for studio in started] == [False, True]
 
 
-def test_a_broken_video_ends_with_a_sentence(tmp_path):
+def test_damaged_video_ends_with_message(tmp_path):
     (tmp_path / "bad.mp4").write_bytes(b"no video")
     studio = Studio(Sources([str(tmp_path / "bad.mp4")]))
     with (

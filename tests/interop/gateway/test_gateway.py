@@ -259,7 +259,7 @@ def test_rotation_of_a_video_is_applied_unless_frames_are_requested_as_stored(tm
     expected = om.Dewarper(ball, views["front"](ball))(np.ascontiguousarray(frame))
     assert off(shown, expected) < 6
     assert [
-        ("as stored" if stored else "as the file requires") in sentence for sentence in told
+        ("as stored" if stored else "according to the file") in sentence for sentence in told
     ] == [True]
 
 
