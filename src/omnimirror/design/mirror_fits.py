@@ -314,7 +314,7 @@ class _Problem:
 
         free = np.full(p.size, np.inf)
         found = solve_minimax(
-            values, rows, np.zeros(p.size), (-free, free), tolerance=SETTLED, first_trust=1.0
+            values, rows, np.zeros(p.size), (-free, free), tolerance=SETTLED, initial_trust=1.0
         )
         return self._with_rim(p + back @ found.y)
 

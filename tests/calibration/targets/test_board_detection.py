@@ -421,7 +421,7 @@ def test_dewarped_views_give_same_corners(monkeypatch):
 
     sensor = om.load_sensor("paper-spherical")
     picture = photographed(sensor, BOARD, pose(BOARD, *PLACES["paper-spherical"])).image
-    plain, look = om.find_board(picture, BOARD), board_detection._look_for_squares
+    plain, look = om.find_board(picture, BOARD), board_detection._detect_squares
 
     def in_views_alone(values, board, name, *, is_quick=False):
         return (
@@ -430,7 +430,7 @@ def test_dewarped_views_give_same_corners(monkeypatch):
             else om.Detection(name, (1024, 1024), reason="none")
         )
 
-    monkeypatch.setattr(board_detection, "_look_for_squares", in_views_alone)
+    monkeypatch.setattr(board_detection, "_detect_squares", in_views_alone)
     found = om.find_board(picture, BOARD, camera=sensor)
     assert found.ids.tolist() == plain.ids.tolist()
     np.testing.assert_allclose(found.corners_px, plain.corners_px, atol=0.02)

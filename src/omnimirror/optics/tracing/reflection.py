@@ -415,7 +415,7 @@ def specular_points(
     deg:
 
     >>> from omnimirror.optics.mirrors import Sphere
-    >>> pupils, targets = RayEndpoints.of(p) for p in ([0.0, 0.0, -100.0], RayEndpoints.of([150.0, 0.0, 50.0]))
+    >>> pupils, targets = RayEndpoints.of([0.0, 0.0, -100.0]), RayEndpoints.of([150.0, 0.0, 50.0])
     >>> found = specular_points(Sphere(50.0, 44.0), pupils, targets)
     >>> found.points.round(6) + 0.0, found.valid  # 50 sin 45, 50 - 50 cos 45
     (array([[35.355339,  0.      , 14.644661]]), array([ True]))
