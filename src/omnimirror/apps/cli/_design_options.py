@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import click
 import numpy as np
@@ -176,8 +176,7 @@ def focus_range(text: str) -> Range:
     """
     low, colon, high = text.partition(":")
     if colon and high.strip() == "inf":
-        return number_or_range(low), np.inf  # type: np.inf
-    return number_or_range(text)
+        return cast(float, number_or_range(low)), np.inf
     return number_or_range(text)
 
 

@@ -118,7 +118,7 @@ def write_calibration_figures(
 def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
     """Return the figures of a calibration by name."""
     fit = calibration.adjustment
-    visible = fit.seen
+    visible = fit.visible
     pixels, residuals = fit.problem.stack.pixels[visible], fit.residuals[visible]
     offset = pixels - calibration.coverage.centre_px
     radius = np.hypot(*offset.T)
@@ -211,7 +211,7 @@ def _numbers(calibration: Calibration) -> str:
         if calibration.held_out
         else "-",
         "Corner noise per coordinate": f"{fit.noise_px:.3f} px",
-        calibration.seen.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} rejected",
+        calibration.measurement_kinds.capitalize(): f"{calibration.corners}, {len(calibration.outliers)} rejected",
         "Images": f"{sum(p.used for p in calibration.images)} of {len(calibration.images)}",
         "Computation time": f"{calibration.seconds:.1f} s",
     }
@@ -253,7 +253,7 @@ def _images(calibration: Calibration) -> str:
 def _outliers(calibration: Calibration) -> str:
     if not calibration.outliers:
         return "<p>None.</p>"
-    rows = [(o.picture, str(o.corner), f"{o.residual_px:.2f}") for o in calibration.outliers]
+    rows = [(o.image, str(o.corner), f"{o.residual_px:.2f}") for o in calibration.outliers]
     return f'<div class="scroll">{_table(("image", "corner", "residual px"), rows)}</div>'
 
 

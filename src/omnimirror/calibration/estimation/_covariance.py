@@ -218,7 +218,7 @@ def _other_minima(start: _State, number: int) -> list[_State]:
         model = replace(
             fit.model,
             xi=xi,
-            focal_px=(fit.model.focal_px[0] * ratio, fit.model.focal_px[1] * ratio),  # type: ignore[arg-type]
+            focal_px=(fit.model.focal_px[0] * ratio, fit.model.focal_px[1] * ratio),
             uncertainty=None,
         )
         options: dict[str, Any] = {
