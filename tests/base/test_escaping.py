@@ -570,7 +570,7 @@ def test_camera_file_round_trip_keeps_name(kind, name, tmp_path):
     """Every model of a format, under the name of a camera of another file."""
     for layout in CAMERA_FORMATS[kind].layouts.values():
         camera = next(
-            (c for c in CAMERAS if isinstance(c, layout.kind) and not layout.lacks(c)), None
+            (c for c in CAMERAS if isinstance(c, layout.kind) and not layout.unsupported(c)), None
         )
         if camera is None:
             continue
