@@ -145,7 +145,7 @@ def test_every_public_name_is_explained(name):
 
 
 def test_what_is_not_explained_is_found():
-    def half(sensor: om.Sensor, pixels: om.dewarp.dewarper.Array) -> int:
+    def half(sensor: om.Sensor, pixels: om.dewarp._dewarper.Array) -> int:
         """Half of it.
 
         Parameters

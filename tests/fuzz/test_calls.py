@@ -534,7 +534,7 @@ def test_values_that_no_sensor_has_are_refused_with_a_sentence(name, argument, v
 
 def test_a_whole_number_may_be_longer_than_numpys():
     assert (
-        om.screens.Cylinder((36, 10), -20.0, 20.0, distance_mm=2**64)._place
+        om.screens.Cylinder((36, 10), -20.0, 20.0, distance_mm=2**64)._placement
         == ", at 1.84467e+19 mm"
     )
 

@@ -66,10 +66,10 @@ def test_images_of_longer_run_are_reported(film, tmp_path):
         (tmp_path / name).write_bytes(b"older")
     run = omnimirror("dewarp", film, *BALL, "-o", tmp_path / "f%04d.png")
     assert run.returncode == 0, run.stderr
-    assert "of other runs, f0013.png to f0020.png, does not belong to this video" in run.stderr
+    assert "f0013.png to f0020.png are images of a previous run and do not belong" in run.stderr
     assert (tmp_path / "f0013.png").read_bytes() == b"older"
     again = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", tmp_path / "f%04d.png")
-    assert "other runs" not in again.stderr
+    assert "previous run" not in again.stderr
 
 
 def test_existing_images_are_skipped(film, tmp_path):

@@ -148,7 +148,7 @@ def test_dewarping_stored_pixels_reports_option(tmp_path, turned):
         turned[1], tmp_path / "b.png"
     )
     assert (
-        "b.png: panorama (elevation -90 to 50 deg), 134 x 52 px, all of it inside the field, as sto"
+        "b.png: panorama (elevation -90 to 50 deg), 134 x 52 px, all pixels inside the field, as sto"
         in told
     )
     np.testing.assert_array_equal(

@@ -198,20 +198,20 @@ def data_of(path):
             ".mp4",
             "bin_data",
             ".mkv",
-            "b.mkv: not kept are data track 2 (GoPro MET); .mp4 keeps GPMF telemetry",
+            "b.mkv: dropped data track 2 (GoPro MET); .mp4 supports GPMF telemetry",
         ),
-        (".mp4", "bin_data", ".mov", "b.mov: not kept are data track 2 (GoPro MET)"),
-        (".mp4", "bin_data", ".ts", "b.ts: not kept are data track 2 (GoPro MET)"),
+        (".mp4", "bin_data", ".mov", "b.mov: dropped data track 2 (GoPro MET)"),
+        (".mp4", "bin_data", ".ts", "b.ts: dropped data track 2 (GoPro MET)"),
         (".ts", "klv", ".ts", ""),
         (".ts", "timed_id3", ".ts", ""),
         (
             ".ts",
             "klv",
             ".mp4",
-            "b.mp4: not kept are data track 2 (klv); .mp4 keeps GPMF telemetry, .ts keeps KLV",
+            "b.mp4: dropped data track 2 (klv); .mp4 supports GPMF telemetry, .ts supports KLV",
         ),
-        (".ts", "bin_data", ".mp4", "a.ts: not kept are data track 2 (bin_data)"),
-        (".ts", "bin_data", ".ts", "a.ts: not kept are data track 2 (bin_data)"),
+        (".ts", "bin_data", ".mp4", "a.ts: dropped data track 2 (bin_data)"),
+        (".ts", "bin_data", ".ts", "a.ts: dropped data track 2 (bin_data)"),
     ],
 )
 def test_data_tracks_are_kept_or_their_loss_is_reported(tmp_path, suffix, codec, target, lost):
@@ -243,7 +243,7 @@ def test_data_tracks_of_unknown_kinds_are_named(tmp_path):
     assert data.count(b"gpmd") == 2
     source.write_bytes(data.replace(b"gpmd", b"mebx"))
     notes = through(source, tmp_path / "b.mp4")
-    assert [note.split(": ", 1)[1] for note in notes] == ["not kept are data track 2 (GoPro MET)"]
+    assert [note.split(": ", 1)[1] for note in notes] == ["dropped data track 2 (GoPro MET)"]
     assert not data_of(tmp_path / "b.mp4")
 
 

@@ -216,7 +216,7 @@ def test_meridional_evaluation_rejects_misaligned_sensor():
         ):
             ask(sensor)
     assert sensor.aligned() == SPH
-    with pytest.raises(InvalidParameter, match="viewpoints lie about no axis"):
+    with pytest.raises(InvalidParameter, match="for a camera without axial symmetry"):
         om.Dewarper(
             sensor, om.screens.Plane((32, 24), distance_mm=300.0), viewpoint="single"
         ).coordinates()

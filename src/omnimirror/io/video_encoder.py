@@ -37,8 +37,8 @@ from .video_metadata import (
     MasteringDisplay,
     SubtitleTrack,
     copy_track_metadata,
+    dropped_data,
     holds_data,
-    lost_data,
     unsupported_tracks,
 )
 
@@ -102,7 +102,7 @@ class Encoder:
         Text subtitle streams, whose packets are converted for the container; ``dropped_tracks``
         reports unsupported ones.
     data
-        Data streams whose packets are copied; ``lost_data`` reports unsupported ones.
+        Data streams whose packets are copied; ``dropped_data`` reports unsupported ones.
     chapters
         Chapters; ``dropped_tracks`` reports if the container does not support them.
     start_time_s : s
@@ -211,7 +211,7 @@ class Encoder:
             self._subtitles = {
                 stream.index: SubtitleTrack(self.container, stream) for stream in supported
             }
-            self.lost_data = lost_data(name, data)
+            self.dropped_data = dropped_data(name, data)
             """Data tracks that the container does not support, as a phrase."""
             self._copied |= {
                 stream.index: self._data_stream(stream)

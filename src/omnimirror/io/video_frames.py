@@ -456,7 +456,7 @@ def orientation_note(name: str, found: int | None, is_stored: bool) -> str | Non
     nothing to report.
 
     >>> orientation_note("ride.mp4", 3, is_stored=True)
-    'ride.mp4: frames as stored; the display orientation is: turned by 180 deg'
+    'ride.mp4: frames as stored; the display orientation is: rotated by 180 deg'
     """
     if found is None:
         return f"{name}: the rotation in the file is not a multiple of 90 deg and is not applied"

@@ -153,7 +153,7 @@ DATA_OF = {"mp4": ("bin_data",), "mpegts": ("klv", "timed_id3")}
 In MP4 and MOV files, FFmpeg calls GPMF telemetry (gpmd) ``bin_data``, and writes all ``bin_data``
 as gpmd; in other files ``bin_data`` is of any kind.
 """
-DATA_KEEPERS = ".mp4 keeps GPMF telemetry, .ts keeps KLV and ID3"
+DATA_KEEPERS = ".mp4 supports GPMF telemetry, .ts supports KLV and ID3"
 NO_PACKETS = 48
 """Value of ``discard`` for tracks that FFmpeg reads as other information, such as the text of chapters."""
 ARBITRARY_ORIGIN_FORMATS = ("mpegts", "mpeg")
@@ -216,7 +216,7 @@ def holds_data(format_name: str, stream: Any) -> bool:
     return stream.name in DATA_OF.get(format_name, ())
 
 
-def lost_data(format_name: str, data: Sequence[Any]) -> str:
+def dropped_data(format_name: str, data: Sequence[Any]) -> str:
     """Describe the data tracks that a format does not support; empty if it supports all."""
     return " and ".join(
         _data_track(stream) for stream in data if not holds_data(format_name, stream)

@@ -149,8 +149,8 @@ class VideoWriter:
                 self.notes.append(
                     f"{path}: dropped {self._encoder.dropped_tracks}; .mkv supports them"
                 )
-            if self._encoder.lost_data:
-                self.notes.append(f"{path}: not kept are {self._encoder.lost_data}; {DATA_KEEPERS}")
+            if self._encoder.dropped_data:
+                self.notes.append(f"{path}: dropped {self._encoder.dropped_data}; {DATA_KEEPERS}")
             if suffix == ".ts" and "timecode" in (encoding.get("metadata") or {}):
                 self.notes.append(f"{path}: the timecode is lost; .mov, .mp4 and .mkv support it")
             self._stack = self._stack.pop_all()

@@ -33,7 +33,7 @@ def photograph(number: int) -> Photograph:
 @cache
 def png(number: int) -> bytes:
     """Return a photograph as a file."""
-    return cv2.imencode(".png", photograph(number).picture)[1].tobytes()
+    return cv2.imencode(".png", photograph(number).image)[1].tobytes()
 
 
 BLANK = cv2.imencode(".png", np.full((480, 480), 90, np.uint8))[1].tobytes()

@@ -59,9 +59,7 @@ def client():
 
 @pytest.fixture(scope="module")
 def seen() -> list[BoardDetection]:
-    return [
-        told(om.find_board(photograph(i).picture, BOARD, name=f"{i}.png")) for i in range(WHOLE)
-    ]
+    return [told(om.find_board(photograph(i).image, BOARD, name=f"{i}.png")) for i in range(WHOLE)]
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +100,7 @@ def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
 
 def test_board_detection_in_uploaded_image(client):
     found = look(client, png(0)).json()
-    expected = om.find_board(photograph(0).picture, BOARD)
+    expected = om.find_board(photograph(0).image, BOARD)
     np.testing.assert_array_equal(found["ids"], expected.ids)
     np.testing.assert_allclose(found["corners_px"], expected.corners_px, atol=1e-4)
     off = np.linalg.norm(found["corners_px"] - photograph(0).corners_px[:, None], axis=2).min(
@@ -185,7 +183,7 @@ def test_disconnect_cancels_detection():
 
 
 def test_joint_analysis_of_images(seen):
-    small = told(om.find_board(photograph(1).picture[:400], BOARD, name="small.png"))
+    small = told(om.find_board(photograph(1).image[:400], BOARD, name="small.png"))
     ask = MultiImageRequest(
         board=BoardSpec(**ASKED),
         pictures=(*seen, small),

@@ -105,7 +105,7 @@ def test_calibration_workflow_with_reload(page, files):
     corners = page.locator("#calibrate .shots path.corners")
     assert corners.count() == 3
     drawn = page.evaluate(f"{TAB}.shots.all[1].seen.corners_px")
-    expected = om.find_board(photograph(1).picture, BOARD).corners_px
+    expected = om.find_board(photograph(1).image, BOARD).corners_px
     np.testing.assert_allclose(drawn, expected, atol=1e-3)
     assert corners.nth(1).get_attribute("d").count("M") == 2 * len(expected)  # one cross each
     found = calibrate(page)
@@ -278,7 +278,7 @@ def test_webcam_captures_new_positions_only(page):
     assert advice.inner_text()
     button(page, "Close webcam").click()
     assert page.locator("#calibrate video").count() == 0
-    stored = [photograph(n).picture for n in (0, 4)]
+    stored = [photograph(n).image for n in (0, 4)]
     assert [om.find_board(p, BOARD).used for p in stored] == [True, True]
 
 
@@ -299,7 +299,7 @@ def test_video_frames_are_added(page, tmp_path):
         stream = out.add_stream("libvpx", rate=4, options={"crf": "4", "b": "6M"})
         stream.width, stream.height, stream.pix_fmt = 480, 480, "yuv420p"
         for number in (0, 4):
-            picture = cv2.cvtColor(photograph(number).picture, cv2.COLOR_GRAY2RGB)
+            picture = cv2.cvtColor(photograph(number).image, cv2.COLOR_GRAY2RGB)
             for _ in range(2):
                 out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         out.mux(stream.encode())

@@ -98,12 +98,12 @@ def test_camera_image_resolves_tilt_ambiguity():
     assert tilts[0] != pytest.approx((-3.0, -3.0), abs=1.0)
     assert tilts[1] == pytest.approx((-3.0, -3.0), abs=0.02)
     assert rim_of(both[0]).semi_axes_px == pytest.approx(rim.semi_axes_px, rel=2e-4)
-    (told,) = om.sensors_from_rim(replace(rim, inner=seen_camera(true)), sensor)
+    (told,) = om.sensors_from_rim(replace(rim, camera_image=seen_camera(true)), sensor)
     assert (told.mirror_pose.tilt_x_deg, told.mirror_pose.tilt_y_deg) == pytest.approx(
         (-3.0, -3.0), abs=0.02
     )
     elsewhere = CameraImage((rim.centre_px[0] + 250.0, rim.centre_px[1] + 250.0), 40.0)
-    assert len(om.sensors_from_rim(replace(rim, inner=elsewhere), sensor)) == 2
+    assert len(om.sensors_from_rim(replace(rim, camera_image=elsewhere), sensor)) == 2
 
 
 RIM = om.MirrorOutline((420.0, 290.0), (250.0, 249.9), 0.0, 0.99, (800, 600))
