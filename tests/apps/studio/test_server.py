@@ -438,9 +438,9 @@ def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path
     assert streamed.shape == frame.shape
     assert np.abs(streamed.astype(int) - frame).mean() < 4
     words = (
-        ["as stored; their EXIF data", "frames as stored"]
+        ["as stored; the EXIF orientation", "frames as stored"]
         if stored
-        else ["as their EXIF data", "according to the file"]
+        else ["according to EXIF", "according to the file"]
     )
     assert len(notes) == 2
     for note, name, phrase in zip(notes, ["a.png", "b.mp4"], words, strict=True):

@@ -105,7 +105,7 @@ def test_solution_minimises_points_and_edges():
     )
     marked = StraightEdges.of({"room.jpg": edges(20)}, np.inf, TRUTH.image_size)
     found = om.bundle_adjust(TRUTH, [room], edges=marked)
-    linear, known = eliminate_line_positions(found.linearised), marked.known(found.model)
+    linear, known = eliminate_line_positions(found.linearised), marked.information(found.model)
     pull = np.einsum("nip,ni->p", linear.d_shared, linear.residuals) / found.problem.noise_px**2
     against = known.information @ (
         np.array([p.value for p in found.model.parameters]) - known.expected
