@@ -205,7 +205,8 @@ def calibrate_plumb_lines(
     >>> import omnimirror as om
     >>> om.calibrate_plumb_lines([np.zeros((64, 64), np.uint8)])
     Traceback (most recent call last):
-    omnimirror.base.errors.InvalidParameter: 0 edges are too few to refine a camera; ...
+    ...
+    omnimirror.base.errors.InvalidParameter: images must contain at least 8 long edges in different directions; got 0
     """
     size = _size(images, lines, image_size)
     chains = _chains(images, lines, centre_px, radius_px, inner_radius_px)

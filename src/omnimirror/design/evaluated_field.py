@@ -198,7 +198,7 @@ def cut_off(sensor: Sensor) -> tuple[str, ...]:
     >>> from dataclasses import replace
     >>> from omnimirror.optics.image_sensor import Imager
     >>> cut_off(replace(om.load_sensor("paper-spherical"), imager=Imager(1024, 576, 5.2)))[0]  # doctest: +ELLIPSIS
-    'the rim is on the imager over 38.9% of the azimuths; ...'
+    'the rim is on the imager for 38.9% of the azimuths; ...'
     """
     rim, (u, v) = sensor.rim_radius_px, sensor.imager.centre
     width, height = sensor.imager.size

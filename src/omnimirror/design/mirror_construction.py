@@ -360,7 +360,7 @@ def mappings(
     >>> print(f"{found['equidistant'].distance_mm:.3f} rim radii")
     4.090 rim radii
     >>> print(found["rectifying"])
-    omega_max_deg = 120 cannot be reached by the rectifying mapping; it is valid below 90
+    omega_max_deg must be less than 90 deg for the rectifying mapping; got 120
     """
     rim = RimRay(omega_max_deg, theta_max_deg, 1.0)
     found: dict[str, MountedMirror | OmnimirrorError] = {}

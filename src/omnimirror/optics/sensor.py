@@ -217,8 +217,8 @@ class Sensor:
 
         Parameters
         ----------
-        what
-            Computation, for the message.
+        computation
+            Name of the computation, for the message.
         needs
             ``"single mirror"``; ``"thin lens"``: not defined by a table or surfaces;
             ``"perpendicular imager"``: without tilt; ``"ideal except poses"``: without form error and

@@ -138,6 +138,21 @@ export interface BoardViewRequest {
   name: string;
 }
 
+/** Calibration result of one image. */
+export interface CalibrationImage {
+  name: string;
+  found: number;
+  used: boolean;
+  reason: string | null;
+  rms_px: number | null;
+  /** RMS in a fit without this image (cross-validation) */
+  held_out_rms_px: number | null;
+  /** maximum deviation of corners from straight lines on the undistorted board */
+  line_deviation_px: number | null;
+  /** corner u, v and residual du, dv, px */
+  residuals: [number, number, number, number][];
+}
+
 /** Initial data of the tab. */
 export interface CalibrationOptions {
   /** camera models, in increasing complexity */
@@ -173,7 +188,7 @@ export interface CalibrationResult {
   seconds: number;
   is_complete: boolean;
   image_size: [number, number];
-  pictures: ImageResult[];
+  pictures: CalibrationImage[];
   parameters: ParameterEstimate[];
   models: ModelComparisonRow[];
   outliers: OutlierCorner[];
@@ -386,21 +401,6 @@ export interface FileRequest {
 export interface Health {
   status: "ok";
   version: string;
-}
-
-/** Calibration result of one image. */
-export interface ImageResult {
-  name: string;
-  found: number;
-  used: boolean;
-  reason: string | null;
-  rms_px: number | null;
-  /** RMS in a fit without this image (cross-validation) */
-  held_out_rms_px: number | null;
-  /** maximum deviation of corners from straight lines on the undistorted board */
-  line_deviation_px: number | null;
-  /** corner u, v and residual du, dv, px */
-  residuals: [number, number, number, number][];
 }
 
 /** Imported file: a sensor or requirements. */

@@ -26,10 +26,10 @@ from ._calibration_boards import coverage_shown, line_deviation_px, place_of, ta
 from .calibration_messages import (
     STOP,
     BoardDetection,
+    CalibrationImage,
     CalibrationRequest,
     CalibrationResult,
     CalibrationStatus,
-    ImageResult,
     ModelComparisonRow,
     OutlierCorner,
     ParameterEstimate,
@@ -161,7 +161,7 @@ def found_message(found: Calibration) -> CalibrationResult:
     )
 
 
-def _pictures(found: Calibration) -> tuple[ImageResult, ...]:
+def _pictures(found: Calibration) -> tuple[CalibrationImage, ...]:
     fit = found.adjustment
     slices = dict(zip((s.name for s in fit.observations), fit.problem.stack.slices, strict=True))
     observations = {s.name: s for s in fit.observations}
@@ -180,7 +180,7 @@ def _pictures(found: Calibration) -> tuple[ImageResult, ...]:
                     float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))
                 )
         told.append(
-            ImageResult(
+            CalibrationImage(
                 name=picture.name,
                 found=picture.found,
                 used=picture.used,

@@ -107,7 +107,7 @@ class CalibrationRequest(ClientMessage):
     command: str = Field(max_length=30_000, description="equivalent command line for the report")
 
 
-class ImageResult(Message):
+class CalibrationImage(Message):
     """Calibration result of one image."""
 
     name: str
@@ -179,7 +179,7 @@ class CalibrationResult(Message):
     seconds: float
     is_complete: bool
     image_size: tuple[int, int]
-    pictures: tuple[ImageResult, ...]
+    pictures: tuple[CalibrationImage, ...]
     parameters: tuple[ParameterEstimate, ...]
     models: tuple[ModelComparisonRow, ...]
     outliers: tuple[OutlierCorner, ...]

@@ -676,7 +676,7 @@ def bundle_adjust(
     >>> points = np.random.default_rng(0).normal(0, 2000, (60, 3)) * [1, 1, 0.2]
     >>> room = om.Observation("room", truth.image(points).pixels, points, RigidTransform.identity(), is_known=True)
     >>> start = Unified(1.0, (160.0, 160.0), (319.5, 239.5), (640, 480))
-    >>> found = om.adjust(start, [room], fixed=("k1", "k2", "k3", "p1", "p2", "skew"))
+    >>> found = om.bundle_adjust(start, [room], fixed=("k1", "k2", "k3", "p1", "p2", "skew"))
     >>> round(found.model.xi, 4), round(found.rms_px, 6)
     (0.9, 0.0)
     """

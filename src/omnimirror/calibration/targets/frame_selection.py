@@ -90,7 +90,7 @@ def select_frames(
     >>> select_frames("missing.mp4", Board())
     Traceback (most recent call last):
     ...
-    omnimirror.base.errors.MediaError: there is no video missing.mp4
+    omnimirror.base.errors.MediaError: cannot read the video missing.mp4: the file does not exist
     """
     from ...io.video_reader import VideoReader
 
@@ -146,7 +146,7 @@ def select_distinct_frames(
     >>> board = Board("chessboard", 3, 3)
     >>> places = 10.0 * board.lattice + 20
     >>> again = [Detection(name, (200, 100), np.arange(9), places, blur_px=1.0) for name in "ab"]
-    >>> [d.reason for d in selected_frames(again, board)]
+    >>> [d.reason for d in select_distinct_frames(again, board)]
     [None, 'its view of the board is similar to a']
     """
     result = list(detections)
