@@ -172,7 +172,9 @@ def _reading_calls(path: Path) -> list[str]:
         if not isinstance(node, ast.Call):
             continue
         called = ast.unparse(node.func)
-        if called in ("read_bytes", "read_text", "decompress", "load_mesh") or called.startswith("files."):
+        if called in ("read_bytes", "read_text", "decompress", "load_mesh") or called.startswith(
+            "files."
+        ):
             continue  # bounded functions of the package
         if called in READERS or called.rpartition(".")[2] in READERS:
             names.append(f"{called}, line {node.lineno}")
