@@ -118,7 +118,7 @@ def test_wavelengths_require_sensor(domed, tmp_path):
 
 
 def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
-    with pytest.raises(InvalidParameter, match="300 to 1100"):
+    with pytest.raises(InvalidParameter, match="300 and 1100"):
         om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0, 44.0))
     with pytest.raises(InvalidParameter, match="wavelengths_nm"):
         om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0))

@@ -272,7 +272,7 @@ def test_command_matches_python(tmp_path):
 
 
 def test_training_dataset_requires_path(tmp_path):
-    assert "give a --path" in fails(
+    assert "requires --path" in fails(
         "simulate", "training", "paper-spherical", "-o", tmp_path / "set"
     )
     assert not (tmp_path / "set").exists()

@@ -331,7 +331,7 @@ def test_failed_calibration_reports_image_names(seen):
     blank = told(om.find_board(np.full((480, 480), 90, np.uint8), BOARD, name="dark.png"))
     *_, failed = performed(ASK, [*seen[:2], blank])
     assert failed.state == "failed"
-    assert "in 2 of 3 pictures" in failed.sentence
+    assert "in 2 of 3 images" in failed.sentence
     assert "dark.png: the image is blank" in failed.sentence
 
 

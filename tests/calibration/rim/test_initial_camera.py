@@ -139,7 +139,7 @@ def test_a_cropped_picture_keeps_the_mirror_aligned():
 
 def test_unreliable_rim_raises_with_remedy():
     with pytest.raises(
-        InvalidParameter, match=r"confidence 0\.20 is below 0\.6; give more pictures .* --ball"
+        InvalidParameter, match=r"at least 0\.6; got 0\.20; use more images .* --ball"
     ):
         om.camera_from_rim(replace(RIM, confidence=0.2))
 

@@ -120,7 +120,7 @@ def test_invalid_value_raises(room: om.Room):
         room.radiance(np.zeros((1, 3)), np.array([[np.nan, 0.0, 1.0]]))
     with pytest.raises(InvalidParameter, match=r"OMNIMIRROR.*; got 'NORTH'"):
         room.sign_corners_mm("NORTH")
-    with pytest.raises(InvalidParameter, match="texel_mm = 0 "):
+    with pytest.raises(InvalidParameter, match="texel_mm must be between 1 and 100 mm; got 0"):
         om.Room(texel_mm=0.0)
 
 

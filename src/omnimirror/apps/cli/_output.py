@@ -228,7 +228,7 @@ def column_head(name: str, unit: str | None = None) -> str:
     """Return the head of a column: title above unit.
 
     >>> column_head("omega_deg"), column_head("filled", "%")
-    ('Ω\\ndeg', 'aperture filled\\n%')
+    ('Ω\\ndeg', 'unvignetted\\n%')
     """
     q = QUANTITIES[name]
     return f"{q.heading}\n{q.unit if unit is None else unit}"
