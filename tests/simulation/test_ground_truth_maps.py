@@ -272,7 +272,7 @@ def test_lid_obscures_pixels():
 
 
 def test_radiometry_requires_one_mirror():
-    with pytest.raises(InvalidParameter, match="one mirror"):
+    with pytest.raises(InvalidParameter, match="housing must be empty"):
         ground_truth(
             replace(om.load_sensor("folded-spherical"), housing=Housing(shell=Tube())), Ball()
         )

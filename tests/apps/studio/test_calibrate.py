@@ -193,7 +193,10 @@ def test_joint_analysis_of_images(seen):
     )
     answer = together(ask)
     assert answer.reasons[:-1] == (None,) * len(seen)
-    assert answer.reasons[-1] == "its size of 480 x 400 px is not the 480 x 480 px of the others"
+    assert (
+        answer.reasons[-1]
+        == "its size of 480 x 400 px differs from that of the others, 480 x 480 px"
+    )
     assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in seen)
     assert answer.not_new == "its view of the board is similar to 2.png"
     assert answer.advice[0].startswith("Take more images: 6 are used")

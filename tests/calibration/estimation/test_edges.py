@@ -157,7 +157,7 @@ def test_edges_and_surveyed_points_on_the_command_line(tmp_path):
     assert run.returncode == 0, run.stderr
     assert "12 of 12 marked edges are straight with" in " ".join(run.stdout.split())
     told = json.loads((tmp_path / "found.json").read_text())["edges"]
-    assert [(e["picture"], e["edge"], e["used"]) for e in told] == [
+    assert [(e["image"], e["edge"], e["used"]) for e in told] == [
         ("wall.jpg", i, True) for i in range(1, 13)
     ]
     alone = fails("calibrate", "--lines", "edges.csv", "--image-size", "640x480", cwd=tmp_path)
