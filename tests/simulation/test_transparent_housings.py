@@ -98,7 +98,7 @@ def test_axial_rays_and_invalid_origins():
     assert passage.passed == 1
     world, sensor = Environment(np.ones((4, 8, 3), np.float32)), om.load_sensor("paper-spherical")
     for shell in (Tube(120.0), Dome(120.0, centre_mm=0.0)):
-        with pytest.raises(InvalidParameter, match="within 57 mm of the (axis|centre)"):
+        with pytest.raises(InvalidParameter, match=r"within 57 mm of the (axis|centre)"):
             ThroughShell(world, shell, sensor).radiance(
                 np.array([[58.0, 0, 0]]), np.array([[1.0, 0, 0]])
             )
