@@ -514,9 +514,8 @@ def test_main_leaves_the_process_as_it_was(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatch, capsys):
-    inherited = signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # ignored by background jobs
+    inherited = {n: signal.getsignal(n) for n in SIGNALS}
+    unignored()  # background jobs and nohup ignore some
     try:
         before = state()
         monkeypatch.setattr(sensors, "bundled_sensors", lambda: signal.raise_signal(number))
@@ -527,7 +526,8 @@ def test_main_leaves_the_process_as_it_was_when_it_is_stopped(number, monkeypatc
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         assert state() == before
     finally:
-        signal.signal(signal.SIGINT, inherited)
+        for n, handler in inherited.items():
+            signal.signal(n, handler)
 
 
 def test_a_program_calls_main_and_keeps_its_streams(tmp_path):
