@@ -194,7 +194,7 @@ def test_restoration_is_consistent_across_image_types(smaller: Restorer, scene: 
 
 def test_restoration_preserves_alpha_and_outside(smaller: Restorer):
     picture = np.random.default_rng(0).integers(0, 255, (160, 160, 4), dtype=np.uint8)
-    restored = smaller(picture, 0.05)
+    restored = smaller(picture, 0.05, 1.0)
     np.testing.assert_array_equal(restored[..., 3], picture[..., 3])
     outside = smaller.share == 0
     np.testing.assert_array_equal(restored[outside], picture[outside])
@@ -207,10 +207,10 @@ def test_restoration_commutes_with_flip(smaller: Restorer, scene: om.Environment
     sensor = replace(smaller.camera, imager=replace(smaller.camera.imager, centre_px=(68.0, 80.0)))
     picture = om.render_image(sensor, scene, samples=32, blur=True)
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
-    restored = om.restore(sensor, picture, noise=0.01).astype(float)
+    restored = Restorer(sensor)(picture, 0.01, 1.0).astype(float)
     reversed_picture = np.ascontiguousarray(picture[:, ::-1])
     other, wrong = (
-        om.restore(camera, reversed_picture, noise=0.01)[:, ::-1] for camera in (flipped, sensor)
+        Restorer(camera)(reversed_picture, 0.01, 1.0)[:, ::-1] for camera in (flipped, sensor)
     )
     assert np.sqrt(((other - restored) ** 2).mean()) < 0.2 * np.sqrt(
         ((wrong - restored) ** 2).mean()

@@ -286,7 +286,7 @@ class BlurLimit:
         noise
             Noise of the image.
         """
-        if not self._is_blurred_both_ways:
+        if not self.is_blurred_both_ways:
             return 1.0
         parts = [(roots[strip], noise.window(*strip)) for strip in self._strips]
         least, most = (self._residual(share, parts) for share in (TOP, 1.0))
@@ -318,7 +318,7 @@ class BlurLimit:
         return share if share >= MIN_SHARE else 0.0
 
     @cached_property
-    def _is_blurred_both_ways(self) -> bool:
+    def is_blurred_both_ways(self) -> bool:
         """True if the blur extends over pixels in both directions anywhere; otherwise most of the
         residual is aliasing.
         """
@@ -449,6 +449,11 @@ class BlurScale:
         ]
         self._limit = BlurLimit(known, self._strips, edges)
         self._prepared: dict[float, list[BlurProblem]] = {}
+
+    @property
+    def is_limited(self) -> bool:
+        """True if the residuals of an image limit the fraction of its blur."""
+        return self._limit.is_blurred_both_ways
 
     def shown_share(self, roots: Values, noise: Noise) -> float:
         """Return the fraction of the known blur in an image: 1 unless it is sharper or has too

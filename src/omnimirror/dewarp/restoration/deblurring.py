@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,103 +20,14 @@ from ...io.exif import Exposure, exposure_of
 from ...io.images import Image, read_image_and_metadata
 from ...optics.sensor import Sensor
 from ._blur_fraction import MIN_ASSUMED_NOISE, UNSEEN_SHARE, BlurProblem, BlurScale
+from ._sharpness import blur_limit, overshoot, overshoot_limits
 from .blur_model import BlurDiameters, RadialBlur, load_blur, radial_blur_of
 from .noise import FULL, Noise, check_picture, estimate_noise, specified_noise
-
-# -- Overshoot at edges, an indicator of sharpened images ------------------------------------------
-#
-# Blur makes an isolated edge rise monotonically; an unsharp mask adds a brighter and a darker line
-# next to it. Restoration would amplify these lines, and the noise or texture amplified by sharpening.
-
-Values = NDArray[np.float32]
-
-# Maximum median overshoot of coded images without sharpening, relative to the step. Ringing of the coding adds to it
-# in proportion to the coding error: measured are -0.02 to 0.004 at an error of 0.01, and up to 0.03 at 0.07. Images
-# sharpened by an amount of 0.3 have 0.009 to 0.015 at 0.01; with a large coding error, sharpening does no harm.
-MAX_OVERSHOOT, MAX_OVERSHOOT_OF_ERROR = 0.002, 0.7
-# Overshoot above which a coded image was certainly sharpened: absolute, and relative to the maximum
-SHARPENED_OVERSHOOT, SHARPENED_RATIO = 0.016, 1.25
-MAX_OVERSHOOT_UNCODED = 0.06  # same for uncoded images, which are rarely sharpened
-MIN_STEP, MIN_STEP_OF_NOISE = 0.08, 8.0  # between adjacent pixels: of full scale, and of the noise
-FLATNESS = 0.08  # range of the values beyond an isolated edge, relative to the step
-NEAREST, FARTHEST = 4, 7  # px from the edge in which they are compared
-MIN_EDGES = 30
-
-
-def overshoot(image: Values, inside: NDArray[np.bool_], noise: float = 0.0) -> float:
-    """Return the median overshoot at isolated edges relative to their step; NaN if there are too
-    few.
-
-    Parameters
-    ----------
-    image : (h, w)
-        sRGB values as a fraction of full scale.
-    inside : (h, w)
-        Mask of valid pixels.
-    noise
-        Standard deviation as a fraction of full scale; steps must exceed it.
-
-    Examples
-    --------
-    >>> edges = np.tile(np.repeat(np.float32([0.3, 0.6]), 10), (60, 4))
-    >>> everywhere = np.ones(edges.shape, bool)
-    >>> round(overshoot(edges, everywhere), 2)
-    0.0
-    >>> sharpened = edges + 0.6 * (edges - cv2.GaussianBlur(edges, (0, 0), 1.5))
-    >>> overshoot(sharpened, everywhere) > max(overshoot_limits(0.01, is_coded=True))
-    True
-    """
-    found = [
-        part
-        for turned in ((image, inside), (image.T, inside.T))
-        for part in _overshoots(*turned, noise)
-    ]
-    values = np.concatenate(found)
-    return float(np.median(values)) if len(values) >= MIN_EDGES else float("nan")
-
-
-def overshoot_limits(noise: float, *, is_coded: bool) -> tuple[float, float]:
-    """Return the overshoots above which an image may have been sharpened, and was sharpened, from
-    its noise or coding error as a fraction of full scale.
-
-    >>> overshoot_limits(0.01, is_coded=True), overshoot_limits(0.01, is_coded=False)
-    ((0.009, 0.016), (0.06, 0.06))
-    """
-    if not is_coded:
-        return MAX_OVERSHOOT_UNCODED, MAX_OVERSHOOT_UNCODED
-    doubtful = MAX_OVERSHOOT + MAX_OVERSHOOT_OF_ERROR * noise
-    return doubtful, max(SHARPENED_OVERSHOOT, SHARPENED_RATIO * doubtful)
-
-
-def _overshoots(image: Values, inside: NDArray[np.bool_], noise: float) -> list[Values]:
-    """Return overshoots (n,) on both sides of the isolated edges along rows."""
-    reach = FARTHEST + 1
-    if image.shape[1] <= 2 * reach:
-        return []
-    rise = np.ascontiguousarray(np.diff(image, axis=1))
-    steep = np.abs(rise)
-    is_edge = (steep > max(MIN_STEP, MIN_STEP_OF_NOISE * noise)) & inside[:, 1:]
-    is_edge &= steep >= cv2.dilate(steep, np.ones((1, 7), np.uint8))
-    is_edge[:, :reach] = is_edge[:, -reach:] = False
-    row, column = np.nonzero(is_edge)
-    sign = np.sign(rise[row, column])
-    profile = (
-        sign[:, None] * image[row[:, None], column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)]
-    )
-    before, beyond = profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]  # outwards from the edge
-    step = np.maximum(beyond[:, 2] - before[:, 2], 1e-3)
-    far = slice(NEAREST - 1, FARTHEST)
-    isolated = (
-        np.maximum(np.ptp(before[:, far], axis=1), np.ptp(beyond[:, far], axis=1)) < FLATNESS * step
-    )
-    top = np.maximum(beyond[:, 1], beyond[:, 2]) - beyond[:, FARTHEST - 2 :].mean(axis=1)
-    bottom = before[:, FARTHEST - 2 :].mean(axis=1) - np.minimum(before[:, 1], before[:, 2])
-    return [(values / step)[isolated].astype(np.float32) for values in (top, bottom)]
-
 
 # -- Deblurring of images with known blur ----------------------------------------------------------
 
 Picture = NDArray[Any]
+Values = NDArray[np.float32]
 
 
 class Decision(NamedTuple):
@@ -139,6 +49,10 @@ MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter ev
 SHARPER = "it is sharper than the assumed blur"
 UNSEEN = "its blur cannot be estimated"
 NO_MORE = "it contains no more blur"
+# Limits of the blur from edges and texture: estimates above the maximum are consistent with all of
+# the known blur; below the minimum the image is returned unchanged
+MAX_LIMIT, MAX_LIMIT_OF_LARGE, EDGE_SCALE, TEXTURE_SCALE = 0.85, 0.7, 0.9, 1.1
+MIN_LIMIT, MIN_LIMIT_OF_CODED = 0.45, 0.3
 F_TOLERANCE, FOCUS_TOLERANCE = (
     0.05,
     0.1,
@@ -378,15 +292,43 @@ class Restorer:
         if beyond > sharpened:
             return Decision(0.0, SHARPENED)
         share = self._scale.shown_share(np.sqrt(light), found)
+        if share > 0:
+            share = min(share, self._sharpness_limit(srgb_from_linear(light), found))
+        if beyond > doubtful:
+            return Decision(min(share, MAX_SHARE_OF_DOUBTFUL), SLIGHTLY_SHARPENED)
         if share == 0:
             return Decision(0.0, SHARPER)
-        if beyond > doubtful and share > MAX_SHARE_OF_DOUBTFUL:
-            return Decision(MAX_SHARE_OF_DOUBTFUL, SLIGHTLY_SHARPENED)
         if is_coded and np.isnan(beyond) and share > MAX_SHARE_OF_CODED:
             return Decision(MAX_SHARE_OF_CODED, FEW_EDGES)
         if found.share < MIN_ASSUMED_NOISE and self._is_small and share > MAX_SHARE_OF_SMALL:
             return Decision(MAX_SHARE_OF_SMALL, SMALL)
         return Decision(share, "" if share == 1 else UNSEEN if share == UNSEEN_SHARE else NO_MORE)
+
+    def _sharpness_limit(self, image: Values, noise: Noise) -> float:
+        """Return the fraction of the blur that is consistent with edges and texture; 0 if it is small.
+
+        For uncoded images with blur of at least 3 px, the residuals are more accurate. Coding changes
+        texture: it determines the fraction only of large blur without isolated edges, and otherwise
+        reveals only sharp images.
+        """
+        is_large, is_coded = self._scale.is_limited, noise.kind == "JPEG"
+        if is_large and not is_coded:
+            return 1.0
+        edges, texture = blur_limit(image, self.known, self.problem.sizes, noise)
+        if is_large and not np.isnan(edges):
+            texture = np.nan
+        min_texture = MIN_LIMIT if is_large or not is_coded else MIN_LIMIT_OF_CODED
+        if edges < MIN_LIMIT or texture < min_texture:
+            return 0.0
+        if is_coded and not is_large:
+            texture = np.nan
+        max_limit = MAX_LIMIT_OF_LARGE if is_large else MAX_LIMIT
+        shares = [
+            scale * limit
+            for limit, scale in ((edges, EDGE_SCALE), (texture, TEXTURE_SCALE))
+            if limit < max_limit
+        ]
+        return min(shares, default=1.0)
 
     @cached_property
     def _is_small(self) -> bool:
