@@ -15,7 +15,6 @@ Rows = tuple[Array, Array]
 MIN_RATE = 0.01  # relative to the centre: limit of validity of fitted polynomials
 INVERSION_NODES = 257  # of the table of initial values for inversion
 MAX_STEPS = 30
-MIN_COEFFICIENT = 1e-60  # smaller coefficients have no effect and would overflow as divisors
 MAX_COEFFICIENT = 1e12
 NEWTON_TOLERANCE = 1e-9  # relative Newton step; the remaining error is about its square
 
@@ -350,9 +349,15 @@ def _bracket_end(distortion: DistortionModel, distorted: float, end: float) -> f
 
 
 def smallest_positive_root(coefficients: Array) -> float:
-    """Return the smallest positive root of a polynomial, infinity if there is none."""
-    significant = np.flatnonzero(np.abs(coefficients) > MIN_COEFFICIENT)
-    roots = polyroots(coefficients[: significant[-1] + 1])
-    return float(
-        roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)].min(initial=np.inf)
-    )
+    """Return the smallest positive root of a polynomial with a constant term, infinity if there is
+    none.
+
+    The roots of the reversed polynomial are the reciprocals. Its leading coefficient is the constant
+    term; therefore tiny high orders do not degrade the small roots.
+
+    >>> smallest_positive_root(np.array([1.0, -0.75, 1e-45]))
+    1.3333333333333333
+    """
+    roots = polyroots(coefficients[::-1])
+    real = roots.real[(abs(roots.imag) <= 1e-9 * abs(roots)) & (roots.real > 0)]
+    return float(1 / real.max()) if len(real) else float("inf")

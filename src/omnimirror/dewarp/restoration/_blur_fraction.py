@@ -455,7 +455,7 @@ class BlurScale:
         """True if the residuals of an image limit the fraction of its blur."""
         return self._limit.is_blurred_both_ways
 
-    def shown_share(self, roots: Values, noise: Noise) -> float:
+    def shown_share(self, roots: Values, noise: Noise, *, may_be_sharper: bool = True) -> float:
         """Return the fraction of the known blur in an image: 1 unless it is sharper or has too
         little detail.
 
@@ -465,6 +465,8 @@ class BlurScale:
             Square roots of the light of the image.
         noise
             Noise of the image.
+        may_be_sharper
+            False if edges and texture are known to be consistent with all of the blur.
 
         Notes
         -----
@@ -472,7 +474,7 @@ class BlurScale:
         always detected. 0.85 for an image full of texture that conceals it.
         """
         noise = noise.at_least(MIN_ASSUMED_NOISE)
-        limit = self._limit.share(roots, noise)
+        limit = self._limit.share(roots, noise) if may_be_sharper else 1.0
         return min(limit, self._bent_share(roots, noise)) if limit > 0 else 0.0
 
     def _bent_share(self, roots: Values, noise: Noise) -> float:

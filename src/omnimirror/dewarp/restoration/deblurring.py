@@ -53,6 +53,7 @@ NO_MORE = "it contains no more blur"
 # the known blur; below the minimum the image is returned unchanged
 MAX_LIMIT, MAX_LIMIT_OF_LARGE, EDGE_SCALE, TEXTURE_SCALE = 0.85, 0.7, 0.9, 1.1
 MIN_LIMIT, MIN_LIMIT_OF_CODED = 0.45, 0.3
+CERTAIN_LIMIT = 0.95  # above it, residuals that indicate less blur are ignored
 F_TOLERANCE, FOCUS_TOLERANCE = (
     0.05,
     0.1,
@@ -291,9 +292,12 @@ class Restorer:
         doubtful, sharpened = overshoot_limits(found.share, is_coded=is_coded)
         if beyond > sharpened:
             return Decision(0.0, SHARPENED)
-        share = self._scale.shown_share(np.sqrt(light), found)
+        limits = blur_limit(srgb_from_linear(light), self.known, self.problem.sizes, found)
+        share = self._scale.shown_share(
+            np.sqrt(light), found, may_be_sharper=not np.fmin(*limits) >= CERTAIN_LIMIT
+        )
         if share > 0:
-            share = min(share, self._sharpness_limit(srgb_from_linear(light), found))
+            share = min(share, self._sharpness_limit(*limits, is_coded=is_coded))
         if beyond > doubtful:
             return Decision(min(share, MAX_SHARE_OF_DOUBTFUL), SLIGHTLY_SHARPENED)
         if share == 0:
@@ -304,17 +308,16 @@ class Restorer:
             return Decision(MAX_SHARE_OF_SMALL, SMALL)
         return Decision(share, "" if share == 1 else UNSEEN if share == UNSEEN_SHARE else NO_MORE)
 
-    def _sharpness_limit(self, image: Values, noise: Noise) -> float:
-        """Return the fraction of the blur that is consistent with edges and texture; 0 if it is small.
+    def _sharpness_limit(self, edges: float, texture: float, *, is_coded: bool) -> float:
+        """Return the fraction of the blur from the limits of edges and texture; 0 if it is small.
 
         For uncoded images with blur of at least 3 px, the residuals are more accurate. Coding changes
         texture: it determines the fraction only of large blur without isolated edges, and otherwise
         reveals only sharp images.
         """
-        is_large, is_coded = self._scale.is_limited, noise.kind == "JPEG"
+        is_large = self._scale.is_limited
         if is_large and not is_coded:
             return 1.0
-        edges, texture = blur_limit(image, self.known, self.problem.sizes, noise)
         if is_large and not np.isnan(edges):
             texture = np.nan
         min_texture = MIN_LIMIT if is_large or not is_coded else MIN_LIMIT_OF_CODED
