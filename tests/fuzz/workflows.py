@@ -262,7 +262,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "draw_board": (om.draw_board, {"board": BOARD, "px_per_mm": 1.0, "margin_mm": None}),
     "find_board": (
         om.find_board,
-        {"picture": PICTURE, "board": BOARD, "name": "a", "camera": None},
+        {"image": PICTURE, "board": BOARD, "name": "a", "camera": None},
     ),
     "find_boards": (
         om.find_boards,
@@ -270,7 +270,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "refine_corners": (
         om.refine_corners,
-        {"picture": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1},
+        {"image": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1},
     ),
     "camera_from_rim": (om.camera_from_rim, {"rim": RIM, "mirror": "one-shot", "mount": None}),
     "detect_mirror_outline": (om.detect_mirror_outline, {"images": LARGER}),
@@ -504,7 +504,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "camera": SENSOR,
             "border": None,
             "keep_tilt": False,
-            "options": None,
+            "settings": None,
         },
     ),
     "VideoSettings": (
