@@ -108,7 +108,7 @@ export const TAKEN = [
   "pitch",
   "roll",
 ] as const;
-export type ViewSource = Pick<State, (typeof TAKEN)[number]>;
+type ViewSource = Pick<State, (typeof TAKEN)[number]>;
 
 /** Stored view with its name. */
 export interface KeptView extends ViewOf {
