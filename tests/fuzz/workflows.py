@@ -336,7 +336,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "Environment": (om.Environment, {"light": np.ones((8, 16, 3), np.float32), "heading_deg": 0.0}),
-    "estimate_noise": (om.estimate_noise, {"picture": PICTURE, "file": None, "where": None}),
+    "estimate_noise": (om.estimate_noise, {"image": PICTURE, "file": None, "where": None}),
     "expose": (
         om.expose,
         {
@@ -355,7 +355,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         om.merge_bracket,
         {
             "sensor": SENSOR,
-            "pictures": [PICTURE, PICTURE],
+            "images": [PICTURE, PICTURE],
             "focus_mm": [200.0, 220.0],
             "object_distance_mm": np.inf,
         },
