@@ -70,7 +70,8 @@ dots = Format(write, (".dots",))
 
 def centre_of(file, reading):
     u, v, width, height = map(float, file.text.split())
-    return [CameraEntry("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.model_arguments))]
+    size = int(width), int(height)
+    return [CameraEntry("", om.OCam((-100.0, 0.0, 0.002), (u, v), size, **reading.model_arguments))]
 
 def centre_to(camera, name):
     return "{} {} {} {}".format(*camera.centre_px, *camera.image_size)
