@@ -168,7 +168,9 @@ def test_invalid_points_are_rejected(points, sentence):
 
 
 def test_invalid_order_is_rejected():
-    with pytest.raises(InvalidParameter, match="order must be an integer between 2 and .*; got 40"):
+    with pytest.raises(
+        InvalidParameter, match=r"order must be an integer between 2 and .*; got 40"
+    ):
         om.form_error(HYPERBOLOID, on(HYPERBOLOID, {}, 0.1), order=40)
 
 
@@ -312,7 +314,7 @@ def test_profile_determines_symmetric_form(name, columns):
             {"order": 4},
             "order",
         ),
-        (on(BALL, {}, 0.1), {"probe_radius_mm": -1.0}, "probe_radius_mm = -1"),
+        (on(BALL, {}, 0.1), {"probe_radius_mm": -1.0}, "probe_radius_mm must be .*; got -1"),
         (
             on(BALL, {}, 0.1),
             {"probe_radius_mm": 1.0, "are_departures": True},
