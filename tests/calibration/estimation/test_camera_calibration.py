@@ -358,7 +358,9 @@ def test_the_same_pictures_give_the_same_camera():
 def test_cancellation_keeps_partial_result():
     calls = []
     found = calibrated(
-        detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share)
+        detections(),
+        should_stop=lambda: len(calls) > 2,
+        on_progress=lambda what, share: calls.append(share),
     )
     assert not found.is_complete
     assert found.rms_px < 1.0
