@@ -75,7 +75,9 @@ def test_field_ends_at_specified_rim():
     assert edge.valid.tolist() == [True, False]
     assert all_of_it.camera.backproject([[u + 171.0, v]]).valid.all()
     assert found.model.parameters == all_of_it.model.parameters
-    with pytest.raises(InvalidParameter, match="rim_radius_px must be greater than 0 px.*; got -1"):
+    with pytest.raises(
+        InvalidParameter, match=r"rim_radius_px must be greater than 0 px.*; got -1"
+    ):
         calibrated(seen, rim_radius_px=-1.0)
 
 
