@@ -22,17 +22,17 @@ unexport PYTHONDONTWRITEBYTECODE
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-demo: $(VENV)/.core  ## Evaluate, simulate and straighten a picture, and write a report
+demo: $(VENV)/.core  ## Evaluate and simulate a sensor, dewarp the image, and write a report
 	$(BIN)/omnimirror demo -o $(DEMO_OUT)
 
-studio: $(VENV)/.studio  ## Look at pictures and design sensors in the browser
+studio: $(VENV)/.studio  ## Start the studio: dewarp images and design sensors in the browser
 	$(BIN)/omnimirror studio
 
-test: lint chromium node  ## What every commit passes, in some ten minutes on 2 cores
+test: lint chromium node  ## Run the tests that every commit must pass (about 10 minutes on 2 cores)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
 # Dozens of seeds in one test, and searches to their end, take longer than any test of every day may.
-test-full: lint chromium firefox node $(VENV)/.full  ## Also long checks and other programs (2.6 GB more, with PyTorch for processors alone)
+test-full: lint chromium firefox node $(VENV)/.full  ## Run all tests, including long ones and other programs (2.6 GB more, with PyTorch for processors alone)
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
@@ -46,10 +46,10 @@ test-lowest: $(BIN)/python  ## Smoke test with the lowest supported versions of 
 	out/lowest/bin/omnimirror maps paper-spherical --view panorama -o out/lowest/maps.npz
 	out/lowest/bin/omnimirror demo --out out/lowest/demo
 
-mutation: $(VENV)/.mutation  ## Mutation testing: share of random code changes that tests detect (ARGS=--help)
+mutation: $(VENV)/.mutation  ## Run mutation testing: fraction of random code changes that tests detect (ARGS=--help)
 	$(BIN)/python tests/mutation.py $(ARGS)
 
-programs: $(BIN)/python  ## Blender, Newton, GStreamer, OBS .. beside the package, for tests of what is handed to them (2 GB)
+programs: $(BIN)/python  ## Install Blender, Newton, GStreamer, OBS, ... for interoperability tests (2 GB)
 	@{ command -v gst-launch-1.0 && command -v cvlc && command -v qemu-system-arm; } >/dev/null || { \
 	  [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	  apt-get -qq update && apt-get -qq install -y gstreamer1.0-tools gstreamer1.0-gl gstreamer1.0-plugins-good \
@@ -102,7 +102,7 @@ format: $(VENV)/.test node  ## Format the code
 	$(BIN)/ruff format .
 	@! command -v npm >/dev/null || { cd web && npm run --silent format; }
 
-bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchmarks
+bench: $(VENV)/.full  ## Run the benchmarks; write tables to out/benchmarks
 	$(BIN)/python benchmarks/evaluation_time.py --out out/benchmarks
 	$(BIN)/python benchmarks/exposure_time.py --out out/benchmarks
 	$(BIN)/python benchmarks/scene_rate.py --out out/benchmarks
@@ -128,22 +128,22 @@ bench: $(VENV)/.full  ## Measure against other programs; tables go to out/benchm
 	$(BIN)/python benchmarks/page_load.py --out out/benchmarks
 	$(BIN)/python benchmarks/first_minutes.py --out out/benchmarks
 
-bench-page: bench  ## The same, and put the tables into docs/benchmarks.md
+bench-page: bench  ## Run the benchmarks and insert the tables into docs/benchmarks.md
 	$(BIN)/python benchmarks/tables_to_docs.py --tables out/benchmarks
 
-docs: $(VENV)/.core  ## Build the documentation's site into out/site
+docs: $(VENV)/.core  ## Build the documentation site in out/site
 	$(PYTHON) -m venv out/mkdocs
 	out/mkdocs/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -r docs/requirements.txt
 	$(PIP) -e '.[studio]'
 	$(BIN)/python docs/site_pages.py
 	out/mkdocs/bin/mkdocs build --strict
 
-release: | $(BIN)/python  ## Build the archive and the wheels, and try them; RELEASE_PYTHONS="python3.11 python3.12"
+release: | $(BIN)/python  ## Build and test the archive and the wheels; RELEASE_PYTHONS="python3.11 python3.12"
 	$(PYTHON) -m venv out/release
 	out/release/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -r release/requirements.txt
 	out/release/bin/python release/build.py $(foreach p,$(RELEASE_PYTHONS),--python $(p))
 
-clean:  ## Remove what was made, the virtual environment too
+clean:  ## Remove build products and the virtual environment
 	rm -rf $(VENV) out build web/node_modules dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(BIN)/python:

@@ -96,7 +96,7 @@ def main() -> None:
     sensor, scene = om.load_sensor("paper-spherical"), om.Room()
     picture = om.render_image(sensor, scene, samples=SAMPLES**2, distant=True)
     lines = [
-        "# PSNR of straightened pictures, dB",
+        "# PSNR of dewarped images, dB",
         "",
         f"The picture has {picture.shape[1]} x {picture.shape[0]} px; truth and picture by {SAMPLES**2} rays a pixel. "
         f"OpenCV {cv2.__version__}.",

@@ -120,7 +120,7 @@ def main() -> None:
     arguments = arguments_of(__doc__.splitlines()[0], RUNS)
     photograph = photograph_of(arguments.picture)
     lines = [
-        "# Straightening a frame, uint8 RGB",
+        "# Dewarping a frame, uint8 RGB",
         "",
         circumstances(arguments.runs, FRAMES, by_processor_time=True),
         "",

@@ -216,23 +216,23 @@ class Stereographic(FocalModel):
     uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "stereographic"
-    _law_end = np.radians(170.0)
+    _projection_end = np.radians(170.0)
 
     def __post_init__(self) -> None:
         self._check_focal()
 
     @property
-    def _places(self):
-        return (), self._affine_places
+    def _parameter_slots(self):
+        return (), self._affine_slots
 
-    def _law_radius(self, omega):
+    def _projected_radius(self, omega):
         return 2 * np.tan(omega / 2)
 
-    def _law(self, omega):
+    def _projection(self, omega):
         rate = 1 / np.cos(omega / 2) ** 2
-        return RadialProjection(self._law_radius(omega), rate, np.empty((len(omega), 0)))
+        return RadialProjection(self._projected_radius(omega), rate, np.empty((len(omega), 0)))
 
-    def _law_inverse(self, radius):
+    def _inverse_projection(self, radius):
         return 2 * np.arctan(radius / 2)
 """
 MODEL_USE = """
@@ -321,7 +321,7 @@ CAMERA_FORMAT = """
 from __future__ import annotations
 
 from ...cameras.models import Unified
-from ._camera_format import CameraFormat, Layout, Stored
+from ._camera_format import CameraEntry, CameraFormat, Layout
 
 
 def read(file, reading):
@@ -331,9 +331,9 @@ def read(file, reading):
         focal_px=(float(f), float(f)),
         centre_px=(float(u), float(v)),
         image_size=(int(width), int(height)),
-        **reading.told,
+        **reading.model_arguments,
     )
-    return [Stored("", camera)]
+    return [CameraEntry("", camera)]
 
 
 def write(camera, name=""):
@@ -380,7 +380,7 @@ def test_adding_a_camera_file_format(copy):
 
 # -- command ---------------------------------------------------------------------------------------
 
-COMMAND = '''"""``omnimirror rim``: how wide a mirror is."""
+COMMAND = '''"""``omnimirror girth``: diameter of a mirror."""
 
 from __future__ import annotations
 
@@ -389,20 +389,20 @@ from dataclasses import dataclass
 import click
 
 from ....optics.sensor_files import load_sensor
-from .._declarations import Options, option, takes
+from .._declarations import Options, add_options, option
 from .._option_types import NUMBER
 
 
 @dataclass(frozen=True)
 class ScaleOptions(Options):
-    """How large the mirror is made."""
+    """Size."""
 
-    scale: float = option(type=NUMBER, default=1.0, help="Times its own size.")
+    scale: float = option(type=NUMBER, default=1.0, help="Scale factor of the mirror.")
 
 
 @click.command()
 @click.argument("sensor")
-@takes(ScaleOptions, "size")
+@add_options(ScaleOptions, "size")
 def command(sensor: str, size: ScaleOptions) -> None:
     """Print the diameter of the mirror of SENSOR."""
     click.echo(f"{2 * size.scale * load_sensor(sensor).mirror.rim_radius_mm:.2f} mm")
@@ -561,7 +561,7 @@ def test_a_kernel_is_a_room_of_its_own(copy):
         (room / name).write_text(text)
     interface = next(
         line
-        for line in (package / "native.py").read_text().splitlines()
+        for line in (package / "base" / "native.py").read_text().splitlines()
         if line.startswith("INTERFACE")
     )
     number = int(interface.split()[2])
@@ -579,7 +579,7 @@ def test_a_kernel_is_a_room_of_its_own(copy):
         ("  src/pool.cpp\n", "  src/pool.cpp\n  src/twice/module.cpp\n  src/twice/twice.cpp\n"),
     )
     edit(
-        package / "native.py",
+        package / "base" / "native.py",
         (f"INTERFACE = {number} ", f"INTERFACE = {number + 1} "),
         (
             "    def get_threads(self) -> int: ...",
@@ -592,7 +592,7 @@ def test_a_kernel_is_a_room_of_its_own(copy):
     made = run(["cmake", "--build", built, "-j", 2], copy)
     assert made.returncode == 0, made.stdout + made.stderr
     (kernels,) = built.glob("_native*.so")
-    shutil.copy(kernels, package)
+    shutil.copy(kernels, package / "base")
     called = run(
         [sys.executable, "-c", CALLS], copy, PYTHONPATH=str(copy / "src"), OMNIMIRROR_NATIVE=""
     )

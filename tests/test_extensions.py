@@ -70,7 +70,8 @@ dots = Format(write, (".dots",))
 
 def centre_of(file, reading):
     u, v, width, height = map(float, file.text.split())
-    return [CameraEntry("", om.OCam((-100.0, 0.0, 0.002), (u, v), (int(width), int(height)), **reading.told))]
+    size = int(width), int(height)
+    return [CameraEntry("", om.OCam((-100.0, 0.0, 0.002), (u, v), size, **reading.model_arguments))]
 
 def centre_to(camera, name):
     return "{} {} {} {}".format(*camera.centre_px, *camera.image_size)
@@ -397,7 +398,7 @@ def test_what_is_no_mirror_is_refused(quartic):
         InvalidParameter, match="the name of a quantity must be unique; got 'aspect'"
     ):
         om.register_quantity(LIMITABLE["aspect"])
-    with pytest.raises(TypeError, match=r"no omnimirror\.design\.Limitable"):
+    with pytest.raises(TypeError, match=r"must be an omnimirror\.design\.Limitable"):
         om.register_quantity("aspect")
     with pytest.raises(
         InvalidParameter, match=r"suffixes must not belong to another format; got \.step"
@@ -447,7 +448,7 @@ def test_an_installed_package_brings_a_view_and_a_format(installed, tmp_path):
     assert run.returncode == 0, run.stderr
     assert om.read_image(tmp_path / "fan.png").shape == (80, 320, 3)
     run = omnimirror(installed, tmp_path, *look, "--roll-deg", "30", "-o", "no.png")
-    assert "--roll-deg does not apply to --view fan" in run.stderr
+    assert "--roll-deg requires --view perspective; it does not apply to --view fan" in run.stderr
     run = omnimirror(installed, tmp_path, "export", "paper-spherical", "-o", "a.dots")
     assert run.returncode == 0, run.stderr
     x, z = np.loadtxt(tmp_path / "a.dots").T
@@ -577,7 +578,9 @@ def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tm
 
 
 def test_a_camera_format_has_a_name_of_its_own():
-    with pytest.raises(InvalidParameter, match="a camera format 'kalibr' already"):
+    with pytest.raises(
+        InvalidParameter, match="the name of a camera format must be unique; got 'kalibr'"
+    ):
         om.register_camera_format(
             "kalibr", om.calibration.formats.CameraFormat("mine", print, print, {})
         )

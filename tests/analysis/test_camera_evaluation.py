@@ -72,7 +72,7 @@ def test_angles_outside_field_rejected():
     ):
         om.evaluate_camera(camera, [10.0, 160.0])
     with pytest.raises(
-        InvalidParameter, match=r"camera must be a calibrated camera, such as om\.load_camera gives"
+        InvalidParameter, match=r"camera must be a calibrated camera \(see om\.load_camera\); got "
     ):
         om.evaluate_camera(om.load_sensor("paper-spherical"))
 

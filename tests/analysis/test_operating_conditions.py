@@ -164,7 +164,7 @@ def test_thermal_file_round_trip(tmp_path):
                 ),
                 60.0,
             ),
-            "not supported for a orthographic lens",
+            "not supported for lenses of kind orthographic",
         ),
     ],
 )

@@ -352,7 +352,10 @@ def test_two_mirror_image_is_not_reversed():
 
 
 def test_single_mirror_functions_reject_two_mirrors():
-    with pytest.raises(InvalidParameter, match="only a sensor of one mirror has radiometry"):
+    with pytest.raises(
+        InvalidParameter,
+        match="radiometry must be omitted unless the camera is a sensor with one mirror",
+    ):
         om.expose(FOLDED, om.Room(texel_mm=40.0), samples=1, radiometry=Radiometry())
     with pytest.raises(InvalidParameter, match="mirror_pose is not supported with a secondary"):
         replace(FOLDED, mirror_pose=MirrorPose(decentre_x_mm=0.1))

@@ -121,7 +121,7 @@ def test_toml_integers_have_64_bits(digits):
     ],
     ids=["csv", "json", "init"],
 )
-def test_a_full_disk_is_one_sentence_and_loses_nothing(args, tmp_path):
+def test_full_disk_is_reported_and_preserves_files(args, tmp_path):
     (tmp_path / "out.csv").write_text("precious")
     run = subprocess.run(
         [Path(sys.executable).with_name("omnimirror"), *args],
@@ -150,8 +150,8 @@ def test_only_regular_files_of_limited_size_are_read(tmp_path):
         ("/dev/zero", 5, "pipe or a device"),
         (tmp_path / "huge", MAX_TEXT_BYTES, "the file must be at most 64 MB"),
         (tmp_path / "fits", 4, "the file must be at most 4 bytes"),
-        (tmp_path, 5, "it is a folder"),
-        ("a\0b", 5, "no file can have that name"),
+        (tmp_path, 5, "must be a file; got a folder"),
+        ("a\0b", 5, "the name must not contain null characters"),
     ]:
         with pytest.raises(OSError, match=reason):
             read_bytes(name, most)
@@ -208,7 +208,7 @@ def test_compressed_data_is_limited():
     for data, most, reason in [
         (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
         (packed[:-5], 1000, "truncated data"),
-        (b"x" + packed, 1000, "it is damaged"),
+        (b"x" + packed, 1000, "damaged data"),
     ]:
         with pytest.raises(ValueError, match=reason):
             decompress(data, most)

@@ -220,7 +220,7 @@ def test_mirror_outline_is_detected_by_default(tmp_path):
     assert om.load_sensor(tmp_path / "built.toml").mount.pitch_deg == pytest.approx(3.0, abs=0.5)
     refused = omnimirror("lines", tmp_path / "noise.png", *model)
     assert refused.returncode == 2
-    assert "no rim was found for sure" in " ".join(refused.stderr.split())
+    assert "no rim detected" in " ".join(refused.stderr.split())
     assert "--rim U V R" in " ".join(refused.stderr.split())
 
 

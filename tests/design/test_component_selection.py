@@ -83,7 +83,7 @@ def test_the_bundled_catalogue_has_a_lens_for_the_sphere_and_reasons_against_the
             r = om.evaluate(c.sensor, np.linspace(*c.sensor.field_deg, 1001))
             assert r.floored_area_deg2.max() == pytest.approx(c.worst_floored_area_deg2, rel=1e-3)
         if c.lens.startswith("telecentric"):
-            assert "not a telecentric one" in c.reasons[0]
+            assert "requires a perspective lens" in c.reasons[0]
 
 
 def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
@@ -96,7 +96,7 @@ def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
     ordinary = LensComponent("12 mm", 12.0, 2.0, 8.0, 100.0)
     wide, narrow = choose_parts(sensor, Catalogue((*lenses, ordinary), (imager,)))[:2]
     assert wide.fits
-    assert f"narrower than the mirror, {width:g} mm" in narrow.reasons[0]
+    assert f"is less than that of the mirror, {width:g} mm" in narrow.reasons[0]
 
 
 def test_rings_reach_what_the_lens_equation_says():
@@ -230,7 +230,7 @@ def test_ranges_of_a_catalogue_include_their_ends(part, name, low, high):
     for value in (low, high):
         assert getattr(replace(part, **{name: value}), name) == value
     for value in (low - 0.001 * (abs(low) or 1), high * 1.001):
-        with pytest.raises(InvalidParameter, match=f"^a: {name} = "):
+        with pytest.raises(InvalidParameter, match=f"^a: {name} must be "):
             replace(part, **{name: value})
 
 
@@ -436,6 +436,7 @@ def test_an_object_nowhere_is_refused(distance):
         lambda **at: best_apertures(SPHERE, **at),
     ):
         with pytest.raises(
-            InvalidParameter, match="object_distance_mm must be at least 1e-09 mm, or inf; got -5"
+            InvalidParameter,
+            match=f"object_distance_mm must be at least 1e-09 mm, or inf; got {distance:g}",
         ):
             ask(object_distance_mm=distance)

@@ -211,7 +211,7 @@ def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
     )
     assert design.is_met
     width = 2 * design.sensor.mirror.rim_radius_mm
-    assert any(f"as wide as the mirror, {width:g} mm" in note for note in design.notes)
+    assert any(f"that of the mirror, {width:g} mm" in note for note in design.notes)
     assert design.sensor.rim_radius_px == pytest.approx(512.0)
     result = om.evaluate(design.sensor, np.linspace(0, 110, 2001))
     worst = max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())

@@ -85,7 +85,10 @@ def test_the_height_begins_at_the_imager_of_a_lens_of_surfaces(tmp_path):
 
 
 def test_they_belong_to_no_part_of_the_field():
-    with pytest.raises(OmnimirrorError, match="it is of the whole sensor"):
+    with pytest.raises(
+        OmnimirrorError,
+        match="omega_deg must be omitted, since the quantity concerns the whole sensor",
+    ):
         om.Limit("mirror_body_mass_g", at_most=40.0, omega_deg=(10.0, 20.0))
     assert outer_size(om.load_sensor("paper-spherical")).diameter_mm > 80
 

@@ -405,7 +405,7 @@ def test_parts_go_into_a_file_and_come_back(tmp_path):
             "dome = true\n[housing.tube]",
             "must not be given together with a cover",
         ),
-        ("most_price = 400", "catalog = 3", "parts.catalog is not known"),
+        ("most_price = 400", "catalog = 3", "unknown entry parts.catalog; did you mean catalogue"),
     ],
 )
 def test_parts_that_cannot_be_asked_for_are_refused(old, new, sentence, tmp_path):
@@ -423,7 +423,7 @@ def test_a_search_without_parts_or_balls_is_refused():
     wanted = replace(asked(BLUR), parts=om.PartsRequirements(mirror="ball"))
     with pytest.raises(OmnimirrorError, match="the catalogue must contain a ball"):
         om.design_from_parts(wanted, Catalogue(LENSES, IMAGERS))
-    with pytest.raises(OmnimirrorError, match="most = 0"):
+    with pytest.raises(OmnimirrorError, match=r"most must be .*; got 0"):
         om.design_from_parts(asked(BLUR), SHELF, most=0)
 
 
@@ -523,7 +523,7 @@ def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("triplet,none.zmx,60,,", "line 2: .*none.zmx cannot be read"),
+        ("triplet,none.zmx,60,,", "line 2: .*cannot read .*none.zmx"),
         ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm must be that of triplet.zmx"),
     ],
 )

@@ -242,8 +242,11 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(tmp_path):
         ({"theta_max_deg": (14.0, 12.0)}, "theta_max_deg must be .* got 14 to 12"),
         ({"rim_radius_mm": -1.0}, "rim_radius_mm must be .* got -1"),
         ({"omega_min_deg": 140.0}, "omega_min_deg must be .* got 140"),
-        ({"family": "cone"}, "valid are even-polynomial, conic-asphere, slope-spline"),
-        ({"terms": 99}, "terms = 99"),
+        (
+            {"family": "cone"},
+            "must be one of even-polynomial, conic-asphere, slope-spline; got 'cone'",
+        ),
+        ({"terms": 99}, "terms must be .*; got 99"),
     ],
 )
 def test_impossible_problems_are_refused(change, sentence):

@@ -127,7 +127,7 @@ def test_what_cannot_be_a_front_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InvalidParameter, match="population must be greater than 0; got 0"):
         pareto(REQUIREMENTS, population=0)
     (tmp_path / "no.parquet").write_text("no front")
-    with pytest.raises(OmnimirrorError, match="not a front"):
+    with pytest.raises(OmnimirrorError, match="must be a Pareto front written by omnimirror"):
         load_front(tmp_path / "no.parquet")
     monkeypatch.setitem(sys.modules, "pymoo", None)
     with pytest.raises(OmnimirrorError, match=r"omnimirror\[design\]"):

@@ -169,7 +169,9 @@ def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
     assert found == same != other
     assert om.judge(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
     for angles in (1, 100_001):
-        with pytest.raises(InvalidParameter, match=f"angles = {angles} is not"):
+        with pytest.raises(
+            InvalidParameter, match=f"angles must be an integer between 2 and 100000; got {angles}"
+        ):
             om.judge(WANTED, SPHERE, angles=angles)
 
 
@@ -274,7 +276,7 @@ def test_what_cannot_be_judged_is_said():
     for odd in (None, "paper-spherical", 3):
         with pytest.raises(
             OmnimirrorError,
-            match=r"sensor must be a sensor, such as om\.load_sensor gives; got None",
+            match=r"sensor must be a sensor \(see om\.load_sensor\); got 'paper-spherical'",
         ):
             om.judge(WANTED, odd)
         with pytest.raises(OmnimirrorError, match=r"must be .*; got"):

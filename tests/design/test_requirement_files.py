@@ -129,7 +129,7 @@ BAD = [
     (
         "rim_radius_mm = 40",
         "rim_radius_mm = [40, 50, 60]",
-        "line 10: mirror.rim_radius_mm = .*or a range .LOW, HIGH",
+        "line 10: mirror.rim_radius_mm must be a number .*or a range .LOW, HIGH",
     ),
     (
         "rim_radius_mm = 40",
@@ -248,7 +248,7 @@ BAD = [
     (
         "[[limit]]\nquantity",
         "[limit]\nquantity",
-        r"mine\.toml must be valid TOML: must be \(at line 25, column 8\)",
+        r"mine\.toml must be valid TOML: Cannot overwrite a value \(at line 25, column 8\)",
     ),
     ("\nname", "\nformat = 7\nname", "line 2: format must be .* got 7"),
 ]

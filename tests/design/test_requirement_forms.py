@@ -503,7 +503,7 @@ def test_the_smallest_focus_of_a_lens_is_the_low_end_of_a_range():
         ),
         ('kind = "orthographic"\nmagnification = 0', "lens.magnification must be a number"),
         ('focal_length_mm = 6\nfills = "all"', "lens.fills must be one of"),
-        ("focal_length_mm = 6\nimage_circle_mm = -1", "lens.image_circle_mm = -1"),
+        ("focal_length_mm = 6\nimage_circle_mm = -1", "lens.image_circle_mm must be .*; got -1"),
     ],
 )
 def test_lenses_that_cannot_be_are_refused(lens, sentence):

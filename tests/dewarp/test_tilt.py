@@ -255,7 +255,7 @@ def test_mirror_ball_and_omega_range_are_levelled(folder):
 
 def test_invalid_tilt_on_command_line(folder, capsys):
     for text, message in (
-        ("10", "'10' is not PITCH,ROLL in degrees"),
+        ("10", "must be PITCH,ROLL in degrees; got '10'"),
         ("95,0", "pitch_deg must be between -90 and 90 deg; got 95"),
     ):
         with pytest.raises(SystemExit, match=r"^[12]$"):

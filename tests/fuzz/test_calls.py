@@ -338,7 +338,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "field_deg": 90.0,
         },
     ),
-    "show": (om.show, {"picture": PICTURE, "camera": SMALL, "height_px": 300}),
+    "show": (om.show, {"image": PICTURE, "camera": SMALL, "height_px": 300}),
     "Imager": (Imager, {"width_px": 32, "height_px": 32, "pixel_pitch_um": 5.0}),
     **workflows.CALLS,
 }
@@ -528,7 +528,7 @@ def test_any_values_are_refused_with_a_sentence(name, data):
 )
 def test_values_that_no_sensor_has_are_refused_with_a_sentence(name, argument, value):
     function, words = CALLS[name]
-    with pytest.raises(OmnimirrorError, match=rf"{argument} .*(it is valid|must)"):
+    with pytest.raises(OmnimirrorError, match=rf"{argument} .*must"):
         function(**words | {argument: value})
 
 
@@ -594,7 +594,7 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
     [
         (
             lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[500.0, 600.0], weights=[1.0]),
-            "1 weights for 2 wavelengths",
+            "weights must have one value for each of the 2 wavelengths; got 1",
         ),
         (
             lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[550.0, 99.0]),
@@ -612,18 +612,21 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
             lambda _: om.evaluate(
                 SENSOR, [1.0, 2.0], focus_mm="auto", object_distance_mm=[9.0, 8.0]
             ),
-            "needs one object_distance_mm for all field angles",
+            "focus 'auto' requires one object_distance_mm for all field angles; got several",
         ),
-        (lambda _: family("spheres", 2), "'spheres' is no family .* even-polynomial"),
+        (
+            lambda _: family("spheres", 2),
+            "family of meridians must be one of even-polynomial, .*; got 'spheres'",
+        ),
         (
             lambda _: family("even-polynomial", 0),
-            "terms = 0 does not suit even-polynomial, which takes 1 to",
+            "terms must be 1 to 12 for even-polynomial; got 0",
         ),
         (
             lambda _: Designs(
                 family("even-polynomial", 3), np.ones((2, 2)), 150.0, 44.0, 11.6, 4.0, 5.2
             ),
-            r"coefficients have shape \(2, 2\); even-polynomial with 3 terms needs \(n, 3\)",
+            r"coefficients must have shape \(n, 3\) for even-polynomial with 3 terms; got \(2, 2\)",
         ),
         (
             lambda _: best_apertures(SENSOR, f_number=(8.0, 2.0)),

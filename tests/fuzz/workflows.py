@@ -262,7 +262,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "draw_board": (om.draw_board, {"board": BOARD, "px_per_mm": 1.0, "margin_mm": None}),
     "find_board": (
         om.find_board,
-        {"picture": PICTURE, "board": BOARD, "name": "a", "camera": None},
+        {"image": PICTURE, "board": BOARD, "name": "a", "camera": None},
     ),
     "find_boards": (
         om.find_boards,
@@ -270,7 +270,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "refine_corners": (
         om.refine_corners,
-        {"picture": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1},
+        {"image": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1},
     ),
     "camera_from_rim": (om.camera_from_rim, {"rim": RIM, "mirror": "one-shot", "mount": None}),
     "detect_mirror_outline": (om.detect_mirror_outline, {"images": LARGER}),
@@ -336,7 +336,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "Environment": (om.Environment, {"light": np.ones((8, 16, 3), np.float32), "heading_deg": 0.0}),
-    "estimate_noise": (om.estimate_noise, {"picture": PICTURE, "file": None, "where": None}),
+    "estimate_noise": (om.estimate_noise, {"image": PICTURE, "file": None, "where": None}),
     "expose": (
         om.expose,
         {
@@ -355,7 +355,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         om.merge_bracket,
         {
             "sensor": SENSOR,
-            "pictures": [PICTURE, PICTURE],
+            "images": [PICTURE, PICTURE],
             "focus_mm": [200.0, 220.0],
             "object_distance_mm": np.inf,
         },
@@ -504,7 +504,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "camera": SENSOR,
             "border": None,
             "keep_tilt": False,
-            "options": None,
+            "settings": None,
         },
     ),
     "VideoSettings": (

@@ -103,7 +103,7 @@ def test_video_on_standard_input_with_index_at_end(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
-def test_a_timecode_is_kept(tmp_path, suffix):
+def test_timecode_is_preserved(tmp_path, suffix):
     source = make_video(tmp_path / "a.mov", 10, timecode="10:20:30:05")
     for start_s, expected in ((0, "10:20:30:05"), (0.2, "10:20:30:10")):
         out = tmp_path / f"b{suffix}"

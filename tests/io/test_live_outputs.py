@@ -210,7 +210,7 @@ print(*dump[at:at + 3])
 
 
 @pytest.mark.skipif(shutil.which("xwd") is None, reason="there is no xwd to look at the screen")
-def test_a_preview_shows_the_frames(display):
+def test_preview_displays_frames(display):
     with Preview(SIZE) as preview:
         for _ in range(100):
             preview.write(red_frame())

@@ -160,7 +160,7 @@ def test_frames_are_ordered_and_counted(transport):
     assert times == sorted(times)
 
 
-def test_a_live_stream_is_recorded(transport, tmp_path):
+def test_live_stream_is_recorded(transport, tmp_path):
     with (
         server([HEAD, *paced(transport, 2.0)]) as url,
         LiveSource(url, **PATIENCE, reconnect=False) as source,

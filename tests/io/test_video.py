@@ -649,7 +649,7 @@ def test_ctrl_c_and_sigterm_leave_playable_file(clip, tmp_path, number):
     assert list(tmp_path.iterdir()) == [out]
 
 
-def test_a_full_disk_is_one_sentence_and_loses_nothing(tmp_path):
+def test_full_disk_is_reported_and_preserves_files(tmp_path):
     source = make_video(tmp_path / "a.mp4", 200)
     out = tmp_path / "out" / "b.mp4"
     out.parent.mkdir()

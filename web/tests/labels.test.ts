@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { explained, quantityWords, symbolOf } from "../src/bench/labels";
+import { explained, labelledMessage, quantityWords, symbolOf } from "../src/bench/labels";
 
 const BLUR = {
   name: "blur_t_deg",
@@ -21,6 +21,18 @@ const ASPECT = {
 test("quantities are called by title and unit", () => {
   expect(quantityWords(BLUR)).toBe("Blur T, °");
   expect(quantityWords(ASPECT)).toBe("Aspect");
+});
+
+test("messages start with the label of a parameter", () => {
+  expect(labelledMessage("rim_radius_mm must be less than 50 mm; got 60")).toBe(
+    "Rim radius must be less than 50 mm; got 60",
+  );
+  expect(labelledMessage("f_number must be positive; got 0")).toBe(
+    "F-number must be positive; got 0",
+  );
+  expect(labelledMessage("the lens must image each angle once")).toBe(
+    "The lens must image each angle once",
+  );
 });
 
 test("what stands after an underscore is a subscript, in symbols and in equations", () => {

@@ -1,6 +1,6 @@
 // Where a mirror shows points of the world to its lens, and where rays from the lens meet it, its meridian a table.
 //
-// Formulas: src/omnimirror/torch/reflection.py. The way of light from the pupil P over a mirror point to a target T has
+// Formulas: src/omnimirror/interop/torch/_reflection.py. The way of light from the pupil P over a mirror point to a target T has
 // the gradient g = S^T (p + t), p and t the unit vectors from both ends to the point and S the tangents of the surface;
 // Newton's rule finds where it is 0, from where it is so in the meridian of the target, were the mirror in line.
 #pragma once

@@ -149,8 +149,8 @@ def _lens(lens: Lens, thermal: Thermal, warmer: float) -> Lens:
         return lens
     if not isinstance(lens, Perspective):
         raise InvalidParameter(
-            "thermal changes of focal length and mount are not supported for a "
-            f"{lens.KIND} lens; remove focal_ppm_per_k, mount_material and mount_ppm_per_k "
+            "thermal changes of focal length and mount are not supported for "
+            f"lenses of kind {lens.KIND}; remove focal_ppm_per_k, mount_material and mount_ppm_per_k "
             "from [thermal]"
         )
     f = lens.focal_length_mm * (1 + PPM * focal * warmer)

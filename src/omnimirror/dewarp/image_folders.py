@@ -76,7 +76,7 @@ def dewarp_images(
 
     Returns
     -------
-    Straightened
+    DewarpedImages
         Completed images, and failed ones with their error messages.
 
     Raises

@@ -170,7 +170,7 @@ def dewarp_video(
 
     Returns
     -------
-    StraightenedVideo
+    DewarpedVideo
         View and number of frames written.
 
     Raises

@@ -221,7 +221,7 @@ def camera_rig(
     >>> {mm: round(px, 2) for mm, px in rig[0].errors_px.items()}
     {1000.0: 2.61, 3000.0: 0.87, 10000.0: 0.26}
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("camera", camera, Camera, "a camera (see om.load_sensor)")
     if panorama:
         return (_panorama_camera(camera, size),)
     count = integer("views_around", views_around, 1, MAX_RIG_VIEWS)

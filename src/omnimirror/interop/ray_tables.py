@@ -127,7 +127,7 @@ def ray_table(camera: Camera, step: int = 1) -> RayTable:
     >>> table.origins[64, 96].round(2), table.directions[64, 96].round(3)  # right of the centre
     (array([-0.04, 20.07,  4.21]), array([-0.002,  0.805, -0.594]))
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("camera", camera, Camera, "a camera (see om.load_sensor)")
     width, height = camera.image_size
     step = integer("step", step, 1, min(width, height))
     columns, rows = np.arange(0, width, step), np.arange(0, height, step)

@@ -135,7 +135,7 @@ class Sensor:
             self.lens.TELECENTRIC or not self.lens.IS_THIN
         ):
             raise InvalidParameter(
-                f"imager_pose must not have a tilt behind a {self.lens.KIND} lens, whose "
+                f"imager_pose must not have a tilt behind lenses of kind {self.lens.KIND}, whose "
                 "exit pupil is unknown; remove the tilts or use a perspective lens"
             )
 

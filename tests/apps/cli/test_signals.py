@@ -48,12 +48,31 @@ VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 
 ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "reproduce": (("reproduce", "-o", "out"), "out/*"),
-    "tolerance": (("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"), "out/trials/*"),
-    "design": (("design", "--like", "paper-spherical", "--optimise", "worst_blur_deg", "--starts", "99", "--resume", "s.json"), "s.json"),
+    "tolerance": (
+        ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"),
+        "out/trials/*",
+    ),
+    "design": (
+        (
+            "design",
+            "--like",
+            "paper-spherical",
+            "--optimise",
+            "worst_blur_deg",
+            "--starts",
+            "99",
+            "--resume",
+            "s.json",
+        ),
+        "s.json",
+    ),
     "simulate": (("simulate", "paper-spherical", "--spp", "4000", "-o", "a.png"), ""),
     "dataset": (("simulate", "dataset", "paper-spherical", "--views", "500", "-o", "set"), "set/*"),
     "demo": (("demo", "-o", "out"), "out/*"),
-    "dewarp a video": (("dewarp", "long.mp4", *BALL, "--size", "1600x800", "-o", "view.mp4"), ".view*"),
+    "dewarp a video": (
+        ("dewarp", "long.mp4", *BALL, "--size", "1600x800", "-o", "view.mp4"),
+        ".view*",
+    ),
     "dewarp a folder": (("dewarp", "many", *BALL, "--size", "1600x800", "-o", "out"), "out/*"),
     "bracket": (("bracket", "plan", "paper-spherical"), ""),
     "evaluate": (("evaluate", "paper-spherical", "--figures", "out"), ""),
@@ -62,13 +81,52 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     "studio": (("studio", "--no-open"), "stdout"),
     "view": (("view", "long.mp4", *BALL, "--no-open"), "stdout"),
     "serve": (("serve", "long.mp4", "--views", "views.toml", *BALL), "stdout"),
-    "serve and publish": (("serve", "long.mp4", "--views", "views.toml", *BALL, "--publish", "udp://127.0.0.1:9/{view}"), "2 processes"),
-    "dewarp a bag": (("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"), "*.omnimirror-*"),
-    "dewarp with a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "2 processes"),
-    "dewarp in a preview": (("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"), "io.live_outputs:Preview.write"),
-    "calibrate": (("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"), "2 processes"),
-    "design with parts": (("design", "parts.toml", "--processes", "2", "--max-designs", "999"), "3 processes"),
-    "training": (("simulate", "training", "paper-spherical", "--path", "path.csv", "--spp", "1", "-o", "set"), "set/*"),
+    "serve and publish": (
+        (
+            "serve",
+            "long.mp4",
+            "--views",
+            "views.toml",
+            *BALL,
+            "--publish",
+            "udp://127.0.0.1:9/{view}",
+        ),
+        "2 processes",
+    ),
+    "dewarp a bag": (
+        ("dewarp", "ride", *BALL, "--size", "1600x800", "-o", "straight.mcap"),
+        "*.omnimirror-*",
+    ),
+    "dewarp with a preview": (
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"),
+        "2 processes",
+    ),
+    "dewarp in a preview": (
+        ("dewarp", "long.mp4", *BALL, "--size", "64x32", "--preview"),
+        "io.live_outputs:Preview.write",
+    ),
+    "calibrate": (
+        ("calibrate", "boards", "--board", "5x4", "--square-mm", "30", "-o", "camera.toml"),
+        "2 processes",
+    ),
+    "design with parts": (
+        ("design", "parts.toml", "--processes", "2", "--max-designs", "999"),
+        "3 processes",
+    ),
+    "training": (
+        (
+            "simulate",
+            "training",
+            "paper-spherical",
+            "--path",
+            "path.csv",
+            "--spp",
+            "1",
+            "-o",
+            "set",
+        ),
+        "set/*",
+    ),
 }
 """Running commands and the evidence of their progress: a file, a line of output, processes, a call,
 or a signal handler."""
@@ -77,23 +135,85 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "init": (("init", "new.toml", "--force"), "apps.cli.commands.init:write_text"),
     "check": (("check", "lens.toml", "paper-spherical"), "apps.cli.commands.check:judge"),
     "mappings": (("mappings", "--figure", "a.png"), "analysis.figures:save_figure"),
-    "rays": (("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"), "apps.cli.commands.rays:write_rays"),
-    "maps": (("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"), "apps.cli.commands.maps:write_maps"),
-    "colmap": (("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"), "apps.cli.commands.colmap:load_camera"),
+    "rays": (
+        ("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"),
+        "apps.cli.commands.rays:write_rays",
+    ),
+    "maps": (
+        ("maps", "paper-spherical", "-o", "out", "--formats", "stmap,opencv", "--size", "64x32"),
+        "apps.cli.commands.maps:write_maps",
+    ),
+    "colmap": (
+        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"),
+        "apps.cli.commands.colmap:load_camera",
+    ),
     "spots": (("spots", "paper-spherical", "-o", "a.png"), "apps.cli.commands.spots:spots"),
     "psf": (("psf", "paper-spherical"), "apps.cli.commands.psf:psf"),
     "mtf": (("mtf", "paper-spherical"), "apps.cli.commands.mtf:mtf"),
-    "illumination": (("illumination", "paper-spherical"), "apps.cli.commands.illumination:illumination"),
-    "form": (("form", "paper-spherical", "points.csv", "-o", "made.toml"), "apps.cli.commands.form:form_error"),
-    "compare": (("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"), "apps.cli.commands.compare:compare"),
-    "roundtrip": (("simulate", "roundtrip", "paper-spherical", "--spp", "1"), "apps.cli.commands.simulate:load_sensor"),
-    "bracket render": (("bracket", "render", "paper-spherical", "--focus-mm", "212,228", "--spp", "1", "-o", "out"), "apps.cli.commands.bracket:expose"),
-    "bracket merge": (("bracket", "merge", "paper-spherical", "large/0.png", "large/0.png", "--focus-mm", "212,228", "-o", "a.png"), "apps.cli.commands.bracket:merge_bracket"),
-    "board": (("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"), "apps.cli.commands.board:write_board"),
-    "rim": (("rim", "view/0.png", "--figure", "a.png"), "apps.cli.commands.rim:detect_mirror_outline"),
-    "lines": (("lines", "large/0.png", "--camera", "paper-spherical", "--rim", "512", "512", "500"), "apps.cli.commands.lines:load_camera"),
-    "uncertainty": (("uncertainty", "paper-spherical"), "apps.cli.commands.uncertainty:load_camera"),
-    "convert": (("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"), "apps.cli.commands.convert:convert"),
+    "illumination": (
+        ("illumination", "paper-spherical"),
+        "apps.cli.commands.illumination:illumination",
+    ),
+    "form": (
+        ("form", "paper-spherical", "points.csv", "-o", "made.toml"),
+        "apps.cli.commands.form:form_error",
+    ),
+    "compare": (
+        ("compare", "paper-spherical", "paper-hyperboloidal", "-o", "a.html"),
+        "apps.cli.commands.compare:compare",
+    ),
+    "roundtrip": (
+        ("simulate", "roundtrip", "paper-spherical", "--spp", "1"),
+        "apps.cli.commands.simulate:load_sensor",
+    ),
+    "bracket render": (
+        (
+            "bracket",
+            "render",
+            "paper-spherical",
+            "--focus-mm",
+            "212,228",
+            "--spp",
+            "1",
+            "-o",
+            "out",
+        ),
+        "apps.cli.commands.bracket:expose",
+    ),
+    "bracket merge": (
+        (
+            "bracket",
+            "merge",
+            "paper-spherical",
+            "large/0.png",
+            "large/0.png",
+            "--focus-mm",
+            "212,228",
+            "-o",
+            "a.png",
+        ),
+        "apps.cli.commands.bracket:merge_bracket",
+    ),
+    "board": (
+        ("board", "--board", "5x4", "--square-mm", "30", "-o", "a.pdf"),
+        "apps.cli.commands.board:write_board",
+    ),
+    "rim": (
+        ("rim", "view/0.png", "--figure", "a.png"),
+        "apps.cli.commands.rim:detect_mirror_outline",
+    ),
+    "lines": (
+        ("lines", "large/0.png", "--camera", "paper-spherical", "--rim", "512", "512", "500"),
+        "apps.cli.commands.lines:load_camera",
+    ),
+    "uncertainty": (
+        ("uncertainty", "paper-spherical"),
+        "apps.cli.commands.uncertainty:load_camera",
+    ),
+    "convert": (
+        ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
+        "apps.cli.commands.convert:convert",
+    ),
     "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.apertures:best_apertures"),
 }
 """Short commands, and the function of their module that a test repeats until a signal arrives."""
@@ -139,13 +259,17 @@ EVERYDAY = [
     ("check", signal.SIGHUP),
 ]
 
-pytestmark = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="looks for processes in /proc")
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/environ").exists(), reason="looks for processes in /proc"
+)
 
 
 def listens(process: int, number: int) -> bool:
     """Check if a process has a handler for a signal, other than the interpreter's for Ctrl-C."""
     caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
-    return bool(int(caught[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1)
+    return bool(
+        int(caught[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1
+    )
 
 
 def processes_of(mark: str) -> list[int]:
@@ -203,7 +327,9 @@ def prepare(folder: Path, words: tuple[str, ...]) -> None:
     if "ride" in words:
         ride(folder / "ride", picture)
     if "points.csv" in words:
-        x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 30), np.linspace(-20, 20, 30)))
+        x, y = (
+            grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 30), np.linspace(-20, 20, 30))
+        )
         z = om.load_sensor("paper-spherical").mirror.sag(np.hypot(x, y))
         np.savetxt(folder / "points.csv", np.column_stack([x, y, z]), delimiter=",")
     (folder / "views.toml").write_text(VIEWS)
@@ -226,12 +352,17 @@ def ride(folder: Path, picture: np.ndarray) -> None:
         kind = "sensor_msgs/msg/Image"
         connection = writer.add_connection("/camera/image_raw", kind, typestore=store)
         for number in range(500):
-            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](number, 0), "camera")
+            header = types["std_msgs/msg/Header"](
+                types["builtin_interfaces/msg/Time"](number, 0), "camera"
+            )
             message = types[kind](header, height, width, "rgb8", 0, 3 * width, picture.ravel())
             writer.write(connection, number * 10**9, store.serialize_cdr(message, kind))
 
 
-@pytest.mark.parametrize(("name", "number"), few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY))
+@pytest.mark.parametrize(
+    ("name", "number"),
+    few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY),
+)
 def test_signal_ends_command_without_temporary_files(name, number, place, request):
     program = ["-m", "omnimirror"]
     words, file = (ENDLESS | REPEATED)[name]
@@ -243,7 +374,17 @@ def test_signal_ends_command_without_temporary_files(name, number, place, reques
     work, temporary = place / "work", place / "temporary"
     prepare(work, words)
     environment = {**os.environ, MARK: str(place), "TMPDIR": str(temporary)}
-    with subprocess.Popen([sys.executable, *program, *words], cwd=work, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, process_group=0, preexec_fn=unignored) as run:
+    with subprocess.Popen(
+        [sys.executable, *program, *words],
+        cwd=work,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        process_group=0,
+        preexec_fn=unignored,
+    ) as run:
         if file == "stdout":
             assert run.stdout.readline()
         elif file.endswith("processes"):
@@ -260,7 +401,9 @@ def test_signal_ends_command_without_temporary_files(name, number, place, reques
     assert run.returncode == 128 + number, said
     assert "Traceback" not in said
     assert "ignored" not in said
-    lines = [line for line in said.split("\n") if not line.endswith("retrying")]  # of a publisher, at any time
+    lines = [
+        line for line in said.split("\n") if not line.endswith("retrying")
+    ]  # of a publisher, at any time
     assert sum("omnimirror: stopped" in line for line in lines) == 1, said
     assert len([line for line in lines if line]) <= 1 + name.startswith(KEEP), said
     assert [path.name for path in work.rglob("*") if ".omnimirror-" in path.name] == []
@@ -296,7 +439,9 @@ def in_an_import():
         raise OmnimirrorError("one more package is needed: pip install 'omnimirror[exr]'") from None
 
 
-@pytest.mark.parametrize("wrapped", [lambda: type("Owner", (), {"attribute": Deaf()}), in_an_import])
+@pytest.mark.parametrize(
+    "wrapped", [lambda: type("Owner", (), {"attribute": Deaf()}), in_an_import]
+)
 def test_wrapped_signal_ends_command(wrapped, monkeypatch, capsys):
     monkeypatch.setattr(sensors, "bundled_sensors", wrapped)
     with pytest.raises(SystemExit) as ended:
@@ -308,12 +453,20 @@ def test_wrapped_signal_ends_command(wrapped, monkeypatch, capsys):
 def test_all_commands_are_interrupted():
     called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
     called.append(("simulate", "image"))  # to which "simulate SENSOR" expands
-    assert [words for words in leaves(app) if not any(words == those[: len(words)] for those in called)] == []
+    assert [
+        words for words in leaves(app) if not any(words == those[: len(words)] for those in called)
+    ] == []
 
 
 def test_ignored_sighup_stays_ignored(tmp_path):
     """The command continues under nohup, and another signal ends it."""
-    with subprocess.Popen([sys.executable, "-m", "omnimirror", "studio", "--no-open"], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)) as run:
+    with subprocess.Popen(
+        [sys.executable, "-m", "omnimirror", "studio", "--no-open"],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    ) as run:
         assert run.stdout.readline()
         run.send_signal(signal.SIGHUP)
         run.send_signal(signal.SIGTERM)
@@ -394,10 +547,18 @@ def test_main_keeps_streams_of_caller(tmp_path):
     """Separate process with standard error at descriptor 2: C code of the caller can write to it
     again."""
     code = (
-        "import os, signal, sys, omnimirror.apps.cli as cli\ncli.main(['sensors', '--quiet'])\ntry: cli.main(['evaluate', 'nothing.toml'])\nexcept SystemExit as e: print(e.code)\nos.write(2, b'by the caller')\nassert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL\nassert 'OPENBLAS_NUM_THREADS' not in os.environ\n"
+        "import os, signal, sys, omnimirror.apps.cli as cli\n"
+        "cli.main(['sensors', '--quiet'])\n"
+        "try: cli.main(['evaluate', 'nothing.toml'])\n"
+        "except SystemExit as e: print(e.code)\n"
+        "os.write(2, b'by the caller')\n"
+        "assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL\n"
+        "assert 'OPENBLAS_NUM_THREADS' not in os.environ\n"
     )
     environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path)
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path
+    )
     assert (run.returncode, run.stdout) == (0, "1\n"), run.stderr
     assert run.stderr.startswith("omnimirror: ")
     assert run.stderr.endswith("by the caller")
@@ -407,14 +568,37 @@ def test_main_keeps_streams_of_caller(tmp_path):
 def test_ctrl_c_during_exec_sets_exit_code(where, tmp_path):
     """Case of dataclass definitions: the interpreter would end with SIGINT even if the exception is
     handled."""
-    (tmp_path / "interrupted.py").write_text(f"import signal, sys, omnimirror.apps.cli as cli\nfrom omnimirror.__main__ import run\ndef work(*args, **more): exec('signal.raise_signal(signal.SIGINT)')\n{where} = work\nsys.argv = ['omnimirror', 'sensors']\nrun()\n")
-    run = subprocess.run([sys.executable, "-m", "interrupted"], capture_output=True, text=True, timeout=300, cwd=tmp_path, preexec_fn=unignored)
+    (tmp_path / "interrupted.py").write_text(
+        "import signal, sys, omnimirror.apps.cli as cli\n"
+        "from omnimirror.__main__ import run\n"
+        "def work(*args, **more): exec('signal.raise_signal(signal.SIGINT)')\n"
+        f"{where} = work\n"
+        "sys.argv = ['omnimirror', 'sensors']\n"
+        "run()\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-m", "interrupted"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=tmp_path,
+        preexec_fn=unignored,
+    )
     assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGINT, "omnimirror: stopped")
 
 
 def test_unraisable_signal_is_resent(capsys):
     """An exception in a destructor is lost; the command ends regardless."""
-    code = "import signal, sys, time, omnimirror.apps.cli as cli\nclass Deaf:\n    def __del__(self): signal.raise_signal(signal.SIGTERM); sum(range(100))\ndef work(*args, **more):\n    Deaf()\n    while True: time.sleep(0.01)\ncli.app.invoke = work\ncli.main(['sensors'])\n"
+    code = (
+        "import signal, sys, time, omnimirror.apps.cli as cli\n"
+        "class Deaf:\n"
+        "    def __del__(self): signal.raise_signal(signal.SIGTERM); sum(range(100))\n"
+        "def work(*args, **more):\n"
+        "    Deaf()\n"
+        "    while True: time.sleep(0.01)\n"
+        "cli.app.invoke = work\n"
+        "cli.main(['sensors'])\n"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert run.returncode == 128 + signal.SIGTERM
     assert run.stderr.strip() == "omnimirror: stopped"
@@ -422,7 +606,18 @@ def test_unraisable_signal_is_resent(capsys):
 
 def test_signal_during_import_is_resent(tmp_path):
     """Extension modules such as OpenEXR discard exceptions during their initialisation."""
-    (tmp_path / "discarding.py").write_text("import signal\ntry: signal.raise_signal(signal.SIGTERM)\nexcept KeyboardInterrupt: pass\n")
-    code = "import time, omnimirror.apps.cli as cli\ndef work(*args, **more):\n    import discarding\n    time.sleep(60)\ncli.app.invoke = work\ncli.main(['sensors'])\n"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    (tmp_path / "discarding.py").write_text(
+        "import signal\ntry: signal.raise_signal(signal.SIGTERM)\nexcept KeyboardInterrupt: pass\n"
+    )
+    code = (
+        "import time, omnimirror.apps.cli as cli\n"
+        "def work(*args, **more):\n"
+        "    import discarding\n"
+        "    time.sleep(60)\n"
+        "cli.app.invoke = work\n"
+        "cli.main(['sensors'])\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, cwd=tmp_path
+    )
     assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGTERM, "omnimirror: stopped")

@@ -110,7 +110,7 @@ GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
             "mirror.radius_mm",
             marks=pytest.mark.full,
         ),
-        ('{"tables":{"mirror":', "cannot be read"),
+        ('{"tables":{"mirror":', "the link is incomplete"),
     ],
 )
 def test_invalid_design_in_address_is_reported_and_bench_works(design, lacks, browser, server):
@@ -138,7 +138,7 @@ def test_links_replace_design_unless_invalid(browser, server):
     go(page, f"tab=design&design={quote(json.dumps(design))}")
     page.wait_for_function(f"{NOW}.tables.mirror.radius_mm === 55")
     go(page, "tab=design&design=%7B%7D")
-    assert "no tables" in banner(page)
+    assert "must contain the tables of a sensor" in banner(page)
     assert page.evaluate(f"{NOW}.tables.mirror.radius_mm") == 55
     page.get_by_role("button", name="Undo", exact=True).click()
     assert page.evaluate(f"{NOW}.tables.mirror.radius_mm") == SPHERE.mirror.radius_mm
@@ -265,14 +265,19 @@ def test_another_link_in_the_same_page_is_followed(browser, rooms, pictures):
 def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, server):
     page = open_page(browser, f"{server}#mode=cube&forward=1e9&tilt=high&pan=20&rim=1,2")
     said = banner(page)
-    for entry in ("mode = cube", "forward = 1e9", "-360 to 360", "tilt = high", "rim = 1,2"):
+    for entry in (
+        "mode must be one of panorama, perspective, dome, planet, ground, mosaic; got cube",
+        "forward must be between -360 and 360; got 1e9",
+        "tilt must be between -90 and 90; got high",
+        "rim must be u,v,radius in px; got 1,2",
+    ):
         assert entry in said
     assert "422" not in said
     assert (state(page)["pan"], state(page)["mode"]) == (20, "panorama")
     page.get_by_role("button", name="Close").click()
     assert page.locator("#banner").is_hidden()
     go(page, "sensor=nope")
-    assert "no camera 'nope'" in banner(page)
+    assert "unknown camera 'nope'" in banner(page)
     page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-spherical'")
     go(page, "source=server:nope")
     page.wait_for_function(
@@ -287,7 +292,7 @@ def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, se
 
 def test_page_with_unknown_sensor_works(browser, server):
     page = open_page(browser, f"{server}#sensor=file:0123456789abcdef")
-    assert "does not hold" in banner(page)
+    assert "is not stored in this browser" in banner(page)
     assert page.evaluate("window.omnimirror.look.sensor.camera.model.id") == "paper-spherical"
     assert page.locator("#sensor").input_value() == "paper-spherical"
     page.context.close()

@@ -164,16 +164,21 @@ def test_best_focus_is_that_of_the_evaluation(bench, design):
             "mirror",
             "radius_mm",
             40.0,
-            "rim_radius_mm = 43.905 is not valid: this mirror ends 40.000 mm from its axis",
+            "rim_radius_mm must be less than 40 mm, where the sphere ends; got 43.905",
         ),
-        ("lens", "focus_distance_mm", 5.0, "focus_distance_mm = 5 is not beyond the focal length"),
+        (
+            "lens",
+            "focus_distance_mm",
+            5.0,
+            "focus_distance_mm must be greater than focal_length_mm = 11.6; got 5",
+        ),
         (
             "lens",
             "k1",
             0.1,
             "k1 = 0.1: this page runs without a server and supports ideal lenses only",
         ),
-        ("mirror", "kind", "cone", "knows no mirror cone; it knows sphere"),
+        ("mirror", "kind", "cone", "mirror cone requires a server; this page supports sphere"),
     ],
 )
 def test_error_is_displayed_next_to_its_field(bench, section, entry, value, words):

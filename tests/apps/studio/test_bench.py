@@ -470,7 +470,7 @@ def test_remark_reports_form_error(client):
     assert header["trouble"] is None
     assert header["remark"].startswith("The file contains a form error of the mirror")
     assert header["facts"]["not_optimised"].endswith(
-        "this sensor has a form error or an imager that leans."
+        "this one has a form error or a tilted imager."
     )
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
 

@@ -58,7 +58,7 @@ def test_differences_to_pinned_designs_are_plotted_and_saved(bench):  # noqa: F8
     np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
     assert np.abs(differs).max() > 10
     rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Image height as CSV"))))
-    assert {row["design"] for row in rows} == {"design less paper-spherical"}
+    assert {row["design"] for row in rows} == {"design minus paper-spherical"}
     np.testing.assert_allclose([float(row["h_px"]) for row in rows], differs, rtol=1e-6)
     drawing = ElementTree.fromstring(saved(bench, "Save Blur in the image as SVG"))
     curves = [p for p in drawing.iter("{http://www.w3.org/2000/svg}path") if p.get("clip-path")]
@@ -77,7 +77,7 @@ def test_object_sizes_are_plotted_at_the_object_distance(bench):  # noqa: F811
     cylinder = bench.locator("figure.plot").filter(has_text="Object size on a cylinder, mm/px")
     assert cylinder.is_visible()
     assert np.isnan(plotted(bench, "Object size on a cylinder")[1:]).all()  # of objects at infinity
-    bench.get_by_label("Infinitely far away").uncheck()
+    bench.get_by_label("At infinity").uncheck()
     enter(bench, "Object distance", "700")
     sensor = sensor_on(bench)
     for surface in ("plane", "cylinder"):

@@ -152,7 +152,7 @@ def test_slider_displays_feasible_range(bench):  # noqa: F811
     enter(bench, "total_blur_px at most", "8.5")
     bench.wait_for_function("document.querySelector('#bench .marks .met')")
     said = bench.get_by_label("F-number, slider", exact=True).get_attribute("title")
-    low, high = map(float, re.search(r"met at ([\d.]*\d) to ([\d.]*\d)", said).groups())
+    low, high = map(float, re.search(r"are met at ([\d.]*\d) to ([\d.]*\d)", said).groups())
     for f_number, is_met in ((low - 0.2, False), (low + 0.2, True), (high - 0.2, True)):
         enter(bench, "F-number", f"{f_number:g}")
         assert ("All" in bench.locator("#bench .verdict").first.inner_text()) == is_met

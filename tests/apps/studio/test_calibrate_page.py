@@ -176,7 +176,7 @@ def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_t
     page.wait_for_function(f"{TAB}.shots.all.length === 3")
     page.reload()
     page.get_by_text(
-        f"The page was left before the browser had kept {files[3].name}; add it again."
+        f"The page was closed before {files[3].name} was stored; add it again."
     ).wait_for()
     assert page.evaluate(f"{TAB}.shots.all.map((s) => s.key)") == kept[1:]
     assert page.get_by_label("Square, mm").input_value() == "31"
@@ -216,7 +216,7 @@ def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_p
     page.locator("#calibrate .shots").get_by_text(
         "notes.png must be an image in a supported format"
     ).wait_for()
-    page.locator("#calibrate .shots").get_by_text("The picture is blank").wait_for()
+    page.locator("#calibrate .shots").get_by_text("The image is blank").wait_for()
     page.get_by_text("detected in one image; at least 3 are required").wait_for()
     page.get_by_label("Columns", exact=True).fill("6")
     page.keyboard.press("Tab")

@@ -87,7 +87,7 @@ def test_denied_motion_permission(phone):
         ("delete window.DeviceOrientationEvent;", "This device does not report its orientation."),
         (
             "Object.defineProperty(window, 'isSecureContext', { value: false });",
-            "or over https, only.",
+            "only to local pages and over https.",
         ),
     ],
 )

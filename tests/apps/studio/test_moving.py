@@ -263,7 +263,7 @@ def test_lost_stream_is_reported_and_reopened(browser, tmp_path):
         page = open_page(browser, f"{address}#sensor=ball:280")
         shows(page, url)
         page.wait_for_function(
-            f"document.querySelector('#banner').textContent.startsWith('{url} is lost')"
+            f"document.querySelector('#banner').textContent.startsWith('{url} is disconnected')"
         )
         page.wait_for_function("document.querySelector('#banner').hidden")  # plays again
         assert page.locator("#view").is_visible()

@@ -383,10 +383,10 @@ def test_viewer_rejects_invalid_image(tmp_path):
     assert "HTML" in fails(
         "dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.png"
     )
-    assert "there is no" in fails(
+    assert "the file does not exist" in fails(
         "dewarp", tmp_path / "ride.png", *sensor, "--viewer", tmp_path / "v.html"
     )
-    assert "one picture" in fails(
+    assert "requires one image or one video file" in fails(
         "dewarp", "rtsp://door/1", *sensor, "--viewer", tmp_path / "v.html"
     )
     assert not (tmp_path / "v.html").exists()

@@ -77,8 +77,8 @@ def test_a_project_shows_the_same_pixels_elsewhere(project, browser, server):
 def test_invalid_project_files_are_rejected(browser, server, tmp_path):
     page = open_page(browser, server, 900, 700)
     for text, said in (
-        ("[mirror]", "This is no project file"),
-        (json.dumps({"kind": "omnimirror project", "state": "", "version": 7}), "is of version 7"),
+        ("[mirror]", "The file must be a project file"),
+        (json.dumps({"kind": "omnimirror project", "state": "", "version": 7}), "has version 7"),
     ):
         (tmp_path / "x.omnimirror").write_text(text)
         page.set_input_files("#project-file", tmp_path / "x.omnimirror")

@@ -450,7 +450,9 @@ def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
     data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[
         1
     ].tobytes()
-    with pytest.raises(MediaError, match=r"my picture\.tif (must be|is|cannot be)") as refused:
+    with pytest.raises(
+        MediaError, match=r"my picture\.tif( must be an image|: the file is truncated)"
+    ) as refused:
         _uploads.picture_in(data[: len(data) // 2], "my picture.tif")
     assert "/" not in str(refused.value)
 
@@ -869,9 +871,17 @@ def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch)
 # ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("source", ["http://", "rtsp://", "udp://door", "file:///no/such.ts"])
-def test_what_can_be_no_stream_is_refused_before_a_page_opens(source):
-    with pytest.raises(MediaError, match=r"names|no file"):
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("http://", "must contain a host"),
+        ("rtsp://", "must contain a host"),
+        ("udp://door", "must contain a port"),
+        ("file:///no/such.ts", "must be the address of an existing file"),
+    ],
+)
+def test_what_can_be_no_stream_is_refused_before_a_page_opens(source, words):
+    with pytest.raises(MediaError, match=words):
         Sources([source], live=[source])
 
 

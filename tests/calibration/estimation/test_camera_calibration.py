@@ -75,7 +75,9 @@ def test_field_ends_at_specified_rim():
     assert edge.valid.tolist() == [True, False]
     assert all_of_it.camera.backproject([[u + 171.0, v]]).valid.all()
     assert found.model.parameters == all_of_it.model.parameters
-    with pytest.raises(InvalidParameter, match="rim_radius_px = -1"):
+    with pytest.raises(
+        InvalidParameter, match=r"rim_radius_px must be greater than 0 px.*; got -1"
+    ):
         calibrated(seen, rim_radius_px=-1.0)
 
 
@@ -173,7 +175,9 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
         sigmas = np.array([p.sigma for p in found.parameters[: len(given)]])
         errors.append((np.array([p.value for p in found.model.parameters]) - given) / sigmas)
         assert {"xi", "k1"} <= set(found.free[0].names)
-        assert any("do not tell xi" in note or "do not tell k1" in note for note in found.notes)
+        assert any(
+            "do not determine xi" in note or "do not determine k1" in note for note in found.notes
+        )
         assert found.camera.uncertainty.sigmas["xi"] == pytest.approx(found.parameters[0].sigma)
     rms = dict(
         zip(
@@ -238,7 +242,7 @@ def test_inconsistent_image_is_rejected():
     ("optics", "words"),
     [
         ("mirror", "the mirror centre is .* from that in the other images: the mirror moved"),
-        ("fisheye", "the optical centre in it lies .* from that in the others: the lens moved"),
+        ("fisheye", "the optical centre is .* from that in the other images: the lens moved"),
     ],
 )
 def test_image_with_moved_mirror_is_rejected(optics, words):
@@ -356,7 +360,9 @@ def test_the_same_pictures_give_the_same_camera():
 def test_cancellation_keeps_partial_result():
     calls = []
     found = calibrated(
-        detections(), stop=lambda: len(calls) > 2, progress=lambda what, share: calls.append(share)
+        detections(),
+        should_stop=lambda: len(calls) > 2,
+        on_progress=lambda what, share: calls.append(share),
     )
     assert not found.is_complete
     assert found.rms_px < 1.0
@@ -407,7 +413,7 @@ def one_pose(count: int) -> list[om.Detection]:
                 om.Detection(f"{i}.png", SIZE, reason="no board was found; the image is blurred")
                 for i in "ab"
             ],
-            r"in 0 of 2 pictures.*a\.png: no board.*b\.png: no board.*blurred",
+            r"in 0 of 2 images.*a\.png: no board.*b\.png: no board.*blurred",
         ),
         (
             lambda: [
@@ -441,7 +447,7 @@ def one_pose(count: int) -> list[om.Detection]:
                 )
                 for d in detections(count=6)
             ],
-            "no camera explains the corners.*see whether the board is the one that was named",
+            "no camera explains the corners.*check that the board is the specified one",
         ),
     ],
 )

@@ -93,7 +93,9 @@ def test_mirror_motion_after_half_of_images_is_detected(pictures):
 
 @pytest.mark.full
 def test_small_or_late_mirror_motion_is_detected():
-    with pytest.raises(InvalidParameter, match=r"in each lies elsewhere|between them"):
+    with pytest.raises(
+        InvalidParameter, match=r"in each differs from that in the other images|between them"
+    ):
         om.calibrate_camera(shifted(9, [3.0, 2.0]), BOARD, model="unified")
     last = om.calibrate_camera(shifted(16, [9.0, 4.0]), BOARD, model="unified")
     assert [p.name for p in last.images if not p.used] == [PICTURES[16].name]
@@ -122,8 +124,8 @@ def test_a_few_pictures_on_the_command_line(tmp_path):
     )
     assert run.returncode == 0, run.stderr
     assert "unified: 0." in run.stdout
-    assert "4 of 4 pictures" in run.stdout
-    assert "4 pictures fit easily and say little of others" in run.stdout
+    assert "4 of 4 images" in run.stdout
+    assert "The fit error of 4 images is not representative of other images" in run.stdout
     camera = om.load_camera(tmp_path / "camera.toml")
     assert camera.k3 == 0.0
     assert camera.uncertainty.sigmas["k3"] == 0.0
@@ -150,7 +152,7 @@ def test_pattern_and_folder_expand_to_images(tmp_path):
         (tmp_path / picture.name).symlink_to(picture)
     for words in (["*.jpg"], ["."]):
         run = omnimirror("calibrate", *words, "--board", "9x6", "--square-mm", "30", cwd=tmp_path)
-        assert "0 of 2 pictures" in run.stderr
+        assert "0 of 2 images" in run.stderr
 
 
 @pytest.mark.full

@@ -312,7 +312,9 @@ def picture_of(
             marks=pytest.mark.full,
         ),
         pytest.param(
-            picture_of(7, 6), "a board of 7 x 6 corners was found", marks=pytest.mark.full
+            picture_of(7, 6),
+            "a board of 7 x 6 corners was detected instead of 9 x 6 corners",
+            marks=pytest.mark.full,
         ),
         (
             picture_of(11, 8),
@@ -349,7 +351,7 @@ def test_tiles_with_equal_corner_count_are_rejected():
     seen = tiles()
     found = om.find_board(seen, BOARD)
     assert not found.used
-    assert "squares were found that go on past 9 x 6 corners" in found.reason
+    assert "the squares continue beyond 9 x 6 corners" in found.reason
     margin = np.full_like(seen, 210)  # with a margin, the same squares are a board
     margin[88:256, 88:328] = seen[88:256, 88:328]
     assert om.find_board(margin, BOARD).used
@@ -396,7 +398,9 @@ def test_inconsistent_images_are_reported():
     pictures = [whole, whole, picture_of(9, 6, size=(420, 320)), part, "missing.jpg"]
     found = om.find_boards(pictures, BOARD)
     assert [d.used for d in found] == [True, True, False, True, False]
-    assert found[2].reason == "its size of 420 x 320 px is not the 400 x 320 px of the others"
+    assert (
+        found[2].reason == "its size of 420 x 320 px differs from that of the others, 400 x 320 px"
+    )
     assert found[3].is_part
     assert 30 <= len(found[3].ids) <= 48
     assert "missing.jpg" in found[4].reason
@@ -453,7 +457,7 @@ def test_flipped_image_of_symmetric_chessboard_is_reported():
     board, picture = om.Board("chessboard", 9, 5), picture_of(9, 5)
     found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
     assert [d.used for d in found[:3]] == [True, True, False]
-    assert found[2].reason == "its board is the mirror image of that in the others: it was flipped"
+    assert found[2].reason == "it is a mirror image, unlike the others: it was flipped"
 
 
 def test_oversized_images_are_rejected_without_memory():
@@ -461,5 +465,5 @@ def test_oversized_images_are_rejected_without_memory():
     (found,) = om.find_boards([huge], BOARD)
     assert found.reason == (
         "images for board detection must have at most 128 megapixels; got 20000 x 20000 px; "
-        "reduce it"
+        "reduce the image size"
     )

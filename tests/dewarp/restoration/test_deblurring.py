@@ -500,5 +500,5 @@ def test_invalid_image_raises(small: Restorer):
     with pytest.raises(InvalidParameter, match="got 2 that are NaN or infinite"):
         small(light, 0.01)
     tilted = replace(small.camera, mirror_pose=MirrorPose(tilt_x_deg=0.5))
-    with pytest.raises(InvalidParameter, match="decentred or tilted"):
+    with pytest.raises(InvalidParameter, match="got a decentred, tilted or deformed one"):
         om.restore(tilted, np.zeros((256, 256), np.uint8))

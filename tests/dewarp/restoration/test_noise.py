@@ -187,7 +187,7 @@ def test_invalid_noise_input_raises(tmp_path):
         np.zeros((8, 8), int),
         [[1, 2]],
     ):
-        with pytest.raises(InvalidParameter, match="the image must"):
+        with pytest.raises(InvalidParameter, match="image must"):
             om.estimate_noise(wrong)
     with pytest.raises(InvalidParameter, match="got 1 that are NaN"):
         om.estimate_noise(np.full((1, 1), np.nan, np.float32))

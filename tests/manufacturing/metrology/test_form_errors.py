@@ -154,7 +154,7 @@ def test_partial_coverage_reduces_the_order():
         (on(HYPERBOLOID, {}, 0.1) / 25.4, "the unit seems to be inch"),
         (on(Hyperboloid(32.5, 74.5, 4.0), {}, 0.1), "the points must cover at least"),
         (on(Sphere(80.0, 44.0), {}, 0.1), "does not match the mirror"),
-        (on(HYPERBOLOID, {}, 0.1) * [1, 1, 0], "got flat points"),
+        (on(HYPERBOLOID, {}, 0.1) * [1, 1, 0], "the cloud is flat, and the mirror is .* mm deep"),
         (np.full((300, 3), np.nan), "points"),
         (np.zeros((300, 4)), r"points_mm must have the shape \(n, 3\); got shape \(300, 4\)"),
         (np.zeros((300, 2)), "one single point"),
@@ -168,7 +168,9 @@ def test_invalid_points_are_rejected(points, sentence):
 
 
 def test_invalid_order_is_rejected():
-    with pytest.raises(InvalidParameter, match="order = 40 is"):
+    with pytest.raises(
+        InvalidParameter, match=r"order must be an integer between 2 and .*; got 40"
+    ):
         om.form_error(HYPERBOLOID, on(HYPERBOLOID, {}, 0.1), order=40)
 
 
@@ -312,7 +314,7 @@ def test_profile_determines_symmetric_form(name, columns):
             {"order": 4},
             "order",
         ),
-        (on(BALL, {}, 0.1), {"probe_radius_mm": -1.0}, "probe_radius_mm = -1"),
+        (on(BALL, {}, 0.1), {"probe_radius_mm": -1.0}, "probe_radius_mm must be .*; got -1"),
         (
             on(BALL, {}, 0.1),
             {"probe_radius_mm": 1.0, "are_departures": True},

@@ -104,7 +104,11 @@ def test_grid_sag_file(tmp_path):
         ("a.stl", b"x", r"must have one of the suffixes \.csv"),
         ("a.csv", None, "a.csv"),
         ("a.dat", None, "a.dat"),
-        ("a.csv", b"x,y,z\n1,2,3\n1,2\n", r"line 3: '1,2' is not x, y, z as in the other rows"),
+        (
+            "a.csv",
+            b"x,y,z\n1,2,3\n1,2\n",
+            r"line 3: the row must contain x, y, z, as the other rows; got '1,2'",
+        ),
         (
             "a.csv",
             b"1,5,2,0,3,1\n1,5,2,0,3,2\n1,7,2,0,3,1",

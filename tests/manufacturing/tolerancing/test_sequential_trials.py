@@ -226,7 +226,7 @@ def test_temperature_matches_thermal_model():
         (lambda: MirrorForm((500,), (1.0,)), r"zernike\[0\] must be between 1 and 91; got 500"),
         (
             lambda: replace(OTHERS["telecentric"], imager_pose=ImagerPose(1.0)),
-            "behind a orthographic",
+            "behind lenses of kind orthographic",
         ),
         (
             lambda: replace(OTHERS["two mirrors"], mirror_form=MirrorForm((5,), (1.0,))),

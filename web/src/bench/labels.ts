@@ -17,6 +17,12 @@ export const label = (name: string): string => {
     .replace(/^./, (c) => c.toUpperCase());
 };
 
+/** Message with the label of a parameter instead of its name at the start, and a capital. */
+export const labelledMessage = (sentence: string): string =>
+  sentence
+    .replace(/^([a-z]\w*_(?:mm|um|deg|px)|(?:working_)?f_number)(?= must )/, label)
+    .replace(/^./, (c) => c.toUpperCase());
+
 /** Title of a quantity with its unit. */
 export const quantityWords = ({ title, unit }: QuantityInfo): string =>
   unit ? `${title}, ${unitWords(unit)}` : title;

@@ -108,13 +108,13 @@ export const TAKEN = [
   "pitch",
   "roll",
 ] as const;
-export type RenderHeader = Pick<State, (typeof TAKEN)[number]>;
+type ViewSource = Pick<State, (typeof TAKEN)[number]>;
 
 /** Stored view with its name. */
 export interface KeptView extends ViewOf {
   name: string;
   /** Its image and camera, if there are several sources. */
-  of?: RenderHeader;
+  of?: ViewSource;
 }
 
 const MAX_VIEWS = 16;
@@ -145,7 +145,7 @@ function viewIn(entry: Record<string, unknown> | null): KeptView | null {
     : null;
 }
 
-function takenIn(entry: Record<string, unknown> | null): RenderHeader | null {
+function takenIn(entry: Record<string, unknown> | null): ViewSource | null {
   const of = { ...ofTaken(INITIAL), ...entry };
   const isText = [of.source, of.sensor].every((text) => typeof text === "string" && text !== "");
   const isNumber = [of.forward, of.pitch, of.roll].every((x) => x === null || Number.isFinite(x));
@@ -175,8 +175,8 @@ export function textOf(views: readonly KeptView[]): string {
   return views.length ? JSON.stringify(views.slice(0, MAX_VIEWS).map(entry)) : "";
 }
 
-export const ofTaken = (s: RenderHeader): RenderHeader =>
-  Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as RenderHeader;
+export const ofTaken = (s: ViewSource): ViewSource =>
+  Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as ViewSource;
 export const ofView = (s: ViewOf): ViewOf =>
   Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
 

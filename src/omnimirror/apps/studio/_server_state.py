@@ -196,7 +196,7 @@ class Stream:
             self._tell(None, "ended", str(e))
 
     def _report(self, sentence: str) -> None:
-        self._tell(None, "playing" if " is back " in sentence else "lost", sentence)
+        self._tell(None, "playing" if " is reconnected " in sentence else "lost", sentence)
 
     def _tell(self, jpeg: bytes | None, state: State, sentence: str) -> None:
         if not self._loop.is_closed():

@@ -21,7 +21,7 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, MediaError
 from ...base.escaping import script_json
 from ...base.files import read_bytes, write_text
-from ...dewarp.restoration.noise import check_picture
+from ...dewarp.restoration.noise import check_restorable
 from ...io import read_image
 from ...io.exif import UPRIGHT
 from ...io.images import MAX_FILE_BYTES, orientation_of
@@ -363,7 +363,7 @@ def show(
         if isinstance(image, str | Path)
         else image
     )
-    check_picture(pixels)
+    check_restorable(pixels)
     name = camera.name if isinstance(camera, Sensor) else camera.KIND
     return InteractiveView(
         image_viewer(camera, name, ("--sensor", f"{name}.toml"), path, pixels), round(height)

@@ -127,7 +127,7 @@ def board_pose(bearings: Array, points_mm: Array) -> RigidTransform | None:
 
     Returns
     -------
-    Motion or None
+    RigidTransform or None
         None if the points are collinear, or coincide in direction.
     """
     flat = points_mm[:, :2]

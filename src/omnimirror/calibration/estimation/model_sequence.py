@@ -188,7 +188,7 @@ def convert_model(
     omega_max_deg : deg
         Maximum field angle of the comparison.
     fixed, priors
-        As for :func:`~omnimirror.calibration.estimation.adjustment.bundle_adjust`.
+        As for :func:`~omnimirror.calibration.estimation._bundle_adjustment.bundle_adjust`.
 
     Returns
     -------

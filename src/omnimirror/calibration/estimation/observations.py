@@ -22,7 +22,7 @@ from ..targets import Board, Detection
 #
 # One form serves all kinds. A :class:`Observation` holds the observations of one rigid target in one
 # image: corners of a board with unknown pose, surveyed points, stars, edges. Points are given in
-# the target frame; a known or estimated :class:`Motion` transforms them to the camera frame.
+# the target frame; a known or estimated :class:`RigidTransform` transforms them to the camera frame.
 
 
 class RigidTransform(NamedTuple):
@@ -46,7 +46,7 @@ class RigidTransform(NamedTuple):
 
         Returns
         -------
-        Motion
+        RigidTransform
             Identity.
         """
         return cls(np.eye(3), np.zeros(3))
@@ -493,7 +493,7 @@ def read_observations(
 
     Returns
     -------
-    Surveys
+    SurveyData
         One observation per image, with the file and line of each point.
 
     Raises

@@ -300,11 +300,11 @@ def smoothness(d: Values, stiffness: Values) -> Values:
     return back
 
 
-def differences(picture: Values) -> tuple[Values, Values]:
+def differences(image: Values) -> tuple[Values, Values]:
     """Return differences to the next pixel on the right and below; 0 at the end."""
-    right, down = np.zeros_like(picture), np.zeros_like(picture)
-    np.subtract(picture[:, 1:], picture[:, :-1], out=right[:, :-1])
-    np.subtract(picture[1:], picture[:-1], out=down[:-1])
+    right, down = np.zeros_like(image), np.zeros_like(image)
+    np.subtract(image[:, 1:], image[:, :-1], out=right[:, :-1])
+    np.subtract(image[1:], image[:-1], out=down[:-1])
     return right, down
 
 

@@ -22,7 +22,7 @@ from ...optics.sensor import Sensor
 from ._blur_fraction import MIN_ASSUMED_NOISE, UNSEEN_SHARE, BlurProblem, BlurScale
 from ._sharpness import blur_limit, overshoot, overshoot_limits
 from .blur_model import BlurDiameters, RadialBlur, load_blur, radial_blur_of
-from .noise import FULL, Noise, check_picture, estimate_noise, specified_noise
+from .noise import FULL, Noise, check_restorable, estimate_noise, specified_noise
 
 # -- Deblurring of images with known blur ----------------------------------------------------------
 
@@ -386,7 +386,7 @@ class Restorer:
         return noise if isinstance(noise, Noise) else specified_noise(noise, image.shape)
 
     def _check(self, image: Picture) -> None:
-        check_picture(image)
+        check_restorable(image)
         width, height = self.camera.image_size
         if image.shape[:2] != (height, width):
             name = getattr(self.camera, "name", type(self.camera).__name__)
@@ -478,12 +478,12 @@ class Restoration:
         distance = np.inf if self.object_distance_mm is None else self.object_distance_mm
         return Restorer.of_exposure(camera, exposure, distance, blur)
 
-    def restored(self, picture: Image, source: Path, restorer: Restorer) -> tuple[Image, str]:
+    def restored(self, image: Image, source: Path, restorer: Restorer) -> tuple[Image, str]:
         """Return the deblurred image and a description of its blur and noise.
 
         Parameters
         ----------
-        picture : (h, w) or (h, w, c) array
+        image : (h, w) or (h, w, c) array
             Image as read from the file.
         source
             Source file; for JPEG files it determines the coding noise.
@@ -495,5 +495,5 @@ class Restoration:
         (h, w) or (h, w, c) array, str
             Deblurred image; description of the noise and of the removed fraction of the blur.
         """
-        restored, words = restorer.reported(picture, self.noise, source)
+        restored, words = restorer.reported(image, self.noise, source)
         return restored, f"; {words}"

@@ -176,7 +176,7 @@ def focused_at(sensor: Sensor, focus_mm: float) -> Sensor:
 @validate_arguments
 def merge_bracket(
     sensor: Sensor,
-    pictures: Sequence[NDArray[Any]],
+    images: Sequence[NDArray[Any]],
     *,
     focus_mm: ArrayLike,
     object_distance_mm: float = np.inf,
@@ -187,7 +187,7 @@ def merge_bracket(
     ----------
     sensor
         Sensor of the result: its focus defines the scale.
-    pictures : k arrays (h, w) or (h, w, 3)
+    images : k arrays (h, w) or (h, w, 3)
         Images of the size of the sensor and of one type.
     focus_mm : (k,)
         Focus distances of the images, mm.
@@ -214,29 +214,29 @@ def merge_bracket(
     Examples
     --------
     >>> import numpy as np, omnimirror as om
-    >>> pictures = [np.full((1024, 1024), grey, np.uint8) for grey in (100, 100)]
-    >>> merged = om.merge_bracket(om.load_sensor("paper-spherical"), pictures, focus_mm=[212.0, 228.0])
+    >>> images = [np.full((1024, 1024), grey, np.uint8) for grey in (100, 100)]
+    >>> merged = om.merge_bracket(om.load_sensor("paper-spherical"), images, focus_mm=[212.0, 228.0])
     >>> merged.shape, merged[512, 300]
     ((1024, 1024), np.uint8(100))
     """
     check_sensor(sensor)
-    for picture in instance("pictures", pictures, Sequence, "a list of images"):
-        instance("an image", picture, np.ndarray, "an array of pixels")
+    for image in instance("images", images, Sequence, "a list of images"):
+        instance("an image", image, np.ndarray, "an array of pixels")
     focuses = row("focus_mm", focus_mm)
-    _check(sensor, pictures, focuses)
+    _check(sensor, images, focuses)
     offsets = offsets_from_axis(sensor)
     height, width = offsets.shape[:2]
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     radius = np.hypot(offsets[..., 0], offsets[..., 1])
     weights = picture_weights(sensor, focuses, radius, _distance(object_distance_mm))
-    merged = np.zeros(pictures[0].shape, np.float32)
-    for picture, focus, weight in zip(pictures, focuses, weights, strict=True):
+    merged = np.zeros(images[0].shape, np.float32)
+    for image, focus, weight in zip(images, focuses, weights, strict=True):
         scale = focused_at(sensor, focus).rim_radius_px / sensor.rim_radius_px
-        moved = remap(picture, PixelMap(pixels + (scale - 1) * offsets, (width, height)), "cubic")
-        merged += moved * (weight if picture.ndim == 2 else weight[..., None]).astype(np.float32)
-    if np.issubdtype(pictures[0].dtype, np.integer):
-        merged = np.clip(np.rint(merged), 0, np.iinfo(pictures[0].dtype).max)
-    result: NDArray[Any] = merged.astype(pictures[0].dtype)
+        moved = remap(image, PixelMap(pixels + (scale - 1) * offsets, (width, height)), "cubic")
+        merged += moved * (weight if image.ndim == 2 else weight[..., None]).astype(np.float32)
+    if np.issubdtype(images[0].dtype, np.integer):
+        merged = np.clip(np.rint(merged), 0, np.iinfo(images[0].dtype).max)
+    result: NDArray[Any] = merged.astype(images[0].dtype)
     return result
 
 
@@ -253,17 +253,17 @@ def picture_weights(
     return np.stack([np.interp(radius_px, h, weight) for weight in weights])
 
 
-def _check(sensor: Sensor, pictures: Sequence[NDArray[Any]], focuses: Array) -> None:
-    if not pictures or len(pictures) != len(focuses):
+def _check(sensor: Sensor, images: Sequence[NDArray[Any]], focuses: Array) -> None:
+    if not images or len(images) != len(focuses):
         raise InvalidParameter(
-            f"focus_mm must have one distance per image; got {len(focuses)} distances for {len(pictures)} images"
+            f"focus_mm must have one distance per image; got {len(focuses)} distances for {len(images)} images"
         )
     width, height = sensor.image_size
-    for picture in pictures:
-        if picture.shape[:2] != (height, width):
+    for image in images:
+        if image.shape[:2] != (height, width):
             raise InvalidParameter(
                 f"all images must have the {width} x {height} px of {sensor.name!r}; got "
-                f"{picture.shape[1]} x {picture.shape[0]} px"
+                f"{image.shape[1]} x {image.shape[0]} px"
             )
-        if picture.shape != pictures[0].shape or picture.dtype != pictures[0].dtype:
+        if image.shape != images[0].shape or image.dtype != images[0].dtype:
             raise InvalidParameter("all images must have the same type and number of channels")

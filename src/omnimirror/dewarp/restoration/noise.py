@@ -135,14 +135,14 @@ def max_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     return float(most**2 * held.mean())
 
 
-def detected_coding(picture: NDArray[np.uint8], inside: Mask) -> JpegCoding | None:
+def detected_coding(image: NDArray[np.uint8], inside: Mask) -> JpegCoding | None:
     """Detect the JPEG coding of an image from the steps of its lowest frequencies; None without
     traces of coding.
 
     The image must be aligned with the block grid, as complete images are. The quality is that of
     the standard tables with the nearest steps; chroma is assumed to be subsampled by 2.
     """
-    colours = picture[..., None] if picture.ndim == 2 else picture[..., :3]
+    colours = image[..., None] if image.ndim == 2 else image[..., :3]
     y = (colours[..., 0] if colours.shape[2] == 1 else _shades(colours)[0]).astype(float)
     if min(y.shape) < BLOCK:
         return None
@@ -343,13 +343,13 @@ class Noise(NamedTuple):
 
 @validate_arguments
 def estimate_noise(
-    picture: Picture, file: str | Path | None = None, *, where: Mask | None = None
+    image: Picture, file: str | Path | None = None, *, where: Mask | None = None
 ) -> Noise:
     """Estimate the noise of an image, or its coding error if that is larger.
 
     Parameters
     ----------
-    picture : (h, w), (h, w, 3) or (h, w, 4) array
+    image : (h, w), (h, w, 3) or (h, w, 4) array
         sRGB in uint8 or uint16, or linear light in float32; RGB.
     file
         Source file: a JPEG file contains its quantisation steps. By default they are detected in
@@ -381,19 +381,19 @@ def estimate_noise(
     >>> round(estimate_noise((255 * slope).astype(np.uint8)).share, 3)
     0.01
     """
-    check_picture(picture)
-    inside = np.ones(picture.shape[:2], bool) if where is None else where
-    if inside.shape != picture.shape[:2]:
+    check_restorable(image)
+    inside = np.ones(image.shape[:2], bool) if where is None else where
+    if inside.shape != image.shape[:2]:
         raise InvalidParameter(
-            f"where must have the shape {picture.shape[:2]} of the image; got {inside.shape}"
+            f"where must have the shape {image.shape[:2]} of the image; got {inside.shape}"
         )
-    colours = picture[..., None] if picture.ndim == 2 else picture[..., :3]
-    colours = (colours / FULL[picture.dtype.name]).astype(np.float32)
-    if picture.dtype == np.float32:
+    colours = image[..., None] if image.ndim == 2 else image[..., :3]
+    colours = (colours / FULL[image.dtype.name]).astype(np.float32)
+    if image.dtype == np.float32:
         return _of_light(np.maximum(colours, 0), inside)
-    if picture.dtype == np.uint8:
+    if image.dtype == np.uint8:
         coding = read_jpeg_coding(file) if file is not None else None
-        if coding := coding or detected_coding(picture, inside):
+        if coding := coding or detected_coding(image, inside):
             values = 255 * colours.astype(float)
             like_noise = SURVIVING**2 * _white(colours, inside, True)
             left = min(like_noise, max_noise(values, coding, inside) / 255**2)
@@ -410,16 +410,16 @@ def estimate_noise(
     )
 
 
-def check_picture(picture: Picture) -> None:
+def check_restorable(image: Picture) -> None:
     """Raise an error unless an image can be restored."""
-    if not isinstance(picture, np.ndarray) or picture.dtype.name not in FULL:
-        kind = getattr(picture, "dtype", type(picture).__name__)
+    if not isinstance(image, np.ndarray) or image.dtype.name not in FULL:
+        kind = getattr(image, "dtype", type(image).__name__)
         raise InvalidParameter(f"the image must be an array of {', '.join(FULL)}; got {kind}")
-    if 0 in picture.shape or (
-        picture.ndim != 2 and (picture.ndim != 3 or picture.shape[2] not in (1, 3, 4))
+    if 0 in image.shape or (
+        image.ndim != 2 and (image.ndim != 3 or image.shape[2] not in (1, 3, 4))
     ):
-        raise InvalidParameter(f"the image must have 1, 3 or 4 channels; got shape {picture.shape}")
-    if picture.dtype == np.float32 and (lost := int((~np.isfinite(picture)).sum())):
+        raise InvalidParameter(f"the image must have 1, 3 or 4 channels; got shape {image.shape}")
+    if image.dtype == np.float32 and (lost := int((~np.isfinite(image)).sum())):
         raise InvalidParameter(
             f"the image must contain finite values; got {lost} that are NaN or infinite"
         )

@@ -68,7 +68,7 @@ def differentiable(
     >>> camera.parameters["lens.focal_length_mm"].grad.round(decimals=3)  # px per mm
     tensor(4.6140, dtype=torch.float64)
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("camera", camera, Camera, "a camera (see om.load_sensor)")
     words = (free,) if isinstance(free, str) else tuple(free)
     sensor = camera if isinstance(camera, Sensor) else None
     if words and sensor is None:

@@ -140,7 +140,7 @@ def view_map(camera: Camera, view: View, viewpoint: Viewpoint = "exact") -> View
     >>> panorama.size, f"{np.isfinite(panorama.dewarp_map).all(-1).mean():.3f}"
     ((720, 270), '1.000')
     """
-    instance("camera", camera, Camera, "a camera, such as om.load_sensor gives")
+    instance("camera", camera, Camera, "a camera (see om.load_sensor)")
     Dewarper(camera, view, viewpoint=viewpoint)  # validates view and viewpoint
     mapping = ViewMap(camera, view, viewpoint, getattr(camera, "name", "camera"))
     mapping.dewarp_map  # noqa: B018 - raises OutsideField now rather than on first access

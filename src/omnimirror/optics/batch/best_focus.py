@@ -215,7 +215,7 @@ class RealAreas:
         return _range(self.middle_t, self.middle_s, self.camera.bounds)
 
     def maximum(self, v: Array) -> WorstValues:
-        """Return the largest A^2, its derivative and its angle; see :meth:`IdealAreas.worst`."""
+        """Return the largest A^2, its derivative and its angle; see :meth:`IdealAreas.maximum`."""
         q, dq = self.camera.tables.defocus(v), self.camera.tables.defocus_rate(v)
         floor, dfloor = self.camera.floor(q)
         t, s, own_t, own_s, dh, dw = (

@@ -109,7 +109,10 @@ def test_misaligned_sensor(tmp_path):
             ["spots", "paper-spherical", "--omega-deg", "150"],
             "omega = 150 deg at azimuth 0 deg must be in the field",
         ),
-        (["spots", "paper-spherical", "--rings", "0"], "rings = 0 is not a whole number"),
+        (
+            ["spots", "paper-spherical", "--rings", "0"],
+            "rings must be an integer from 1 to 500; got 0",
+        ),
         (
             ["spots", "paper-spherical", "--focus-mm", "200:300:1"],
             "--focus-mm must be at most 15 distances; got 101",
@@ -118,13 +121,19 @@ def test_misaligned_sensor(tmp_path):
             ["spots", "paper-spherical", "--f-numbers", "4", "-o", "a.png"],
             "--f-numbers must not be given together",
         ),
-        (["mtf", "paper-spherical", "--wavelength-nm", "3"], "wavelength_nm = 3 is outside"),
+        (
+            ["mtf", "paper-spherical", "--wavelength-nm", "3"],
+            "wavelength_nm must be 100 to 20000 nm; got 3",
+        ),
         (["mtf", "paper-spherical", "--focus-mm", "2"], "focus_distance_mm must be greater than"),
         (
             ["psf", "paper-spherical", "--omega-deg", "0:130:1"],
             "--omega-deg must be at most 15 field angles; got 131",
         ),
-        (["psf", "paper-spherical", "--omega-deg", "0", "-o", "p.gif"], "not as gif"),
+        (
+            ["psf", "paper-spherical", "--omega-deg", "0", "-o", "p.gif"],
+            "must be one of svg, png, pdf; got gif",
+        ),
         (
             ["illumination", "paper-spherical", "--reflectivity", "tin"],
             "must be a fraction from 0 to 1",

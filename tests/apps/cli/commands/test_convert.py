@@ -13,9 +13,7 @@ def test_round_trip_between_formats(tmp_path):
     om.save_camera(camera, tmp_path / "a.toml")
     out = omnimirror("convert", "a.toml", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
     assert out.returncode == 0
-    assert out.stdout.startswith(
-        "omnimirror to kalibr-omni: exact\nNote: the picture is a mirror image"
-    )
+    assert out.stdout.startswith("omnimirror to kalibr-omni: exact\nNote: the image is mirrored:")
     assert out.stdout.endswith("Wrote b.yaml\n")
     back = omnimirror("convert", "b.yaml", "c.toml", cwd=tmp_path)
     assert back.returncode == 0

@@ -125,7 +125,7 @@ def test_mappings_table_and_figure(tmp_path):
     wide = omnimirror("mappings", "--omega-max-deg", 135)
     for number in ("3.9242676", "3.9162533", "3.5500754", "3.556120", "4.0723518"):
         assert number in wide.stdout
-    assert "below 90" in wide.stdout
+    assert "omega_max_deg must be less than 90 deg" in wide.stdout
 
 
 def test_mappings_of_infeasible_field():

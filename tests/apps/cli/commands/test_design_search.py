@@ -252,7 +252,10 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         ([*OPTIMISE, "--at-most", "total_blur_px=3@20:160"], "limit.omega_deg must be [FROM, TO]"),
         ([*OPTIMISE, "--terms", "few"], "integers above 0"),
         ([*OPTIMISE, "--terms", "200"], "must be 3 to 60"),
-        ([*OPTIMISE, "--shape", "cone:3"], "valid are spline:N with 3 to 60"),
+        (
+            [*OPTIMISE, "--shape", "cone:3"],
+            "the freeform family must be spline:N with N from 3 to 60",
+        ),
         ([*OPTIMISE, "--fit", "polynomial:3"], "must be omitted for an optimised mirror"),
         ([*OPTIMISE, "--theta-max-deg", "12:x"], "range LOW:HIGH"),
         ([*OPTIMISE, "--omega-max-deg", "175"], "omega_max_deg must be between"),
@@ -274,7 +277,7 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         ),
         (
             ["design", "--like", "nowhere", "--optimise", "worst_blur_deg"],
-            "no sensor file or bundled sensor",
+            "sensor file or bundled sensor 'nowhere' does not exist",
         ),
         (["design", "--pareto", "worst_blur_deg"], "at least two different names"),
         (["design", "--pareto", "worst_blur_deg,beauty"], "must be one of worst_floored_area_deg2"),

@@ -100,7 +100,8 @@ def test_circular_links_print_one_line(folder, capsys):
 
 def test_alpha_in_format_without_alpha_raises(folder, capsys):
     om.write_image("clear.png", np.full((64, 64, 4), 128, np.uint8))
-    assert "jpg holds uint8 pictures of 1 or 3 channels" in fails(
-        capsys, "clear.png", *BALL, "-o", "out.jpg"
+    assert (
+        "cannot write out.jpg: .jpg images must be uint8 with 1 or 3 channels; got uint8 with 4"
+        in fails(capsys, "clear.png", *BALL, "-o", "out.jpg")
     )
     assert not (folder / "out.jpg").exists()

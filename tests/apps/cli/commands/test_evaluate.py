@@ -137,7 +137,7 @@ def test_template_secondary_is_valid(tmp_path):
     [
         (
             ["evaluate", "nowhere.toml"],
-            "there is no sensor file, camera file or bundled sensor 'nowhere.toml'",
+            "sensor file, camera file or bundled sensor 'nowhere.toml' does not exist",
         ),
         (["evaluate", "paper-sferical"], "did you mean paper-spherical"),
         (["evaluate"], "Missing argument 'SENSOR'"),
@@ -155,7 +155,7 @@ def test_template_secondary_is_valid(tmp_path):
         (["evaluate", "paper-spherical", "--omega-deg", "nan"], "must be finite numbers"),
         (
             ["evaluate", "paper-spherical", "--omega-deg", "1", "--x-mm", "2"],
-            "omega_deg and x_mm were given together",
+            "omega_deg and x_mm must not be given together",
         ),
         (
             ["evaluate", "paper-spherical", "--object-distance-mm", "-3"],

@@ -275,7 +275,7 @@ def test_bracket_plan_render_and_merge(small, tmp_path):
     assert om.read_image(tmp_path / "merged.png").shape == (128, 128, 3)
     run = omnimirror(*merge, "175", cwd=tmp_path)
     assert run.returncode == 2
-    assert "2 pictures and 1 focus distances" in run.stderr
+    assert "focus_mm must have one distance per image; got 1 distances for 2 images" in run.stderr
 
 
 def test_restore_of_video_raises(small, tmp_path):

@@ -89,7 +89,7 @@ def test_rejected_outlines_are_listed_as_candidates(tmp_path):
 def test_images_of_different_sizes_raise(command, folder):
     pictures = [folder / "room0.png", folder / "nothing.png", folder / "room90.png"]
     said = fails(command, *pictures)
-    assert "room0.png is 1024 x 1024 px, and nothing.png is 300 x 200 px" in said
+    assert "room0.png has 1024 x 1024 px, nothing.png has 300 x 200 px" in said
 
 
 def test_auto_dewarps_image_by_detected_rim(folder, tmp_path):
@@ -177,7 +177,7 @@ def test_ambiguous_tilt_is_reported(tmp_path):
 
 def test_auto_with_invalid_arguments(folder, tmp_path):
     view = tmp_path / "view.png"
-    assert "no rim was found for sure" in fails(
+    assert "the confidence of the mirror outline must be at least 0.6" in fails(
         "dewarp", folder / "nothing.png", "--auto", "-o", view
     )
     assert not view.exists()

@@ -172,7 +172,7 @@ def test_panorama_option(sensor_file, sky_file, tmp_path):
         (("--fps", "10", "-o", "a.png"), "--fps requires --path"),
         (("-o", "a.mp4"), "requires --path"),
         (("--heading-deg", "10", "-o", "a.png"), "--heading-deg requires an environment image"),
-        (("-o", "a.xyz"), "not known"),
+        (("-o", "a.xyz"), "cannot write a.xyz: the suffix must be one of"),
     ],
 )
 def test_invalid_arguments_write_no_file(sensor_file, tmp_path, args, words):

@@ -80,7 +80,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   if (!isTelecentric && number(lens, "focus_distance_mm") <= f)
     throw new InvalidDesign(
       ["lens", "focus_distance_mm"],
-      `focus_distance_mm = ${number(lens, "focus_distance_mm")} must be greater than focal_length_mm = ${f}`,
+      `focus_distance_mm must be greater than focal_length_mm = ${f}; got ${number(lens, "focus_distance_mm")}`,
     );
   const ideal: Ideal = {
     rim: number(mirror, "rim_radius_mm"),
@@ -95,7 +95,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   if (ideal.rim >= end)
     throw new InvalidDesign(
       ["mirror", "rim_radius_mm"],
-      `rim_radius_mm = ${ideal.rim} must be less than ${end.toPrecision(5)} mm, the maximum radius of this mirror`,
+      `rim_radius_mm must be less than ${+end.toPrecision(5)} mm, where the ${String(mirror.kind)} ends; got ${ideal.rim}`,
     );
   return ideal;
 }

@@ -1,7 +1,7 @@
 import { h, reveal, unique, write } from "../../shared/dom";
 import type { ParameterInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
-import { unitWords } from "../labels";
+import { labelledMessage, unitWords } from "../labels";
 import { metSpans, type Missed, placesWith, type Span } from "./met";
 import { type Scale, scaleOf } from "./scale";
 
@@ -132,10 +132,7 @@ export class Field {
     if (sentence === this.complaint) return;
     this.complaint = sentence;
     reveal(this.problem, sentence !== null);
-    write(
-      this.problem,
-      (sentence ?? "").replace(/^./, (c) => c.toUpperCase()),
-    );
+    write(this.problem, labelledMessage(sentence ?? ""));
     this.number.setAttribute("aria-invalid", String(sentence !== null));
   }
 

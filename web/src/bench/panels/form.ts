@@ -7,7 +7,7 @@ import type {
   ApiError,
 } from "../../shared/messages";
 import { type Design, nameOf, type Tables, withEntry } from "../designs/design";
-import { label } from "../labels";
+import { label, labelledMessage } from "../labels";
 import { alone } from "../supply";
 import { Field } from "./field";
 import type { Missed } from "./met";
@@ -119,7 +119,7 @@ export class Form {
     for (const [k, field] of this.fields) field.complain(k === key ? trouble!.sentence : null);
     const isOfNoField = trouble !== null && !this.fields.has(key ?? "");
     reveal(this.problem, isOfNoField);
-    write(this.problem, isOfNoField ? trouble.sentence : "");
+    write(this.problem, isOfNoField ? labelledMessage(trouble.sentence) : "");
   }
 
   /** Entries of the visible sliders with sample values. */

@@ -278,7 +278,7 @@ export class RequirementsPanel {
       step: "any",
       id: unique(),
       "aria-label": title,
-      placeholder: title.includes("infinite") || title.startsWith("Nearest") ? "∞" : "",
+      placeholder: title.includes("object distance") ? "∞" : "",
     });
     input.addEventListener("change", () => set(input.value === "" ? null : Number(input.value)));
     this.inputs.push({ input, value });

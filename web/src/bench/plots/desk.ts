@@ -7,6 +7,7 @@ import { glossary } from "../glossary";
 import type { BendHands } from "../hands/handle";
 import { type LimitHands, LimitLines, linesOf } from "../hands/limits";
 import { MappingHandles } from "../hands/mapping";
+import { labelledMessage } from "../labels";
 import { alone } from "../supply";
 import { ChartView, type Drawn } from "./charts";
 import { CompareTable, type PinHands } from "./compare";
@@ -138,7 +139,7 @@ export class Desk {
   /** Display the error of an invalid design above the plots of the previous one. */
   troubled(sentence: string): void {
     const before = this.drawn.length ? "The plots are those of the last valid design." : "";
-    this.trouble.textContent = `${sentence.replace(/^./, (c) => c.toUpperCase())}. ${before}`;
+    this.trouble.textContent = `${labelledMessage(sentence)}. ${before}`;
     this.trouble.hidden = false;
     this.place.classList.add("stale");
   }

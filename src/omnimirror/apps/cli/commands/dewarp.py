@@ -487,7 +487,7 @@ def _report_camera(report: str) -> None:
 def _print_results(folder: Path, dewarped: DewarpedImages, skip_existing: bool) -> None:
     results = dewarped.results
     for name, reason in results.failed.items():
-        print_notice(f"{name}: {reason}")
+        print_notice(reason if name in reason else f"{name}: {reason}")
     count = len(results.done) + len(results.failed) + len(results.not_started)
     existing = f", {dewarped.skipped} existed" if skip_existing else ""
     print_line(f"{folder}: {len(results.done)} of {count} images dewarped{existing}")
