@@ -276,7 +276,7 @@ def test_what_cannot_be_judged_is_said():
     for odd in (None, "paper-spherical", 3):
         with pytest.raises(
             OmnimirrorError,
-            match=r"sensor must be a sensor \(see om\.load_sensor\); got 'paper-spherical'",
+            match=rf"sensor must be a sensor \(see om\.load_sensor\); got {odd!r}",
         ):
             om.judge(WANTED, odd)
         with pytest.raises(OmnimirrorError, match=r"must be .*; got"):
