@@ -214,12 +214,12 @@ def test_clients_stay_connected_while_a_source_is_lost(film, camera):
             httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched,
         ):
             pictures = watched.iter_raw()
-            while not any("is back after" in sentence for sentence in told):
+            while not any("is reconnected after" in sentence for sentence in told):
                 next(pictures)
             drawn = gateway.views["front"].frames_dewarped
             while gateway.views["front"].frames_dewarped < drawn + 5:
                 next(pictures)
-    assert re.search(r"live\.ts is lost: .*; trying again in 0.25 s", told[0])
+    assert re.search(r"live\.ts is disconnected: .*; reconnecting in 0.25 s", told[0])
 
 
 def test_frames_of_another_size_are_reported(film):
