@@ -217,7 +217,8 @@ def test_covariance_matches_repeated_noise():
             np.linalg.norm(rays.directions @ found.model.mount.rotation() - ahead, axis=1)
         )
         assert (angle < 4 * direction_sigma_deg(found.model, spread.covariance, ahead)).all()
-    assert np.std(offs, axis=0) == pytest.approx(np.mean(sigmas, axis=0), rel=0.45)
+    # The mean is dominated by single draws with a long valley of the weakly determined distortion
+    assert np.std(offs, axis=0) == pytest.approx(np.median(sigmas, axis=0), rel=0.45)
 
 
 def test_undetermined_combinations_are_reported():
