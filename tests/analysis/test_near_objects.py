@@ -120,6 +120,6 @@ def test_requirements_and_comparisons_include_lengths_per_pixel(quantity):
 
     value, _ = LIMITABLE[quantity].extreme(values_of_evaluation(found), largest=True)
     assert value == pytest.approx(worst, rel=1e-12)
-    row = om.compare([sensor], object_distance_mm=distance)[f"least_{quantity}"]
+    row = om.compare([sensor], object_distance_mm=distance)[f"min_{quantity}"]
     assert 0 < row.values[0] <= worst
-    assert np.isinf(om.compare([sensor])[f"least_{quantity}"].values[0])
+    assert np.isinf(om.compare([sensor])[f"min_{quantity}"].values[0])

@@ -289,7 +289,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "read_catalogue": (lambda path: om.read_catalogue(path), {"path": "parts.toml"}),
     "choose_parts": (
         om.choose_parts,
-        {"sensor": SENSOR, "catalogue": PARTS, "least_fill": 0.1, "object_distance_mm": np.inf},
+        {"sensor": SENSOR, "catalogue": PARTS, "min_fill": 0.1, "object_distance_mm": np.inf},
     ),
     "blur_bound": (
         om.blur_bound,

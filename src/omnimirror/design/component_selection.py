@@ -217,7 +217,7 @@ def choose_parts(
     sensor: Sensor,
     catalogue: Catalogue,
     *,
-    least_fill: float = 0.6,
+    min_fill: float = 0.6,
     object_distance_mm: float = np.inf,
 ) -> list[Combination]:
     """Evaluate all combinations of lenses and imagers for the mirror of a sensor, best first;
@@ -229,7 +229,7 @@ def choose_parts(
         Mirror, mirror distance and kind of lens are used; focal length and imager are ignored.
     catalogue
         Catalogue from :func:`omnimirror.read_catalogue`.
-    least_fill
+    min_fill
         Minimum radius of the rim image relative to half of the shorter imager side, 0 to 1.
     object_distance_mm
         Object distance from the mirror, mm.
@@ -255,11 +255,11 @@ def choose_parts(
     (True, '8 mm', 246)
     """
     sensor.check("the choice of parts", "single mirror")
-    if not 0 <= least_fill <= 1:
-        raise InvalidParameter(f"least_fill must be a fraction from 0 to 1; got {least_fill:g}")
+    if not 0 <= min_fill <= 1:
+        raise InvalidParameter(f"min_fill must be a fraction from 0 to 1; got {min_fill:g}")
     distances("object_distance_mm", object_distance_mm)
     found = [
-        _combine(sensor, lens, imager, least_fill, object_distance_mm)
+        _combine(sensor, lens, imager, min_fill, object_distance_mm)
         for lens in catalogue.lenses
         for imager in catalogue.imagers
     ]
@@ -270,7 +270,7 @@ def _combine(
     sensor: Sensor,
     lens: LensComponent | TelecentricComponent,
     imager: ImagerComponent,
-    least_fill: float,
+    min_fill: float,
     distance: float,
 ) -> Combination:
     if isinstance(lens, TelecentricComponent) != sensor.lens.TELECENTRIC:
@@ -295,7 +295,7 @@ def _combine(
     )
     if rim > half:
         reasons.append(f"rim image radius {rim:.0f} px exceeds {half:g} px")
-    if rim < least_fill * half:
+    if rim < min_fill * half:
         reasons.append(
             f"rim image radius {rim:.0f} px fills only {100 * rim / half:.0f} % of {half:g} px"
         )

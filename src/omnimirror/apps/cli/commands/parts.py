@@ -34,7 +34,7 @@ from .._output import (
 class SelectionOptions(Options):
     """Selection criteria."""
 
-    least_fill: float = option(
+    min_fill: float = option(
         "--min-fill",
         type=NUMBER,
         default=0.6,
