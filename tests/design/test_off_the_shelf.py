@@ -119,7 +119,7 @@ SMALL = Catalogue(LENSES[1:2], IMAGERS[:2])
     ],
 )
 def test_the_search_finds_what_designing_every_combination_finds(wanted, shelf):
-    found = om.design_from_parts(wanted, shelf, most=100)
+    found = om.design_from_parts(wanted, shelf, max_designs=100)
     names = {design.combination.name for design in found.found}
     everything = combinations_of(shelf, wanted)
     for combination in everything:
@@ -177,7 +177,7 @@ def test_diffraction_that_no_mirror_mends_is_cut():
 
 def test_designs_are_judged_as_any_sensor_is():
     wanted = WANTED[0]
-    for design in om.design_from_parts(wanted, SHELF, most=100).found:
+    for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
         own = requirements_with_parts(wanted, design.combination)
         assert om.judge(own, design.design.sensor).is_met
         low, high = design.combination.f_numbers
@@ -188,7 +188,7 @@ def test_designs_are_judged_as_any_sensor_is():
 @pytest.mark.full
 def test_the_aperture_is_the_one_that_keeps_the_blur_best():
     wanted = asked(BLUR)
-    for design in om.design_from_parts(wanted, SHELF, most=100).found:
+    for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
         own, sensor = requirements_with_parts(wanted, design.combination), design.design.sensor
         best = design.design.verdict.limits[0].shortfall
         F = sensor.lens.f_number
@@ -199,18 +199,18 @@ def test_the_aperture_is_the_one_that_keeps_the_blur_best():
 
 
 def test_the_cheapest_come_first_and_the_search_ends_when_there_are_enough():
-    found = om.design_from_parts(WANTED[0], SHELF, most=2)
+    found = om.design_from_parts(WANTED[0], SHELF, max_designs=2)
     prices = [design.price for design in found.found]
     assert prices == sorted(prices)
     assert len(prices) == 2
     assert found.left > 0
-    all_of_them = om.design_from_parts(WANTED[0], SHELF, most=100)
+    all_of_them = om.design_from_parts(WANTED[0], SHELF, max_designs=100)
     assert [d.combination for d in all_of_them.found[:2]] == [d.combination for d in found.found]
     assert all_of_them.left == 0
 
 
 def test_a_front_has_what_no_cheaper_one_is_sharper_than():
-    everything = om.design_from_parts(WANTED[0], SHELF, most=100).found
+    everything = om.design_from_parts(WANTED[0], SHELF, max_designs=100).found
     front = om.design_from_parts(WANTED[0], SHELF, front=True).found
     best, wanted = np.inf, []
     for design in everything:
@@ -225,7 +225,9 @@ def test_a_front_has_what_no_cheaper_one_is_sharper_than():
 )
 def test_several_processes_find_the_same(monkeypatch, shelf):
     monkeypatch.setattr(parts_search, "FEW", 0)
-    one, two = (om.design_from_parts(WANTED[0], shelf, most=100, processes=n) for n in (1, 2))
+    one, two = (
+        om.design_from_parts(WANTED[0], shelf, max_designs=100, processes=n) for n in (1, 2)
+    )
     assert [(d.combination, d.worst_floored_area_deg2) for d in one.found] == [
         (d.combination, d.worst_floored_area_deg2) for d in two.found
     ]
@@ -251,7 +253,7 @@ def test_a_ball_is_as_large_a_cap_as_the_field_asks_for(shelf):
     mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=(10, 60))
     wanted = asked(om.Limit("total_blur_deg", at_most=1.5), mirror=mirror)
     wanted = replace(wanted, parts=om.PartsRequirements(mirror="ball"))
-    found = om.design_from_parts(wanted, shelf, most=100).found
+    found = om.design_from_parts(wanted, shelf, max_designs=100).found
     assert {design.combination.ball.name for design in found} == {"ball 50", "ball 80"}
     for design in found:
         sensor = design.design.sensor
@@ -266,7 +268,7 @@ def test_a_ball_is_as_large_a_cap_as_the_field_asks_for(shelf):
 def test_a_dome_stands_around_the_mirror_where_it_fits():
     wanted = asked(om.Limit("total_blur_deg", at_most=2.0, omega_deg=(90, 110)), dome=True)
     wanted = replace(wanted, field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=89))
-    found = om.design_from_parts(wanted, SHELF, most=100)
+    found = om.design_from_parts(wanted, SHELF, max_designs=100)
     assert {design.combination.dome.name for design in found.found} == {
         "dome 200"
     }  # mirror of 60 mm
@@ -294,15 +296,15 @@ def test_the_whole_is_as_large_and_heavy_as_its_parts():
 @pytest.mark.parametrize(
     ("parts", "reason"),
     [
-        ({"most_price": 60.0}, "too expensive, or of unknown price"),
-        ({"most_mass_g": 25.0}, "too heavy, or of unknown mass"),
-        ({"most_diameter_mm": 50.0}, "too large"),
-        ({"most_height_mm": 60.0}, "too large"),
+        ({"max_price": 60.0}, "too expensive, or of unknown price"),
+        ({"max_mass_g": 25.0}, "too heavy, or of unknown mass"),
+        ({"max_diameter_mm": 50.0}, "too large"),
+        ({"max_height_mm": 60.0}, "too large"),
     ],
 )
 def test_what_is_too_much_of_the_whole_is_cut_and_said(parts, reason):
     found = om.design_from_parts(
-        asked(om.Limit("total_blur_deg", at_most=2.0), **parts), SHELF, most=100
+        asked(om.Limit("total_blur_deg", at_most=2.0), **parts), SHELF, max_designs=100
     )
     assert found.cut[reason] > 0
     for design in found.found:
@@ -334,7 +336,7 @@ family = "sphere"
 rim_radius_mm = 30
 [parts]
 catalogue = "shelf.csv"
-most_price = 400
+max_price = 400
 [[limit]]
 quantity = "total_blur_deg"
 at_most = 0.8
@@ -393,19 +395,19 @@ def test_parts_go_into_a_file_and_come_back(tmp_path):
             'optimise = "worst_blur_deg"',
             "mirror.optimise must not be given together with parts",
         ),
-        ("most_price = 400", 'mirror = "cone"', "parts.mirror must be one of"),
-        ("most_price = 400", "most_price = 0", "parts.most_price must be greater than 0"),
+        ("max_price = 400", 'mirror = "cone"', "parts.mirror must be one of"),
+        ("max_price = 400", "max_price = 0", "parts.max_price must be greater than 0"),
         (
             "rim_radius_mm = 30\n[parts]",
             'rim_radius_mm = 30\nfit = "polynomial:3"\n[parts]\nmirror = "ball"',
             "parts.mirror = .ball. requires mirror.family = .sphere. without a fit",
         ),
         (
-            "most_price = 400",
+            "max_price = 400",
             "dome = true\n[housing.tube]",
             "must not be given together with a cover",
         ),
-        ("most_price = 400", "catalog = 3", "unknown entry parts.catalog; did you mean catalogue"),
+        ("max_price = 400", "catalog = 3", "unknown entry parts.catalog; did you mean catalogue"),
     ],
 )
 def test_parts_that_cannot_be_asked_for_are_refused(old, new, sentence, tmp_path):
@@ -423,8 +425,8 @@ def test_a_search_without_parts_or_balls_is_refused():
     wanted = replace(asked(BLUR), parts=om.PartsRequirements(mirror="ball"))
     with pytest.raises(OmnimirrorError, match="the catalogue must contain a ball"):
         om.design_from_parts(wanted, Catalogue(LENSES, IMAGERS))
-    with pytest.raises(OmnimirrorError, match=r"most must be .*; got 0"):
-        om.design_from_parts(asked(BLUR), SHELF, most=0)
+    with pytest.raises(OmnimirrorError, match=r"max_designs must be .*; got 0"):
+        om.design_from_parts(asked(BLUR), SHELF, max_designs=0)
 
 
 @pytest.mark.parametrize(
@@ -479,7 +481,7 @@ def test_what_is_bought_besides_counts_in_price_and_mass():
     )
     shelf = replace(SMALL, extras=extras)
     plain, more = (
-        om.design_from_parts(asked(BLUR, **given), shelf, most=1).found[0]
+        om.design_from_parts(asked(BLUR, **given), shelf, max_designs=1).found[0]
         for given in ({}, {"extras": ("heater", "arm")})
     )
     assert more.price == plain.price + 19.0

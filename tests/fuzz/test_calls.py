@@ -235,8 +235,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "catalogue": ("a.csv",),
             "mirror": "ball",
             "dome": True,
-            "most_price": 100.0,
-            "most_height_mm": 200.0,
+            "max_price": 100.0,
+            "max_height_mm": 200.0,
         },
     ),
     "LensRequirements": (

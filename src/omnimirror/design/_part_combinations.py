@@ -202,13 +202,13 @@ def _does_not_screw_on(b: PartsBounds) -> bool:
 
 def _is_too_dear(b: PartsBounds) -> bool:
     assert b.asked.parts is not None
-    most, own = b.asked.parts.most_price, b.combination.price
+    most, own = b.asked.parts.max_price, b.combination.price
     return most is not None and (own is None or own > most)
 
 
 def _is_too_heavy(b: PartsBounds) -> bool:
     assert b.asked.parts is not None
-    most = b.asked.parts.most_mass_g
+    most = b.asked.parts.max_mass_g
     masses = [part.mass_g for part in b.combination.parts]
     return most is not None and (None in masses or sum(m or 0.0 for m in masses) > most)
 
@@ -243,7 +243,7 @@ def _is_too_large(b: PartsBounds) -> bool:
     width = max(2 * least_rim, *(part.diameter_mm or 0.0 for part in b.combination.parts))
     if b.combination.dome is not None:
         width = max(width, b.combination.dome.dome_diameter_mm)
-    if asked.most_diameter_mm is not None and width > asked.most_diameter_mm * ROOM:
+    if asked.max_diameter_mm is not None and width > asked.max_diameter_mm * ROOM:
         return True
     lens = b.combination.lens
     if isinstance(lens, TelecentricComponent):
@@ -254,7 +254,7 @@ def _is_too_large(b: PartsBounds) -> bool:
         for limit in b.asked.limits
         if limit.quantity == "length_mm" and limit.at_most is not None
     ]
-    lengths += [] if asked.most_height_mm is None else [asked.most_height_mm - lens.focal_length_mm]
+    lengths += [] if asked.max_height_mm is None else [asked.max_height_mm - lens.focal_length_mm]
     return bool(lengths) and length > min(lengths) * ROOM
 
 

@@ -88,7 +88,7 @@ class BoughtDesign:
 
 
 def design_bought(
-    asked: Requirements, combination: PartsCombination, most_area_deg2: float = np.inf
+    asked: Requirements, combination: PartsCombination, max_area_deg2: float = np.inf
 ) -> BoughtDesign | str:
     """Return the best sensor of a combination, or the reason for an early rejection.
 
@@ -98,12 +98,12 @@ def design_bought(
         Requirements with ``parts``.
     combination
         Combination that satisfies all necessary conditions.
-    most_area_deg2
+    max_area_deg2
         Worst floored blur area of a cheaper design, an upper limit.
     """
     own = requirements_with_parts(asked, combination)
     try:
-        made = _made(own, combination, most_area_deg2)
+        made = _made(own, combination, max_area_deg2)
         if isinstance(made, str):
             return made
         found = _judged(asked, own, combination, made.sensor, SEARCHED)
@@ -163,10 +163,10 @@ def whole_rows(
     """Return the requirement rows of the whole sensor."""
     size = outer_size(sensor, combination.parts)
     reached = {
-        "price": (parts.most_price, combination.price, ""),
-        "mass_g": (parts.most_mass_g, mass, "g"),
-        "diameter_mm": (parts.most_diameter_mm, size.diameter_mm, "mm"),
-        "height_mm": (parts.most_height_mm, size.height_mm, "mm"),
+        "price": (parts.max_price, combination.price, ""),
+        "mass_g": (parts.max_mass_g, mass, "g"),
+        "diameter_mm": (parts.max_diameter_mm, size.diameter_mm, "mm"),
+        "height_mm": (parts.max_height_mm, size.height_mm, "mm"),
     }
     return [
         Judgement(f"whole, {name}", unit, None, most, np.nan if value is None else value)
@@ -179,15 +179,15 @@ def whole_rows(
 
 
 def _made(
-    own: Requirements, combination: PartsCombination, most_area_deg2: float
+    own: Requirements, combination: PartsCombination, max_area_deg2: float
 ) -> Candidate | str:
     """Return the sensor at the aperture of the largest blur margin, or the reason for rejection."""
     if combination.ball is None and set(RangeSearch(own).free) - {"f_number"}:
         return RangeSearch(own).best().made
     rough, span = _sketched(own, combination), ends(own.lens.f_number)
-    if np.isfinite(most_area_deg2):
+    if np.isfinite(max_area_deg2):
         sharpest = focusing(replace(own, limits=()), rough, SCREENED).best_aperture(span)[1]
-        if sharpest.cost > most_area_deg2 * (1 + SLACK):
+        if sharpest.cost > max_area_deg2 * (1 + SLACK):
             return BLURRED
     f_number, focus = focusing(own, rough, SCREENED).best_aperture(span)
     if focus.cost > SLACK and any(limit.of.is_sharpness for limit in own.limits):
@@ -328,7 +328,7 @@ def design_from_parts(
     requirements: Requirements,
     catalogue: Catalogue | None = None,
     *,
-    most: int = 10,
+    max_designs: int = 10,
     front: bool = False,
     processes: int = 1,
     on_step: Callable[[str], None] | None = None,
@@ -345,7 +345,7 @@ def design_from_parts(
         Requirements with ``parts``.
     catalogue
         Catalogue from :func:`omnimirror.read_catalogue`; by default that of the requirements.
-    most
+    max_designs
         Stop after this number of feasible combinations; cheapest first.
     front
         Alternatively, return all designs sharper than every cheaper one, by worst floored blur
@@ -374,9 +374,9 @@ def design_from_parts(
     ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=30),
     ...     lens=om.LensRequirements(f_number=(1, 16)),
     ...     limits=[om.Limit("total_blur_deg", at_most=0.6)],
-    ...     parts=om.PartsRequirements(most_price=150),
+    ...     parts=om.PartsRequirements(max_price=150),
     ... )
-    >>> search = om.design_from_parts(asked, most=2)
+    >>> search = om.design_from_parts(asked, max_designs=2)
     >>> [round(design.price) for design in search.found] == sorted(round(design.price) for design in search.found)
     True
     """
@@ -385,7 +385,7 @@ def design_from_parts(
         raise InvalidParameter(
             "the requirements must contain parts; use design_sensor for a design without parts"
         )
-    integer("most", most, 1)
+    integer("max_designs", max_designs, 1)
     integer("processes", processes, 1)
     check_free(requirements)
     catalogue = read_catalogue(*requirements.parts.catalogue) if catalogue is None else catalogue
@@ -398,7 +398,11 @@ def design_from_parts(
     everything = combinations_of(catalogue, requirements)
     reasons = [cut(requirements, combination) for combination in everything]
     tally = _Tally(
-        requirements, front, most, len(everything), Counter(r for r in reasons if r is not None)
+        requirements,
+        front,
+        max_designs,
+        len(everything),
+        Counter(r for r in reasons if r is not None),
     )
     left = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
     say = on_step or (lambda words: None)
@@ -416,7 +420,7 @@ def _designed(
     """Yield the results of the combinations in their order."""
     if processes == 1 or len(combinations) <= FEW:
         for combination in combinations:
-            yield design_bought(requirements, combination, tally.most_area_deg2)
+            yield design_bought(requirements, combination, tally.max_area_deg2)
         return
     others = set(active_children())
     with _spared_signals():  # its queues start the process that tracks their semaphores
@@ -426,9 +430,9 @@ def _designed(
 
         def submit(count: int) -> list[Future[list[BoughtDesign | str]]]:
             with _spared_signals():
-                most = tally.most_area_deg2
+                max_area_deg2 = tally.max_area_deg2
                 return [
-                    pool.submit(_block, requirements, block, most)
+                    pool.submit(_block, requirements, block, max_area_deg2)
                     for block in islice(blocks, count)
                 ]
 
@@ -464,11 +468,9 @@ def _spared_signals() -> Iterator[None]:
 
 
 def _block(
-    requirements: Requirements, combinations: list[PartsCombination], most_area_deg2: float
+    requirements: Requirements, combinations: list[PartsCombination], max_area_deg2: float
 ) -> list[BoughtDesign | str]:
-    return [
-        design_bought(requirements, combination, most_area_deg2) for combination in combinations
-    ]
+    return [design_bought(requirements, combination, max_area_deg2) for combination in combinations]
 
 
 @dataclass
@@ -477,7 +479,7 @@ class _Tally:
 
     requirements: Requirements
     front: bool
-    most: int
+    max_designs: int
     combinations: int
     cut: Counter[str]
     found: list[BoughtDesign] = field(default_factory=list)
@@ -497,20 +499,20 @@ class _Tally:
                 or answer.design.verdict.worst < self.nearest.design.verdict.worst
             ):
                 self.nearest = answer
-        elif answer.worst_floored_area_deg2 < self.most_area_deg2:
+        elif answer.worst_floored_area_deg2 < self.max_area_deg2:
             self.found.append(answer)
         else:
             self.missed[BLURRED] += 1
 
     @property
-    def most_area_deg2(self) -> float:
+    def max_area_deg2(self) -> float:
         """Return, for a front, the upper limit of the blur area of the next design."""
         areas = [design.worst_floored_area_deg2 for design in self.found] if self.front else []
         return min(areas, default=np.inf)
 
     @property
     def is_full(self) -> bool:
-        return not self.front and len(self.found) >= self.most
+        return not self.front and len(self.found) >= self.max_designs
 
     def result(self) -> PartsSearch:
         left = self.combinations - self.cut.total() - self.taken

@@ -601,7 +601,7 @@ class PartsRequirements(Entries):
     extras
         Accessories by their use: ``("heater", "arm")``; the cheapest of each is included in price
         and mass.
-    most_price, most_mass_g, most_diameter_mm, most_height_mm
+    max_price, max_mass_g, max_diameter_mm, max_height_mm
         Limits of the whole sensor. Custom mirrors have no price and the density of aluminium.
 
     Raises
@@ -612,7 +612,7 @@ class PartsRequirements(Entries):
     Examples
     --------
     >>> import omnimirror as om
-    >>> om.PartsRequirements(most_price=200).mirror
+    >>> om.PartsRequirements(max_price=200).mirror
     'made'
     """
 
@@ -622,10 +622,10 @@ class PartsRequirements(Entries):
     mirror: Literal["made", "ball"] = "made"
     dome: bool = False
     extras: Names = ()
-    most_price: Most | None = None
-    most_mass_g: Most | None = None
-    most_diameter_mm: Most | None = None
-    most_height_mm: Most | None = None
+    max_price: Most | None = None
+    max_mass_g: Most | None = None
+    max_diameter_mm: Most | None = None
+    max_height_mm: Most | None = None
 
 
 PAPER_IMAGER = Imager(1024, 1024, 5.2)

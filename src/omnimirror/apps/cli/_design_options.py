@@ -64,7 +64,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "image_circle_mm",
     ),
     "imager": ("width_px", "height_px", "pixel_pitch_um"),
-    "parts": ("catalogue", "most_price", "most_mass_g", "most_diameter_mm", "most_height_mm"),
+    "parts": ("catalogue", "max_price", "max_mass_g", "max_diameter_mm", "max_height_mm"),
 }
 """Options for entries of the requirement file, by table."""
 
@@ -312,16 +312,14 @@ class RequirementOptions(Options):
         show_default=False,
         help="Catalogue of lenses and imagers to design with, or 'typical' (repeatable).",
     )
-    most_price: float | None = option(
-        "--max-price", type=NUMBER, help="Maximum price of the parts."
-    )
-    most_mass_g: float | None = option(
+    max_price: float | None = option("--max-price", type=NUMBER, help="Maximum price of the parts.")
+    max_mass_g: float | None = option(
         "--max-mass-g", type=NUMBER, help="Maximum mass of the sensor."
     )
-    most_diameter_mm: float | None = option(
+    max_diameter_mm: float | None = option(
         "--max-diameter-mm", type=NUMBER, help="Maximum diameter of the sensor."
     )
-    most_height_mm: float | None = option(
+    max_height_mm: float | None = option(
         "--max-height-mm", type=NUMBER, help="Maximum height of the sensor."
     )
     name: str | None = option(help="Name of the sensor.")

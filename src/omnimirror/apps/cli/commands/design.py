@@ -70,7 +70,7 @@ def design_with_catalogue(
     with console.status("Designing") as status:
         search = design_from_parts(
             requirements,
-            most=max_designs,
+            max_designs=max_designs,
             front=price_front,
             processes=processes,
             on_step=lambda words: status.update(f"Designing: {words}"),
