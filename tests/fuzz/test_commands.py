@@ -417,7 +417,7 @@ def test_streams_that_are_closed():
     command = f"{sys.executable} -m omnimirror sensors"
     run = subprocess.run(f"{command} >&-", shell=True, capture_output=True, text=True)
     assert run.returncode == 1
-    assert run.stderr == "omnimirror: standard output: it is closed\n"
+    assert run.stderr == "omnimirror: standard output: closed\n"
     assert subprocess.run(f"{command} 2>&- >/dev/null", shell=True).returncode == 0
 
 
@@ -426,7 +426,7 @@ def test_the_trace_is_shown_when_it_is_asked_for(capsys):
         main(["evaluate", "nope", "--debug"])
     told = capsys.readouterr().err
     assert "Traceback" in told
-    assert told.splitlines()[-1].startswith("omnimirror: there is no sensor file")
+    assert told.splitlines()[-1].startswith("omnimirror: sensor file, camera file or bundled sensor 'nope'")
 
 
 def test_numbers_are_read_in_one_way():

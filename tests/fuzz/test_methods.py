@@ -82,7 +82,7 @@ USUAL: dict[str, Any] = {  # by argument name
     "lens": SENSOR.lens,
     "image": np.zeros((32, 32, 3), np.uint8),
     "camera": SENSOR,
-    "what": "a test",
+    "computation": "a test",
     "x_mm": [5.0],
     "tau": [0.5],
     "height": np.sin,
