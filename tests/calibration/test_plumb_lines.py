@@ -212,7 +212,9 @@ def test_mirror_outline_is_detected_by_default(tmp_path):
     assert run.returncode == 0, run.stderr
     u, v, radius = (
         float(n)
-        for n in re.search(r"about (\S+), (\S+) px, with a radius of (\S+) px", run.stdout).groups()
+        for n in re.search(
+            r"detected rim: centre (\S+), (\S+) px, radius (\S+) px", run.stdout
+        ).groups()
     )
     assert (u, v, radius) == pytest.approx(
         (*truth.imager.centre, truth.rim_radius_px), abs=0.01 * truth.rim_radius_px

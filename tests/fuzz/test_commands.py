@@ -426,7 +426,9 @@ def test_the_trace_is_shown_when_it_is_asked_for(capsys):
         main(["evaluate", "nope", "--debug"])
     told = capsys.readouterr().err
     assert "Traceback" in told
-    assert told.splitlines()[-1].startswith("omnimirror: sensor file, camera file or bundled sensor 'nope'")
+    assert told.splitlines()[-1].startswith(
+        "omnimirror: sensor file, camera file or bundled sensor 'nope'"
+    )
 
 
 def test_numbers_are_read_in_one_way():

@@ -34,7 +34,7 @@ def error_far_away_deg(found: om.Calibration) -> float:
 def test_parallax_error_is_noted():
     seen = om.simulate_detections(MIRROR, BOARD, 10, noise_px=0.1, seed=1)
     found = om.calibrate_camera(seen, BOARD, model="kannala-brandt", board_shape=False)
-    (note,) = [n for n in found.notes if "one viewpoint" in n]
+    (note,) = [n for n in found.notes if "has a single viewpoint" in n]
     assert "use the model sensor or viewpoint-spline" in note
     told = float(note.split("px (")[1].split(" deg")[0])
     assert told == pytest.approx(error_far_away_deg(found), rel=0.35)

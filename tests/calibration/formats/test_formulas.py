@@ -310,7 +310,8 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
         with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(said)}"):
             read("cameras.txt", f"# a comment\n{line}\n".encode())
     with pytest.raises(
-        SpecError, match=r"cameras.txt has no camera; a line is CAMERA_ID MODEL WIDTH HEIGHT"
+        SpecError,
+        match=r"cameras.txt must contain a camera, CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got none",
     ):
         read("cameras.txt", b"# a comment\n")
 

@@ -457,7 +457,7 @@ def test_flipped_image_of_symmetric_chessboard_is_reported():
     board, picture = om.Board("chessboard", 9, 5), picture_of(9, 5)
     found = om.find_boards([picture, picture[::-1, ::-1], picture[:, ::-1]], board)
     assert [d.used for d in found[:3]] == [True, True, False]
-    assert found[2].reason == "it is a mirror image, unlike the others: it was flipped"
+    assert found[2].reason == "its board is the mirror image of that in the others: it was flipped"
 
 
 def test_oversized_images_are_rejected_without_memory():

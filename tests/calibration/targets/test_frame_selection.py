@@ -57,7 +57,7 @@ def test_each_view_is_selected_once_and_sharp(video):
     assert sorted(int(d.time_s) for d in used) == list(range(len(PLACES)))
     assert all(0.25 <= d.time_s % 1 < 0.75 for d in used)
     others = [d.reason for d in found if not d.used]
-    assert all("much as board.mp4 at" in reason or "blurred" in reason for reason in others)
+    assert all("is similar to board.mp4 at" in reason or "blurred" in reason for reason in others)
 
 
 @pytest.mark.full

@@ -203,7 +203,7 @@ def test_files_have_the_true_size(tmp_path):
 def test_invalid_print_parameters_raise(tmp_path):
     with pytest.raises(
         om.base.errors.InvalidParameter,
-        match=r"does not fit on A4 \(210 x 297 mm\)|does not fit on A4",
+        match=r"paper must be larger than the board of 360 x 240 mm; got A4 \(297 x 210 mm\)",
     ):
         om.write_board(om.Board("chessboard", 11, 7, 30.0), tmp_path / "b.pdf", paper="A4")
     with pytest.raises(om.base.errors.MediaError, match=r"boards are written as .pdf, .svg, .png"):

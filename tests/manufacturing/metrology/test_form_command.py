@@ -130,7 +130,7 @@ def test_telecentric_sensors_are_supported(tmp_path):
         (("missing.csv",), "missing.csv"),
         (("few.csv",), "must have at least 50 points; got 3"),
         (("few.csv", "--unit", "ell"), "ell"),
-        (("few.csv", "--order", "1"), "order = 1 is"),
+        (("few.csv", "--order", "1"), "order must be an integer between 2 and 12; got 1"),
     ],
 )
 def test_invalid_input_prints_one_message_and_writes_no_file(words, sentence, tmp_path):

@@ -302,7 +302,7 @@ def test_invalid_arguments_are_rejected(sensor, evaluator, call, words):
             "[[error]]\nname = 'lens.k1'\ntolerance = 1\nmax_tolerance = 0.5",
             "line 4: max_tolerance must be at least the tolerance 1; got 0.5",
         ),
-        ("format = 2", "format = 2"),
+        ("format = 2", "format must be 1 for this version of omnimirror; got 2"),
         ("", "at least one error"),
     ],
 )

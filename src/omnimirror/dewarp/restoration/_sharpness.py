@@ -25,7 +25,7 @@ NEAREST, FARTHEST = 4, 7  # px from the edge in which they are compared
 FAR = slice(NEAREST - 1, FARTHEST)
 
 
-class Edges(NamedTuple):
+class IsolatedEdges(NamedTuple):
     """Isolated edges across the rows of an image."""
 
     row: NDArray[np.intp]
@@ -44,9 +44,9 @@ class Edges(NamedTuple):
         """Difference (n,) of the values 3 px from the edge."""
         return np.maximum(self.beyond[:, 2] - self.before[:, 2], np.float32(1e-3))
 
-    def select(self, mask: Mask) -> Edges:
+    def select(self, mask: Mask) -> IsolatedEdges:
         """Return some of the edges."""
-        return Edges(*(values[mask] for values in self))
+        return IsolatedEdges(*(values[mask] for values in self))
 
     def sides(self, image: Values) -> tuple[Values, Values]:
         """Return the values (n, 7) of an image before and beyond the edges, as above."""
@@ -55,7 +55,7 @@ class Edges(NamedTuple):
         return profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]
 
 
-def isolated_edges(image: Values, inside: Mask, noise: float = 0.0) -> Edges:
+def isolated_edges(image: Values, inside: Mask, noise: float = 0.0) -> IsolatedEdges:
     """Return the edges between plateaus across the rows of an image.
 
     Parameters
@@ -82,8 +82,8 @@ def isolated_edges(image: Values, inside: Mask, noise: float = 0.0) -> Edges:
     is_edge[:, :reach] = is_edge[:, -reach:] = False
     row, column = np.nonzero(is_edge)
     none = np.zeros((0, FARTHEST), np.float32)
-    edges = Edges(row, column, np.sign(rise[row, column]), none, none)
-    edges = Edges(*edges[:3], *edges.sides(image))
+    edges = IsolatedEdges(row, column, np.sign(rise[row, column]), none, none)
+    edges = IsolatedEdges(*edges[:3], *edges.sides(image))
     ranges = [np.ptp(side[:, FAR], axis=1) for side in (edges.before, edges.beyond)]
     return edges.select(np.maximum(*ranges) < FLATNESS * edges.step)
 
