@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -42,11 +42,12 @@ class IsolatedEdges(NamedTuple):
     @property
     def step(self) -> Values:
         """Difference (n,) of the values 3 px from the edge."""
-        return np.maximum(self.beyond[:, 2] - self.before[:, 2], np.float32(1e-3))
+        return np.asarray(np.maximum(self.beyond[:, 2] - self.before[:, 2], np.float32(1e-3)))
 
     def select(self, mask: Mask) -> IsolatedEdges:
         """Return some of the edges."""
-        return IsolatedEdges(*(values[mask] for values in self))
+        row, column, sign, before, beyond = self
+        return IsolatedEdges(row[mask], column[mask], sign[mask], before[mask], beyond[mask])
 
     def sides(self, image: Values) -> tuple[Values, Values]:
         """Return the values (n, 7) of an image before and beyond the edges, as above."""
@@ -215,7 +216,7 @@ def _edge_rises(
     radius = known.radius / known.whole_radius_px
     for axis in (1, 0):
 
-        def turned(values: Array, axis: int = axis) -> Array:
+        def turned(values: NDArray[Any], axis: int = axis) -> NDArray[Any]:
             return values if axis else values.T
 
         edges = isolated_edges(turned(grey), turned(inside), noise)
@@ -286,7 +287,7 @@ def _steepest_rise() -> tuple[Array, Array]:
     ratio = np.clip(2 * x / np.maximum(diameters, 1e-6), -1, 1)
     spread = 0.5 + (ratio * np.sqrt(1 - ratio**2) + np.arcsin(ratio)) / np.pi
     # Integration by parts: int LSF(x) (1 - |x|) dx = int ESF(x) sign(x) dx over -1 to 1
-    return diameters, np.trapezoid(spread * np.sign(x), x, axis=0)
+    return diameters, np.asarray(np.trapezoid(spread * np.sign(x), x, axis=0))
 
 
 def _limit_of_texture(
