@@ -291,7 +291,7 @@ def worker(stack, address):
             "1",
             "--no-nanny",
             "--preload",
-            str(ROOT / "tests" / "tolerancing" / "gate.py"),
+            str(Path(__file__).with_name("gate.py")),
         )
     )
 
