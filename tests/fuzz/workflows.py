@@ -25,7 +25,7 @@ from omnimirror.simulation.ground_truth_maps import ground_truth
 from omnimirror.simulation.radiometry import Radiometry
 from tests.conftest import MIRRORS
 
-CAMERA = om.Unified(0.9, (20.0, 20.0), (31.5, 31.5), (64, 64))
+CAMERA = om.Unified(xi=0.9, focal_px=(20.0, 20.0), centre_px=(31.5, 31.5), image_size=(64, 64))
 COVARIANCE = np.eye(len(CAMERA.parameters)) * 1e-4
 BOARD = om.Board("chessboard", 7, 5, 25.0)
 SEEN = om.simulate_detections(CAMERA, BOARD, 3)

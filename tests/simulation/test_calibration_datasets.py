@@ -181,14 +181,20 @@ def test_command_writes_dataset(tmp_path):
     "camera",
     [
         om.Unified(
-            0.9, (260.0, 262.0), (322.0, 315.0), (640, 640), k1=-0.02, p1=1e-3, rim_radius_px=300.0
+            xi=0.9,
+            focal_px=(260.0, 262.0),
+            centre_px=(322.0, 315.0),
+            image_size=(640, 640),
+            k1=-0.02,
+            p1=1e-3,
+            rim_radius_px=300.0,
         ),
         om.ViewpointSpline(
-            (70.0, 140.0, 205.0, 262.0, 310.0),
-            (0.0, -2.0, -6.0, -12.0, -20.0),
-            260.0,
-            (322.0, 315.0),
-            (640, 640),
+            radii_px=(70.0, 140.0, 205.0, 262.0, 310.0),
+            viewpoints_mm=(0.0, -2.0, -6.0, -12.0, -20.0),
+            field_deg=260.0,
+            centre_px=(322.0, 315.0),
+            image_size=(640, 640),
         ),
         replace(
             om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)
@@ -218,7 +224,7 @@ def test_dataset_of_calibrated_camera(camera, tmp_path):
 
 
 def test_blur_of_calibrated_camera_raises(tmp_path):
-    camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
+    camera = om.Unified(xi=0.9, focal_px=(40.0, 40.0), centre_px=(47.5, 47.5), image_size=(96, 96))
     list(
         write_calibration_dataset(
             camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)

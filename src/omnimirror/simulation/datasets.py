@@ -517,7 +517,9 @@ def write_training_dataset(
     Examples
     --------
     >>> import omnimirror as om, tempfile
-    >>> camera = om.Unified(0.9, (20.0, 20.0), (15.5, 15.5), (32, 32))
+    >>> camera = om.Unified(
+    ...     xi=0.9, focal_px=(20.0, 20.0), centre_px=(15.5, 15.5), image_size=(32, 32)
+    ... )
     >>> from omnimirror.io.keyframes import Keyframes
     >>> moves = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
     >>> with tempfile.TemporaryDirectory() as folder:
