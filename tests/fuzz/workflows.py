@@ -377,18 +377,26 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Street": (om.Street, {"texel_mm": 80.0}),
     "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
     "write_calibration_dataset": (
-        lambda **words: list(om.write_calibration_dataset(**words)),
+        lambda folder, **words: list(
+            om.write_calibration_dataset(om.CalibrationRecipe(**words), folder)
+        ),
         {
-            "sensor": SENSOR,
             "folder": "set",
+            "sensor": SENSOR,
             "views": 1,
             "samples": 1,
             "blur": False,
-            "detector": None,
             "seed": 0,
-            "hall": None,
             "truth": False,
         },
+    ),
+    "CalibrationRecipe": (
+        om.CalibrationRecipe,
+        {"sensor": SENSOR, "samples": 1, "blur": False, "seed": 0, "views": 1},
+    ),
+    "VideoRecipe": (
+        om.VideoRecipe,
+        {"sensor": SENSOR, "scene": ROOM, "path": MOVES, "frame_rate": 5.0, "samples": 1},
     ),
     "load_path": (om.load_path, {"path": "poses.csv"}),
     "load_bodies": (om.load_bodies, {"path": "bodies.toml"}),
