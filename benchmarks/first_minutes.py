@@ -182,7 +182,11 @@ def prepare(folder: Path) -> None:
     """Write the input files: a photographed mirror ball, recordings of four cameras, and a
     requirement file."""
     ball = om.MirrorBall(
-        (819.5, 760.0), 690.0, 340.0, (1600, 1500), Mount("forward", pitch_deg=-18.0, roll_deg=2.0)
+        centre_px=(819.5, 760.0),
+        rim_radius_px=690.0,
+        field_deg=340.0,
+        image_size=(1600, 1500),
+        mount=Mount("forward", pitch_deg=-18.0, roll_deg=2.0),
     )
     write_image(folder / "ball.png", om.render_image(ball, om.Room(), samples=2))
     sensor = om.load_sensor("paper-spherical")

@@ -40,7 +40,12 @@ from omnimirror.io.video_frames import frame_of_image
 from omnimirror.io.video_writer import VideoWriter
 
 WIDTH, HEIGHT, RATE = 1920, 1080, 25
-CAMERA = om.MirrorBall(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 0.48 * HEIGHT, 270.0, (WIDTH, HEIGHT))
+CAMERA = om.MirrorBall(
+    centre_px=((WIDTH - 1) / 2, (HEIGHT - 1) / 2),
+    rim_radius_px=0.48 * HEIGHT,
+    field_deg=270.0,
+    image_size=(WIDTH, HEIGHT),
+)
 VIEWS = {
     f"view{i}": om.NamedView(
         f"view{i}",

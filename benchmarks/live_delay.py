@@ -37,7 +37,12 @@ from omnimirror.io.video_frames import frame_of_image, planes
 from omnimirror.io.video_writer import VideoWriter
 
 SIDE, SIZE = 1000, (1280, 720)
-CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))
+CAMERA = om.MirrorBall(
+    centre_px=((SIDE - 1) / 2, (SIDE - 1) / 2),
+    rim_radius_px=0.48 * SIDE,
+    field_deg=270.0,
+    image_size=(SIDE, SIDE),
+)
 BITS, CELL = 12, 16  # of the frame number, in squares of CELL pixels
 FORMATS = {"HTTP": "mpegts", "UDP": "mpegts", "RTSP": "rtsp"}
 

@@ -39,7 +39,12 @@ CV = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC}
 
 
 def camera_of(side: int) -> om.MirrorBall:
-    return om.MirrorBall(((side - 1) / 2, (side - 1) / 2), 0.48 * side, 270.0, (side, side))
+    return om.MirrorBall(
+        centre_px=((side - 1) / 2, (side - 1) / 2),
+        rim_radius_px=0.48 * side,
+        field_deg=270.0,
+        image_size=(side, side),
+    )
 
 
 def screen_of(kind: str, size: tuple[int, int], pan_deg: float = 30.0) -> Cylinder | Plane:

@@ -37,7 +37,12 @@ from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
 
 SIDE, SIZE = 1000, (1440, 360)
-CAMERA = om.MirrorBall(((SIDE - 1) / 2, (SIDE - 1) / 2), 0.48 * SIDE, 270.0, (SIDE, SIDE))
+CAMERA = om.MirrorBall(
+    centre_px=((SIDE - 1) / 2, (SIDE - 1) / 2),
+    rim_radius_px=0.48 * SIDE,
+    field_deg=270.0,
+    image_size=(SIDE, SIDE),
+)
 SCREEN = om.screens.Cylinder(SIZE, -70.0, 40.0)
 V360 = f"input=ball:output=equirect:w={SIZE[0]}:h={SIZE[1]}:interp=linear"
 CODECS: dict[str, tuple[str, dict[str, str], str]] = {

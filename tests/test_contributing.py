@@ -193,33 +193,21 @@ def test_adding_a_mirror(copy):
 MODEL = """
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.parameters import Uncertainty
-from ..frames import Mount
 from .camera_model import Optics
 from .radial_model import FocalModel, RadialProjection
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stereographic(FocalModel):
     # r = 2 tan(Omega / 2)
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
-    skew_px: float = 0.0
     optics: Optics = "fisheye"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "stereographic"
     _projection_end = np.radians(170.0)
-
-    def __post_init__(self) -> None:
-        self._check_focal()
 
     @property
     def _parameter_slots(self):
@@ -241,7 +229,9 @@ import omnimirror as om
 from omnimirror.cameras.models.stereographic import Stereographic
 
 board = om.Board(columns=8, rows=6, square_mm=30.0)
-truth = Stereographic((150.0, 150.0), (319.5, 239.5), (640, 480))
+truth = Stereographic(
+    focal_px=(150.0, 150.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+)
 corners = om.simulate_detections(truth, board, 8, noise_px=0.0)
 fit = om.calibrate_camera(corners, board, model="stereographic", optics="fisheye", board_shape=False)
 om.save_camera(fit.model, "camera.toml")
@@ -268,7 +258,9 @@ def test_adding_a_camera_model(copy):
             "KINDS: dict[str, ModelConstructor] = {\n",
             "def _stereographic(u: Unified, omega_max_deg: float) -> CameraModel:\n"
             "    from ...cameras.models.stereographic import Stereographic\n\n"
-            "    return Stereographic(_focal(u), u.centre_px, u.image_size, optics=u.optics)\n\n\n"
+            "    return Stereographic(\n"
+            "        focal_px=_focal(u), centre_px=u.centre_px, image_size=u.image_size, optics=u.optics\n"
+            "    )\n\n\n"
             'KINDS: dict[str, ModelConstructor] = {\n    "stereographic": _stereographic,\n',
         ),
     )

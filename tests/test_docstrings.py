@@ -88,7 +88,11 @@ def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
     is_class = inspect.isclass(thing)
     explained = entries(parts.get("Parameters", ""))
     if is_class:
-        explained |= entries(parts.get("Attributes", "")) | fields_explained(thing)
+        explained |= entries(parts.get("Attributes", ""))
+        for cls in thing.__mro__:  # fields of a dataclass are explained where they are defined
+            if dataclasses.is_dataclass(cls):
+                explained |= fields_explained(cls)
+                explained |= entries(sections(inspect.getdoc(cls) or "").get("Parameters", ""))
     for name, parameter in inspect.signature(thing).parameters.items():
         if name in ("self", "cls") or name.startswith("_"):
             continue

@@ -70,8 +70,13 @@ dots = Format(write, (".dots",))
 
 def centre_of(file, reading):
     u, v, width, height = map(float, file.text.split())
-    size = int(width), int(height)
-    return [CameraEntry("", om.OCam((-100.0, 0.0, 0.002), (u, v), size, **reading.model_arguments))]
+    camera = om.OCam(
+        polynomial=(-100.0, 0.0, 0.002),
+        centre_px=(u, v),
+        image_size=(int(width), int(height)),
+        **reading.model_arguments,
+    )
+    return [CameraEntry("", camera)]
 
 def centre_to(camera, name):
     return "{} {} {} {}".format(*camera.centre_px, *camera.image_size)
@@ -567,7 +572,9 @@ def test_a_camera_of_ones_own_is_straightened_without_registration():
 
 
 def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tmp_path):
-    camera = om.OCam((-100.0, 0.0, 0.002), (310.5, 240.25), (640, 480))
+    camera = om.OCam(
+        polynomial=(-100.0, 0.0, 0.002), centre_px=(310.5, 240.25), image_size=(640, 480)
+    )
     om.save_camera(camera, tmp_path / "a.toml")
     out = omnimirror(installed, tmp_path, "convert", "a.toml", "a.centre")
     assert out.returncode == 0, out.stderr

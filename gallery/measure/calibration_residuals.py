@@ -5,7 +5,9 @@ import numpy as np
 
 import omnimirror as om
 
-camera = om.Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+camera = om.Unified(
+    xi=0.95, focal_px=(160.0, 160.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+)
 board = om.Board("chessboard", 11, 7, 30.0)
 found = om.calibrate_camera(
     om.simulate_detections(camera, board, 7, noise_px=0.1), board, model="unified"

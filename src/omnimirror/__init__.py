@@ -158,6 +158,8 @@ if TYPE_CHECKING:
     from .optics.sensor_files import save_camera as save_camera
     from .optics.sensor_files import save_sensor as save_sensor
     from .optics.thermal import Thermal as Thermal
+    from .simulation.dataset_manifest import CalibrationRecipe as CalibrationRecipe
+    from .simulation.dataset_manifest import VideoRecipe as VideoRecipe
     from .simulation.datasets import write_calibration_dataset as write_calibration_dataset
     from .simulation.datasets import write_training_dataset as write_training_dataset
     from .simulation.datasets import write_video_dataset as write_video_dataset
@@ -317,6 +319,8 @@ _HOMES = {
     "Radiometry": "simulation.radiometry",
     "ground_truth": "simulation.ground_truth_maps",
     "render_image": "simulation.rendering",
+    "CalibrationRecipe": "simulation.dataset_manifest",
+    "VideoRecipe": "simulation.dataset_manifest",
     "write_calibration_dataset": "simulation.datasets",
     "write_video_dataset": "simulation.datasets",
     "write_training_dataset": "simulation.datasets",

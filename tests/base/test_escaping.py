@@ -586,9 +586,11 @@ def test_camera_file_round_trip_keeps_name(kind, name, tmp_path):
 
 
 CAMERAS = (
-    om.KannalaBrandt((170.0, 170.0), (319.5, 239.5), (640, 480), k1=0.01),
-    om.Unified(0.0, (170.0, 170.0), (319.5, 239.5), (640, 480)),
-    om.Unified(0.9, (170.0, 170.0), (319.5, 239.5), (640, 480)),
+    om.KannalaBrandt(
+        focal_px=(170.0, 170.0), centre_px=(319.5, 239.5), image_size=(640, 480), k1=0.01
+    ),
+    om.Unified(xi=0.0, focal_px=(170.0, 170.0), centre_px=(319.5, 239.5), image_size=(640, 480)),
+    om.Unified(xi=0.9, focal_px=(170.0, 170.0), centre_px=(319.5, 239.5), image_size=(640, 480)),
 )
 
 

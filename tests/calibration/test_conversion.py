@@ -20,9 +20,17 @@ SAMPLE = Path(__file__).parents[3] / "shared/data/ocamcalib_cpp_sample"
 needs_sample = pytest.mark.skipif(not SAMPLE.exists(), reason=f"no sample files at {SAMPLE}")
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 MIRROR = OCam(
-    (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)
+    polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
+    centre_px=C,
+    image_size=SIZE,
+    affine=(0.9998, 4.4e-4, 8e-5),
 )
-FISHEYE = OCam((-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9), (505.5, 381.8), SIZE, optics="fisheye")
+FISHEYE = OCam(
+    polynomial=(-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9),
+    centre_px=(505.5, 381.8),
+    image_size=SIZE,
+    optics="fisheye",
+)
 SENSOR = om.load_sensor("paper-spherical")
 FITTED = [
     name
@@ -94,7 +102,7 @@ def test_conversion_reports_true_error(tmp_path, to, camera):
 
 def test_conversion_finds_equivalent_model(tmp_path):
     """xi = 1 without distortion is a paraboloid: exactly f(rho) = (rho^2/f - f) / 2 of OCamCalib."""
-    camera = Unified(1.0, (200.0, 200.0), (511.5, 383.5), SIZE)
+    camera = Unified(xi=1.0, focal_px=(200.0, 200.0), centre_px=(511.5, 383.5), image_size=SIZE)
     made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=1e-6)
     assert made.largest_px < 1e-6
     np.testing.assert_allclose(
@@ -105,7 +113,7 @@ def test_conversion_finds_equivalent_model(tmp_path):
 def test_conversion_preserves_directions_of_skewed_image(tmp_path):
     """A skew is a rotation combined with d of OCamCalib; the frame of the file must not be rotated
     by it."""
-    camera = Unified(0.9, F, C, SIZE, skew_px=6.0)
+    camera = Unified(xi=0.9, focal_px=F, centre_px=C, image_size=SIZE, skew_px=6.0)
     made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.1)
     assert made.largest_px < 0.1
 
@@ -138,7 +146,14 @@ def test_pinhole_rejects_field_of_90_deg(tmp_path):
 
 def test_format_selects_best_model(tmp_path):
     mirror = KannalaBrandt(
-        F, C, SIZE, -0.02, 0.003, skew_px=0.1, optics="mirror", rim_radius_px=420.0
+        focal_px=F,
+        centre_px=C,
+        image_size=SIZE,
+        k1=-0.02,
+        k2=0.003,
+        skew_px=0.1,
+        optics="mirror",
+        rim_radius_px=420.0,
     )
     best = convert(mirror, tmp_path / "camchain.yaml", tolerance_px=5.0)
     costs = {
@@ -147,7 +162,10 @@ def test_format_selects_best_model(tmp_path):
     }
     assert best.largest_px == min(cost for to, cost in costs.items() if to != "equi")
     assert costs["equi"] < best.largest_px  # more accurate, but limited to 90 deg
-    exact = convert(KannalaBrandt(F, C, SIZE, 0.02, optics="fisheye"), tmp_path / "camchain.yaml")
+    exact = convert(
+        KannalaBrandt(focal_px=F, centre_px=C, image_size=SIZE, k1=0.02, optics="fisheye"),
+        tmp_path / "camchain.yaml",
+    )
     assert (exact.target, exact.exact) == ("kalibr-equi", True)
 
 
@@ -253,7 +271,12 @@ def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(
 
 
 def test_rig_file_returns_requested_camera(tmp_path):
-    for i, camera in enumerate((KannalaBrandt(F, C, SIZE), Unified(0.9, F, C, SIZE))):
+    for i, camera in enumerate(
+        (
+            KannalaBrandt(focal_px=F, centre_px=C, image_size=SIZE),
+            Unified(xi=0.9, focal_px=F, centre_px=C, image_size=SIZE),
+        )
+    ):
         convert(camera, tmp_path / f"{i}.yaml", to="kalibr")
     second = (tmp_path / "1.yaml").read_text().replace("cam0", "cam1")
     (tmp_path / "rig.yaml").write_text((tmp_path / "0.yaml").read_text() + second)
@@ -416,7 +439,9 @@ def test_distance_inside_sensor_raises(tmp_path):
 
 def test_viewpoint_motion_is_reported_by_distance(tmp_path):
     camera = ViewpointSpline.from_model(
-        Unified(0.95, (120.0, 120.0), (319.5, 239.5), (640, 480)), 6, 200.0
+        Unified(xi=0.95, focal_px=(120.0, 120.0), centre_px=(319.5, 239.5), image_size=(640, 480)),
+        6,
+        200.0,
     )
     values = [
         p.value + (3.0 if p.unit == "mm" and p.name.endswith(("5", "6")) else 0.0)

@@ -28,7 +28,13 @@ def off_px(model, central, omega_max_deg):
 
 
 def test_unknown_mirror_reproduces_central_model():
-    central = Unified(1.1, (260.0, 260.0), (318.0, 242.0), (640, 480), optics="mirror")
+    central = Unified(
+        xi=1.1,
+        focal_px=(260.0, 260.0),
+        centre_px=(318.0, 242.0),
+        image_size=(640, 480),
+        optics="mirror",
+    )
     model = om.SensorModel.from_central_model(central, omega_max_deg=125.0)
     assert off_px(model, central, 125.0) < 0.1
     assert 0 < model.viewpoint_mm[2] < 40
@@ -84,7 +90,13 @@ def test_ball_outline_is_reproduced():
 
 def test_distant_ball_equals_parallel_projection():
     near = om.mirror_ball_model((1001, 1001), (500.0, 500.0), 400.0, focal_px=4e6)
-    far = om.MirrorBall((500.0, 500.0), 400.0, 360.0, (1001, 1001), mount=near.mount)
+    far = om.MirrorBall(
+        centre_px=(500.0, 500.0),
+        rim_radius_px=400.0,
+        field_deg=360.0,
+        image_size=(1001, 1001),
+        mount=near.mount,
+    )
     pixels = np.array([[600.0, 500.0], [500.0, 250.0], [350.0, 700.0]])
     np.testing.assert_allclose(
         near.backproject(pixels).directions, far.backproject(pixels).directions, atol=2e-3

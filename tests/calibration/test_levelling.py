@@ -48,7 +48,13 @@ def test_vertical_edges_of_room_give_tilt(lean):
     "looked", [Mount("forward", pitch_deg=-20.0, roll_deg=4.0), Mount("up", pitch_deg=6.0)]
 )
 def test_tilt_of_ball_in_room(looked):
-    ball = om.MirrorBall((349.5, 349.5), 330.0, 340.0, (700, 700), looked)
+    ball = om.MirrorBall(
+        centre_px=(349.5, 349.5),
+        rim_radius_px=330.0,
+        field_deg=340.0,
+        image_size=(700, 700),
+        mount=looked,
+    )
     taken = om.render_image(ball, om.Room(texel_mm=15.0), samples=2)
     ball = replace(ball, mount=Mount(looked.camera_looks))
     level = level_from_image(taken, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
@@ -63,11 +69,11 @@ def test_large_images_are_reduced():
     levels = []
     for size in (720, 2880):
         ball = om.MirrorBall(
-            ((size - 1) / 2,) * 2,
-            0.48 * size,
-            300.0,
-            (size, size),
-            Mount(pitch_deg=5.0, roll_deg=-3.0),
+            centre_px=((size - 1) / 2,) * 2,
+            rim_radius_px=0.48 * size,
+            field_deg=300.0,
+            image_size=(size, size),
+            mount=Mount(pitch_deg=5.0, roll_deg=-3.0),
         )
         apart = size // 720  # pixel spacing of traced rays, which vary linearly in between
         v, u = np.mgrid[:720, :720] * apart + (apart - 1) / 2

@@ -164,7 +164,13 @@ def test_images_with_too_few_edges_raise():
     with pytest.raises(InvalidParameter, match="2 different sizes"):
         om.calibrate_plumb_lines([grey, grey[:100]])
     truth, picture = scene()
-    other = Unified(1.0, (100.0, 100.0), (99.5, 99.5), (200, 200), optics="mirror")
+    other = Unified(
+        xi=1.0,
+        focal_px=(100.0, 100.0),
+        centre_px=(99.5, 99.5),
+        image_size=(200, 200),
+        optics="mirror",
+    )
     with pytest.raises(
         InvalidParameter, match="size of the images, 640 x 640 px; got 200 x 200 px"
     ):

@@ -83,28 +83,59 @@ ROOM = om.Room(texel_mm=20.0)
 CENTRE, SIZE, RIM = (161.0, 157.0), (320, 320), 150.0
 DRAWN = om.load_sensor("paper-equidistant")
 CALIBRATED = {
-    "unified": om.Unified(0.9, (130.0, 131.0), CENTRE, SIZE, k1=-0.02, p1=1e-3, rim_radius_px=RIM),
-    "enhanced-unified": om.EnhancedUnified(
-        0.55, 1.1, (60.0, 60.5), CENTRE, SIZE, rim_radius_px=RIM
+    "unified": om.Unified(
+        xi=0.9,
+        focal_px=(130.0, 131.0),
+        centre_px=CENTRE,
+        image_size=SIZE,
+        k1=-0.02,
+        p1=1e-3,
+        rim_radius_px=RIM,
     ),
-    "double-sphere": om.DoubleSphere(0.1, 0.55, (60.0, 60.0), CENTRE, SIZE, rim_radius_px=RIM),
-    "kannala-brandt": om.KannalaBrandt((66.0, 66.5), CENTRE, SIZE, k1=-0.01, rim_radius_px=RIM),
-    "ocam": om.OCam((-80.0, 0.0, 0.002, 0.0, 1e-8), CENTRE, SIZE, rim_radius_px=RIM),
+    "enhanced-unified": om.EnhancedUnified(
+        alpha=0.55,
+        beta=1.1,
+        focal_px=(60.0, 60.5),
+        centre_px=CENTRE,
+        image_size=SIZE,
+        rim_radius_px=RIM,
+    ),
+    "double-sphere": om.DoubleSphere(
+        xi=0.1,
+        alpha=0.55,
+        focal_px=(60.0, 60.0),
+        centre_px=CENTRE,
+        image_size=SIZE,
+        rim_radius_px=RIM,
+    ),
+    "kannala-brandt": om.KannalaBrandt(
+        focal_px=(66.0, 66.5), centre_px=CENTRE, image_size=SIZE, k1=-0.01, rim_radius_px=RIM
+    ),
+    "ocam": om.OCam(
+        polynomial=(-80.0, 0.0, 0.002, 0.0, 1e-8),
+        centre_px=CENTRE,
+        image_size=SIZE,
+        rim_radius_px=RIM,
+    ),
     "radial-spline": om.RadialSpline(
-        (35.0, 72.0, 108.0, 140.0, 165.0), 270.0, CENTRE, SIZE, rim_radius_px=RIM
+        radii_px=(35.0, 72.0, 108.0, 140.0, 165.0),
+        field_deg=270.0,
+        centre_px=CENTRE,
+        image_size=SIZE,
+        rim_radius_px=RIM,
     ),
     "viewpoint-spline": om.ViewpointSpline(
-        (35.0, 72.0, 108.0, 140.0, 165.0),
-        (0.0, -2.0, -5.0, -9.0, -14.0),
-        270.0,
-        CENTRE,
-        SIZE,
+        radii_px=(35.0, 72.0, 108.0, 140.0, 165.0),
+        viewpoints_mm=(0.0, -2.0, -5.0, -9.0, -14.0),
+        field_deg=270.0,
+        centre_px=CENTRE,
+        image_size=SIZE,
         rim_radius_px=RIM,
     ),
     "a fisheye": om.KannalaBrandt(
-        (90.0, 90.0),
-        CENTRE,
-        SIZE,
+        focal_px=(90.0, 90.0),
+        centre_px=CENTRE,
+        image_size=SIZE,
         k1=0.01,
         optics="fisheye",
         mount=Mount("down"),

@@ -42,7 +42,12 @@ def models():
     sensor = replace(sensor, mount=Mount("down", 30.0, True, 4.0, -3.0))
     yield om.SensorModel(sensor, FREE)
     yield Unified(
-        1.0, (260.0, 260.0), (511.5, 511.5), (1024, 1024), optics="mirror", mount=Mount("up")
+        xi=1.0,
+        focal_px=(260.0, 260.0),
+        centre_px=(511.5, 511.5),
+        image_size=(1024, 1024),
+        optics="mirror",
+        mount=Mount("up"),
     )
 
 
@@ -142,7 +147,9 @@ def test_command_prints_and_draws_uncertainty(tmp_path):
 def test_all_interfaces_return_same_direction_uncertainty():
     """Results of a calibration, of pixels of its camera, and of the covariance itself."""
     board = om.Board("chessboard", 11, 7, 30.0)
-    truth = om.Unified(0.9, (160.0, 160.0), (322.0, 238.0), (640, 480))
+    truth = om.Unified(
+        xi=0.9, focal_px=(160.0, 160.0), centre_px=(322.0, 238.0), image_size=(640, 480)
+    )
     found = om.calibrate_camera(
         om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified"
     )
@@ -154,14 +161,36 @@ def test_all_interfaces_return_same_direction_uncertainty():
 
 SIZE, CENTRE, FOCAL = (640, 480), (319.5, 239.5), (140.0, 140.0)
 MODELS = [
-    Unified(0.9, FOCAL, CENTRE, SIZE, k1=-0.01, k3=0.001, optics="mirror"),
-    EnhancedUnified(0.55, 1.1, FOCAL, CENTRE, SIZE, optics="mirror"),
-    DoubleSphere(-0.1, 0.55, FOCAL, CENTRE, SIZE, optics="mirror"),
-    KannalaBrandt(FOCAL, CENTRE, SIZE, 0.02, k4=1e-4, optics="mirror"),
-    KannalaBrandt(FOCAL, CENTRE, SIZE, 0.02, k4=1e-4, optics="fisheye", mount=Mount("forward")),
-    OCam((-140.0, 0.0, 1.8e-3, 1e-7), CENTRE, SIZE),
-    RadialSpline((75.0, 150.0, 230.0), 270.0, CENTRE, SIZE),
-    MirrorBall(CENTRE, 230.0, 250.0, SIZE),
+    Unified(
+        xi=0.9,
+        focal_px=FOCAL,
+        centre_px=CENTRE,
+        image_size=SIZE,
+        k1=-0.01,
+        k3=0.001,
+        optics="mirror",
+    ),
+    EnhancedUnified(
+        alpha=0.55, beta=1.1, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE, optics="mirror"
+    ),
+    DoubleSphere(
+        xi=-0.1, alpha=0.55, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE, optics="mirror"
+    ),
+    KannalaBrandt(
+        focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE, k1=0.02, k4=1e-4, optics="mirror"
+    ),
+    KannalaBrandt(
+        focal_px=FOCAL,
+        centre_px=CENTRE,
+        image_size=SIZE,
+        k1=0.02,
+        k4=1e-4,
+        optics="fisheye",
+        mount=Mount("forward"),
+    ),
+    OCam(polynomial=(-140.0, 0.0, 1.8e-3, 1e-7), centre_px=CENTRE, image_size=SIZE),
+    RadialSpline(radii_px=(75.0, 150.0, 230.0), field_deg=270.0, centre_px=CENTRE, image_size=SIZE),
+    MirrorBall(centre_px=CENTRE, rim_radius_px=230.0, field_deg=250.0, image_size=SIZE),
 ]
 
 
@@ -245,7 +274,16 @@ def test_the_command_reports_the_calibrated_field(tmp_path):
 def test_conversion_is_restricted_to_the_calibrated_field(to, tmp_path):
     """A camera with a k3 that no other program supports, and that deviates from other models beyond
     its corners."""
-    camera = Unified(0.9, FOCAL, CENTRE, SIZE, k1=-0.01, k2=1e-3, k3=2e-4, optics="mirror")
+    camera = Unified(
+        xi=0.9,
+        focal_px=FOCAL,
+        centre_px=CENTRE,
+        image_size=SIZE,
+        k1=-0.01,
+        k2=1e-3,
+        k3=2e-4,
+        optics="mirror",
+    )
     known = Uncertainty(
         tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 95.0
     )

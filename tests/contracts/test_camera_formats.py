@@ -26,26 +26,118 @@ from tests.calibration.formats.examples import SIZE, THIN_PRISM, C, F
 FISHEYE = {"optics": "fisheye"}
 CAMERAS = {
     "ocam": OCam(
-        (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)
+        polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
+        centre_px=C,
+        image_size=SIZE,
+        affine=(0.9998, 4.4e-4, 8e-5),
     ),
-    "ocam-degree-7": OCam((-131.5, 0.0, 1.8e-3, 2e-7, -7e-10, 1e-13, 2e-16, 3e-19), C, SIZE),
-    "ocam-fisheye": OCam((-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9), (505.5, 381.8), SIZE, **FISHEYE),
-    "unified": Unified(0.93, F, C, SIZE, 0.31, -0.01, 0.002, p1=1e-3, p2=-2e-3),
-    "unified-k3": Unified(0.93, F, C, SIZE, 0.31, -0.01, 0.002, 3e-4, 1e-3, -2e-3),
-    "unified-no-skew": Unified(0.93, F, C, SIZE, 0.0, -0.01, 0.002, p1=1e-3, p2=-2e-3),
-    "unified-fisheye": Unified(1.4, (900.0, 905.0), C, SIZE, 0.2, 0.02, 0.003, **FISHEYE),
-    "pinhole": Unified(0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, **FISHEYE),
-    "enhanced-unified": EnhancedUnified(0.6, 1.1, F, C, SIZE),
-    "double-sphere": DoubleSphere(0.3, 0.6, F, C, SIZE),
-    "kannala-brandt": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, **FISHEYE),
-    "kannala-brandt-no-skew": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, **FISHEYE),
-    "radial-spline": RadialSpline.from_model(Unified(0.93, F, C, SIZE), 8, 230.0),
+    "ocam-degree-7": OCam(
+        polynomial=(-131.5, 0.0, 1.8e-3, 2e-7, -7e-10, 1e-13, 2e-16, 3e-19),
+        centre_px=C,
+        image_size=SIZE,
+    ),
+    "ocam-fisheye": OCam(
+        polynomial=(-551.8, 0.0, 8.4e-4, -6.5e-7, 1.2e-9),
+        centre_px=(505.5, 381.8),
+        image_size=SIZE,
+        **FISHEYE,
+    ),
+    "unified": Unified(
+        xi=0.93,
+        focal_px=F,
+        centre_px=C,
+        image_size=SIZE,
+        skew_px=0.31,
+        k1=-0.01,
+        k2=0.002,
+        p1=1e-3,
+        p2=-2e-3,
+    ),
+    "unified-k3": Unified(
+        xi=0.93,
+        focal_px=F,
+        centre_px=C,
+        image_size=SIZE,
+        skew_px=0.31,
+        k1=-0.01,
+        k2=0.002,
+        k3=3e-4,
+        p1=1e-3,
+        p2=-2e-3,
+    ),
+    "unified-no-skew": Unified(
+        xi=0.93,
+        focal_px=F,
+        centre_px=C,
+        image_size=SIZE,
+        skew_px=0.0,
+        k1=-0.01,
+        k2=0.002,
+        p1=1e-3,
+        p2=-2e-3,
+    ),
+    "unified-fisheye": Unified(
+        xi=1.4,
+        focal_px=(900.0, 905.0),
+        centre_px=C,
+        image_size=SIZE,
+        skew_px=0.2,
+        k1=0.02,
+        k2=0.003,
+        **FISHEYE,
+    ),
+    "pinhole": Unified(
+        xi=0.0,
+        focal_px=(600.0, 602.0),
+        centre_px=C,
+        image_size=SIZE,
+        skew_px=0.0,
+        k1=-0.2,
+        k2=0.05,
+        k3=0.01,
+        p1=1e-3,
+        p2=-2e-3,
+        **FISHEYE,
+    ),
+    "enhanced-unified": EnhancedUnified(
+        alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE
+    ),
+    "double-sphere": DoubleSphere(xi=0.3, alpha=0.6, focal_px=F, centre_px=C, image_size=SIZE),
+    "kannala-brandt": KannalaBrandt(
+        focal_px=F,
+        centre_px=C,
+        image_size=SIZE,
+        k1=0.02,
+        k2=-0.003,
+        k3=4e-4,
+        k4=-1e-5,
+        skew_px=0.4,
+        **FISHEYE,
+    ),
+    "kannala-brandt-no-skew": KannalaBrandt(
+        focal_px=F, centre_px=C, image_size=SIZE, k1=0.02, k2=-0.003, k3=4e-4, k4=-1e-5, **FISHEYE
+    ),
+    "radial-spline": RadialSpline.from_model(
+        Unified(xi=0.93, focal_px=F, centre_px=C, image_size=SIZE), 8, 230.0
+    ),
     "rational": RationalPinhole(
-        (600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002
+        focal_px=(600.0, 602.0),
+        centre_px=C,
+        image_size=SIZE,
+        k1=0.3,
+        k2=-0.05,
+        k3=0.01,
+        k4=0.4,
+        k5=0.02,
+        k6=0.004,
+        p1=0.003,
+        p2=-0.002,
     ),
     "thin-prism": THIN_PRISM,
     "sensor": om.load_sensor("paper-spherical"),
-    "kannala-brandt-mirror": KannalaBrandt(F, C, SIZE, -0.02, 0.003),
+    "kannala-brandt-mirror": KannalaBrandt(
+        focal_px=F, centre_px=C, image_size=SIZE, k1=-0.02, k2=0.003
+    ),
 }
 LAYOUTS = {
     name: x for kind in FORMATS.values() for name, x in kind.layouts.items() if not x.is_panorama

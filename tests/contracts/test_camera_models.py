@@ -26,24 +26,62 @@ from omnimirror.cameras.models import (
 C, S = (322.0, 238.0), (640, 480)
 RADII = (44.0, 92.0, 143.0, 191.0, 230.0)
 MODELS = {
-    "unified": Unified(0.9, (220.0, 223.0), C, S, 0.4, -0.08, 0.02, -0.001, 0.003, -0.002),
-    "unified-paraboloid": Unified(1.0, (120.0, 120.0), C, S),
-    "unified-beyond-one": Unified(1.4, (330.0, 330.0), C, S, k1=-0.05),
-    "unified-pinhole": Unified(0.0, (120.0, 120.0), C, S, k1=-0.01, optics="fisheye"),
-    "enhanced-unified": EnhancedUnified(0.6, 1.1, (180.0, 182.0), C, S, -0.3),
-    "enhanced-unified-flat": EnhancedUnified(0.4, 0.9, (180.0, 182.0), C, S, optics="fisheye"),
-    "double-sphere": DoubleSphere(-0.2, 0.6, (180.0, 181.0), C, S, 0.2, optics="fisheye"),
-    "double-sphere-ahead": DoubleSphere(0.3, 0.4, (180.0, 181.0), C, S),
-    "kannala-brandt": KannalaBrandt((170.0, 171.0), C, S, 0.05, -0.02, 0.003, -0.0002, 0.5),
+    "unified": Unified(
+        xi=0.9,
+        focal_px=(220.0, 223.0),
+        centre_px=C,
+        image_size=S,
+        skew_px=0.4,
+        k1=-0.08,
+        k2=0.02,
+        k3=-0.001,
+        p1=0.003,
+        p2=-0.002,
+    ),
+    "unified-paraboloid": Unified(xi=1.0, focal_px=(120.0, 120.0), centre_px=C, image_size=S),
+    "unified-beyond-one": Unified(
+        xi=1.4, focal_px=(330.0, 330.0), centre_px=C, image_size=S, k1=-0.05
+    ),
+    "unified-pinhole": Unified(
+        xi=0.0, focal_px=(120.0, 120.0), centre_px=C, image_size=S, k1=-0.01, optics="fisheye"
+    ),
+    "enhanced-unified": EnhancedUnified(
+        alpha=0.6, beta=1.1, focal_px=(180.0, 182.0), centre_px=C, image_size=S, skew_px=-0.3
+    ),
+    "enhanced-unified-flat": EnhancedUnified(
+        alpha=0.4, beta=0.9, focal_px=(180.0, 182.0), centre_px=C, image_size=S, optics="fisheye"
+    ),
+    "double-sphere": DoubleSphere(
+        xi=-0.2,
+        alpha=0.6,
+        focal_px=(180.0, 181.0),
+        centre_px=C,
+        image_size=S,
+        skew_px=0.2,
+        optics="fisheye",
+    ),
+    "double-sphere-ahead": DoubleSphere(
+        xi=0.3, alpha=0.4, focal_px=(180.0, 181.0), centre_px=C, image_size=S
+    ),
+    "kannala-brandt": KannalaBrandt(
+        focal_px=(170.0, 171.0),
+        centre_px=C,
+        image_size=S,
+        k1=0.05,
+        k2=-0.02,
+        k3=0.003,
+        k4=-0.0002,
+        skew_px=0.5,
+    ),
     "thin-prism-fisheye": ThinPrismFisheye(
-        (170.0, 171.0),
-        C,
-        S,
-        0.05,
-        -0.02,
-        0.003,
-        -0.0002,
-        0.5,
+        focal_px=(170.0, 171.0),
+        centre_px=C,
+        image_size=S,
+        k1=0.05,
+        k2=-0.02,
+        k3=0.003,
+        k4=-0.0002,
+        skew_px=0.5,
         k5=1e-5,
         k6=-1e-6,
         p1=0.003,
@@ -54,16 +92,52 @@ MODELS = {
         s4=4e-4,
     ),
     "rational-pinhole": RationalPinhole(
-        (300.0, 303.0), C, S, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002, 0.4
+        focal_px=(300.0, 303.0),
+        centre_px=C,
+        image_size=S,
+        k1=0.3,
+        k2=-0.05,
+        k3=0.01,
+        k4=0.4,
+        k5=0.02,
+        k6=0.004,
+        p1=0.003,
+        p2=-0.002,
+        skew_px=0.4,
     ),
     "ocam": OCam(
-        (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, S, (0.999, 4e-3, -2e-3)
+        polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
+        centre_px=C,
+        image_size=S,
+        affine=(0.999, 4e-3, -2e-3),
     ),
-    "ocam-fisheye": OCam((-151.7655, 0.0, 8.37e-04, -6.4e-07, 1.2e-09), C, S, optics="fisheye"),
-    "ball": MirrorBall(C, 230.0, 300.0, S),
-    "radial-spline": RadialSpline(RADII, 230.0, C, S, 0.003, -0.002, 1e-5, -2e-5),
+    "ocam-fisheye": OCam(
+        polynomial=(-151.7655, 0.0, 8.37e-04, -6.4e-07, 1.2e-09),
+        centre_px=C,
+        image_size=S,
+        optics="fisheye",
+    ),
+    "ball": MirrorBall(centre_px=C, rim_radius_px=230.0, field_deg=300.0, image_size=S),
+    "radial-spline": RadialSpline(
+        radii_px=RADII,
+        field_deg=230.0,
+        centre_px=C,
+        image_size=S,
+        stretch_x=0.003,
+        shear=-0.002,
+        p1=1e-5,
+        p2=-2e-5,
+    ),
     "viewpoint-spline": ViewpointSpline(
-        RADII, (-2.0, -1.5, 0.3, 2.5, 5.0), 230.0, C, S, 0.003, -0.002, 1e-5, -2e-5
+        radii_px=RADII,
+        viewpoints_mm=(-2.0, -1.5, 0.3, 2.5, 5.0),
+        field_deg=230.0,
+        centre_px=C,
+        image_size=S,
+        stretch_x=0.003,
+        shear=-0.002,
+        p1=1e-5,
+        p2=-2e-5,
     ),
 }
 MOUNTS = [Mount(), Mount("forward", 20.0, image_flipped=True)]

@@ -44,46 +44,108 @@ MODELS = {
     "misaligned-telecentric": replace(
         om.load_sensor("paraboloid-telecentric"), mirror_pose=MirrorPose(-0.7, 0.4, -1.0, 0.5, 1.0)
     ),
-    "ocam-mirror": om.OCam(CATADIOPTRIC, (515.323794, 382.294245), (1024, 768), SKEWED),
-    "ocam-mirror-rim": om.OCam(CATADIOPTRIC, (515.3, 382.3), (1024, 768), rim_radius_px=452.0),
-    "ocam-fisheye": om.OCam(FISHEYE, (505.480427, 381.777786), (1024, 768), optics="fisheye"),
-    "unified": Unified(0.96, (220.0, 220.0), (320.0, 238.0), (640, 480), k1=-0.06, k2=0.01),
+    "ocam-mirror": om.OCam(
+        polynomial=CATADIOPTRIC,
+        centre_px=(515.323794, 382.294245),
+        image_size=(1024, 768),
+        affine=SKEWED,
+    ),
+    "ocam-mirror-rim": om.OCam(
+        polynomial=CATADIOPTRIC,
+        centre_px=(515.3, 382.3),
+        image_size=(1024, 768),
+        rim_radius_px=452.0,
+    ),
+    "ocam-fisheye": om.OCam(
+        polynomial=FISHEYE,
+        centre_px=(505.480427, 381.777786),
+        image_size=(1024, 768),
+        optics="fisheye",
+    ),
+    "unified": Unified(
+        xi=0.96,
+        focal_px=(220.0, 220.0),
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
+        k1=-0.06,
+        k2=0.01,
+    ),
     "unified-distorted": Unified(
-        0.9, (220.0, 223.0), (322.0, 238.0), (640, 480), 0.4, -0.08, 0.02, -0.001, 0.003, -0.002
+        xi=0.9,
+        focal_px=(220.0, 223.0),
+        centre_px=(322.0, 238.0),
+        image_size=(640, 480),
+        skew_px=0.4,
+        k1=-0.08,
+        k2=0.02,
+        k3=-0.001,
+        p1=0.003,
+        p2=-0.002,
     ),
     "unified-folding": Unified(
-        1.4, (330.0, 330.0), (322.0, 238.0), (640, 480), k1=-0.5, rim_radius_px=200.0
+        xi=1.4,
+        focal_px=(330.0, 330.0),
+        centre_px=(322.0, 238.0),
+        image_size=(640, 480),
+        k1=-0.5,
+        rim_radius_px=200.0,
     ),
-    "enhanced-unified": EnhancedUnified(0.6, 1.1, (180.0, 180.0), (320.0, 238.0), (640, 480)),
+    "enhanced-unified": EnhancedUnified(
+        alpha=0.6,
+        beta=1.1,
+        focal_px=(180.0, 180.0),
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
+    ),
     "double-sphere": DoubleSphere(
-        -0.2, 0.6, (180.0, 181.0), (320.0, 238.0), (640, 480), optics="fisheye"
+        xi=-0.2,
+        alpha=0.6,
+        focal_px=(180.0, 181.0),
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
+        optics="fisheye",
     ),
     "kannala-brandt": KannalaBrandt(
-        (170.0, 170.0), (325.0, 235.0), (640, 480), 0.05, -0.02, 0.003, -0.0002
+        focal_px=(170.0, 170.0),
+        centre_px=(325.0, 235.0),
+        image_size=(640, 480),
+        k1=0.05,
+        k2=-0.02,
+        k3=0.003,
+        k4=-0.0002,
     ),
     "radial-spline": RadialSpline(
-        (44.0, 92.0, 143.0, 191.0, 230.0), 230.0, (320.0, 238.0), (640, 480)
+        radii_px=(44.0, 92.0, 143.0, 191.0, 230.0),
+        field_deg=230.0,
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
     ),
     "radial-spline-stretched": RadialSpline(
-        (44.0, 92.0, 143.0, 191.0, 230.0),
-        230.0,
-        (320.0, 238.0),
-        (640, 480),
-        0.003,
-        -0.002,
-        1e-5,
-        -2e-5,
+        radii_px=(44.0, 92.0, 143.0, 191.0, 230.0),
+        field_deg=230.0,
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
+        stretch_x=0.003,
+        shear=-0.002,
+        p1=1e-5,
+        p2=-2e-5,
     ),
     "viewpoint-spline": ViewpointSpline(
-        (44.0, 92.0, 143.0, 191.0, 230.0),
-        (-2.0, -1.5, 0.0, 2.5, 5.0),
-        230.0,
-        (320.0, 238.0),
-        (640, 480),
+        radii_px=(44.0, 92.0, 143.0, 191.0, 230.0),
+        viewpoints_mm=(-2.0, -1.5, 0.0, 2.5, 5.0),
+        field_deg=230.0,
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
     ),
-    "ball-260": om.MirrorBall((1226.0, 1217.5), 1122.75, 260.0, (2464, 2464)),
-    "ball-cut": om.MirrorBall((100.0, 400.0), 390.0, 350.0, (640, 480)),
-    "ball-whole": om.MirrorBall((500.0, 500.0), 499.0, 360.0, (1001, 1001)),
+    "ball-260": om.MirrorBall(
+        centre_px=(1226.0, 1217.5), rim_radius_px=1122.75, field_deg=260.0, image_size=(2464, 2464)
+    ),
+    "ball-cut": om.MirrorBall(
+        centre_px=(100.0, 400.0), rim_radius_px=390.0, field_deg=350.0, image_size=(640, 480)
+    ),
+    "ball-whole": om.MirrorBall(
+        centre_px=(500.0, 500.0), rim_radius_px=499.0, field_deg=360.0, image_size=(1001, 1001)
+    ),
 }
 LOPSIDED = {
     *("misaligned", "misaligned-telecentric", "distorted-tangentially", "ocam-mirror"),

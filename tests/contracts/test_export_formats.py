@@ -20,7 +20,9 @@ SENSOR = om.load_sensor("paper-spherical")
 IMAGER = replace(SENSOR.imager, width_px=48, height_px=40, pixel_pitch_um=5.2 * 1024 / 44)
 CAMERAS = {
     "misaligned": replace(SENSOR, imager=IMAGER, mirror_pose=MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)),
-    "calibrated": om.Unified(0.9, (30.0, 30.0), (31.5, 23.5), (64, 48)),
+    "calibrated": om.Unified(
+        xi=0.9, focal_px=(30.0, 30.0), centre_px=(31.5, 23.5), image_size=(64, 48)
+    ),
 }
 
 

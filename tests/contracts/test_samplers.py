@@ -541,7 +541,12 @@ def test_a_real_photograph_is_the_same_by_all(interpolation, shared_data, uncomp
     """Maps created from cameras and screens: a panorama, a view, and a mosaic."""
     image = om.read_image(shared_data / "mirrorball" / "store.jpg")
     image = cv2.resize(image, (1024, 1024), interpolation=cv2.INTER_AREA)
-    ball, screens = om.MirrorBall((511.5, 509.5), 480.0, 270.0, (1024, 1024)), om.screens
+    ball, screens = (
+        om.MirrorBall(
+            centre_px=(511.5, 509.5), rim_radius_px=480.0, field_deg=270.0, image_size=(1024, 1024)
+        ),
+        om.screens,
+    )
     views = [
         screens.Cylinder((500, 200), -90.0, 45.0),
         screens.Plane((320, 200), 10.0, -40.0, 0.0, 130.0),

@@ -178,8 +178,16 @@ CAMERAS = {
         for name in ("paper-spherical", "paper-hyperboloidal", "paraboloid-telecentric")
     },
     **{kind: sensor_of(kind) for kind in ("cone", "equidistant", "ellipsoid")},
-    "ocam": om.OCam(CATADIOPTRIC, (515.3, 382.3), (1024, 768), SKEWED, rim_radius_px=452.0),
-    "ball": om.MirrorBall((500.0, 500.0), 499.0, 300.0, (1001, 1001)),
+    "ocam": om.OCam(
+        polynomial=CATADIOPTRIC,
+        centre_px=(515.3, 382.3),
+        image_size=(1024, 768),
+        affine=SKEWED,
+        rim_radius_px=452.0,
+    ),
+    "ball": om.MirrorBall(
+        centre_px=(500.0, 500.0), rim_radius_px=499.0, field_deg=300.0, image_size=(1001, 1001)
+    ),
 }
 MOUNTS = [Mount("up"), Mount("down", 20.0), Mount("forward"), Mount("up", 33.0, True, 4.0, -9.0)]
 STANDING = [
@@ -311,7 +319,12 @@ def test_one_pixel_is_a_picture(name):
     assert targets.shape == (1, 1, 3)
     if "dome" not in name or "zenith" in name:  # a dome can exclude its pole
         assert np.isfinite(targets).all()
-    camera = om.OCam((-200.0, 0.0, 1e-4), (320.0, 240.0), (640, 480), optics="fisheye")
+    camera = om.OCam(
+        polynomial=(-200.0, 0.0, 1e-4),
+        centre_px=(320.0, 240.0),
+        image_size=(640, 480),
+        optics="fisheye",
+    )
     assert exact_pixels(camera, screen).shape == (1, 1, 2)
 
 

@@ -18,8 +18,15 @@ from omnimirror.optics.sensor_files import bundled_sensors
 from tests.everyday import few
 from tests.samplers import remap_at
 
-BALL = om.MirrorBall((511.0, 509.5), 480.0, 270.0, (1024, 1020))
-FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (320.0, 240.0), (640, 480), optics="fisheye")
+BALL = om.MirrorBall(
+    centre_px=(511.0, 509.5), rim_radius_px=480.0, field_deg=270.0, image_size=(1024, 1020)
+)
+FISHEYE = om.OCam(
+    polynomial=(-250.0, 0.0, 4e-4),
+    centre_px=(320.0, 240.0),
+    image_size=(640, 480),
+    optics="fisheye",
+)
 CAMERAS = {
     **{name: om.load_sensor(name) for name in bundled_sensors()},
     "ball": BALL,
@@ -92,7 +99,9 @@ def test_separability_requires_vertical_axis():
 def test_cropped_camera_is_separable():
     """If the centre is near a corner, only some pixels around it determine the handedness of the
     image."""
-    camera = om.MirrorBall((3.0, 470.0), 900.0, 200.0, (640, 480))
+    camera = om.MirrorBall(
+        centre_px=(3.0, 470.0), rim_radius_px=900.0, field_deg=200.0, image_size=(640, 480)
+    )
     view = om.screens.Cylinder((300, 100), -90.0, 0.0)
     separable, general = polar_map_of(camera, view).pixels(), exact_pixels(camera, view)
     np.testing.assert_array_equal(np.isnan(separable), np.isnan(general))
@@ -263,7 +272,9 @@ def test_invalid_source_image_raises(picture, message):
 
 def test_image_too_large_for_opencv_raises(uncompiled):
     uncompiled()
-    camera = om.MirrorBall((20_000.0, 1.0), 15_000.0, 200.0, (40_000, 3))
+    camera = om.MirrorBall(
+        centre_px=(20_000.0, 1.0), rim_radius_px=15_000.0, field_deg=200.0, image_size=(40_000, 3)
+    )
     with pytest.raises(
         InvalidParameter, match=r"sides of the image must be at most .*; got 40000 x 3 px"
     ):

@@ -24,7 +24,9 @@ INSTRUCTIONS = ["opencv", *instructions()]
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 TOLERANCE = {"uint8": 1.5, "uint16": 4.0, "float32": 6e-5}
 KINDS = [(depth, channels) for depth in FULL for channels in (1, 2, 3, 4)]
-BALL = om.MirrorBall((511.5, 509.5), 480.0, 270.0, (1024, 1020))
+BALL = om.MirrorBall(
+    centre_px=(511.5, 509.5), rim_radius_px=480.0, field_deg=270.0, image_size=(1024, 1020)
+)
 
 
 @pytest.fixture(params=INSTRUCTIONS)
@@ -204,7 +206,9 @@ def test_lattice_averages_match_pixel_map(step, interpolation, sampler):
 )
 @pytest.mark.parametrize("dtype", few(["uint8", "float32"], "uint8"))
 def test_first_image_equals_later_images(dtype, interpolation, keep_map, sampler):
-    ball = om.MirrorBall((127.5, 126.5), 120.0, 270.0, (256, 254))
+    ball = om.MirrorBall(
+        centre_px=(127.5, 126.5), rim_radius_px=120.0, field_deg=270.0, image_size=(256, 254)
+    )
     noise = np.random.default_rng(5).integers(0, 256, (254, 256, 3)).astype(dtype)
     for view in (
         om.screens.Plane((70, 44), 10.0, -40.0, 0.0, 140.0),
@@ -311,7 +315,9 @@ def test_regions_join_without_seam():
 @pytest.mark.parametrize("camera", ["symmetric", "stretched"])
 def test_averages_exclude_outside_of_field(camera, sampler):
     """An image that is grey inside the field and bright beyond the reach of a single sample."""
-    ball = om.MirrorBall((255.5, 254.5), 240.0, 270.0, (512, 510))
+    ball = om.MirrorBall(
+        centre_px=(255.5, 254.5), rim_radius_px=240.0, field_deg=270.0, image_size=(512, 510)
+    )
     v, u = np.mgrid[:510, :512]
     picture = np.where(np.hypot(u - 255.5, v - 254.5) < 244, 80, 255).astype(np.uint8)
     view = om.screens.DomeMaster((90, 90), 150.0, "nadir")

@@ -552,7 +552,9 @@ def test_forked_processes_have_own_threads(some_threads):
 
 S = om.screens
 SAMPLES = 4
-CAMERA = om.MirrorBall((149.5, 149.5), 142.0, 270.0, (300, 300))
+CAMERA = om.MirrorBall(
+    centre_px=(149.5, 149.5), rim_radius_px=142.0, field_deg=270.0, image_size=(300, 300)
+)
 VIEWS = {
     "magnified": S.Plane((160, 120), 20.0, -15.0, 0.0, 45.0),
     "about 1 to 1": S.Cylinder((360, 135), -90.0, 45.0),

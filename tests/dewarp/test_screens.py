@@ -155,7 +155,9 @@ def test_cube_map_matches_ffmpeg(layout, ffmpeg, size):
     """The v360 filter of FFmpeg converts a cube map to the correct sphere and not to its mirror
     image."""
     av = pytest.importorskip("av")
-    camera = om.MirrorBall((300.0, 300.0), 290.0, 300.0, (601, 601))
+    camera = om.MirrorBall(
+        centre_px=(300.0, 300.0), rim_radius_px=290.0, field_deg=300.0, image_size=(601, 601)
+    )
     v, u = np.mgrid[:601, :601]
     image = np.dstack([u / 3, v / 3, 100 + 90 * np.sin(u / 40) * np.sin(v / 60)]).astype(np.uint8)
     sphere = om.Dewarper(camera, om.screens.Equirectangular((400, 200)))

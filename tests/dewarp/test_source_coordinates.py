@@ -43,7 +43,11 @@ def random_camera(rng: np.random.Generator) -> Any:
     kind = str(rng.choice([*MIRRORS, *BUNDLED, "ball"]))
     if kind == "ball":
         return om.MirrorBall(
-            (pixels / 2, pixels / 2), pixels * 0.48, rng.uniform(180, 340), (pixels, pixels), mount
+            centre_px=(pixels / 2, pixels / 2),
+            rim_radius_px=pixels * 0.48,
+            field_deg=rng.uniform(180, 340),
+            image_size=(pixels, pixels),
+            mount=mount,
         )
     if kind in BUNDLED:
         return replace(
@@ -147,7 +151,9 @@ def test_number_of_projections():
 
 def test_field_smaller_than_cell():
     """The whole sphere in 40 x 20 pixels: the field of a camera covers only a few of them."""
-    ball = om.MirrorBall((500.0, 500.0), 450.0, 30.0, (1001, 1001))
+    ball = om.MirrorBall(
+        centre_px=(500.0, 500.0), rim_radius_px=450.0, field_deg=30.0, image_size=(1001, 1001)
+    )
     view = Equirectangular((40, 20))
     quick, exact = screen_pixels(ball, view), exact_pixels(ball, view)
     assert np.isfinite(exact).any()
@@ -157,7 +163,9 @@ def test_field_smaller_than_cell():
 @pytest.mark.parametrize("size", [(1, 500), (7, 120), (500, 3), (40, 20)])
 def test_small_views_are_exact(size):
     """Neighbouring nodes of such views can be far apart, which precludes interpolation."""
-    ball = om.MirrorBall((2048.0, 2048.0), 1966.0, 258.8, (4096, 4096))
+    ball = om.MirrorBall(
+        centre_px=(2048.0, 2048.0), rim_radius_px=1966.0, field_deg=258.8, image_size=(4096, 4096)
+    )
     for view in (
         LittlePlanet(size, 231.0),
         Cylinder(size, -86.0, 28.0, distance_mm=400.0, offset_mm=(-41.0, 1.0, -60.0)),

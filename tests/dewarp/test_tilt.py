@@ -75,12 +75,20 @@ CAMERAS = {
     "sphere": om.load_sensor("paper-spherical"),
     "telecentric": om.load_sensor("paraboloid-telecentric"),
     "ocam": om.OCam(
-        (-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), rim_radius_px=380.0
+        polynomial=(-131.0, 0.0, 1.7e-3, 1.7e-6),
+        centre_px=(515.3, 382.3),
+        image_size=(1024, 768),
+        rim_radius_px=380.0,
     ),
     "stretched": om.OCam(
-        (-131.0, 0.0, 1.7e-3, 1.7e-6), (515.3, 382.3), (1024, 768), (0.99, 0.004, -0.003)
+        polynomial=(-131.0, 0.0, 1.7e-3, 1.7e-6),
+        centre_px=(515.3, 382.3),
+        image_size=(1024, 768),
+        affine=(0.99, 0.004, -0.003),
     ),
-    "ball": om.MirrorBall((500.0, 500.0), 499.0, 300.0, (1001, 1001)),
+    "ball": om.MirrorBall(
+        centre_px=(500.0, 500.0), rim_radius_px=499.0, field_deg=300.0, image_size=(1001, 1001)
+    ),
 }
 NEAR = {"distance_mm": 700.0, "offset_mm": (60.0, -40.0, 30.0)}
 VIEWS = {

@@ -12,7 +12,9 @@ from omnimirror.dewarp.video_files import dewarp_frame
 from omnimirror.io.video_frames import converted, frame_of_image, planes
 
 SIDE = 240
-BALL = om.MirrorBall((119.5, 119.5), 110.0, 250.0, (SIDE, SIDE))
+BALL = om.MirrorBall(
+    centre_px=(119.5, 119.5), rim_radius_px=110.0, field_deg=250.0, image_size=(SIDE, SIDE)
+)
 VIEW = om.screens.Plane((160, 120), pan_deg=20.0, tilt_deg=-30.0)
 DOME = om.views.dome(BALL, (130, 130))  # with corners outside the field
 LIMITED, FULL = 1, 2

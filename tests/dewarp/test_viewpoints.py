@@ -117,7 +117,15 @@ def test_exact_single_viewpoint():
     assert single_viewpoint(hyperboloid, 150.0) == pytest.approx(true, abs=1e-6)
     single, exact = (source_pixels(hyperboloid, view, v, exact=True) for v in ("single", "exact"))
     np.testing.assert_allclose(single, exact, atol=1e-6)
-    assert single_viewpoint(om.MirrorBall((50.0, 50.0), 50.0, 300.0, (101, 101)), 150.0) == 0.0
+    assert (
+        single_viewpoint(
+            om.MirrorBall(
+                centre_px=(50.0, 50.0), rim_radius_px=50.0, field_deg=300.0, image_size=(101, 101)
+            ),
+            150.0,
+        )
+        == 0.0
+    )
 
 
 def test_distant_screen_ignores_viewpoint():
@@ -142,7 +150,12 @@ def test_unknown_viewpoint_raises(viewpoint, message):
 
 
 def test_invalid_viewpoint_raises():
-    stretched = om.OCam((-200.0, 0.0, 1e-3), (320.0, 240.0), (640, 480), (1.001, 0.0, 0.0))
+    stretched = om.OCam(
+        polynomial=(-200.0, 0.0, 1e-3),
+        centre_px=(320.0, 240.0),
+        image_size=(640, 480),
+        affine=(1.001, 0.0, 0.0),
+    )
     view = om.screens.Plane((3, 2), tilt_deg=-40.0, distance_mm=500.0)
     with pytest.raises(
         InvalidParameter, match="must be 'exact' for a camera without axial symmetry; got 5 mm"
@@ -153,7 +166,9 @@ def test_invalid_viewpoint_raises():
         source_pixels(stretched, view, exact=True),
     )
     sky = om.screens.Plane((3, 2), tilt_deg=90.0, hfov_deg=20.0, distance_mm=500.0)
-    blind = om.MirrorBall((9999.0, 50.0), 50.0, 300.0, (101, 101))
+    blind = om.MirrorBall(
+        centre_px=(9999.0, 50.0), rim_radius_px=50.0, field_deg=300.0, image_size=(101, 101)
+    )
     with pytest.raises(
         OutsideField, match="at least one pixel of the camera must observe the scene"
     ):

@@ -14,8 +14,15 @@ from omnimirror.dewarp.views import MAX_PLANET_DEG
 
 from ..conftest import sensor_of
 
-BALL = om.MirrorBall((499.5, 499.5), 480.0, 260.0, (1000, 1000))
-FISHEYE = om.OCam((-250.0, 0.0, 4e-4), (319.5, 239.5), (640, 480), optics="fisheye")
+BALL = om.MirrorBall(
+    centre_px=(499.5, 499.5), rim_radius_px=480.0, field_deg=260.0, image_size=(1000, 1000)
+)
+FISHEYE = om.OCam(
+    polynomial=(-250.0, 0.0, 4e-4),
+    centre_px=(319.5, 239.5),
+    image_size=(640, 480),
+    optics="fisheye",
+)
 
 
 @pytest.mark.parametrize(
@@ -231,7 +238,9 @@ def test_max_zoom():
 
 @pytest.mark.parametrize("radius", [98.0, 243.0, 255.5])
 def test_equirectangular_aspect_ratio(radius):
-    ball = om.MirrorBall((255.5, 255.5), radius, 300.0, (512, 512))
+    ball = om.MirrorBall(
+        centre_px=(255.5, 255.5), rim_radius_px=radius, field_deg=300.0, image_size=(512, 512)
+    )
     for side in (1, 7, 50, 333, 720, 899):
         assert om.views.sphere(ball, (2 * side, None)).size == (2 * side, side)
         assert om.views.sphere(ball, (None, side)).size == (2 * side, side)

@@ -15,9 +15,11 @@ from omnimirror.dewarp.yuv import SITINGS
 from tests.everyday import few
 
 SIZE = (401, 400)  # odd and even
-BALL = om.MirrorBall((199.7, 200.2), 190.0, 270.0, SIZE)
+BALL = om.MirrorBall(
+    centre_px=(199.7, 200.2), rim_radius_px=190.0, field_deg=270.0, image_size=SIZE
+)
 CUT = om.MirrorBall(
-    (203.0, 198.0), 230.0, 270.0, (400, 400)
+    centre_px=(203.0, 198.0), rim_radius_px=230.0, field_deg=270.0, image_size=(400, 400)
 )  # with a field beyond all image borders
 SENSOR = om.load_sensor("paper-spherical")
 SCREENS = {
@@ -372,7 +374,9 @@ def test_chroma_subsamplings_match(scene, full_range, request):
     if scene == "photograph":
         picture = om.read_image(request.getfixturevalue("shared_data") / "mirrorball" / "store.jpg")
         picture = cv2.resize(picture, (1000, 1000), interpolation=cv2.INTER_AREA)
-        camera = om.MirrorBall((499.5, 499.5), 480.0, 270.0, (1000, 1000))
+        camera = om.MirrorBall(
+            centre_px=(499.5, 499.5), rim_radius_px=480.0, field_deg=270.0, image_size=(1000, 1000)
+        )
     else:
         picture, camera = om.render_image(SENSOR, om.Room(), samples=2), SENSOR
     planes, whole = coded(picture, full_range)

@@ -49,7 +49,17 @@ def omnidir(folder, points):
 
 @pytest.mark.parametrize("flip", [False, True])
 def test_omnidir_projects_the_same_points(tmp_path, flip, beside):
-    camera = Unified(0.93, F, C, SIZE, 0.31, -0.01, 0.002, p1=1e-3, p2=-2e-3)
+    camera = Unified(
+        xi=0.93,
+        focal_px=F,
+        centre_px=C,
+        image_size=SIZE,
+        skew_px=0.31,
+        k1=-0.01,
+        k2=0.002,
+        p1=1e-3,
+        p2=-2e-3,
+    )
     made = om.convert(camera, tmp_path / "a.yaml", to="opencv-omnidir", flip=flip)
     pixels, points = seen(made.camera)
     assert made.exact
@@ -69,9 +79,13 @@ def test_omnidir_takes_ocamcalibs_camera_within_the_cost_that_is_told(tmp_path):
 
 
 COLMAP = {
-    "colmap-opencv-fisheye": KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5),
+    "colmap-opencv-fisheye": KannalaBrandt(
+        focal_px=F, centre_px=C, image_size=SIZE, k1=0.02, k2=-0.003, k3=4e-4, k4=-1e-5
+    ),
     "colmap-rad-tan-thin-prism-fisheye": THIN_PRISM,
-    "colmap-eucm": EnhancedUnified(0.6, 1.1, F, C, SIZE, optics="fisheye"),
+    "colmap-eucm": EnhancedUnified(
+        alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE, optics="fisheye"
+    ),
 }
 
 
@@ -159,7 +173,11 @@ def test_cameras_of_colmap_are_read_as_it_projects_them(tmp_path, beside):
 
 
 def test_a_mirror_that_reaches_90_deg_says_what_colmap_leaves_out(tmp_path):
-    camera = OCam((-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE)
+    camera = OCam(
+        polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
+        centre_px=C,
+        image_size=SIZE,
+    )
     made = om.convert(
         camera, tmp_path / "cameras.txt", to="colmap-eucm", tolerance_px=20.0, field_deg=85.0
     )

@@ -132,7 +132,9 @@ def others() -> list[Camera]:
         tube,
         om.load_sensor("folded-spherical"),
         replace(SPH, imager_pose=ImagerPose(tilt_x_deg=1.0)),
-        om.Unified(0.9, (300.0, 300.0), (511.5, 511.5), (1024, 1024)),
+        om.Unified(
+            xi=0.9, focal_px=(300.0, 300.0), centre_px=(511.5, 511.5), image_size=(1024, 1024)
+        ),
     ]
 
 

@@ -49,7 +49,9 @@ WANTED = om.Requirements(
     lens=om.LensRequirements(theta_max_deg=12.0),
 )
 OCAM = _scaramuzza.write_ocamcalib(
-    om.OCam((-240.0, 0.0, 1e-3, 0.0, 0.0), (320.0, 240.0), (640, 480))
+    om.OCam(
+        polynomial=(-240.0, 0.0, 1e-3, 0.0, 0.0), centre_px=(320.0, 240.0), image_size=(640, 480)
+    )
 )
 
 FOCAL = {
@@ -209,7 +211,9 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "image": (om.RadialSpline(**SPLINE).image, {"points_mm": [[1.0, 2.0, -3.0]]}),
     "with_parameters": (
-        om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)).with_parameters,
+        om.MirrorBall(
+            centre_px=(16.0, 16.0), rim_radius_px=9.0, field_deg=260.0, image_size=(32, 32)
+        ).with_parameters,
         {"values": [9.0, 1, 2]},
     ),
     "load_camera": (om.load_camera, {"name_or_path": "calib.txt"}),
@@ -304,7 +308,9 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "project": (SENSOR.project, {"points_mm": [[100.0, 0.0, 50.0]]}),
     "project_directions": (SENSOR.project_directions, {"directions": [[1.0, 0.0, 0.0]]}),
     "project (ball)": (
-        om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)).project,
+        om.MirrorBall(
+            centre_px=(16.0, 16.0), rim_radius_px=9.0, field_deg=260.0, image_size=(32, 32)
+        ).project,
         {"points_mm": [[1.0, 2.0, -3.0]]},
     ),
     "aperture_rays": (SENSOR.aperture_rays, {"pixels": [[500.0, 500.0]], "pupil": [0.5, 0.0]}),
@@ -324,7 +330,9 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "convert": (
         om.convert,
         {
-            "source": om.Unified(0.9, (20.0, 20.0), (31.5, 23.5), (64, 48)),
+            "source": om.Unified(
+                xi=0.9, focal_px=(20.0, 20.0), centre_px=(31.5, 23.5), image_size=(64, 48)
+            ),
             "target": "out.yaml",
             "to": "kalibr-ds",
             "camera": 0,
@@ -585,8 +593,11 @@ def test_a_covariance_may_hold_zeros_and_rounding():
     assert rounded.sigmas == {"k1": 1.0, "k2": 1.0}
 
 
-BALL = om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64))
-PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
+BALL = om.MirrorBall(
+    centre_px=(31.5, 31.5), rim_radius_px=30.0, field_deg=280.0, image_size=(64, 64)
+)
+IMAGE = {"centre_px": (31.5, 23.5), "image_size": (64, 48)}
+PINHOLE = {"focal_px": (100.0, 100.0), **IMAGE}
 
 
 @pytest.mark.parametrize(
@@ -637,23 +648,23 @@ PINHOLE = (100.0, 100.0), (31.5, 23.5), (64, 48)
             "must be a range with 0 < low <= high; got 0 to 0",
         ),
         (
-            lambda _: om.Unified(0.9, *PINHOLE[:2], (64, 48, 3)),
+            lambda _: om.Unified(**{**PINHOLE, "xi": 0.9, "image_size": (64, 48, 3)}),
             r"image_size must be two numbers .*; got \(64, 48, 3\)",
         ),
         (
-            lambda _: om.Unified(0.9, PINHOLE[0], (1.0,), PINHOLE[2]),
+            lambda _: om.Unified(**{**PINHOLE, "xi": 0.9, "centre_px": (1.0,)}),
             r"centre_px must be two numbers \(u, v\); got \(1\.0,\)",
         ),
         (
-            lambda _: om.OCam((-9.0, 0.0), *PINHOLE[1:], affine=(1.0, 0.0)),
+            lambda _: om.OCam(polynomial=(-9.0, 0.0), **IMAGE, affine=(1.0, 0.0)),
             r"affine must be three numbers .*; got \(1\.0, 0\.0\)",
         ),
         (
-            lambda _: om.OCam(((-9.0,),), *PINHOLE[1:]),
+            lambda _: om.OCam(polynomial=((-9.0,),), **IMAGE),
             r"polynomial must be numbers of shape \(n,\)",
         ),
         (
-            lambda _: om.Unified(0.9, *PINHOLE).with_parameters([1.0]),
+            lambda _: om.Unified(xi=0.9, **PINHOLE).with_parameters([1.0]),
             r"values must have the shape \(\d+,\) for the parameters of unified; got shape \(1,\)",
         ),
         (
@@ -732,7 +743,7 @@ def test_refusals_name_the_argument_and_what_is_valid(call, sentence, tmp_path, 
 def test_a_double_sphere_whose_middle_is_at_its_pole_has_a_law_on_the_axis():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        camera = om.DoubleSphere(-1.0, 0.6, **FOCAL)
+        camera = om.DoubleSphere(xi=-1.0, alpha=0.6, **FOCAL)
         near, on = (camera.image([[x, 0.0, -100.0]]).d_points for x in (1e-6, 0.0))
     np.testing.assert_allclose(on, near, rtol=1e-6, atol=1e-9)
 

@@ -289,7 +289,10 @@ def _folder(tmp_path, monkeypatch):
     write_image("a.png", np.zeros((32, 32, 3), np.uint8))
     write_image("b.png", np.zeros((64, 64, 3), np.uint8))
     Path("loop").symlink_to("loop")
-    om.convert(om.OCam((-131.5, 0.0, 1.8e-3), (515.3, 380.3), (1024, 768)), "calib_results.txt")
+    om.convert(
+        om.OCam(polynomial=(-131.5, 0.0, 1.8e-3), centre_px=(515.3, 380.3), image_size=(1024, 768)),
+        "calib_results.txt",
+    )
     for name, form in {"parts": PARTS, "small": SENSOR, "wanted": JUDGED, "errors": ERRORS}.items():
         Path(f"{name}.toml").write_text(
             form.format(**dict(zip("abcd", USUAL[form], strict=True)), e="")

@@ -27,12 +27,14 @@ FOCAL: Any = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size":
 THINGS: dict[str, Any] = {
     "sensor": replace(SENSOR, imager=Imager(32, 32, 166.4)),
     "tilted sensor": replace(SENSOR, mirror_pose=replace(SENSOR.mirror_pose, tilt_x_deg=0.5)),
-    "unified": om.Unified(0.9, **FOCAL),
-    "enhanced unified": om.EnhancedUnified(0.6, 1.1, **FOCAL),
-    "double sphere": om.DoubleSphere(-0.2, 0.6, **FOCAL),
+    "unified": om.Unified(xi=0.9, **FOCAL),
+    "enhanced unified": om.EnhancedUnified(alpha=0.6, beta=1.1, **FOCAL),
+    "double sphere": om.DoubleSphere(xi=-0.2, alpha=0.6, **FOCAL),
     "Kannala-Brandt": om.KannalaBrandt(**FOCAL),
-    "ball": om.MirrorBall((16.0, 16.0), 9.0, 260.0, (32, 32)),
-    "OCam": om.OCam((-100.0, 0.0, 0.001), (16.0, 16.0), (32, 32)),
+    "ball": om.MirrorBall(
+        centre_px=(16.0, 16.0), rim_radius_px=9.0, field_deg=260.0, image_size=(32, 32)
+    ),
+    "OCam": om.OCam(polynomial=(-100.0, 0.0, 0.001), centre_px=(16.0, 16.0), image_size=(32, 32)),
     "room": om.Room(texel_mm=40.0),
     "hall": om.Hall(texel_mm=40.0),
     "street": om.Street(texel_mm=100.0),

@@ -25,7 +25,7 @@ from omnimirror.simulation.ground_truth_maps import ground_truth
 from omnimirror.simulation.radiometry import Radiometry
 from tests.conftest import MIRRORS
 
-CAMERA = om.Unified(0.9, (20.0, 20.0), (31.5, 31.5), (64, 64))
+CAMERA = om.Unified(xi=0.9, focal_px=(20.0, 20.0), centre_px=(31.5, 31.5), image_size=(64, 64))
 COVARIANCE = np.eye(len(CAMERA.parameters)) * 1e-4
 BOARD = om.Board("chessboard", 7, 5, 25.0)
 SEEN = om.simulate_detections(CAMERA, BOARD, 3)
@@ -377,18 +377,26 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Street": (om.Street, {"texel_mm": 80.0}),
     "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
     "write_calibration_dataset": (
-        lambda **words: list(om.write_calibration_dataset(**words)),
+        lambda folder, **words: list(
+            om.write_calibration_dataset(om.CalibrationRecipe(**words), folder)
+        ),
         {
-            "sensor": SENSOR,
             "folder": "set",
+            "sensor": SENSOR,
             "views": 1,
             "samples": 1,
             "blur": False,
-            "detector": None,
             "seed": 0,
-            "hall": None,
             "truth": False,
         },
+    ),
+    "CalibrationRecipe": (
+        om.CalibrationRecipe,
+        {"sensor": SENSOR, "samples": 1, "blur": False, "seed": 0, "views": 1},
+    ),
+    "VideoRecipe": (
+        om.VideoRecipe,
+        {"sensor": SENSOR, "scene": ROOM, "path": MOVES, "frame_rate": 5.0, "samples": 1},
     ),
     "load_path": (om.load_path, {"path": "poses.csv"}),
     "load_bodies": (om.load_bodies, {"path": "bodies.toml"}),

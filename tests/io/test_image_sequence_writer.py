@@ -28,7 +28,8 @@ BALL = [
     "32x24",
 ]
 DEWARP = om.Dewarper(
-    om.MirrorBall((31.5, 31.5), 30.0, 260.0, (64, 64)), om.screens.Plane((32, 24), tilt_deg=-30.0)
+    om.MirrorBall(centre_px=(31.5, 31.5), rim_radius_px=30.0, field_deg=260.0, image_size=(64, 64)),
+    om.screens.Plane((32, 24), tilt_deg=-30.0),
 )
 
 

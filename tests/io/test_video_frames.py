@@ -107,7 +107,9 @@ def test_progressive_frames_are_unchanged(tmp_path):
 # -- RGB order of colours in Python for all programs and interfaces --------------------------------
 
 ORANGE = (230, 120, 20)
-BALL = om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64))
+BALL = om.MirrorBall(
+    centre_px=(31.5, 31.5), rim_radius_px=30.0, field_deg=280.0, image_size=(64, 64)
+)
 BALL_OPTIONS = ("--ball", "31.5,31.5,30,280")
 VIEW = om.screens.Plane((32, 24), hfov_deg=60.0)
 

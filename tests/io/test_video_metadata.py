@@ -397,7 +397,9 @@ def test_stream_keeps_colour_coding_and_display(graded, tmp_path, pixel_format):
     om.dewarp_video(
         graded.as_uri(),
         tmp_path / "out.mp4",
-        camera=om.MirrorBall((63.5, 47.5), 40.0, 260.0, (128, 96)),
+        camera=om.MirrorBall(
+            centre_px=(63.5, 47.5), rim_radius_px=40.0, field_deg=260.0, image_size=(128, 96)
+        ),
         view=om.screens.Plane((64, 48), tilt_deg=-30.0),
         callbacks=VideoCallbacks(on_warning=notes.append),
         settings=om.VideoSettings(duration_s=0.01, pixel_format=pixel_format),

@@ -66,10 +66,10 @@ def test_all_camera_kinds_tested():
 def test_camera_file_text():
     camera = om.parse_camera(GOOD)
     assert camera == om.Unified(
-        0.96,
-        (220.0, 221.5),
-        (319.5, 239.5),
-        (640, 480),
+        xi=0.96,
+        focal_px=(220.0, 221.5),
+        centre_px=(319.5, 239.5),
+        image_size=(640, 480),
         k1=-0.05,
         rim_radius_px=230.0,
         mount=Mount("down", pitch_deg=3.0),
@@ -158,7 +158,7 @@ def test_camera_file_formats_read(tmp_path):
         == sensor
     )
     om.convert(
-        om.OCam((-100.0, 0.0, 2.5e-3), (319.5, 239.5), (640, 480)),
+        om.OCam(polynomial=(-100.0, 0.0, 2.5e-3), centre_px=(319.5, 239.5), image_size=(640, 480)),
         tmp_path / "calib.txt",
         to="ocamcalib",
     )

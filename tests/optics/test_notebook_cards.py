@@ -30,10 +30,18 @@ SENSORS = {
 }
 SIZE = (640, 480)
 MODELS = {
-    "ball": om.MirrorBall((319.5, 240.0), 230.0, 340.0, SIZE),
-    "unified": om.Unified(0.9, (300.0, 290.0), (319.5, 239.5), SIZE),
-    "kannala-brandt": om.KannalaBrandt((120.0, 118.0), (310.0, 245.0), SIZE),
-    "fisheye": om.Unified(0.5, (200.0, 200.0), (319.5, 239.5), SIZE, optics="fisheye"),
+    "ball": om.MirrorBall(
+        centre_px=(319.5, 240.0), rim_radius_px=230.0, field_deg=340.0, image_size=SIZE
+    ),
+    "unified": om.Unified(
+        xi=0.9, focal_px=(300.0, 290.0), centre_px=(319.5, 239.5), image_size=SIZE
+    ),
+    "kannala-brandt": om.KannalaBrandt(
+        focal_px=(120.0, 118.0), centre_px=(310.0, 245.0), image_size=SIZE
+    ),
+    "fisheye": om.Unified(
+        xi=0.5, focal_px=(200.0, 200.0), centre_px=(319.5, 239.5), image_size=SIZE, optics="fisheye"
+    ),
 }
 
 
@@ -104,7 +112,9 @@ def test_camera_parameters_and_field(name):
 
 
 def test_standard_deviations():
-    ball = om.MirrorBall((511.5, 510.0), 500.0, 340.0, (1024, 1024))
+    ball = om.MirrorBall(
+        centre_px=(511.5, 510.0), rim_radius_px=500.0, field_deg=340.0, image_size=(1024, 1024)
+    )
     known = replace(ball, uncertainty=Uncertainty(("cx",), ((0.04,),)))
     assert rows_of(known._repr_html_())["cx"] == "511.5 ± 0.2 px"
     assert rows_of(ball._repr_html_())["cx"] == "511.5 px"

@@ -13,7 +13,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.optics.mirrors.as_built import MirrorPose
-from omnimirror.simulation.dataset_manifest import load_recipe
+from omnimirror.simulation.dataset_manifest import CalibrationRecipe, VideoRecipe, load_recipe
 from omnimirror.simulation.datasets import (
     view_poses,
     visible_corners_px,
@@ -31,7 +31,10 @@ def written(tmp_path_factory):
     sensor = om.load_sensor("paper-equidistant")
     files = list(
         write_calibration_dataset(
-            sensor, folder, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3
+            CalibrationRecipe(
+                sensor=sensor, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3
+            ),
+            folder,
         )
     )
     return folder, files, json.loads((folder / "dataset.json").read_text())
@@ -108,14 +111,16 @@ def test_video_dataset_poses_and_ground_truth(tmp_path):
     room, sensor = Room(texel_mm=40.0), small()
     assert (
         write_video_dataset(
-            sensor,
-            room,
-            path=PATH,
-            folder=tmp_path,
-            frame_rate=4.0,
-            samples=1,
-            blur=False,
-            truth=True,
+            VideoRecipe(
+                sensor=sensor,
+                scene=room,
+                path=PATH,
+                frame_rate=4.0,
+                samples=1,
+                blur=False,
+                truth=True,
+            ),
+            tmp_path,
         )
         == 5
     )
@@ -142,19 +147,22 @@ def test_interrupted_dataset_describes_files(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         write_video_dataset(
-            small(),
-            Room(texel_mm=40.0),
-            path=PATH,
-            folder=tmp_path / "v",
-            frame_rate=9.0,
-            samples=1,
-            blur=False,
+            VideoRecipe(
+                sensor=small(),
+                scene=Room(texel_mm=40.0),
+                path=PATH,
+                frame_rate=9.0,
+                samples=1,
+                blur=False,
+            ),
+            tmp_path / "v",
             on_progress=stop,
         )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
     images = write_calibration_dataset(
-        small(), tmp_path / "c", views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)
+        CalibrationRecipe(sensor=small(), views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)),
+        tmp_path / "c",
     )
     with pytest.raises(KeyboardInterrupt):
         next(images), images.throw(KeyboardInterrupt())
@@ -181,14 +189,20 @@ def test_command_writes_dataset(tmp_path):
     "camera",
     [
         om.Unified(
-            0.9, (260.0, 262.0), (322.0, 315.0), (640, 640), k1=-0.02, p1=1e-3, rim_radius_px=300.0
+            xi=0.9,
+            focal_px=(260.0, 262.0),
+            centre_px=(322.0, 315.0),
+            image_size=(640, 640),
+            k1=-0.02,
+            p1=1e-3,
+            rim_radius_px=300.0,
         ),
         om.ViewpointSpline(
-            (70.0, 140.0, 205.0, 262.0, 310.0),
-            (0.0, -2.0, -6.0, -12.0, -20.0),
-            260.0,
-            (322.0, 315.0),
-            (640, 640),
+            radii_px=(70.0, 140.0, 205.0, 262.0, 310.0),
+            viewpoints_mm=(0.0, -2.0, -6.0, -12.0, -20.0),
+            field_deg=260.0,
+            centre_px=(322.0, 315.0),
+            image_size=(640, 640),
         ),
         replace(
             om.load_sensor("paper-equidistant"), mirror_pose=MirrorPose(1.0, -0.5, 0.0, 0.6, -0.8)
@@ -199,7 +213,11 @@ def test_command_writes_dataset(tmp_path):
 def test_dataset_of_calibrated_camera(camera, tmp_path):
     """OpenCV detects its corners at their positions in its images, and its file is the camera."""
     hall = Hall(texel_mm=12.5)
-    list(write_calibration_dataset(camera, tmp_path, views=1, samples=4, blur=False, hall=hall))
+    list(
+        write_calibration_dataset(
+            CalibrationRecipe(sensor=camera, views=1, samples=4, blur=False, hall=hall), tmp_path
+        )
+    )
     data = json.loads((tmp_path / "dataset.json").read_text())
     assert om.load_camera(tmp_path / data["sensor"]) == camera
     assert load_recipe(tmp_path / "dataset.json").recipe.sensor == camera
@@ -218,12 +236,17 @@ def test_dataset_of_calibrated_camera(camera, tmp_path):
 
 
 def test_blur_of_calibrated_camera_raises(tmp_path):
-    camera = om.Unified(0.9, (40.0, 40.0), (47.5, 47.5), (96, 96))
+    camera = om.Unified(xi=0.9, focal_px=(40.0, 40.0), centre_px=(47.5, 47.5), image_size=(96, 96))
     list(
         write_calibration_dataset(
-            camera, tmp_path / "set", views=1, samples=1, hall=Hall(texel_mm=50.0)
+            CalibrationRecipe(sensor=camera, views=1, samples=1, hall=Hall(texel_mm=50.0)),
+            tmp_path / "set",
         )
     )
     assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
     with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
-        list(write_calibration_dataset(camera, tmp_path / "other", views=1, samples=1, blur=True))
+        list(
+            write_calibration_dataset(
+                CalibrationRecipe(sensor=camera, views=1, samples=1, blur=True), tmp_path / "other"
+            )
+        )

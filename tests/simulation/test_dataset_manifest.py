@@ -27,7 +27,6 @@ from omnimirror.simulation.dataset_manifest import (
     recipe_record,
 )
 from omnimirror.simulation.datasets import (
-    render_views,
     write_calibration_dataset,
     write_video_dataset,
 )
@@ -58,25 +57,29 @@ def write(kind, folder, after=lambda done: None):
     sensor = small(64)
     if kind == "calibration":
         images = write_calibration_dataset(
-            sensor,
+            CalibrationRecipe(
+                sensor=sensor,
+                views=5,
+                samples=4,
+                blur=False,
+                detector=Detector(full_well_e=1e4),
+                hall=HALL,
+            ),
             folder,
-            views=5,
-            samples=4,
-            blur=False,
-            detector=Detector(full_well_e=1e4),
-            hall=HALL,
         )
         for number, _ in enumerate(images, start=1):
             after(number)
     else:
         write_video_dataset(
-            sensor,
-            Room(texel_mm=40.0),
-            path=PATH,
-            folder=folder,
-            frame_rate=4.0,
-            samples=4,
-            blur=False,
+            VideoRecipe(
+                sensor=sensor,
+                scene=Room(texel_mm=40.0),
+                path=PATH,
+                frame_rate=4.0,
+                samples=4,
+                blur=False,
+            ),
+            folder,
             on_progress=lambda n, _: after(n),
         )
 
@@ -152,7 +155,10 @@ def test_killed_dataset_is_resumed(kind, tmp_path):
 def test_changed_image_is_rendered_again(tmp_path):
     def write():
         return list(
-            write_calibration_dataset(small(), tmp_path, views=2, samples=1, blur=False, hall=HALL)
+            write_calibration_dataset(
+                CalibrationRecipe(sensor=small(), views=2, samples=1, blur=False, hall=HALL),
+                tmp_path,
+            )
         )
 
     write()
@@ -165,12 +171,19 @@ def test_changed_image_is_rendered_again(tmp_path):
 
 
 def test_other_dataset_is_not_overwritten(tmp_path):
-    list(write_calibration_dataset(small(), tmp_path, views=1, samples=1, blur=False, hall=HALL))
+    list(
+        write_calibration_dataset(
+            CalibrationRecipe(sensor=small(), views=1, samples=1, blur=False, hall=HALL), tmp_path
+        )
+    )
     before = contents(tmp_path)
     with pytest.raises(InvalidParameter, match="differs in samples, seed"):
         list(
             write_calibration_dataset(
-                small(), tmp_path, views=1, samples=4, blur=False, hall=HALL, seed=2
+                CalibrationRecipe(
+                    sensor=small(), views=1, samples=4, blur=False, hall=HALL, seed=2
+                ),
+                tmp_path,
             )
         )
     assert contents(tmp_path) == before
@@ -180,13 +193,15 @@ def test_failed_dataset_leaves_no_files(tmp_path):
     far = Keyframes({"x_mm": ((0.0, 1e6), (1.0, 1e6))})
     with pytest.raises(InvalidParameter, match="must be inside the room"):
         write_video_dataset(
-            small(),
-            Room(texel_mm=40.0),
-            path=far,
-            folder=tmp_path / "set",
-            frame_rate=2.0,
-            samples=1,
-            blur=False,
+            VideoRecipe(
+                sensor=small(),
+                scene=Room(texel_mm=40.0),
+                path=far,
+                frame_rate=2.0,
+                samples=1,
+                blur=False,
+            ),
+            tmp_path / "set",
         )
     assert not (tmp_path / "set").exists()
 
@@ -285,20 +300,22 @@ def test_calibration_dataset_is_reproducible(tmp_path):
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
     list(
         write_calibration_dataset(
-            sensor,
+            CalibrationRecipe(
+                sensor=sensor,
+                views=2,
+                samples=1,
+                blur=True,
+                radiometry=dim,
+                detector=camera,
+                seed=5,
+                hall=HALL,
+            ),
             tmp_path / "a",
-            views=2,
-            samples=1,
-            blur=True,
-            radiometry=dim,
-            detector=camera,
-            seed=5,
-            hall=HALL,
         )
     )
     recipe, _ = load_recipe(tmp_path / "a" / "dataset.json")
     assert isinstance(recipe, CalibrationRecipe)
-    list(render_views(recipe, tmp_path / "b"))
+    list(write_calibration_dataset(recipe, tmp_path / "b"))
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
@@ -307,13 +324,10 @@ def test_changed_scene_or_option_raises(place, tmp_path):
     (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
     write_video_dataset(
-        small(64),
-        source,
-        path=PATH,
-        folder=tmp_path / "set",
-        frame_rate=1.0,
-        duration_s=0.0,
-        samples=1,
+        VideoRecipe(
+            sensor=small(64), scene=source, path=PATH, frame_rate=1.0, duration_s=0.0, samples=1
+        ),
+        tmp_path / "set",
     )
     description = tmp_path / "set" / "dataset.json"
     assert "must not be given together" in fails(
@@ -341,7 +355,8 @@ def test_corners_in_tube_match_images(tmp_path):
 
     sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))
     (*_, description) = write_calibration_dataset(
-        sensor, tmp_path, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)
+        CalibrationRecipe(sensor=sensor, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)),
+        tmp_path,
     )
     view = json.loads(description.read_text())["views"][0]
     grey = om.read_image(tmp_path / view["image"])[..., 1].copy()

@@ -275,7 +275,9 @@ def test_camera_reflection_is_central():
 
 
 def test_blur_requires_sensor():
-    ball = om.MirrorBall((100.0, 100.0), 90.0, 360.0, (200, 200))
+    ball = om.MirrorBall(
+        centre_px=(100.0, 100.0), rim_radius_px=90.0, field_deg=360.0, image_size=(200, 200)
+    )
     with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
         expose(ball, steps(8, 16), blur=True)
 

@@ -239,7 +239,13 @@ def test_low_pass_filter_kernel():
     with pytest.raises(
         InvalidParameter, match="low_pass must be False unless the camera is a sensor"
     ):
-        om.render_image(om.MirrorBall((31.5, 31.5), 30.0, 280.0, (64, 64)), Even(), low_pass=True)
+        om.render_image(
+            om.MirrorBall(
+                centre_px=(31.5, 31.5), rim_radius_px=30.0, field_deg=280.0, image_size=(64, 64)
+            ),
+            Even(),
+            low_pass=True,
+        )
 
 
 def moments(light: np.ndarray, at: np.ndarray) -> tuple[float, float]:

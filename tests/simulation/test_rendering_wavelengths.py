@@ -122,7 +122,9 @@ def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
         om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0, 44.0))
     with pytest.raises(InvalidParameter, match="wavelengths_nm"):
         om.expose(domed, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=(650.0, 550.0))
-    ball = om.MirrorBall((63.5, 63.5), 50.0, 250.0, (128, 128))
+    ball = om.MirrorBall(
+        centre_px=(63.5, 63.5), rim_radius_px=50.0, field_deg=250.0, image_size=(128, 128)
+    )
     with pytest.raises(InvalidParameter, match="unless the camera is a sensor"):
         om.expose(ball, om.Room(texel_mm=40.0), samples=1, wavelengths_nm=WAVES)
     stderr = fails(

@@ -162,7 +162,12 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     For a paraboloid, the image of a small square at the horizon has equal height and width:
 
     >>> import omnimirror as om
-    >>> found = evaluate_camera(om.Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480)), [45.0, 90.0])
+    >>> found = evaluate_camera(
+    ...     om.Unified(
+    ...         xi=1.0, focal_px=(200.0, 200.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ...     ),
+    ...     [45.0, 90.0],
+    ... )
     >>> found.h_px, found.aspect
     (array([ 82.84271247, 200.        ]), array([1., 1.]))
     """

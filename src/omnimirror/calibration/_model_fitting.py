@@ -459,7 +459,7 @@ def _ocam(
         polynomial = (float(coefficients[0]), 0.0, *map(float, coefficients[1:]))
         is_round = parameters is not None and "c" not in parameters
         affine = (1.0, 0.0, 0.0) if is_round else (float(c / a), float(d / a), float(e / a))
-        yield OCam(polynomial, affine=affine, **projection.common)
+        yield OCam(polynomial=polynomial, affine=affine, **projection.common)
 
 
 INITIAL_MODELS: dict[

@@ -79,7 +79,9 @@ def flipped(camera: Model) -> Model:
     Examples
     --------
     >>> from omnimirror.cameras.models import OCam
-    >>> camera = OCam((-100.0, 0.0, 0.002), (300.0, 240.0), (640, 480))
+    >>> camera = OCam(
+    ...     polynomial=(-100.0, 0.0, 0.002), centre_px=(300.0, 240.0), image_size=(640, 480)
+    ... )
     >>> flipped(camera).centre_px
     (339.0, 240.0)
     """
@@ -251,7 +253,12 @@ def convert(
     Examples
     --------
     >>> import tempfile, omnimirror as om
-    >>> camera = om.OCam((-130.0, 0.0, 1.9e-3, 2e-7), (320.0, 240.0), (640, 480), rim_radius_px=200.0)
+    >>> camera = om.OCam(
+    ...     polynomial=(-130.0, 0.0, 1.9e-3, 2e-7),
+    ...     centre_px=(320.0, 240.0),
+    ...     image_size=(640, 480),
+    ...     rim_radius_px=200.0,
+    ... )
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     exact = om.convert(camera, f"{folder}/calib_results.txt")
     ...     fitted = om.convert(camera, f"{folder}/a.yaml", to="opencv-omnidir", tolerance_px=0.5)

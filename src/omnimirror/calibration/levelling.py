@@ -88,7 +88,9 @@ def level_from_image(
     Examples
     --------
     >>> import omnimirror as om
-    >>> ball = om.MirrorBall((99.5, 99.5), 90.0, 340.0, (200, 200))
+    >>> ball = om.MirrorBall(
+    ...     centre_px=(99.5, 99.5), rim_radius_px=90.0, field_deg=340.0, image_size=(200, 200)
+    ... )
     >>> level_from_image(np.zeros((200, 200), np.uint8), ball, ball.mount, (99.5, 99.5), 90.0) is None
     True
     """

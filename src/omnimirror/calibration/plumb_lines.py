@@ -97,7 +97,9 @@ class PlumbLineCalibration:
     >>> picture = np.full((400, 400), 90, np.uint8)
     >>> for at in range(40, 380, 64):
     ...     picture[at : at + 6], picture[:, at : at + 6] = 200, 200
-    >>> camera = om.KannalaBrandt((250.0, 250.0), (199.5, 199.5), (400, 400), k1=0.3)
+    >>> camera = om.KannalaBrandt(
+    ...     focal_px=(250.0, 250.0), centre_px=(199.5, 199.5), image_size=(400, 400), k1=0.3
+    ... )
     >>> found = om.calibrate_plumb_lines([picture], model=camera)
     >>> sum(found.used[0]) >= 8
     True
@@ -329,7 +331,12 @@ def _initial_model(
         trials = []
         for focal in FOCALS * radius * (1 + xi) / 2:
             model = Unified(
-                xi, (float(focal),) * 2, principal_point, size, optics=optics, mount=mount
+                xi=xi,
+                focal_px=(float(focal),) * 2,
+                centre_px=principal_point,
+                image_size=size,
+                optics=optics,
+                mount=mount,
             )
             trials.append(
                 fit_lines(model, sample, _parameters_of_unknown_camera(model, radius), max_steps=0)

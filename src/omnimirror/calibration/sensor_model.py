@@ -240,7 +240,12 @@ class SensorModel(CameraModel):
         Examples
         --------
         >>> import omnimirror as om
-        >>> ball = om.MirrorBall((319.5, 239.5), 230.0, 250.0, (640, 480))
+        >>> ball = om.MirrorBall(
+        ...     centre_px=(319.5, 239.5),
+        ...     rim_radius_px=230.0,
+        ...     field_deg=250.0,
+        ...     image_size=(640, 480),
+        ... )
         >>> model = om.SensorModel.from_central_model(ball)
         >>> both = [m.image([[3.0, 2.0, 0.5]], distant=True).pixels for m in (model, ball)]
         >>> bool(abs(both[1] - both[0]).max() < 0.1)

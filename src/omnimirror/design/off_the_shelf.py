@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import islice
-from multiprocessing import active_children, get_context
 from typing import Any
 
 import numpy as np
@@ -17,6 +12,7 @@ import numpy as np
 from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
+from ..base.worker_processes import WorkerPool
 from ..optics.sensor import Sensor
 from ._candidates import Candidate, focusing, make, sketched, viewing
 from ._mass_and_size import mass_g, outer_size
@@ -271,7 +267,7 @@ def check_free(asked: Requirements) -> None:
 # are designed in order of price until the requested number of feasible designs is reached; or all of
 # them for the front of price and blur, which retains those sharper than every cheaper one.
 
-BLOCK = 32  # combinations per task of a process
+BLOCK = 32  # combinations per process with the same limit of the blur
 FEW = 64  # up to this number, no other processes are used
 
 
@@ -422,55 +418,10 @@ def _designed(
         for combination in combinations:
             yield design_bought(requirements, combination, tally.max_area_deg2)
         return
-    others = set(active_children())
-    with _spared_signals():  # its queues start the process that tracks their semaphores
-        executor = ProcessPoolExecutor(processes, get_context("spawn"))
-    with executor as pool:
-        blocks = iter([combinations[i : i + BLOCK] for i in range(0, len(combinations), BLOCK)])
-
-        def submit(count: int) -> list[Future[list[BoughtDesign | str]]]:
-            with _spared_signals():
-                max_area_deg2 = tally.max_area_deg2
-                return [
-                    pool.submit(_block, requirements, block, max_area_deg2)
-                    for block in islice(blocks, count)
-                ]
-
-        under_way: list[Future[list[BoughtDesign | str]]] = []
-        try:
-            under_way += submit(processes + 1)
-            while under_way:
-                answers = under_way.pop(0).result()
-                under_way += submit(1)
-                yield from answers
-        except (
-            BaseException
-        ):  # signal, error or sufficient designs: do not wait for the other blocks
-            for worker in set(active_children()) - others:
-                worker.terminate()
-            raise
-
-
-@contextmanager
-def _spared_signals() -> Iterator[None]:
-    """Block Ctrl-C and SIGHUP in processes started within the block.
-
-    This process receives the signals at the end of the block and ends the others.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _block(
-    requirements: Requirements, combinations: list[PartsCombination], max_area_deg2: float
-) -> list[BoughtDesign | str]:
-    return [design_bought(requirements, combination, max_area_deg2) for combination in combinations]
+    with WorkerPool(processes) as pool:
+        for first in range(0, len(combinations), BLOCK * processes):
+            block, limit = combinations[first : first + BLOCK * processes], tally.max_area_deg2
+            yield from pool.map(design_bought, [(requirements, c, limit) for c in block])
 
 
 @dataclass

@@ -69,7 +69,9 @@ class RayTable:
     Examples
     --------
     >>> import omnimirror as om
-    >>> table = om.ray_table(om.Unified(0.9, (30.0, 30.0), (31.5, 23.5), (64, 48)))
+    >>> table = om.ray_table(
+    ...     om.Unified(xi=0.9, focal_px=(30.0, 30.0), centre_px=(31.5, 23.5), image_size=(64, 48))
+    ... )
     >>> table, table.has_ray.all(), table.weights[24, 32]
     (RayTable(camera, 64 x 48 rays, step 1 px), np.True_, np.float64(1.0))
     """

@@ -507,7 +507,9 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     Examples
     --------
     >>> import omnimirror as om, tempfile
-    >>> camera = om.Unified(0.96, (220.0, 220.0), (319.5, 239.5), (640, 480))
+    >>> camera = om.Unified(
+    ...     xi=0.96, focal_px=(220.0, 220.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     om.save_camera(camera, f"{folder}/mine.toml")
     ...     om.load_camera(f"{folder}/mine.toml") == camera
@@ -625,7 +627,9 @@ def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
     Examples
     --------
     >>> import omnimirror as om
-    >>> camera = om.KannalaBrandt((170.0, 170.0), (319.5, 239.5), (640, 480))
+    >>> camera = om.KannalaBrandt(
+    ...     focal_px=(170.0, 170.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> parse_camera(format_camera(camera, "seen twice")) == camera
     True
     """
@@ -673,7 +677,12 @@ def save_camera(camera: Sensor | RadialModel, path: str | Path, notes: str = "")
     Examples
     --------
     >>> import omnimirror as om, tempfile
-    >>> camera = om.RadialSpline((100.0, 200.0, 300.0), 270.0, (319.5, 319.5), (640, 640))
+    >>> camera = om.RadialSpline(
+    ...     radii_px=(100.0, 200.0, 300.0),
+    ...     field_deg=270.0,
+    ...     centre_px=(319.5, 319.5),
+    ...     image_size=(640, 640),
+    ... )
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     om.save_camera(camera, f"{folder}/mine.toml", "calibrated today")
     ...     om.load_camera(f"{folder}/mine.toml") == camera

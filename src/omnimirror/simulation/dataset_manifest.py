@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ..base.arguments import check_fields
 from ..base.errors import InvalidParameter, MediaError
 from ..base.files import MAX_TEXT_BYTES, parse_json, read_bytes, write_text
 from ..io.keyframes import Keyframes
@@ -171,40 +172,74 @@ class Recipe:
     KIND: ClassVar[str]
 
     sensor: AnyCamera
+    """Sensor, or a calibrated camera."""
     samples: int = 16
+    """Rays per pixel."""
     blur: bool | None = None
-    """None: True for sensors, which have an aperture."""
+    """Render defocus blur with the whole aperture of the lens; by default for sensors, because the
+    aperture of a calibrated camera is unknown."""
     radiometry: Radiometry | None = None
+    """Reflectivity of the mirror, vignetting of the lens, and appearance of the housing."""
     detector: Detector = field(default_factory=Detector)
+    """Image sensor electronics; without noise by default."""
     seed: int = 0
+    """Random seed, also of the poses of calibration images."""
     truth: bool = False
+    """Also write EXR files with light, depth, direction and origin of every pixel."""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.blur is None:
             object.__setattr__(self, "blur", isinstance(self.sensor, Sensor))
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationRecipe(Recipe):
-    """Recipe of a dataset with images of the boards in the hall."""
+    """Recipe of a dataset with images of the boards in the hall.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> om.CalibrationRecipe(sensor=om.load_sensor("paper-spherical"), views=3).blur
+    True
+    """
 
     KIND: ClassVar[str] = "calibration"
 
     views: int = 12
+    """Number of images."""
     hall: Hall = field(default_factory=Hall)
+    """Hall with the boards."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VideoRecipe(Recipe):
-    """Recipe of a video along a path through a scene."""
+    """Recipe of a video along a path through a scene.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.io.keyframes import Keyframes
+    >>> path = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 500.0))})
+    >>> om.VideoRecipe(
+    ...     sensor=om.load_sensor("paper-spherical"), scene=om.Room(texel_mm=40.0), path=path
+    ... ).frame_rate
+    25.0
+    """
 
     KIND: ClassVar[str] = "video"
 
     scene: Scene | SceneSource
+    """Scene; for a :class:`SceneSource` or a bundled scene, ``dataset.json`` records its source."""
     path: Keyframes
-    bodies: tuple[MovingBox, ...] = ()
+    """Path returned by :func:`omnimirror.load_path`."""
+    bodies: Sequence[MovingBox] = ()
+    """Moving bodies, such as :class:`omnimirror.MovingBox` or those returned by
+    :func:`omnimirror.load_bodies`."""
     frame_rate: float = 25.0
+    """Frames per second."""
     duration_s: float | None = None
+    """Duration, s; up to the last pose by default."""
 
 
 KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {

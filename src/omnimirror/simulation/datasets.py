@@ -108,37 +108,19 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
 
 
 @validate_arguments
-def write_calibration_dataset(
-    sensor: AnyCamera,
-    folder: str | Path,
-    *,
-    views: int = 12,
-    samples: int = 16,
-    blur: bool | None = None,
-    radiometry: Radiometry | None = None,
-    detector: Detector | None = None,
-    seed: int = 0,
-    hall: Hall | None = None,
-    truth: bool = False,
-) -> Iterator[Path]:
+def write_calibration_dataset(recipe: CalibrationRecipe, folder: str | Path) -> Iterator[Path]:
     """Write images of the calibration hall one by one, and ``dataset.json``, which describes them.
 
     An interrupted dataset is resumed when it is written again; unchanged files are kept.
 
     Parameters
     ----------
-    sensor
-        Sensor, or a calibrated camera.
+    recipe
+        Camera, views and rendering parameters.
     folder
         Output folder for ``sensor.toml`` (the camera file), ``view-000.png``, ... and
-        ``dataset.json``, which contains the recipe of the dataset and its completed files.
-    views
-        Number of images.
-    samples, blur, radiometry, detector, seed, hall
-        Rendering parameters; the seed also determines the poses. Images of a sensor include blur by
-        default; the aperture of a calibrated camera is unknown.
-    truth
-        Also write ``view-000.exr``, ...: light, depth, direction and origin of every pixel.
+        ``dataset.json``, which contains the recipe of the dataset and its completed files; with
+        ground truth also for ``view-000.exr``, ...
 
     Returns
     -------
@@ -159,29 +141,12 @@ def write_calibration_dataset(
     >>> from dataclasses import replace
     >>> sensor = om.load_sensor("paper-spherical")
     >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> recipe = om.CalibrationRecipe(sensor=small, views=1, samples=1, blur=False)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = om.write_calibration_dataset(small, folder, views=1, samples=1, blur=False)
-    ...     [path.name for path in written]
+    ...     [path.name for path in om.write_calibration_dataset(recipe, folder)]
     ['view-000.png', 'dataset.json']
     """
-    return render_views(
-        CalibrationRecipe(
-            sensor=sensor,
-            views=views,
-            samples=samples,
-            blur=blur,
-            radiometry=radiometry,
-            detector=detector or Detector(),
-            seed=seed,
-            hall=hall or Hall(),
-            truth=truth,
-        ),
-        Path(folder),
-    )
-
-
-def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
-    """Write the dataset of a recipe; see :func:`write_calibration_dataset`."""
+    folder = Path(folder)
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
     poses = view_poses(recipe.views, seed)
     manifest = _open_manifest(
@@ -230,20 +195,9 @@ def render_views(recipe: CalibrationRecipe, folder: Path) -> Iterator[Path]:
 
 @validate_arguments
 def write_video_dataset(
-    sensor: AnyCamera,
-    scene: Scene | SceneSource,
-    *,
-    path: Keyframes,
+    recipe: VideoRecipe,
     folder: str | Path,
-    bodies: Sequence[MovingBox] = (),
-    frame_rate: float = 25.0,
-    duration_s: float | None = None,
-    samples: int = 16,
-    blur: bool | None = None,
-    radiometry: Radiometry | None = None,
-    detector: Detector | None = None,
-    seed: int = 0,
-    truth: bool = False,
+    *,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write the video of a sensor moving through a scene, its poses and ground truth; return the
@@ -254,35 +208,12 @@ def write_video_dataset(
 
     Parameters
     ----------
-    sensor
-        Sensor, such as returned by :func:`omnimirror.load_sensor`, or a calibrated camera.
-    scene
-        Scene; for a :class:`SceneSource` or a bundled scene, ``dataset.json`` records its source.
-    path
-        Path returned by :func:`omnimirror.load_path`.
+    recipe
+        Camera, scene, path and rendering parameters.
     folder
         Output folder for ``sensor.toml``, ``video.mp4``, ``poses.csv`` (one row per frame, in the
-        format of :func:`load_path`) and ``dataset.json``. After Ctrl-C they contain the completed
-        frames.
-    bodies
-        Moving bodies, such as :class:`omnimirror.MovingBox` or those returned by
-        :func:`omnimirror.load_bodies`.
-    frame_rate
-        Frames per second.
-    duration_s
-        Duration, s; up to the last pose by default.
-    samples
-        Rays per pixel.
-    blur
-        Render defocus blur with the whole aperture of the lens; the default for sensors.
-    radiometry
-        Reflectivity of the mirror, vignetting of the lens, and appearance of the housing.
-    detector
-        Image sensor electronics; without noise by default.
-    seed
-        Random seed.
-    truth
-        Also write ``frame-00000.exr``, ...: light, depth, direction and origin of every pixel.
+        format of :func:`load_path`) and ``dataset.json``; with ground truth also for
+        ``frame-00000.exr``, ... After Ctrl-C they contain the completed frames.
     on_progress
         Callback with the number of finished frames and the total.
 
@@ -306,32 +237,12 @@ def write_video_dataset(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with open(f"{folder}/path.csv", "w") as file:
     ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
-    ...     om.write_video_dataset(
-    ...         small, om.Room(texel_mm=40.0), path=om.load_path(f"{folder}/path.csv"), folder=f"{folder}/set",
-    ...         samples=1, blur=False)
+    ...     path, room = om.load_path(f"{folder}/path.csv"), om.Room(texel_mm=40.0)
+    ...     recipe = om.VideoRecipe(sensor=small, scene=room, path=path, samples=1, blur=False)
+    ...     om.write_video_dataset(recipe, f"{folder}/set")
     2
     """
-    recipe = VideoRecipe(
-        sensor=sensor,
-        scene=scene,
-        path=path,
-        bodies=tuple(bodies),
-        frame_rate=frame_rate,
-        duration_s=duration_s,
-        samples=samples,
-        blur=blur,
-        radiometry=radiometry,
-        detector=detector or Detector(),
-        seed=seed,
-        truth=truth,
-    )
-    return render_frames(recipe, Path(folder), on_progress)
-
-
-def render_frames(
-    recipe: VideoRecipe, folder: Path, on_progress: Callable[[int, int], None] | None = None
-) -> int:
-    """Write the dataset of a recipe and return its number of frames; see :func:`write_video_dataset`."""
+    folder = Path(folder)
     sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
     times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
@@ -356,13 +267,13 @@ def render_frames(
         )
         if truth:
             write_truth(
-                folder / exr,
+                manifest.folder / exr,
                 sensor,
                 PosedScene(current_scene, Pose(**path.at(time))),
                 light,
                 radiometry,
             )
-        write_image(folder / image, recipe.detector.read(light, seed))
+        write_image(manifest.folder / image, recipe.detector.read(light, seed))
         manifest.add(image, *([exr] if truth else []))
 
     try:
@@ -517,7 +428,9 @@ def write_training_dataset(
     Examples
     --------
     >>> import omnimirror as om, tempfile
-    >>> camera = om.Unified(0.9, (20.0, 20.0), (15.5, 15.5), (32, 32))
+    >>> camera = om.Unified(
+    ...     xi=0.9, focal_px=(20.0, 20.0), centre_px=(15.5, 15.5), image_size=(32, 32)
+    ... )
     >>> from omnimirror.io.keyframes import Keyframes
     >>> moves = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
     >>> with tempfile.TemporaryDirectory() as folder:

@@ -111,7 +111,7 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "design with parts": (
         ("design", "parts.toml", "--processes", "2", "--max-designs", "999"),
-        "3 processes",
+        "2 processes",
     ),
     "training": (
         (

@@ -16,7 +16,9 @@ from omnimirror.apps.reports.calibration import (
 )
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)
-TRUTH = om.Unified(0.95, (158.0, 158.0), (326.0, 236.0), (640, 480))
+TRUTH = om.Unified(
+    xi=0.95, focal_px=(158.0, 158.0), centre_px=(326.0, 236.0), image_size=(640, 480)
+)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from tests.calibration.targets.rendering import Photograph, photographed, pose
 
 BOARD = om.Board("chessboard", 7, 5, 40.0)
 ASKED = {"kind": "chessboard", "columns": 7, "rows": 5, "square_mm": 40.0}
-CAMERA = Unified(0.95, (118.0, 118.0), (243.0, 238.0), (480, 480))
+CAMERA = Unified(xi=0.95, focal_px=(118.0, 118.0), centre_px=(243.0, 238.0), image_size=(480, 480))
 """Camera of the photographs, with an eccentric principal point."""
 PLACES = (
     (0, 5, 360, 15, 0, 0), (70, -8, 330, 0, 22, 10), (140, 12, 380, -18, 10, 0), (205, 0, 340, 12, -20, -8),

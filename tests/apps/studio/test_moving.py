@@ -114,7 +114,9 @@ def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(
     beside = tmp_path / "my rides" / film.name
     beside.parent.mkdir()
     beside.write_bytes(film.read_bytes())
-    camera = om.MirrorBall((31.5, 23.5), 23.0, 280.0, (64, 48))
+    camera = om.MirrorBall(
+        centre_px=(31.5, 23.5), rim_radius_px=23.0, field_deg=280.0, image_size=(64, 48)
+    )
     page_file = tmp_path / "ride.html"
     page_file.write_text(video_viewer(camera, "ball", ("--ball", BALL), beside, page_file))
     assert '"media":"my%20rides/ride.mp4"' in page_file.read_text()

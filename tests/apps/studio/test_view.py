@@ -39,10 +39,10 @@ ALL = pytest.param(tuple(STATES), id="all", marks=pytest.mark.full)
 OF_EVERY_DAY = ("folded-hyperboloidal", "paraboloid-telecentric")  # two mirrors, and another lens
 OCAM = _scaramuzza.write_ocamcalib(
     om.OCam(
-        (-2.6e2, 0.0, 1.1e-3, -4.0e-7, 3.1e-9),
-        (402.7, 299.2),
-        (800, 600),
-        (0.9991, 0.0007, -0.0004),
+        polynomial=(-2.6e2, 0.0, 1.1e-3, -4.0e-7, 3.1e-9),
+        centre_px=(402.7, 299.2),
+        image_size=(800, 600),
+        affine=(0.9991, 0.0007, -0.0004),
     )
 )
 
@@ -155,15 +155,37 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(
 
 
 CALIBRATED = {
-    "distorted": om.Unified(0.9, (330.0, 334.0), (410.0, 290.0), (800, 600), 0.4, -0.08, 0.02, -0.001, 0.003, -0.002),
+    "distorted": om.Unified(
+        xi=0.9,
+        focal_px=(330.0, 334.0),
+        centre_px=(410.0, 290.0),
+        image_size=(800, 600),
+        skew_px=0.4,
+        k1=-0.08,
+        k2=0.02,
+        k3=-0.001,
+        p1=0.003,
+        p2=-0.002,
+    ),
     "not-central": om.ViewpointSpline(
-        (60.0, 118.0, 180.0, 240.0, 285.0), (-4.0, -2.5, 0.0, 3.0, 6.0), 230.0, (400.0, 300.0), (800, 600)
+        radii_px=(60.0, 118.0, 180.0, 240.0, 285.0),
+        viewpoints_mm=(-4.0, -2.5, 0.0, 3.0, 6.0),
+        field_deg=230.0,
+        centre_px=(400.0, 300.0),
+        image_size=(800, 600),
     ),
     "not-central-stretched": om.ViewpointSpline(
-        (60.0, 118.0, 180.0, 240.0, 285.0), (-4.0, -2.5, 0.0, 3.0, 6.0), 230.0, (405.0, 290.0), (800, 600),
-        0.004, -0.003, 1e-5, -2e-5,
+        radii_px=(60.0, 118.0, 180.0, 240.0, 285.0),
+        viewpoints_mm=(-4.0, -2.5, 0.0, 3.0, 6.0),
+        field_deg=230.0,
+        centre_px=(405.0, 290.0),
+        image_size=(800, 600),
+        stretch_x=0.004,
+        shear=-0.003,
+        p1=1e-5,
+        p2=-2e-5,
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,14 @@ from omnimirror.cameras.models import Unified
 BOARD = om.Board("chessboard", 11, 7, 30.0)
 SIZE = (640, 480)
 TRUTH = Unified(
-    0.95, (158.0, 157.0), (326.0, 236.0), SIZE, k1=-0.12, k2=0.012, p1=0.001, p2=-0.0008
+    xi=0.95,
+    focal_px=(158.0, 157.0),
+    centre_px=(326.0, 236.0),
+    image_size=SIZE,
+    k1=-0.12,
+    k2=0.012,
+    p1=0.001,
+    p2=-0.0008,
 )
 NOISE_PX = 0.1
 

@@ -26,7 +26,7 @@ from omnimirror.cameras.models.camera_model import direction_sigma_deg
 
 from .cases import BOARD, SIZE, TRUTH, detections, directions, known
 
-START = Unified(1.0, (170.0, 170.0), (319.5, 239.5), SIZE)
+START = Unified(xi=1.0, focal_px=(170.0, 170.0), centre_px=(319.5, 239.5), image_size=SIZE)
 VALUES = np.array([p.value for p in TRUTH.parameters])
 
 
@@ -67,7 +67,9 @@ def test_points_on_known_lines_recover_camera():
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     elsewhere = on_lines + random.uniform(-60, 60, (len(on_lines), 1)) * along
     seen = known(TRUTH.image(on_lines).pixels, elsewhere, along=along)
-    found = bundle_adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), [seen])
+    found = bundle_adjust(
+        Unified(xi=1.0, focal_px=(162.0, 162.0), centre_px=(325.0, 237.0), image_size=SIZE), [seen]
+    )
     assert found.rms_px < 1e-5
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
 
@@ -139,7 +141,10 @@ def test_marks_on_known_planes_recover_camera_and_positions():
         )
         for i, way in enumerate(ways)
     ]
-    found = bundle_adjust(Unified(1.0, (162.0, 162.0), (325.0, 237.0), SIZE), pictures)
+    found = bundle_adjust(
+        Unified(xi=1.0, focal_px=(162.0, 162.0), centre_px=(325.0, 237.0), image_size=SIZE),
+        pictures,
+    )
     assert found.rms_px < 1e-5
     assert [p.value for p in found.model.parameters] == pytest.approx(VALUES, rel=1e-3, abs=1e-4)
     assert found.observations[2].points == pytest.approx(marks, abs=0.01)

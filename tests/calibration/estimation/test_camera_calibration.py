@@ -103,7 +103,9 @@ def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
 
 @pytest.mark.full
 def test_a_fisheye_is_chosen_among_models_without_a_mirror():
-    truth = om.KannalaBrandt((150.0, 150.0), (322.0, 238.0), SIZE, k1=0.02, k2=-0.004)
+    truth = om.KannalaBrandt(
+        focal_px=(150.0, 150.0), centre_px=(322.0, 238.0), image_size=SIZE, k1=0.02, k2=-0.004
+    )
     found = calibrated(detections(truth, 5), model="auto", optics="fisheye", board_shape=False)
     assert "sensor" not in {tried.kind for tried in found.candidates}
     assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX

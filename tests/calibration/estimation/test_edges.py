@@ -19,7 +19,13 @@ from tests.commands import fails, omnimirror
 
 MIDDLE, RADIUS = np.array([322.0, 238.0]), 205.0
 TRUTH = om.Unified(
-    0.9, (150.0, 150.5), (322.0, 238.0), (640, 480), k1=-0.03, p1=5e-4, rim_radius_px=220.0
+    xi=0.9,
+    focal_px=(150.0, 150.5),
+    centre_px=(322.0, 238.0),
+    image_size=(640, 480),
+    k1=-0.03,
+    p1=5e-4,
+    rim_radius_px=220.0,
 )
 BOARD = om.Board("chessboard", 11, 7, 30.0)
 

@@ -12,16 +12,42 @@ from .cases import BOARD, NOISE_PX
 SIZE = (1024, 1024)
 CENTRE = (512.0, 510.0)
 TRUTHS = [  # each close to a ball observed by a camera, as far as its model permits
-    om.DoubleSphere(0.826, 0.98, (510.0, 510.0), CENTRE, SIZE),
-    om.EnhancedUnified(0.609, 1.472, (284.0, 282.0), CENTRE, SIZE, skew_px=-0.2),
-    om.OCam((-445.8, 0.0, 0.010187, -4.1234e-05, 5.3696e-08), CENTRE, SIZE, (0.9975, -0.008, 0.0)),
-    om.KannalaBrandt((279.0, 279.4), CENTRE, SIZE, k1=-0.035, k2=-0.00266, k3=0.000317, k4=-1.2e-05, optics="mirror"),
-    om.ViewpointSpline(
-        (82.5, 167.5, 246.4, 318.3, 381.3, 434.0, 475.3, 504.4),
-        (3.9, -5.0, -5.8, -3.8, 0.0, 5.8, 15.4, 31.2),
-        275.0, CENTRE, SIZE, p1=6e-7,
+    om.DoubleSphere(
+        xi=0.826, alpha=0.98, focal_px=(510.0, 510.0), centre_px=CENTRE, image_size=SIZE
     ),
-]  # fmt: skip
+    om.EnhancedUnified(
+        alpha=0.609,
+        beta=1.472,
+        focal_px=(284.0, 282.0),
+        centre_px=CENTRE,
+        image_size=SIZE,
+        skew_px=-0.2,
+    ),
+    om.OCam(
+        polynomial=(-445.8, 0.0, 0.010187, -4.1234e-05, 5.3696e-08),
+        centre_px=CENTRE,
+        image_size=SIZE,
+        affine=(0.9975, -0.008, 0.0),
+    ),
+    om.KannalaBrandt(
+        focal_px=(279.0, 279.4),
+        centre_px=CENTRE,
+        image_size=SIZE,
+        k1=-0.035,
+        k2=-0.00266,
+        k3=0.000317,
+        k4=-1.2e-05,
+        optics="mirror",
+    ),
+    om.ViewpointSpline(
+        radii_px=(82.5, 167.5, 246.4, 318.3, 381.3, 434.0, 475.3, 504.4),
+        viewpoints_mm=(3.9, -5.0, -5.8, -3.8, 0.0, 5.8, 15.4, 31.2),
+        field_deg=275.0,
+        centre_px=CENTRE,
+        image_size=SIZE,
+        p1=6e-7,
+    ),
+]
 
 
 EVERY_DAY = ("enhanced-unified",)  # the one with skew

@@ -7,13 +7,13 @@ from omnimirror.cameras.models import ThinPrismFisheye
 
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
 THIN_PRISM = ThinPrismFisheye(
-    F,
-    C,
-    SIZE,
-    0.05,
-    -0.02,
-    0.003,
-    -2e-4,
+    focal_px=F,
+    centre_px=C,
+    image_size=SIZE,
+    k1=0.05,
+    k2=-0.02,
+    k3=0.003,
+    k4=-2e-4,
     k5=1e-5,
     k6=-1e-6,
     p1=3e-3,

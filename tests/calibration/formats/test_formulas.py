@@ -27,11 +27,43 @@ from omnimirror.cameras.models import (
 from tests.calibration.formats.examples import SIZE, C, F, seen
 
 OCAM = OCam(
-    (-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10), C, SIZE, (0.9998, 4.4e-4, 8e-5)
+    polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
+    centre_px=C,
+    image_size=SIZE,
+    affine=(0.9998, 4.4e-4, 8e-5),
 )
-UNIFIED = Unified(0.93, F, C, SIZE, 0.0, -0.01, 0.002, p1=1e-3, p2=-2e-3)
-FISHEYE = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, optics="fisheye")
-SKEWED = KannalaBrandt(F, C, SIZE, 0.02, -0.003, 4e-4, -1e-5, skew_px=0.4, optics="fisheye")
+UNIFIED = Unified(
+    xi=0.93,
+    focal_px=F,
+    centre_px=C,
+    image_size=SIZE,
+    skew_px=0.0,
+    k1=-0.01,
+    k2=0.002,
+    p1=1e-3,
+    p2=-2e-3,
+)
+FISHEYE = KannalaBrandt(
+    focal_px=F,
+    centre_px=C,
+    image_size=SIZE,
+    k1=0.02,
+    k2=-0.003,
+    k3=4e-4,
+    k4=-1e-5,
+    optics="fisheye",
+)
+SKEWED = KannalaBrandt(
+    focal_px=F,
+    centre_px=C,
+    image_size=SIZE,
+    k1=0.02,
+    k2=-0.003,
+    k3=4e-4,
+    k4=-1e-5,
+    skew_px=0.4,
+    optics="fisheye",
+)
 
 
 def test_ocamcalibs_inverse_polynomial_projects_as_its_direct_one(tmp_path):
@@ -193,8 +225,16 @@ def kalibr(camera, points):
     ("to", "camera", "most_deg"),
     [
         ("kalibr-omni", UNIFIED, 180.0),
-        ("kalibr-eucm", EnhancedUnified(0.6, 1.1, F, C, SIZE), 180.0),
-        ("kalibr-ds", DoubleSphere(0.3, 0.6, F, C, SIZE), 180.0),
+        (
+            "kalibr-eucm",
+            EnhancedUnified(alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE),
+            180.0,
+        ),
+        (
+            "kalibr-ds",
+            DoubleSphere(xi=0.3, alpha=0.6, focal_px=F, centre_px=C, image_size=SIZE),
+            180.0,
+        ),
         ("kalibr-equi", FISHEYE, 89.0),
     ],
 )
@@ -209,7 +249,17 @@ def test_kalibrs_formulas(tmp_path, to, camera, most_deg, flip):
 
 
 RATIONAL = RationalPinhole(
-    (600.0, 602.0), C, SIZE, 0.3, -0.05, 0.01, 0.4, 0.02, 0.004, 0.003, -0.002
+    focal_px=(600.0, 602.0),
+    centre_px=C,
+    image_size=SIZE,
+    k1=0.3,
+    k2=-0.05,
+    k3=0.01,
+    k4=0.4,
+    k5=0.02,
+    k6=0.004,
+    p1=0.003,
+    p2=-0.002,
 )
 
 
@@ -218,7 +268,17 @@ def test_ros_camera_info(tmp_path, model):
     """OpenCV functions, which image_geometry of ROS calls with the matrix and coefficients of the
     file."""
     pinhole = Unified(
-        0.0, (600.0, 602.0), C, SIZE, 0.0, -0.2, 0.05, 0.01, 1e-3, -2e-3, optics="fisheye"
+        xi=0.0,
+        focal_px=(600.0, 602.0),
+        centre_px=C,
+        image_size=SIZE,
+        skew_px=0.0,
+        k1=-0.2,
+        k2=0.05,
+        k3=0.01,
+        p1=1e-3,
+        p2=-2e-3,
+        optics="fisheye",
     )
     camera = {"equidistant": FISHEYE, "plumb_bob": pinhole, "rational_polynomial": RATIONAL}[model]
     om.convert(camera, tmp_path / "camera_info.yaml")
@@ -376,7 +436,13 @@ def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters,
 
 
 @pytest.mark.parametrize(
-    "camera", [UNIFIED, OCAM, SKEWED, EnhancedUnified(0.6, 1.1, F, C, SIZE, 0.3)]
+    "camera",
+    [
+        UNIFIED,
+        OCAM,
+        SKEWED,
+        EnhancedUnified(alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE, skew_px=0.3),
+    ],
 )
 def test_flipping_a_camera_mirrors_its_pixels(camera):
     from omnimirror.calibration.conversion import flipped

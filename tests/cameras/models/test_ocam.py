@@ -161,7 +161,11 @@ def test_optics_determines_axis_direction():
 def test_field_ends_at_maximum_angle():
     """f = -100 + rho^2/1000 - 1e-8 rho^4: the field angle reverses at a radius found here by
     search."""
-    camera = om.OCam((-100.0, 0.0, 1e-3, 0.0, -1e-8), (2000.0, 2000.0), (4001, 4001))
+    camera = om.OCam(
+        polynomial=(-100.0, 0.0, 1e-3, 0.0, -1e-8),
+        centre_px=(2000.0, 2000.0),
+        image_size=(4001, 4001),
+    )
     rho = np.linspace(0, 2000, 2_000_001)
     omega = np.arctan2(rho, 100 - 1e-3 * rho**2 + 1e-8 * rho**4)
     rate = np.gradient(omega, rho) * 100

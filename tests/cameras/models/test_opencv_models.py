@@ -7,7 +7,13 @@ import pytest
 from omnimirror.cameras.models import KannalaBrandt
 
 COEFFICIENTS = (0.06, -0.02, 0.004, -0.0007)
-CAMERA = KannalaBrandt((300.0, 310.0), (322.0, 237.0), (640, 480), *COEFFICIENTS, skew_px=3.0)
+CAMERA = KannalaBrandt(
+    focal_px=(300.0, 310.0),
+    centre_px=(322.0, 237.0),
+    image_size=(640, 480),
+    **dict(zip(("k1", "k2", "k3", "k4"), COEFFICIENTS, strict=True)),
+    skew_px=3.0,
+)
 MATRIX = np.array([[300.0, 0.0, 322.0], [0.0, 310.0, 237.0], [0.0, 0.0, 1.0]])
 
 
@@ -43,7 +49,9 @@ def test_pixels_and_derivatives_equal_opencv():
 def test_projection_continues_behind_camera():
     """Radii of r = Omega (1 + ...), up to 180 deg."""
     omega = np.radians([100.0, 130.0, 170.0])
-    camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=0.01)
+    camera = KannalaBrandt(
+        focal_px=(100.0, 100.0), centre_px=(0.0, 0.0), image_size=(1000, 10), k1=0.01
+    )
     directions = np.stack([np.sin(omega), 0 * omega, np.cos(omega)], axis=-1)
     np.testing.assert_allclose(
         camera.image(directions).pixels[:, 0], 100 * (omega + 0.01 * omega**3), rtol=1e-12
@@ -53,5 +61,7 @@ def test_projection_continues_behind_camera():
 
 def test_projection_ends_at_polynomial_maximum():
     """1 - 3 k Omega^2 = 0.01 of r = Omega - k Omega^3."""
-    camera = KannalaBrandt((100.0, 100.0), (0.0, 0.0), (1000, 10), k1=-0.2)
+    camera = KannalaBrandt(
+        focal_px=(100.0, 100.0), centre_px=(0.0, 0.0), image_size=(1000, 10), k1=-0.2
+    )
     assert camera.model_end == pytest.approx(np.sqrt(0.99 / 0.6), rel=1e-12)

@@ -67,10 +67,20 @@ def double_sphere(points, xi, alpha):
 def of_kind(kind, *shape):
     """Return a model with variable optics, and the pixels of its paper."""
     paper = {Unified: omnidir, EnhancedUnified: enhanced, DoubleSphere: double_sphere}[kind]
-    own, lens = (shape[:1], shape[1:]) if kind is Unified else (shape, ())
-    return lambda optics: kind(
-        *own, FOCAL, CENTRE, SIZE, SKEW, *lens, optics
-    ), lambda points: paper(points, *shape)
+    return lambda optics: model_of(kind, *shape, skew_px=SKEW, optics=optics), lambda points: paper(
+        points, *shape
+    )
+
+
+def model_of(kind, *shape, **others):
+    """Return a model with the parameters of its paper."""
+    names = {
+        Unified: ("xi", "k1", "k2", "k3", "p1", "p2"),
+        EnhancedUnified: ("alpha", "beta"),
+        DoubleSphere: ("xi", "alpha"),
+    }[kind]
+    values = dict(zip(names, shape, strict=False))
+    return kind(**values, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE, **others)
 
 
 CASES = {
@@ -99,7 +109,9 @@ def test_distant_paraboloid_equals_unified_model():
     towards_focus = np.stack(
         [x, 0 * x, (x**2 - p**2) / (2 * p)], axis=-1
     )  # from the focus to the mirror points
-    camera = Unified(1.0, (8.0 * p, 8.0 * p), (500.0, 500.0), (1001, 1001))
+    camera = Unified(
+        xi=1.0, focal_px=(8.0 * p, 8.0 * p), centre_px=(500.0, 500.0), image_size=(1001, 1001)
+    )
     found = camera.image(towards_focus)
     np.testing.assert_allclose(found.pixels[:, 0] - 500.0, 8.0 * x, atol=1e-9)
 
@@ -113,25 +125,52 @@ def test_hyperboloid_sensor_equals_unified_model():
     radius = symmetry.radius_px(omega)
     e = np.sqrt(-sensor.mirror.conic)
     xi = 2 * e / (1 + e * e)
-    shape = Unified(xi, (1.0, 1.0), (0.0, 0.0), (2, 2))._projected_radius(omega)
+    shape = Unified(
+        xi=xi, focal_px=(1.0, 1.0), centre_px=(0.0, 0.0), image_size=(2, 2)
+    )._projected_radius(omega)
     np.testing.assert_allclose(radius / shape, radius[-1] / shape[-1], rtol=2e-3)
 
 
 @pytest.mark.parametrize(
     ("model", "end_deg"),
     [
-        (Unified(1.0, FOCAL, CENTRE, SIZE), 180.0),  # all but one direction
-        (Unified(0.0, FOCAL, CENTRE, SIZE), 90.0),  # a pinhole
-        (Unified(0.5, FOCAL, CENTRE, SIZE), 120.0),
-        (Unified(2.0, FOCAL, CENTRE, SIZE), 120.0),
-        (EnhancedUnified(0.0, 1.0, FOCAL, CENTRE, SIZE), 90.0),
-        (EnhancedUnified(0.5, 1.0, FOCAL, CENTRE, SIZE), 180.0),
-        (EnhancedUnified(1 / 3, 1.0, FOCAL, CENTRE, SIZE), 120.0),
-        (EnhancedUnified(2 / 3, 1.0, FOCAL, CENTRE, SIZE), 120.0),
-        (DoubleSphere(0.0, 0.0, FOCAL, CENTRE, SIZE), 90.0),
-        (DoubleSphere(0.0, 2 / 3, FOCAL, CENTRE, SIZE), 120.0),
-        (DoubleSphere(0.5, 0.0, FOCAL, CENTRE, SIZE), 120.0),  # the unified sphere
-        (DoubleSphere(0.5, 0.5, FOCAL, CENTRE, SIZE), 180.0),
+        (
+            Unified(xi=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE),
+            180.0,
+        ),  # all but one direction
+        (Unified(xi=0.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE), 90.0),  # a pinhole
+        (Unified(xi=0.5, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE), 120.0),
+        (Unified(xi=2.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE), 120.0),
+        (
+            EnhancedUnified(alpha=0.0, beta=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE),
+            90.0,
+        ),
+        (
+            EnhancedUnified(alpha=0.5, beta=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE),
+            180.0,
+        ),
+        (
+            EnhancedUnified(
+                alpha=1 / 3, beta=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE
+            ),
+            120.0,
+        ),
+        (
+            EnhancedUnified(
+                alpha=2 / 3, beta=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE
+            ),
+            120.0,
+        ),
+        (DoubleSphere(xi=0.0, alpha=0.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE), 90.0),
+        (
+            DoubleSphere(xi=0.0, alpha=2 / 3, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE),
+            120.0,
+        ),
+        (
+            DoubleSphere(xi=0.5, alpha=0.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE),
+            120.0,
+        ),  # the unified sphere
+        (DoubleSphere(xi=0.5, alpha=0.5, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE), 180.0),
     ],
 )
 def test_field_ends_at_expected_angle(model, end_deg):
@@ -154,7 +193,7 @@ def test_field_ends_at_maximum_radius(kind, other, alpha):
     radius = (of_kind(kind, *shape)[1](SECTION)[:, 0] - CENTRE[0]) / FOCAL[0]
     grows = (np.diff(radius) > 0) & (radius[1:] > 0)
     end = OMEGA[-1] if grows.all() else OMEGA[np.argmin(grows)]
-    assert kind(*shape, FOCAL, CENTRE, SIZE).model_end == pytest.approx(end, abs=2 * OMEGA[0])
+    assert model_of(kind, *shape).model_end == pytest.approx(end, abs=2 * OMEGA[0])
 
 
 @pytest.mark.parametrize(
@@ -169,13 +208,20 @@ def test_model_defaults(kind, shape, paper):
     points = directions_within(1.8)
     expected = of_kind(kind, *(paper or shape))[1](points)
     expected[:, 0] -= SKEW * (expected[:, 1] - CENTRE[1]) / FOCAL[1]
-    found = kind(*shape, FOCAL, CENTRE, SIZE).image(points * [1, 1, -1])
+    found = model_of(kind, *shape).image(points * [1, 1, -1])
     np.testing.assert_allclose(found.pixels, expected, rtol=1e-11, atol=1e-9)
 
 
 @given(st.floats(0, 3), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1))
 def test_distortion_limits_field(xi, k1, k2):
-    camera = Unified(xi, (200.0, 200.0), (1000.0, 1000.0), (2001, 2001), k1=k1, k2=k2)
+    camera = Unified(
+        xi=xi,
+        focal_px=(200.0, 200.0),
+        centre_px=(1000.0, 1000.0),
+        image_size=(2001, 2001),
+        k1=k1,
+        k2=k2,
+    )
     radius = camera.radius_from_omega(np.linspace(0, camera.omega_max, 500))
     assert (np.diff(radius) > 0).all()
     pixels = np.stack([1000 + np.linspace(0, 1000, 200), np.full(200, 1000.0)], axis=-1)
@@ -188,31 +234,50 @@ def test_distortion_limits_field(xi, k1, k2):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Unified(-0.1, FOCAL, CENTRE, SIZE), r"xi must be between 0 and 10000; got -0\.1"),
-        (lambda: Unified(1.0, (0.0, 1.0), CENTRE, SIZE), "focal_px"),
-        (lambda: Unified(1.0, FOCAL, (1.0, np.nan), SIZE), "centre_px"),
         (
-            lambda: Unified(1.0, FOCAL, CENTRE, SIZE, k1=np.inf),
+            lambda: Unified(xi=-0.1, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE),
+            r"xi must be between 0 and 10000; got -0\.1",
+        ),
+        (
+            lambda: Unified(xi=1.0, focal_px=(0.0, 1.0), centre_px=CENTRE, image_size=SIZE),
+            "focal_px",
+        ),
+        (
+            lambda: Unified(xi=1.0, focal_px=FOCAL, centre_px=(1.0, np.nan), image_size=SIZE),
+            "centre_px",
+        ),
+        (
+            lambda: Unified(xi=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE, k1=np.inf),
             r"k1 must be between -1e\+12 and 1e\+12; got inf",
         ),
         (
-            lambda: Unified(1.0, FOCAL, CENTRE, SIZE, optics="lens"),
+            lambda: Unified(
+                xi=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE, optics="lens"
+            ),
             "optics must be one of mirror, fisheye; got 'lens'",
         ),
         (
-            lambda: Unified(1.0, FOCAL, CENTRE, SIZE, rim_radius_px=0.0),
+            lambda: Unified(
+                xi=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE, rim_radius_px=0.0
+            ),
             r"rim_radius_px must be greater than 0 px and at most 1e\+06 px; got 0\.0",
         ),
         (
-            lambda: EnhancedUnified(1.1, 1.0, FOCAL, CENTRE, SIZE),
+            lambda: EnhancedUnified(
+                alpha=1.1, beta=1.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE
+            ),
             r"alpha must be between 0 and 1; got 1\.1",
         ),
         (
-            lambda: EnhancedUnified(0.5, 0.0, FOCAL, CENTRE, SIZE),
+            lambda: EnhancedUnified(
+                alpha=0.5, beta=0.0, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE
+            ),
             r"beta must be between 0\.0001 and 10000; got 0\.0",
         ),
         (
-            lambda: DoubleSphere(1.2, 0.5, FOCAL, CENTRE, SIZE),
+            lambda: DoubleSphere(
+                xi=1.2, alpha=0.5, focal_px=FOCAL, centre_px=CENTRE, image_size=SIZE
+            ),
             r"xi must be between -1 and 1; got 1\.2",
         ),
     ],
@@ -236,7 +301,13 @@ def reflected(offsets, ball_radius):
 
 def test_rays_equal_reflecting_sphere():
     field_deg, rim = 260.0, 300.0
-    ball = om.MirrorBall((400.0, 310.0), rim, field_deg, (801, 621), Mount("up", 0.0))
+    ball = om.MirrorBall(
+        centre_px=(400.0, 310.0),
+        rim_radius_px=rim,
+        field_deg=field_deg,
+        image_size=(801, 621),
+        mount=Mount("up", 0.0),
+    )
     offsets = np.random.default_rng(0).uniform(-210, 210, (300, 2))
     expected = reflected(offsets, rim / np.sin(np.radians(field_deg / 4)))
     rays = ball.backproject(offsets + ball.centre_px)
@@ -249,14 +320,18 @@ def test_rays_equal_reflecting_sphere():
 
 @given(st.floats(1, 360), st.floats(5, 5000))
 def test_rim_is_at_half_field(field_deg, rim):
-    ball = om.MirrorBall((0.0, 0.0), rim, field_deg, (100_000, 10))
+    ball = om.MirrorBall(
+        centre_px=(0.0, 0.0), rim_radius_px=rim, field_deg=field_deg, image_size=(100_000, 10)
+    )
     z = ball.backproject([[rim, 0.0]]).directions[0, 2]
     assert np.degrees(np.arccos(np.clip(-z, -1, 1))) == pytest.approx(field_deg / 2, abs=1e-5)
     assert not ball.backproject([[rim * 1.001, 0.0]]).valid[0]
 
 
 def test_mirror_ball_is_equal_area():
-    ball = om.MirrorBall((500.0, 500.0), 400.0, 300.0, (1001, 1001))
+    ball = om.MirrorBall(
+        centre_px=(500.0, 500.0), rim_radius_px=400.0, field_deg=300.0, image_size=(1001, 1001)
+    )
     radii = 400 * np.sqrt(np.linspace(0, 1, 11))
     solid_angle = 2 * np.pi * -np.diff(np.cos(ball.omega_from_radius(radii)))
     np.testing.assert_allclose(solid_angle, solid_angle[0], rtol=1e-12)
@@ -289,4 +364,4 @@ def test_invalid_image_size_raises(size):
     with pytest.raises(
         InvalidParameter, match="image width must be an integer between 1 and 100000 px"
     ):
-        om.MirrorBall((5.0, 5.0), 5.0, 260.0, size)
+        om.MirrorBall(centre_px=(5.0, 5.0), rim_radius_px=5.0, field_deg=260.0, image_size=size)

@@ -12,7 +12,13 @@ from omnimirror.cameras.models import RadialSpline, Unified, ViewpointSpline
 
 RADII = (44.0, 92.0, 143.0, 191.0, 230.0)
 HEIGHTS = (-2.0, -1.5, 0.3, 2.5, 5.0)
-CAMERA = ViewpointSpline(RADII, HEIGHTS, 230.0, (320.0, 238.0), (640, 480))
+CAMERA = ViewpointSpline(
+    radii_px=RADII,
+    viewpoints_mm=HEIGHTS,
+    field_deg=230.0,
+    centre_px=(320.0, 238.0),
+    image_size=(640, 480),
+)
 KNOTS = np.radians(115.0) * np.arange(1, 6) / 5
 
 
@@ -53,7 +59,9 @@ def test_points_on_ray_project_to_pixel(distance_mm):
 @pytest.mark.parametrize("kind", [RadialSpline, ViewpointSpline])
 @pytest.mark.parametrize("xi", [0.0, 0.5, 0.95, 1.0])
 def test_unbounded_model_is_fitted_within_image(xi, kind):
-    camera = Unified(xi, (200.0, 200.0), (320.0, 240.0), (640, 480))
+    camera = Unified(
+        xi=xi, focal_px=(200.0, 200.0), centre_px=(320.0, 240.0), image_size=(640, 480)
+    )
     m = np.hypot(320.5, 240.5) / 200.0  # of the corner: sin / (cos + xi)
     shown = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
     spline = kind.from_model(camera)
@@ -72,8 +80,12 @@ def test_unbounded_model_is_fitted_within_image(xi, kind):
 def test_fitted_spline_has_sufficient_knots(kind):
     """Radii of a single-viewpoint mirror increase progressively towards the rim; nearly linear ones
     need few knots."""
-    steep = Unified(1.0, (400.0, 400.0), (511.5, 511.5), (1024, 1024))
-    even = Unified(4.0, (1500.0, 1500.0), (511.5, 511.5), (1024, 1024))
+    steep = Unified(
+        xi=1.0, focal_px=(400.0, 400.0), centre_px=(511.5, 511.5), image_size=(1024, 1024)
+    )
+    even = Unified(
+        xi=4.0, focal_px=(1500.0, 1500.0), centre_px=(511.5, 511.5), image_size=(1024, 1024)
+    )
     for camera, field, more in ((steep, 270.0, True), (even, 120.0, False)):
         spline = kind.from_model(camera, field_deg=field)
         omega = np.radians(np.linspace(0.1, field / 2, 500))
@@ -92,9 +104,26 @@ def test_points_within_caustic_are_invalid():
 
 
 def test_constant_viewpoint_equals_central_model():
-    central = RadialSpline(RADII, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5)
+    central = RadialSpline(
+        radii_px=RADII,
+        field_deg=230.0,
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
+        stretch_x=0.01,
+        shear=-0.02,
+        p1=1e-5,
+        p2=2e-5,
+    )
     shifted = ViewpointSpline(
-        RADII, (3.0,) * 5, 230.0, (320.0, 238.0), (640, 480), 0.01, -0.02, 1e-5, 2e-5
+        radii_px=RADII,
+        viewpoints_mm=(3.0,) * 5,
+        field_deg=230.0,
+        centre_px=(320.0, 238.0),
+        image_size=(640, 480),
+        stretch_x=0.01,
+        shear=-0.02,
+        p1=1e-5,
+        p2=2e-5,
     )
     points = np.random.default_rng(0).normal(size=(300, 3)) * 100
     a, b = central.image(points), shifted.image(points - 3.0 * np.eye(3)[2])
@@ -113,11 +142,11 @@ def test_viewpoint_spline_fits_noncentral_mirror(name):
     across, along = symmetry.origin_mm(np.linspace(0.05, end, 400))
     heights = along - across / np.tan(np.linspace(0.05, end, 400))
     camera = ViewpointSpline(
-        tuple(symmetry.radius_px(knots)),
-        tuple(np.interp(knots, np.linspace(0.05, end, 400), heights)),
-        float(np.degrees(2 * end)),
-        symmetry.centre_px,
-        sensor.image_size,
+        radii_px=tuple(symmetry.radius_px(knots)),
+        viewpoints_mm=tuple(np.interp(knots, np.linspace(0.05, end, 400), heights)),
+        field_deg=float(np.degrees(2 * end)),
+        centre_px=symmetry.centre_px,
+        image_size=sensor.image_size,
         mount=sensor.mount,
     )
     rng = np.random.default_rng(4)
@@ -134,7 +163,9 @@ def test_viewpoint_spline_fits_noncentral_mirror(name):
 
 
 def test_spline_from_model():
-    unified = Unified(0.95, (220.0, 222.0), (322.0, 238.0), (640, 480), k1=-0.05)
+    unified = Unified(
+        xi=0.95, focal_px=(220.0, 222.0), centre_px=(322.0, 238.0), image_size=(640, 480), k1=-0.05
+    )
     for start in (
         RadialSpline.from_model(unified, 8, 220.0),
         ViewpointSpline.from_model(unified, 8, 220.0),

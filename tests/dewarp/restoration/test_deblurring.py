@@ -236,8 +236,12 @@ def test_specified_blur_restores_other_cameras(smaller: Restorer, scene: om.Envi
     the rim."""
     picture = om.render_image(smaller.camera, scene, samples=32, blur=True)
     centre, rim = smaller.camera.symmetry.centre_px, smaller.camera.rim_radius_px
-    ball = om.MirrorBall(centre, rim, 360.0, (160, 160))
-    ocam = om.OCam((-37.5, 0.0, 0.0064), centre, (160, 160), rim_radius_px=rim)
+    ball = om.MirrorBall(
+        centre_px=centre, rim_radius_px=rim, field_deg=360.0, image_size=(160, 160)
+    )
+    ocam = om.OCam(
+        polynomial=(-37.5, 0.0, 0.0064), centre_px=centre, image_size=(160, 160), rim_radius_px=rim
+    )
     radii = np.linspace(0, 81, 82)
     table = np.stack([radii, *smaller.known.sizes(radii)], axis=-1)
     inner = smaller.radius < 0.9 * rim
@@ -394,7 +398,10 @@ def test_uniform_blur_that_is_specified_too_large_does_no_harm(
     sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     sharp = _rendered(sensor, SCENES["leaves"](shared_data), None)
     ball = om.MirrorBall(
-        sensor.symmetry.centre_px, sensor.rim_radius_px, 300.0, image_size=(256, 256)
+        centre_px=sensor.symmetry.centre_px,
+        rim_radius_px=sensor.rim_radius_px,
+        field_deg=300.0,
+        image_size=(256, 256),
     )
     light = cv2.filter2D(sharp, -1, _disk(actual)) if actual else sharp
     noise = 0.01 * np.random.default_rng(1).standard_normal(light.shape)
@@ -481,7 +488,9 @@ def test_coding_ringing_is_not_sharpening(small: Restorer, scene: om.Environment
     ],
 )
 def test_invalid_blur_raises(blur, message: str):
-    ball = om.MirrorBall((31.5, 31.5), 30.0, 360.0, (64, 64))
+    ball = om.MirrorBall(
+        centre_px=(31.5, 31.5), rim_radius_px=30.0, field_deg=360.0, image_size=(64, 64)
+    )
     with pytest.raises(InvalidParameter, match=message):
         om.restore(ball, np.zeros((64, 64), np.uint8), noise=0.01, blur=blur)
 

@@ -247,7 +247,10 @@ def test_rotation_of_a_video_is_applied_unless_frames_are_requested_as_stored(tm
     frame = capture.read()[1][..., ::-1]
     height, width = frame.shape[:2]
     ball = om.MirrorBall(
-        (width / 2 - 0.5, height / 2 - 0.5), 22.0, 300.0, image_size=(width, height)
+        centre_px=(width / 2 - 0.5, height / 2 - 0.5),
+        rim_radius_px=22.0,
+        field_deg=300.0,
+        image_size=(width, height),
     )
     views = {"front": VIEWS["front"]}
     told = []

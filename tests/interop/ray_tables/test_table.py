@@ -79,7 +79,12 @@ def test_points_along_a_ray_project_to_its_pixel(kind, housing):
 
 
 def test_calibrated_camera_has_a_single_viewpoint():
-    table = om.ray_table(om.Unified(0.9, (200.0, 200.0), (159.5, 119.5), (320, 240)), step=7)
+    table = om.ray_table(
+        om.Unified(
+            xi=0.9, focal_px=(200.0, 200.0), centre_px=(159.5, 119.5), image_size=(320, 240)
+        ),
+        step=7,
+    )
     assert table.size == (46, 35)
     on = table.weights > 0
     assert not table.origins.any()

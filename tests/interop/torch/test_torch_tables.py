@@ -212,7 +212,7 @@ def test_missing_pytorch_raises_with_remedy(monkeypatch):
 
 
 def test_free_parameters_require_a_sensor():
-    camera = om.Unified(0.9, (30.0, 30.0), (31.5, 23.5), (64, 48))
+    camera = om.Unified(xi=0.9, focal_px=(30.0, 30.0), centre_px=(31.5, 23.5), image_size=(64, 48))
     with pytest.raises(
         InvalidParameter, match=r"free must be empty unless camera is a sensor; .* for a Unified"
     ):

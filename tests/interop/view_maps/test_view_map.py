@@ -26,7 +26,9 @@ CAMERAS = {
     "down, misaligned": replace(
         SMALL, mount=Mount("down", 30.0), mirror_pose=MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
     ),
-    "fisheye": om.Unified(0.9, (55.0, 55.0), (63.5, 63.5), (128, 128)),
+    "fisheye": om.Unified(
+        xi=0.9, focal_px=(55.0, 55.0), centre_px=(63.5, 63.5), image_size=(128, 128)
+    ),
 }
 VIEWS = {
     "panorama": lambda c: om.views.panorama(c, (360, None)),
@@ -188,7 +190,9 @@ def test_rays_at_the_seam_of_a_panorama(distance_mm):
 
 def test_chunks_do_not_change_the_map(monkeypatch):
     """All pixels of a fisheye camera are mapped, in one chunk or several."""
-    camera = om.Unified(0.9, (55.0, 55.0), (31.5, 23.5), (64, 48), optics="fisheye")
+    camera = om.Unified(
+        xi=0.9, focal_px=(55.0, 55.0), centre_px=(31.5, 23.5), image_size=(64, 48), optics="fisheye"
+    )
     view = om.screens.Equirectangular((180, 90))
     whole = view_pixels(camera, view, "exact")
     assert np.isfinite(whole).all()

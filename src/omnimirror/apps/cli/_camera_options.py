@@ -166,7 +166,9 @@ class CameraOptions(Options):
             camera = load_ocam(self.ocam, self.optics or "mirror", rim_radius_px=self.rim_radius_px)
         elif self.ball is not None:
             u, v, radius, full_field = self.ball
-            camera = MirrorBall((u, v), radius, full_field, image_size)
+            camera = MirrorBall(
+                centre_px=(u, v), rim_radius_px=radius, field_deg=full_field, image_size=image_size
+            )
         return replace(camera, mount=self.mount_of(camera.mount))
 
     def mount_of(self, mount: Mount) -> Mount:

@@ -65,7 +65,9 @@ def write_calibration_report(calibration: Calibration, path: str | Path, command
     --------
     >>> import omnimirror as om, tempfile
     >>> from omnimirror.cameras.models import Unified
-    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> camera = Unified(
+    ...     xi=0.95, focal_px=(160.0, 160.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> board = om.Board("chessboard", 11, 7, 30.0)
     >>> found = om.calibrate_camera(om.simulate_detections(camera, board, 5), board, model="unified")
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -102,7 +104,9 @@ def write_calibration_figures(
     --------
     >>> import omnimirror as om, tempfile
     >>> from omnimirror.cameras.models import Unified
-    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> camera = Unified(
+    ...     xi=0.95, focal_px=(160.0, 160.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> board = om.Board("chessboard", 11, 7, 30.0)
     >>> found = om.calibrate_camera(om.simulate_detections(camera, board, 4), board, model="unified")
     >>> with tempfile.TemporaryDirectory() as folder:

@@ -132,7 +132,11 @@ class Cameras:
         if isinstance(camera, MirrorBall):
             mount = Mount(**wanted.mount.model_dump())
             return MirrorBall(
-                wanted.centre_px, wanted.rim_radius_px, camera.field_deg, wanted.image_size, mount
+                centre_px=wanted.centre_px,
+                rim_radius_px=wanted.rim_radius_px,
+                field_deg=camera.field_deg,
+                image_size=wanted.image_size,
+                mount=mount,
             )
         return self.fitted(wanted)
 
@@ -190,7 +194,9 @@ def ball_of(field_deg: float) -> NamedCamera:
     """Return a mirror ball with the given field in an image of its own; the page moves its image
     circle."""
     centre = (BALL_SIZE[0] - 1) / 2, (BALL_SIZE[1] - 1) / 2
-    ball = MirrorBall(centre, 500.0, field_deg, BALL_SIZE)
+    ball = MirrorBall(
+        centre_px=centre, rim_radius_px=500.0, field_deg=field_deg, image_size=BALL_SIZE
+    )
     options = ("--ball", f"{centre[0]:g},{centre[1]:g},500,{field_deg:g}")
     return NamedCamera(f"ball:{field_deg:g}", "mirror ball", title_of(ball), options, ball)
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import subprocess
-import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
+from subprocess import Popen
 from typing import IO, Any
 
 from fastapi import Request, WebSocket, WebSocketDisconnect
 
 from ...base.errors import InvalidParameter
+from ...base.worker_processes import start_process, terminate_process
 from ...interop.http_server.limits import MAX_QUEUED_JOBS, ServerBusy
 from . import _board_detection_process
 from .calibration_messages import BoardDetection, BoardDetectionRequest
@@ -21,25 +21,6 @@ from .messages import Problem
 #
 # Workers do not delay interactive requests and can be cancelled at any time. A worker reads its task
 # from standard input and writes its progress, one message per line.
-
-
-def start_process(module: str) -> subprocess.Popen[bytes]:
-    """Start a module as a process that is isolated from Ctrl-C at the server."""
-    return subprocess.Popen(
-        [sys.executable, "-m", module],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-    )
-
-
-def terminate(process: subprocess.Popen[bytes]) -> None:
-    """Terminate a process and close its pipes."""
-    process.kill()
-    process.wait()  # short, because the process is killed
-    for stream in (process.stdin, process.stdout):
-        with suppress(OSError):  # the last input may not have been delivered
-            stream.close()  # type: ignore[union-attr]
 
 
 async def serve_socket(socket: WebSocket, work: Callable[[WebSocket], Awaitable[None]]) -> None:
@@ -52,7 +33,7 @@ async def serve_socket(socket: WebSocket, work: Callable[[WebSocket], Awaitable[
 class Worker:
     """Running worker process."""
 
-    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+    def __init__(self, process: Popen[bytes]) -> None:
         self._process = process
 
     def tell(self, line: str) -> None:
@@ -107,7 +88,7 @@ class Workers:
             yield Worker(process)
         finally:
             self._running -= 1
-            terminate(process)
+            terminate_process(process)
 
 
 async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any]) -> None:
@@ -140,7 +121,7 @@ class BoardDetectorPool:
 
     def __init__(self) -> None:
         self._turn = asyncio.Semaphore(MAX_SIMULTANEOUS)
-        self._idle: list[subprocess.Popen[bytes]] = []
+        self._idle: list[Popen[bytes]] = []
         self._asked = 0
         self._letting_go: asyncio.TimerHandle | None = None
 
@@ -175,7 +156,7 @@ class BoardDetectorPool:
     def close(self) -> None:
         """Terminate the idle processes."""
         while self._idle:
-            terminate(self._idle.pop())
+            terminate_process(self._idle.pop())
 
     async def _answer(self, ask: BoardDetectionRequest, data: bytes, request: Request) -> bytes:
         looker = (
@@ -192,13 +173,13 @@ class BoardDetectorPool:
             if answer:
                 self._idle.append(looker)
             else:
-                terminate(looker)  # also ends the thread that waits for its answer
+                terminate_process(looker)  # also ends the thread that waits for its answer
         if not answer:
             raise InvalidParameter(f"the board detection in {ask.name} was interrupted; try again")
         return answer
 
 
-def _asked(looker: subprocess.Popen[bytes], ask: BoardDetectionRequest, data: bytes) -> bytes:
+def _asked(looker: Popen[bytes], ask: BoardDetectionRequest, data: bytes) -> bytes:
     assert looker.stdin is not None
     assert looker.stdout is not None
     with suppress(OSError, ValueError):  # terminated in the meantime

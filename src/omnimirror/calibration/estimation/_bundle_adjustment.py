@@ -672,10 +672,14 @@ def bundle_adjust(
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified
     >>> from omnimirror.calibration.estimation import RigidTransform
-    >>> truth = Unified(0.9, (150.0, 150.0), (322.0, 241.0), (640, 480))
+    >>> truth = Unified(
+    ...     xi=0.9, focal_px=(150.0, 150.0), centre_px=(322.0, 241.0), image_size=(640, 480)
+    ... )
     >>> points = np.random.default_rng(0).normal(0, 2000, (60, 3)) * [1, 1, 0.2]
     >>> room = om.Observation("room", truth.image(points).pixels, points, RigidTransform.identity(), is_known=True)
-    >>> start = Unified(1.0, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> start = Unified(
+    ...     xi=1.0, focal_px=(160.0, 160.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> found = om.bundle_adjust(start, [room], fixed=("k1", "k2", "k3", "p1", "p2", "skew"))
     >>> round(found.model.xi, 4), round(found.rms_px, 6)
     (0.9, 0.0)

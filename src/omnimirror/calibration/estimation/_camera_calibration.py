@@ -278,7 +278,9 @@ def calibrate_camera(
 
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified
-    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> camera = Unified(
+    ...     xi=0.95, focal_px=(160.0, 160.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> board = om.Board("chessboard", 11, 7, 30.0)
     >>> detections = om.simulate_detections(camera, board, 8, noise_px=0.1)
     >>> found = om.calibrate_camera(detections, board, model="unified")
@@ -305,7 +307,14 @@ def calibrate_camera(
         ),
         image_size=size,
         centre_px=centre_px,
-        empty=Unified(1.0, (100.0, 100.0), (0.0, 0.0), size, optics=optics, mount=mount),  # type: ignore[arg-type]
+        empty=Unified(
+            xi=1.0,
+            focal_px=(100.0, 100.0),
+            centre_px=(0.0, 0.0),
+            image_size=size,
+            optics=optics,
+            mount=mount,
+        ),  # type: ignore[arg-type]
         wanted=_models_to_fit(
             model,
             size,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.typing import Array
-from .._worker_processes import WorkerPool
+from ...base.worker_processes import WorkerPool
 from ..sensor_model import SensorModel
 from ._bundle_adjustment import BundleAdjustment, bundle_adjust
 from ._residuals import SHAPE_NAMES, UNSEEN_PX, residuals_at_poses

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.worker_processes import WorkerPool
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.sphere_models import Unified
 from ...cameras.models.spline_models import ViewpointSpline
-from .._worker_processes import WorkerPool
 from ..sensor_model import SensorModel
 from ..straight_edges import StraightEdges
 from ._bundle_adjustment import (

@@ -125,7 +125,9 @@ class Calibration:
     --------
     >>> import omnimirror as om
     >>> from omnimirror.cameras.models import Unified
-    >>> camera = Unified(0.95, (160.0, 160.0), (319.5, 239.5), (640, 480))
+    >>> camera = Unified(
+    ...     xi=0.95, focal_px=(160.0, 160.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> board = om.Board("chessboard", 11, 7, 30.0)
     >>> found = om.calibrate_camera(om.simulate_detections(camera, board, 4), board, model="unified")
     >>> found.parameters[0]._fields, found.parameters[0].name

@@ -42,25 +42,49 @@ def _unified(u: Unified, omega_max_deg: float) -> CameraModel:
 
 def _enhanced(u: Unified, omega_max_deg: float) -> CameraModel:
     return EnhancedUnified(
-        u.xi / (1 + u.xi), 1.0, _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
+        alpha=u.xi / (1 + u.xi),
+        beta=1.0,
+        focal_px=_focal(u),
+        centre_px=u.centre_px,
+        image_size=u.image_size,
+        optics=u.optics,
+        mount=u.mount,
     )
 
 
 def _double(u: Unified, omega_max_deg: float) -> CameraModel:
     return DoubleSphere(
-        0.0, u.xi / (1 + u.xi), _focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount
+        xi=0.0,
+        alpha=u.xi / (1 + u.xi),
+        focal_px=_focal(u),
+        centre_px=u.centre_px,
+        image_size=u.image_size,
+        optics=u.optics,
+        mount=u.mount,
     )
 
 
 def _kannala_brandt(u: Unified, omega_max_deg: float) -> CameraModel:
-    return KannalaBrandt(_focal(u), u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+    return KannalaBrandt(
+        focal_px=_focal(u),
+        centre_px=u.centre_px,
+        image_size=u.image_size,
+        optics=u.optics,
+        mount=u.mount,
+    )
 
 
 def _ocam(u: Unified, omega_max_deg: float) -> CameraModel:
     """Return an OCam model; stereographic: ``f(rho) = (rho^2 - f^2) / (2 f)``."""
     f = 2 * u.scale_px / (1 + u.xi)
     polynomial = (-f / 2, 0.0, 1 / (2 * f), 0.0, 0.0)
-    return OCam(polynomial, u.centre_px, u.image_size, optics=u.optics, mount=u.mount)
+    return OCam(
+        polynomial=polynomial,
+        centre_px=u.centre_px,
+        image_size=u.image_size,
+        optics=u.optics,
+        mount=u.mount,
+    )
 
 
 def _radial_spline(u: Unified, omega_max_deg: float) -> CameraModel:
@@ -336,11 +360,25 @@ def fit_first_model(
     """
     width, height = image_size
     centre = centre_px or ((width - 1) / 2, (height - 1) / 2)
-    model = Unified(1.0, (width / 4, width / 4), centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
+    model = Unified(
+        xi=1.0,
+        focal_px=(width / 4, width / 4),
+        centre_px=centre,
+        image_size=image_size,
+        optics=optics,
+        mount=mount,
+    )  # type: ignore[arg-type]
     start = stereographic_start(observations, image_size, centre, model._signs)
     boards = not all(s.is_surveyed for s in observations)
     check_start(start.median_px / ROUGH_START[boards], image_size, boards=boards)
-    model = Unified(1.0, (start.focal_px,) * 2, centre, image_size, optics=optics, mount=mount)  # type: ignore[arg-type]
+    model = Unified(
+        xi=1.0,
+        focal_px=(start.focal_px,) * 2,
+        centre_px=centre,
+        image_size=image_size,
+        optics=optics,
+        mount=mount,
+    )  # type: ignore[arg-type]
     inconsistent = {
         s.name: UNPLACED if s.is_surveyed else "its corners are collinear or coincide"
         for s, pose in zip(observations, start.poses, strict=True)

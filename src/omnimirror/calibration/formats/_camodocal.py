@@ -63,7 +63,7 @@ def _sphere(table: Node, model: str, size: tuple[int, int], reading: ReadOptions
         return KannalaBrandt(**common | coefficients)
     xi = table["mirror_parameters"]["xi"].number() if model == "MEI" else 0.0
     distortion = table["distortion_parameters"]
-    return Unified(xi, **common | {k: distortion[k].number() for k in RADTAN})
+    return Unified(xi=xi, **common | {k: distortion[k].number() for k in RADTAN})
 
 
 def _scaramuzza(table: Node, name: str, size: tuple[int, int], reading: ReadOptions) -> CameraEntry:

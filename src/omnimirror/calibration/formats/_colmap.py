@@ -44,7 +44,7 @@ class Model(NamedTuple):
 
 
 def _pinhole(**named_numbers: Any) -> Any:
-    return Unified(0.0, **named_numbers)
+    return Unified(xi=0.0, **named_numbers)
 
 
 KINDS = {

@@ -65,7 +65,7 @@ def _camera(table: Node, reading: ReadOptions) -> Any:
         if distortion == "equidistant":
             return KannalaBrandt(**common, **named_numbers(("k1", "k2", "k3", "k4"), coefficients))
         radtan = named_numbers(("k1", "k2", "p1", "p2"), coefficients)
-        return Unified(shape_parameters[0] if shape_parameters else 0.0, **common, **radtan)
+        return Unified(xi=shape_parameters[0] if shape_parameters else 0.0, **common, **radtan)
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source} line {table.line}: {table.name}: {problem}") from None
 

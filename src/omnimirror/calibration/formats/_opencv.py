@@ -38,7 +38,16 @@ def read_omnidir(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     size = image_size(table, reading)
     try:
         camera = Unified(
-            xi, focal, centre, size, skew, k1=k1, k2=k2, p1=p1, p2=p2, **reading.model_arguments
+            xi=xi,
+            focal_px=focal,
+            centre_px=centre,
+            image_size=size,
+            skew_px=skew,
+            k1=k1,
+            k2=k2,
+            p1=p1,
+            p2=p2,
+            **reading.model_arguments,
         )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
@@ -120,7 +129,12 @@ def read_fisheye(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     ks = named_numbers(("k1", "k2", "k3", "k4"), distortion.row(4))
     try:
         camera = KannalaBrandt(
-            focal, centre, image_size(table, reading), skew_px=skew, **ks, **reading.model_arguments
+            focal_px=focal,
+            centre_px=centre,
+            image_size=image_size(table, reading),
+            skew_px=skew,
+            **ks,
+            **reading.model_arguments,
         )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None

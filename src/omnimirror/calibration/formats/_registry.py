@@ -115,7 +115,9 @@ def register_camera_format(name: str, kind: CameraFormat) -> None:
     >>> from omnimirror.calibration.formats import FORMATS, CameraFormat, Layout
     >>> two = Layout(om.OCam, lambda camera, name: "{} {}".format(*camera.centre_px), "the centre alone")
     >>> om.register_camera_format("docs", CameraFormat("centre", lambda f: False, lambda f, r: [], {"docs": two}))
-    >>> FORMATS["docs"].layouts["docs"].write(om.OCam((-100.0,), (5.0, 4.0), (11, 9)), "")
+    >>> FORMATS["docs"].layouts["docs"].write(
+    ...     om.OCam(polynomial=(-100.0,), centre_px=(5.0, 4.0), image_size=(11, 9)), ""
+    ... )
     '5.0 4.0'
     >>> FORMATS.withdraw("docs")
     """

@@ -84,7 +84,7 @@ def _camera(
             return KannalaBrandt(**common, **named_numbers(("k1", "k2", "k3", "k4"), k))
         if model == "rational_polynomial":
             return RationalPinhole(**common, **named_numbers(RATIONAL, k))
-        return Unified(0.0, **common, **named_numbers(("k1", "k2", "p1", "p2", "k3"), k))
+        return Unified(xi=0.0, **common, **named_numbers(("k1", "k2", "p1", "p2", "k3"), k))
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
 

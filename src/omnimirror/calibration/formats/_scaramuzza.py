@@ -152,7 +152,14 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
     OCamCalib's matrix, as (right, down), is ``[1 e; d c]``. Normalisation of its last element to 1
     scales the symmetric image by c, and ``a_n`` by ``c^(1 - n)``.
 
-    >>> matlab_polynomial(OCam((-100.0, 0.0, 0.002), (5.0, 5.0), (11, 11), (2.0, 0.0, 0.0))).coefficients
+    >>> matlab_polynomial(
+    ...     OCam(
+    ...         polynomial=(-100.0, 0.0, 0.002),
+    ...         centre_px=(5.0, 5.0),
+    ...         image_size=(11, 11),
+    ...         affine=(2.0, 0.0, 0.0),
+    ...     )
+    ... ).coefficients
     array([ 2.e+02, -0.e+00, -1.e-03])
     """
     c, d, e = camera.affine
@@ -177,7 +184,13 @@ def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Read
     polynomial = tuple((-np.asarray(taylor.coefficients) * powers).tolist())
     affine = (float(last / first), float(r / first), float(q / first))
     try:
-        return OCam(polynomial, taylor.centre_px, image_size, affine, **reading.model_arguments)
+        return OCam(
+            polynomial=polynomial,
+            centre_px=taylor.centre_px,
+            image_size=image_size,
+            affine=affine,
+            **reading.model_arguments,
+        )
     except OmnimirrorError as problem:
         raise SpecError(f"{reading.source}: {problem}") from None
 

@@ -109,11 +109,11 @@ def camera_from_rim(
         return sensor_from_rim(rim, selection if mount is None else replace(selection, mount=mount))
     if selection.sensor is None:
         return MirrorBall(
-            rim.centre_px,
-            rim.radius_px,
-            selection.field_deg,
-            rim.image_size,
-            mount or Mount(selection.camera_looks),
+            centre_px=rim.centre_px,
+            rim_radius_px=rim.radius_px,
+            field_deg=selection.field_deg,
+            image_size=rim.image_size,
+            mount=mount or Mount(selection.camera_looks),
         )
     sensor = load_sensor(selection.sensor)
     return _centre_on_rim(rim, sensor if mount is None else replace(sensor, mount=mount))

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ...base.arguments import instance, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.worker_processes import WorkerPool
 from ...cameras.camera import Camera
-from .._worker_processes import WorkerPool
 from ._chessboards import find_chessboard, find_chessboards, is_whole, ordered, placed
 from ._corner_refinement import maps_about, refine_corners
 from ._image_preparation import Grey, LocalView, edge_blur_px, grey, local_views

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -10,10 +10,8 @@ from numpy.polynomial.polynomial import polysub, polyval
 
 from ...base.arguments import number
 from ...base.caching import cached_property
-from ...base.parameters import Uncertainty
 from ...base.root_finding import increasing_root
 from ...base.typing import Array
-from ..frames import Mount
 from ._distortion import (
     MAX_COEFFICIENT,
     MIN_RATE,
@@ -30,7 +28,7 @@ from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialProjection
 NODES = 257  # of the table of initial values for inversion
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class KannalaBrandt(FocalModel):
     """Fisheye model with a radius polynomial, odd in the field angle.
 
@@ -40,27 +38,10 @@ class KannalaBrandt(FocalModel):
 
     Parameters
     ----------
-    focal_px : (fx, fy)
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
     k1, k2, k3, k4
         Coefficients of the polynomial.
-    skew_px
-        OpenCV's alpha times fx.
-    optics
-        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`FocalModel`.
 
     References
     ----------
@@ -69,30 +50,25 @@ class KannalaBrandt(FocalModel):
 
     Examples
     --------
-    >>> camera = KannalaBrandt((180 / np.pi, 180 / np.pi), (319.5, 239.5), (640, 480))
+    >>> camera = KannalaBrandt(
+    ...     focal_px=(180 / np.pi, 180 / np.pi), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> camera.image([[100.0, 0.0, 0.0]]).pixels  # 90 deg from the axis
     array([[409.5, 239.5]])
     """
 
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
     k1: float = 0.0
     k2: float = 0.0
     k3: float = 0.0
     k4: float = 0.0
-    skew_px: float = 0.0
     optics: Optics = "fisheye"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "kannala-brandt"
     COEFFICIENTS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4")
 
     def __post_init__(self) -> None:
-        self._check_focal()
-        for name in (*self.COEFFICIENTS, *self.LENS):
+        super().__post_init__()
+        for name in self.COEFFICIENTS:
             number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
 
     @property
@@ -162,45 +138,28 @@ class KannalaBrandt(FocalModel):
 # -- Rational pinhole and thin-prism fisheye -------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RationalPinhole(FocalModel):
     """Pinhole model with rational radial distortion, as in OpenCV and ROS.
 
     Parameters
     ----------
-    focal_px : (fx, fy)
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
     k1, k2, k3, k4, k5, k6
         Radial distortion: k1 to k3 in the numerator, k4 to k6 in the denominator.
     p1, p2
         Tangential distortion.
-    skew_px
-    optics
-        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`FocalModel`.
 
     Examples
     --------
-    >>> camera = RationalPinhole((100.0, 100.0), (319.5, 239.5), (640, 480))
+    >>> camera = RationalPinhole(
+    ...     focal_px=(100.0, 100.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> camera.image([[100.0, 0.0, 100.0]]).pixels
     array([[419.5, 239.5]])
     """
 
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
     k1: float = 0.0
     k2: float = 0.0
     k3: float = 0.0
@@ -209,19 +168,10 @@ class RationalPinhole(FocalModel):
     k6: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
-    skew_px: float = 0.0
     optics: Optics = "fisheye"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "rational-pinhole"
     LENS = {**{f"k{i}": ("", 0.1) for i in range(1, 7)}, "p1": ("", 0.01), "p2": ("", 0.01)}  # noqa: RUF012
-
-    def __post_init__(self) -> None:
-        self._check_focal()
-        for name in self.LENS:
-            number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
 
     @cached_property
     def distortion(self) -> DistortionModel:
@@ -247,7 +197,7 @@ class RationalPinhole(FocalModel):
         return np.arctan(radius)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ThinPrismFisheye(KannalaBrandt):
     """Kannala-Brandt polynomial with two more terms, tangential and thin-prism distortion.
 
@@ -255,34 +205,20 @@ class ThinPrismFisheye(KannalaBrandt):
 
     Parameters
     ----------
-    focal_px : (fx, fy)
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
     k1, k2, k3, k4, k5, k6
         Coefficients of the polynomial.
-    skew_px
-    optics
-        ``"fisheye"`` or ``"mirror"``: the image centre is directed forwards or backwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
     p1, p2
         Tangential distortion, in OpenCV's order: COLMAP's p1 and p0.
     s1, s2, s3, s4
         Thin-prism distortion: of columns by r^2 and r^4, then of rows.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`FocalModel`.
 
     Examples
     --------
-    >>> camera = ThinPrismFisheye((100.0, 100.0), (319.5, 239.5), (640, 480), s3=0.1)
+    >>> camera = ThinPrismFisheye(
+    ...     focal_px=(100.0, 100.0), centre_px=(319.5, 239.5), image_size=(640, 480), s3=0.1
+    ... )
     >>> camera.image([[1.0, 0.0, 0.0]]).pixels.round(2)  # 90 deg to the right
     array([[476.58, 264.17]])
     """

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import ClassVar, Literal, NamedTuple, Self, get_args
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import choice, finite, format_value
-from ...base.errors import InvalidParameter
 from ...base.notebook_card import Line, card, field_range, line_drawing, origin
 from ...base.parameters import Uncertainty
 from ...base.typing import Array, Mask
@@ -24,8 +22,6 @@ from ..frames import Mount
 # Centres and radii refer to the image as delivered; ``mount.image_flipped`` marks it as mirrored.
 
 Optics = Literal["mirror", "fisheye"]
-
-MAX_IMAGE_PX = 100_000
 
 
 class ModelParameter(NamedTuple):
@@ -101,7 +97,13 @@ class CameraModel(ABC):
         Examples
         --------
         >>> import omnimirror as om
-        >>> camera = om.Unified(0.0, (100.0, 100.0), (319.5, 239.5), (640, 480), optics="fisheye")  # a pinhole
+        >>> camera = om.Unified(
+        ...     xi=0.0,
+        ...     focal_px=(100.0, 100.0),
+        ...     centre_px=(319.5, 239.5),
+        ...     image_size=(640, 480),
+        ...     optics="fisheye",
+        ... )  # a pinhole
         >>> behind = [[0.0, 100.0, -50.0]]
         >>> camera.image(behind).valid[0], camera.image_clamped(behind).valid[0]
         (np.False_, np.True_)
@@ -159,20 +161,6 @@ class CameraModel(ABC):
                 -1.0 if self.is_backward_facing else 1.0,
             ]
         )
-
-    # -- Validation in the constructors of all models --------------------------------------------
-
-    def _check_camera(self) -> None:
-        if finite("image_size", self.image_size).shape != (2,):
-            raise InvalidParameter(
-                f"image_size must be two numbers (width, height); got {format_value(self.image_size)}"
-            )
-        for name, length in zip(("width", "height"), self.image_size, strict=True):
-            if not (1 <= length <= MAX_IMAGE_PX and int(length) == length):
-                raise InvalidParameter(
-                    f"image {name} must be an integer between 1 and {MAX_IMAGE_PX} px; got {length}"
-                )
-        choice("optics", self.optics, get_args(Optics))
 
 
 # -- First-order propagation of parameter covariance to viewing directions -------------------------

@@ -13,7 +13,7 @@ direct polynomial and then ignored; projection solves the direct polynomial.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,6 @@ from ...base.errors import (
     abbreviate,
 )
 from ...base.files import read_text
-from ...base.parameters import Uncertainty
 from ...base.root_finding import increasing_root
 from ...base.typing import Array
 from ..frames import Mount
@@ -43,7 +42,7 @@ MAX_RADIUS_RATIO = 1.5  # of the farthest corner's radius: limit of points outsi
 NODES = 257  # of the table of initial values for projection
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OCam(RadialModel):
     """Camera model of OCamCalib.
 
@@ -56,28 +55,16 @@ class OCam(RadialModel):
     ----------
     polynomial
         a0, a1, a2, ... of f(rho), rho in px; a0 < 0.
-    centre_px : (u, v)
-        Column and row of the centre; integers are pixel centres.
-    image_size : (width, height)
     affine
         c, d, e of OCamCalib: ``row = c x + d y + xc``, ``col = e x + y + yc``.
-    optics
-        ``"mirror"`` or ``"fisheye"``.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`RadialModel`.
 
     Examples
     --------
-    >>> camera = OCam((-100.0, 0.0, 0.0025), (319.5, 239.5), (640, 480))
+    >>> camera = OCam(
+    ...     polynomial=(-100.0, 0.0, 0.0025), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> float(np.degrees(camera.omega_from_radius(np.array([200.0]))[0]))  # f(200) = 0: the horizon
     90.0
     >>> camera.project_directions([[1.0, 0.0, 0.0]]).pixels  # forward, at the top of the image
@@ -85,19 +72,13 @@ class OCam(RadialModel):
     """
 
     polynomial: tuple[float, ...]
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
     affine: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    optics: Optics = "mirror"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "ocam"
     AFFINE = (((0.0, 0.0), (0.0, 1.0)), ((0.0, 0.0), (1.0, 0.0)))
 
     def __post_init__(self) -> None:
-        self._check_radial()
+        super().__post_init__()
         if finite("polynomial", self.polynomial).ndim != 1:
             raise InvalidParameter(
                 f"polynomial must be numbers of shape (n,); got {format_value(self.polynomial)}"
@@ -243,7 +224,14 @@ def load_ocam(
     >>> import tempfile, omnimirror as om
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = f"{folder}/calib_results.txt"
-    ...     result = om.convert(om.OCam((-260.0, 0.0, 0.0011), (402.7, 299.2), (800, 600)), path)
+    ...     result = om.convert(
+    ...         om.OCam(
+    ...             polynomial=(-260.0, 0.0, 0.0011),
+    ...             centre_px=(402.7, 299.2),
+    ...             image_size=(800, 600),
+    ...         ),
+    ...         path,
+    ...     )
     ...     camera = om.load_ocam(path)
     >>> camera.image_size
     (800, 600)
@@ -298,7 +286,9 @@ def parse_polynomials(text: str, source: str) -> tuple[OCam, tuple[float, ...]]:
         raise lines.error(f"the image size must be integers; got {height:g} {width:g}")
     size = (int(width), int(height))
     try:
-        return OCam(direct, (column, row), size, (c, d, e)), inverse
+        return OCam(
+            polynomial=direct, centre_px=(column, row), image_size=size, affine=(c, d, e)
+        ), inverse
     except OmnimirrorError as problem:
         raise SpecError(f"{lines.source}: {problem}") from None
 

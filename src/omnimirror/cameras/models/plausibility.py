@@ -31,7 +31,11 @@ def plausibility_warnings(camera: RadialModel) -> list[str]:
     Examples
     --------
     >>> import omnimirror as om
-    >>> plausibility_warnings(om.OCam((-130.0, 0.0, 0.002), (380.0, 510.0), (1024, 768)))[0]
+    >>> plausibility_warnings(
+    ...     om.OCam(
+    ...         polynomial=(-130.0, 0.0, 0.002), centre_px=(380.0, 510.0), image_size=(1024, 768)
+    ...     )
+    ... )[0]
     'the centre (380, 510) is 182 px from the centre of the 1024 x 768 px image, but ... with swapped coordinates ...'
     """
     messages = []

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import (
+    choice,
     finite,
     format_value,
     instance,
@@ -26,17 +27,14 @@ from ...base.typing import Array, Mask
 from ..camera import AxialSymmetry, Projection, Rays, inside_image
 from ..frames import Mount, rotate_vectors
 from ._distortion import (
+    MAX_COEFFICIENT,
     DistortedPoints,
     Distortion,
     DistortionModel,
     undistort_points,
     undistort_radius,
 )
-from .camera_model import CameraModel, ModelParameter, PointImages
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
+from .camera_model import CameraModel, ModelParameter, Optics, PointImages
 
 # -- Radial models ---------------------------------------------------------------------------------
 #
@@ -44,6 +42,7 @@ if TYPE_CHECKING:
 # at the azimuth of the point; Brown's distortion is applied; a matrix and the centre convert to pixels.
 # A model provides the projection function, its inverse and derivatives.
 
+MAX_IMAGE_PX = 100_000
 MAX_PX = 1e6  # maximum radius, focal length and centre coordinate
 ROUNDING = 1e-12  # relative tolerance of angles and radii at the rim
 
@@ -81,11 +80,36 @@ class AngleRates(NamedTuple):
     """(n, q) by the parameters of the viewpoint; None for a central model."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class RadialModel(CameraModel):
-    """Camera with a radial projection function, distortion and stretch."""
+    """Camera with a radial projection function, distortion and stretch.
 
+    Parameters
+    ----------
+    image_size : (width, height)
+    centre_px : (u, v)
+        Image of the axis; integers are pixel centres.
+    optics
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
+    mount
+        Orientation of the camera.
+    rim_radius_px : px, optional
+        Radius of the field in the image.
+    uncertainty : Uncertainty, optional
+        Covariance of the calibrated parameters.
+
+    Raises
+    ------
+    InvalidParameter
+        If the parameters are invalid.
+    """
+
+    image_size: tuple[int, int]
     centre_px: tuple[float, float]
-    rim_radius_px: float | None
+    optics: Optics = "mirror"
+    mount: Mount = field(default_factory=Mount)
+    rim_radius_px: float | None = None
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     AFFINE: ClassVar[tuple[tuple[tuple[float, float], tuple[float, float]], ...]] = ()
     """Derivatives (2, 2) of :attr:`matrix` by its parameters."""
@@ -189,9 +213,8 @@ class RadialModel(CameraModel):
                 changes[slot.field] = value
             else:
                 changes.setdefault(slot.field, list(getattr(self, slot.field)))[slot.item] = value
-        model: DataclassInstance = self  # type: ignore[assignment]  # every model is a dataclass
         fields = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
-        return replace(model, **fields, uncertainty=None)  # type: ignore[return-value]
+        return replace(self, **fields, uncertainty=None)
 
     @cached_property
     def _all_slots(self) -> tuple[ParameterSlot, ...]:
@@ -574,10 +597,19 @@ class RadialModel(CameraModel):
         with np.errstate(invalid="ignore"):
             return undistort_points(self.distortion, plane[..., 0], plane[..., 1], end)
 
-    # -- Validation in the constructors of all models --------------------------------------------
+    # -- Validation ------------------------------------------------------------------------------
 
-    def _check_radial(self) -> None:
-        self._check_camera()
+    def __post_init__(self) -> None:
+        if finite("image_size", self.image_size).shape != (2,):
+            raise InvalidParameter(
+                f"image_size must be two numbers (width, height); got {format_value(self.image_size)}"
+            )
+        for name, length in zip(("width", "height"), self.image_size, strict=True):
+            if not (1 <= length <= MAX_IMAGE_PX and int(length) == length):
+                raise InvalidParameter(
+                    f"image {name} must be an integer between 1 and {MAX_IMAGE_PX} px; got {length}"
+                )
+        choice("optics", self.optics, get_args(Optics))
         if finite("centre_px", self.centre_px, -MAX_PX, MAX_PX, unit="px").shape != (2,):
             raise InvalidParameter(
                 f"centre_px must be two numbers (u, v); got {format_value(self.centre_px)}"
@@ -586,6 +618,8 @@ class RadialModel(CameraModel):
         instance("mount", self.mount, Mount, "a Mount")
         if self.uncertainty is not None:
             instance("uncertainty", self.uncertainty, Uncertainty, "an Uncertainty")
+        for name, (unit, _) in self.LENS.items():
+            number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT, unit=unit)
 
 
 class _PixelDerivatives:
@@ -623,11 +657,21 @@ def _length_and_unit(x: Array, y: Array) -> tuple[Array, tuple[Array, Array]]:
 MIN_FOCAL_PX = 1e-6
 
 
+@dataclass(frozen=True, kw_only=True)
 class FocalModel(RadialModel):
-    """Model with camera matrix: ``u = fx x + skew y + cx``, ``v = fy y + cy``."""
+    """Model with camera matrix: ``u = fx x + skew y + cx``, ``v = fy y + cy``.
+
+    Parameters
+    ----------
+    focal_px : (fx, fy)
+    skew_px
+        OpenCV's alpha times fx.
+    **others
+        Parameters of :class:`RadialModel`.
+    """
 
     focal_px: tuple[float, float]
-    skew_px: float
+    skew_px: float = 0.0
 
     AFFINE = (((1.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (0.0, 1.0)), ((0.0, 1.0), (0.0, 0.0)))
 
@@ -652,8 +696,8 @@ class FocalModel(RadialModel):
             ParameterSlot("skew", "skew_px", None, "px", 0.01 * fx),
         )
 
-    def _check_focal(self) -> None:
-        self._check_radial()
+    def __post_init__(self) -> None:
+        super().__post_init__()
         focal = finite("focal_px", self.focal_px, high=MAX_PX, unit="px")
         if focal.shape != (2,) or not focal.min() >= MIN_FOCAL_PX:
             raise InvalidParameter(

@@ -8,10 +8,7 @@ import numpy as np
 
 from ...base.arguments import number
 from ...base.errors import InvalidParameter
-from ...base.parameters import Uncertainty
 from ...base.typing import Array
-from ..frames import Mount
-from ._distortion import MAX_COEFFICIENT
 from .camera_model import Optics
 from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialModel, RadialProjection
 
@@ -20,7 +17,7 @@ from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialModel, Radi
 MAX_SHAPE = 1e4  # largest shape parameter: all larger ones are equivalent
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Unified(FocalModel):
     """Unified sphere model with radial and tangential distortion, as in OpenCV's module omnidir.
 
@@ -34,28 +31,12 @@ class Unified(FocalModel):
     ----------
     xi
         Distance of the projection centre from the sphere's centre, 0 or more.
-    focal_px : (fx, fy)
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
-    skew_px
     k1, k2, k3
         Radial distortion; omnidir does not have k3.
     p1, p2
         Tangential distortion.
-    optics
-        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`FocalModel`.
 
     References
     ----------
@@ -66,34 +47,26 @@ class Unified(FocalModel):
     The horizon of a paraboloid is two mirror focal lengths, here one model focal length, from the
     centre:
 
-    >>> camera = Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480))
+    >>> camera = Unified(
+    ...     xi=1.0, focal_px=(200.0, 200.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+    ... )
     >>> camera.image([[100.0, 0.0, 0.0]]).pixels
     array([[519.5, 239.5]])
     """
 
     xi: float
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
-    skew_px: float = 0.0
     k1: float = 0.0
     k2: float = 0.0
     k3: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
-    optics: Optics = "mirror"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "unified"
     LENS = {"k1": ("", 0.1), "k2": ("", 0.1), "k3": ("", 0.1), "p1": ("", 0.01), "p2": ("", 0.01)}  # noqa: RUF012
 
     def __post_init__(self) -> None:
-        self._check_focal()
+        super().__post_init__()
         number("xi", self.xi, low=0.0, high=MAX_SHAPE)
-        for name in self.LENS:
-            number(name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
 
     @property
     def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:
@@ -127,7 +100,7 @@ class Unified(FocalModel):
         return np.arctan2(length * radius, length - self.xi)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EnhancedUnified(FocalModel):
     """Enhanced unified model: an ellipsoid instead of the sphere.
 
@@ -142,24 +115,8 @@ class EnhancedUnified(FocalModel):
         Shape parameter, 0 to 1.
     beta
         Shape parameter, positive.
-    focal_px : (fx, fy)
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
-    skew_px
-    optics
-        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`FocalModel`.
 
     References
     ----------
@@ -167,26 +124,24 @@ class EnhancedUnified(FocalModel):
 
     Examples
     --------
-    >>> camera = EnhancedUnified(0.5, 1.0, (100.0, 100.0), (319.5, 239.5), (640, 480))
+    >>> camera = EnhancedUnified(
+    ...     alpha=0.5,
+    ...     beta=1.0,
+    ...     focal_px=(100.0, 100.0),
+    ...     centre_px=(319.5, 239.5),
+    ...     image_size=(640, 480),
+    ... )
     >>> camera.image([[100.0, 0.0, 0.0]]).pixels
     array([[519.5, 239.5]])
     """
 
     alpha: float
     beta: float
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
-    skew_px: float = 0.0
-    optics: Optics = "mirror"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "enhanced-unified"
 
     def __post_init__(self) -> None:
-        self._check_focal()
+        super().__post_init__()
         number("alpha", self.alpha, low=0.0, high=1.0)
         number("beta", self.beta, low=1 / MAX_SHAPE, high=MAX_SHAPE)
 
@@ -222,7 +177,7 @@ class EnhancedUnified(FocalModel):
         return np.arctan2(radius, (1 - a * a * square) / (a * root + 1 - a))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DoubleSphere(FocalModel):
     """Double sphere model: projection onto two unit spheres in sequence.
 
@@ -237,24 +192,8 @@ class DoubleSphere(FocalModel):
         Distance of the spheres' centres, -1 to 1.
     alpha
         Shape parameter, 0 to 1.
-    focal_px : (fx, fy)
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
-    skew_px
-    optics
-        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`FocalModel`.
 
     References
     ----------
@@ -262,26 +201,25 @@ class DoubleSphere(FocalModel):
 
     Examples
     --------
-    >>> camera = DoubleSphere(0.0, 0.5, (100.0, 100.0), (319.5, 239.5), (640, 480), optics="fisheye")
+    >>> camera = DoubleSphere(
+    ...     xi=0.0,
+    ...     alpha=0.5,
+    ...     focal_px=(100.0, 100.0),
+    ...     centre_px=(319.5, 239.5),
+    ...     image_size=(640, 480),
+    ...     optics="fisheye",
+    ... )
     >>> camera.image([[0.0, 100.0, 0.0]]).pixels
     array([[319.5, 439.5]])
     """
 
     xi: float
     alpha: float
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
-    skew_px: float = 0.0
-    optics: Optics = "mirror"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "double-sphere"
 
     def __post_init__(self) -> None:
-        self._check_focal()
+        super().__post_init__()
         number("xi", self.xi, low=-1.0, high=1.0)
         number("alpha", self.alpha, low=0.0, high=1.0)
 
@@ -330,7 +268,7 @@ def _field_end_cosine(alpha: float) -> float:
 # -- Mirror ball -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MirrorBall(RadialModel):
     """Reflecting ball, or its part within a circular rim, for distant camera and objects.
 
@@ -339,18 +277,13 @@ class MirrorBall(RadialModel):
 
     Parameters
     ----------
-    centre_px : (u, v)
-        Centre of the ball's outline; integers are pixel centres.
     rim_radius_px : px
         Radius of the outline.
     field_deg : deg
         Full field angle: the rim is at ``Omega = field_deg / 2``. A complete ball has nearly 360
         deg, a convex traffic mirror much less.
-    image_size : (width, height)
-    mount
-        Orientation of the camera.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
+    **others
+        Parameters of :class:`RadialModel`.
 
     Raises
     ------
@@ -361,23 +294,21 @@ class MirrorBall(RadialModel):
     --------
     At half the rim radius of a complete ball, ``sin(Omega / 2) = 1/2``:
 
-    >>> ball = MirrorBall((511.5, 511.5), 500.0, 360.0, (1024, 1024))
+    >>> ball = MirrorBall(
+    ...     centre_px=(511.5, 511.5), rim_radius_px=500.0, field_deg=360.0, image_size=(1024, 1024)
+    ... )
     >>> np.degrees(ball.omega_from_radius(np.array([250.0]))).round(9)
     array([60.])
     """
 
-    centre_px: tuple[float, float]
-    rim_radius_px: float
+    rim_radius_px: float = field()  # required
     field_deg: float
-    image_size: tuple[int, int]
-    mount: Mount = field(default_factory=Mount)
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
     optics: Optics = field(default="mirror", init=False, repr=False)
 
     KIND = "ball"
 
     def __post_init__(self) -> None:
-        self._check_radial()
+        super().__post_init__()
         number("rim_radius_px", self.rim_radius_px, above=0.0, unit="px")
         number("field_deg", self.field_deg)
         if not 0 < self.field_deg <= 360:

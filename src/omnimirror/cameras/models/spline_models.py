@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple, Self
 
@@ -12,12 +12,9 @@ from numpy.typing import NDArray
 from ...base.arguments import finite, format_value, integer, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
-from ...base.parameters import Uncertainty
 from ...base.root_finding import increasing_root
 from ...base.typing import Array
-from ..frames import Mount
-from ._distortion import MAX_COEFFICIENT, MIN_RATE
-from .camera_model import Optics
+from ._distortion import MIN_RATE
 from .radial_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
 
 # -- Even and odd cubic splines on uniform knots ---------------------------------------------------
@@ -160,21 +157,36 @@ MAX_MM = 1e6
 MIN_FIELD_DEG = 1e-3  # star trackers have degrees; rates of narrower fields would overflow
 
 
+@dataclass(frozen=True, kw_only=True)
 class SplineModel(RadialModel):
-    """Radius given by a cubic spline of the field angle, odd about the axis."""
+    """Radius given by a cubic spline of the field angle, odd about the axis.
+
+    Parameters
+    ----------
+    radii_px : (n,) px
+        Radii at the knots, increasing, three or more.
+    field_deg : deg
+        Full field angle, up to the last knot.
+    stretch_x, shear
+        Affine distortion of the circular image.
+    p1, p2 : 1/px
+        Tangential distortion.
+    **others
+        Parameters of :class:`RadialModel`.
+    """
 
     radii_px: tuple[float, ...]
     field_deg: float
-    stretch_x: float
-    shear: float
-    p1: float
-    p2: float
+    stretch_x: float = 0.0
+    shear: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
 
     AFFINE = (((1.0, 0.0), (0.0, -1.0)), ((0.0, 1.0), (1.0, 0.0)))
     LENS = {"p1": ("1/px", 1e-5), "p2": ("1/px", 1e-5)}  # noqa: RUF012
 
-    def _check_splines(self) -> None:
-        self._check_radial()
+    def __post_init__(self) -> None:
+        super().__post_init__()
         number("field_deg", self.field_deg, low=MIN_FIELD_DEG, high=360.0, unit="deg")
         radii = finite("radii_px", self.radii_px, high=MAX_PX, unit="px")
         if radii.ndim != 1 or len(radii) < MIN_KNOTS or not (np.diff(radii, prepend=0.0) > 0).all():
@@ -184,10 +196,6 @@ class SplineModel(RadialModel):
             )
         for name in ("stretch_x", "shear"):
             number(name, getattr(self, name), low=-0.5, high=0.5)
-        for name in self.LENS:
-            number(
-                name, getattr(self, name), low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT, unit="1/px"
-            )
 
     @property
     def matrix(self) -> Array:
@@ -299,7 +307,7 @@ def _sufficient_knots(camera: RadialModel, min_knots: int, end: float) -> int:
     return MAX_FITTED_KNOTS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RadialSpline(SplineModel):
     """Central camera without a formula: the radius is a cubic spline of the field angle.
 
@@ -309,55 +317,22 @@ class RadialSpline(SplineModel):
 
     Parameters
     ----------
-    radii_px : (n,) px
-        Radii at the knots, increasing, three or more.
-    field_deg : deg
-        Full field angle, up to the last knot.
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
-    stretch_x, shear
-        Affine distortion of the circular image.
-    p1, p2 : 1/px
-        Tangential distortion.
-    optics
-        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`SplineModel`.
 
     Examples
     --------
-    >>> camera = RadialSpline((100.0, 200.0, 300.0), 270.0, (319.5, 319.5), (640, 640))
+    >>> camera = RadialSpline(
+    ...     radii_px=(100.0, 200.0, 300.0),
+    ...     field_deg=270.0,
+    ...     centre_px=(319.5, 319.5),
+    ...     image_size=(640, 640),
+    ... )
     >>> camera.image([[10.0, 0.0, 0.0]]).pixels  # 90 deg from the axis
     array([[519.5, 319.5]])
     """
 
-    radii_px: tuple[float, ...]
-    field_deg: float
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
-    stretch_x: float = 0.0
-    shear: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    optics: Optics = "mirror"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
-
     KIND = "radial-spline"
-
-    def __post_init__(self) -> None:
-        self._check_splines()
 
     @classmethod
     def from_model(
@@ -388,7 +363,7 @@ class RadialSpline(SplineModel):
         return cls(**_fitted_parameters(camera, knots, 6, field_deg))  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ViewpointSpline(SplineModel):
     """Non-central camera with viewpoints given by a spline of the field angle.
 
@@ -400,60 +375,32 @@ class ViewpointSpline(SplineModel):
 
     Parameters
     ----------
-    radii_px : (n,) px
-        Radii at the knots, increasing, three or more.
     viewpoints_mm : (n,) mm
         Viewpoints at the knots.
-    field_deg : deg
-        Full field angle, up to the last knot.
-    centre_px : (u, v)
-        Image of the axis; integers are pixel centres.
-    image_size : (width, height)
-    stretch_x, shear
-        Affine distortion of the circular image.
-    p1, p2 : 1/px
-        Tangential distortion.
-    optics
-        ``"mirror"`` or ``"fisheye"``: the image centre is directed backwards or forwards.
-    mount
-        Orientation of the camera.
-    rim_radius_px : px, optional
-        Radius of the field in the image.
-    uncertainty : Uncertainty, optional
-        Covariance of the calibrated parameters.
-
-    Raises
-    ------
-    InvalidParameter
-        If the parameters are invalid.
+    **others
+        Parameters of :class:`SplineModel`.
 
     Examples
     --------
     Objects at 90 deg are at the height of that ray's viewpoint:
 
-    >>> camera = ViewpointSpline((100.0, 200.0, 300.0), (0.0, 2.0, 5.0), 270.0, (319.5, 319.5), (640, 640))
+    >>> camera = ViewpointSpline(
+    ...     radii_px=(100.0, 200.0, 300.0),
+    ...     viewpoints_mm=(0.0, 2.0, 5.0),
+    ...     field_deg=270.0,
+    ...     centre_px=(319.5, 319.5),
+    ...     image_size=(640, 640),
+    ... )
     >>> camera.image([[100.0, 0.0, -2.0]]).pixels
     array([[519.5, 319.5]])
     """
 
-    radii_px: tuple[float, ...]
     viewpoints_mm: tuple[float, ...]
-    field_deg: float
-    centre_px: tuple[float, float]
-    image_size: tuple[int, int]
-    stretch_x: float = 0.0
-    shear: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    optics: Optics = "mirror"
-    mount: Mount = field(default_factory=Mount)
-    rim_radius_px: float | None = None
-    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     KIND = "viewpoint-spline"
 
     def __post_init__(self) -> None:
-        self._check_splines()
+        super().__post_init__()
         heights = finite("viewpoints_mm", self.viewpoints_mm, -MAX_MM, MAX_MM, unit="mm")
         if heights.shape != (len(self.radii_px),):
             raise InvalidParameter(

@@ -9,7 +9,14 @@ from tests.commands import omnimirror
 
 
 def test_round_trip_between_formats(tmp_path):
-    camera = om.Unified(0.93, (260.0, 261.3), (515.32, 380.29), (1024, 768), k1=-0.01, p2=-2e-3)
+    camera = om.Unified(
+        xi=0.93,
+        focal_px=(260.0, 261.3),
+        centre_px=(515.32, 380.29),
+        image_size=(1024, 768),
+        k1=-0.01,
+        p2=-2e-3,
+    )
     om.save_camera(camera, tmp_path / "a.toml")
     out = omnimirror("convert", "a.toml", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
     assert out.returncode == 0
@@ -77,7 +84,7 @@ def test_command_and_function_write_same_file(tmp_path):
 def test_inconsistent_file_is_reported(tmp_path):
     """Notes of a conversion, and warnings on standard error when the file is used."""
     om.convert(
-        om.OCam((-130.0, 0.0, 1.9e-3), (515.0, 380.0), (1024, 768)),
+        om.OCam(polynomial=(-130.0, 0.0, 1.9e-3), centre_px=(515.0, 380.0), image_size=(1024, 768)),
         tmp_path / "a.txt",
         to="ocamcalib",
     )

@@ -14,7 +14,9 @@ from omnimirror.dewarp.request import BorderColour
 from omnimirror.io.video_frames import empty_frame
 
 MIRRORBALL = Path(__file__).parents[5] / "shared/data/mirrorball"
-OCAM = _scaramuzza.write_ocamcalib(om.OCam((-100.0, 0.0, 2.5e-3), (79.5, 59.5), (160, 120)))
+OCAM = _scaramuzza.write_ocamcalib(
+    om.OCam(polynomial=(-100.0, 0.0, 2.5e-3), centre_px=(79.5, 59.5), image_size=(160, 120))
+)
 SPHERE = ["--sensor", "paper-spherical"]
 BALL = ["--ball", "99.5,99.5,90,260"]
 
@@ -29,10 +31,21 @@ def folder(tmp_path, monkeypatch):
     om.write_image("deep.png", np.full((200, 200), 50_000, np.uint16))
     Path("calib.txt").write_text(OCAM)
     om.save_camera(
-        om.Unified(0.9, (60.0, 60.0), (79.5, 59.5), (160, 120), k1=-0.05), "symmetric.toml"
+        om.Unified(
+            xi=0.9, focal_px=(60.0, 60.0), centre_px=(79.5, 59.5), image_size=(160, 120), k1=-0.05
+        ),
+        "symmetric.toml",
     )
     om.save_camera(
-        om.Unified(0.9, (60.0, 61.0), (79.5, 59.5), (160, 120), 0.1, -0.05, p1=0.01),
+        om.Unified(
+            xi=0.9,
+            focal_px=(60.0, 61.0),
+            centre_px=(79.5, 59.5),
+            image_size=(160, 120),
+            skew_px=0.1,
+            k1=-0.05,
+            p1=0.01,
+        ),
         "distorted.toml",
     )
     Path("broken.txt").write_text(OCAM.replace("120 160", "120"))

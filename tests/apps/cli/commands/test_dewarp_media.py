@@ -21,7 +21,9 @@ from tests.commands import fails, omnimirror
 
 SIZE = 160
 BALL = ["--ball", "79.5,79.5,76,260"]
-CAMERA = om.MirrorBall((79.5, 79.5), 76.0, 260.0, (SIZE, SIZE))
+CAMERA = om.MirrorBall(
+    centre_px=(79.5, 79.5), rim_radius_px=76.0, field_deg=260.0, image_size=(SIZE, SIZE)
+)
 
 
 def picture(shade: int) -> np.ndarray:

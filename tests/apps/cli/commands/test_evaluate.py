@@ -218,7 +218,13 @@ def test_pixel_option(tmp_path):
 def test_camera_file_table(tmp_path):
     """Analytic reference: the image radius of a paraboloid is f tan(Omega / 2)."""
     known = Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.04)))
-    camera = om.Unified(1.0, (200.0, 200.0), (319.5, 239.5), (640, 480), uncertainty=known)
+    camera = om.Unified(
+        xi=1.0,
+        focal_px=(200.0, 200.0),
+        centre_px=(319.5, 239.5),
+        image_size=(640, 480),
+        uncertainty=known,
+    )
     om.save_camera(camera, tmp_path / "mine.toml")
     run = omnimirror(
         "evaluate",
@@ -261,6 +267,9 @@ def test_camera_file_table(tmp_path):
 )
 def test_optical_options_of_camera_file_raise(options, message, tmp_path):
     om.save_camera(
-        om.Unified(0.9, (200.0, 200.0), (319.5, 239.5), (640, 480)), tmp_path / "mine.toml"
+        om.Unified(
+            xi=0.9, focal_px=(200.0, 200.0), centre_px=(319.5, 239.5), image_size=(640, 480)
+        ),
+        tmp_path / "mine.toml",
     )
     assert message in fails("evaluate", "mine.toml", *options, cwd=tmp_path)

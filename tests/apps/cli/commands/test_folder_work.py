@@ -20,7 +20,12 @@ def test_field_mask_is_computed_once_per_image_size(tmp_path, monkeypatch):
         tmp_path,
         tmp_path / "straight",
         threads=1,
-        camera=lambda size: om.MirrorBall((size[0] / 2, size[1] / 2), size[0] / 2 - 2, 260.0, size),
+        camera=lambda size: om.MirrorBall(
+            centre_px=(size[0] / 2, size[1] / 2),
+            rim_radius_px=size[0] / 2 - 2,
+            field_deg=260.0,
+            image_size=size,
+        ),
     )
     assert len(list((tmp_path / "straight").iterdir())) == len(sizes)
     assert len(asked) == len(set(sizes))

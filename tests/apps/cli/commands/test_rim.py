@@ -118,7 +118,11 @@ def test_assumed_mirror_is_reported(folder, tmp_path):
 def test_ball_orientation_is_reported(folder, tmp_path):
     """A camera looks slightly down at a ball: the view is that of a tilted ball."""
     ball = om.MirrorBall(
-        (299.5, 299.5), 270.0, 340.0, (600, 600), Mount("forward", pitch_deg=-15.0, roll_deg=3.0)
+        centre_px=(299.5, 299.5),
+        rim_radius_px=270.0,
+        field_deg=340.0,
+        image_size=(600, 600),
+        mount=Mount("forward", pitch_deg=-15.0, roll_deg=3.0),
     )
     om.write_image(tmp_path / "ball.png", om.render_image(ball, om.Room(texel_mm=20.0), samples=1))
     command = ("dewarp", tmp_path / "ball.png", "--auto", "--mirror", "ball", "-o")

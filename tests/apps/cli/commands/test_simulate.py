@@ -326,7 +326,14 @@ def test_sigterm_keeps_completed_video_dataset_frames(sensor_file, sky_file, tmp
 
 def test_calibrated_camera_renders_sharp_images(tmp_path):
     """Each pixel shows the radiance of the scene along the camera ray."""
-    camera = om.Unified(0.9, (33.0, 32.0), (41.0, 39.0), (80, 80), k1=-0.02, rim_radius_px=36.0)
+    camera = om.Unified(
+        xi=0.9,
+        focal_px=(33.0, 32.0),
+        centre_px=(41.0, 39.0),
+        image_size=(80, 80),
+        k1=-0.02,
+        rim_radius_px=36.0,
+    )
     om.save_camera(camera, tmp_path / "mine.toml")
     om.write_image(tmp_path / "world.hdr", np.random.default_rng(0).random((32, 64, 3), np.float32))
     done(

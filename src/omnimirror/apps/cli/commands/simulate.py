@@ -406,12 +406,12 @@ def _new_recipe(
 
 
 def _write_calibration_dataset(output: Path, recipe: CalibrationRecipe) -> None:
-    from ....simulation.datasets import render_views
+    from ....simulation.datasets import write_calibration_dataset
 
     views, done = recipe.views, 0
     with percentage_bar("Rendering images") as progress:
         try:
-            for number, _ in enumerate(render_views(recipe, output), start=1):
+            for number, _ in enumerate(write_calibration_dataset(recipe, output), start=1):
                 done = min(number, views)
                 progress(done, views)
         except KeyboardInterrupt:
@@ -421,7 +421,7 @@ def _write_calibration_dataset(output: Path, recipe: CalibrationRecipe) -> None:
 
 
 def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
-    from ....simulation.datasets import render_frames
+    from ....simulation.datasets import write_video_dataset
 
     done = 0
     with percentage_bar("Rendering frames") as progress:
@@ -432,7 +432,7 @@ def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
             progress(number, total)
 
         try:
-            frames = render_frames(recipe, output, report)
+            frames = write_video_dataset(recipe, output, on_progress=report)
         except KeyboardInterrupt:
             _report_interruption(output, done, "frames")
             raise

@@ -19,14 +19,41 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import IO, Any, Generic, Self, TypeVar
 
-from ..base.native import usable_cores
+from .native import usable_cores
 
 T = TypeVar("T")
-MAX_WORKERS = 7  # workers, about 100 MB each
+MAX_PROCESSES = 8  # by default; about 100 MB each
+
+
+def start_process(
+    module: str, environment: dict[str, str] | None = None
+) -> subprocess.Popen[bytes]:
+    """Start a module as a process with pipes, isolated from Ctrl-C in this process."""
+    return subprocess.Popen(
+        [sys.executable, "-m", module],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        env=os.environ | (environment or {}),
+    )
+
+
+def terminate_process(process: subprocess.Popen[bytes]) -> None:
+    """Terminate a process and close its pipes."""
+    process.kill()
+    process.wait()  # short, because the process is killed
+    for stream in (process.stdin, process.stdout):
+        with suppress(OSError):  # the last message may be undelivered
+            stream.close()  # type: ignore[union-attr]
 
 
 class WorkerPool:
-    """Pool of worker processes, started on demand, up to the number of free cores.
+    """Pool of worker processes, started on demand; this process also computes.
+
+    Parameters
+    ----------
+    processes
+        Number of processes including this one; by default the number of available cores, at most 8.
 
     Examples
     --------
@@ -35,7 +62,8 @@ class WorkerPool:
     [(3, 1), (2, 1)]
     """
 
-    def __init__(self) -> None:
+    def __init__(self, processes: int | None = None) -> None:
+        self._processes = processes or min(usable_cores(), MAX_PROCESSES)
         self._workers: list[subprocess.Popen[bytes]] = []
 
     def __enter__(self) -> Self:
@@ -47,16 +75,12 @@ class WorkerPool:
     def _terminate(self) -> None:
         """Terminate all workers."""
         for worker in self._workers:
-            worker.kill()
-            worker.wait()
-            for stream in (worker.stdin, worker.stdout):
-                with suppress(OSError):  # the last message may be undelivered
-                    stream.close()  # type: ignore[union-attr]
+            terminate_process(worker)
         self._workers = []
 
     def begin(self) -> None:
         """Start workers in advance, while this process continues."""
-        self._running_workers(usable_cores() - 1)
+        self._running_workers(self._processes - 1)
 
     def map(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
         """Apply a module-level function to each set of arguments and return the results in order.
@@ -76,7 +100,7 @@ class WorkerPool:
     ) -> Iterator[tuple[int, T]]:
         """Yield each result with its index, in order of completion."""
         pending, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
-        for worker in self._running_workers(min(len(jobs), usable_cores()) - 1):
+        for worker in self._running_workers(min(len(jobs), self._processes) - 1):
             Thread(
                 target=_process_jobs, args=(worker, function, pending, done), daemon=True
             ).start()
@@ -104,7 +128,6 @@ class WorkerPool:
 
     def _running_workers(self, count: int) -> list[subprocess.Popen[bytes]]:
         """Return up to ``count`` running workers."""
-        count = min(count, MAX_WORKERS)
         self._workers = [worker for worker in self._workers if worker.poll() is None]
         with suppress(OSError):  # process limit reached or no interpreter: continue without
             while len(self._workers) < count and sys.executable:
@@ -151,16 +174,10 @@ def _process_jobs(
 
 
 def _start_worker() -> subprocess.Popen[bytes]:
-    """Start a worker with the same module search path and without Ctrl-C handling."""
+    """Start a worker with the same module search path and one thread."""
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     search_path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen(
-        [sys.executable, "-m", __name__],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        env=os.environ | search_path | one_thread,
-    )
+    return start_process(__name__, search_path | one_thread)
 
 
 def _compute(

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base import worker_processes
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration import _worker_processes
-from omnimirror.calibration._worker_processes import WorkerPool
+from omnimirror.base.worker_processes import WorkerPool
 from omnimirror.calibration.targets import board_detection
 
 
 @pytest.fixture(autouse=True)
 def _three_cores(monkeypatch):
-    monkeypatch.setattr(_worker_processes, "usable_cores", lambda: 3)
+    monkeypatch.setattr(worker_processes, "usable_cores", lambda: 3)
 
 
 def where(number: int, seconds: float) -> tuple[int, int]:
@@ -160,7 +160,7 @@ def test_unguarded_script_can_use_workers(tmp_path):
     """A script that multiprocessing would restart in each of its processes."""
     script = tmp_path / "script.py"
     script.write_text(
-        "import omnimirror.calibration._worker_processes as h\nh.usable_cores = lambda: 2\n"
+        "import omnimirror.base.worker_processes as h\nh.usable_cores = lambda: 2\n"
         "with h.WorkerPool() as spread:\n    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
     )
     run = subprocess.run([sys.executable, script], capture_output=True, text=True)
