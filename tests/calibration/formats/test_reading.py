@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import omnimirror as om
-from omnimirror.base.errors import OmnimirrorWarning, SpecError
+from omnimirror.base.errors import OmnimirrorError, OmnimirrorWarning, SpecError
 from omnimirror.calibration.formats import ReadOptions, read_cameras
 from omnimirror.cameras.models import OCam
 from omnimirror.cameras.models.plausibility import (
@@ -537,6 +537,11 @@ def test_a_consistent_file_has_no_notes(tmp_path):
             {"affine": "1 0.2 0"},
             r"stretched by 22\.1 %",
         ),  # singular values of [1 0; 0.2 1]: sqrt(1.01) +- 0.1
+        (
+            {"affine": "1 0.3 -0.3"},  # arctan 0.3 = 16.7 deg; chord 2 sin(8.35 deg) 384 px
+            r"axes are rotated by 16\.7 deg \(c = 1, d = 0\.3, e = -0\.3\), up to 112 px",
+        ),
+        ({"affine": "-1 0 0"}, r"the image is mirrored \(c = -1,"),
         ({"centre": "-50 515"}, r"centre \(515, -50\) is outside the"),
     ],
 )
@@ -551,6 +556,12 @@ def test_contradictions_are_reported_with_their_magnitude(tmp_path, wrong, magni
     assert note in made.notes
     with pytest.warns(OmnimirrorWarning, match=magnitude):
         om.load_camera(tmp_path / "a.txt")
+
+
+def test_a_read_only_format_is_rejected_as_target(tmp_path):
+    message = "to must be one of ocamcalib, .*; got 'multicol', a format .* for reading only"
+    with pytest.raises(OmnimirrorError, match=message):
+        om.convert(RIGHT, tmp_path / "a.yaml", to="multicol")
 
 
 @pytest.mark.parametrize("to", ["py-ocamcalib", "py-omnicalib"])

@@ -131,9 +131,14 @@ FORMAT = CameraFormat(
     ),
     read,
     {
-        "camodocal-mei": Layout(Unified, write_mei, "MEI", MATRIX | {*RADTAN, "xi"}),
+        "camodocal-mei": Layout(
+            Unified, write_mei, "the unified sphere (MEI)", MATRIX | {*RADTAN, "xi"}
+        ),
         "camodocal-kannala-brandt": Layout(
-            KannalaBrandt, write_kannala_brandt, "KANNALA_BRANDT", MATRIX | {"k1", "k2", "k3", "k4"}
+            KannalaBrandt,
+            write_kannala_brandt,
+            "Kannala and Brandt's polynomial (KANNALA_BRANDT)",
+            MATRIX | {"k1", "k2", "k3", "k4"},
         ),
     },
 )
