@@ -44,7 +44,7 @@ test-lowest: $(BIN)/python  ## Smoke test with the lowest supported versions of 
 	out/lowest/bin/omnimirror simulate paper-spherical --samples 1 -o out/lowest/circle.png
 	out/lowest/bin/omnimirror dewarp out/lowest/circle.png --sensor paper-spherical --view panorama -o out/lowest/panorama.png
 	out/lowest/bin/omnimirror maps paper-spherical --view panorama -o out/lowest/maps.npz
-	out/lowest/bin/omnimirror demo --out out/lowest/demo
+	out/lowest/bin/omnimirror demo --output out/lowest/demo
 
 mutation: $(VENV)/.mutation  ## Run mutation testing: fraction of random code changes that tests detect (ARGS=--help)
 	$(BIN)/python tests/mutation.py $(ARGS)

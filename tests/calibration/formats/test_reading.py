@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import omnimirror as om
-from omnimirror.base.errors import OmnimirrorWarning, SpecError
+from omnimirror.base.errors import OmnimirrorError, OmnimirrorWarning, SpecError
 from omnimirror.calibration.formats import ReadOptions, read_cameras
 from omnimirror.cameras.models import OCam
 from omnimirror.cameras.models.plausibility import (
@@ -492,6 +492,40 @@ def test_matlab_scripts_with_variables(tmp_path):
     assert camera.polynomial[0] == -300.0
     with pytest.raises(SpecError, match=r"line 1: the variable params must be set"):
         read(tmp_path / "b.m", call.format("params"))
+    with pytest.raises(SpecError, match=r"with numbers in brackets, without .* such as eye\(2\)"):
+        read(tmp_path / "c.m", "i = fisheyeIntrinsics([300 0 0 0], [960 1280], [656 476], eye(2));")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "i = fisheyeIntrinsics([-200 1e-3 0 0], [960 1280], [656 476]);",
+            r"a\.txt line 1: MappingCoefficients must begin with a positive number, .* got -200",
+        ),
+        (
+            '{"taylor_coefficient": [-200, 0], "distortion_center": [5, 4]}',
+            r"taylor_coefficient must begin with a positive number, f\(0\) > 0; got -200",
+        ),
+        (
+            "poly_radius_to_z: [-200, 0]\nprincipal_point: [5, 4]",
+            r"line 1: poly_radius_to_z must begin with a positive number, .* got -200",
+        ),
+        (
+            "model_type: SCARAMUZZA\nimage_width: 9\nimage_height: 9\npoly_parameters: {p0: -200}\n"
+            "affine_parameters: {ac: 0, ad: 0, ae: 0, cx: 4, cy: 4}",
+            r"line 5: affine_parameters\.ac must be near 1; got 0",
+        ),
+        (
+            "Camera.c: 0\nCamera.a0: -200\n",
+            r"line 1: Camera\.c must be near 1; got 0",
+        ),
+    ],
+)
+def test_messages_quote_the_numbers_of_the_file(tmp_path, text, message):
+    """Not the numbers after conversion to OCamCalib's sign and axes."""
+    with pytest.raises(SpecError, match=message):
+        read(tmp_path / "a.txt", text, size=(640, 480))
 
 
 RIGHT = OCam(
@@ -539,6 +573,11 @@ def test_a_consistent_file_has_no_notes(tmp_path):
             {"affine": "1 0.2 0"},
             r"stretched by 22\.1 %",
         ),  # singular values of [1 0; 0.2 1]: sqrt(1.01) +- 0.1
+        (
+            {"affine": "1 0.3 -0.3"},  # arctan 0.3 = 16.7 deg; chord 2 sin(8.35 deg) 384 px
+            r"axes are rotated by 16\.7 deg \(c = 1, d = 0\.3, e = -0\.3\), up to 112 px",
+        ),
+        ({"affine": "-1 0 0"}, r"the image is mirrored \(c = -1,"),
         ({"centre": "-50 515"}, r"centre \(515, -50\) is outside the"),
     ],
 )
@@ -553,6 +592,12 @@ def test_contradictions_are_reported_with_their_magnitude(tmp_path, wrong, magni
     assert note in made.notes
     with pytest.warns(OmnimirrorWarning, match=magnitude):
         om.load_camera(tmp_path / "a.txt")
+
+
+def test_a_read_only_format_is_rejected_as_target(tmp_path):
+    message = "to must be one of ocamcalib, .*; got 'multicol', a format .* for reading only"
+    with pytest.raises(OmnimirrorError, match=message):
+        om.convert(RIGHT, tmp_path / "a.yaml", to="multicol")
 
 
 @pytest.mark.parametrize("to", ["py-ocamcalib", "py-omnicalib"])

@@ -20,7 +20,7 @@ from ._camera_format import (
     number_row,
 )
 from ._opencv import image_size
-from ._scaramuzza import MatlabPolynomial, ocam_of
+from ._scaramuzza import MatlabPolynomial, ocam_of, stretch_coefficient
 
 MATRIX = frozenset({"fx", "fy", "cx", "cy"})
 KS = ("k2", "k3", "k4", "k5")
@@ -68,7 +68,8 @@ def _sphere(table: Node, model: str, size: tuple[int, int], reading: ReadOptions
 
 def _scaramuzza(table: Node, name: str, size: tuple[int, int], reading: ReadOptions) -> CameraEntry:
     affine = table["affine_parameters"]
-    c, d, e, x, y = (affine[k].number() for k in ("ac", "ad", "ae", "cx", "cy"))
+    c = stretch_coefficient(affine["ac"])
+    d, e, x, y = (affine[k].number() for k in ("ad", "ae", "cx", "cy"))
     direct = -np.array(table["poly_parameters"].polynomial("p"))
     camera = ocam_of(MatlabPolynomial(direct, (x, y), np.array([[c, d], [e, 1.0]])), size, reading)
     inverse = table["inv_poly_parameters"].polynomial("p") if "inv_poly_parameters" in table else ()
@@ -131,9 +132,14 @@ FORMAT = CameraFormat(
     ),
     read,
     {
-        "camodocal-mei": Layout(Unified, write_mei, "MEI", MATRIX | {*RADTAN, "xi"}),
+        "camodocal-mei": Layout(
+            Unified, write_mei, "the unified sphere (MEI)", MATRIX | {*RADTAN, "xi"}
+        ),
         "camodocal-kannala-brandt": Layout(
-            KannalaBrandt, write_kannala_brandt, "KANNALA_BRANDT", MATRIX | {"k1", "k2", "k3", "k4"}
+            KannalaBrandt,
+            write_kannala_brandt,
+            "Kannala and Brandt's polynomial (KANNALA_BRANDT)",
+            MATRIX | {"k1", "k2", "k3", "k4"},
         ),
     },
 )

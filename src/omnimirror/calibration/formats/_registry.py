@@ -235,10 +235,12 @@ def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
     Raises
     ------
     InvalidParameter
-        If the name is unknown, or the file name does not determine the format.
+        If the name is unknown or belongs to a read-only format, or the file name does not
+        determine the format.
     """
     named = {t.name: t for t in _all_targets()}
-    known = ", ".join(dict.fromkeys([*FORMATS, *named]))
+    writable = [name for name, kind in FORMATS.items() if kind.layouts]
+    known = ", ".join(dict.fromkeys([*writable, *named]))
     if to is not None:
         if not isinstance(to, str):
             raise InvalidType(
@@ -246,9 +248,10 @@ def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
             )
         if to in named and to not in FORMATS:
             return [named[to]]
-        if to in FORMATS:
+        if to in writable:
             return _layouts_for_path(FORMATS[to], path)
-        raise InvalidParameter(f"to must be one of {known}; got {format_value(to)}")
+        read_only = ", a format that is supported for reading only" if to in FORMATS else ""
+        raise InvalidParameter(f"to must be one of {known}; got {format_value(to)}{read_only}")
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
             return _layouts_for_path(kind, path)

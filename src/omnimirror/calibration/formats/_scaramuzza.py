@@ -126,6 +126,7 @@ OCAMCALIB = CameraFormat(
 # s.StretchMatrix)``.
 
 MATLAB_MAX = 1e100
+MIN_STRETCH = 1e-3  # of the first element of the stretch matrix, which is near 1
 MATLAB_SCRIPT = re.compile(rb"fisheyeIntrinsics\s*\(")
 MATLAB_TERMS = frozenset({"a0", "a2", "a3", "a4", "cx", "cy", "c", "d", "e"})
 MATLAB_NAMES = ("MappingCoefficients", "ImageSize", "DistortionCenter", "StretchMatrix")
@@ -137,10 +138,7 @@ class MatlabPolynomial(NamedTuple):
     coefficients: Array
     """Coefficients (n,) a0, a1, a2, ... with a0 > 0."""
     centre_px: tuple[float, float]
-    """Matrix (2, 2) from the symmetric image to the real one, both (right, down).
-
-    Its last element is 1.
-    """
+    """Centre (u, v), px."""
     stretch: Array
     """Matrix (2, 2) from the symmetric image to the real one, both (right, down); last element 1.
     """
@@ -172,7 +170,7 @@ def matlab_polynomial(camera: OCam) -> MatlabPolynomial:
 def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: ReadOptions) -> OCam:
     """Convert to an OCamCalib camera, the inverse of `matlab_polynomial`."""
     (first, q), (r, last) = taylor.stretch
-    if not 1e-3 < abs(first) < 1e3:
+    if not MIN_STRETCH < abs(first) < 1 / MIN_STRETCH:
         raise SpecError(
             f"{reading.source}: the first element of the stretch matrix must be near 1; got {first:g}"
         )
@@ -198,11 +196,28 @@ def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Read
 # -- reading ----------------------------------------------------------------------------------
 
 
+def _mapping_coefficients(entry: Node, *counts: int) -> tuple[float, ...]:
+    """Return coefficients a0, ... of a file whose third axis points towards the scene: a0 > 0."""
+    numbers = entry.numbers(*counts)
+    if not (numbers and numbers[0] > 0):
+        got = f"{numbers[0]:g}" if numbers else "none"
+        entry.fail(f"must begin with a positive number, f(0) > 0; got {got}")
+    return numbers
+
+
+def stretch_coefficient(entry: Node) -> float:
+    """Return the coefficient c, which scales the image in one direction."""
+    c = entry.number()
+    if not MIN_STRETCH < abs(c) < 1 / MIN_STRETCH:
+        entry.fail(f"must be near 1; got {c:g}")
+    return c
+
+
 def read_matlab(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a script that calls ``fisheyeIntrinsics``, or of a JSON file."""
     is_script = MATLAB_SCRIPT.search(file.data) is not None
     table = _arguments(file.text, reading.source) if is_script else file.entries
-    a0, *rest = table[MATLAB_NAMES[0]].numbers(4)
+    a0, *rest = _mapping_coefficients(table[MATLAB_NAMES[0]], 4)
     size = table[MATLAB_NAMES[1]].entries()
     if len(size) != 2:
         table[MATLAB_NAMES[1]].fail("must be two numbers, rows and columns")
@@ -218,7 +233,10 @@ def _arguments(text: str, source: str) -> Node:
     code = "\n".join(line.split("%")[0] for line in text.splitlines()).replace("...", "   ")
     call = re.search(r"fisheyeIntrinsics\s*\(([^()]*)\)", code)
     if not call:
-        raise SpecError(f"{source} must call fisheyeIntrinsics with numbers in brackets")
+        raise SpecError(
+            f"{source} must call fisheyeIntrinsics with numbers in brackets, without other "
+            "functions, such as eye(2)"
+        )
     line = code[: call.start()].count("\n") + 1
     variables = dict(
         re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()])
@@ -341,7 +359,7 @@ MATLAB = CameraFormat(
 def read_py_ocamcalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a calibration file."""
     table = file.entries
-    coefficients = np.array(table["taylor_coefficient"].numbers())
+    coefficients = np.array(_mapping_coefficients(table["taylor_coefficient"]))
     u, v = table["distortion_center"].numbers(2)
     stretch = table["stretch_matrix"].matrix(2, 2)
     if "image_size" in table and len(table["image_size"].entries()) == 2:
@@ -400,7 +418,7 @@ PY_OMNICALIB_PARAMETERS = frozenset({"cx", "cy", *(f"a{power}" for power in rang
 def read_py_omnicalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of a ``calibration.yml``, without poses."""
     table = file.entries
-    coefficients = np.array(table["poly_radius_to_z"].numbers())
+    coefficients = np.array(_mapping_coefficients(table["poly_radius_to_z"]))
     u, v = table["principal_point"].numbers(2)
     camera = ocam_of(
         MatlabPolynomial(coefficients, (u, v), np.eye(2)),
@@ -447,7 +465,8 @@ PY_OMNICALIB = CameraFormat(
 def read_multicol(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
-    c, d, e, u, v = (table[f"Camera.{name}"].number() for name in ("c", "d", "e", "u0", "v0"))
+    c = stretch_coefficient(table["Camera.c"])
+    d, e, u, v = (table[f"Camera.{name}"].number() for name in ("d", "e", "u0", "v0"))
     size = (
         reading.size()
         if "Camera.Iw" not in table

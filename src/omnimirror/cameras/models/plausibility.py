@@ -17,6 +17,9 @@ MAX_SWAPPED_RATIO = 0.4
 """Factor by which swapping must reduce that distance."""
 MAX_STRETCH = 0.02
 """Largest plausible difference of the two image scales; pixels are square within 0.1 %."""
+MAX_ROTATION = 0.02
+"""Largest plausible rotation of the pixel axes, in radians; it is 0 apart from noise, because the poses of
+the target contain the rotation of the camera."""
 MAX_DIFFERENCE_PX = 1.0
 """Largest plausible difference of direct and inverse polynomial; usual is 0.1 px."""
 ROUNDING = 1e-9
@@ -51,14 +54,25 @@ def plausibility_warnings(camera: RadialModel) -> list[str]:
         )
     elif not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
         messages.append(f"{centre} is outside the {size}")
-    large, small = np.linalg.svd(camera.matrix, compute_uv=False)
+    radius = min(camera.field_radius_px, min(width, height) / 2)
+    # Polar decomposition of the matrix: a rotation or reflection, and a symmetric stretch.
+    left, (large, small), right = np.linalg.svd(camera.matrix)
     stretch = float(large / small) - 1
     if stretch > MAX_STRETCH:
-        shift = stretch * min(camera.field_radius_px, min(width, height) / 2)
         messages.append(
             f"the image is stretched by {100 * stretch:.3g} % in one direction "
-            f"({_affine(camera)}), up to {shift:.3g} px; nearly all cameras have square "
+            f"({_affine(camera)}), up to {stretch * radius:.3g} px; nearly all cameras have square "
             "pixels"
+        )
+    orthogonal = left @ right
+    turn = float(np.arctan2(orthogonal[1, 0], orthogonal[1, 1]))
+    if np.linalg.det(orthogonal) < 0:
+        messages.append(f"the image is mirrored ({_affine(camera)}); check the signs in the file")
+    elif abs(turn) > MAX_ROTATION and stretch <= MAX_STRETCH:
+        messages.append(
+            f"the pixel axes are rotated by {np.degrees(abs(turn)):.3g} deg ({_affine(camera)}), "
+            f"up to {2 * np.sin(abs(turn) / 2) * radius:.3g} px; the affine terms d and e are nearly 0 "
+            "for all cameras"
         )
     return messages
 
