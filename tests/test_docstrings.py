@@ -90,7 +90,7 @@ def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
     if is_class:
         explained |= entries(parts.get("Attributes", ""))
         for cls in thing.__mro__:  # fields of a dataclass are explained where they are defined
-            if dataclasses.is_dataclass(cls):
+            if cls is thing or dataclasses.is_dataclass(cls):
                 explained |= fields_explained(cls)
                 explained |= entries(sections(inspect.getdoc(cls) or "").get("Parameters", ""))
     for name, parameter in inspect.signature(thing).parameters.items():

@@ -697,7 +697,7 @@ def _table_of(cls: type[RadialModel]) -> type[Table]:
     hints = typing.get_type_hints(cls)
     entries: dict[str, Any] = {}
     for f in _fields_of(cls):
-        default = ... if f.default is dataclasses.MISSING else f.default
+        default = ... if f.default is dataclasses.MISSING else _plain(f.default)
         entries[f.name] = (_annotation(hints[f.name]), default)
     model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
     return model
