@@ -17,7 +17,7 @@ NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo studio test test-full mutation programs chromium firefox node page lint format bench bench-page docs release clean
+.PHONY: help demo studio check test test-full mutation programs chromium firefox node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -27,6 +27,14 @@ demo: $(VENV)/.core  ## Evaluate and simulate a sensor, dewarp the image, and wr
 
 studio: $(VENV)/.studio  ## Start the studio: dewarp images and design sensors in the browser
 	$(BIN)/omnimirror studio
+
+# A representative subset: all contracts, the structure of the code, and main paths of the packages.
+CHECKED := tests/contracts tests/test_architecture.py tests/dewarp/test_dewarper.py tests/dewarp/test_screens.py \
+  tests/optics/test_misaligned.py tests/analysis/test_two_mirrors.py tests/design/test_requirement_files.py \
+  tests/io/test_orientation.py
+
+check: lint  ## Lint, types and a subset of the tests, in about 90 s on 2 cores
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full and not long" $(CHECKED)
 
 test: lint chromium node  ## Run the tests that every commit must pass (about 10 minutes on 2 cores)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
