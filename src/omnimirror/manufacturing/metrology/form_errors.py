@@ -292,13 +292,18 @@ def form_error(
     if are_departures and (is_profile or probe_radius_mm):
         what = "points (n, 2)" if is_profile else f"probe_radius_mm = {probe_radius_mm:g}"
         raise InvalidParameter(
-            f"are_departures needs departures (x, y, departure) of the surface itself; got {what}"
+            f"are_departures requires departures (x, y, departure) of the surface itself; got {what}"
         )
     if is_profile:
         points = np.insert(points, 1, 0.0, axis=1)
     if not is_profile:
         check_distance(points, "the cloud")
         is_profile = len(points) > 1 and is_line(points)
+        if are_departures and is_profile:
+            raise OmnimirrorError(
+                "departures must cover an area of the mirror; got points on one line; measure the "
+                "whole surface, or analyse a profile of points (x, z)"
+            )
     fewest, what = (MIN_PROFILE_POINTS, "profile") if is_profile else (MIN_POINTS, "cloud")
     if len(points) < fewest:
         raise OmnimirrorError(f"the {what} must have at least {fewest} points; got {len(points)}")
