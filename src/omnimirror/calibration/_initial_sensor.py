@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.levenberg_marquardt import damped_step, levenberg_marquardt
 from ..base.typing import Array
 from ..cameras.camera import inside_image
 from ..cameras.models.camera_model import CameraModel
@@ -26,6 +28,7 @@ from .sensor_parameters import (
     with_values,
 )
 
+Item = TypeVar("Item")
 Model = TypeVar("Model", bound=CameraModel)
 
 RINGS, SPOKES = 60, 16
@@ -221,42 +224,29 @@ def _fitted_slopes(
     sensor: Sensor, locations: tuple[ParameterLocation, ...], x: Array, slope: Array
 ) -> Sensor:
     """Return the sensor whose mirror has slopes (n,) at x (n,), by damped least squares."""
-    values = np.array([value_of(sensor, location) for location in locations])
 
-    def evaluate(at: Array) -> tuple[Sensor, Array] | None:
+    inside = np.minimum(x, sensor.mirror.rim_radius_mm)
+
+    def evaluate(values: Array) -> _Candidate[Sensor] | None:
         try:
-            trial = with_values(sensor, locations, at)
+            trial = with_values(sensor, locations, values)
         except OmnimirrorError:
             return None
-        return trial, np.arctan(
-            trial.mirror.slope(np.minimum(x, sensor.mirror.rim_radius_mm))
-        ) - np.arctan(slope)
+        trial_slope = trial.mirror.slope(inside)
+        derivatives = profile_derivatives(trial.mirror, inside, locations)[1]
+        return _Candidate(
+            trial,
+            values,
+            np.arctan(trial_slope) - np.arctan(slope),
+            derivatives / (1 + trial_slope**2)[:, None],
+        )
 
-    state, damping = evaluate(values), 1e-3
-    if state is None:
+    start = evaluate(np.array([value_of(sensor, location) for location in locations]))
+    if start is None:
         raise InvalidParameter(
             f"the initial mirror must allow a radius of {x[-1]:.4g} mm; got {sensor.mirror.KIND}; use another mirror"
         )
-    for _ in range(MAX_STEPS):
-        current, error = state
-        derivatives = profile_derivatives(
-            current.mirror, np.minimum(x, current.mirror.rim_radius_mm), locations
-        )[1]
-        step = _damped_step(
-            derivatives / (1 + current.mirror.slope(x) ** 2)[:, None], error, damping
-        )
-        trial = evaluate(values - step)
-        if trial is not None and (trial[1] ** 2).sum() <= (error**2).sum():
-            values, damping = values - step, damping / 5
-            has_converged = (error**2).sum() - (trial[1] ** 2).sum() <= RELATIVE_TOLERANCE * (
-                error**2
-            ).sum()
-            state = trial
-            if has_converged:
-                break
-        else:
-            damping *= 10
-    return state[0]
+    return _least_squares(evaluate, start)
 
 
 def fit_to_central_model(
@@ -268,14 +258,17 @@ def fit_to_central_model(
     visible = target.valid.copy()
     visible[visible] = inside_image(target.pixels[visible], central.image_size)
     directions, pixels = directions[visible], target.pixels[visible]
-    values = np.array([p.value for p in model.parameters])
     names = [p.name for p in model.parameters]
     rows = np.zeros((len(priors), len(names)))
     for i, prior in enumerate(priors):
         rows[i, names.index(prior.name)] = 1 / prior.sigma
     means = np.array([p.value for p in priors])[:, None] * rows
 
-    def evaluate(candidate: Model) -> tuple[Array, Array]:
+    def evaluate(values: Array) -> _Candidate[Model] | None:
+        try:
+            candidate = model.with_parameters(values)
+        except OmnimirrorError:
+            return None
         image = candidate.image(directions, distant=True)
         residuals, derivatives = image.pixels - pixels, image.d_parameters
         weight = np.where(image.valid, 1 / np.sqrt(1 + np.nansum(residuals**2, axis=1)), 0.0)[
@@ -285,37 +278,40 @@ def fit_to_central_model(
             np.where(image.valid[:, None], residuals, 0.0),
             np.where(image.valid[:, None, None], derivatives, 0.0),
         )
-        at = np.array([p.value for p in candidate.parameters])
-        error = np.concatenate([(weight * residuals).ravel(), rows @ at - means.sum(axis=1)])
-        return error, np.concatenate(
-            [(weight[:, :, None] * derivatives).reshape(-1, len(names)), rows]
+        return _Candidate(
+            candidate,
+            values,
+            np.concatenate([(weight * residuals).ravel(), rows @ values - means.sum(axis=1)]),
+            np.concatenate([(weight[:, :, None] * derivatives).reshape(-1, len(names)), rows]),
         )
 
-    (error, derivatives), damping = evaluate(model), 1e-3
-    for _ in range(MAX_STEPS):
-        step = _damped_step(derivatives, error, damping)
-        try:
-            candidate = model.with_parameters(values - step)
-        except OmnimirrorError:
-            damping *= 10
-            continue
-        trial = evaluate(candidate)
-        if (trial[0] ** 2).sum() > (error**2).sum():
-            damping *= 10
-            continue
-        decrease = (error**2).sum() - (trial[0] ** 2).sum()
-        model, values, damping = candidate, values - step, damping / 5
-        (error, derivatives), before = trial, (error**2).sum()
-        if decrease <= RELATIVE_TOLERANCE * before:
-            break
-    return model
+    start = evaluate(np.array([p.value for p in model.parameters]))
+    assert start is not None
+    return _least_squares(evaluate, start)
 
 
-def _damped_step(derivatives: Array, error: Array, damping: float) -> Array:
-    """Return the step of damped least squares, with scaled columns."""
-    size = np.linalg.norm(derivatives, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    a = derivatives / size
-    matrix = a.T @ a
-    step: Array = np.linalg.solve(matrix + damping * np.eye(len(matrix)), a.T @ error) / size
-    return step
+class _Candidate(NamedTuple, Generic[Item]):
+    """Sensor or model with residuals (n,) and their derivatives (n, q) by its values (q,)."""
+
+    item: Item
+    values: Array
+    residuals: Array
+    derivatives: Array
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares."""
+        return float(self.residuals @ self.residuals)
+
+
+def _least_squares(
+    evaluate: Callable[[Array], _Candidate[Item] | None], start: _Candidate[Item]
+) -> Item:
+    """Return the sensor or model with the minimum sum of squares."""
+
+    def linearise(current: _Candidate[Item]) -> Callable[[float], _Candidate[Item] | None]:
+        normal = current.derivatives.T @ current.derivatives
+        gradient = current.derivatives.T @ current.residuals
+        return lambda damping: evaluate(current.values + damped_step(normal, gradient, damping))
+
+    return levenberg_marquardt(start, linearise, MAX_STEPS, RELATIVE_TOLERANCE).item

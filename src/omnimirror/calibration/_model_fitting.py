@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.levenberg_marquardt import damped_step, levenberg_marquardt
 from ..base.typing import Array
 from ..cameras.camera import Camera
 from ..cameras.frames import Mount, rotate_vectors
@@ -479,8 +480,7 @@ INITIAL_MODELS: dict[
 
 MAX_STEPS = 80
 RELATIVE_TOLERANCE = 1e-10  # relative decrease of the sum of squares that ends the iteration
-EXACT_PX = 1e-6  # rms error that ends the iteration
-MAX_DAMPING = 1e12  # maximum damping
+EXACT_PX = 1e-8  # rms error that ends the iteration
 
 
 class Cost(NamedTuple):
@@ -524,24 +524,25 @@ def fit_model(
         Distances with equal weights; irrelevant for a central camera.
     """
     problem = _Problem(start, sample, np.flatnonzero(free), distances_mm)
-    x = np.zeros(problem.count)
-    square, gradient, hessian = problem.evaluate(x)
-    damping = 1e-3
-    for _ in range(MAX_STEPS):
-        scale = np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max())
-        while damping < MAX_DAMPING:
-            step = np.linalg.lstsq(hessian + damping * np.diag(scale), -gradient, rcond=None)[0]
-            trial = problem.evaluate(x + step)
-            if trial[0] <= square:
-                break
-            damping *= 5
-        else:
-            break
-        gain = square - trial[0]
-        x, (square, gradient, hessian), damping = x + step, trial, max(damping / 10, 1e-15)
-        if gain <= RELATIVE_TOLERANCE * square or square <= EXACT_PX**2 * len(sample.pixels):
-            break
-    return problem.at(x)
+
+    def linearise(state: _FitState) -> Callable[[float], _FitState]:
+        return lambda damping: problem.evaluate(
+            state.x + damped_step(state.normal, state.gradient, damping)
+        )
+
+    exact_cost = EXACT_PX**2 * len(sample.pixels)
+    start_state = problem.evaluate(np.zeros(problem.count))
+    fitted = levenberg_marquardt(start_state, linearise, MAX_STEPS, RELATIVE_TOLERANCE, exact_cost)
+    return problem.at(fitted.x)
+
+
+class _FitState(NamedTuple):
+    """Sum of squares (infinite for invalid cameras) with its normal equations after a step x."""
+
+    x: Array
+    cost: float
+    gradient: Array
+    normal: Array
 
 
 class _Problem:
@@ -579,14 +580,14 @@ class _Problem:
             model = replace(model, affine=_rotated_stretch(model.affine, float(x[-1])))
         return FittedModel(model, self.first + (x[p : p + 3] if self.moves else 0.0))
 
-    def evaluate(self, x: Array) -> tuple[float, Array, Array]:
-        """Return sum of squares, gradient and Hessian; an infinite sum for invalid cameras."""
-        invalid = np.inf, np.zeros(self.count), np.eye(self.count)
+    def evaluate(self, x: Array) -> _FitState:
+        """Return the sum of squares and its normal equations after a step."""
+        invalid = _FitState(x, np.inf, np.zeros(self.count), np.eye(self.count))
         try:
             model, viewpoint = (fitted := self.at(x)).model, fitted.viewpoint_mm
         except OmnimirrorError:
             return invalid
-        total, gradient, hessian = 0.0, np.zeros(self.count), np.zeros((self.count, self.count))
+        total, gradient, normal = 0.0, np.zeros(self.count), np.zeros((self.count, self.count))
         for distance in self.distances:
             distant = bool(np.isinf(distance))
             points = self.sample.points(distance) - (0.0 if distant else viewpoint)
@@ -597,8 +598,8 @@ class _Problem:
             slopes = self._slopes(image, points, distant)
             total += float(residual @ residual)
             gradient += slopes.T @ residual
-            hessian += slopes.T @ slopes
-        return total, gradient, hessian
+            normal += slopes.T @ slopes
+        return _FitState(x, total, gradient, normal)
 
     def _slopes(self, image: PointImages, points: Array, distant: bool) -> Array:
         """Return the derivatives (2 n, count) of the pixels."""

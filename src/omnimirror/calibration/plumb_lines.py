@@ -460,7 +460,7 @@ def _parameter_covariance(
     and McCaffrey, Survey Methodology 28 (2002)), because a fit to few edges reduces their
     residuals.
     """
-    matrix, _ = normal_equations(fit, edges, free, free.prior)
+    matrix, _ = normal_equations(fit, edges, free)
     gradients = leave_one_out_gradients(fit, edges, matrix)
     count = len(gradients)
     scatter = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..base.arguments import finite, format_value, number, parse_float, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import read_text
+from ..base.levenberg_marquardt import damped_step, levenberg_marquardt
 from ..base.typing import Array, Mask
 from ..cameras.frames import rotate_vectors
 from ..cameras.models.camera_model import CameraModel
@@ -175,6 +176,8 @@ class LinesFit:
     """Fit of a model to its edges."""
 
     model: CameraModel
+    values: Array
+    """Changes (q,) of the free parameters."""
     normals: Array
     """Plane normals (chains, 3) in the camera frame."""
     residuals: Array
@@ -208,39 +211,28 @@ def fit_lines(
 ) -> LinesFit:
     """Return the model with the straightest edges, starting from an initial model."""
     start = np.array([p.value for p in model.parameters])
-    values = np.zeros(len(free.names))
-    fit, damping = _evaluate(model, edges, free, values, distance_mm), 1e-3
-    for _ in range(max_steps):
-        matrix, gradient = normal_equations(fit, edges, free, values)
-        before = fit.cost
-        while damping < 1e8:
-            size = np.sqrt(np.diag(matrix))
-            size = np.where(size > 0, size, 1.0)
-            scaled = matrix / np.outer(size, size) + damping * np.eye(len(size))
-            step = -np.linalg.solve(scaled, gradient / size) / size
+
+    def linearise(fit: LinesFit) -> Callable[[float], LinesFit | None]:
+        matrix, gradient = normal_equations(fit, edges, free)
+
+        def after_step(damping: float) -> LinesFit | None:
+            values = fit.values + damped_step(matrix, gradient, damping)
             try:
-                candidate = model.with_parameters(start + free.turn @ (values + step))
-                trial = _evaluate(candidate, edges, free, values + step, distance_mm)
+                candidate = model.with_parameters(start + free.turn @ values)
+                return _evaluate(candidate, edges, free, values, distance_mm)
             except OmnimirrorError:
-                damping *= 10
-                continue
-            if trial.cost <= fit.cost:
-                fit, values, damping = trial, values + step, max(damping / 5, 1e-9)
-                break
-            damping *= 10
-        else:
-            break
-        if before - fit.cost <= RELATIVE_TOLERANCE * before:
-            break
-    return fit
+                return None
+
+        return after_step
+
+    initial = _evaluate(model, edges, free, np.zeros(len(free.names)), distance_mm)
+    return levenberg_marquardt(initial, linearise, max_steps, RELATIVE_TOLERANCE)
 
 
-def normal_equations(
-    fit: LinesFit, edges: Edges, free: FreeParameters, values: Array
-) -> tuple[Array, Array]:
+def normal_equations(fit: LinesFit, edges: Edges, free: FreeParameters) -> tuple[Array, Array]:
     """Return matrix (q, q) and gradient (q,) of the weighted squares, including priors."""
     matrix = np.diag(free.information).astype(float)
-    gradient = free.information * (values - free.prior)
+    gradient = free.information * (fit.values - free.prior)
     for part, weight in zip(edges.slices, fit.weights, strict=True):
         r, a = fit.residuals[part], fit.rates[part]
         visible = np.isfinite(r)
@@ -310,6 +302,7 @@ def _evaluate(
     normal[~is_sufficient] = np.nan
     return LinesFit(
         model,
+        values,
         normal,
         residuals,
         rates,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...base.arguments import choice, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.levenberg_marquardt import levenberg_marquardt
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
 from ..straight_edges import EdgeInformation, StraightEdges
@@ -184,7 +185,6 @@ def _eliminate_poses(poses: Array, blocks: NormalEquations) -> tuple[Array, Arra
 # the cost of one more solution of the same equations.
 
 RELATIVE_TOLERANCE = 1e-7  # relative decrease that ends the iteration
-MOST_DAMPING, LEAST_DAMPING = 1e12, 1e-10
 STIFFNESS = 1e-6  # undetermined parameters move by less than their scale in a step
 MIN_NOISE_PX = 1e-6
 PROBE = 0.1  # fraction of the step used to measure the second derivative
@@ -275,35 +275,39 @@ def minimise(
 ) -> Estimate:
     """Minimise the sum, starting from an estimate."""
     linearised = linearise(estimate, problem.stack)
-    cost, damping = _cost(estimate, linearised, problem), 1e-3
-    for number in range(max_steps):
+
+    def steps_from(state: _AdjustmentState) -> Callable[[float], _AdjustmentState | None]:
+        estimate, linearised, _, number = state
         blocks = _blocks(estimate, eliminate_line_positions(linearised), problem)
-        before, growth = cost, 2.0
-        while damping < MOST_DAMPING:
+
+        def after_step(damping: float) -> _AdjustmentState | None:
             trial = _trial_step(
                 estimate, linearised, blocks, problem, damping, number >= STRAIGHT_STEPS
             )
-            if trial is not None:
-                trial_residuals = linearise(trial, problem.stack)
-                trial_cost = _cost(trial, trial_residuals, problem)
-                if trial_cost <= cost:
-                    estimate, linearised, cost, damping = (
-                        trial,
-                        trial_residuals,
-                        trial_cost,
-                        max(damping / 5, LEAST_DAMPING),
-                    )
-                    break
-            damping, growth = damping * growth, growth * 2
-        else:
-            return estimate
-        if on_progress is not None:
-            on_progress(cost)
-        if before - cost <= relative_tolerance * before or cost < MIN_NOISE_PX**2 * len(
-            linearised.visible
-        ):
-            return estimate
-    return estimate
+            if trial is None:
+                return None
+            residuals = linearise(trial, problem.stack)
+            return _AdjustmentState(trial, residuals, _cost(trial, residuals, problem), number + 1)
+
+        return after_step
+
+    return levenberg_marquardt(
+        _AdjustmentState(estimate, linearised, _cost(estimate, linearised, problem), 0),
+        steps_from,
+        max_steps,
+        relative_tolerance,
+        MIN_NOISE_PX**2 * len(linearised.visible),
+        on_progress,
+    ).estimate
+
+
+class _AdjustmentState(NamedTuple):
+    """Estimate with its residuals, the minimised sum and the number of steps before it."""
+
+    estimate: Estimate
+    linearised: Linearised
+    cost: float
+    number: int
 
 
 def _cost(estimate: Estimate, linearised: Linearised, problem: AdjustmentProblem) -> float:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import finite, format_value, integer, number
 from ...base.caching import cached_property
@@ -17,134 +16,56 @@ from ...base.typing import Array
 from ._distortion import MIN_RATE
 from .radial_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
 
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
 # -- Even and odd cubic splines on uniform knots ---------------------------------------------------
-
-
-class SplineBasis(NamedTuple):
-    """Basis of splines on knots h, 2 h ... n h: polynomials of x from the start of a cell."""
-
-    step: float
-    cells: Array
-    """Coefficients (n, 4, n) by cell, power, and value at the knot."""
-
-    def weights(self, x: Array) -> Array:
-        """Return the weights (m, n) of the knot values in the spline at x (m,)."""
-        cell, t = _locate_cell(x, self.step, len(self.cells))
-        c, t = self.cells[cell], t[:, None]
-        weights: Array = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
-        return weights
-
-    def spline(self, values: Array) -> Spline:
-        """Return the spline with values (n,) at the knots."""
-        return Spline(self.step, self.cells @ values)
-
-
-class Spline(NamedTuple):
-    """Piecewise cubic on uniform knots from 0."""
-
-    step: float
-    cells: Array
-    """Coefficients (n, 4) of x from the start of each cell."""
-
-    def __call__(self, x: Array) -> Array:
-        cell, t = _locate_cell(x, self.step, len(self.cells))
-        c = self.cells[cell]
-        value: Array = c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
-        return value
-
-    def rate(self, x: Array) -> Array:
-        """Evaluate the derivative."""
-        cell, t = _locate_cell(x, self.step, len(self.cells))
-        c = self.cells[cell]
-        value: Array = c[..., 1] + t * (2 * c[..., 2] + 3 * t * c[..., 3])
-        return value
-
-    def monotonic_end(self, min_rate: float) -> float:
-        """Return the first position at which the derivative falls below a value; the last knot if
-        there is none.
-        """
-        for cell, (_, b, c, d) in enumerate(self.cells.tolist()):
-            for t in sorted(_downward_crossings(3 * d, 2 * c, b - min_rate)):
-                if 0 <= t <= self.step:
-                    return cell * self.step + t
-        return len(self.cells) * self.step
-
-
-def _downward_crossings(a: float, b: float, c: float) -> list[float]:
-    """Return the position at which ``a t^2 + b t + c`` crosses 0 downwards."""
-    square = b * b - 4 * a * c
-    if square < 0 or (a == 0 and b >= 0):
-        return []
-    # Root with negative slope, in the form without cancellation, valid for a = 0.
-    root = square**0.5
-    return [2 * c / (-b + root)] if b < 0 else [(-b - root) / (2 * a)]
-
-
-def _locate_cell(x: Array, step: float, count: int) -> tuple[NDArray[np.intp], Array]:
-    cell = np.fmin(np.fmax(x / step, 0), count - 1).astype(np.intp)  # NaN maps to the first cell
-    return cell, x - cell * step
+#
+# A spline through knots mirrored about 0 is odd or even; only its part above 0 is kept.
 
 
 @lru_cache(maxsize=64)
-def odd_basis(count: int, end: float) -> SplineBasis:
-    """Return the basis of odd splines, ``f(-x) = -f(x)``, on ``count`` uniform knots up to ``end``,
-    3 or more.
+def odd_basis(count: int, end: float) -> PPoly:
+    """Return odd splines, ``f(-x) = -f(x)``, with the value 1 at one of ``count`` uniform knots up
+    to ``end`` and 0 at the others; ``count`` is 3 or more.
 
-    >>> spline = odd_basis(4, 2.0).spline(np.array([0.5, 1.0, 1.5, 2.0]) ** 3)
+    >>> spline = spline_through(odd_basis(4, 2.0), np.array([0.5, 1.0, 1.5, 2.0]) ** 3)
     >>> spline(np.array([0.3, 1.7])).round(12)  # exact for cubics
     array([0.027, 4.913])
     """
-    at_zero = np.zeros((2, count + 1 + count + 1))
-    at_zero[0, 0] = 1.0  # f(0)
-    at_zero[1, count + 1] = 1.0  # f''(0)
-    basis = _solve_basis(count, end, at_zero)
-    basis.cells[0, [0, 2]] = 0.0  # exact zero: rounding would affect radii near the axis
-    return basis
+    from scipy.interpolate import CubicSpline, PPoly
+
+    knots, values = np.linspace(0.0, end, count + 1), np.eye(count + 1)[:, 1:]
+    spline = CubicSpline(
+        np.concatenate([-knots[:0:-1], knots]), np.concatenate([-values[:0:-1], values])
+    )
+    coefficients = spline.c[:, count:]
+    coefficients[[1, 3], 0] = 0.0  # exact zero: rounding would affect radii near the axis
+    return PPoly(coefficients, knots)
 
 
 @lru_cache(maxsize=64)
-def even_basis(count: int, end: float) -> SplineBasis:
-    """Return the basis of even splines, ``f(-x) = f(x)``, on ``count`` uniform knots up to ``end``;
-    parabolic in the first cell.
+def even_basis(count: int, end: float) -> PPoly:
+    """Return even splines, ``f(-x) = f(x)``, with the value 1 at one of ``count`` uniform knots up
+    to ``end`` and 0 at the others; they are parabolic below the first knot.
 
-    >>> spline = even_basis(4, 2.0).spline(np.array([0.5, 1.0, 1.5, 2.0]) ** 2)
+    >>> spline = spline_through(even_basis(4, 2.0), np.array([0.5, 1.0, 1.5, 2.0]) ** 2)
     >>> spline(np.array([0.3, 1.7])).round(12)
     array([0.09, 2.89])
     """
-    h = end / count
-    at_zero = np.zeros((2, count + 1 + count + 1))
-    at_zero[0, [0, 1]] = -1 / h, 1 / h  # f'(0) in the first cell
-    at_zero[0, [count + 1, count + 2]] = -h / 3, -h / 6
-    at_zero[1, [count + 1, count + 2]] = 1.0, -1.0
-    return _solve_basis(count, end, at_zero)
+    from scipy.interpolate import CubicSpline
 
-
-def _solve_basis(count: int, end: float, at_zero: Array) -> SplineBasis:
-    """Solve for values y and second derivatives m of knots 0 to n from two equations at 0, (y0 ...
-    yn, m0 ... mn).
-    """
-    n, h = count, end / count
-    matrix, right = np.zeros((2 * n + 2, 2 * n + 2)), np.zeros((2 * n + 2, n))
-    matrix[:2] = at_zero
-    for i in range(1, n + 1):  # values
-        matrix[1 + i, i], right[1 + i, i - 1] = 1.0, 1.0
-    for i in range(1, n):
-        # Continuous first derivative: m[i-1] + 4 m[i] + m[i+1] = 6 (y[i-1] - 2 y[i] + y[i+1]) / h^2
-        row = n + 1 + i
-        matrix[row, n + i : n + i + 3] = 1.0, 4.0, 1.0
-        matrix[row, i - 1 : i + 2] = np.array([-6.0, 12.0, -6.0]) / h**2
-    matrix[-1, 2 * n - 1 :] = 1.0, -2.0, 1.0  # continuous f''' at knot n - 1
-    y, m = np.split(np.linalg.solve(matrix, right), 2)
-    cells = np.stack(
-        [
-            y[:-1],
-            np.diff(y, axis=0) / h - h * (2 * m[:-1] + m[1:]) / 6,
-            m[:-1] / 2,
-            np.diff(m, axis=0) / (6 * h),
-        ],
-        axis=1,
+    knots, values = np.linspace(0.0, end, count + 1)[1:], np.eye(count)
+    return CubicSpline(
+        np.concatenate([-knots[::-1], knots]), np.concatenate([values[::-1], values])
     )
-    return SplineBasis(h, cells)
+
+
+def spline_through(basis: PPoly, values: Array) -> PPoly:
+    """Return the spline with values (n,) at the knots of a basis."""
+    from scipy.interpolate import PPoly
+
+    return PPoly(basis.c @ values, basis.x)
 
 
 # -- Camera models ---------------------------------------------------------------------------------
@@ -215,24 +136,25 @@ class SplineModel(RadialModel):
         )
 
     @property
-    def _basis(self) -> SplineBasis:
+    def _basis(self) -> PPoly:
         return odd_basis(len(self.radii_px), float(np.radians(self.field_deg / 2)))
 
     @cached_property
-    def _spline(self) -> Spline:
-        return self._basis.spline(np.array(self.radii_px))
+    def _spline(self) -> PPoly:
+        return spline_through(self._basis, np.array(self.radii_px))
 
     @cached_property
     def _projection_end(self) -> float:
-        min_rate = MIN_RATE * float(self._spline.cells[0, 1])
-        return min(self._spline.monotonic_end(min_rate), float(np.radians(self.field_deg / 2)))
+        rate = self._spline.derivative()
+        ends = rate.solve(MIN_RATE * float(rate(0.0)), extrapolate=False)
+        falling = ends[rate(ends, 1) < 0]
+        return float(falling.min(initial=np.radians(self.field_deg / 2)))
 
     def _projected_radius(self, omega: Array) -> Array:
         return self._spline(omega)
 
     def _projection(self, omega: Array) -> RadialProjection:
-        weights = self._basis.weights(omega)
-        return RadialProjection(self._spline(omega), self._spline.rate(omega), weights)
+        return RadialProjection(self._spline(omega), self._spline(omega, 1), self._basis(omega))
 
     def _inverse_projection(self, radius: Array) -> Array:
         omegas, radii = self._table
@@ -240,7 +162,7 @@ class SplineModel(RadialModel):
         cell = np.clip(np.searchsorted(radii, inside) - 1, 0, len(radii) - 2)
 
         def difference(omega: Array) -> tuple[Array, Array]:
-            return self._spline(omega) - inside, self._spline.rate(omega)
+            return self._spline(omega) - inside, self._spline(omega, 1)
 
         start = np.interp(inside, radii, omegas)
         return increasing_root(
@@ -299,8 +221,9 @@ def _sufficient_knots(camera: RadialModel, min_knots: int, end: float) -> int:
     omega = np.linspace(0.0, end, FIT_SAMPLES)
     radii = camera.radius_from_omega(np.minimum(omega, camera.model_end))
     for count in range(min_knots, MAX_FITTED_KNOTS):
-        spline = odd_basis(count, end).spline(
-            np.interp(np.arange(1, count + 1) / count * end, omega, radii)
+        spline = spline_through(
+            odd_basis(count, end),
+            np.interp(np.arange(1, count + 1) / count * end, omega, radii),
         )
         if np.abs(spline(omega) - radii).max() <= MAX_FIT_ERROR_PX:
             return count
@@ -458,18 +381,18 @@ class ViewpointSpline(SplineModel):
         return [i for i in range(count) if i != count // 2]
 
     @property
-    def _height_basis(self) -> SplineBasis:
+    def _height_basis(self) -> PPoly:
         return even_basis(len(self.viewpoints_mm), float(np.radians(self.field_deg / 2)))
 
     @cached_property
-    def _heights(self) -> Spline:
-        return self._height_basis.spline(np.array(self.viewpoints_mm))
+    def _heights(self) -> PPoly:
+        return spline_through(self._height_basis, np.array(self.viewpoints_mm))
 
     @cached_property
     def nearest_mm(self) -> float:
         """Minimum distance, mm, of valid points: that of the farthest ray intersection."""
         omega = np.linspace(0.0, self.model_end, NODES_PER_CELL * len(self.radii_px) + 1)
-        return float(np.abs(self._heights.rate(omega) * np.sin(omega)).max())
+        return float(np.abs(self._heights(omega, 1) * np.sin(omega)).max())
 
     @property
     def is_central(self) -> bool:
@@ -499,7 +422,7 @@ class ViewpointSpline(SplineModel):
         def difference(omega: Array) -> tuple[Array, Array]:
             sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, end)
             height = z - self._heights(inside)
-            rate = np.where(omega < end, self._heights.rate(inside), 0.0)
+            rate = np.where(omega < end, self._heights(inside, 1), 0.0)
             return height * sin - rho * cos, height * cos + rho * sin - rate * sin
 
         first = np.minimum(np.arctan2(rho, z), end)
@@ -516,8 +439,8 @@ class ViewpointSpline(SplineModel):
             central = super()._angle_rates(omega, rho, z, distant)
             return central._replace(terms=np.zeros((len(omega), len(self._free_heights))))
         sin, cos, inside = np.sin(omega), np.cos(omega), np.minimum(omega, self.model_end)
-        weights = self._height_basis.weights(inside)
-        rate = (z - self._heights(inside)) * cos + (rho - self._heights.rate(inside)) * sin
+        weights = self._height_basis(inside)
+        rate = (z - self._heights(inside)) * cos + (rho - self._heights(inside, 1)) * sin
         return AngleRates(
             cos / rate, -sin / rate, (sin / rate)[:, None] * weights[:, self._free_heights]
         )
