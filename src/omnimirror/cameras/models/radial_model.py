@@ -213,8 +213,8 @@ class RadialModel(CameraModel):
                 changes[slot.field] = value
             else:
                 changes.setdefault(slot.field, list(getattr(self, slot.field)))[slot.item] = value
-        fields = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
-        return replace(self, **fields, uncertainty=None)
+        changes = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
+        return replace(self, **changes, uncertainty=None)
 
     @cached_property
     def _all_slots(self) -> tuple[ParameterSlot, ...]:
