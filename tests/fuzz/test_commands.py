@@ -372,7 +372,9 @@ def test_odd_words(command, capsysbinary):
 
 
 @pytest.mark.parametrize("cloud", CLOUDS)
-@pytest.mark.parametrize("option", few(["", "--departures", "--order 4", "--unit inch"], "", "--departures"))
+@pytest.mark.parametrize(
+    "option", few(["", "--departures", "--order 4", "--unit inch"], "", "--departures")
+)
 def test_points_that_are_no_mirror(cloud, option, capsysbinary):
     np.savetxt("cloud.csv", CLOUDS[cloud], delimiter=",")
     is_perfect = (cloud, option) == ("nearly flat", "--departures")  # no departures at all
