@@ -312,9 +312,9 @@ def calibrate_camera(
             focal_px=(100.0, 100.0),
             centre_px=(0.0, 0.0),
             image_size=size,
-            optics=optics,
+            optics=optics,  # type: ignore[arg-type]  # checked by the model
             mount=mount,
-        ),  # type: ignore[arg-type]
+        ),
         wanted=_models_to_fit(
             model,
             size,
