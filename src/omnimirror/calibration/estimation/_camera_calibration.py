@@ -340,7 +340,7 @@ def calibrate_camera(
         and state.fit is not None
         and isinstance(state.fit.model, RadialModel)
     ):
-        model_with_rim: CameraModel = replace(state.fit.model, rim_radius_px=rim_radius)  # type: ignore[type-var]
+        model_with_rim: CameraModel = replace(state.fit.model, rim_radius_px=rim_radius)
         state.fit = replace(state.fit, model=model_with_rim)
     calibration = _calibration_result(
         state,
