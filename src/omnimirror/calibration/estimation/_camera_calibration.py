@@ -312,9 +312,9 @@ def calibrate_camera(
             focal_px=(100.0, 100.0),
             centre_px=(0.0, 0.0),
             image_size=size,
-            optics=optics,
+            optics=optics,  # type: ignore[arg-type]  # checked by the model
             mount=mount,
-        ),  # type: ignore[arg-type]
+        ),
         wanted=_models_to_fit(
             model,
             size,
@@ -340,7 +340,7 @@ def calibrate_camera(
         and state.fit is not None
         and isinstance(state.fit.model, RadialModel)
     ):
-        model_with_rim: CameraModel = replace(state.fit.model, rim_radius_px=rim_radius)  # type: ignore[type-var]
+        model_with_rim: CameraModel = replace(state.fit.model, rim_radius_px=rim_radius)
         state.fit = replace(state.fit, model=model_with_rim)
     calibration = _calibration_result(
         state,

@@ -217,7 +217,7 @@ class Calibration:
         if isinstance(self.model, SensorModel):
             return replace(without_fold(self.model.sensor), uncertainty=uncertainty)
         if isinstance(self.model, RadialModel):
-            return replace(self.model, uncertainty=uncertainty)  # type: ignore[type-var]  # every model is a dataclass
+            return replace(self.model, uncertainty=uncertainty)
         return self.model
 
     def save(self, path: str | Path) -> None:

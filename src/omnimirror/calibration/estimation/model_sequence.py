@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -365,20 +366,13 @@ def fit_first_model(
         focal_px=(width / 4, width / 4),
         centre_px=centre,
         image_size=image_size,
-        optics=optics,
+        optics=optics,  # type: ignore[arg-type]  # checked by the model
         mount=mount,
-    )  # type: ignore[arg-type]
+    )
     start = stereographic_start(observations, image_size, centre, model._signs)
     boards = not all(s.is_surveyed for s in observations)
     check_start(start.median_px / ROUGH_START[boards], image_size, boards=boards)
-    model = Unified(
-        xi=1.0,
-        focal_px=(start.focal_px,) * 2,
-        centre_px=centre,
-        image_size=image_size,
-        optics=optics,
-        mount=mount,
-    )  # type: ignore[arg-type]
+    model = replace(model, focal_px=(start.focal_px,) * 2)
     inconsistent = {
         s.name: UNPLACED if s.is_surveyed else "its corners are collinear or coincide"
         for s, pose in zip(observations, start.poses, strict=True)
