@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +15,6 @@ from ..base.files import read_bytes
 from .images import MAX_FILE_BYTES
 
 BLOCK = 8
-START_OF_SCAN, TABLES = 0xDA, 0xDB
-SUPPORTED_FRAMES = {0xC0, 0xC1, 0xC2, 0xC9, 0xCA}  # baseline, extended, progressive
-MARKERS_WITHOUT_SEGMENT = {0x01, *range(0xD0, 0xD9)}
 
 
 class JpegCoding(NamedTuple):
@@ -52,68 +50,31 @@ def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
     >>> coding.tables[0][0, :4], coding.subsampling
     (array([16., 11., 10., 16.]), (2, 2))
     """
+    from PIL.JpegImagePlugin import JpegImageFile
+
     if not data.startswith(b"\xff\xd8\xff"):
         return None
-    tables_by_number: dict[int, NDArray[np.float64]] = {}
-    frame = b""
-    for marker, segment in _segments(data):
-        if marker == TABLES:
-            tables_by_number |= _tables(segment)
-        elif marker in SUPPORTED_FRAMES:
-            frame = segment
-    count = frame[5] if len(frame) > 5 else 0
-    parts = [frame[6 + 3 * i : 9 + 3 * i] for i in range(count)]
-    names = bytes(part[0] for part in parts if part)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damaged EXIF data
+            with JpegImageFile(io.BytesIO(data)) as image:
+                tables_by_number, components = image.quantization, image.layer
+    except (SyntaxError, ValueError, OSError):  # damaged
+        return None
+    names = bytes(name for name, *_ in components)
+    numbers = [number for *_, number in components]
     if (
-        count not in (1, 3)
+        len(components) not in (1, 3)
         or names == b"RGB"
-        or any(len(part) < 3 or part[2] not in tables_by_number for part in parts)
+        or any(number not in tables_by_number for number in numbers)
     ):
         return None
-    tables = tuple(tables_by_number[part[2]] for part in parts)
-    finest, coarse = parts[0][1], parts[-1][1]
-    across, down = (finest >> 4) / max(coarse >> 4, 1), (finest & 15) / max(coarse & 15, 1)
+    tables = tuple(
+        np.maximum(np.array(tables_by_number[number], float).reshape(BLOCK, BLOCK), 1.0)
+        for number in numbers
+    )
+    (_, luma_x, luma_y, _), (_, chroma_x, chroma_y, _) = components[0], components[-1]
+    across, down = luma_x / max(chroma_x, 1), luma_y / max(chroma_y, 1)
     if not (across in (1, 2, 4) and down in (1, 2, 4)):
         return None
     return JpegCoding(tables, (int(down), int(across)))
-
-
-def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield markers with their segments, up to the first scan."""
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != START_OF_SCAN:
-        marker = data[at + 1]
-        if marker == 0xFF or marker in MARKERS_WITHOUT_SEGMENT:
-            at += 1 if marker == 0xFF else 2
-            continue
-        length = int.from_bytes(data[at + 2 : at + 4], "big")
-        yield marker, data[at + 4 : at + 2 + length]
-        at += 2 + length
-
-
-def _tables(segment: bytes) -> dict[int, NDArray[np.float64]]:
-    tables = {}
-    while segment:
-        wide, number = segment[0] >> 4, segment[0] & 15
-        size = BLOCK**2 * (2 if wide else 1)
-        steps = np.frombuffer(segment[1 : 1 + size], ">u2" if wide else "u1")
-        if len(steps) < BLOCK**2:
-            break
-        table = np.empty((BLOCK, BLOCK))
-        table.ravel()[ZIGZAG] = steps
-        tables[number] = np.maximum(table, 1.0)
-        segment = segment[1 + size :]
-    return tables
-
-
-def _zigzag() -> NDArray[np.intp]:
-    """Return the position in a block, row by row, of each of the 64 coefficients of a file (zigzag
-    order).
-    """
-    rows, columns = np.divmod(np.arange(BLOCK**2), BLOCK)
-    diagonal = rows + columns
-    along = np.where(diagonal % 2, rows, columns)
-    return np.lexsort((along, diagonal))
-
-
-ZIGZAG = _zigzag()

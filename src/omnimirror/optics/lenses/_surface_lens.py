@@ -42,7 +42,6 @@ PER_SURFACE = {
     "index_short": Parameter("", 1.0, 5.0, "refractive indices at the shortest wavelength"),
     "index_long": Parameter("", 1.0, 5.0, "refractive indices at the longest wavelength"),
 }
-REQUIRED = ("curvature_per_mm", "thickness_mm", "index")
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ from ..mirrors.mirror import sagittal_radius, tangential_radius
 
 MAX_BISECTIONS = 48
 COEFFICIENT_ROUNDING = 1e-12  # relative to the coefficients of a piece
-PIECE_DEGREE = 5
 
 
 def first_non_increasing_x(mirror: Mirror, m: float) -> float | None:

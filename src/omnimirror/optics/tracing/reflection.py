@@ -288,7 +288,7 @@ def _depths(
 # complete the solution.
 
 SETTLED = 1e-7  # relative to the rim radius: convergence is quadratic from here
-NOT_SEEN, SEEN, NOT_SETTLED = 0, 1, 2
+SEEN, NOT_SETTLED = 1, 2  # states returned by the kernel
 STEPS, FIRST_STEPS = 24, 6
 FIRST_CLOSE = 3e-5  # relative to the rim radius: limit of the first search
 REACH = (CELLS + BEYOND) / CELLS

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.arguments import validate_arguments
-from ...base.errors import InvalidParameter, MediaError, OmnimirrorError
+from ...base.errors import MediaError, OmnimirrorError
 from ...base.files import open_file
 from .calibration_hall import Hall
 from .environment import Environment
@@ -20,19 +20,6 @@ from .street import Street
 # -- Bundled scenes --------------------------------------------------------------------------------
 
 BUNDLED: dict[str, Callable[..., Scene]] = {"room": Room, "street": Street, "hall": Hall}
-
-
-def bundled_scene(name: str) -> Scene:
-    """Return a bundled scene by name.
-
-    Raises
-    ------
-    InvalidParameter
-        If there is no scene of that name.
-    """
-    if name not in BUNDLED:
-        raise InvalidParameter(f"the scene must be one of {', '.join(BUNDLED)}; got {name!r}")
-    return BUNDLED[name]()
 
 
 # -- Scene files -----------------------------------------------------------------------------------
