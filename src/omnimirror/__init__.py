@@ -368,7 +368,7 @@ if not TYPE_CHECKING:  # type checkers see the names above and must reject all o
         if name in _HOMES:
             try:
                 return getattr(import_module(f".{_HOMES[name]}", __name__), name)
-            except ImportError as error:
+            except (ImportError, AttributeError) as error:
                 explained = import_module(".base.errors", __name__).explain_import_error(error)
                 if explained is error:
                     raise

@@ -102,18 +102,20 @@ class ReproductionError(OmnimirrorError):
 OPENCV_REMEDY = "pip install --force-reinstall --no-deps opencv-python-headless"
 
 
-def explain_import_error(error: ImportError) -> Exception:
-    """Return an error with a remedy if OpenCV cannot be imported, and other errors unchanged.
+def explain_import_error(error: ImportError | AttributeError) -> Exception:
+    """Return an error with a remedy if OpenCV is missing or incomplete, and other errors unchanged.
 
     All OpenCV packages of PyPI install the same folder ``cv2``. Uninstalling one of several of them
-    removes the files of the others, although these remain registered as installed.
+    removes the files of the others, although these remain registered as installed. If other files
+    remain in the folder, Python imports it as an empty namespace package.
 
     Examples
     --------
     >>> explain_import_error(ModuleNotFoundError("No module named 'cv2'", name="cv2"))
     OmnimirrorError("cannot import OpenCV (No module named 'cv2'), for example because ...
     """
-    if (error.name or "").partition(".")[0] != "cv2":
+    module = getattr(error.obj, "__name__", "") if isinstance(error, AttributeError) else error.name
+    if (module or "").partition(".")[0] != "cv2":
         return error
     return OmnimirrorError(
         f"cannot import OpenCV ({error}), for example because another OpenCV package was "

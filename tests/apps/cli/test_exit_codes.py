@@ -102,3 +102,20 @@ def test_missing_opencv_raises_with_remedy(statement, place):
     assert "cannot import OpenCV" in last
     assert last.endswith("pip install --force-reinstall --no-deps opencv-python-headless")
     assert "internal error" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from omnimirror.apps.cli import main; main('dewarp a.png --ball 31.5,31.5,30,300 -o b.png'.split())",
+        "import omnimirror as om; om.Dewarper",
+    ],
+)
+def test_incomplete_opencv_raises_with_remedy(statement, place):
+    """Other files remain in the folder cv2, which is imported as an empty namespace package."""
+    code = f"import sys, types; sys.modules['cv2'] = types.ModuleType('cv2'); {statement}"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=place)
+    assert run.returncode == 1
+    last = run.stderr.strip().splitlines()[-1]
+    assert "cannot import OpenCV (module 'cv2' has no attribute" in last
+    assert last.endswith("pip install --force-reinstall --no-deps opencv-python-headless")

@@ -225,7 +225,9 @@ def error_message(error: Exception) -> tuple[str, int]:
             return f"{error.filename or 'the operating system'}: {error.strerror or error}", 1
         case MemoryError():
             return "not enough memory", 1
-        case ImportError() if isinstance(explain_import_error(error), OmnimirrorError):
+        case ImportError() | AttributeError() if isinstance(
+            explain_import_error(error), OmnimirrorError
+        ):
             return str(explain_import_error(error)), 1
         case UnicodeEncodeError() if re.search("[\udc80-\udcff]", error.object):
             return f"the name {error.object!r} must be UTF-8", 1
