@@ -151,7 +151,7 @@ class SplineModel(RadialModel):
         return float(falling.min(initial=np.radians(self.field_deg / 2)))
 
     def _projected_radius(self, omega: Array) -> Array:
-        return self._spline(omega)
+        return np.asarray(self._spline(omega))
 
     def _projection(self, omega: Array) -> RadialProjection:
         return RadialProjection(self._spline(omega), self._spline(omega, 1), self._basis(omega))
@@ -399,7 +399,7 @@ class ViewpointSpline(SplineModel):
         return False
 
     def _viewpoint_mm(self, omega: Array) -> Array:
-        return self._heights(omega)
+        return np.asarray(self._heights(omega))
 
     def _ray_origins(self, omega: Array) -> tuple[Array, Array]:
         """Return ray origins beyond all ray intersections, on a shell about the viewpoints."""
