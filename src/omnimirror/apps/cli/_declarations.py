@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, fields
 from functools import wraps
@@ -12,6 +11,8 @@ from typing import Any, TypeVar
 import click
 
 from ...base.arguments import check_type, type_hints
+from ...base.errors import SpecError
+from ...base.files import parse_toml
 from ._output import check_output_files
 
 # -- Commands --------------------------------------------------------------------------------------
@@ -274,8 +275,8 @@ def parse_entry(text: str) -> tuple[list[str], Any]:
     if not value.strip():
         return names, None
     try:
-        parsed = tomllib.loads(f"value = {value}")
-    except (ValueError, RecursionError):  # a word without quotes
+        parsed = parse_toml(f"value = {value}", key)
+    except SpecError:  # a word without quotes
         return names, value.strip()
     return names, parsed["value"] if len(parsed) == 1 else value
 
