@@ -48,7 +48,7 @@ def commands(side: int) -> dict[str, float]:
         + 36e6 / 2**20,
         f"dewarp big.jpg --auto --size {side}x -o auto.jpg": picture + panorama,
         "rim big.jpg --figure rim.svg": picture,
-        "simulate big.toml --spp 1 --no-blur --full-well-e 10000 -o noisy.jpg": picture,
+        "simulate big.toml --spp 1 --no-blur --set detector.full_well_e=10000 -o noisy.jpg": picture,
         f"maps big.toml --view panorama --size {side}x --format opencv -o map.npz": panorama
         / 3
         * (8 + 6),

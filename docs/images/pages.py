@@ -23,10 +23,8 @@ IMAGES = Path(__file__).parent
 GAP = 10
 WHITE = (255, 255, 255)
 
-STREET = (
-    "--support rod --support-diameter-mm 3 --support-end-diameter-mm 6 --reflectivity aluminium"
-)
-DOME = "--support dome --camera-diameter-mm 40"
+STREET = "--set housing.rod.diameter_mm=3 --set housing.rod.end_diameter_mm=6 --set radiometry.reflectivity=aluminium"
+DOME = "--set housing.dome={} --set housing.camera.diameter_mm=40"
 COMMANDS: dict[str, tuple[str, ...]] = {
     "scenes.jpg": (
         f"simulate paper-spherical --scene street {STREET} --spp 16 -o street.png --panorama panorama.png",
@@ -40,7 +38,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "folded-drawing.png": ("export folded-spherical -o drawing.png --sheet A4",),
     "mappings.png": ("mappings --figure mappings.png",),
     "front.png": (
-        "design --pareto worst_floored_area_deg2,inverse_area_ratio --shape polynomial:6 --figure front.png",
+        "design --pareto worst_floored_area_deg2,inverse_area_ratio --set mirror.shape=polynomial:6 --figure front.png",
     ),
 }
 ROWS: dict[str, tuple[tuple[str, ...], ...]] = {

@@ -94,7 +94,9 @@ def test_a_design_without_limits_says_what_its_camera_hides():
         "--focal-length-mm",
         8,
     )
-    said = omnimirror("design", *words, "--f-number", 4, "--camera-diameter-mm", 120).stdout
+    said = omnimirror(
+        "design", *words, "--f-number", 4, "--set", "housing.camera.diameter_mm=120"
+    ).stdout
     assert "obscured: camera 0 to " in said
     told = float(re.search(r"camera 0 to ([\d.]+) deg", said)[1])
     distance = float(re.search(r"lens ([\d.]+) mm", said)[1])

@@ -368,16 +368,18 @@ def test_a_csv_of_one_s_own_from_the_file_and_the_command_line(tmp_path):
         "total_blur_deg=.8",
     )
     again = omnimirror(
-        "design", *options, "--parts", "shelf.csv", "--max-designs", "1", cwd=tmp_path
+        "design", *options, "--parts", "shelf.csv", "--set", "search.max_designs=1", cwd=tmp_path
     )
     assert again.returncode == 0, again.stderr
     assert "C 8 mm, iris + 2 MP" in again.stdout
     assert "1 more expensive combinations not evaluated" in again.stdout
-    none = omnimirror("design", *options, "--parts", "shelf.csv", "--max-price", "10", cwd=tmp_path)
+    none = omnimirror(
+        "design", *options, "--parts", "shelf.csv", "--set", "parts.max_price=10", cwd=tmp_path
+    )
     assert none.returncode == 3
     assert "2 too expensive" in none.stdout
-    assert "--max-designs requires --parts" in fails(
-        "design", *options, "--focal-length-mm", "8", "--max-designs", "3", cwd=tmp_path
+    assert "--set search.max_designs requires --parts" in fails(
+        "design", *options, "--focal-length-mm", "8", "--set", "search.max_designs=3", cwd=tmp_path
     )
 
 

@@ -214,8 +214,8 @@ def test_command_prints_files_and_deviations(tmp_path):
         "out",
         "--thread",
         "M6",
-        "--grid-points",
-        "65",
+        "--set",
+        "file.grid_points=65",
         cwd=tmp_path,
     )
     assert run.returncode == 0, run.stderr
@@ -237,26 +237,26 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         return (tmp_path / name).read_text(encoding="utf-8", errors="replace")
 
     assert (
-        write("a.csv", "--step-deg", "45", "--digits", "2")
+        write("a.csv", "--set", "file.step_deg=45", "--set", "file.digits=2")
         .splitlines()[-2]
         .startswith("43.90,26.12,135.00,")
     )
-    assert write("a.dat", "--grid-points", "11").startswith("11 11 ")
+    assert write("a.dat", "--set", "file.grid_points=11").startswith("11 11 ")
     svg = write(
         "a.svg",
-        "--support",
-        "rod",
-        "--support-diameter-mm",
-        "5",
+        "--set",
+        "housing.rod.diameter_mm=5",
         "--allow-changes",
         "--sheet",
         "A4",
-        "--scale",
-        "1:5",
+        "--set",
+        "file.scale=1:5",
     )
     assert "rod Ø5" in svg
     assert "SENSOR  1:5" in svg
-    coarse, fine = (len(write("a.stl", "--chord-tolerance-um", t)) for t in ("100", "10"))
+    coarse, fine = (
+        len(write("a.stl", "--set", f"file.chord_tolerance_um={t}")) for t in ("100", "10")
+    )
     assert 5 < fine / coarse < 15
 
 
@@ -264,13 +264,22 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
     ("options", "sentence"),
     [
         (["--formats", "step,iges"], "got 'iges'"),
-        (["--scale", "half"], "such as 1:2 or 5:1; got 'half'"),
-        (["--scale", "1:0"], "got '1:0'"),
-        (["--thread", "M6", "--bore-diameter-mm", "5"], "bore_diameter_mm must not be given"),
-        (["--bore-diameter-mm", "5", "--bore-depth-mm", "40"], "got a hole"),
-        (["--support", "tube", "--support-diameter-mm", "50"], "to enclose the mirror"),
-        (["--thickness-mm", "nan"], "thickness_mm must be between 0.001 and 10000 mm; got nan"),
-        (["--digits", "40"], "digits must be an integer between 0 and 15; got 40"),
+        (["--set", "file.scale=half"], "such as 1:2 or 5:1; got 'half'"),
+        (["--set", "file.scale=1:0"], "got '1:0'"),
+        (
+            ["--thread", "M6", "--set", "body.bore_diameter_mm=5"],
+            "bore_diameter_mm must not be given",
+        ),
+        (["--set", "body.bore_diameter_mm=5", "--bore-depth-mm", "40"], "got a hole"),
+        (
+            ["--set", "housing.tube.diameter_mm=50"],
+            "to enclose the mirror",
+        ),
+        (
+            ["--set", "body.thickness_mm=nan"],
+            "thickness_mm must be between 0.001 and 10000 mm; got nan",
+        ),
+        (["--set", "file.digits=40"], "digits must be an integer between 0 and 15; got 40"),
     ],
 )
 def test_invalid_options_print_one_message_and_write_no_file(

@@ -192,7 +192,7 @@ def test_invalid_folded_parts_are_rejected(options, sentence, tmp_path):
 
 
 def test_secondary_thickness_requires_a_secondary(tmp_path, capsys):
-    options = ["--formats", "csv", "--secondary-thickness-mm", "3"]
+    options = ["--formats", "csv", "--set", "body.secondary_thickness_mm=3"]
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", str(tmp_path / "out"), *options])
     assert "which has one mirror" in capsys.readouterr().err

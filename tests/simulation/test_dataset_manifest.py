@@ -272,18 +272,26 @@ def test_video_dataset_is_reproducible(place):
     options = (
         "--path",
         "path.csv",
-        "--fps",
-        10,
+        "--set",
+        "video.fps=10",
         "--scene",
         "sky.hdr",
-        "--heading-deg",
-        30,
+        "--set",
+        "scene.heading_deg=30",
         "--spp",
         4,
         "--truth",
     )
     files = made_again(
-        place, "drive", *options, "--support", "tube", "--full-well-e", 5000, "--seed", 3
+        place,
+        "drive",
+        *options,
+        "--set",
+        "housing.tube={}",
+        "--set",
+        "detector.full_well_e=5000",
+        "--seed",
+        3,
     )
     frames = [f"frame-{number:05d}.exr" for number in range(3)]
     assert sorted(files) == ["dataset.json", *frames, "poses.csv", "sensor.toml", "video.mp4"]

@@ -131,9 +131,9 @@ def test_colour_dewarper_invalid_input_raises(domed, tmp_path):
         "simulate",
         "dataset",
         "paper-spherical",
-        "--wavelengths-nm",
-        "610,540,465",
+        "--set",
+        "rendering.wavelengths_nm=[610,540,465]",
         "-o",
         tmp_path / "set",
     )
-    assert "--wavelengths-nm requires a single image" in stderr
+    assert "rendering.wavelengths_nm requires a single image" in stderr

@@ -252,7 +252,14 @@ def test_command_matches_python(tmp_path):
         tmp_path / "bodies.toml",
     )
     run = omnimirror(
-        *arguments, "--spp", "1", "--no-blur", "--per-shard", "2", "-o", tmp_path / "command"
+        *arguments,
+        "--spp",
+        "1",
+        "--no-blur",
+        "--set",
+        "storage.per_shard=2",
+        "-o",
+        tmp_path / "command",
     )
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
     made = om.write_training_dataset(

@@ -326,9 +326,9 @@ def validate_arguments(function: Callable[P, T]) -> Callable[P, T]:
                 continue  # self of a method
             if call.parameters[name].kind is Parameter.VAR_POSITIONAL:
                 for i, item in enumerate(value):
-                    _check_type(f"{name}[{i}]", item, hints[name])
+                    check_type(f"{name}[{i}]", item, hints[name])
             elif call.parameters[name].kind is not Parameter.VAR_KEYWORD:
-                _check_type(name, value, hints[name])
+                check_type(name, value, hints[name])
         return function(*args, **kwargs)
 
     return wrapper
@@ -338,7 +338,7 @@ def check_fields(instance: Any) -> None:
     """Check the types of the fields of a dataclass against its annotations, in ``__post_init__``."""
     hints = type_hints(instance.__class__)
     for field in fields(instance):
-        _check_type(field.name, getattr(instance, field.name), hints[field.name])
+        check_type(field.name, getattr(instance, field.name), hints[field.name])
 
 
 @cache
@@ -353,7 +353,8 @@ def _origin_and_arguments(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     return get_origin(hint) or hint, get_args(hint)
 
 
-def _check_type(name: str, value: Any, hint: Any) -> None:
+def check_type(name: str, value: Any, hint: Any) -> None:
+    """Raise InvalidType unless a value matches an annotation."""
     kind, inner = _origin_and_arguments(hint)
     if kind is Literal:
         choice(name, value, inner)

@@ -27,6 +27,7 @@ from ..optics.toml_validation import (
     SourceLocator,
     Table,
     check_entries,
+    merge_tables,
     table_model,
     validated,
 )
@@ -46,6 +47,22 @@ from .requirements import (
 FORMAT = 1
 ANY_F = (0.1, 1e3)
 """Default F-number range with off-the-shelf lenses."""
+
+REQUIREMENT_ENTRIES: dict[str, type] = {
+    "format": int,
+    "name": str,
+    "notes": str,
+    "field": dict,
+    "mirror": dict,
+    "lens": dict,
+    "imager": dict,
+    "mount": dict,
+    "housing": dict,
+    "limit": list,
+    "parts": dict,
+    "thermal": dict,
+}
+"""Entries and tables of a requirement file with their types."""
 
 Angle = Annotated[float, Field(ge=0, le=179)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
@@ -83,7 +100,7 @@ def load_requirements(
         File name.
     changes
         Replacements for entries of the file: ``{"lens": {"f_number": 5.6}}``; None removes an
-        entry.
+        entry or a table.
     limits
         Tables of additional limits: ``{"quantity": "total_blur_px", "at_most": 4.0}``.
 
@@ -141,11 +158,7 @@ def parse_requirements(
     text = text.removeprefix("\ufeff")  # byte order mark, written by some editors
     where = SourceLocator(text, source)
     data = parse_toml(text, source)
-    for section, entries in (changes or {}).items():
-        if isinstance(entries, dict) and isinstance(data.get(section, {}), dict):
-            merged = {**data.get(section, {}), **entries}
-            entries = {name: value for name, value in merged.items() if value is not None}
-        data[section] = entries
+    data = merge_tables(data, changes or {})
     if limits and isinstance(data.get("limit", []), list):
         data["limit"] = [*data.get("limit", []), *limits]
     return requirements_of(data, where, folder)
@@ -216,21 +229,7 @@ def requirements_of(
 
 
 def _check_tables(data: dict[str, Any], where: SourceLocator) -> None:
-    known: dict[str, type] = {
-        "format": int,
-        "name": str,
-        "notes": str,
-        "field": dict,
-        "mirror": dict,
-        "lens": dict,
-        "imager": dict,
-        "mount": dict,
-        "housing": dict,
-        "limit": list,
-        "parts": dict,
-        "thermal": dict,
-    }
-    check_entries(data, known, FORMAT, where)
+    check_entries(data, REQUIREMENT_ENTRIES, FORMAT, where)
     for key in ("field", "mirror"):
         if key not in data:
             raise where.error(

@@ -40,6 +40,7 @@ from .toml_validation import (
     check_entries,
     class_of,
     did_you_mean,
+    merge_tables,
     table_model,
     validated,
 )
@@ -70,6 +71,23 @@ __all__ = [
 
 SENSOR_FOLDER = Path(__file__).with_name("bundled_sensors")
 SENSOR_FILE_FORMAT = 1
+SENSOR_ENTRIES: dict[str, type] = {
+    "format": int,
+    "name": str,
+    "notes": str,
+    "mirror": dict,
+    "secondary": dict,
+    "lens": dict,
+    "imager": dict,
+    "mount": dict,
+    "mirror_pose": dict,
+    "mirror_form": dict,
+    "imager_pose": dict,
+    "housing": dict,
+    "uncertainty": dict,
+    "thermal": dict,
+}
+"""Entries and tables of a sensor file with their types."""
 T = TypeVar("T")
 
 
@@ -89,13 +107,16 @@ def bundled_sensors() -> list[str]:
     return sorted(p.stem for p in SENSOR_FOLDER.glob("*.toml"))
 
 
-def load_sensor(name_or_path: str | Path) -> Sensor:
+def load_sensor(name_or_path: str | Path, changes: dict[str, Any] | None = None) -> Sensor:
     """Read a sensor file, or a bundled sensor by name.
 
     Parameters
     ----------
     name_or_path
         File, or one of :func:`bundled_sensors`.
+    changes
+        Replacements for entries of the file: ``{"lens": {"f_number": 5.6}}``; None removes an
+        entry or a table.
 
     Returns
     -------
@@ -116,7 +137,7 @@ def load_sensor(name_or_path: str | Path) -> Sensor:
     """
     path, absent = find("sensor file", name_or_path)
     text = read_text(path, "sensor file", SpecError, absent)
-    return parse_sensor(text, source=str(path), folder=path.parent)
+    return parse_sensor(text, str(path), path.parent, changes)
 
 
 def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
@@ -137,7 +158,12 @@ def find(kinds: str, name_or_path: str | Path) -> tuple[Path, str]:
 
 
 @validate_arguments
-def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = None) -> Sensor:
+def parse_sensor(
+    text: str,
+    source: str = "sensor file",
+    folder: Path | None = None,
+    changes: dict[str, Any] | None = None,
+) -> Sensor:
     """Parse a Sensor from the text of a sensor file.
 
     ``folder`` is the folder of files named in the text; with None the text must not name a file,
@@ -151,6 +177,8 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
         Name of the text in errors.
     folder
         Folder of the files named in the text; with None it must not name a file.
+    changes
+        Replacements for entries of the text, as for :func:`load_sensor`.
 
     Returns
     -------
@@ -177,7 +205,7 @@ def parse_sensor(text: str, source: str = "sensor file", folder: Path | None = N
             "directions of pixels without mirror and lens; estimate a sensor with "
             "omnimirror calibrate --model sensor"
         )
-    return sensor_of(data, where, folder)
+    return sensor_of(merge_tables(data, changes or {}), where, folder)
 
 
 def sensor_of(data: dict[str, Any], where: SourceLocator, folder: Path | None = None) -> Sensor:
@@ -304,20 +332,7 @@ def _table(part: Any) -> dict[str, Any]:
 
 
 def _check_table_names(data: dict[str, Any], where: SourceLocator) -> None:
-    known: dict[str, type] = {"format": int, "name": str, "notes": str}
-    parts = (
-        "mirror",
-        "secondary",
-        "lens",
-        "imager",
-        "mount",
-        "mirror_pose",
-        "mirror_form",
-        "imager_pose",
-    )
-    tables = (*parts, "housing", "uncertainty", "thermal")
-    known |= dict.fromkeys(tables, dict)
-    check_entries(data, known, SENSOR_FILE_FORMAT, where)
+    check_entries(data, SENSOR_ENTRIES, SENSOR_FILE_FORMAT, where)
     for key in ("mirror", "lens", "imager"):
         if key not in data:
             raise where.error(
@@ -482,7 +497,7 @@ CALIBRATION_MARK = '"held_out_rms_px":'  # in its JSON
 SEPARATE_TABLES = ("mount", "uncertainty")  # fields of a model with separate tables
 
 
-def load_camera(name_or_path: str | Path) -> AnyCamera:
+def load_camera(name_or_path: str | Path, changes: dict[str, Any] | None = None) -> AnyCamera:
     """Read a camera file, a sensor file, an OCamCalib file, or a bundled sensor.
 
     OCamCalib's file does not distinguish mirrors from fisheyes; a mirror is assumed. Use
@@ -492,6 +507,8 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     ----------
     name_or_path
         File, or one of :func:`omnimirror.bundled_sensors`.
+    changes
+        Replacements for entries of the file, as for :func:`load_sensor`.
 
     Returns
     -------
@@ -517,11 +534,18 @@ def load_camera(name_or_path: str | Path) -> AnyCamera:
     """
     path, absent = find("sensor file, camera file", name_or_path)
     text = read_text(path, "camera file", SpecError, absent)
-    return load_ocam(path) if is_ocam_text(text) else parse_camera(text, str(path), path.parent)
+    if is_ocam_text(text) and not changes:
+        return load_ocam(path)
+    return parse_camera(text, str(path), path.parent, changes)
 
 
 @validate_arguments
-def parse_camera(text: str, source: str = "camera file", folder: Path | None = None) -> AnyCamera:
+def parse_camera(
+    text: str,
+    source: str = "camera file",
+    folder: Path | None = None,
+    changes: dict[str, Any] | None = None,
+) -> AnyCamera:
     """Parse a camera from the text of its file; see :func:`load_camera`.
 
     Parameters
@@ -532,6 +556,8 @@ def parse_camera(text: str, source: str = "camera file", folder: Path | None = N
         Name of the text in errors.
     folder
         Folder of the files that a sensor names; with None it must not name a file.
+    changes
+        Replacements for entries of the text, as for :func:`load_sensor`.
 
     Returns
     -------
@@ -550,11 +576,16 @@ def parse_camera(text: str, source: str = "camera file", folder: Path | None = N
     (640, 480)
     """
     if is_ocam_text(text):
+        if changes:
+            raise SpecError(
+                f"{source} is an OCamCalib file, whose entries cannot be changed; convert it with omnimirror convert"
+            )
         return parse_ocam(text, source)
     try:
         data, where = parse_toml(text, source), SourceLocator(text, source)
     except SpecError as e:
         raise SpecError(f"{e}{_hint(text, source)}") from None
+    data = merge_tables(data, changes or {})
     return camera_of(data, where) if "camera" in data else sensor_of(data, where, folder)
 
 

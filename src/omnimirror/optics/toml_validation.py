@@ -78,6 +78,24 @@ def _annotation(hint: Any, p: Parameter) -> Any:
     return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
 
 
+def merge_tables(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables with changed entries; None removes an entry or a table.
+
+    >>> merge_tables({"lens": {"kind": "thin", "f_number": 4.0}}, {"lens": {"f_number": 8.0, "kind": None}})
+    {'lens': {'f_number': 8.0}}
+    """
+    merged = dict(data)
+    for name, value in changes.items():
+        if value is None:
+            merged.pop(name, None)
+        elif isinstance(value, dict):
+            table = merged.get(name, {})
+            merged[name] = merge_tables(table if isinstance(table, dict) else {}, value)
+        else:
+            merged[name] = value
+    return merged
+
+
 # -- validation ------------------------------------------------------------------------------------
 
 

@@ -42,7 +42,7 @@ def place(tmp_path):
         ("bracket", "merge", "paper-spherical", "a.png", "-o", "m.png"),  # no focus distances
         ("evaluate", "paper-spherical", "--object-distance-mm", "-1"),
         ("psf", "paper-spherical", "--omega-deg", "0:130:1", "-o", "p.png"),
-        ("simulate", "paper-spherical", "-o", "p.jpg", "--bits", "12"),
+        ("simulate", "paper-spherical", "-o", "p.jpg", "--set", "detector.bits=12"),
         ("simulate", "paper-spherical", "-o", "p.png", "--spp", "0"),
         ("simulate", "dataset", "-o", "set"),
         ("compare", *["paper-spherical"] * 7),

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import pytest
 
-from omnimirror.apps.cli import app
+from omnimirror.apps.cli import app, main
 from omnimirror.apps.cli._declarations import DocumentedCommand
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -92,3 +92,50 @@ def test_options_are_grouped_once():
         == len(set(flags))
         == len(COMMANDS["dewarp"].get_params(click.Context(COMMANDS["dewarp"]))) - 1
     )
+
+
+LONG = {"calibrate", "dewarp", "maps", "serve", "view"}
+"""Commands whose help does not fit on one screen yet."""
+
+
+@pytest.mark.parametrize("words", sorted(COMMANDS.keys() - LONG))
+def test_help_fits_on_one_screen(words):
+    context = click.Context(COMMANDS[words], info_name=words, terminal_width=100)
+    assert len(COMMANDS[words].get_help(context).splitlines()) <= 45
+
+
+def test_outputs_have_the_same_option():
+    """Commands without -o print a table, serve pages, or write only tables and reports."""
+    without = {
+        words
+        for words, command in COMMANDS.items()
+        if not any("-o" in parameter.opts for parameter in command.params)
+    }
+    assert not {
+        w for w in without if w.split()[0] in ("simulate", "export", "dewarp", "design")
+    } - {"simulate roundtrip"}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["evaluate", "paper-spherical", "--set", "lens"], "must be TABLE.KEY=VALUE"),
+        (["evaluate", "paper-spherical", "--set", "lense.f_number=4"], "did you mean lens?"),
+        (["evaluate", "paper-spherical", "--set", "lens.f_numbr=4"], "did you mean f_number?"),
+        (["evaluate", "paper-spherical", "--set", "lens.f_number=wide"], "lens.f_number must be"),
+        (
+            ["export", "paper-spherical", "-o", "a.stl", "--set", "file.digit=1"],
+            "did you mean file.digits?",
+        ),
+        (
+            ["export", "paper-spherical", "-o", "a.stl", "--set", "file.digits=x"],
+            "file.digits must be an integer",
+        ),
+    ],
+)
+def test_invalid_entries_print_one_line(words, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(words)
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

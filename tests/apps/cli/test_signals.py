@@ -110,7 +110,7 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
         "2 processes",
     ),
     "design with parts": (
-        ("design", "parts.toml", "--processes", "2", "--max-designs", "999"),
+        ("design", "parts.toml", "--set", "search.processes=2", "--set", "search.max_designs=999"),
         "2 processes",
     ),
     "training": (

@@ -185,10 +185,10 @@ def test_command_writes_program_and_list(tmp_path):
         tmp_path,
         "--formats",
         "gcode,points",
-        "--tool-radius-mm",
-        0.2,
-        "--path-tolerance-nm",
-        20,
+        "--set",
+        "tool.radius_mm=0.2",
+        "--set",
+        "tool.tolerance_nm=20",
     )
     assert done.returncode == 0, done.stderr
     assert {p.name for p in tmp_path.iterdir()} == {
@@ -201,7 +201,7 @@ def test_command_writes_program_and_list(tmp_path):
     x = np.linspace(0.0, mirror.rim_radius_mm, 999)
     assert np.abs(nearest(np.stack([x, -mirror.sag(x)], axis=-1), centres) - 0.2).max() < 20e-6
     refused = omnimirror(
-        "export", "folded-spherical", "-o", tmp_path / "a.nc", "--tool-radius-mm", -1
+        "export", "folded-spherical", "-o", tmp_path / "a.nc", "--set", "tool.radius_mm=-1"
     )
     assert refused.returncode != 0
     assert "radius_mm must be between 0.001 and 100 mm; got -1" in refused.stderr

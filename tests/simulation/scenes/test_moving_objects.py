@@ -110,8 +110,8 @@ def test_video_shows_moving_bodies(tmp_path):
         "--spp",
         "1",
         "--no-blur",
-        "--fps",
-        "1",
+        "--set",
+        "video.fps=1",
     )
     for arguments in (
         ("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"),

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, fields
 from functools import wraps
 from typing import Any, TypeVar
 
 import click
 
+from ...base.arguments import check_type, type_hints
+from ...base.errors import SpecError
+from ...base.files import parse_toml
 from ._output import check_output_files
 
 # -- Commands --------------------------------------------------------------------------------------
@@ -97,17 +100,35 @@ def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
     return field(default=default, metadata={"flags": flags, "attributes": attributes})
 
 
+def setting(table: str, default: Any = None) -> Any:
+    """Declare a field of :class:`Options` that is given as ``--set TABLE.FIELD=VALUE``."""
+    return field(default=default, metadata={"table": table})
+
+
 def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
     """Add the options of a dataclass to a click command, which receives them as one argument."""
 
     def decorate(function: Command) -> Command:
         @wraps(function)
         def gathered(*args: Any, **values: Any) -> Any:
-            own = {f.name: values.pop(f.name) for f in fields(kind)}
+            settings = click.get_current_context().meta.get(_SETTINGS, {})
+            for f in fields(kind):
+                if f.name in settings and "table" in f.metadata:
+                    key = f"{f.metadata['table']}.{f.name}"
+                    check_type(key, settings[f.name], type_hints(kind)[f.name])
+            own = {
+                f.name: settings.get(f.name, f.default)
+                if "table" in f.metadata
+                else values.pop(f.name)
+                for f in fields(kind)
+            }
             return function(*args, **{name: kind(**own)}, **values)
 
         command: Any = gathered
         for f in reversed(fields(kind)):
+            if "table" in f.metadata:
+                _set_option(command).settings[f"{f.metadata['table']}.{f.name}"] = f.name
+                continue
             attributes: dict[str, Any] = {
                 "show_default": f.default is not None,
                 **f.metadata["attributes"],
@@ -152,6 +173,139 @@ def flag(name: str) -> str:
     """Return the option of a parameter as it is written on the command line."""
     context = click.get_current_context(silent=True)
     for parameter in context.command.params if context else ():
+        if isinstance(parameter, SetOption):
+            for key, field_name in parameter.settings.items():
+                if field_name == name:
+                    return f"--set {key}"
         if parameter.name == name and isinstance(parameter, click.Option):
             return max(parameter.opts, key=len)
     return "--" + name.replace("_", "-")
+
+
+# -- Entries of files and settings -----------------------------------------------------------------
+
+_SETTINGS, _CHANGES = "omnimirror.settings", "omnimirror.changes"
+
+
+class SetOption(GroupedOption):
+    """Option ``--set`` for entries of a file and for settings without an option of their own.
+
+    Values have the syntax of TOML; a word needs no quotes, and an empty value removes an entry of a
+    file.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(
+            ["--set"],
+            group="Options",
+            multiple=True,
+            expose_value=False,
+            callback=lambda ctx, _, texts: self._store(ctx, texts),
+            metavar="TABLE.KEY=VALUE",
+        )
+        self.settings: dict[str, str] = {}
+        """Fields of option groups by their keys."""
+        self.file = ""
+        """Name of the file whose entries can be set."""
+        self.tables: Collection[str] = ()
+        """Tables of the file."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str]:
+        names: dict[str, list[str]] = {}
+        for key in self.settings:
+            table, _, name = key.partition(".")
+            names.setdefault(table, []).append(name)
+        keys = [
+            f"{table}.{known[0]}" if len(known) == 1 else f"{table}.{{{', '.join(sorted(known))}}}"
+            for table, known in sorted(names.items())
+        ]
+        targets = [f"an entry of the {self.file}"] * bool(self.file) + keys
+        return f"--set {self.metavar}", f"Set {', '.join(targets)} (repeatable)."
+
+    def _store(self, ctx: click.Context, texts: tuple[str, ...]) -> None:
+        """Store the settings by field, and the changes of the file as nested tables."""
+        from ...optics.toml_validation import did_you_mean
+
+        settings = ctx.meta.setdefault(_SETTINGS, {})
+        changes = ctx.meta.setdefault(_CHANGES, {})
+        for text in texts:
+            names, value = parse_entry(text)
+            key = ".".join(names)
+            if key in self.settings:
+                settings[self.settings[key]] = _tuples(value)
+                continue
+            if names[0] not in self.tables:
+                known = [*self.settings, *self.tables]
+                raise click.BadParameter(
+                    f"unknown entry {key}{did_you_mean(key, known)}; use {', '.join(known)}"
+                )
+            table = changes
+            for name in names[:-1]:
+                if not isinstance(table.get(name), dict):
+                    table[name] = {}
+                table = table[name]
+            table[names[-1]] = value
+
+
+def given_settings() -> list[str]:
+    """Return the fields of option groups that are given with ``--set``."""
+    return list(click.get_current_context().meta.get(_SETTINGS, {}))
+
+
+def is_set() -> bool:
+    """Return whether an entry is given with ``--set``."""
+    meta = click.get_current_context().meta
+    return bool(meta.get(_SETTINGS) or meta.get(_CHANGES))
+
+
+def parse_entry(text: str) -> tuple[list[str], Any]:
+    """Parse ``TABLE.KEY=VALUE``; the value is None if it is empty.
+
+    >>> parse_entry("lens.f_number=5.6"), parse_entry("mirror.mapping=equidistant")
+    ((['lens', 'f_number'], 5.6), (['mirror', 'mapping'], 'equidistant'))
+    >>> parse_entry("field.elevation_deg=[-20, 40]"), parse_entry("housing.rod=")
+    ((['field', 'elevation_deg'], [-20, 40]), (['housing', 'rod'], None))
+    """
+    key, equals, value = text.partition("=")
+    names = [name.strip() for name in key.split(".")]
+    if not equals or not all(re.fullmatch(r"[A-Za-z0-9_-]+", name) for name in names):
+        raise click.BadParameter(
+            f"must be TABLE.KEY=VALUE, such as lens.f_number=5.6; got {text[:60]!r}"
+        )
+    if not value.strip():
+        return names, None
+    try:
+        parsed = parse_toml(f"value = {value}", key)
+    except SpecError:  # a word without quotes
+        return names, value.strip()
+    return names, parsed["value"] if len(parsed) == 1 else value
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _set_option(function: Any) -> SetOption:
+    """Return the option ``--set`` of a decorated function; it is added if there is none."""
+    parameters = function.__dict__.setdefault("__click_params__", [])
+    found = next((p for p in parameters if isinstance(p, SetOption)), None)
+    if found is None:
+        found = SetOption()
+        parameters.append(found)
+    return found
+
+
+def file_entries(file: str, tables: Collection[str]) -> Callable[[Command], Command]:
+    """Add ``--set`` for entries of a file; the command receives the ``changes`` as nested tables."""
+
+    def decorate(function: Command) -> Command:
+        @wraps(function)
+        def gathered(*args: Any, **values: Any) -> Any:
+            changes = click.get_current_context().meta.get(_CHANGES, {})
+            return function(*args, changes=changes, **values)
+
+        option = _set_option(gathered)
+        option.file, option.tables = file, tables
+        return gathered  # type: ignore[return-value]
+
+    return decorate

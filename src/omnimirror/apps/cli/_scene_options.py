@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 from rich.console import Console
@@ -14,13 +14,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ...cameras.camera import Camera
 from ...optics.sensor import Sensor
-from ...simulation.detector import BAYER, CURVES, Detector
+from ...simulation.detector import Detector
 from ...simulation.radiometry import Radiometry
 from ...simulation.scenes.moving_objects import MovingBox, load_bodies
 from ...simulation.scenes.scene import Pose
 from ...simulation.scenes.scene_sources import BUNDLED, SceneSource
-from ._declarations import Options, flag, option
-from ._option_types import INTEGER, NUMBER, _numbers, angle, distance, factor, three_wavelengths
+from ._declarations import Options, flag, option, setting
+from ._option_types import INTEGER, _numbers
 from ._process_state import is_quiet
 
 
@@ -61,21 +61,10 @@ class SceneOptions(Options):
         help=f"Scene: {', '.join(BUNDLED)}, an equirectangular image (HDR, EXR, JPEG, ...), or "
         "a mesh (GLB, glTF, OBJ, PLY, STL).",
     )
-    heading_deg: float | None = option(
-        type=angle,
-        metavar="DEG",
-        help="Heading of the centre of an environment image.  [default: 0]",
-    )
-    unit_mm: float | None = option(
-        type=factor, metavar="MM", help="Unit of a mesh in mm.  [default: 1000; 1 for STL]"
-    )
-    up: str | None = option(
-        type=click.Choice(["y", "z"]),
-        help="Axis of a mesh that points up.  [default: y; z for STL]",
-    )
-    background: str | None = option(
-        metavar="FILE", help="Environment image behind a mesh.  [default: none]"
-    )
+    heading_deg: float | None = setting("scene")
+    unit_mm: float | None = setting("scene")
+    up: Literal["y", "z"] | None = setting("scene")
+    background: str | None = setting("scene")
 
     def source(self) -> SceneSource:
         """Return the source of the scene."""
@@ -88,7 +77,7 @@ class SceneOptions(Options):
             )
         if self.heading_deg is not None and not (source.is_environment or self.background):
             raise click.UsageError(
-                "--heading-deg requires an environment image; rotate other scenes with --pose"
+                "scene.heading_deg requires an environment image; rotate other scenes with --pose"
             )
         return source
 
@@ -101,84 +90,42 @@ DETECTOR = ("exposure", "full_well_e", "read_noise_e", "black_level_dn", "bits",
 class RenderingOptions(Options):
     """Rendering."""
 
-    blur: str | None = option(
-        type=click.Choice(["on", "off"]),
-        is_flag=False,
-        flag_value="on",
-        help="Render through the whole aperture, or without blur.  [default: on; off for a "
-        "calibrated camera, which has no known aperture]",
+    blur: bool | None = option(
+        "--blur/--no-blur",
+        help="Render through the whole aperture.  [default: on; off for a calibrated camera]",
     )
-    no_blur: bool | None = option(is_flag=True, help="Disable blur, as --blur off.")
     samples: int = option("--samples", "--spp", type=INTEGER, default=16, help="Rays per pixel.")
     seed: int = option(type=INTEGER, default=0, help="Random seed for ray sampling and noise.")
-    reflectivity: Any = option(
-        type=reflectivity,
-        metavar="FRACTION|METAL|N+Kj",
-        help="Reflectivity of the mirror: a fraction, a metal (Fresnel equations), or three "
-        "values for red, green and blue.  [default: 1]",
-    )
-    vignetting: bool | None = option(
-        "--vignetting/--no-vignetting",
-        help="Natural vignetting of the lens, cos^4.  [default: none]",
-    )
-    wavelengths_nm: tuple[float, float, float] | None = option(
-        type=three_wavelengths,
-        metavar="R,G,B",
-        help="Wavelengths of the colours, for dispersion in lens and cover.",
-    )
-    direct_view: bool | None = option(
-        "--surroundings/--no-surroundings",
-        help="Render the surroundings of the mirror, or black.  [default: black]",
-    )
-    exposure: float | None = option(
-        type=factor,
-        metavar="FACTOR",
-        help="Exposure factor; light above 1 saturates.  [default: 1]",
-    )
-    full_well_e: float | None = option(
-        type=distance, metavar="N", help="Full-well capacity, electrons.  [default: no noise]"
-    )
-    read_noise_e: float | None = option(
-        type=NUMBER, metavar="N", help="Read noise, electrons.  [default: 0]"
-    )
-    black_level_dn: float | None = option(
-        type=NUMBER,
-        metavar="DN",
-        help="Black level added to linear values, which avoids clipping of dark noise.  "
-        "[default: 5 standard deviations of read noise]",
-    )
-    bits: int | None = option(
-        type=INTEGER,
-        metavar="8..16",
-        help="Bit depth; PNG and TIFF support more than 8.  [default: 8]",
-    )
-    curve: str | None = option(type=click.Choice(CURVES), help="Transfer curve.  [default: srgb]")
-    bayer: str | None = option(
-        type=click.Choice(BAYER),
-        help="Bayer pattern: one colour per pixel, not demosaicked.  [default: none]",
-    )
-
-    @property
-    def wants_blur(self) -> bool | None:
-        """Blur setting; None to blur only cameras with an aperture."""
-        if self.no_blur:
-            return False
-        return None if self.blur is None else self.blur == "on"
+    wavelengths_nm: tuple[float, float, float] | None = setting("rendering")
+    reflectivity: float | str | tuple[float | str, ...] | None = setting("radiometry")
+    vignetting: float | None = setting("radiometry")
+    direct_view: bool | None = setting("radiometry")
+    exposure: float | None = setting("detector")
+    full_well_e: float | None = setting("detector")
+    read_noise_e: float | None = setting("detector")
+    black_level_dn: float | None = setting("detector")
+    bits: int | None = setting("detector")
+    curve: str | None = setting("detector")
+    bayer: str | None = setting("detector")
 
     def is_blurred(self, camera: Camera) -> bool:
         """Return whether images of a camera are rendered through its whole aperture."""
-        return isinstance(camera, Sensor) if self.wants_blur is None else self.wants_blur
+        return isinstance(camera, Sensor) if self.blur is None else self.blur
 
     def radiometry(self) -> Radiometry | None:
         """Return the radiometric settings; None without options."""
         given = self.subset(*RADIOMETRY)
         if not given:
             return None
-        if isinstance(self.reflectivity, tuple) and len(self.reflectivity) != 3:
-            raise click.UsageError(
-                "--reflectivity must be one value, or three for red, green and blue"
-            )
-        return Radiometry(**given | {"vignetting": float(self.vignetting or 0.0)})
+        if isinstance(value := self.reflectivity, tuple):
+            if len(value) != 3:
+                raise click.UsageError(
+                    "radiometry.reflectivity must be one value, or three for red, green and blue"
+                )
+            given["reflectivity"] = tuple(reflectivity(str(part)) for part in value)
+        elif value is not None:
+            given["reflectivity"] = reflectivity(str(value))
+        return Radiometry(**given)
 
     def detector(self) -> Detector:
         """Return the detector model."""
@@ -192,13 +139,11 @@ class TrajectoryOptions(Options):
     path: Path | None = option(
         type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file."
     )
-    fps: float | None = option(type=NUMBER, help="Videos: frames per second.  [default: 25]")
-    duration_s: float | None = option(
-        type=NUMBER, help="Videos: duration.  [default: until the last pose]"
-    )
     bodies: Path | None = option(
         type=click.Path(path_type=Path), help="Videos: moving boxes in the scene, a TOML file."
     )
+    fps: float | None = setting("video")
+    duration_s: float | None = setting("video")
 
     @property
     def frame_rate(self) -> float:

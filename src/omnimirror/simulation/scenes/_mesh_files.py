@@ -85,7 +85,7 @@ def check_corners(path: Path, corners_mm: list[Array]) -> None:
         raise MediaError(
             f"the extent of the mesh {path} must be between {MIN_EXTENT_MM:g} and "
             f"{MAX_EXTENT_MM:g} mm; got {extent:.3g} mm; specify the unit of the mesh "
-            "(--unit-mm, unit_mm)"
+            "(scene.unit_mm)"
         )
     sides = [corners[:, 1:] - corners[:, :1] for corners in corners_mm]
     if not any(np.cross(side[:, 0], side[:, 1]).any() for side in sides):

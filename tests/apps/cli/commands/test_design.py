@@ -92,7 +92,9 @@ def test_check_of_bundled_sensor(tmp_path):
         assert row["margin"] == pytest.approx(worst - at_least, rel=1e-5)
     assert json.loads(omnimirror("check", file, "paper-spherical", "--json", "-").stdout) == table
     assert "the lens of the sensor must be" in fails("check", file, "paraboloid-telecentric")
-    housed = omnimirror("check", file, "paper-spherical", "--camera-diameter-mm", 30, "--json", "-")
+    housed = omnimirror(
+        "check", file, "paper-spherical", "--set", "housing.camera.diameter_mm=30", "--json", "-"
+    )
     assert json.loads(housed.stdout)["requirements"][-1]["remarks"] != row["remarks"]
 
 
@@ -103,7 +105,7 @@ def test_check_of_bundled_sensor(tmp_path):
         (["no.toml"], "requirement file 'no.toml' not found"),
         ([*COMMON, "--mirror", "spher"], "got mapping and family"),
         (["--mirror", "spher", *COMMON[2:]], "got 'spher'; did you mean sphere?"),
-        ([*COMMON, "--fit", "poly:3"], "got 'poly:3'"),
+        ([*COMMON, "--set", "mirror.fit=poly:3"], "got 'poly:3'"),
         ([*COMMON, "--f-number", "8:4"], "lens.f_number must be a number"),
         ([*COMMON[:6], "--theta-max-deg", 60], "is missing|rim_radius_mm is missing"),
         (["--omega-max-deg", 120], "the table [mirror] is missing"),

@@ -260,7 +260,7 @@ def test_camera_file_table(tmp_path):
             "--pixel requires a mirror and a lens, which a camera file does not contain",
         ),
         (["--focus-mm", "auto"], "--focus-mm requires"),
-        (["--support", "rod"], "--support requires"),
+        (["--set", "housing.rod={}"], "unknown entry housing"),
         (["--figures", "folder"], "--figures requires"),
         (["--omega-deg", "170"], "omega_deg must be 0 to"),
     ],

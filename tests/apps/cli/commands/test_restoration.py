@@ -241,7 +241,7 @@ def test_bracket_plan_render_and_merge(small, tmp_path):
     run = omnimirror("bracket", "plan", "small.toml", "--max-blur-px", "3", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
-    scene = ("--scene", "world.hdr", "--heading-deg", "20", "--pose", "0,0,0,20")
+    scene = ("--scene", "world.hdr", "--set", "scene.heading_deg=20", "--pose", "0,0,0,20")
     take = (
         "bracket",
         "render",

@@ -71,8 +71,8 @@ def test_exr_labels_obscuration_and_refraction(sensor_file, sky_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
     found = {}
     supports = {
-        "rod": ("--support", "rod", "--support-diameter-mm", 12),
-        "tube": ("--support", "tube"),
+        "rod": ("--set", "housing.rod.diameter_mm=12"),
+        "tube": ("--set", "housing.tube={}"),
     }
     for name, options in supports.items():
         out = tmp_path / f"{name}.exr"
@@ -92,14 +92,14 @@ def test_exr_labels_obscuration_and_refraction(sensor_file, sky_file, tmp_path):
 def test_blurred_noisy_environment_in_12_bits(sensor_file, sky_file, tmp_path):
     out = tmp_path / "noisy.png"
     options = (
-        "--full-well-e",
-        4000,
-        "--read-noise-e",
-        5,
-        "--bits",
-        12,
-        "--curve",
-        "linear",
+        "--set",
+        "detector.full_well_e=4000",
+        "--set",
+        "detector.read_noise_e=5",
+        "--set",
+        "detector.bits=12",
+        "--set",
+        "detector.curve=linear",
         "--seed",
         5,
     )
@@ -127,8 +127,8 @@ def test_video_along_path(sensor_file, sky_file, tmp_path):
         1,
         "--path",
         tmp_path / "path.csv",
-        "--fps",
-        20,
+        "--set",
+        "video.fps=20",
         "-o",
         out,
     )
@@ -167,11 +167,14 @@ def test_panorama_option(sensor_file, sky_file, tmp_path):
         ),
         (("--pose", "1,2", "-o", "a.png"), "must be a pose X,Y,Z"),
         (("--pose", "9e6,0,0", "-o", "a.png"), "ray origins must be inside the room"),
-        (("--bits", "12", "-o", "a.jpg"), "use .png or .tif"),
-        (("--bayer", "RGGB", "-o", "a.exr"), "--bayer requires"),
-        (("--fps", "10", "-o", "a.png"), "--fps requires --path"),
+        (("--set", "detector.bits=12", "-o", "a.jpg"), "use .png or .tif"),
+        (("--set", "detector.bayer=RGGB", "-o", "a.exr"), "detector.bayer requires"),
+        (("--set", "video.fps=10", "-o", "a.png"), "video.fps requires --path"),
         (("-o", "a.mp4"), "requires --path"),
-        (("--heading-deg", "10", "-o", "a.png"), "--heading-deg requires an environment image"),
+        (
+            ("--set", "scene.heading_deg=10", "-o", "a.png"),
+            "scene.heading_deg requires an environment image",
+        ),
         (("-o", "a.xyz"), "cannot write a.xyz: the suffix must be one of"),
     ],
 )
@@ -244,8 +247,8 @@ def test_sigterm_keeps_completed_training_shards(sensor_file, sky_file, tmp_path
         sky_file,
         "--spp",
         "1",
-        "--per-shard",
-        "1",
+        "--set",
+        "storage.per_shard=1",
     )
     said = _terminated_when(
         lambda: len([*folder.glob("set-*.tar")]) > 1,
@@ -352,7 +355,7 @@ def test_calibrated_camera_renders_sharp_images(tmp_path):
     shown = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
     np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
     for option, words in (
-        ("--blur=on", "blur must be False unless the camera is a sensor"),
-        ("--support=rod", "requires a sensor; a calibrated camera has no housing"),
+        ("--blur", "blur must be False unless the camera is a sensor"),
+        ("--set=housing.rod={}", "unknown entry housing"),
     ):
         assert words in fails("simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png")

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
 from ....base.arguments import format_value, parse_float
 from ....base.files import write_json
 from ....design.requirement_check import TemperatureRange, judge, temperature_range
-from ....design.requirement_files import load_requirements
+from ....design.requirement_files import REQUIREMENT_ENTRIES, load_requirements
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, add_options
+from .._declarations import DocumentedCommand, file_entries
 from .._option_types import SENSOR
 from .._output import json_option, output_console, print_written
-from .._sensor_options import HousingOptions
 from ._design_report import EXIT_MISSED, print_verdict
 
 
@@ -50,22 +49,23 @@ def temperatures(text: str) -> tuple[float, float]:
     metavar="A:B",
     help="Temperature range, C: report the part in which the requirements are met.",
 )
-@add_options(HousingOptions, "housing")
+@file_entries("requirement file", REQUIREMENT_ENTRIES)
 def command(
     requirements: Path,
     sensor: str,
     json_file: Path | None,
     temperatures: tuple[float, float] | None,
-    housing: HousingOptions,
+    changes: dict[str, Any],
 ) -> None:
     """Check SENSOR against REQUIREMENTS, a TOML file as for omnimirror design, and report the
     margins.
 
     Prints the requirements, the values reached and the margins. The sensor is evaluated at its own
-    focus; the type of mirror is not checked. The exit code is 3 if a requirement is missed.
+    focus, with the housing of --set if given; the type of mirror is not checked. The exit code is 3
+    if a requirement is missed.
     """
-    loaded, camera = load_requirements(requirements), housing.on(load_sensor(sensor))
-    loaded = replace(loaded, housing=housing.of(loaded.housing))
+    loaded = load_requirements(requirements, changes)
+    camera = load_sensor(sensor, {k: v for k, v in changes.items() if k == "housing"})
     verdict = judge(loaded, camera)
     numbers = verdict.to_dict()
     console = output_console()

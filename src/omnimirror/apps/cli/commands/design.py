@@ -25,12 +25,23 @@ from ....design.off_the_shelf import BoughtDesign, PartsSearch, design_from_part
 from ....design.optimiser import Progress
 from ....design.pareto_front import Front, pareto
 from ....design.reference_mirrors import EXACTLY, known_sensors, merit_values
+from ....design.requirement_files import REQUIREMENT_ENTRIES
 from ....design.requirements import Requirements
 from ....optics.batch.families import FreeformFamily
 from ....optics.sensor_files import save_sensor
-from .._declarations import DocumentedCommand, add_options, refuse_inapplicable
-from .._design_options import OptimisationOptions, RequirementOptions, merit_list
-from .._option_types import INTEGER
+from .._declarations import (
+    DocumentedCommand,
+    add_options,
+    file_entries,
+    given_settings,
+    refuse_inapplicable,
+)
+from .._design_options import (
+    CatalogueOptions,
+    OptimisationOptions,
+    RequirementOptions,
+    merit_list,
+)
 from .._output import (
     FIGURES,
     column_head,
@@ -44,7 +55,6 @@ from .._output import (
     progress_bar,
 )
 from .._process_state import interrupted_exit_code
-from .._sensor_options import HousingOptions
 from ._design_report import (
     EXIT_MISSED,
     print_conflict,
@@ -60,9 +70,7 @@ from ._design_report import (
 def design_with_catalogue(
     console: Console,
     requirements: Requirements,
-    max_designs: int,
-    price_front: bool,
-    processes: int,
+    catalogue: CatalogueOptions,
     out: Path | None,
     json_file: Path | None,
 ) -> NoReturn:
@@ -70,9 +78,9 @@ def design_with_catalogue(
     with console.status("Designing") as status:
         search = design_from_parts(
             requirements,
-            max_designs=max_designs,
-            front=price_front,
-            processes=processes,
+            max_designs=catalogue.max_designs,
+            front=catalogue.price_front,
+            processes=catalogue.processes,
             on_step=lambda words: status.update(f"Designing: {words}"),
         )
     if search.found:
@@ -257,30 +265,17 @@ ONLY = {
     "merits",
     type=merit_list,
     metavar="MERIT,MERIT",
-    help="Compute the Pareto front of these merits instead of a single design.",
+    help="Compute the Pareto front of these merits.",
 )
 @add_options(OptimisationOptions, "settings")
-@click.option(
-    "--max-designs",
-    type=INTEGER,
-    default=10,
-    help="Stop after N feasible combinations; with a catalogue.",
-)
-@click.option(
-    "--price-front",
-    is_flag=True,
-    help="Return designs that are sharper than all cheaper ones; with a catalogue.",
-)
-@click.option(
-    "--processes", type=INTEGER, default=1, help="Number of parallel designs; with a catalogue."
-)
+@add_options(CatalogueOptions, "catalogue")
 @format_option(FIGURES)
 @output_option("-o", "--output", "out", help="Output sensor file.")
 @json_option("Write the table and the relaxations.")
 @click.option(
-    "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
+    "--figures", type=click.Path(path_type=Path), help="Folder for the figures of the paper."
 )
-@add_options(HousingOptions, "housing")
+@file_entries("requirement file", REQUIREMENT_ENTRIES)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -292,20 +287,16 @@ def command(
     out: Path | None,
     json_file: Path | None,
     figures: Path | None,
-    housing: HousingOptions,
-    max_designs: int,
-    price_front: bool,
-    processes: int,
+    catalogue: CatalogueOptions,
+    changes: dict[str, Any],
 ) -> None:
     """Design a sensor that meets REQUIREMENTS, a TOML file, or the requirements given as options.
 
-    Options override entries of the file. Prints the requirements, the values reached and the
-    margins; for infeasible requirements also the necessary relaxations, with exit code 3.
+    For infeasible requirements, the necessary relaxations are printed, and the exit code is 3.
     """
     if merits:
         options = replace(options, optimise=merits[0])
-    loaded = options.requirements(requirements)
-    loaded = replace(loaded, housing=housing.of(loaded.housing))
+    loaded = options.requirements(requirements, changes)
     method = (
         "--pareto"
         if merits
@@ -319,10 +310,10 @@ def command(
         for n in ctx.params
         if ctx.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE
     ]
-    refuse_inapplicable(given, ONLY, method)
+    refuse_inapplicable([*given, *given_settings()], ONLY, method)
     console = output_console()
     if loaded.parts is not None:
-        design_with_catalogue(console, loaded, max_designs, price_front, processes, out, json_file)
+        design_with_catalogue(console, loaded, catalogue, out, json_file)
     if merits:
         check_pick(settings.pick, {"output": out, "json": json_file, "figures": figures})
         pareto_front = compute_front(console, loaded, merits, settings)

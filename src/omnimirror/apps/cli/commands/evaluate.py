@@ -22,9 +22,16 @@ from ....calibration.sensor_model import SensorModel
 from ....optics.lenses import BlurMode
 from ....optics.mirrors import Cone, SampledProfile
 from ....optics.sensor import Sensor
-from ....optics.sensor_files import load_camera
+from ....optics.sensor_files import SENSOR_ENTRIES, load_camera
 from ....optics.tracing.obscuration import obscuration_summary
-from .._declarations import DocumentedCommand, Options, add_options, flag, option
+from .._declarations import (
+    DocumentedCommand,
+    Options,
+    add_options,
+    file_entries,
+    flag,
+    option,
+)
 from .._option_types import NUMBER, SENSOR, distance, focus, pixel, values
 from .._output import (
     json_option,
@@ -34,7 +41,7 @@ from .._output import (
     print_rows,
     print_written,
 )
-from .._sensor_options import HousingOptions, LensOptions
+from .._sensor_options import LensOptions
 
 MAX_NAMED = 5  # outliers listed by name
 TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floored_area_deg2")]
@@ -80,6 +87,7 @@ class EvaluationOptions(Options):
     )
     merit: str = option(
         type=click.Choice(list(FOCUS_MERITS)),
+        metavar="NAME",
         default="worst_floored_area_deg2",
         help="Merit minimised by --focus-mm auto.",
     )
@@ -127,12 +135,12 @@ class EvaluationOptions(Options):
     "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
 )
 @add_options(LensOptions, "lens")
-@add_options(HousingOptions, "housing")
+@file_entries("sensor file", SENSOR_ENTRIES)
 def command(
     sensor: str,
     conditions: EvaluationOptions,
     lens: LensOptions,
-    housing: HousingOptions,
+    changes: dict[str, Any],
     csv_file: Path | None,
     json_file: Path | None,
     figures: Path | None,
@@ -146,9 +154,9 @@ def command(
     a decentred or tilted mirror, averaged over azimuths. omnimirror uncertainty evaluates the
     uncertainty of a calibrated camera over the whole image.
     """
-    camera, console = load_camera(sensor), output_console()
+    camera, console = load_camera(sensor, changes), output_console()
     if not isinstance(camera, Sensor) or not camera.is_axial:
-        _refuse_optical_options(camera, (conditions, lens, housing), figures)
+        _refuse_optical_options(camera, (conditions, lens), figures)
         if isinstance(camera, Sensor):
             camera.check(
                 "evaluation of a misaligned sensor",
@@ -160,7 +168,7 @@ def command(
         camera_mapping = evaluate_camera(model, conditions.omega_deg)
         _show_mapping(console, sensor, camera_mapping, csv_file, json_file)
         return
-    camera = housing.on(lens.on(camera))
+    camera = lens.on(camera)
     if conditions.temperature_c is not None:
         _print_motion(console, camera, conditions.temperature_c)
         camera = at_temperature(camera, conditions.temperature_c)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -26,8 +27,8 @@ from ....manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
 from ....manufacturing.tolerancing.tolerance_file import load_allocated_tolerances
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import INTEGER, NUMBER, SENSOR
+from .._declarations import DocumentedCommand, Options, add_options, file_entries, option, setting
+from .._option_types import NUMBER, SENSOR
 from .._output import (
     json_option,
     output_console,
@@ -36,7 +37,6 @@ from .._output import (
     print_line,
     print_written,
 )
-from .._sensor_options import HousingOptions
 
 DRAWN = (".pdf", ".svg", ".png", ".dxf")
 
@@ -73,34 +73,23 @@ def scale(text: str) -> float:
 class BodyOptions(Options):
     """Bodies of the mirrors; defaults follow from the rims in the housing of the sensor."""
 
-    thickness_mm: float | None = option(
-        type=NUMBER, help="Body: thickness from rim to back.  [default: 5]"
-    )
-    bore_diameter_mm: float | None = option(
-        type=NUMBER, help="Body: diameter of a bore on the axis, from the back."
-    )
     thread: str | None = option(
         type=click.Choice(list(TAP_DRILLS_MM)),
-        help="Body: tapped hole for this thread instead of a bore.",
+        metavar="M2...M12",
+        help="Tapped hole for this thread on the axis, from the back.",
     )
     bore_depth_mm: float | None = option(
-        type=NUMBER, help="Body: depth of the bore; 'inf' for a through bore.  [default: 10]"
+        type=NUMBER, help="Depth of the bore; 'inf' for a through bore.  [default: 10]"
     )
     flange_width_mm: float | None = option(
-        type=NUMBER, help="Body: width of a flange at the back, beyond the rim."
+        type=NUMBER, help="Width of a flange at the back, beyond the rim."
     )
-    flange_thickness_mm: float | None = option(
-        type=NUMBER, help="Body: thickness of the flange.  [default: 2]"
-    )
-    counterbore_diameter_mm: float | None = option(
-        type=NUMBER, help="Body: diameter of a counterbore for a camera behind the mirror."
-    )
-    counterbore_depth_mm: float | None = option(
-        type=NUMBER, help="Body: depth of the counterbore.  [default: 5]"
-    )
-    secondary_thickness_mm: float | None = option(
-        type=NUMBER, help="Body: thickness of the secondary mirror.  [default: 5]"
-    )
+    thickness_mm: float | None = setting("body")
+    bore_diameter_mm: float | None = setting("body")
+    flange_thickness_mm: float | None = setting("body")
+    counterbore_diameter_mm: float | None = setting("body")
+    counterbore_depth_mm: float | None = setting("body")
+    secondary_thickness_mm: float | None = setting("body")
 
     def body(self, sensor: Sensor) -> Body | None:
         """Return the body of the mirror; None without options."""
@@ -118,50 +107,33 @@ class BodyOptions(Options):
 class FileOptions(Options):
     """Resolution of files, as for :func:`omnimirror.export`."""
 
-    chord_tolerance_um: float = option(
-        type=NUMBER, default=10.0, help="STL, 3MF: chord tolerance of the triangles."
-    )
-    step_mm: float | None = option(
-        type=NUMBER, help="Sag table: step along x.  [default: 0.01 rim radius]"
-    )
-    step_deg: float | None = option(type=NUMBER, help="Sag table: step of the field angle instead.")
-    digits: int = option(
-        type=INTEGER, default=6, help="Sag table, tool path: decimals of a millimetre."
-    )
-    grid_points: int = option(type=INTEGER, default=257, help="Grid sag: points along each side.")
     sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper size.")
-    scale: float | None = option(
-        type=scale,
-        metavar="1:N",
-        help="Drawing: scale of the sensor view.  [default: the largest that fits]",
-    )
+    chord_tolerance_um: float = setting("file", 10.0)
+    step_mm: float | None = setting("file")
+    step_deg: float | None = setting("file")
+    digits: int = setting("file", 6)
+    grid_points: int = setting("file", 257)
+    scale: str | None = setting("file")
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the keyword arguments of :func:`omnimirror.export`."""
+        return self.given | ({} if self.scale is None else {"scale": scale(self.scale)})
 
 
 @dataclass(frozen=True)
 class ToolOptions(Options):
     """Lathe tool and cutting parameters."""
 
-    tool_radius_mm: float = option(type=NUMBER, default=0.5, help="Tool path: nose radius.")
-    feed_um: float = option(type=NUMBER, default=2.0, help="Tool path: feed per revolution.")
-    path_tolerance_nm: float = option(
-        type=NUMBER, default=5.0, help="Tool path: maximum form error."
-    )
-    spindle_rpm: float = option(type=NUMBER, default=1000.0, help="Tool path: spindle speed.")
-    clearance_mm: float = option(
-        type=NUMBER, default=1.0, help="Tool path: clearance before and after the cut."
-    )
-    x_is_diameter: bool = option(is_flag=True, default=False, help="Tool path: X is a diameter.")
+    radius_mm: float = setting("tool", 0.5)
+    feed_um: float = setting("tool", 2.0)
+    tolerance_nm: float = setting("tool", 5.0)
+    spindle_rpm: float = setting("tool", 1000.0)
+    clearance_mm: float = setting("tool", 1.0)
+    x_is_diameter: bool = setting("tool", False)
 
     def tool(self) -> Tool:
         """Return the tool."""
-        return Tool(
-            self.tool_radius_mm,
-            self.feed_um,
-            self.path_tolerance_nm,
-            self.spindle_rpm,
-            self.clearance_mm,
-            self.x_is_diameter,
-        )
+        return Tool(**self.given)
 
 
 @click.command(
@@ -197,16 +169,16 @@ class ToolOptions(Options):
 @add_options(BodyOptions, "body")
 @add_options(FileOptions, "files")
 @add_options(ToolOptions, "lathe")
-@add_options(HousingOptions, "housing")
+@file_entries("sensor file", ("housing",))
 @click.option(
     "--allow-changes",
     is_flag=True,
-    help="Write the files even if an option changes the evaluated sensor.",
+    help="Write the files even if the sensor is changed.",
 )
 @click.option(
     "--requirements",
     metavar="FILE",
-    help="Requirement file; if an option changes the sensor, list the affected entries.",
+    help="Requirement file whose affected entries are listed for a changed sensor.",
 )
 @json_option("Write the table of files and deviations.")
 def command(
@@ -218,7 +190,7 @@ def command(
     body: BodyOptions,
     files: FileOptions,
     lathe: ToolOptions,
-    housing: HousingOptions,
+    changes: dict[str, Any],
     allow_changes: bool,
     requirements: str | None,
     json_file: Path | None,
@@ -237,12 +209,12 @@ def command(
             formats=formats,
             body=body.body(camera),
             secondary_body=body.secondary_body(),
-            housing=housing.of(camera.housing),
+            housing=load_sensor(sensor, changes).housing,
             tool=lathe.tool(),
             workshop=data,
             allow_changes=allow_changes,
             requirements=requirements,
-            **files.given,
+            **files.arguments(),
         )
     numbers = ("deviation\num", "ray deviation\ndeg")
     table = plain_table("file", "content", *numbers, text_columns=("file", "content"))

@@ -17,13 +17,28 @@ from ....base.files import display_name, write_json
 from ....io import write_image
 from ....io.batch import WRITABLE_VIDEO_SUFFIXES
 from ....io.images import format_of
-from ....optics.sensor_files import AnyCamera, bundled_sensors, load_camera, load_sensor
+from ....optics.sensor_files import (
+    SENSOR_ENTRIES,
+    AnyCamera,
+    bundled_sensors,
+    load_camera,
+    load_sensor,
+)
 from ....simulation.detector import Detector, Readout
 from ....simulation.image_tiles import LIGHT
 from ....simulation.radiometry import Radiometry
 from ....simulation.rendering import render_light
 from ....simulation.scenes.scene import DistantScene, Pose, PosedScene, Scene
-from .._declarations import DocumentedCommand, Options, add_options, flag, option
+from .._declarations import (
+    DocumentedCommand,
+    Options,
+    add_options,
+    file_entries,
+    flag,
+    is_set,
+    option,
+    setting,
+)
 from .._option_types import INTEGER, SENSOR
 from .._output import (
     IMAGE_FORMATS,
@@ -44,7 +59,6 @@ from .._scene_options import (
     percentage_bar,
     pose,
 )
-from .._sensor_options import HousingOptions
 
 if TYPE_CHECKING:
     from ....simulation.dataset_manifest import CalibrationRecipe, VideoRecipe
@@ -74,7 +88,7 @@ def command() -> None:
     cls=DocumentedCommand,
     page="simulate",
     examples=(
-        "omnimirror simulate paper-spherical --scene street --full-well-e 10000 -o circle.png",
+        "omnimirror simulate paper-spherical --scene street --set detector.full_well_e=10000 -o circle.png",
         "omnimirror simulate mine.toml --path walk.csv -o walk.mp4",
     ),
 )
@@ -92,14 +106,14 @@ def command() -> None:
     "--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax."
 )
 @add_options(RenderingOptions, "rendering")
-@add_options(HousingOptions, "housing")
+@file_entries("sensor file", SENSOR_ENTRIES)
 @output_option("--panorama", formats=IMAGE_FORMATS, help="Write a panorama of the light as well.")
 @output_option(
     "-o",
     "--output",
     formats=IMAGE_FORMATS,
     required=True,
-    help="Output: PNG, JPEG, ...; HDR: light; EXR: light and ground truth; MP4 with --path.",
+    help="Image; EXR with ground truth; MP4 with --path.",
 )
 @format_option(IMAGE_FORMATS)
 def image(
@@ -109,7 +123,7 @@ def image(
     trajectory: TrajectoryOptions,
     distant: bool,
     rendering: RenderingOptions,
-    housing: HousingOptions,
+    changes: dict[str, Any],
     panorama: Path | None,
     output: Path,
 ) -> None:
@@ -123,7 +137,7 @@ def image(
     there (DX, DY, DZ) and the distance to the observed point (Z, mm), in the world frame of the
     sensor.
     """
-    loaded_scene, camera = scene.source().load(), housing.on(load_camera(sensor))
+    loaded_scene, camera = scene.source().load(), load_camera(sensor, changes)
     if trajectory.path is not None:
         still_image_options = {
             "mirror_pose": mirror_pose,
@@ -162,7 +176,7 @@ def _render_image(
     detector, radiometry = rendering.detector(), rendering.radiometry()
     if detector.bits > 8 and not is_light and "uint16" not in kind.depths:
         raise click.UsageError(
-            f"--bits must be at most 8 for {output.suffix}; got {detector.bits}; use .png or .tif"
+            f"detector.bits must be at most 8 for {output.suffix}; got {detector.bits}; use .png or .tif"
         )
     if output.suffix.lower() == ".exr":
         from ....io.exr import check_exr_can_be_written
@@ -270,7 +284,7 @@ def _report_interruption(output: Path, done: int, what: str) -> None:
     cls=DocumentedCommand,
     page="simulate",
     examples=(
-        "omnimirror simulate dataset paper-spherical --views 20 --full-well-e 10000 -o boards",
+        "omnimirror simulate dataset paper-spherical --views 20 --set detector.full_well_e=10000 -o boards",
     ),
 )
 @click.argument("sensor", type=SENSOR, required=False)
@@ -296,7 +310,7 @@ def _report_interruption(output: Path, done: int, what: str) -> None:
 )
 @add_options(SceneOptions, "scene")
 @add_options(RenderingOptions, "rendering")
-@add_options(HousingOptions, "housing")
+@file_entries("sensor file", SENSOR_ENTRIES)
 def dataset(
     sensor: str | None,
     output: Path,
@@ -306,7 +320,7 @@ def dataset(
     truth: bool,
     scene: SceneOptions,
     rendering: RenderingOptions,
-    housing: HousingOptions,
+    changes: dict[str, Any],
 ) -> None:
     """Write a calibration dataset, or with --path a video dataset, of SENSOR.
 
@@ -329,7 +343,7 @@ def dataset(
         raise click.UsageError("SENSOR or --reproduce dataset.json must be given")
     else:
         recipe = _new_recipe(
-            lambda: housing.on(load_camera(sensor)), views, trajectory, truth, scene, rendering
+            lambda: load_camera(sensor, changes), views, trajectory, truth, scene, rendering
         )
     if isinstance(recipe, VideoRecipe):
         _write_video_dataset(output, recipe)
@@ -351,6 +365,10 @@ def _existing_recipe(dataset: Path) -> CalibrationRecipe | VideoRecipe:
             raise click.UsageError(
                 f"{what} and --reproduce must not be given together; {dataset} contains all settings"
             )
+    if is_set():
+        raise click.UsageError(
+            f"--set and --reproduce must not be given together; {dataset} contains all settings"
+        )
     manifest, installed = load_recipe(dataset), version("omnimirror")
     if manifest.created_with != installed:
         print_notice(
@@ -371,10 +389,10 @@ def _new_recipe(
     from ....simulation.dataset_manifest import CalibrationRecipe, VideoRecipe
 
     if rendering.wavelengths_nm is not None:
-        raise click.UsageError("--wavelengths-nm requires a single image, not a dataset")
+        raise click.UsageError("rendering.wavelengths_nm requires a single image, not a dataset")
     common: dict[str, Any] = {
         "samples": rendering.samples,
-        "blur": rendering.wants_blur,
+        "blur": rendering.blur,
         "seed": rendering.seed,
         "radiometry": rendering.radiometry(),
         "detector": rendering.detector(),
@@ -443,7 +461,7 @@ def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
 class ShardOptions(Options):
     """Storage."""
 
-    per_shard: int = option(type=INTEGER, default=100, help="Samples per tar file.")
+    per_shard: int = setting("storage", 100)
 
 
 @command.command(
@@ -466,7 +484,7 @@ class ShardOptions(Options):
 @add_options(ShardOptions, "storage")
 @add_options(SceneOptions, "scene")
 @add_options(RenderingOptions, "rendering")
-@add_options(HousingOptions, "housing")
+@file_entries("sensor file", SENSOR_ENTRIES)
 def training(
     sensor: str,
     output: Path,
@@ -474,7 +492,7 @@ def training(
     storage: ShardOptions,
     scene: SceneOptions,
     rendering: RenderingOptions,
-    housing: HousingOptions,
+    changes: dict[str, Any],
 ) -> None:
     """Write a training dataset: images of SENSOR along a --path, with ground truth for each pixel.
 
@@ -488,9 +506,9 @@ def training(
     if trajectory.path is None:
         raise click.UsageError("a training dataset requires --path")
     if rendering.wavelengths_nm is not None:
-        raise click.UsageError("--wavelengths-nm requires a single image, not a dataset")
+        raise click.UsageError("rendering.wavelengths_nm requires a single image, not a dataset")
     camera, path, bodies = (
-        housing.on(load_camera(sensor)),
+        load_camera(sensor, changes),
         load_path(trajectory.path),
         trajectory.moving(),
     )
