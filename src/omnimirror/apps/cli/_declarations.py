@@ -115,7 +115,9 @@ def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
             for f in fields(kind):
                 if f.name in settings and "table" in f.metadata:
                     key = f"{f.metadata['table']}.{f.name}"
-                    check_type(key, settings[f.name], type_hints(kind)[f.name])
+                    # mypy considers the hash of the instances, not that of the class
+                    hint = type_hints(kind)[f.name]  # type: ignore[arg-type]
+                    check_type(key, settings[f.name], hint)
             own = {
                 f.name: settings.get(f.name, f.default)
                 if "table" in f.metadata
