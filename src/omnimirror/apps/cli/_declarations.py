@@ -238,9 +238,8 @@ class SetOption(GroupedOption):
                 continue
             if names[0] not in self.tables:
                 known = [*self.settings, *self.tables]
-                raise click.BadParameter(
-                    f"unknown entry {key}{did_you_mean(key, known)}; use {', '.join(known)}"
-                )
+                hint = did_you_mean(key, known) or did_you_mean(names[0], known)
+                raise click.BadParameter(f"unknown entry {key}{hint}; use {', '.join(known)}")
             table = changes
             for name in names[:-1]:
                 if not isinstance(table.get(name), dict):
