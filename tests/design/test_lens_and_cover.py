@@ -158,7 +158,7 @@ def test_the_command_designs_with_it(file, tmp_path):
             "lens.focal_length_mm and lens.optics must not be given together",
         ),
         ('lens.kind = "orthographic"', "lens.kind must be 'perspective' with lens.optics"),
-        ('lens.optics.kind = "perspective"', "must be surfaces or table; got 'perspective'"),
+        ('lens.optics.kind = "perspective"', "unknown entry lens.optics.file"),
     ],
 )
 def test_what_does_not_go_with_a_real_lens_is_refused(file, more, said):

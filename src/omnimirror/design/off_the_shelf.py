@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -402,17 +403,19 @@ def design_from_parts(
     )
     left = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
     say = on_step or (lambda words: None)
-    for i, answer in enumerate(_designed(requirements, left, processes, tally)):
-        tally.take(answer)
-        say(f"{i + 1} of {len(left)} combinations, {len(tally.found)} feasible")
-        if tally.is_full:
-            break
+    # Closed at a signal too: otherwise the worker processes would outlive the command
+    with closing(_designed(requirements, left, processes, tally)) as answers:
+        for i, answer in enumerate(answers):
+            tally.take(answer)
+            say(f"{i + 1} of {len(left)} combinations, {len(tally.found)} feasible")
+            if tally.is_full:
+                break
     return tally.result()
 
 
 def _designed(
     requirements: Requirements, combinations: list[PartsCombination], processes: int, tally: _Tally
-) -> Iterator[BoughtDesign | str]:
+) -> Generator[BoughtDesign | str, None, None]:
     """Yield the results of the combinations in their order."""
     if processes == 1 or len(combinations) <= FEW:
         for combination in combinations:
