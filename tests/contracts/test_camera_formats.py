@@ -18,19 +18,22 @@ from omnimirror.cameras.models import (
     KannalaBrandt,
     OCam,
     RadialSpline,
-    RationalPinhole,
     Unified,
 )
-from tests.calibration.formats.examples import SIZE, THIN_PRISM, C, F
+from tests.calibration.formats.examples import (
+    KANNALA_BRANDT,
+    OCAM,
+    RATIONAL,
+    SIZE,
+    THIN_PRISM,
+    UNIFIED,
+    C,
+    F,
+)
 
 FISHEYE = {"optics": "fisheye"}
 CAMERAS = {
-    "ocam": OCam(
-        polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
-        centre_px=C,
-        image_size=SIZE,
-        affine=(0.9998, 4.4e-4, 8e-5),
-    ),
+    "ocam": OCAM,
     "ocam-degree-7": OCam(
         polynomial=(-131.5, 0.0, 1.8e-3, 2e-7, -7e-10, 1e-13, 2e-16, 3e-19),
         centre_px=C,
@@ -42,40 +45,9 @@ CAMERAS = {
         image_size=SIZE,
         **FISHEYE,
     ),
-    "unified": Unified(
-        xi=0.93,
-        focal_px=F,
-        centre_px=C,
-        image_size=SIZE,
-        skew_px=0.31,
-        k1=-0.01,
-        k2=0.002,
-        p1=1e-3,
-        p2=-2e-3,
-    ),
-    "unified-k3": Unified(
-        xi=0.93,
-        focal_px=F,
-        centre_px=C,
-        image_size=SIZE,
-        skew_px=0.31,
-        k1=-0.01,
-        k2=0.002,
-        k3=3e-4,
-        p1=1e-3,
-        p2=-2e-3,
-    ),
-    "unified-no-skew": Unified(
-        xi=0.93,
-        focal_px=F,
-        centre_px=C,
-        image_size=SIZE,
-        skew_px=0.0,
-        k1=-0.01,
-        k2=0.002,
-        p1=1e-3,
-        p2=-2e-3,
-    ),
+    "unified": UNIFIED,
+    "unified-k3": replace(UNIFIED, k3=3e-4),
+    "unified-no-skew": replace(UNIFIED, skew_px=0.0),
     "unified-fisheye": Unified(
         xi=1.4,
         focal_px=(900.0, 905.0),
@@ -103,36 +75,12 @@ CAMERAS = {
         alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE
     ),
     "double-sphere": DoubleSphere(xi=0.3, alpha=0.6, focal_px=F, centre_px=C, image_size=SIZE),
-    "kannala-brandt": KannalaBrandt(
-        focal_px=F,
-        centre_px=C,
-        image_size=SIZE,
-        k1=0.02,
-        k2=-0.003,
-        k3=4e-4,
-        k4=-1e-5,
-        skew_px=0.4,
-        **FISHEYE,
-    ),
-    "kannala-brandt-no-skew": KannalaBrandt(
-        focal_px=F, centre_px=C, image_size=SIZE, k1=0.02, k2=-0.003, k3=4e-4, k4=-1e-5, **FISHEYE
-    ),
+    "kannala-brandt": replace(KANNALA_BRANDT, skew_px=0.4, **FISHEYE),
+    "kannala-brandt-no-skew": replace(KANNALA_BRANDT, **FISHEYE),
     "radial-spline": RadialSpline.from_model(
         Unified(xi=0.93, focal_px=F, centre_px=C, image_size=SIZE), 8, 230.0
     ),
-    "rational": RationalPinhole(
-        focal_px=(600.0, 602.0),
-        centre_px=C,
-        image_size=SIZE,
-        k1=0.3,
-        k2=-0.05,
-        k3=0.01,
-        k4=0.4,
-        k5=0.02,
-        k6=0.004,
-        p1=0.003,
-        p2=-0.002,
-    ),
+    "rational": RATIONAL,
     "thin-prism": THIN_PRISM,
     "sensor": om.load_sensor("paper-spherical"),
     "kannala-brandt-mirror": KannalaBrandt(

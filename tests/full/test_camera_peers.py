@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cameras.models import EnhancedUnified, KannalaBrandt, OCam, Unified
-from tests.calibration.formats.examples import SIZE, THIN_PRISM, C, F, seen
+from omnimirror.cameras.models import EnhancedUnified, OCam
+from tests.calibration.formats.examples import KANNALA_BRANDT, SIZE, THIN_PRISM, UNIFIED, C, F, seen
 
 pytestmark = pytest.mark.full
 CONTRIB = Path(sys.prefix) / "opencv-contrib"
@@ -49,18 +49,7 @@ def omnidir(folder, points):
 
 @pytest.mark.parametrize("flip", [False, True])
 def test_omnidir_projects_the_same_points(tmp_path, flip, beside):
-    camera = Unified(
-        xi=0.93,
-        focal_px=F,
-        centre_px=C,
-        image_size=SIZE,
-        skew_px=0.31,
-        k1=-0.01,
-        k2=0.002,
-        p1=1e-3,
-        p2=-2e-3,
-    )
-    made = om.convert(camera, tmp_path / "a.yaml", to="opencv-omnidir", flip=flip)
+    made = om.convert(UNIFIED, tmp_path / "a.yaml", to="opencv-omnidir", flip=flip)
     pixels, points = seen(made.camera)
     assert made.exact
     off = np.abs(omnidir(tmp_path, points) - pixels).max()
@@ -79,9 +68,7 @@ def test_omnidir_takes_ocamcalibs_camera_within_the_cost_that_is_told(tmp_path):
 
 
 COLMAP = {
-    "colmap-opencv-fisheye": KannalaBrandt(
-        focal_px=F, centre_px=C, image_size=SIZE, k1=0.02, k2=-0.003, k3=4e-4, k4=-1e-5
-    ),
+    "colmap-opencv-fisheye": KANNALA_BRANDT,
     "colmap-rad-tan-thin-prism-fisheye": THIN_PRISM,
     "colmap-eucm": EnhancedUnified(
         alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE, optics="fisheye"

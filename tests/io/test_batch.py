@@ -135,7 +135,7 @@ def test_jobs_run_in_parallel():
 def test_ctrl_c_and_sigterm_complete_running_jobs(tmp_path, number):
     code = f"""
 import time, pathlib
-from omnimirror.io import interrupts
+from omnimirror.base import interrupts
 from omnimirror.io.batch import Job, run_parallel
 def job(n):
     def run():

@@ -12,8 +12,9 @@ import av
 import numpy as np
 import pytest
 
+from omnimirror.base import interrupts
 from omnimirror.base.errors import InvalidParameter, MediaError
-from omnimirror.io import interrupts, live_outputs
+from omnimirror.io import live_outputs
 from omnimirror.io.live_outputs import PipeSink, Preview, Tee, VirtualCamera
 from omnimirror.io.video_frames import frame_of_image, planes
 from omnimirror.io.video_processing import in_real_time, process

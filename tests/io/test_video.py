@@ -601,7 +601,7 @@ def test_ctrl_c_finishes_file(tmp_path):
 SCRIPT = """
 import sys, time
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.io import interrupts
+from omnimirror.base import interrupts
 from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
-from threading import Thread, current_thread, main_thread
+from threading import Thread
 from typing import IO, Any, Generic, Self, TypeVar
 
+from .interrupts import postponed
 from .native import usable_cores
 
 T = TypeVar("T")
@@ -132,36 +132,9 @@ class WorkerPool:
         self._workers = [worker for worker in self._workers if worker.poll() is None]
         with suppress(OSError):  # process limit reached or no interpreter: continue without
             while len(self._workers) < count and sys.executable:
-                with _deferred_signals():  # a started worker must be known before it is terminated
+                with postponed():
                     self._workers.append(_start_worker())
         return self._workers[: max(count, 0)]
-
-
-@contextmanager
-def _deferred_signals() -> Iterator[None]:
-    """Defer Ctrl-C, SIGTERM and SIGHUP to the end of the block.
-
-    A mask of signals is insufficient: the system delivers them to another thread, and the handler runs in
-    the main thread nevertheless.
-    """
-    if current_thread() is not main_thread():  # handlers run in the main thread only
-        yield
-        return
-    received: list[int] = []
-    handlers = {
-        number: handler
-        for name in ("SIGINT", "SIGTERM", "SIGHUP")
-        if (number := getattr(signal, name, None)) and callable(handler := signal.getsignal(number))
-    }
-    for number in handlers:
-        signal.signal(number, lambda number, _: received.append(number))
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for number in received:
-            signal.raise_signal(number)
 
 
 @dataclass(frozen=True)

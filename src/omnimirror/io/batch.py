@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from ..base import interrupts
 from ..base.arguments import file_name
 from ..base.errors import MediaError, OmnimirrorError
 from ..base.files import is_same_file
 from ..base.native import usable_cores
-from . import interrupts
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
 """Suffixes of the images in a folder that are processed."""
@@ -43,7 +43,7 @@ class BatchResult:
     not_started: list[str] = field(default_factory=list)
     """Jobs that were not started because of an interruption."""
     stopped_by: int = 0
-    """Exit code of the interruption, as from :func:`omnimirror.io.interrupts.exit_code`."""
+    """Exit code of the interruption, as from :func:`omnimirror.base.interrupts.exit_code`."""
 
     @property
     def exit_code(self) -> int:

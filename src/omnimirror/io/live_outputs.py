@@ -18,8 +18,8 @@ import av
 from av.audio.stream import AudioStream
 from av.packet import Packet
 
+from ..base import interrupts
 from ..base.errors import InvalidParameter, MediaError
-from . import interrupts
 from .video_encoder import DEFAULT_CODEC, Encoder, media_errors
 from .video_frames import (
     ChromaSiting,

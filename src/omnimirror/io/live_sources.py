@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 import av
 from av.container import InputContainer
 
+from ..base import interrupts
 from ..base.errors import MediaError
-from . import interrupts
 from .exif import UPRIGHT
 from .video_frames import (
     ChromaSiting,

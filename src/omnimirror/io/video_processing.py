@@ -13,8 +13,8 @@ from typing import Any, Literal, NamedTuple
 
 import av
 
+from ..base import interrupts
 from ..base.errors import MediaError
-from . import interrupts
 from .progress import FrameProgress, ProgressMeter
 from .video_frames import Image, Planes, as_frame, image_of_frame, planar, planes, workable
 from .video_reader import Item

@@ -1,11 +1,49 @@
-"""Shared thin-prism example of the format tests, and camera observations in the frame of other
-programs' files."""
+"""Cameras of the format tests, and their observations in the frame of other programs' files."""
 
 import numpy as np
 
-from omnimirror.cameras.models import ThinPrismFisheye
+from omnimirror.cameras.models import (
+    KannalaBrandt,
+    OCam,
+    RationalPinhole,
+    ThinPrismFisheye,
+    Unified,
+)
 
 F, C, SIZE = (260.0, 261.3), (515.32, 380.29), (1024, 768)
+OCAM = OCam(
+    polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
+    centre_px=C,
+    image_size=SIZE,
+    affine=(0.9998, 4.4e-4, 8e-5),
+)
+UNIFIED = Unified(
+    xi=0.93,
+    focal_px=F,
+    centre_px=C,
+    image_size=SIZE,
+    skew_px=0.31,
+    k1=-0.01,
+    k2=0.002,
+    p1=1e-3,
+    p2=-2e-3,
+)
+KANNALA_BRANDT = KannalaBrandt(
+    focal_px=F, centre_px=C, image_size=SIZE, k1=0.02, k2=-0.003, k3=4e-4, k4=-1e-5
+)
+RATIONAL = RationalPinhole(
+    focal_px=(600.0, 602.0),
+    centre_px=C,
+    image_size=SIZE,
+    k1=0.3,
+    k2=-0.05,
+    k3=0.01,
+    k4=0.4,
+    k5=0.02,
+    k6=0.004,
+    p1=0.003,
+    p2=-0.002,
+)
 THIN_PRISM = ThinPrismFisheye(
     focal_px=F,
     centre_px=C,

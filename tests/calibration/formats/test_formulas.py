@@ -19,51 +19,22 @@ from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,
-    KannalaBrandt,
-    OCam,
-    RationalPinhole,
     Unified,
 )
-from tests.calibration.formats.examples import SIZE, C, F, seen
+from tests.calibration.formats.examples import (
+    KANNALA_BRANDT,
+    OCAM,
+    RATIONAL,
+    SIZE,
+    UNIFIED,
+    C,
+    F,
+    seen,
+)
 
-OCAM = OCam(
-    polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
-    centre_px=C,
-    image_size=SIZE,
-    affine=(0.9998, 4.4e-4, 8e-5),
-)
-UNIFIED = Unified(
-    xi=0.93,
-    focal_px=F,
-    centre_px=C,
-    image_size=SIZE,
-    skew_px=0.0,
-    k1=-0.01,
-    k2=0.002,
-    p1=1e-3,
-    p2=-2e-3,
-)
-FISHEYE = KannalaBrandt(
-    focal_px=F,
-    centre_px=C,
-    image_size=SIZE,
-    k1=0.02,
-    k2=-0.003,
-    k3=4e-4,
-    k4=-1e-5,
-    optics="fisheye",
-)
-SKEWED = KannalaBrandt(
-    focal_px=F,
-    centre_px=C,
-    image_size=SIZE,
-    k1=0.02,
-    k2=-0.003,
-    k3=4e-4,
-    k4=-1e-5,
-    skew_px=0.4,
-    optics="fisheye",
-)
+UNSKEWED = replace(UNIFIED, skew_px=0.0)
+FISHEYE = replace(KANNALA_BRANDT, optics="fisheye")
+SKEWED = replace(FISHEYE, skew_px=0.4)
 
 
 def test_ocamcalibs_inverse_polynomial_projects_as_its_direct_one(tmp_path):
@@ -224,7 +195,7 @@ def kalibr(camera, points):
 @pytest.mark.parametrize(
     ("to", "camera", "most_deg"),
     [
-        ("kalibr-omni", UNIFIED, 180.0),
+        ("kalibr-omni", UNSKEWED, 180.0),
         (
             "kalibr-eucm",
             EnhancedUnified(alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE),
@@ -246,21 +217,6 @@ def test_kalibrs_formulas(tmp_path, to, camera, most_deg, flip):
     assert file["resolution"] == [1024, 768]
     pixels, points = seen(made.camera, most_deg)
     np.testing.assert_allclose(kalibr(file, points), pixels, atol=1e-9, rtol=0)
-
-
-RATIONAL = RationalPinhole(
-    focal_px=(600.0, 602.0),
-    centre_px=C,
-    image_size=SIZE,
-    k1=0.3,
-    k2=-0.05,
-    k3=0.01,
-    k4=0.4,
-    k5=0.02,
-    k6=0.004,
-    p1=0.003,
-    p2=-0.002,
-)
 
 
 @pytest.mark.parametrize("model", ["equidistant", "plumb_bob", "rational_polynomial"])
@@ -438,7 +394,7 @@ def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters,
 @pytest.mark.parametrize(
     "camera",
     [
-        UNIFIED,
+        UNSKEWED,
         OCAM,
         SKEWED,
         EnhancedUnified(alpha=0.6, beta=1.1, focal_px=F, centre_px=C, image_size=SIZE, skew_px=0.3),

@@ -17,8 +17,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 import omnimirror as om
+from omnimirror.base import interrupts
 from omnimirror.base.errors import InvalidParameter, MediaError
-from omnimirror.io import interrupts
 from omnimirror.optics.image_sensor import Imager
 from tests.commands import fails, omnimirror
 from tests.everyday import few

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+from ...base import interrupts
 from ...base.arguments import file_name, validate_arguments
 from ...base.errors import InvalidParameter, MediaError
 from ...base.files import is_same_file
@@ -17,7 +18,6 @@ from ...dewarp import views as view_functions
 from ...dewarp.interfaces import Interpolation
 from ...dewarp.request import BorderArgument, BorderColour, DewarpRequest, Size
 from ...dewarp.screens import Plane, View
-from ...io import interrupts
 from ...io.progress import FrameProgress, ProgressMeter
 from ..named_views import check_view_name
 from ..pinholes import EquivalentPinhole, equivalent_pinhole

@@ -32,12 +32,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base import interrupts
 from ...base.arguments import check_fields
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.files import atomic_output, check_file, json_plain, parse_json, read_text, write_text
 from ...base.native import backend
-from ...io import interrupts
 from ...optics.sensor_files import tables_of
 from .compensation import LOST, merit_names
 from .evaluator import TrialEvaluator

@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from ....base import interrupts
 from ....base.arguments import format_value, parse_float
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
@@ -33,7 +34,6 @@ from ....calibration.targets.board_detection import find_boards
 from ....cameras.frames import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
 from ....dewarp.request import is_video
-from ....io import interrupts
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera

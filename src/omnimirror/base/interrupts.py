@@ -36,9 +36,9 @@ def deferred() -> Iterator[None]:
 
     Terminals and service managers send SIGHUP after another signal, which must not interrupt the
     cleanup; an ignored SIGHUP, as under nohup, stays ignored. Outside the main thread, which alone
-    receives signals, this has no effect.
+    receives signals, and within another such block, this has no effect.
     """
-    if threading.current_thread() is not threading.main_thread():
+    if threading.current_thread() is not threading.main_thread() or _is_deferred():
         yield
         return
     before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
@@ -59,12 +59,23 @@ def deferred() -> Iterator[None]:
 def postponed() -> Iterator[None]:
     """Record signals within the block, as :func:`deferred` does, and resend a recorded one after
     it.
+
+    Code that starts a process and stores its handle needs this: a signal in between would leave the
+    process running. A mask of signals is insufficient, because the system delivers them to another
+    thread, and the handler runs in the main thread nevertheless.
     """
+    if _is_deferred():  # the outer block handles its signals
+        yield
+        return
     with deferred():
         yield
         code = exit_code()
     if code:
         signal.raise_signal(code - SIGNAL_EXIT_OFFSET)
+
+
+def _is_deferred() -> bool:
+    return signal.getsignal(signal.SIGINT) is _note
 
 
 def is_pending() -> bool:
