@@ -249,6 +249,30 @@ def test_over_a_range_of_temperatures_the_worst_counts():
     assert row.reached == pytest.approx(min(reached.values()), rel=1e-12)
 
 
+def test_obscuration_at_the_centre_is_a_requirement_only_if_the_field_starts_outside():
+    whole = replace(WANTED, field=om.FieldRequirements(omega_max_deg=130.0))
+    assert "omega_min_deg" not in rows_of(om.judge(whole, SPHERE))
+    folded = om.load_sensor("folded-spherical")
+    row = rows_of(om.judge(replace(whole, imager=folded.imager), folded))["omega_min_deg"]
+    assert row.reached == pytest.approx(folded.field_deg[0])
+
+
+def test_temperature_range_is_searched_from_minus_40_to_85_c():
+    sensor = replace(
+        SPHERE, thermal=om.Thermal(mirror_material="aluminium", spacer_material="aluminium")
+    )
+    wanted = replace(WANTED, limits=(om.Limit("total_blur_px", at_most=100.0),))
+    wanted = replace(
+        wanted,
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=(40.0, 50.0)),
+        lens=om.LensRequirements(focal_length_mm=(5.0, 20.0), theta_max_deg=(5.0, 20.0)),
+        field=om.FieldRequirements(omega_max_deg=100.0),
+        imager=replace(SPHERE.imager, width_px=2000, height_px=2000),
+    )
+    found = om.temperature_range(wanted, sensor)
+    assert (found.low_c, found.high_c, found.below, found.above) == (-40.0, 85.0, (), ())
+
+
 def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
     """The central rod obscures the axis: a blur limit excludes it, whereas the length is a scalar."""
     wanted = replace(

@@ -684,6 +684,13 @@ GUARDED = [
     ),
     ("/api", {"authorization": "Basic a"}, 200, 403, 401),
     ("/api", {"authorization": "Basic %%%%"}, 200, 403, 401),
+    (  # "a:secret", with a character that is not of the alphabet
+        "/api",
+        {"authorization": "Basic YTpz*ZWNyZXQ="},
+        200,
+        403,
+        401,
+    ),
     ("/api", {"authorization": "Bearer secret"}, 200, 403, 200),
     ("/api", {"authorization": "bearer  secret "}, 200, 403, 200),
     ("/api", {"authorization": "Bearer secrets"}, 200, 403, 401),

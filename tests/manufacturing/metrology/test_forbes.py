@@ -43,6 +43,7 @@ def test_known_terms_are_recovered():
     ball = forbes_asphere(Sphere(50.0, 40.0))
     assert ball.radius_mm == pytest.approx(50.0, rel=1e-12)
     assert np.abs(ball.um).max() < 1e-6
+    assert forbes_asphere(Sphere(50.0, 4.0)).radius_mm == pytest.approx(50.0)  # 0.16 mm deep
     made = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
     x = np.linspace(0, 40, 401)
     profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)

@@ -268,6 +268,13 @@ def test_any_error_of_the_package_is_one_line(error, reason, machine, tmp_path):
     assert str(refused.value) == f"{tmp_path / 'a.plux'} cannot be read: {reason}"
 
 
+def test_missing_instrument_file_is_reported(tmp_path):
+    path = tmp_path / "a.plux"
+    with pytest.raises(OmnimirrorError) as refused:
+        om.read_points(path)
+    assert str(refused.value) == f"cannot read the points {path}: No such file or directory"
+
+
 X3P = """<?xml version="1.0" encoding="UTF-8"?>
 <p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
 <Record1><Revision>ISO5436 - 2000</Revision><FeatureType>SUR</FeatureType><Axes>
