@@ -62,7 +62,7 @@ def blur_of(sensor, omega, distance):
     return np.abs([found.blur_t_deg, found.blur_s_deg])
 
 
-def test_the_papers_case():
+def test_blur_bound_of_paper_case():
     """Extremal by shooting in another program: t = 0.5769094 deg, in focus at 221.30 mm."""
     bound = om.blur_bound(paper(), mode="paper", image_radius_px=500.0)
     assert bound.blur_deg == pytest.approx(0.5769094, abs=2e-7)
@@ -75,7 +75,7 @@ def test_the_papers_case():
 
 @pytest.mark.parametrize("distance", [np.inf, 250.0, 60.0])
 @pytest.mark.parametrize("omega_max", few([80.0, 110.0, 135.0, 140.0], 110.0))
-def test_a_mirror_reaches_it(omega_max, distance):
+def test_blur_bound_is_attained_by_a_mirror(omega_max, distance):
     """Its blur by the evaluation, which traces the surface and is independent of the formulas of
     the bound."""
     sensor = paper(omega_max)
@@ -93,7 +93,7 @@ def test_a_mirror_reaches_it(omega_max, distance):
     )  # except at the end of the spline
 
 
-def test_a_mirror_under_a_telecentric_lens_reaches_it():
+def test_blur_bound_is_attained_with_telecentric_lens():
     lens = Orthographic(0.0592, 4.0, 22.0)
     sensor = om.Sensor(
         Sphere(M / np.sin(np.radians(60)), M), lens, Imager(1024, 1024, 5.2), name="mirror"
@@ -107,7 +107,7 @@ def test_a_mirror_under_a_telecentric_lens_reaches_it():
 
 
 @pytest.mark.parametrize("seed", few(range(20), *range(6)))
-def test_no_mirror_is_sharper(seed):
+def test_no_mirror_has_less_blur_than_bound(seed):
     """Mirrors of all kinds at their best focus, and perturbations of the mirror that reaches the
     bound."""
     rng, distance = np.random.default_rng(seed), (np.inf, 80.0, 15.0)[seed % 3]
@@ -142,25 +142,25 @@ def waved(sensor, rng):
     return replace(reached, mirror=mirror, mirror_distance_mm=rim - float(mirror.sag(M)))
 
 
-def test_a_field_that_begins_later_is_easier():
+def test_blur_bound_decreases_with_inner_field_limit():
     sensor = paper()
     blurs = [om.blur_bound(sensor, omega_min_deg=low).blur_deg for low in (0.0, 20.0, 60.0, 100.0)]
     assert np.all(np.diff(blurs) < 0)
 
 
-def test_the_optimiser_comes_near_it_and_not_below():
+def test_optimised_blur_approaches_bound_from_above():
     problem = DesignProblem(family="even-polynomial", terms=6, mode="paper", image_radius_px=500.0)
     found = optimise(problem, "worst_blur_deg", starts=1)
     assert 1 - 1e-9 < found.value / found.bound.blur_deg < 1.01
 
 
-def test_a_narrow_field_asks_for_no_blur():
+def test_blur_bound_of_narrow_field_is_zero():
     """Inwards from the rim, a tangentially sharp mirror reaches 120 deg before it reaches the axis."""
     told = [om.blur_bound(paper(), omega_min_deg=omega).blur_deg for omega in (80.0, 100.0, 120.0)]
     assert told[0] > told[1] > told[2] == 0.0
 
 
-def test_what_has_no_bound_is_refused():
+def test_blur_bound_rejects_unsupported_sensors():
     assert om.blur_bound(paper(), 1e-6).blur_deg == 0.0  # no bound for objects on the mirror
     with pytest.raises(
         InvalidParameter, match="object_distance_mm must be at least 1e-09 mm, or inf; got 0"
@@ -185,6 +185,6 @@ def test_what_has_no_bound_is_refused():
         ({"image_radius_px": np.nan}, "image_radius_px must be a number or None; got nan"),
     ],
 )
-def test_unknown_modes_and_invalid_radii_are_refused(wrong, message):
+def test_blur_bound_rejects_unknown_modes_and_invalid_radii(wrong, message):
     with pytest.raises(InvalidParameter, match=message):
         om.blur_bound(paper(), **wrong)

@@ -45,7 +45,7 @@ def at(sensor, side, F, focus, mode="exact"):
         "paper-spherical",
     ),
 )
-def test_no_other_aperture_and_focus_is_better(name, mode):
+def test_f_number_and_focus_are_optimal(name, mode):
     sensor = om.load_sensor(name)
     for best in best_apertures(sensor, mode=mode):
         there = at(sensor, best.side, best.f_number, best.focus_mm, mode)
@@ -66,7 +66,7 @@ def test_apertures_stay_within_the_lens():
         best_apertures(SPHERE, omega_min_deg=150.0)
 
 
-def test_the_bundled_catalogue_has_a_lens_for_the_sphere_and_reasons_against_the_others():
+def test_bundled_catalogue_has_lens_for_sphere_and_reasons_for_exclusions():
     shelf = read_catalogue()
     found = choose_parts(SPHERE, shelf)
     assert len(found) == len(shelf.lenses) * len(shelf.imagers)
@@ -86,7 +86,7 @@ def test_the_bundled_catalogue_has_a_lens_for_the_sphere_and_reasons_against_the
             assert "requires a perspective lens" in c.reasons[0]
 
 
-def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
+def test_telecentric_lens_must_be_as_wide_as_mirror():
     sensor = om.load_sensor("paraboloid-telecentric")
     width = 2 * sensor.mirror.rim_radius_mm
     imager = ImagerComponent("imager", 2448, 2048, 3.45)
@@ -99,7 +99,7 @@ def test_a_telecentric_lens_has_to_be_as_wide_as_the_mirror():
     assert f"is less than that of the mirror, {width:g} mm" in narrow.reasons[0]
 
 
-def test_rings_reach_what_the_lens_equation_says():
+def test_extension_rings_reach_focus_of_lens_equation():
     """Lens at its closest focus plus the extension ring: 1/f = 1/L + 1/b."""
     lens = LensComponent("lens", 16.0, 1.4, 16.0, 300.0, extension_rings_mm=(0.5, 1.0, 5.0))
     nearest = 1 / (1 / 16.0 - 1 / 300.0)
@@ -123,7 +123,7 @@ IMAGER_TABLE = "[[imager]]\nname = 'A'\nwidth_px = 640\nheight_px = 480\npixel_p
 BALL_TABLE = "[[ball]]\nname = 'A'\nball_diameter_mm = 60\n"
 
 
-def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
+def test_catalogue_contains_all_kinds_of_parts(tmp_path):
     """One TOML file with kinds by table, and one CSV file with kinds by columns."""
     (tmp_path / "parts.toml").write_text(
         LENS_TABLE
@@ -192,7 +192,7 @@ def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
         ("", "", True),
     ],
 )
-def test_parts_of_a_catalogue_fit_by_a_mount_that_both_have(lens, imager, fit):
+def test_parts_of_catalogue_fit_by_common_mount(lens, imager, fit):
     camera = ImagerComponent("imager", 640, 480, 3.0, mount=imager)
     assert mounts_fit(LensComponent("lens", 8.0, 2.0, 2.0, 70.0, mount=lens), camera) is fit
     assert mounts_fit(TelecentricComponent("lens", 0.1, 8.0, 8.0, 90.0, mount=lens), camera) is fit
@@ -226,7 +226,7 @@ DOME = DomeComponent("a", 110.0, 3.0)
         (DOME, "wall_mm", 0.001, 1000.0),
     ],
 )
-def test_ranges_of_a_catalogue_include_their_ends(part, name, low, high):
+def test_catalogue_ranges_include_their_ends(part, name, low, high):
     for value in (low, high):
         assert getattr(replace(part, **{name: value}), name) == value
     for value in (low - 0.001 * (abs(low) or 1), high * 1.001):
@@ -269,13 +269,13 @@ def test_ranges_of_a_catalogue_include_their_ends(part, name, low, high):
         ("", "at least one lens is required"),
     ],
 )
-def test_wrong_lines_of_a_csv_catalogue_are_refused(tmp_path, text, sentence):
+def test_invalid_lines_of_csv_catalogue_are_rejected(tmp_path, text, sentence):
     (tmp_path / "parts.csv").write_text(text)
     with pytest.raises(OmnimirrorError, match=sentence):
         read_catalogue(tmp_path / "parts.csv")
 
 
-def test_a_lens_of_a_catalogue_takes_its_numbers_from_its_file(tmp_path):
+def test_catalogue_lens_takes_data_from_its_file(tmp_path):
     """Focal length by refraction and transfer matrices; a difference of less than 1 % is due to
     rounding."""
     n, power = prescriptions.indices(), np.eye(2)
@@ -415,7 +415,7 @@ def test_catalogues_as_csv(tmp_path):
         ),
     ],
 )
-def test_wrong_catalogues_are_refused_with_the_entry(tmp_path, text, sentence):
+def test_invalid_catalogues_are_rejected_with_entry(tmp_path, text, sentence):
     (tmp_path / "parts.toml").write_text(text)
     with pytest.raises(OmnimirrorError, match=sentence):
         read_catalogue(tmp_path / "parts.toml")
@@ -424,13 +424,13 @@ def test_wrong_catalogues_are_refused_with_the_entry(tmp_path, text, sentence):
 
 
 @pytest.mark.parametrize("mode", ["Exact", "PAPER", "", None])
-def test_an_unknown_mode_of_blur_is_refused(mode):
+def test_unknown_blur_mode_is_rejected(mode):
     with pytest.raises(InvalidParameter, match="mode must be one of exact, paper; got "):
         best_apertures(om.load_sensor("paper-spherical"), mode=mode)
 
 
 @pytest.mark.parametrize("distance", [0, 0.0, -5.0])
-def test_an_object_nowhere_is_refused(distance):
+def test_invalid_object_distance_is_rejected(distance):
     for ask in (
         lambda **at: choose_parts(SPHERE, read_catalogue(), **at),
         lambda **at: best_apertures(SPHERE, **at),

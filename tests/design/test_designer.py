@@ -27,7 +27,7 @@ theta_max_deg = 12
 """
 
 
-def test_the_common_case_is_the_bundled_exact_sensor():
+def test_default_design_is_bundled_exact_sensor():
     design = design_sensor(
         parse_requirements(COMMON.replace("[lens]", "[lens]\nfocal_length_mm = 11.6"))
     )
@@ -43,7 +43,7 @@ def test_the_common_case_is_the_bundled_exact_sensor():
 
 
 @pytest.mark.parametrize("given", ["theta_max_deg = 12", "focal_length_mm = 9.5"])
-def test_what_is_not_given_of_the_lens_makes_the_rim_fill_the_imager(given):
+def test_free_lens_parameter_makes_rim_fill_imager(given):
     text = (
         COMMON.replace("theta_max_deg = 12", given)
         + "[imager]\nwidth_px = 1600\nheight_px = 1200\npixel_pitch_um = 3.0"
@@ -57,7 +57,7 @@ def test_what_is_not_given_of_the_lens_makes_the_rim_fill_the_imager(given):
 
 
 @pytest.mark.full
-def test_a_rim_past_the_imager_is_missed_and_a_smaller_angle_or_lens_would_do():
+def test_rim_outside_imager_is_reported_with_relaxations():
     text = COMMON.replace("[lens]", "[lens]\nfocal_length_mm = 14.0")
     design = design_sensor(parse_requirements(text))
     image = row(design, "image_radius_px")
@@ -104,7 +104,7 @@ def limited():
     return design_sensor(parse_requirements(LIMITED))
 
 
-def test_the_table_is_what_evaluation_says(limited):
+def test_table_agrees_with_evaluation(limited):
     omega = np.linspace(0, 130, 2000)
     near, far = (om.evaluate(limited.sensor, omega, object_distance_mm=d) for d in (600.0, np.inf))
     worst = max(np.abs([e.blur_t_px, e.blur_s_px]).max() for e in (near, far))
@@ -124,7 +124,7 @@ def test_the_table_is_what_evaluation_says(limited):
     )
 
 
-def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
+def test_single_relaxation_is_sufficient_and_minimal(limited):
     """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
     less."""
     wanted, numbers = limited.requirements, ranges_of(limited.requirements)
@@ -147,7 +147,7 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
     assert reached <= blur.needed == pytest.approx(reached, rel=1e-4)
 
 
-def test_what_gives_jointly_is_enough(limited):
+def test_joint_relaxation_is_sufficient(limited):
     wanted = limited.requirements
     assert (
         0 < limited.conflict.joint_share < max(r.share for r in limited.conflict.alone if r.share)
@@ -161,7 +161,7 @@ def test_what_gives_jointly_is_enough(limited):
     assert best(replace(wanted, limits=tuple(limits))).is_met
 
 
-def test_a_range_is_used_where_it_helps():
+def test_range_is_used_where_it_improves_margin():
     design = design_sensor(
         parse_requirements(
             LIMITED.replace("theta_max_deg = 12", "theta_max_deg = 12\nf_number = [2, 16]")
@@ -176,7 +176,7 @@ def test_a_range_is_used_where_it_helps():
     assert max(r.shortfall for r in design.rows if r.is_limit) <= min(blurs) + 1e-3
 
 
-def test_the_ellipsoid_left_free_is_the_sharpest_of_its_family():
+def test_free_ellipsoid_has_minimum_blur_of_family():
     design = design_sensor(
         parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "ellipsoid"'))
     )
@@ -188,7 +188,7 @@ def test_the_ellipsoid_left_free_is_the_sharpest_of_its_family():
     assert any("conic" in note for note in design.notes)
 
 
-def test_a_telecentric_lens_is_as_wide_as_the_mirror():
+def test_telecentric_lens_is_as_wide_as_mirror():
     design = design_sensor(
         parse_requirements(
             'field.omega_max_deg = 120\n[mirror]\nmapping = "equiareal"\nrim_radius_mm = '
@@ -201,7 +201,7 @@ def test_a_telecentric_lens_is_as_wide_as_the_mirror():
     np.testing.assert_allclose(areas, areas[0], rtol=1e-9)
 
 
-def test_a_field_that_begins_past_the_camera():
+def test_field_that_begins_outside_obscuration():
     """The camera obscures the centre: a smooth mirror images it nevertheless, a pointed one
     excludes it."""
     text = COMMON.replace(
@@ -220,7 +220,7 @@ def test_a_field_that_begins_past_the_camera():
     assert not row(hidden, "omega_min_deg").is_met
 
 
-def test_the_camera_hides_what_real_rays_show():
+def test_obscuration_by_camera_agrees_with_real_rays():
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
     angle = counted_field(om.FieldRequirements(omega_max_deg=130), sensor).hidden_deg
     for omega, clears in ((angle - 0.05, False), (angle + 0.05, True)):
@@ -229,7 +229,7 @@ def test_the_camera_hides_what_real_rays_show():
         assert (rays.x[0] + fall * np.sin(rays.omega[0]) > 30.0) == clears
 
 
-def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
+def test_field_obscured_by_tube_is_missed_or_excluded():
     """Its cap obscures the last degrees: the required field is not reached, and limits end at the
     obscuration."""
     limit = '[[limit]]\nquantity = "total_blur_px"\nat_most = 100.0\n'
@@ -243,7 +243,7 @@ def test_what_a_tube_hides_of_the_field_is_missed_or_not_judged():
 
 
 @pytest.mark.full
-def test_a_cone_says_from_where_its_field_begins():
+def test_cone_reports_inner_field_limit():
     design = design_sensor(
         parse_requirements(COMMON.replace('mapping = "equidistant"', 'family = "cone"'))
     )
@@ -253,7 +253,7 @@ def test_a_cone_says_from_where_its_field_begins():
     ]
 
 
-def test_the_fit_is_reported_in_pixels():
+def test_fit_deviation_is_reported_in_pixels():
     design = design_sensor(
         parse_requirements(COMMON.replace("[lens]", 'fit = "polynomial:4"\n[lens]'))
     )
@@ -265,7 +265,7 @@ def test_the_fit_is_reported_in_pixels():
     assert np.abs(result.h_px - wanted).max() == pytest.approx(said, rel=0.02)
 
 
-def test_what_cannot_be_made_at_all_is_said():
+def test_infeasible_designs_raise():
     with pytest.raises(InvalidParameter, match="omega_max_deg must be between 50 and 130 deg"):
         design_sensor(
             parse_requirements(COMMON.replace("theta_max_deg = 12", "theta_max_deg = 50"))
@@ -278,7 +278,7 @@ def test_what_cannot_be_made_at_all_is_said():
         )
 
 
-def test_what_a_mapping_cannot_reach_names_its_line():
+def test_unreachable_mapping_names_line():
     common = COMMON.replace("field.omega", "[field]\nomega")
     ground = common.replace('"equidistant"', '"ground-plane"\nplane_distance_mm = 800')
     with pytest.raises(

@@ -103,7 +103,7 @@ at_most = 2.0
 
 
 @pytest.mark.parametrize("seed", few(range(40), 0, 3))
-def test_requirements_of_a_random_sensor_are_met(seed):
+def test_requirements_of_random_sensor_are_met(seed):
     wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
     found = best(wanted)
     assert found.is_met, found.missed
@@ -122,7 +122,7 @@ def test_requirements_of_a_random_sensor_are_met(seed):
         (60.0, "polynomial:5"),
     ),
 )
-def test_a_fitted_mirror_fills_the_imager_and_nothing_is_missed_without_limits(omega, fit):
+def test_fitted_mirror_fills_imager_without_missed_rows(omega, fit):
     found = best(parse_requirements(FITTED.format(omega=omega, fit=fit)))
     assert found.is_met
     assert row(found, "image_radius_px").reached == pytest.approx(1024, abs=1e-3)
@@ -148,9 +148,7 @@ CYLINDER, EQUIDISTANT = (
         (EQUIDISTANT, 60.0, 90.0),
     ),
 )
-def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested(
-    mirror, low, diameter
-):
+def test_inner_field_limit_of_pointed_mirror_in_water_tube(mirror, low, diameter):
     sensor = make(parse_requirements(PIPE.format(mirror=mirror, low=low, diameter=diameter))).sensor
     assert sensor.field_deg == pytest.approx((low, 110.0), abs=1e-6)
     rays = sensor.meridian.trace(np.array([sensor.meridian.x_min, 22.0]))
@@ -163,7 +161,7 @@ def test_the_field_of_a_pointed_mirror_in_a_tube_in_water_begins_where_requested
 
 
 @pytest.mark.parametrize("seed", few(range(40), 0, 2, 3))
-def test_values_that_one_search_reaches_are_met_by_a_search_that_requires_them(seed):
+def test_reached_values_are_met_when_required(seed):
     wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
     reached = best(wanted)
     exactly = [
@@ -178,7 +176,7 @@ def test_values_that_one_search_reaches_are_met_by_a_search_that_requires_them(s
     assert found.is_met, found.missed
 
 
-def test_what_one_search_reaches_the_next_one_meets():
+def test_reached_blur_is_met_when_required():
     """The best blur under a height limit, then that blur as a limit itself, 0.02 % above."""
     first = best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=9.3)))
     assert first.is_met
@@ -216,7 +214,7 @@ quantity = "{}"
 
 
 @pytest.mark.parametrize("name", few(CONFLICTS, "one number and a blur", "a resolution"))
-def test_relaxations_are_the_thresholds_within_one_percent(name):
+def test_relaxations_are_thresholds_within_one_percent(name):
     """Separate searches without the design succeed above each threshold and fail below it."""
     wanted = parse_requirements(CONFLICT.format(*CONFLICTS[name]))
     conflict = design_sensor(wanted).conflict
@@ -229,7 +227,7 @@ def test_relaxations_are_the_thresholds_within_one_percent(name):
             assert not best(relaxed(wanted, [replace(r, needed=r.needed - way)])).is_met, r
 
 
-def test_an_interrupted_search_for_relaxations_keeps_the_design_and_what_was_found():
+def test_interrupted_relaxation_search_keeps_design_and_results():
     designs, steps = [], []
 
     def interrupt(words):
@@ -246,7 +244,7 @@ def test_an_interrupted_search_for_relaxations_keeps_the_design_and_what_was_fou
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM")
-def test_a_signal_during_the_search_for_relaxations_leaves_table_and_sensor(tmp_path):
+def test_signal_during_relaxation_search_keeps_table_and_sensor(tmp_path):
     (tmp_path / "wanted.toml").write_text(INFEASIBLE)
     command = [PROGRAM, "design", "wanted.toml", "-o", "best.toml"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as run:
@@ -262,7 +260,7 @@ def test_a_signal_during_the_search_for_relaxations_leaves_table_and_sensor(tmp_
     assert om.load_sensor(tmp_path / "best.toml").mirror.rim_radius_mm == 43.9
 
 
-def test_few_alternatives_are_searched_and_none_is_reported_better_than_a_design_meets_it(
+def test_reported_alternatives_agree_with_their_designs(
     monkeypatch,
 ):
     searched = list[om.Requirements]()
@@ -287,7 +285,7 @@ def test_few_alternatives_are_searched_and_none_is_reported_better_than_a_design
 
 
 @pytest.mark.full
-def test_the_largest_resolution_of_a_probe_in_a_water_pipe_is_that_of_a_scan():
+def test_maximum_resolution_in_water_pipe_agrees_with_scan():
     """The scan covers focus and F-number; the relaxation of the resolution ends at the same value."""
     text = PIPE.format(mirror=CYLINDER, low=45.0, diameter=60.0)
     text = text.replace("focal_length_mm = 6.0", "focal_length_mm = 6.0\nf_number = [4, 11]")
@@ -315,7 +313,7 @@ def test_the_largest_resolution_of_a_probe_in_a_water_pipe_is_that_of_a_scan():
 
 
 @pytest.mark.full
-def test_a_discrete_choice_that_meets_the_requirements_is_recommended():
+def test_sufficient_discrete_choice_is_recommended():
     """A smooth apex has at most 7 px/deg at its centre here, a pointed one almost none."""
     text = INFEASIBLE.replace("total_blur_px", "resolution_px_per_deg").replace(
         "at_most = 2.0", "at_least = 2.0"

@@ -75,7 +75,7 @@ def worst_blur_px(sensor, focus_mm, omega, distances=(600.0, np.inf)):
     return np.hypot(worst, results[0].airy_px)
 
 
-def test_the_focus_is_the_one_at_which_the_blur_that_is_limited_is_least():
+def test_focus_minimises_limited_blur():
     """All focus settings with their mirrors by enumeration: none leaves less than the design."""
     wanted = parse_requirements(PANORAMA)
     found = best(wanted)
@@ -91,13 +91,13 @@ def test_the_focus_is_the_one_at_which_the_blur_that_is_limited_is_least():
     assert found.sensor.lens.focus_distance_mm == pytest.approx(min(tried, key=tried.get), abs=2.1)
 
 
-def test_a_panorama_at_f_4_needs_next_to_nothing():
+def test_panorama_at_f_4_needs_small_relaxation():
     for f_number, is_met in ((4.0, False), (4.1, True)):
         text = PANORAMA.replace("f_number = 4.0", f"f_number = {f_number}")
         assert best(parse_requirements(text)).is_met == is_met
 
 
-def test_a_limit_in_the_middle_of_the_field_is_focused_for_there():
+def test_focus_follows_limit_within_field():
     """The area merit of the whole field left 0.335 deg of geometric blur there."""
     found = best(parse_requirements(SURVEY))
     reached = next(r.reached for r in found.rows if r.is_limit)
@@ -114,7 +114,7 @@ def test_a_limit_in_the_middle_of_the_field_is_focused_for_there():
         assert reached <= max(t, s) * (1 + 1e-4)
 
 
-def test_two_limits_of_blur_are_weighed_by_their_shares():
+def test_focus_balances_relative_margins_of_two_blur_limits():
     other = 'quantity = "total_blur_deg"\nat_most = 1.4\nomega_deg = [90, 130]'
     text = (
         PANORAMA.replace("at_most = 6.0", "at_most = 6.0\nomega_deg = [15, 60]")
@@ -147,7 +147,7 @@ def test_two_limits_of_blur_are_weighed_by_their_shares():
 @pytest.mark.parametrize(
     ("asked", "reached"), [("[150, 200]", 200.0), ("[300, 400.0]", 300.0), ("222", 222.0)]
 )
-def test_the_focus_stays_where_it_is_asked_for(asked, reached):
+def test_specified_focus_is_kept(asked, reached):
     found = best(
         parse_requirements(
             PANORAMA.replace("f_number = 4.0", f"f_number = 4.0\nfocus_mm = {asked}")
@@ -165,7 +165,7 @@ def test_the_focus_stays_where_it_is_asked_for(asked, reached):
     )
 
 
-def test_an_optimised_mirror_is_focused_within_its_range():
+def test_optimised_mirror_is_focused_within_range():
     text = PANORAMA.replace(
         'mapping = "equidistant"', 'optimise = "worst_blur_deg"\nshape = "polynomial:3"'
     ).replace("focal_length_mm = 12.0", "focal_length_mm = 12.0\nfocus_mm = [180, 205]")
@@ -181,7 +181,7 @@ def test_an_optimised_mirror_is_focused_within_its_range():
 # ----------------------------------------------------------------------------------
 
 
-def test_a_limit_is_judged_over_all_of_its_angles_even_where_the_field_does_not_matter():
+def test_limit_is_evaluated_over_its_whole_range():
     text = PANORAMA.replace("omega_min_deg = 15.0", "omega_min_deg = 40.0").replace(
         "[housing.camera]\ndiameter_mm = 30.0\n", ""
     )
@@ -196,7 +196,7 @@ def test_a_limit_is_judged_over_all_of_its_angles_even_where_the_field_does_not_
     )
 
 
-def test_what_the_camera_hides_is_not_judged_and_that_is_said():
+def test_obscured_angles_are_excluded_and_reported():
     text = PANORAMA.replace("omega_min_deg = 15.0\n", "").replace(
         "at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]"
     )
@@ -211,7 +211,7 @@ def test_what_the_camera_hides_is_not_judged_and_that_is_said():
         design_sensor(parse_requirements(text.replace("[0, 20]", "[0, 3]")))
 
 
-def test_what_is_not_asked_for_is_not_said_to_be_left_out():
+def test_only_requested_angles_are_reported_as_excluded():
     whole = SURVEY.replace("omega_deg = [85, 95]", "")
     (remark,) = (
         r
@@ -222,7 +222,7 @@ def test_what_is_not_asked_for_is_not_said_to_be_left_out():
     assert "pointed" in remark
 
 
-def test_diffraction_that_is_too_much_by_itself_is_named():
+def test_airy_disk_above_blur_limit_is_reported():
     found = row(best(parse_requirements(SURVEY.replace("0.65", "0.1"))), "total_blur_deg")
     assert not found.is_met
     assert any(
@@ -230,7 +230,7 @@ def test_diffraction_that_is_too_much_by_itself_is_named():
     )
 
 
-def test_a_limit_at_one_angle_is_judged_there():
+def test_limit_at_single_angle_is_evaluated_there():
     text = (
         SURVEY.replace("[85, 95]", "[90, 90]")
         + """
@@ -266,13 +266,13 @@ omega_deg = [90, 90]
 # ------------------------------------------------------------------------------------------
 
 
-def test_requirements_are_read_again_from_their_tables():
+def test_requirements_round_trip_through_tables():
     for text in (PANORAMA, SURVEY):
         wanted = parse_requirements(text)
         assert requirements_of(wanted.tables()) == wanted
 
 
-def test_advice_is_rounded_to_the_side_of_caution():
+def test_relaxations_are_rounded_outwards():
     assert outwards(6.127718, 1) == 6.1278
     assert outwards(6.127718, -1) == 6.1277
     assert outwards(-0.1234561, 1) == -0.12345
@@ -290,7 +290,7 @@ CONFLICTS = [
 
 @pytest.mark.full
 @pytest.mark.parametrize("text", CONFLICTS, ids=["diffraction", "small", "two"])
-def test_advice_can_be_taken(text):
+def test_relaxed_problem_is_feasible(text):
     """Each relaxation, and all together, inserted in the file as printed: read by the same parser,
     and met."""
     wanted = parse_requirements(text)
@@ -375,7 +375,7 @@ def conflict_in(text):
         pytest.param(PANORAMA, id="panorama"),
     ],
 )
-def test_what_gives_at_once_is_what_has_to(text):
+def test_joint_relaxation_is_minimal(text):
     """Any one of them reset to the original violates a requirement; all of them together meet all.
 
     On the ceiling, resolution is the limit, which no F-number improves.
@@ -390,7 +390,7 @@ def test_what_gives_at_once_is_what_has_to(text):
 
 
 @pytest.mark.full
-def test_numbers_that_would_not_do_alone_help_where_all_give():
+def test_insufficient_single_relaxations_contribute_jointly():
     """Enumeration: limits and F-number relaxed by 30 % and the viewpoints by 23 % are sufficient,
     an upper bound.
 
@@ -409,7 +409,7 @@ def test_numbers_that_would_not_do_alone_help_where_all_give():
     assert max(r.share for r in conflict.joint) < conflict.joint_share + 0.01
 
 
-def test_a_field_that_leaves_a_limit_behind_is_no_advice():
+def test_relaxed_field_keeps_range_of_limits():
     with pytest.raises(SpecError, match=r"must be \[FROM, TO\] up to"):
         relaxed(parse_requirements(SURVEY), [Relaxation("omega_max_deg", "deg", 110.0, 90.0)])
 
@@ -436,7 +436,7 @@ at_most = 2.533
 
 
 @pytest.mark.full  # test_designer covers minimal relaxations of complete searches
-def test_a_number_gives_no_more_than_it_has_to_where_the_search_ends_early():
+def test_relaxation_is_minimal_at_end_of_search_range():
     """Above a minimum field angle of 98 deg all requirements are met; 104.6 deg were required."""
     wanted = parse_requirements(BENT)
     told = next(r.needed for r in design_sensor(wanted).conflict.alone if r.name == "omega_min_deg")
@@ -460,7 +460,7 @@ def brute_force(wanted, name, values):
         ("omega_min_deg", np.arange(15, 60, 0.1)),
     ],
 )
-def test_what_would_have_to_give_is_the_first_value_that_does(name, values):
+def test_relaxation_threshold_is_first_feasible_value(name, values):
     wanted = parse_requirements(PANORAMA)
     told = next(r.needed for r in design_sensor(wanted).conflict.alone if r.name == name)
     step = abs(float(values[1] - values[0]))
@@ -468,7 +468,7 @@ def test_what_would_have_to_give_is_the_first_value_that_does(name, values):
 
 
 @pytest.mark.full
-def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
+def test_relaxation_threshold_is_optimal_over_free_ranges():
     """A lens of 6 to 16 mm and F/2 to F/4, and a limit that requires a reduced field: by
     enumeration."""
     text = PANORAMA.replace("focal_length_mm = 12.0", "focal_length_mm = [6.0, 16.0]").replace(
@@ -492,7 +492,7 @@ def test_with_ranges_free_the_threshold_is_that_of_the_best_of_them():
 
 
 @pytest.mark.full
-def test_a_design_with_three_ranges_its_relaxations_and_alternatives_evaluate_a_limited_number_of_mirrors(
+def test_number_of_evaluated_mirrors_is_limited(
     monkeypatch,
 ):
     """Most of the time is spent on these evaluations, 19,859 at the time of writing, most of them

@@ -56,7 +56,7 @@ def kept():
     return design_sensor(parse_requirements(TEXT), search=ONE)
 
 
-def test_what_is_asked_is_kept_as_the_evaluation_sees_it(kept):
+def test_freeform_limits_agree_with_evaluation(kept):
     sensor = kept.sensor
     assert kept.is_met
     assert kept.conflict is None
@@ -75,7 +75,7 @@ def test_what_is_asked_is_kept_as_the_evaluation_sees_it(kept):
     assert sensor.field_deg == pytest.approx((0.0, 130.0), abs=1e-9)
 
 
-def test_the_merit_is_that_of_the_field_past_the_camera_at_both_distances(kept):
+def test_merit_covers_unobscured_field_at_both_distances(kept):
     areas = [
         om.evaluate(
             kept.sensor, np.linspace(20, 130, 2001), object_distance_mm=d
@@ -129,7 +129,7 @@ def keeps_all(requirements):
 
 
 @pytest.mark.full
-def test_what_gives_alone_is_enough_and_no_more_than_needed(missed):
+def test_single_relaxation_is_sufficient_and_minimal(missed):
     """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
     less."""
     assert not missed.is_met
@@ -143,7 +143,7 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(missed):
             assert keeps_all(changed) == keeps, (r, share)
 
 
-def test_what_gives_jointly_is_enough(missed):
+def test_joint_relaxation_is_sufficient(missed):
     conflict = missed.conflict
     assert 0 < conflict.joint_share < min(r.share for r in conflict.alone if r.needed is not None)
     changed = missed.requirements
@@ -153,7 +153,7 @@ def test_what_gives_jointly_is_enough(missed):
 
 
 @pytest.mark.full  # as for mirrors without optimisation, each of which runs daily
-def test_what_gives_jointly_has_to(missed):
+def test_joint_relaxation_is_minimal(missed):
     """Each one reset to the original, with the others relaxed, violates a requirement."""
     joint = missed.conflict.joint
     assert len(joint) >= 2
@@ -164,7 +164,7 @@ def test_what_gives_jointly_has_to(missed):
         assert not keeps_all(changed), r
 
 
-def test_what_cannot_be_met_is_missed_by_as_little_as_what_is_met_leaves(missed):
+def test_infeasible_limits_are_missed_by_minimum(missed):
     """Relaxed by slightly more than its violation, it is feasible with all others; by slightly
     less, it is not."""
     rows = [row for row in missed.rows if row.label in missed.verdict.missed]
@@ -179,7 +179,7 @@ def test_what_cannot_be_met_is_missed_by_as_little_as_what_is_met_leaves(missed)
         assert keeps_all(changed) == keeps
 
 
-def test_under_a_telecentric_lens_the_known_mirrors_come_out():
+def test_known_mirrors_are_reproduced_under_telecentric_lens():
     """The sphere is equal-area, the paraboloid has one viewpoint and aspect ratio 1, both exactly."""
     problem = DesignProblem(
         lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1
@@ -200,7 +200,7 @@ def test_under_a_telecentric_lens_the_known_mirrors_come_out():
         np.testing.assert_allclose(mirror.sag(x), known, atol=2e-4)
 
 
-def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
+def test_telecentric_design_reports_required_lens_diameter():
     design = design_sensor(
         parse_requirements(
             "field.omega_max_deg = 110\n"
@@ -226,7 +226,7 @@ def test_a_telecentric_design_says_how_wide_its_lens_has_to_be():
         assert narrow < wide / 6 < 0.2 / 6  # the error of second-order optics is of third order
 
 
-def test_a_focus_that_is_given_is_kept():
+def test_given_focus_is_kept():
     text = CONFLICTING.replace("[lens]", "[lens]\nfocus_mm = 250.0").split("[[limit]]")[0]
     design = design_sensor(parse_requirements(text), search=ONE)
     assert design.sensor.lens.focus_distance_mm == 250.0
@@ -234,7 +234,7 @@ def test_a_focus_that_is_given_is_kept():
 
 
 @pytest.mark.parametrize("quantity", LIMITABLE)
-def test_every_quantity_can_be_a_limit_from_either_side(quantity):
+def test_every_quantity_may_be_limited_on_either_side(quantity):
     """Rows are positive exactly when the value of the table violates the limit."""
     sensor = om.load_sensor("paper-equidistant")
     distance = 1000.0 if quantity.endswith("mm_per_px") else np.inf
@@ -254,7 +254,7 @@ def test_every_quantity_can_be_a_limit_from_either_side(quantity):
             assert excess.max() == pytest.approx(0.001 if is_missed else -0.001, rel=0.01)
 
 
-def test_known_mirrors_are_the_papers_for_its_field_and_solved_for_others():
+def test_known_mirrors_agree_with_paper_and_scale():
     paper = known_sensors(DesignProblem())
     assert {"SPH", "E-DI", "SVP", "exactly equiareal"} <= set(paper)
     area, uniformity = merit_values(

@@ -51,7 +51,7 @@ def asked(file):
     return om.load_requirements(file)
 
 
-def test_a_mapping_comes_out_right_behind_lens_and_dome(asked):
+def test_mapping_is_exact_behind_lens_and_dome(asked):
     """Image heights of rays traced through the triplet, the mirror and both sides of the dome
     increase with the angle."""
     design = om.design_sensor(asked)
@@ -94,7 +94,7 @@ EVERY_DAY = {("dome in water", False)}  # real lenses behind covers: the command
         for lens, optics in (("triplet", True), ("ideal lens", False))
     ],
 )
-def test_the_rim_of_a_family_sees_as_far_as_asked_outside(asked, shell, optics):
+def test_rim_reaches_required_angle_outside_cover(asked, shell, optics):
     lens = asked.lens if optics else om.LensRequirements(focal_length_mm=11.6, focus_mm=160.0)
     own = replace(
         asked.changed(mapping=None, family="sphere"), lens=lens, housing=Housing(shell=shell)
@@ -104,7 +104,7 @@ def test_the_rim_of_a_family_sees_as_far_as_asked_outside(asked, shell, optics):
     assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-7)
 
 
-def test_a_mapping_under_a_telecentric_lens_in_a_dome(asked):
+def test_mapping_under_telecentric_lens_in_dome(asked):
     lens = om.LensRequirements(kind="orthographic", focus_mm=30.0)
     sensor = om.design_sensor(replace(asked, lens=lens)).sensor
     omega = np.linspace(10.0, 120.0 - 1e-9, 12)
@@ -112,7 +112,7 @@ def test_a_mapping_under_a_telecentric_lens_in_a_dome(asked):
     np.testing.assert_allclose(h, h[-1] * omega / omega[-1], atol=1e-4)
 
 
-def test_the_focus_is_the_best_of_the_real_lens(asked):
+def test_focus_is_optimal_for_real_lens(asked):
     """Compared with om.best_focus of the sensor."""
     sensor = om.design_sensor(asked).sensor
     omega = np.linspace(sensor.clear_field_deg[0], 120, 1001)
@@ -121,7 +121,7 @@ def test_the_focus_is_the_best_of_the_real_lens(asked):
     assert found <= best.value * 1.002
 
 
-def test_limits_of_blur_count_what_the_lens_blurs_by_itself(asked):
+def test_blur_limits_include_aberrations_of_lens(asked):
     limit = om.Limit("total_blur_px", at_most=1.0)
     verdict = om.judge(replace(asked, limits=(limit,)), om.design_sensor(asked).sensor)
     result = om.evaluate(verdict.sensor, np.linspace(verdict.sensor.clear_field_deg[0], 120, 1001))
@@ -134,14 +134,14 @@ def test_limits_of_blur_count_what_the_lens_blurs_by_itself(asked):
     assert "with the blur of the lens alone" in verdict.limits[0].remarks[-1]
 
 
-def test_requirements_with_a_lens_are_written_and_read_again(asked, tmp_path):
+def test_requirements_with_lens_round_trip(asked, tmp_path):
     (tmp_path / "again.toml").write_text(
         om.format_requirements(asked)
     )  # surfaces as numbers: no file required
     assert om.load_requirements(tmp_path / "again.toml") == asked
 
 
-def test_the_command_designs_with_it(file, tmp_path):
+def test_command_designs_with_lens_file(file, tmp_path):
     ran = omnimirror("design", file, "-o", tmp_path / "sensor.toml")
     assert ran.returncode == 0, ran.stderr
     assert "maximum deviation of the mirror behind lens and cover from its mapping:" in ran.stdout
@@ -161,7 +161,7 @@ def test_the_command_designs_with_it(file, tmp_path):
         ('lens.optics.kind = "perspective"', "unknown entry lens.optics.file"),
     ],
 )
-def test_what_does_not_go_with_a_real_lens_is_refused(file, more, said):
+def test_options_incompatible_with_real_lens_are_rejected(file, more, said):
     name, value = (part.strip() for part in more.split("="))
     *tables, entry = name.split(".")
     plain = {"8": 8.0}.get(value, value.strip('"'))
@@ -180,7 +180,7 @@ def test_what_does_not_go_with_a_real_lens_is_refused(file, more, said):
 
 
 @pytest.mark.parametrize("medium", [None, "water"])
-def test_the_space_of_free_form_is_that_of_sensors_behind_lens_and_dome(asked, medium):
+def test_freeform_model_agrees_with_sensors_behind_lens_and_dome(asked, medium):
     """Field, image and blur of a point in the design space equal those of its evaluated sensor;
     derivatives equal differences."""
     housing = Housing(shell=Dome(medium=medium))
@@ -211,7 +211,7 @@ SIZES = ("overall_diameter_mm", "overall_height_mm", "mirror_body_mass_g")
 
 
 @pytest.mark.parametrize("kind", ["perspective", "telecentric", "triplet in a dome"])
-def test_the_space_of_free_form_knows_the_whole(asked, kind):
+def test_freeform_model_includes_overall_size(asked, kind):
     """Size and mass of its points, in the search and in batches of thousands, equal those of their
     sensors."""
     limits = tuple(om.Limit(name, at_most=1e3) for name in SIZES)
@@ -242,7 +242,7 @@ def test_the_space_of_free_form_knows_the_whole(asked, kind):
         )
 
 
-def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
+def test_overall_size_limit_reduces_freeform_mirror():
     """Larger mirrors have less blur, and this one is as large as the height limit allows."""
     field, imager = om.FieldRequirements(omega_max_deg=110.0), Imager(1600, 1200, 4.5)
     mirror = om.MirrorRequirements(
@@ -261,7 +261,7 @@ def test_a_whole_that_is_kept_shrinks_the_mirror_of_free_form():
 
 
 @pytest.mark.full
-def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
+def test_freeform_mirror_is_optimal_behind_lens_and_dome(asked):
     """Better than the sphere solved for them; its merit equals that of the evaluation."""
     mirror = om.MirrorRequirements(
         optimise="worst_floored_area_deg2", shape="polynomial:3", rim_radius_mm=30
@@ -287,7 +287,7 @@ def test_a_mirror_of_free_form_is_the_best_behind_lens_and_dome(asked):
 @pytest.mark.parametrize(
     "way", [{"family": "sphere"}, {"optimise": "worst_blur_deg", "shape": "polynomial:3"}]
 )
-def test_what_cannot_be_kept_is_told_and_the_lens_stays(asked, way):
+def test_infeasible_limits_are_reported_and_lens_is_kept(asked, way):
     """A real lens has no free parameters; the advice concerns the other requirements."""
     limits = (om.Limit("length_mm", at_most=60.0), om.Limit("obscured_percent", at_most=90.0))
     mirror = om.MirrorRequirements(rim_radius_mm=30, **way)

@@ -37,7 +37,7 @@ def rows(requirements, sensor):
     return {row.name: row.reached for row in om.judge(requirements, sensor).limits}
 
 
-def test_sizes_and_mass_are_those_of_solids():
+def test_sizes_and_mass_agree_with_solids():
     """Spherical cap with 5 mm behind it in a dome, by textbook formulas."""
     names = ("overall_diameter_mm", "overall_height_mm", "mirror_body_mass_g")
     asked = parse_requirements(TEXT + "".join(limited(name, 1e3) for name in names))
@@ -61,7 +61,7 @@ def test_sizes_and_mass_are_those_of_solids():
 @pytest.mark.parametrize(
     ("quantity", "most"), [("mirror_body_mass_g", 40.0), ("overall_height_mm", 120.0)]
 )
-def test_a_design_keeps_them(quantity, most):
+def test_design_meets_size_and_mass_limits(quantity, most):
     """Larger mirrors with this lens are sharper: a blur limit favours those, and size and mass
     limits oppose it."""
     blur = limited("total_blur_deg", 5.0)
@@ -73,7 +73,7 @@ def test_a_design_keeps_them(quantity, most):
     assert found.sensor.mirror.rim_radius_mm < free.mirror.rim_radius_mm
 
 
-def test_the_height_begins_at_the_imager_of_a_lens_of_surfaces(tmp_path):
+def test_overall_height_starts_at_imager_of_surface_lens(tmp_path):
     """Its principal points are inside, separated as determined by its glasses."""
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
     lens = SurfaceLens.from_file(tmp_path / "triplet.zmx", focus_distance_mm=200.0)
@@ -84,7 +84,7 @@ def test_the_height_begins_at_the_imager_of_a_lens_of_surfaces(tmp_path):
     assert outer_size(sensor).height_mm == pytest.approx(expected, abs=1e-6)
 
 
-def test_they_belong_to_no_part_of_the_field():
+def test_size_and_mass_limits_reject_field_range():
     with pytest.raises(
         OmnimirrorError,
         match="omega_deg must be omitted, since the quantity concerns the whole sensor",
@@ -108,7 +108,7 @@ range_c = [-20, 60]
 )
 
 
-def test_limits_are_judged_at_the_ends_of_the_range():
+def test_limits_are_evaluated_at_both_temperatures():
     asked = parse_requirements(WARM)
     assert asked.temperatures_c == (-20.0, 60.0)
     assert parse_requirements(om.format_requirements(asked)) == asked
@@ -123,7 +123,7 @@ def test_limits_are_judged_at_the_ends_of_the_range():
     assert "smallest margin at" in row.remarks[-1]
 
 
-def test_a_design_says_how_temperature_moves_it():
+def test_design_reports_thermal_shift():
     found = om.design_sensor(parse_requirements(WARM))
     assert found.sensor.thermal == om.Thermal(
         mirror_material="acrylic", spacer_material="aluminium"
@@ -143,7 +143,7 @@ def test_a_design_says_how_temperature_moves_it():
         ),
     ],
 )
-def test_wrong_entries_are_one_sentence(text, sentence):
+def test_invalid_entries_raise_one_sentence(text, sentence):
     with pytest.raises(OmnimirrorError, match=sentence) as said:
         parse_requirements(text)
     assert "\n" not in str(said.value)

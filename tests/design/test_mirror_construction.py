@@ -16,7 +16,7 @@ from omnimirror.optics.tracing.meridian import Meridian
 M = 43.9
 
 
-def test_table_1_of_the_paper():
+def test_coefficients_agree_with_table_1_of_paper():
     """Printed parameters, and more digits than printed."""
     rim = RimRay(135.0, 12.0, 1.0)
     sphere, hyperboloid = FAMILIES["sphere"](rim, None), FAMILIES["hyperboloid"](rim, None)
@@ -36,7 +36,7 @@ def test_table_1_of_the_paper():
     theta=st.just(0.0) | st.floats(0.5, 50),
     conic=st.floats(-0.95, 5),
 )
-def test_every_family_meets_what_is_asked_of_the_rim(family, omega, theta, conic):
+def test_every_family_meets_rim_requirements(family, omega, theta, conic):
     if not theta + 2 < omega < 178 - theta or (theta == 0 and family in ("cone", "hyperboloid")):
         return
     placed = FAMILIES[family](RimRay(omega, theta, M), conic if family == "ellipsoid" else None)
@@ -47,7 +47,7 @@ def test_every_family_meets_what_is_asked_of_the_rim(family, omega, theta, conic
 
 
 @pytest.mark.parametrize("theta", [12.0, 0.0])
-def test_conics_left_free_join_at_their_borders(theta):
+def test_free_conics_are_continuous_at_borders(theta):
     """An ellipsoid with constant 0 is the sphere; for a constant towards -1, both sides become the
     paraboloid."""
     rim, x = RimRay(120.0, theta, M), np.linspace(0, M, 50)
@@ -61,7 +61,7 @@ def test_conics_left_free_join_at_their_borders(theta):
         )
 
 
-def test_the_free_hyperboloid_has_one_viewpoint():
+def test_free_hyperboloid_has_single_viewpoint():
     placed = FAMILIES["hyperboloid"](RimRay(110.0, 18.0, M), None)
     rays = Meridian(placed.mirror, placed.distance_mm).trace(np.linspace(0.01, 1, 30) * M)
     assert np.ptp(rays.z + rays.viewpoint_offset()) < 1e-10
@@ -101,17 +101,17 @@ def test_the_free_hyperboloid_has_one_viewpoint():
         (lambda: FAMILIES["cone"](RimRay(135.0, 0.0, M), None), "images a single field angle"),
     ],
 )
-def test_what_a_family_cannot_do_is_said(make, message):
+def test_infeasible_family_parameters_are_rejected(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()
 
 
-def test_the_conformal_mirror_is_answered_as_the_conic_that_it_is():
+def test_conformal_mirror_is_returned_as_conic():
     assert isinstance(generated_mirror("conformal", RimRay(135.0, 12.0, M)).mirror, Hyperboloid)
     assert generated_mirror("conformal", RimRay(135.0, 0.0, M)).mirror.KIND == "paraboloid"
 
 
-def test_a_function_is_a_mapping_too():
+def test_function_is_accepted_as_mapping():
     rim = RimRay(135.0, 0.0, M)
     found = generated_mirror(lambda omega: np.sin(omega / 2), rim)
     sphere = Sphere(M / np.sin(np.radians(67.5)), M)
@@ -143,12 +143,12 @@ def test_a_function_is_a_mapping_too():
         ),
     ],
 )
-def test_a_mapping_that_is_not_stated_whole_is_refused(mapping, entries, message):
+def test_incomplete_mapping_is_rejected(mapping, entries, message):
     with pytest.raises(InvalidParameter, match=message):
         generated_mirror(mapping, RimRay(75.0, 12.0, M), **entries)
 
 
-def test_every_generated_mirror_of_the_registry_is_a_mapping_to_ask_for():
+def test_every_generated_mirror_is_available_as_mapping():
     from omnimirror.optics.mirrors import MIRRORS
     from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror
 

@@ -34,14 +34,14 @@ def linearity(placed: MountedMirror) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("terms", "most"), [(3, 0.066e-2), (4, 0.0058e-2), (5, 0.0006e-2)])
-def test_the_equidistant_polynomial_is_far_straighter_than_the_papers(terms, most):
+def test_equidistant_polynomial_deviates_less_than_papers(terms, most):
     fit = fit_mirror(EQUIDISTANT, f"polynomial:{terms}")
     off = linearity(fit.mounted)
     assert np.abs(off).max() <= most
     assert np.abs(off).max() == pytest.approx(fit.mapping, rel=2e-2)
 
 
-def test_the_papers_polynomial_is_judged_as_it_was():
+def test_deviation_of_papers_polynomial():
     """0.49 % from the line through centre and rim: the measure by which the fits are better."""
     paper = om.load_sensor("paper-equidistant")
     omega = np.linspace(0.5, paper.field_deg[1], 2000)
@@ -49,7 +49,7 @@ def test_the_papers_polynomial_is_judged_as_it_was():
     assert np.abs(off).max() == pytest.approx(0.0049, abs=5e-5)
 
 
-def test_the_largest_deviation_alternates_as_a_best_fit_must():
+def test_minimax_fit_equioscillates():
     """Chebyshev: three free terms leave four extremes of equal size and alternating sign."""
     off = linearity(fit_mirror(EQUIDISTANT, "polynomial:3").mounted)
     peak = np.abs(off).max()
@@ -70,7 +70,7 @@ def test_the_largest_deviation_alternates_as_a_best_fit_must():
         ("asphere:3", 0.0),
     ),
 )
-def test_each_aim_is_best_at_what_it_aims_for(form, theta):
+def test_each_merit_is_minimised_by_its_own_fit(form, theta):
     target = generated_mirror("equidistant", RimRay(120.0, theta, M))
     worst, mean, sag = (
         fit_mirror(target, form, aim) for aim in ("worst-mapping", "mean-mapping", "sag")
@@ -88,7 +88,7 @@ def test_each_aim_is_best_at_what_it_aims_for(form, theta):
 
 @pytest.mark.full
 @pytest.mark.parametrize("mapping", ["equidistant", "equiareal"])
-def test_more_terms_never_do_worse(mapping):
+def test_deviation_does_not_increase_with_terms(mapping):
     target = generated_mirror(mapping, RimRay(135.0, 12.0, M))
     for kind, counts in (("polynomial", (2, 3, 5)), ("asphere", (0, 1, 2))):
         found = [fit_mirror(target, f"{kind}:{n}").mapping for n in counts]
@@ -96,7 +96,7 @@ def test_more_terms_never_do_worse(mapping):
     assert fit_mirror(target, "polynomial:8").mapping < 1e-6
 
 
-def test_a_form_that_holds_the_target_finds_it():
+def test_form_that_contains_target_reproduces_it():
     paraboloid = EvenPolynomial((0.011, 2e-6), M)
     target = MountedMirror(paraboloid, 170.0)
     fit = fit_mirror(target, "polynomial:2")
@@ -111,7 +111,7 @@ def test_a_form_that_holds_the_target_finds_it():
     assert found.distance_mm == pytest.approx(180.0, rel=1e-9)
 
 
-def test_under_an_orthographic_lens_the_field_is_kept():
+def test_fit_under_orthographic_lens_keeps_field():
     target = generated_mirror("equidistant", RimRay(100.0, 0.0, M))
     fit = fit_mirror(target, "polynomial:4")
     sensor = om.Sensor(fit.mounted.mirror, Orthographic(0.0592, 4.0, 22.0), Imager(1024, 1024, 5.2))
@@ -123,12 +123,12 @@ def test_under_an_orthographic_lens_the_field_is_kept():
 @pytest.mark.parametrize(
     "form", ["polynomial", "polynomial:0", "asphere:13", "spline:4", "polynomial:-1"]
 )
-def test_a_form_that_is_not_known_is_refused(form):
+def test_unknown_form_is_rejected(form):
     with pytest.raises(InvalidParameter, match="fit must be polynomial:N"):
         fit_mirror(EQUIDISTANT, form)
 
 
-def test_what_cannot_be_fitted_is_said():
+def test_infeasible_fits_are_rejected():
     with pytest.raises(InvalidParameter, match="must be smooth at the apex"):
         fit_mirror(generated_mirror("equidistant", RimRay(135.0, 12.0, M), 30.0), "polynomial:4")
     with pytest.raises(InvalidParameter, match=r"aim must be one of .* got 'best'"):

@@ -33,7 +33,7 @@ def asked(*limits, rim=(20.0, 60.0), housing=None):
 
 
 @pytest.mark.parametrize("name", few(HOUSINGS, "camera", "tube and flange"))
-def test_the_hidden_share_is_that_of_pixels_whose_rays_are_stopped(name):
+def test_obscured_fraction_agrees_with_rays_of_pixels(name):
     """Chief rays of a grid of pixels, each traced in space to the obscuring parts."""
     sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS[name])
     side = np.linspace(-1, 1, 241) * sensor.rim_radius_px
@@ -49,7 +49,7 @@ def test_the_hidden_share_is_that_of_pixels_whose_rays_are_stopped(name):
     assert rows["obscured_percent"] == (sensor.obscured_percent,)
 
 
-def test_the_middle_is_hidden_as_far_as_rays_say():
+def test_central_obscuration_agrees_with_rays():
     sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS["camera"])
     h = om.evaluate(sensor, [sensor.obscured_to_deg - 0.01, sensor.obscured_to_deg + 0.01]).h_px
     pixels = np.array(sensor.imager.centre) + np.array([[h[0], 0.0], [0.0, h[1]]])
@@ -58,7 +58,7 @@ def test_the_middle_is_hidden_as_far_as_rays_say():
     assert (bare.obscured_to_deg, bare.obscured_percent) == (0.0, 0)
 
 
-def test_a_design_keeps_what_may_be_hidden():
+def test_design_meets_obscuration_limit():
     """Smaller mirrors have more obscuration: a length limit favours those, and the obscuration
     limit opposes it."""
     short = om.Limit("length_mm", at_most=200.0)
@@ -70,18 +70,18 @@ def test_a_design_keeps_what_may_be_hidden():
     assert row.reached == pytest.approx(design.sensor.obscured_percent, rel=1e-12)
 
 
-def test_nothing_hidden_can_be_asked_for():
+def test_zero_obscuration_may_be_required():
     limit = om.Limit("obscured_to_deg", at_most=0.0)
     verdict = om.judge(asked(limit, rim=43.9, housing=Housing()), om.load_sensor("paper-spherical"))
     assert verdict.limits[0].is_met
 
 
-def test_a_part_of_the_field_does_not_apply():
+def test_obscuration_limit_rejects_field_range():
     with pytest.raises(InvalidParameter, match="omega_deg must be omitted"):
         om.Limit("obscured_percent", at_most=3.0, omega_deg=(0.0, 20.0))
 
 
-def test_a_design_without_limits_says_what_its_camera_hides():
+def test_design_without_limits_reports_obscuration():
     """The disc around the lens obscures light from a field angle on: by rays of the designed
     sphere."""
     words = (

@@ -118,7 +118,7 @@ SMALL = Catalogue(LENSES[1:2], IMAGERS[:2])
         ),
     ],
 )
-def test_the_search_finds_what_designing_every_combination_finds(wanted, shelf):
+def test_search_agrees_with_exhaustive_design(wanted, shelf):
     found = om.design_from_parts(wanted, shelf, max_designs=100)
     names = {design.combination.name for design in found.found}
     everything = combinations_of(shelf, wanted)
@@ -149,7 +149,7 @@ def reaches(combination, sensor):
 
 @pytest.mark.full
 @pytest.mark.parametrize("shelf", [Catalogue(LENSES[2:4], IMAGERS), SHELF], ids=["few", "all"])
-def test_what_a_bound_cuts_cannot_be_designed(shelf):
+def test_combinations_excluded_by_bounds_are_infeasible(shelf):
     """Limits close to the values of these parts; bounds exclude some of them and keep others."""
     finer = om.Limit("resolution_px_per_deg", at_least=3.1, omega_deg=(16, 119))
     wanted = asked(
@@ -165,7 +165,7 @@ def test_what_a_bound_cuts_cannot_be_designed(shelf):
     assert {"too large", None} <= set(reasons.values())
 
 
-def test_diffraction_that_no_mirror_mends_is_cut():
+def test_combinations_limited_by_diffraction_are_excluded():
     dark = replace(LENSES[2], f_number_min=22.0, f_number_max=32.0, mount="")
     wanted = asked(om.Limit("mtf", at_least=0.3, cycles_per_px=0.3, omega_deg=(20, 90)))
     (combination,) = combinations_of(Catalogue((dark,), (replace(IMAGERS[1], mount=""),)), wanted)
@@ -175,7 +175,7 @@ def test_diffraction_that_no_mirror_mends_is_cut():
     assert sharp.sagittal[0, 0] < 0.3
 
 
-def test_designs_are_judged_as_any_sensor_is():
+def test_verdict_of_parts_design_agrees_with_check():
     wanted = WANTED[0]
     for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
         own = requirements_with_parts(wanted, design.combination)
@@ -186,7 +186,7 @@ def test_designs_are_judged_as_any_sensor_is():
 
 
 @pytest.mark.full
-def test_the_aperture_is_the_one_that_keeps_the_blur_best():
+def test_f_number_minimises_blur():
     wanted = asked(BLUR)
     for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
         own, sensor = requirements_with_parts(wanted, design.combination), design.design.sensor
@@ -198,7 +198,7 @@ def test_the_aperture_is_the_one_that_keeps_the_blur_best():
                 assert verdict.limits[0].shortfall >= best - SLACK
 
 
-def test_the_cheapest_come_first_and_the_search_ends_when_there_are_enough():
+def test_designs_are_sorted_by_price_and_limited_in_number():
     found = om.design_from_parts(WANTED[0], SHELF, max_designs=2)
     prices = [design.price for design in found.found]
     assert prices == sorted(prices)
@@ -209,7 +209,7 @@ def test_the_cheapest_come_first_and_the_search_ends_when_there_are_enough():
     assert all_of_them.left == 0
 
 
-def test_a_front_has_what_no_cheaper_one_is_sharper_than():
+def test_pareto_front_holds_no_dominated_designs():
     everything = om.design_from_parts(WANTED[0], SHELF, max_designs=100).found
     front = om.design_from_parts(WANTED[0], SHELF, front=True).found
     best, wanted = np.inf, []
@@ -223,7 +223,7 @@ def test_a_front_has_what_no_cheaper_one_is_sharper_than():
 @pytest.mark.parametrize(
     "shelf", [FEW, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
 )
-def test_several_processes_find_the_same(monkeypatch, shelf):
+def test_result_is_independent_of_number_of_processes(monkeypatch, shelf):
     monkeypatch.setattr(parts_search, "FEW", 0)
     one, two = (
         om.design_from_parts(WANTED[0], shelf, max_designs=100, processes=n) for n in (1, 2)
@@ -234,7 +234,7 @@ def test_several_processes_find_the_same(monkeypatch, shelf):
     assert one.missed == two.missed
 
 
-def test_ranges_of_the_mirror_are_searched_for_each_combination():
+def test_mirror_ranges_are_searched_for_each_combination():
     wanted = asked(BLUR, mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=(20, 40)))
     few = Catalogue(LENSES[2:3], IMAGERS[:1])
     (design,) = om.design_from_parts(wanted, few).found
@@ -249,7 +249,7 @@ def test_ranges_of_the_mirror_are_searched_for_each_combination():
     [replace(SHELF, lenses=LENSES[1:4]), pytest.param(SHELF, marks=pytest.mark.full)],
     ids=["few", "all"],
 )
-def test_a_ball_is_as_large_a_cap_as_the_field_asks_for(shelf):
+def test_mirror_ball_is_used_up_to_the_required_field(shelf):
     mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=(10, 60))
     wanted = asked(om.Limit("total_blur_deg", at_most=1.5), mirror=mirror)
     wanted = replace(wanted, parts=om.PartsRequirements(mirror="ball"))
@@ -265,7 +265,7 @@ def test_a_ball_is_as_large_a_cap_as_the_field_asks_for(shelf):
         assert design.price == sum(part.price for part in design.combination.parts)
 
 
-def test_a_dome_stands_around_the_mirror_where_it_fits():
+def test_dome_encloses_mirror_where_it_fits():
     wanted = asked(om.Limit("total_blur_deg", at_most=2.0, omega_deg=(90, 110)), dome=True)
     wanted = replace(wanted, field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=89))
     found = om.design_from_parts(wanted, SHELF, max_designs=100)
@@ -277,7 +277,7 @@ def test_a_dome_stands_around_the_mirror_where_it_fits():
         assert outer_size(design.design.sensor).diameter_mm == 200.0
 
 
-def test_the_whole_is_as_large_and_heavy_as_its_parts():
+def test_overall_size_and_mass_are_sums_of_parts():
     sensor = om.load_sensor("paper-spherical")
     diameter, height = outer_size(sensor, (replace(IMAGERS[0], length_mm=30.0, diameter_mm=120.0),))
     assert diameter == 120.0
@@ -302,7 +302,7 @@ def test_the_whole_is_as_large_and_heavy_as_its_parts():
         ({"max_height_mm": 60.0}, "too large"),
     ],
 )
-def test_what_is_too_much_of_the_whole_is_cut_and_said(parts, reason):
+def test_combinations_above_overall_limits_are_excluded_and_reported(parts, reason):
     found = om.design_from_parts(
         asked(om.Limit("total_blur_deg", at_most=2.0), **parts), SHELF, max_designs=100
     )
@@ -313,7 +313,7 @@ def test_what_is_too_much_of_the_whole_is_cut_and_said(parts, reason):
         assert rows[name].is_met
 
 
-def test_where_nothing_does_the_nearest_is_told():
+def test_nearest_design_is_reported_without_feasible_combination():
     found = om.design_from_parts(asked(FINE, om.Limit("aspect", at_most=0.9)), SHELF)
     assert not found.is_met
     assert found.nearest is not None
@@ -343,7 +343,7 @@ at_most = 0.8
 """
 
 
-def test_a_csv_of_one_s_own_from_the_file_and_the_command_line(tmp_path):
+def test_user_catalogue_from_file_and_command_line(tmp_path):
     (tmp_path / "shelf.csv").write_text(CSV)
     (tmp_path / "asked.toml").write_text(FILE)
     run = omnimirror(
@@ -383,7 +383,7 @@ def test_a_csv_of_one_s_own_from_the_file_and_the_command_line(tmp_path):
     )
 
 
-def test_parts_go_into_a_file_and_come_back(tmp_path):
+def test_parts_table_round_trip(tmp_path):
     wanted = parse_requirements(FILE, folder=tmp_path)
     assert wanted.parts.catalogue == (str(tmp_path / "shelf.csv"),)
     assert parse_requirements(format_requirements(wanted), folder=tmp_path) == wanted
@@ -412,14 +412,14 @@ def test_parts_go_into_a_file_and_come_back(tmp_path):
         ("max_price = 400", "catalog = 3", "unknown entry parts.catalog; did you mean catalogue"),
     ],
 )
-def test_parts_that_cannot_be_asked_for_are_refused(old, new, sentence, tmp_path):
+def test_invalid_parts_entries_are_rejected(old, new, sentence, tmp_path):
     assert old in FILE
     with pytest.raises(OmnimirrorError, match=sentence) as e:
         parse_requirements(FILE.replace(old, new), folder=tmp_path)
     assert "\n" not in str(e.value)
 
 
-def test_a_search_without_parts_or_balls_is_refused():
+def test_search_without_parts_or_balls_is_rejected():
     with pytest.raises(OmnimirrorError, match="must contain parts"):
         om.design_from_parts(
             replace(asked(BLUR), parts=None, lens=om.LensRequirements(theta_max_deg=10))
@@ -457,14 +457,14 @@ def test_a_search_without_parts_or_balls_is_refused():
         ((",120,C", ",120,C,more"), "line 2 must have 10 cells, as many as the header; got 11"),
     ],
 )
-def test_a_wrong_csv_names_line_and_column(tmp_path, change, sentence):
+def test_csv_errors_name_line_and_column(tmp_path, change, sentence):
     assert change[0] in CSV
     (tmp_path / "shelf.csv").write_text(CSV.replace(*change))
     with pytest.raises(OmnimirrorError, match=sentence):
         read_catalogue(tmp_path / "shelf.csv")
 
 
-def test_the_bundled_catalogue_says_where_its_numbers_come_from():
+def test_bundled_catalogue_states_sources():
     shelf = read_catalogue()
     parts = (*shelf.lenses, *shelf.imagers, *shelf.balls, *shelf.domes)
     assert all(part.source and part.price and part.mass_g for part in parts)
@@ -475,7 +475,7 @@ def test_the_bundled_catalogue_says_where_its_numbers_come_from():
 # ---------------------------------------------------------
 
 
-def test_what_is_bought_besides_counts_in_price_and_mass():
+def test_accessories_count_in_price_and_mass():
     extras = (
         ExtraComponent("mat", "heater", price=15.0, mass_g=12.0),
         ExtraComponent("film", "heater", price=9.0, mass_g=20.0),
@@ -496,12 +496,12 @@ def test_what_is_bought_besides_counts_in_price_and_mass():
         om.design_from_parts(asked(BLUR, extras=("fan",)), shelf)
 
 
-def test_the_bundled_catalogue_has_heater_arm_and_holder():
+def test_bundled_catalogue_has_heater_arm_and_holder():
     assert {part.use for part in read_catalogue().extras} == {"heater", "arm", "holder"}
     assert all(part.source and part.price and part.mass_g for part in read_catalogue().extras)
 
 
-def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
+def test_catalogue_lens_may_refer_to_surface_file(tmp_path):
     """Its mirror is solved for it: the field is kept behind the glass, unlike with the thin lens of
     the same numbers."""
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
@@ -531,7 +531,7 @@ def test_a_lens_of_a_catalogue_may_be_a_file_of_its_surfaces(tmp_path):
         ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm must be that of triplet.zmx"),
     ],
 )
-def test_wrong_files_of_lenses_are_named(line, sentence, tmp_path):
+def test_invalid_lens_files_are_named(line, sentence, tmp_path):
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
     (tmp_path / "shelf.csv").write_text(
         f"name,file,minimum_focus_mm,focal_length_mm,price\n{line}\n"

@@ -32,7 +32,7 @@ AREAS = ("worst_floored_area_deg2", "mean_floored_area_deg2")
         pytest.param("worst_blur_rss_deg", 0.6105, 0.660, marks=pytest.mark.full),
     ],
 )
-def test_the_sphere_is_beaten_by_what_was_promised(merit, target, sphere):
+def test_optimised_mirror_improves_on_sphere(merit, target, sphere):
     best = optimise(replace(PAPER, terms=16), merit, starts=1)
     as_paper = {"mode": "paper", "image_radius_px": 500.0}
     again = looked_at_again(best.sensor, **as_paper)[merit]
@@ -67,7 +67,7 @@ def test_the_sphere_is_beaten_by_what_was_promised(merit, target, sphere):
         ]
     ],
 )
-def test_every_merit_is_what_the_evaluation_says_and_no_worse_than_the_start(family, terms, merit):
+def test_merits_agree_with_evaluation_and_improve(family, terms, merit):
     problem = DesignProblem(family=family, terms=terms)
     best = optimise(problem, merit, starts=1)
     assert looked_at_again(best.sensor)[merit] == pytest.approx(best.value, rel=1e-3, abs=1e-5)
@@ -85,7 +85,7 @@ def test_every_merit_is_what_the_evaluation_says_and_no_worse_than_the_start(fam
         ("conic-asphere", 3),
     ],
 )
-def test_field_rim_and_viewing_angle_are_met_exactly(family, terms):
+def test_field_rim_and_view_angle_are_met_exactly(family, terms):
     sensor = optimise(DesignProblem(family=family, terms=terms), starts=1).sensor
     assert sensor.field_deg == pytest.approx((0.0, 135.0), abs=1e-9)
     assert np.degrees(sensor.meridian.theta_max) == pytest.approx(12.0, abs=1e-9)
@@ -140,7 +140,7 @@ PROBLEMS = {
         "viewpoint_spread_mm",
     ),
 )
-def test_derivatives_are_those_of_differences(merit, problem):
+def test_derivatives_agree_with_finite_differences(merit, problem):
     space = DesignSpace(problem)
     objective = Objective(space, merit_named(merit), np.linspace(0, 1, 41))
     _, y = start(space, 2, 5)
@@ -162,7 +162,7 @@ def test_derivatives_are_those_of_differences(merit, problem):
         *(pytest.param(m, marks=pytest.mark.full) for m in (AREAS[0], "worst_blur_rss_deg")),
     ],
 )
-def test_no_mirror_nearby_is_better(merit):
+def test_optimum_is_local_minimum(merit):
     """Random steps of many sizes in all coordinates, each evaluated separately."""
     problem = replace(PAPER, family="even-polynomial", terms=6)
     best = optimise(problem, merit, starts=2)
@@ -177,7 +177,7 @@ def test_no_mirror_nearby_is_better(merit):
 
 
 @pytest.mark.full
-def test_distance_and_f_number_are_chosen_within_their_ranges():
+def test_distance_and_f_number_stay_within_ranges():
     """Stopping down reduces blur until diffraction dominates; the length decreases to the limit of
     theta."""
     narrow = optimise(DesignProblem(terms=8), starts=1)
@@ -195,7 +195,7 @@ def test_distance_and_f_number_are_chosen_within_their_ranges():
     assert np.degrees(short.sensor.meridian.theta_max) == pytest.approx(14.0, abs=1e-6)
 
 
-def test_limits_are_kept_and_cost_something():
+def test_limits_are_met_and_reduce_merit():
     free = optimise(DesignProblem(terms=8), "worst_floored_area_deg2", starts=1)
     sharp, even, flat = ("total_blur_t_deg", 0.6), ("area_ratio", None, 1 / 1.3), ("sag_mm", 28.5)
     limits = tuple(Limit(*limit) for limit in (sharp, even, flat))
@@ -209,7 +209,7 @@ def test_limits_are_kept_and_cost_something():
     assert looked_at_again(free.sensor)["inverse_area_ratio"] > 1.3
 
 
-def test_the_camera_in_the_middle_need_not_be_sharp():
+def test_obscured_centre_does_not_affect_merit():
     problems = [DesignProblem(terms=8, omega_min_deg=low) for low in (0.0, 30.0)]
     whole, ring = (optimise(problem, "worst_blur_deg", starts=1) for problem in problems)
     r = om.evaluate(ring.sensor, np.linspace(30.0, ring.sensor.field_deg[1], 2001))
@@ -219,7 +219,7 @@ def test_the_camera_in_the_middle_need_not_be_sharp():
     assert ring.value < whole.value
 
 
-def test_a_search_that_was_stopped_goes_on_where_it_was(tmp_path):
+def test_stopped_search_resumes(tmp_path):
     problem, file = DesignProblem(family="even-polynomial", terms=4), tmp_path / "search.json"
     straight = optimise(problem, starts=2, seed=7)
     optimise(problem, starts=1, seed=7, resume=file)
@@ -249,12 +249,12 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(tmp_path):
         ({"terms": 99}, "terms must be .*; got 99"),
     ],
 )
-def test_impossible_problems_are_refused(change, sentence):
+def test_infeasible_problems_are_rejected(change, sentence):
     with pytest.raises(InvalidParameter, match=sentence):
         DesignProblem(**change)
 
 
-def test_impossible_searches_are_refused():
+def test_invalid_search_settings_are_rejected():
     problem = DesignProblem(family="even-polynomial", terms=3)
     for options, sentence in [
         ({"merit": "sharpness"}, "must be one of worst_floored_area_deg2"),
@@ -312,7 +312,7 @@ def landing(sensor: om.Sensor, omega: float, aperture: np.ndarray, guess: float)
 @pytest.mark.parametrize(
     "merit", [pytest.param(AREAS[0], marks=pytest.mark.full), "worst_blur_deg"]
 )
-def test_real_rays_through_the_full_aperture_make_the_blur(merit):
+def test_blur_agrees_with_real_rays_through_aperture(merit):
     """The whole aperture, edge to edge along and across the meridian, over the real mirror in 3-D."""
     sensor = optimise(DesignProblem(terms=10), merit, starts=1).sensor
     radius = sensor.lens.focal_length_mm / sensor.lens.f_number / 2
@@ -327,7 +327,7 @@ def test_real_rays_through_the_full_aperture_make_the_blur(merit):
 
 
 @pytest.mark.full
-def test_splines_of_more_knots_converge():
+def test_spline_mirrors_converge_with_knots():
     """The residual decreases as 1/N^2, to 0.2830 deg2 and to the proven bound of the single blur."""
     counts = np.array([24, 36, 48, 60])
     problem = DesignProblem(family="slope-spline", mode="paper", image_radius_px=500.0)

@@ -35,14 +35,14 @@ def front():
     return pareto(REQUIREMENTS, MERITS, population=60, generations=40)
 
 
-def test_no_design_of_a_front_is_beaten_by_another(front):
+def test_no_design_of_front_is_dominated(front):
     assert len(front) > 20
     assert (np.diff(front.values[:, 0]) > 0).all()
     assert (np.diff(front.values[:, 1]) < 0).all()
 
 
 @pytest.mark.full
-def test_a_front_is_as_good_as_designs_optimised_one_by_one(front):
+def test_front_agrees_with_individually_optimised_designs(front):
     """The minimum blur area under a uniformity limit, by linear programmes instead of evolution."""
     for i in np.linspace(2, len(front) - 3, 3).astype(int):
         area, uniformity = front.values[i]
@@ -51,7 +51,7 @@ def test_a_front_is_as_good_as_designs_optimised_one_by_one(front):
         assert area <= alone.value * 1.03
 
 
-def test_designs_of_a_front_are_what_they_say(front):
+def test_values_of_front_agree_with_designs(front):
     for i in (0, len(front) // 2, len(front) - 1):
         sensor = front.sensor(i)
         again = looked_at_again(sensor)
@@ -65,7 +65,7 @@ def test_designs_of_a_front_are_what_they_say(front):
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
-def test_the_papers_mirrors_are_beaten_by_the_front(front, name):
+def test_front_dominates_mirrors_of_paper(front, name):
     marks = merit_values(om.load_sensor(name), front.merits, PROBLEM)
     assert (front.values < marks).all(axis=1).any()
     r = om.evaluate(om.load_sensor(name), np.linspace(0, 135, 2001), focus_mm="auto")
@@ -73,7 +73,7 @@ def test_the_papers_mirrors_are_beaten_by_the_front(front, name):
     assert marks[1] == pytest.approx(r.area_px2.max() / r.area_px2.min(), rel=1e-3)
 
 
-def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
+def test_interrupted_evolution_resumes_identically(tmp_path):
     merits, file = ("worst_blur_deg", "worst_aspect"), tmp_path / "front.parquet"
     straight = pareto(REQUIREMENTS, merits, **SMALL)
     pareto(REQUIREMENTS, merits, **{**SMALL, "generations": EPOCH}, resume=file)
@@ -94,7 +94,7 @@ def test_a_stopped_evolution_goes_on_as_if_it_had_not_been(tmp_path):
 
 
 @pytest.mark.full
-def test_three_merits_and_a_limit():
+def test_front_of_three_merits_with_limit():
     limited = replace(REQUIREMENTS, limits=(Limit("viewpoint_spread_mm", at_most=45.0),))
     front = pareto(limited, (*MERITS, "worst_aspect"), population=40, generations=10)
     assert front.values.shape[1] == 3
@@ -102,7 +102,7 @@ def test_three_merits_and_a_limit():
         assert looked_at_again(front.sensor(i))["viewpoint_spread_mm"] <= 45.0 * 1.001
 
 
-def test_a_design_of_a_front_is_judged_like_any_other(front):
+def test_verdict_of_front_design_agrees_with_check(front):
     """Rows of the same requirements for the same sensor, with the names of the requirements."""
     design = front.design(1)
     assert design.rows == om.judge(REQUIREMENTS, front.sensor(1)).rows
@@ -115,7 +115,7 @@ def test_a_design_of_a_front_is_judged_like_any_other(front):
         front.design(len(front))
 
 
-def test_what_cannot_be_a_front_is_refused(tmp_path, monkeypatch):
+def test_invalid_front_settings_are_rejected(tmp_path, monkeypatch):
     with pytest.raises(InvalidParameter, match=r"requires mirror\.optimise"):
         pareto(REQUIREMENTS.changed(optimise=None, shape=None, family="sphere"))
     with pytest.raises(InvalidParameter, match="focus_mm must be omitted"):

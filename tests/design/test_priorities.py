@@ -37,7 +37,7 @@ def blurs_by_hand(sensor: om.Sensor) -> np.ndarray:
     return np.array(found)
 
 
-def test_what_can_be_met_is_met_beside_what_cannot():
+def test_feasible_limits_are_met_beside_infeasible_ones():
     """No focus leaves less than 4 px at the rim: 2 px are required there, and 2.5 px in the centre,
     which is feasible."""
     wanted = parse_requirements(SPHERE.format(rim=2.0, middle=2.5))
@@ -54,7 +54,7 @@ def test_what_can_be_met_is_met_beside_what_cannot():
 
 
 @pytest.mark.full
-def test_what_could_be_met_in_turn_is_missed_by_equal_shares():
+def test_conflicting_limits_are_missed_by_equal_relative_margins():
     """Each of the two is feasible alone: the design balances them."""
     bare = _parameter_search.solve(parse_requirements(SPHERE.format(rim=90.0, middle=90.0)))[
         1
@@ -70,7 +70,7 @@ def test_what_could_be_met_in_turn_is_missed_by_equal_shares():
     )
 
 
-def test_a_mirror_of_free_form_meets_what_can_be_met():
+def test_freeform_mirror_meets_feasible_limits():
     """A single blur of 0.3 deg is less than the lower bound of any mirror: the length limit is
     still met."""
     text = """

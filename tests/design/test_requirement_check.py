@@ -32,7 +32,7 @@ def rows_of(verdict):
     return {row.label: row for row in verdict.rows}
 
 
-def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
+def test_rows_agree_with_sensor_and_evaluation():
     rows = rows_of(om.judge(WANTED, SPHERE))
     assert [*rows] == [
         "omega_max_deg",
@@ -68,7 +68,7 @@ def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "exact-equidistant", "folded-hyperboloidal"])
-def test_a_limit_is_met_from_what_is_reached_on(name):
+def test_limit_equal_to_reached_value_is_met(name):
     """Limits on both sides of the value of the sensor."""
     sensor = om.load_sensor(name)
     wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(
@@ -89,7 +89,7 @@ def test_a_limit_is_met_from_what_is_reached_on(name):
 
 
 @pytest.mark.parametrize(("at_least", "at_most"), [(0.0, None), (None, 0.0), (0.0, 0.0)])
-def test_a_limit_of_zero_is_missed_in_its_own_unit(at_least, at_most):
+def test_zero_limit_is_missed_in_its_own_unit(at_least, at_most):
     """No relative measure at 0: rounding and violation are absolute, in the unit of the quantity."""
     side = -1.0 if at_most is None else 1.0
     for missed, is_met in ((5e-7, True), (5e-6, False)):
@@ -101,7 +101,7 @@ def test_a_limit_of_zero_is_missed_in_its_own_unit(at_least, at_most):
 
 @pytest.mark.parametrize("largest", [True, False])
 @pytest.mark.parametrize("worst", [5.0, -5.0, 0.0])
-def test_of_object_distances_that_tie_the_smallest_angle_is_named(largest, worst):
+def test_smallest_angle_is_named_among_tied_distances(largest, worst):
     """Within 2e-5 of the worst value, independent of the order of distances; a scalar has no angle."""
     side = 1.0 if largest else -1.0
     of = SimpleNamespace(unit="px", extreme=lambda field, _: field)
@@ -115,14 +115,14 @@ def test_of_object_distances_that_tie_the_smallest_angle_is_named(largest, worst
     assert _limit_row(limit, [((worst, None), omega)], ()).omega_deg is None
 
 
-def test_a_design_and_its_sensor_get_the_same_verdict():
+def test_design_and_check_return_same_verdict():
     design = om.design_sensor(WANTED.changed(theta_max_deg=None))
     again = om.judge(design.requirements, design.sensor)
     assert again.rows == design.rows
     assert again.is_met == design.is_met
 
 
-def test_a_focus_that_was_asked_for_is_judged():
+def test_required_focus_is_evaluated():
     at = SPHERE.lens.focus_distance_mm
     for asked, is_met in ((at, True), ((at - 5, at + 5), True), ((at + 1, at + 5), False)):
         row = rows_of(om.judge(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
@@ -130,7 +130,7 @@ def test_a_focus_that_was_asked_for_is_judged():
         assert row.is_met == is_met
 
 
-def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
+def test_end_of_field_is_evaluated_despite_rounding():
     """The same mirror with the same rim angle, computed in two ways that differ by rounding."""
     for off in (-1, 0, 1):
         end = float(np.nextafter(SPHERE.field_deg[1], np.inf * off) if off else SPHERE.field_deg[1])
@@ -144,7 +144,7 @@ def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
         )
 
 
-def test_the_first_of_equally_bad_angles_is_named():
+def test_first_of_equal_worst_angles_is_named():
     """A resolution that is constant except for rounding: the first angle is reported."""
     sensor = om.load_sensor("exact-equidistant")
     limit = om.Limit("dh_domega_px_per_deg", at_least=3.0, omega_deg=(40, 100))
@@ -157,7 +157,7 @@ def test_the_first_of_equally_bad_angles_is_named():
     assert row.reached == pytest.approx(values.min(), rel=1e-9)
 
 
-def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
+def test_limits_use_1001_angles_by_default_and_at_most_100000():
     wanted, sensor = (
         replace(WANTED, limits=(om.Limit("total_blur_px", at_least=1.0),)),
         om.load_sensor("paper-equidistant"),
@@ -176,7 +176,7 @@ def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
 
 
 @pytest.mark.parametrize(("past_px", "is_met"), [(0.015, True), (0.025, False)])
-def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
+def test_rim_may_exceed_imager_by_a_fiftieth_of_a_pixel(past_px, is_met):
     """The pixel edge has this accuracy; the margin of a satisfied requirement is never negative."""
     largest = WANTED.largest_image_px
     pitch = SPHERE.imager.pixel_pitch_um * SPHERE.rim_radius_px / (largest + past_px)
@@ -187,7 +187,7 @@ def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
 
 
 @pytest.mark.parametrize(("name", "is_blur"), [("total_blur_px", True), ("aspect", False)])
-def test_a_limit_of_blur_below_the_airy_disk_says_that_no_focus_helps(name, is_blur):
+def test_blur_limit_below_airy_disk_is_reported(name, is_blur):
     airy = om.evaluate(SPHERE, [90.0]).airy_px
     for share in (0.9, 1.1):
         (row,) = om.judge(
@@ -209,7 +209,7 @@ HOUSING = Housing(rod=Rod(6.0))
 
 
 @pytest.mark.parametrize(("own", "asked"), [(None, HOUSING), (HOUSING, None), (HOUSING, Housing())])
-def test_a_sensor_without_a_housing_is_judged_with_that_of_the_requirements(own, asked):
+def test_sensor_without_housing_uses_housing_of_requirements(own, asked):
     """Three sensors that are equal with the housing; the housing of the sensor itself takes
     precedence."""
     sensor = SPHERE if own is None else replace(SPHERE, housing=own)
@@ -217,7 +217,7 @@ def test_a_sensor_without_a_housing_is_judged_with_that_of_the_requirements(own,
     assert verdict.sensor == replace(SPHERE, housing=HOUSING)
 
 
-def test_over_a_range_of_temperatures_the_worst_counts():
+def test_worst_temperature_determines_verdict():
     """Each limit at its worst temperature, from an evaluation at each; at 20 C without a remark."""
     thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
     wanted = replace(
@@ -273,7 +273,7 @@ def test_temperature_range_is_searched_from_minus_40_to_85_c():
     assert (found.low_c, found.high_c, found.below, found.above) == (-40.0, 85.0, (), ())
 
 
-def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
+def test_only_field_dependent_limits_report_excluded_angles():
     """The central rod obscures the axis: a blur limit excludes it, whereas the length is a scalar."""
     wanted = replace(
         WANTED,
@@ -285,7 +285,7 @@ def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
     assert length.remarks == ()
 
 
-def test_what_cannot_be_judged_is_said():
+def test_unevaluable_requirements_are_reported():
     with pytest.raises(
         InvalidParameter, match=r"the lens of the sensor must be perspective, .* got orthographic"
     ):
@@ -316,7 +316,7 @@ def test_what_cannot_be_judged_is_said():
         ((8.0, 20.0), 12.0, 512.0, None),
     ],
 )
-def test_what_fills_the_imager_stays_within_its_range(focal, theta, radius_px, image_px):
+def test_filling_dimension_stays_within_range(focal, theta, radius_px, image_px):
     asked = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=120),
         mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=40),

@@ -46,7 +46,7 @@ omega_deg = [20, 100]
 """
 
 
-def test_a_file_is_read_as_it_says():
+def test_requirement_file_is_read():
     wanted = parse_requirements(GOOD)
     assert wanted.name == "mine"
     assert wanted.field.object_distance_mm == (500.0, np.inf)
@@ -58,7 +58,7 @@ def test_a_file_is_read_as_it_says():
     assert wanted.limits[1].omega_deg == (20.0, 100.0)
 
 
-def test_changes_go_before_the_file(tmp_path):
+def test_changes_override_file(tmp_path):
     (tmp_path / "r.toml").write_text(GOOD)
     wanted = load_requirements(tmp_path / "r.toml", {"lens": {"f_number": [4, 8]}, "name": "other"})
     assert wanted.lens.f_number == (4.0, 8.0)
@@ -66,7 +66,7 @@ def test_changes_go_before_the_file(tmp_path):
     assert wanted.name == "other"
 
 
-def test_a_table_beside_the_file_is_followed(tmp_path):
+def test_table_relative_to_file_is_read(tmp_path):
     rows = "\n".join(f"{o},{2 * o}" for o in range(0, 121, 5))
     (tmp_path / "map.csv").write_text(f"omega_deg,height\n{rows}\n")
     text = GOOD.replace(
@@ -255,7 +255,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BAD, ids=[m[:45] for *_, m in BAD])
-def test_a_wrong_file_says_where_and_what_would_be_valid(old, new, message):
+def test_file_errors_name_line_and_valid_values(old, new, message):
     assert old in GOOD
     with pytest.raises(SpecError, match=message) as e:
         parse_requirements(GOOD.replace(old, new, 1), source="mine.toml")
@@ -263,26 +263,26 @@ def test_a_wrong_file_says_where_and_what_would_be_valid(old, new, message):
     assert "\n" not in str(e.value)
 
 
-def test_a_limit_may_be_at_one_angle():
+def test_limit_at_single_angle_is_read():
     wanted = parse_requirements(GOOD.replace("[20, 100]", "[90, 90]"))
     assert wanted.limits[1].omega_deg == (90.0, 90.0)
 
 
-def test_a_byte_order_mark_is_no_part_of_the_file(tmp_path):
+def test_byte_order_mark_is_ignored(tmp_path):
     (tmp_path / "r.toml").write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
     assert load_requirements(tmp_path / "r.toml").name == "mine"
     assert parse_requirements("\ufeff" + GOOD).name == "mine"
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "x", None, True, [1.0]])
-def test_a_limit_that_is_no_number_is_refused(value):
+def test_non_numeric_limit_is_rejected(value):
     with pytest.raises(
         InvalidParameter, match=r"at_most.* of total_blur_px|total_blur_px must have at_most or"
     ):
         Limit("total_blur_px", at_most=value)
 
 
-def test_limits_of_parts_that_do_not_meet_are_no_contradiction():
+def test_limits_of_disjoint_ranges_do_not_conflict():
     apart = (
         Limit("aspect", at_most=0.5, omega_deg=(0.0, 19.0)),
         Limit("aspect", at_least=0.8, omega_deg=(20.0, 100.0)),
@@ -333,12 +333,12 @@ WITHIN, AROUND = (20.0, 60.0), (10.0, 90.0)
         (Limit("area_ratio", None, 0.9, WITHIN), Limit("area_ratio", 0.5, None, AROUND), False),
     ],
 )
-def test_limits_of_which_no_sensor_keeps_both_are_found(low, high, is_contradiction):
+def test_contradictory_limits_are_rejected(low, high, is_contradiction):
     assert (low.contradicts(high) is not None) == is_contradiction
     assert (high.contradicts(low) is not None) == is_contradiction
 
 
-def test_a_single_viewpoint_may_be_asked_for():
+def test_single_viewpoint_may_be_required():
     assert Limit("viewpoint_spread_mm", at_most=0.0).at_most == 0.0
 
 
@@ -362,7 +362,7 @@ def made_in_python():
     )
 
 
-def test_a_file_and_dataclasses_say_the_same():
+def test_file_and_dataclasses_are_equivalent():
     assert made_in_python() == parse_requirements(GOOD)
     assert hash(made_in_python()) == hash(parse_requirements(GOOD))
 
@@ -394,7 +394,7 @@ ALL = [
 
 
 @pytest.mark.parametrize("text", ALL)
-def test_requirements_go_into_a_file_and_come_back(text):
+def test_requirements_round_trip_through_file(text):
     wanted = parse_requirements(text)
     assert parse_requirements(format_requirements(wanted)) == wanted
     tables = tomllib.loads(format_requirements(wanted))
@@ -431,13 +431,13 @@ def test_requirements_go_into_a_file_and_come_back(text):
         ),
     ],
 )
-def test_what_is_wrong_in_python_is_said_as_in_a_file(change, message):
+def test_python_errors_agree_with_file_errors(change, message):
     with pytest.raises(OmnimirrorError, match=f"^{message}") as e:
         change()
     assert "\n" not in str(e.value)
 
 
-def test_numbers_of_numpy_are_numbers():
+def test_numpy_numbers_are_accepted():
     field = om.FieldRequirements(
         omega_max_deg=np.int64(120), object_distance_mm=np.array([500, np.inf])
     )
@@ -449,12 +449,12 @@ def test_numbers_of_numpy_are_numbers():
 @pytest.mark.parametrize(
     "change", [{"image_radius_px": 0}, {"image_radius_px": float("nan")}, {"mode": "Exact"}]
 )
-def test_a_problem_with_no_image_or_an_unknown_mode_is_refused(change):
+def test_requirements_without_imager_or_with_unknown_mode_are_rejected(change):
     with pytest.raises(InvalidParameter, match=next(iter(change))):
         DesignProblem(**change)
 
 
-def test_files_that_cannot_be_read(tmp_path):
+def test_unreadable_files_are_rejected(tmp_path):
     with pytest.raises(SpecError, match=r"requirement file .*no\.toml.* not found"):
         load_requirements(tmp_path / "no.toml")
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00\x01")
@@ -469,7 +469,7 @@ def test_files_that_cannot_be_read(tmp_path):
         ("focus_mm = -4\ntheta_max_deg = 12.0", "0"),
     ],
 )
-def test_a_focus_nearer_than_the_focal_length_is_refused(lens, valid):
+def test_focus_below_focal_length_is_rejected(lens, valid):
     text = f'field.omega_max_deg = 100\n[mirror]\nmapping = "equiangular"\nrim_radius_mm = 20\n[lens]\n{lens}\n'
     with pytest.raises(
         SpecError,

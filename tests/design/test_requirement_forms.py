@@ -57,7 +57,7 @@ def parsed(
 
 
 @pytest.mark.parametrize(("looks", "field"), [("up", (30.0, 110.0)), ("down", (70.0, 150.0))])
-def test_elevations_are_those_of_the_directions_that_the_sensor_sees(looks, field):
+def test_elevations_agree_with_directions_of_sensor(looks, field):
     asked = parsed(looks=looks)
     assert (asked.field.omega_min_deg, asked.field.omega_max_deg) == field
     assert asked.limits[0].omega_deg == (90.0, 90.0)
@@ -72,7 +72,7 @@ def test_elevations_are_those_of_the_directions_that_the_sensor_sees(looks, fiel
         assert found.omega_deg[0] == pytest.approx(omega, abs=1e-9)
 
 
-def test_elevations_come_back_from_a_file_as_they_were_said():
+def test_elevations_round_trip_through_file():
     asked = parsed("elevation_deg = [-60.3, 20.7]")
     assert "elevation_deg = [\n    -60.3,\n    20.7,\n]" in om.format_requirements(asked)
     assert parse_requirements(om.format_requirements(asked)) == asked
@@ -103,13 +103,13 @@ def test_elevations_come_back_from_a_file_as_they_were_said():
         ({"part": "elevation_deg = [10, 0]"}, r"limit.0.elevation_deg must be \[LOW, HIGH\]"),
     ],
 )
-def test_elevations_that_say_nothing_are_refused(change, sentence):
+def test_invalid_elevations_are_rejected(change, sentence):
     with pytest.raises(OmnimirrorError, match=sentence) as e:
         parsed(**change)
     assert "\n" not in str(e.value)
 
 
-def test_a_leaning_sensor_has_no_elevations():
+def test_tilted_sensor_rejects_elevations():
     with pytest.raises(OmnimirrorError, match="pitch_deg and roll_deg must be 0 for elevations"):
         Mount("down", pitch_deg=5.0).field_angles_deg((0.0, 1.0))
 
@@ -117,7 +117,7 @@ def test_a_leaning_sensor_has_no_elevations():
 # -- one angle, and the command line ---------------------------------------------------------------
 
 
-def test_limits_on_the_command_line_say_where_and_at_which_frequency():
+def test_command_line_limits_accept_range_and_frequency():
     assert limit("mtf:0.25=0.3@90") == (
         "mtf",
         0.3,
@@ -126,7 +126,7 @@ def test_limits_on_the_command_line_say_where_and_at_which_frequency():
     assert limit("aspect=2@elevation=-10:20") == ("aspect", 2.0, {"elevation_deg": [-10.0, 20.0]})
 
 
-def test_a_limit_at_one_angle_is_judged_there_alone():
+def test_limit_at_single_angle_is_evaluated_only_there():
     asked = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=135),
         mirror=MIRROR,
@@ -149,7 +149,7 @@ ROOM = om.FieldRequirements(
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
-def test_the_distance_is_that_to_the_surface_which_the_ray_meets_first(name):
+def test_object_distance_is_to_first_surface_hit(name):
     sensor = om.load_sensor(name)
     omega = np.linspace(1.0, sensor.field_deg[1], 60)
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
@@ -163,7 +163,7 @@ def test_the_distance_is_that_to_the_surface_which_the_ray_meets_first(name):
     assert (x < 900 + 1e-6).all()
 
 
-def test_beyond_the_horizon_of_a_floor_there_is_nothing():
+def test_floor_has_no_points_above_horizon():
     floor = om.FieldRequirements(omega_max_deg=130, object_plane_distance_mm=700)
     rays = SPHERE.meridian.trace(SPHERE.meridian.x_from_omega(np.radians([60.0, 120.0])))
     (p,) = distances_of(floor, rays)
@@ -171,7 +171,7 @@ def test_beyond_the_horizon_of_a_floor_there_is_nothing():
     assert np.isinf(p[1])
 
 
-def test_behind_a_cover_the_surface_is_where_the_bent_ray_meets_it():
+def test_surface_behind_cover_is_hit_by_refracted_ray():
     sensor = replace(SPHERE, housing=Housing(shell=Dome()))
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([60.0, 110.0])))
     (p,) = distances_of(replace(ROOM, object_plane_distance_mm=None), rays)
@@ -238,7 +238,7 @@ def finite_resolution(sensor, h, surface):
         (DOME, FLOOR, 250.0),
     ],
 )
-def test_resolution_on_an_object_surface_is_that_of_finite_rays(housing, surface, height):
+def test_resolution_on_object_surface_agrees_with_finite_rays(housing, surface, height):
     sensor = om.Sensor(
         Sphere(28.384, 22.0),
         Perspective(6.0, 4.0, 79.46),
@@ -265,7 +265,7 @@ def test_resolution_on_an_object_surface_is_that_of_finite_rays(housing, surface
     assert [reached.dh[0, 0], reached.dw[0, 0]] == pytest.approx([along, around], rel=1e-5)
 
 
-def test_a_design_before_a_wall_is_focused_on_it():
+def test_design_for_wall_is_focused_on_wall():
     """Blur by the evaluation with the distance of each angle, against all other focus settings."""
     asked = om.Requirements(
         field=om.FieldRequirements(
@@ -309,7 +309,7 @@ def test_a_design_before_a_wall_is_focused_on_it():
         ),
     ],
 )
-def test_surfaces_that_do_not_fit_are_refused(field, mirror, sentence):
+def test_invalid_object_surfaces_are_rejected(field, mirror, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         om.Requirements(
             field=replace(ROOM, **field),
@@ -323,7 +323,7 @@ def test_surfaces_that_do_not_fit_are_refused(field, mirror, sentence):
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paraboloid-telecentric"])
 @pytest.mark.parametrize("cycles", few([0.1, 0.25, 0.5], 0.25))
-def test_contrast_is_that_of_waves_through_the_aperture(name, cycles):
+def test_mtf_agrees_with_diffraction_integral(name, cycles):
     """Except for aberrations omitted in the closed form: coma and others, largest in radial
     direction."""
     sensor = om.load_sensor(name)
@@ -336,7 +336,7 @@ def test_contrast_is_that_of_waves_through_the_aperture(name, cycles):
         assert np.abs(contrast(blur, found.airy_px, cycles)) == pytest.approx(there[:, 0], abs=near)
 
 
-def test_contrast_has_exact_derivatives():
+def test_mtf_has_exact_derivatives():
     for real in (
         lambda v: contrast(v, np.array([1.09]), 0.3),
         lambda v: contrast(np.array([2.0]), v, 0.3),
@@ -346,20 +346,20 @@ def test_contrast_has_exact_derivatives():
         assert slope == pytest.approx((real(at + 1e-6) - real(at - 1e-6)) / 2e-6, rel=1e-6)
 
 
-def test_contrast_ends_where_diffraction_does():
+def test_mtf_is_zero_above_cutoff():
     assert contrast(np.array([0.0]), np.array([2.44]), 1.001)[0] == 0.0
     assert contrast(np.array([0.0]), np.array([2.44]), 0.9)[0] > 0.0
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric"])
-def test_light_is_what_the_rays_through_the_aperture_bring(name):
+def test_illumination_agrees_with_rays_through_aperture(name):
     sensor = om.load_sensor(name)
     omega = np.linspace(*sensor.field_deg, 6)[1:-1]
     light = values_of_evaluation(om.evaluate(sensor, omega)).light
     assert light == pytest.approx(om.illumination(sensor, omega).relative, rel=0.003)
 
 
-def test_a_mirror_of_free_form_keeps_contrast_and_light():
+def test_freeform_mirror_meets_mtf_and_illumination_limits():
     mirror = om.MirrorRequirements(
         optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=43.9
     )
@@ -399,12 +399,12 @@ def test_a_mirror_of_free_form_keeps_contrast_and_light():
         ),
     ],
 )
-def test_wrong_frequencies_are_refused(entries, sentence):
+def test_invalid_frequencies_are_rejected(entries, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         om.Limit(**entries)
 
 
-def test_contrasts_of_two_frequencies_are_no_contradiction():
+def test_mtf_limits_at_two_frequencies_do_not_conflict():
     fine, coarse = (
         om.Limit("mtf", 0.3, cycles_per_px=0.4),
         om.Limit("mtf", at_least=0.5, cycles_per_px=0.1),
@@ -417,7 +417,7 @@ def test_contrasts_of_two_frequencies_are_no_contradiction():
 
 
 @pytest.mark.parametrize("magnification", [0.02, 0.05, (0.02, 0.05)])
-def test_a_telecentric_lens_that_is_bought_keeps_its_magnification(magnification):
+def test_catalogue_telecentric_lens_keeps_magnification(magnification):
     asked = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=90),
         mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
@@ -431,7 +431,7 @@ def test_a_telecentric_lens_that_is_bought_keeps_its_magnification(magnification
 
 
 @pytest.mark.full
-def test_a_magnification_that_overfills_the_imager_is_told():
+def test_excessive_magnification_is_reported():
     asked = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=90),
         mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
@@ -441,7 +441,7 @@ def test_a_magnification_that_overfills_the_imager_is_told():
     assert verdict.missed == ("image_radius_px",)
 
 
-def test_a_free_form_under_a_telecentric_lens_that_is_bought():
+def test_freeform_mirror_under_catalogue_telecentric_lens():
     asked = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=90),
         mirror=om.MirrorRequirements(
@@ -464,7 +464,7 @@ def strip(**lens):
     )
 
 
-def test_a_strip_may_be_filled_along_its_long_side_and_what_falls_off_is_told():
+def test_long_side_may_be_filled_and_cropped_field_is_reported():
     sensor = om.design_sensor(strip(fills="long-side")).sensor
     assert sensor.rim_radius_px == pytest.approx(960, abs=0.02)
     (said,) = cut_off(sensor)
@@ -479,12 +479,12 @@ def test_a_strip_may_be_filled_along_its_long_side_and_what_falls_off_is_told():
     assert cut_off(om.design_sensor(strip()).sensor) == ()
 
 
-def test_a_lens_that_covers_less_than_the_imager_keeps_the_rim_within():
+def test_small_image_circle_limits_rim():
     sensor = om.design_sensor(strip(image_circle_mm=2.4)).sensor
     assert sensor.rim_radius_px == pytest.approx(400, abs=0.02)
 
 
-def test_the_smallest_focus_of_a_lens_is_the_low_end_of_a_range():
+def test_minimum_focus_of_lens_bounds_range():
     asked = parsed(
         "omega_max_deg = 110", lens="focal_length_mm = 6\nfocus_mm = [200, inf]", part=""
     )
@@ -506,6 +506,6 @@ def test_the_smallest_focus_of_a_lens_is_the_low_end_of_a_range():
         ("focal_length_mm = 6\nimage_circle_mm = -1", "lens.image_circle_mm must be .*; got -1"),
     ],
 )
-def test_lenses_that_cannot_be_are_refused(lens, sentence):
+def test_invalid_lenses_are_rejected(lens, sentence):
     with pytest.raises(OmnimirrorError, match=sentence):
         parsed(lens=lens)
