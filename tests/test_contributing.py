@@ -56,7 +56,7 @@ def ignored(files: list[Path]) -> set[str]:
 
 
 @pytest.mark.parametrize("page", NAMED_IN)
-def test_programs_that_are_named_are_there(page):
+def test_named_programs_exist(page):
     """Present here and in a clone."""
     named = {
         name
@@ -74,7 +74,7 @@ def test_programs_that_are_named_are_there(page):
     assert ignored(list(there.values())) == set()
 
 
-def test_the_table_of_mutation_testing_names_modules_and_tests_that_exist():
+def test_mutation_table_names_existing_modules_and_tests():
     table = tomllib.loads((CHECKOUT / "tests" / "mutation.toml").read_text())
     assert len(table["tests"]) >= 30
     paths = {
@@ -401,7 +401,7 @@ def command(sensor: str, size: ScaleOptions) -> None:
 '''
 
 
-def test_a_command_is_a_module_and_its_name(copy):
+def test_adding_a_command(copy):
     cli = copy / "src" / "omnimirror" / "apps" / "cli"
     (cli / "commands" / "girth.py").write_text(COMMAND)
     edit(
@@ -435,7 +435,7 @@ export function begin(place: HTMLElement, store: Store): void {
 
 
 @pytest.mark.full
-def test_a_tab_is_a_room_that_the_types_and_the_rules_of_rooms_allow(tmp_path):
+def test_adding_a_tab_to_the_studio(tmp_path):
     if shutil.which("node") is None or not (WEB / "node_modules" / "typescript").is_dir():
         pytest.skip("the page's types need Node and web/node_modules: make node")
     web = tmp_path / "web"
@@ -542,7 +542,7 @@ except ValueError as e:
 
 
 @pytest.mark.full
-def test_a_kernel_is_a_room_of_its_own(copy):
+def test_adding_a_kernel(copy):
     if shutil.which("cmake") is None or find_spec("nanobind") is None:
         pytest.skip("kernels are compiled by cmake and nanobind, which are not both here")
     native, package = copy / "native", copy / "src" / "omnimirror"

@@ -72,7 +72,7 @@ WITH_COMMANDS = [p for p in PAGES if blocks(p, "console")]
 
 @pytest.mark.long
 @pytest.mark.parametrize("page", every_day(WITH_EXAMPLES, LONG_EXAMPLES), ids=lambda p: p.name)
-def test_python_examples_run_in_order_and_print_what_is_shown(page, tmp_path, monkeypatch, capsys):
+def test_python_examples_print_documented_output(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_files(page, tmp_path)
     names: dict[str, object] = {}
@@ -142,7 +142,7 @@ def is_near(shown: str, printed: str) -> bool:
 
 @pytest.mark.long
 @pytest.mark.parametrize("page", every_day(WITH_COMMANDS, LONG_COMMANDS), ids=lambda p: p.name)
-def test_commands_run_in_order_and_print_what_is_shown(page, tmp_path):
+def test_commands_print_documented_output(page, tmp_path):
     """Without figures, which take half of the time; the next test includes them."""
     run_in_order(
         [(FIGURES.sub("", command), shown) for command, shown in commands(page, "console")],
@@ -152,7 +152,7 @@ def test_commands_run_in_order_and_print_what_is_shown(page, tmp_path):
 
 
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=lambda p: p.name)
-def test_python_examples_name_what_is_there(page):
+def test_python_examples_use_existing_names(page):
     for node in ast.walk(ast.parse("".join(blocks(page, "python")))):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("omnimirror"):
             assert all(hasattr(import_module(node.module), name.name) for name in node.names), (
@@ -163,7 +163,7 @@ def test_python_examples_name_what_is_there(page):
 
 
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda p: p.name)
-def test_commands_name_options_that_there_are(page):
+def test_commands_use_existing_options(page):
     for line, _ in commands(page, "console"):
         _, name, *words = shlex.split(line)
         command = app.get_command(click.Context(app), name)
@@ -196,7 +196,7 @@ def run_in_order(commands: list[tuple[str, list[str]]], page: Path, folder: Path
     [p for p in PAGES if any(FIGURES.search(block) for block in blocks(p, "console"))],
     ids=lambda p: p.name,
 )
-def test_commands_draw_what_they_are_asked_for(page, tmp_path):
+def test_commands_write_requested_figures(page, tmp_path):
     run_in_order(commands(page, "console"), page, tmp_path)
     for option in FIGURES.findall("\n".join(blocks(page, "console"))):
         drawn = tmp_path / option.split()[1]
@@ -207,7 +207,7 @@ def test_commands_draw_what_they_are_asked_for(page, tmp_path):
 @pytest.mark.parametrize(
     "page", [p for p in PAGES if blocks(p, "console slow")], ids=lambda p: p.name
 )
-def test_slow_commands_print_what_is_shown(page, tmp_path):
+def test_slow_commands_print_documented_output(page, tmp_path):
     write_files(page, tmp_path)
     for command, shown in commands(page, "console slow"):
         assert_printed(shown, run_command(command, tmp_path, (0, 3)), command)
@@ -312,7 +312,7 @@ def headings(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
 
 
-def test_links_between_pages_lead_somewhere():
+def test_links_between_pages_are_valid():
     for page in [
         *PAGES,
         ROOT / "CHANGELOG.md",
@@ -329,7 +329,7 @@ def test_links_between_pages_lead_somewhere():
                 assert anchor in headings(there), f"{page.name} links to {target}#{anchor}"
 
 
-def test_the_site_names_every_page_and_its_reference_every_public_name(tmp_path, monkeypatch):
+def test_site_contains_every_page_and_public_name(tmp_path, monkeypatch):
     spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site_pages.py")
     site = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(site)

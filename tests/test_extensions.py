@@ -164,11 +164,11 @@ def sensor_with(mirror: Mirror) -> om.Sensor:
     return om.Sensor(mirror, paper.lens, paper.imager, mirror_distance_mm=180.0, name="mine")
 
 
-def test_a_mirror_of_ones_own_keeps_the_contract(quartic):
+def test_user_mirror_meets_contract(quartic):
     check_mirror(quartic)
 
 
-def test_the_contract_finds_a_wrong_slope(quartic, monkeypatch):
+def test_contract_detects_wrong_slope(quartic, monkeypatch):
     """The error 0.001 slope is largest at the outermost sample, 0.93 of the rim, with the slope 2 *
     0.93^3."""
     monkeypatch.setattr(Quartic, "wrong", 1.001)
@@ -338,14 +338,14 @@ BREACHES = {
 @pytest.mark.parametrize(
     ("members", "sentence"), BREACHES.values(), ids=[k.replace(" ", "-") for k in BREACHES]
 )
-def test_the_contract_names_what_a_mirror_breaks(members, sentence, quartic, monkeypatch):
+def test_contract_names_violated_rule(members, sentence, quartic, monkeypatch):
     for name, member in members.items():
         monkeypatch.setattr(Quartic, name, member)
     with pytest.raises(AssertionError, match=sentence):
         check_mirror(quartic)
 
 
-def test_the_contract_allows_a_mirror_that_is_lowest_between_vertex_and_rim(quartic, monkeypatch):
+def test_contract_allows_minimum_between_vertex_and_rim(quartic, monkeypatch):
     """z = 20 (u^4 - u^2) mm with its minimum at u = 0.71; bounds are those of the sag at 513
     points."""
     members = with_profile(
@@ -359,12 +359,12 @@ def test_the_contract_allows_a_mirror_that_is_lowest_between_vertex_and_rim(quar
     check_mirror(quartic)
 
 
-def test_the_contract_is_one_of_mirrors():
+def test_contract_rejects_objects_that_are_not_mirrors():
     with pytest.raises(TypeError, match="mirror must be a mirror; got 3"):
         check_mirror(3)
 
 
-def test_a_registered_mirror_is_read_traced_evaluated_and_bounded(quartic, tmp_path):
+def test_registered_mirror_is_read_traced_and_evaluated(quartic, tmp_path):
     sensor = sensor_with(quartic)
     save_sensor(sensor, tmp_path / "mine.toml")
     assert load_sensor(tmp_path / "mine.toml") == sensor
@@ -384,7 +384,7 @@ def test_a_registered_mirror_is_read_traced_evaluated_and_bounded(quartic, tmp_p
         )
 
 
-def test_what_is_no_mirror_is_refused(quartic):
+def test_invalid_mirror_registration_is_rejected(quartic):
     class Plain(Mirror):
         KIND = "plain"
 
@@ -411,7 +411,7 @@ def test_what_is_no_mirror_is_refused(quartic):
         om.register_format("other", om.manufacturing.Format(print, (".step",)))
 
 
-def test_an_installed_package_brings_a_mirror(installed, tmp_path):
+def test_installed_package_adds_mirror(installed, tmp_path):
     bowl = {"kind": "bowl", "depth_mm": 20.0, "rim_radius_mm": 44.0}
     text = tomli_w.dumps(tables_of(load_sensor("paper-spherical")) | {"mirror": bowl})
     (tmp_path / "bowl.toml").write_text(text)
@@ -428,7 +428,7 @@ def test_an_installed_package_brings_a_mirror(installed, tmp_path):
     assert "Traceback" not in run.stderr
 
 
-def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, environment, tmp_path):
+def test_unusable_plugins_are_reported_and_omitted(installed, environment, tmp_path):
     run = omnimirror(installed, tmp_path, "init", "new.toml")
     assert run.returncode == 0, run.stderr
     assert "cannot load a mirror 'broken' of bowls (bowls:NotThere): module 'bowls'" in run.stderr
@@ -446,7 +446,7 @@ def test_what_cannot_be_used_is_named_and_left_out_of_lists(installed, environme
     assert "'broken'" not in run.stdout
 
 
-def test_an_installed_package_brings_a_view_and_a_format(installed, tmp_path):
+def test_installed_package_adds_view_and_format(installed, tmp_path):
     om.write_image(tmp_path / "a.png", np.full((1024, 1024, 3), 90, np.uint8))
     look = ("dewarp", "a.png", "--sensor", "paper-spherical", "--view", "fan", "--size", "320x80")
     run = omnimirror(installed, tmp_path, *look, "--pan-deg", "30", "--black", "-o", "fan.png")
@@ -470,7 +470,7 @@ def lens_distance():
     LIMITABLE.withdraw(LENS.name)
 
 
-def test_a_quantity_of_ones_own_is_judged_and_kept_by_designs(lens_distance):
+def test_user_quantity_is_checked_and_met_by_designs(lens_distance):
     """Lens distance, by the attribute of the sensor; the optimiser's sphere would need 172 mm."""
     sphere = load_sensor("paper-spherical")
     like = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
@@ -491,7 +491,7 @@ def test_a_quantity_of_ones_own_is_judged_and_kept_by_designs(lens_distance):
     assert design.sensor.mirror_distance_mm <= 150.0 * (1 + 1e-6)
 
 
-def test_an_installed_package_brings_a_quantity(installed, tmp_path):
+def test_installed_package_adds_quantity(installed, tmp_path):
     least = om.evaluate(load_sensor("paper-spherical"), np.linspace(0, 130, 1001)).area_px2.min()
     lines = ("field.omega_max_deg = 130", 'mirror = {family = "sphere", rim_radius_mm = [43, 44]}')
     limit = "lens.focal_length_mm = 11.6", "[[limit]]", 'quantity = "density_px2"', "at_least = 4.0"
@@ -523,7 +523,7 @@ class Staircase:
         )
 
 
-def test_a_screen_of_ones_own_is_drawn_without_registration():
+def test_user_screen_is_rendered_without_registration():
     """Its pixels have the camera values of these directions."""
     camera, screen = load_sensor("paper-spherical"), Staircase()
     v, u = np.mgrid[:1024, :1024]
@@ -559,7 +559,7 @@ class Pinhole:
         return Projection(np.where(valid[:, None], pixels, np.nan), valid)
 
 
-def test_a_camera_of_ones_own_is_straightened_without_registration():
+def test_user_camera_is_dewarped_without_registration():
     camera = Pinhole()
     v, u = np.mgrid[:101, :101]
     picture = np.stack([2 * u, 2 * v, np.full_like(u, 77)], axis=-1).astype(np.uint8)
@@ -571,7 +571,7 @@ def test_a_camera_of_ones_own_is_straightened_without_registration():
     assert 2 * away == pytest.approx(abs(int(straight[10, 20, 1]) - 100), abs=1.5)
 
 
-def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tmp_path):
+def test_installed_package_adds_camera_file_format(installed, tmp_path):
     camera = om.OCam(
         polynomial=(-100.0, 0.0, 0.002), centre_px=(310.5, 240.25), image_size=(640, 480)
     )
@@ -584,7 +584,7 @@ def test_a_camera_file_of_an_installed_package_is_written_and_read(installed, tm
     assert om.load_camera(tmp_path / "b.toml") == camera
 
 
-def test_a_camera_format_has_a_name_of_its_own():
+def test_camera_format_names_are_unique():
     with pytest.raises(
         InvalidParameter, match="the name of a camera format must be unique; got 'kalibr'"
     ):

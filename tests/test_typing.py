@@ -13,11 +13,11 @@ import omnimirror as om
 SOURCE = Path(om.__file__)
 
 
-def test_the_package_says_that_it_is_typed():
+def test_package_is_marked_as_typed():
     assert (SOURCE.parent / "py.typed").exists()
 
 
-def test_checkers_are_told_of_every_public_name_from_where_it_is():
+def test_type_checkers_resolve_every_public_name():
     told = {}
     for node in ast.walk(ast.parse(SOURCE.read_text())):
         if (
@@ -32,7 +32,7 @@ def test_checkers_are_told_of_every_public_name_from_where_it_is():
 
 
 @pytest.mark.full
-def test_a_users_script_is_checked(tmp_path):
+def test_user_script_is_type_checked(tmp_path):
     api = pytest.importorskip("mypy.api")
     script = tmp_path / "script.py"
     script.write_text(

@@ -220,14 +220,14 @@ def led(order: list[str], files: list[str]) -> list[str]:
     return [module for module in files if module in calls]
 
 
-def test_every_walk_is_gone():
+def test_every_walk_is_executed():
     assert walks().keys() == WAYS.keys()
 
 
 @pytest.mark.parametrize(
     "name", few(WAYS, *list(WAYS)[:3], "slider to plot", "tolerances to yield")
 )
-def test_a_walk_leads_through_its_files(name, tmp_path, monkeypatch):
+def test_walk_uses_documented_modules(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     files = walks()[name]
     for module in files:
@@ -237,7 +237,7 @@ def test_a_walk_leads_through_its_files(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_a_walk_is_short(name):
+def test_walk_uses_limited_number_of_modules(name):
     rooms = [module.rpartition(".")[0] for module in walks()[name]]
     stays = [room for before, room in zip([None, *rooms], rooms, strict=False) if room != before]
     assert len(set(stays)) <= MOST_ROOMS

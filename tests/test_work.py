@@ -59,7 +59,7 @@ def most_bytes(allowed: float):
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paper-equidistant"])
-def test_a_best_focus_traces_its_rays_twice_and_looks_at_few_focuses(counted, name):
+def test_best_focus_traces_rays_twice(counted, name):
     """Once to find the mirror points, close enough for one Newton step, and once at these points."""
     sensor = om.load_sensor(name)
     om.best_focus(sensor)  # fills the table cache
@@ -70,7 +70,7 @@ def test_a_best_focus_traces_its_rays_twice_and_looks_at_few_focuses(counted, na
     assert counted["__call__"] <= 25  # the scan is one
 
 
-def test_the_field_that_a_picture_holds_costs_no_ray_but_its_ends(counted):
+def test_field_of_image_traces_only_boundary_rays(counted):
     counted.calls_of(om.Sensor, "backproject")
     counted.calls_of(om.Sensor, "project_directions")
     om.views.panorama(om.load_sensor("paper-spherical"))
@@ -78,7 +78,7 @@ def test_the_field_that_a_picture_holds_costs_no_ray_but_its_ends(counted):
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
-def test_designs_by_the_thousand_hold_their_columns_and_hardly_more():
+def test_design_batch_memory_is_that_of_its_columns():
     c = [0.6409, 0.155, -0.01] * np.ones((2000, 1))
     designs = Designs(family("even-polynomial", 3), c, 172.0, 43.9, 11.6, 4.0, 5.2)
     evaluate_designs(designs, native=True)
@@ -86,7 +86,7 @@ def test_designs_by_the_thousand_hold_their_columns_and_hardly_more():
         evaluate_designs(designs, native=True)
 
 
-def test_a_dewarper_that_is_given_its_picture_holds_no_other():
+def test_dewarper_with_given_output_allocates_no_image():
     sensor = om.load_sensor("paper-spherical")
     dewarp = om.Dewarper(sensor, om.screens.Plane((640, 480), tilt_deg=-20))
     picture = np.zeros((1024, 1024, 3), np.uint8)
@@ -95,7 +95,7 @@ def test_a_dewarper_that_is_given_its_picture_holds_no_other():
         dewarp(picture, out=out)
 
 
-def test_what_lies_in_the_field_is_found_without_a_map_of_all_pixels():
+def test_field_is_found_without_full_map():
     sensor = om.load_sensor("paper-spherical")
     dewarp = om.Dewarper(sensor, om.screens.Plane((1280, 960), tilt_deg=40.0, hfov_deg=100.0))
     inside = np.isfinite(dewarp.coordinates()[..., 0])
@@ -110,7 +110,7 @@ def test_what_lies_in_the_field_is_found_without_a_map_of_all_pixels():
     ("detector", "allowed"),
     [(om.Detector(), 0.5), (om.Detector(full_well_e=1e4, read_noise_e=4.0), 1.0)],
 )
-def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed):
+def test_detector_readout_allocates_no_full_copies(detector, allowed):
     """Relative to the light: the image is 25 %, and the electrons 50 %, converted to digital
     numbers in place."""
     light = np.full((1000, 1000, 3), 0.3, np.float32)
@@ -126,7 +126,7 @@ def test_light_is_read_out_without_copies_of_the_whole_picture(detector, allowed
     [om.Room(texel_mm=40.0), om.Environment(np.full((16, 32, 3), 0.4, np.float32))],
     ids=type,
 )
-def test_a_picture_never_holds_its_light_as_a_whole(world):
+def test_rendering_allocates_no_full_radiance_image(world):
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
     om.render_image(sensor, world, samples=1)  # one-time preparation
@@ -134,7 +134,7 @@ def test_a_picture_never_holds_its_light_as_a_whole(world):
         om.render_image(replace(sensor, imager=imager), world, samples=1, workers=2)
 
 
-def test_a_noisy_picture_never_holds_its_light_as_a_whole():
+def test_noisy_rendering_allocates_no_full_radiance_image():
     """2 bytes per value for electrons, replaced in place by digital numbers, and temporary data.
 
     These are up to six rows of tiles and the buffers of the kernels, depending on threads; light
@@ -155,7 +155,7 @@ def test_a_noisy_picture_never_holds_its_light_as_a_whole():
         taken(replace(sensor, imager=imager))
 
 
-def test_edges_of_a_picture_are_found_without_its_slopes_as_a_whole():
+def test_edge_detection_allocates_no_full_gradient_image():
     """2 bytes per pixel and gradient, 1 byte of flags, and a band of temporary data, instead of 41
     bytes for the whole image."""
     picture = np.zeros((6000, 2000), np.uint8)
@@ -164,7 +164,7 @@ def test_edges_of_a_picture_are_found_without_its_slopes_as_a_whole():
         edge_chains(picture)
 
 
-def test_a_mirror_behind_a_dome_is_looked_at_to_the_rim_only_once_it_is_found(counted):
+def test_dome_coverage_is_traced_to_rim_only_at_solution(counted):
     """The surface is not checked for intermediate iterates, which took most of the time."""
     rim = RimRay(120.0, 12.0, 30.0)
     exact = TabulatedMapping.from_function(lambda omega: omega, 120.0, 12.0, 30.0)

@@ -118,12 +118,12 @@ def read(layout, data, camera):
     return HOME[layout].read(CameraFile(reading.source, data), reading)
 
 
-def test_every_layout_holds_something():
+def test_every_format_stores_a_camera():
     assert {p.values[0] for p in HELD} == set(LAYOUTS)
 
 
 @pytest.mark.parametrize(("layout", "name"), HELD)
-def test_what_is_written_is_recognised_as_that_and_nothing_else(layout, name):
+def test_written_files_are_recognised_as_one_format(layout, name):
     data = written(layout, CAMERAS[name])
     found = [
         kind for kind in FORMATS.values() if kind.recognises(CameraFile(file_name(layout), data))
@@ -135,7 +135,7 @@ def test_what_is_written_is_recognised_as_that_and_nothing_else(layout, name):
 @pytest.mark.parametrize(
     "mount", [Mount(), Mount("forward", 20.0, image_flipped=True)], ids=["plain", "flipped"]
 )
-def test_what_is_held_comes_back_to_the_pixel(layout, name, mount):
+def test_stored_cameras_round_trip(layout, name, mount):
     camera = replace(CAMERAS[name], mount=mount)
     (stored,) = read(layout, written(layout, camera), camera)
     pixels = np.random.default_rng(3).uniform(0, np.array(camera.image_size) - 1, (300, 2))
@@ -157,7 +157,7 @@ def refusal(layout, data, camera):
 
 
 @pytest.mark.parametrize(("layout", "name"), HELD)
-def test_a_file_that_is_cut_off_or_lacks_a_part_is_refused_in_one_sentence(layout, name):
+def test_truncated_or_incomplete_files_are_rejected(layout, name):
     """Or read, for example with a missing comment; any other exception fails the test."""
     camera = CAMERAS[name]
     data = written(layout, camera)
@@ -189,7 +189,7 @@ WORDS = [
 
 
 @given(st.sampled_from(HELD), st.integers(0, 40), st.sampled_from(WORDS))
-def test_a_file_with_one_wrong_number_is_read_or_refused_in_one_sentence(case, which, word):
+def test_files_with_one_wrong_number_are_read_or_rejected(case, which, word):
     layout, name = case.values
     data = written(layout, CAMERAS[name])
     parts = re.split(rb"(?<![\w.])(-?\d+\.?\d*(?:e[-+]?\d+)?)", data)
@@ -201,7 +201,7 @@ def test_a_file_with_one_wrong_number_is_read_or_refused_in_one_sentence(case, w
 
 
 @given(st.sampled_from(sorted(FORMATS)), st.binary(max_size=200))
-def test_any_bytes_are_refused(name, data):
+def test_arbitrary_bytes_are_rejected(name, data):
     FORMATS[name].recognises(CameraFile("camera", data))
     with pytest.raises(SpecError, match=r"^(cannot read )?camera"):
         FORMATS[name].read(CameraFile("camera", data), ReadOptions("camera"))

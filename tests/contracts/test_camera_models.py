@@ -171,7 +171,7 @@ def differences(function, step):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_derivatives_to_points_and_directions(model):
+def test_derivatives_by_points_and_directions(model):
     points = points_of(model)
     assert len(points) > 150
     for distant in (False, True):
@@ -192,7 +192,7 @@ def test_derivatives_to_points_and_directions(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_derivatives_to_parameters(model):
+def test_derivatives_by_parameters(model):
     points = points_of(model, inside=0.95)
     found = model.image(points)
     values = np.array([p.value for p in model.parameters])
@@ -218,7 +218,7 @@ def test_derivatives_to_parameters(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_parameters_have_names_of_their_own_and_come_back(model):
+def test_parameters_have_unique_names_and_round_trip(model):
     parameters = model.parameters
     assert isinstance(model, CameraModel)
     assert len({p.name for p in parameters}) == len(parameters)
@@ -235,7 +235,7 @@ def test_parameters_have_names_of_their_own_and_come_back(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_the_image_is_what_the_camera_projects(model):
+def test_image_positions_agree_with_projection(model):
     """Projection to image coordinates; the world frame is the camera frame rotated by the mount."""
     points = points_of(model)
     turn = model.mount.rotation()
@@ -248,7 +248,7 @@ def test_the_image_is_what_the_camera_projects(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_past_the_end_of_the_model_there_is_nothing(model):
+def test_projection_outside_model_domain_is_nan(model):
     ahead = -1.0 if model.optics == "mirror" else 1.0
     for factor, seen in ((1 - 1e-6, True), (1 + 1e-6, False)):
         if not seen and model.model_end > 3.14159:
@@ -265,7 +265,7 @@ def test_past_the_end_of_the_model_there_is_nothing(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_the_image_grows_up_to_the_end(model):
+def test_image_radius_increases_up_to_end_of_domain(model):
     """No pixel corresponds to two field angles."""
     omega = np.linspace(0.0, model.model_end, 4001)
     radius = model.radius_from_omega(omega[:-1])
@@ -274,7 +274,7 @@ def test_the_image_grows_up_to_the_end(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_far_points_are_seen_like_their_directions(model):
+def test_distant_points_are_projected_as_directions(model):
     points = points_of(model)
     far, distant = model.image(1e9 * points), model.image(points, distant=True)
     np.testing.assert_allclose(far.pixels, distant.pixels, atol=1e-5)
@@ -287,7 +287,7 @@ def test_far_points_are_seen_like_their_directions(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_it_is_pickled_and_read_back_from_its_own_words(model):
+def test_pickle_and_repr_round_trip(model):
     assert pickle.loads(pickle.dumps(model)) == model
     assert hash(model) == hash(pickle.loads(pickle.dumps(model)))
     assert eval(repr(model)) == model
@@ -296,7 +296,7 @@ def test_it_is_pickled_and_read_back_from_its_own_words(model):
 
 
 @pytest.mark.parametrize("model", CASES)
-def test_the_empty_set_has_an_image(model):
+def test_projection_of_empty_arrays(model):
     found = model.image(np.empty((0, 3)))
     assert found.pixels.shape == (0, 2)
     assert found.d_parameters.shape == (0, 2, len(model.parameters))

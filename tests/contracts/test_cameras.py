@@ -186,7 +186,7 @@ def some_directions(count=400):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_it_is_a_camera(camera):
+def test_implements_camera_protocol(camera):
     assert isinstance(camera, Camera)
 
 
@@ -214,7 +214,7 @@ NO_VECTORS = (
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_what_are_no_vectors_is_refused_with_a_sentence(name):
+def test_invalid_vectors_are_rejected(name):
     camera = MODELS[name]
     for method, argument in (
         (camera.backproject, "pixels"),
@@ -227,7 +227,7 @@ def test_what_are_no_vectors_is_refused_with_a_sentence(name):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_directions_lead_back_to_their_pixels(camera):
+def test_project_directions_inverts_backproject(camera):
     pixels = some_pixels(camera)
     origins, directions, valid = camera.backproject(pixels)
     assert valid.sum() > 100
@@ -241,7 +241,7 @@ def test_directions_lead_back_to_their_pixels(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_rays_are_unit_vectors_or_nothing(camera):
+def test_backproject_returns_unit_vectors_or_nan(camera):
     width, height = camera.image_size
     pixels = np.concatenate(
         [some_pixels(camera), [[-0.6, 3.0], [3.0, height], [width + 1e9, 0.0], [np.nan, 5.0]]]
@@ -256,7 +256,7 @@ def test_rays_are_unit_vectors_or_nothing(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_pixels_are_in_the_picture_or_nothing(camera):
+def test_project_returns_pixels_in_image_or_nan(camera):
     directions = np.concatenate([some_directions(), np.eye(3), -np.eye(3)])
     pixels, valid = camera.project_directions(directions)
     width, height = camera.image_size
@@ -270,7 +270,7 @@ def test_pixels_are_in_the_picture_or_nothing(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_the_length_of_a_direction_does_not_matter(camera):
+def test_projection_is_independent_of_vector_length(camera):
     directions = some_directions()
     short, long = camera.project_directions(directions), camera.project_directions(directions * 1e4)
     np.testing.assert_array_equal(short.valid, long.valid)
@@ -278,7 +278,7 @@ def test_the_length_of_a_direction_does_not_matter(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_far_points_are_seen_like_their_directions(camera):
+def test_distant_points_are_projected_as_directions(camera):
     directions = some_directions()
     near_enough = camera.project(directions * 1e10)
     limit = camera.project_directions(directions)
@@ -288,7 +288,7 @@ def test_far_points_are_seen_like_their_directions(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_the_symmetry_it_claims_is_there(camera):
+def test_declared_axial_symmetry_holds(camera):
     """Directions about the claimed axis are imaged at the claimed radius and equidistant azimuths."""
     symmetry = camera.symmetry
     if symmetry is None:
@@ -312,7 +312,7 @@ def test_the_symmetry_it_claims_is_there(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_right_and_down_are_where_it_says(camera):
+def test_orientation_of_image_axes(camera):
     symmetry = camera.symmetry
     if symmetry is None:
         return
@@ -333,7 +333,7 @@ def test_right_and_down_are_where_it_says(camera):
 
 
 @pytest.mark.parametrize("camera", CASES)
-def test_rays_start_where_the_symmetry_says(camera):
+def test_ray_origins_agree_with_axial_symmetry(camera):
     """Any point of the ray is accepted: the line counts."""
     symmetry = camera.symmetry
     if symmetry is None:
@@ -378,7 +378,7 @@ TABLES = [
 
 
 @pytest.mark.parametrize("camera", TABLES)
-def test_the_radial_table_is_the_projection(camera, table_of):
+def test_radial_table_agrees_with_projection(camera, table_of):
     """Interpolated table against the camera; visibility agrees except at the very boundary."""
     if camera.symmetry is None:
         return
@@ -396,7 +396,7 @@ def test_the_radial_table_is_the_projection(camera, table_of):
 
 
 @pytest.mark.parametrize("camera", TABLES)
-def test_the_radial_table_is_the_projection_of_near_points(camera, table_of):
+def test_radial_table_agrees_with_projection_of_near_points(camera, table_of):
     """Including points at, behind and inside the mirror, and in its shadow."""
     if camera.symmetry is None:
         return
@@ -430,7 +430,7 @@ LENSES = {
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 @pytest.mark.parametrize("lens", LENSES)
-def test_every_mirror_aligned_or_tilted_maps_one_to_one_or_is_refused(kind, lens):
+def test_every_mirror_maps_one_to_one_or_is_rejected(kind, lens):
     """The ray of a pixel projects back to this pixel for any tilt; a small tilt cannot turn an
     invalid sensor into a camera.
     """
@@ -462,7 +462,7 @@ def test_every_mirror_aligned_or_tilted_maps_one_to_one_or_is_refused(kind, lens
 
 @pytest.mark.parametrize("flipped", [False, True])
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_one_mirrors_picture_is_reversed_and_two_mirrors_or_a_fisheyes_is_not(model, flipped):
+def test_handedness_of_image_by_number_of_reflections(model, flipped):
     """Three directions, clockwise as seen by an observer, and their sense of rotation in the image."""
     model = replace(model, mount=replace(model.mount, image_flipped=flipped))
     axis = (
@@ -488,7 +488,7 @@ def test_one_mirrors_picture_is_reversed_and_two_mirrors_or_a_fisheyes_is_not(mo
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_a_flipped_picture_is_the_picture_reversed(model):
+def test_flipped_image_is_mirrored(model):
     """The centre of a sensor is that of the camera; the centre of a calibration is that of the
     delivered image."""
     flipped = replace(model, mount=replace(model.mount, image_flipped=True))

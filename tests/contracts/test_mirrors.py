@@ -117,7 +117,7 @@ def exact_finite_points(mirror: MappingMirror):
     "kind",
     few(sorted(EXAMPLES), *(kind for kind in EXAMPLES if kind not in ("cylinder", "ground-plane"))),
 )
-def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
+def test_sag_and_derivatives_agree_with_textbook_equation(kind):
     mirror, _ = EXAMPLES[kind]
     mp.mp.dps = 15 if kind in ("ground-plane", "cylinder") else 30  # slow with 30 digits
     if kind in ("ground-plane", "cylinder"):
@@ -145,23 +145,23 @@ def test_sag_and_derivatives_are_those_of_the_textbook_equation(kind):
             )
 
 
-def test_every_kind_is_walked():
+def test_every_registered_mirror_is_tested():
     assert set(EXAMPLES) == set(MIRRORS)
 
 
 @pytest.mark.parametrize("check", MIRROR_CHECKS)
-def test_every_mirror_keeps_the_contract(any_mirror, check):
+def test_every_mirror_meets_contract(any_mirror, check):
     check(any_mirror)
 
 
-def test_the_vertex_is_the_origin(any_mirror):
+def test_vertex_is_origin(any_mirror):
     assert float(any_mirror.sag(0.0)) == pytest.approx(0.0, abs=1e-13)
     assert any_mirror.is_pointed == (any_mirror.KIND in ("cone", "cylinder"))
     if not any_mirror.is_pointed:
         assert float(any_mirror.slope(0.0)) == 0.0
 
 
-def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
+def test_radii_agree_with_intersections_of_adjacent_normals(any_mirror):
     """R_s: intersection of the normal with the axis. R_t: intersection of neighbouring normals."""
     for x in np.linspace(0.2, 0.9, 5) * any_mirror.rim_radius_mm:
         z, slope = float(any_mirror.sag(x)), float(any_mirror.slope(x))
@@ -187,7 +187,7 @@ def test_radii_are_centres_of_curvature_of_neighbouring_normals(any_mirror):
         assert float(any_mirror.radius_t(x)) == pytest.approx(limit, rel=1e-6)
 
 
-def test_at_a_smooth_apex_both_radii_agree(any_mirror):
+def test_radii_are_equal_at_smooth_apex(any_mirror):
     if any_mirror.is_pointed:
         pytest.skip("a cone has no smooth apex")
     assert float(any_mirror.radius_s(0.0)) == pytest.approx(
@@ -210,7 +210,7 @@ def test_at_a_smooth_apex_both_radii_agree(any_mirror):
         ("paraboloid", "vertex_radius_mm", 1e-3, 1e6),
     ],
 )
-def test_conics_are_refused_outside_their_bounds(kind, name, low, high):
+def test_conic_constants_out_of_bounds_are_rejected(kind, name, low, high):
     for value in (0.9 * low, high + 0.5):
         with pytest.raises(
             InvalidParameter,

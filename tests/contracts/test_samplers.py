@@ -295,7 +295,7 @@ def border_of(depth: str, channels: int) -> list[float]:
 
 
 @pytest.mark.parametrize(("depth", "channels"), few(KINDS, ("uint8", 3), ("float32", 1)))
-def test_single_samples_are_the_formulas(depth, channels, request, case, sampler):
+def test_samples_agree_with_interpolation_formulas(depth, channels, request, case, sampler):
     """Check the first image, and the second, after which a map may have been packed."""
     image, name = picture(depth, channels), request.node.callspec.params["case"]
     border = border_of(depth, channels)
@@ -309,7 +309,7 @@ def test_single_samples_are_the_formulas(depth, channels, request, case, sampler
             np.testing.assert_allclose(taken[sure], expected[sure], rtol=0, atol=tolerance)
 
 
-def test_every_way_to_give_border_and_target(case, sampler):
+def test_border_and_output_arguments(case, sampler):
     """A grey image without a channel axis; a target with gaps between rows and pixels, returned
     unchanged."""
     grey, colours = picture("uint8", 1)[..., 0], picture("uint8", 3)
@@ -329,7 +329,7 @@ def test_every_way_to_give_border_and_target(case, sampler):
         assert (memory[..., [0, 4]] == 77).all()
 
 
-def test_a_plain_surface_stays_as_it_is(case, sampler):
+def test_constant_image_is_preserved(case, sampler):
     """Neither the border value nor pixels outside the image contribute."""
     pixels = case.pixels()
     for value in (0, 1, 127, 254, 255):
@@ -415,7 +415,7 @@ def some_means(name: str, interpolation: str) -> tuple[np.ndarray, np.ndarray, n
 
 
 @pytest.mark.parametrize("depth", few(FULL, "uint8"))
-def test_averages_are_means_over_footprints(depth, request, case, sampler):
+def test_area_samples_are_means_over_footprints(depth, request, case, sampler):
     """The second image equals the first bit by bit."""
     image, name = smooth(depth, 4), request.node.callspec.params["case"]
     for interpolation in AVERAGED:
@@ -428,7 +428,7 @@ def test_averages_are_means_over_footprints(depth, request, case, sampler):
         assert off.mean() < 0.0012 + 0.3 * (depth == "uint8") / 255
 
 
-def test_stripes_tell_averages_from_single_samples(sampler):
+def test_stripes_distinguish_area_from_point_samples(sampler):
     """Not detectable with the smooth image: if a view minifies single-pixel stripes, their mean is
     grey."""
     stripes = np.zeros((SOURCE[1], SOURCE[0], 3), np.uint8)
@@ -443,7 +443,7 @@ def test_stripes_tell_averages_from_single_samples(sampler):
         assert remap(stripes, case.map, "cubic")[inner].astype(float).std() > 50
 
 
-def test_beyond_the_annulus_nothing_counts(sampler):
+def test_pixels_outside_annulus_have_no_weight(sampler):
     """An image that is grey inside the field and bright outside: the outside does not contribute."""
     v, u = np.mgrid[: SOURCE[1], : SOURCE[0]]
     centre, seen = (114.3, 84.1), 70.0
@@ -462,7 +462,7 @@ def test_beyond_the_annulus_nothing_counts(sampler):
     "sitings", [("left", "left"), ("center", "center"), ("topleft", "left")], ids="-".join
 )
 @pytest.mark.parametrize("is_paired", [False, True], ids=["three planes", "NV12"])
-def test_colours_are_found_between_luma_pixels(is_paired, sitings, case, sampler):
+def test_chroma_is_interpolated_between_luma_pixels(is_paired, sitings, case, sampler):
     """A chroma sample at (x, y) between its four pixels has the value of the formula at that point."""
     site, of_view = (np.array(SITINGS[s]) for s in sitings)
     across, down = (SOURCE[0] + 1) // 2, (SOURCE[1] + 1) // 2
@@ -499,7 +499,7 @@ def test_colours_are_found_between_luma_pixels(is_paired, sitings, case, sampler
 # -------------------------------------------------------
 
 
-def test_maps_know_their_places_and_sizes(case):
+def test_maps_store_positions_and_sizes(case):
     expected, found = case.pixels(), case.map.pixels()
     assert found.shape == (*case.map.size[::-1], 2)
     assert case.map.source_size == SOURCE
@@ -513,7 +513,7 @@ def test_maps_know_their_places_and_sizes(case):
     assert halved.source_size == tuple(-(-n // 2) for n in SOURCE)
 
 
-def test_what_does_not_fit_is_refused(case, sampler):
+def test_invalid_sampler_arguments_are_rejected(case, sampler):
     where, image = case.map, picture("uint8", 3)
     locked = np.empty((*where.size[::-1], 3), np.uint8)
     locked.flags.writeable = False
@@ -537,7 +537,7 @@ def test_what_does_not_fit_is_refused(case, sampler):
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
 @pytest.mark.parametrize("interpolation", few(INTERPOLATIONS, "nearest", "cubic"))
-def test_a_real_photograph_is_the_same_by_all(interpolation, shared_data, uncompiled):
+def test_samplers_agree_on_photograph(interpolation, shared_data, uncompiled):
     """Maps created from cameras and screens: a panorama, a view, and a mosaic."""
     image = om.read_image(shared_data / "mirrorball" / "store.jpg")
     image = cv2.resize(image, (1024, 1024), interpolation=cv2.INTER_AREA)

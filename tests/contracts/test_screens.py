@@ -207,7 +207,7 @@ def whole(screen):
 
 
 @pytest.mark.parametrize("name", SCREENS)
-def test_pixels_look_where_the_conventions_say(name):
+def test_pixel_directions_follow_conventions(name):
     screen, target = SCREENS[name]
     assert isinstance(screen, Screen)
     width, height = screen.size
@@ -230,7 +230,7 @@ def test_pixels_look_where_the_conventions_say(name):
 
 
 @pytest.mark.parametrize("camera", STANDING)
-def test_points_land_on_the_pixels_that_look_at_them(camera):
+def test_projection_inverts_pixel_directions(camera):
     """The ray of every source pixel passes through the point, and points without a pixel are far
     from all rays."""
     width, height = camera.image_size
@@ -271,7 +271,7 @@ def sees(camera, screen):
 @pytest.mark.parametrize(
     "name", [n for n in SCREENS if "near" in n or "moved" in n or n == "ground"]
 )
-def test_points_are_seen_along_the_shortest_path(name, looks):
+def test_points_are_projected_along_shortest_path(name, looks):
     """Compared with Fermat's principle for a sphere, without the optics of the package."""
     screen, target = SCREENS[name]
     sensor = sensor_with(looks, -90.0)
@@ -284,7 +284,7 @@ def test_points_are_seen_along_the_shortest_path(name, looks):
 
 
 @pytest.mark.parametrize("name", SCREENS)
-def test_right_and_down_are_as_seen_from_inside(name):
+def test_axes_of_views_are_not_mirrored(name):
     """Right x down points away from the observer; for a ceiling plan, seen from above, towards the
     observer."""
     screen, _ = SCREENS[name]
@@ -297,7 +297,7 @@ def test_right_and_down_are_as_seen_from_inside(name):
 
 
 @pytest.mark.parametrize("name", SCREENS)
-def test_strips_single_pixels_and_copies_agree(name):
+def test_row_ranges_single_pixels_and_copies_agree(name):
     screen, _ = SCREENS[name]
     targets = whole(screen)
     np.testing.assert_array_equal(screen.targets(1, 3), targets[1:3])
@@ -313,7 +313,7 @@ def test_strips_single_pixels_and_copies_agree(name):
 
 
 @pytest.mark.parametrize("name", SCREENS)
-def test_one_pixel_is_a_picture(name):
+def test_single_pixel_view_is_valid(name):
     screen = replace(SCREENS[name][0], size=(1, 1))
     targets = whole(screen)
     assert targets.shape == (1, 1, 3)
@@ -330,7 +330,7 @@ def test_one_pixel_is_a_picture(name):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", ["ocam", "ball"])
-def test_from_one_viewpoint_distance_does_not_matter(name, shape):
+def test_single_viewpoint_views_are_independent_of_distance(name, shape):
     camera = CAMERAS[name]
     distant = exact_pixels(camera, SHAPES[shape][0])
     for distance in (1.0, 300.0, 1e9):
@@ -342,7 +342,7 @@ def test_from_one_viewpoint_distance_does_not_matter(name, shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_far_screens_are_distant_ones(shape):
+def test_large_distance_equals_infinity(shape):
     camera = CAMERAS["paper-spherical"]
     far = exact_pixels(camera, replace(SHAPES[shape][0], distance_mm=1e11, offset_mm=MOVED))
     distant = exact_pixels(camera, SHAPES[shape][0])
@@ -357,7 +357,7 @@ def test_far_screens_are_distant_ones(shape):
 
 @pytest.mark.parametrize("name", SCREENS)
 @pytest.mark.parametrize("factor", [2.0, 0.9, 1.0])
-def test_zoom_enlarges_about_the_middle(name, factor):
+def test_zoom_magnifies_about_centre(name, factor):
     screen, _ = SCREENS[name]
     if factor < 1 and (isinstance(screen, Equirectangular) or screen.size == (21, 13)):
         return  # these already cover all azimuths and end at the boundary of the shape
@@ -374,7 +374,7 @@ def test_zoom_enlarges_about_the_middle(name, factor):
 
 
 @pytest.mark.parametrize("name", SCREENS)
-def test_pan_turns_about_the_vertical(name):
+def test_pan_rotates_about_vertical(name):
     screen, _ = SCREENS[name]
     offset = (0.0, 0.0, 0.0)
     if not isinstance(screen, Ground) or not any(screen.offset_mm):
@@ -385,7 +385,7 @@ def test_pan_turns_about_the_vertical(name):
     assert screen.panned(0.0) == screen or isinstance(screen, Cylinder)
 
 
-def test_tilt_moves_rows_up():
+def test_tilt_shifts_view_upwards():
     plane = Plane((5, 5), 10.0, 20.0)
     assert plane.panned(5.0, 10.0) == Plane((5, 5), 15.0, 30.0)
     assert Equirectangular((8, 4), -40.0, 20.0).panned(0.0, 10.0) == Equirectangular(
@@ -408,7 +408,7 @@ def test_tilt_moves_rows_up():
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, inf])
-def test_a_zoom_that_is_none_is_refused(factor):
+def test_invalid_zoom_is_rejected(factor):
     for screen, _ in SHAPES.values():
         with pytest.raises(InvalidParameter, match=r"^zoom "):
             screen.zoomed(factor)
@@ -422,7 +422,7 @@ def test_a_zoom_that_is_none_is_refused(factor):
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
-def test_faces_of_a_cube_are_views_at_right_angles(layout, place):
+def test_cube_faces_are_perpendicular_views(layout, place):
     columns, rows = CubeMap.grid(layout)
     cube = CubeMap((columns * 6, rows * 6), layout, 20.0, *place)
     assert isinstance(cube, Composite)
@@ -450,7 +450,7 @@ def test_faces_of_a_cube_are_views_at_right_angles(layout, place):
     assert np.isnan(pixels[~shown]).all()
 
 
-def test_faces_of_a_cross_join():
+def test_adjacent_cube_faces_are_continuous():
     """The last pixel of one face and the first of the next are 0.5 px to either side of their edge."""
     faces = {
         name: whole(CubeMap((400, 300)).face(name)) for name in ("front", "right", "up", "down")
@@ -466,7 +466,7 @@ def test_faces_of_a_cross_join():
         assert angles.max() < 0.6
 
 
-def test_a_mosaic_is_its_views():
+def test_mosaic_consists_of_its_views():
     """Near and distant views, one of them a mosaic itself; later views cover earlier ones."""
     sensor = CAMERAS["paper-spherical"]
     near, far = Plane((8, 6), 20.0, -20.0, distance_mm=200.0), Plane((8, 6), 20.0, -20.0)
@@ -491,7 +491,7 @@ def test_a_mosaic_is_its_views():
     np.testing.assert_array_equal(straight == 255, ~np.isnan(expected[..., 0]))
 
 
-def test_a_mosaic_with_a_view_of_nothing_shows_the_others():
+def test_mosaic_with_empty_view_contains_others():
     sensor = CAMERAS["paper-spherical"]
     sky = Plane((8, 6), tilt_deg=90.0, hfov_deg=30.0, distance_mm=500.0)
     mosaic = Mosaic.stacked([[sky, Plane((8, 6))]], gap_px=2)
@@ -501,7 +501,7 @@ def test_a_mosaic_with_a_view_of_nothing_shows_the_others():
         assert valid[:, 10:].all()
 
 
-def test_stacked_views_stand_in_the_middle():
+def test_stacked_views_are_centred():
     rows = [[Plane((30, 10))], [Plane((8, 6)), Plane((8, 4))], [Plane((5, 5))]]
     mosaic = Mosaic.stacked(rows, gap_px=2)
     assert mosaic.size == (30, 25)
@@ -515,7 +515,7 @@ def test_stacked_views_stand_in_the_middle():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_places_that_cannot_be_are_refused(shape):
+def test_invalid_view_positions_are_rejected(shape):
     screen = SHAPES[shape][0]
     with pytest.raises(
         InvalidParameter,
@@ -590,6 +590,6 @@ def test_places_that_cannot_be_are_refused(shape):
         ),
     ],
 )
-def test_a_screen_that_cannot_be_is_refused(make, message):
+def test_invalid_screens_are_rejected(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()

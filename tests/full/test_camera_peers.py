@@ -48,7 +48,7 @@ def omnidir(folder, points):
 
 
 @pytest.mark.parametrize("flip", [False, True])
-def test_omnidir_projects_the_same_points(tmp_path, flip, beside):
+def test_projection_agrees_with_omnidir(tmp_path, flip, beside):
     made = om.convert(UNIFIED, tmp_path / "a.yaml", to="opencv-omnidir", flip=flip)
     pixels, points = seen(made.camera)
     assert made.exact
@@ -56,7 +56,7 @@ def test_omnidir_projects_the_same_points(tmp_path, flip, beside):
     beside("OpenCV", "points projected by cv2.omnidir with exported camera files", off, 1e-6, "px")
 
 
-def test_omnidir_takes_ocamcalibs_camera_within_the_cost_that_is_told(tmp_path):
+def test_conversion_to_omnidir_has_reported_error(tmp_path):
     if not SAMPLE.exists():
         pytest.skip(f"no sample files at {SAMPLE}")
     camera = om.load_ocam(SAMPLE / "calib_results_catadioptric.txt")
@@ -78,7 +78,7 @@ COLMAP = {
 
 @pytest.mark.parametrize("to", COLMAP)
 @pytest.mark.parametrize("name", ["cameras.txt", "cameras.bin"])
-def test_colmap_reads_our_cameras_and_projects_the_same_points(tmp_path, to, name, beside):
+def test_colmap_reads_and_projects_written_cameras(tmp_path, to, name, beside):
     pycolmap = pytest.importorskip(
         "pycolmap", reason="pycolmap is installed by `make test-full` only"
     )
@@ -111,7 +111,7 @@ def colmap_camera(pycolmap, folder, name):
     return read.cameras[1]
 
 
-def test_cameras_of_colmap_are_read_as_it_projects_them(tmp_path, beside):
+def test_cameras_of_colmap_are_read(tmp_path, beside):
     """All COLMAP models with a formula in omnimirror."""
     pycolmap = pytest.importorskip(
         "pycolmap", reason="pycolmap is installed by `make test-full` only"
@@ -159,7 +159,7 @@ def test_cameras_of_colmap_are_read_as_it_projects_them(tmp_path, beside):
         )
 
 
-def test_a_mirror_that_reaches_90_deg_says_what_colmap_leaves_out(tmp_path):
+def test_conversion_of_wide_mirror_reports_lost_field_for_colmap(tmp_path):
     camera = OCam(
         polynomial=(-131.4797, 0.0, 1.848991e-03, 2.251206e-07, -7.343233e-10),
         centre_px=C,
@@ -171,7 +171,7 @@ def test_a_mirror_that_reaches_90_deg_says_what_colmap_leaves_out(tmp_path):
     assert any("less than 90 deg" in note for note in made.notes)
 
 
-def test_colmaps_panorama_is_our_sphere(tmp_path, beside):
+def test_equirectangular_view_agrees_with_colmap(tmp_path, beside):
     pycolmap = pytest.importorskip(
         "pycolmap", reason="pycolmap is installed by `make test-full` only"
     )

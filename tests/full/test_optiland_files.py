@@ -45,7 +45,7 @@ def load():
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
-def test_the_surface_is_the_mirror(kind, load, tmp_path):
+def test_surface_agrees_with_mirror(kind, load, tmp_path):
     sensor = sensor_of(kind)
     stated = write_zmx(tmp_path / "s.zmx", sensor)[0].deviation_um
     geometry = load(tmp_path / "s.zmx").surfaces.surfaces[2].geometry
@@ -86,7 +86,7 @@ def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, b
     )
 
 
-def test_a_pencil_from_the_imager_leaves_the_mirror_with_the_vergence_of_eq_15(load, tmp_path):
+def test_reflected_pencil_has_vergence_of_eq_15(load, tmp_path):
     """The lens directs it to its focal plane; two rays close to the chief ray meet at the
     tangential object."""
     sensor = sensor_of("sphere")

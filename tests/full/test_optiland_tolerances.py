@@ -16,7 +16,7 @@ CLOSE_RAD = 1e-12
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("field_deg", [(0.0, 90.0), (0.0, 130.0)])
-def test_a_sensor_out_of_place_shows_objects_where_optiland_reflects_to_them(field_deg, beside):
+def test_misaligned_sensor_agrees_with_optiland(field_deg, beside):
     pytest.importorskip("optiland", reason="Optiland is installed by `make test-full` only")
     from tolerance_peers import largest_angle_rad
 

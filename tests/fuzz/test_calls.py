@@ -478,7 +478,7 @@ def call(name: str, changed: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", few(CALLS, *(name for name in CALLS if name not in LONG)))
-def test_the_calls_are_right_as_they_stand(name):
+def test_valid_calls_succeed(name):
     function, words = CALLS[name]
     found = function(**words)
     if not isinstance(found, str | list):
@@ -487,7 +487,7 @@ def test_the_calls_are_right_as_they_stand(name):
         )  # console output of a result: its numbers, not its thousand angles
 
 
-def test_every_public_name_is_called():
+def test_every_public_function_is_called():
     called = {name.split(" ")[0] for name in CALLS}
     assert not {name for name in om.__all__ if not name.startswith("__")} - called - ELSEWHERE
 
@@ -499,7 +499,7 @@ def test_every_public_name_is_called():
         *(name for name in CALLS if name not in (*SLOW, *LONG)),
     ),
 )
-def test_odd_values_are_refused_with_a_sentence(name):
+def test_unusual_values_are_rejected(name):
     few = range(
         0, len(ODD), 3
     )  # every third value of each argument, with another offset for the next
@@ -516,7 +516,7 @@ def test_odd_values_are_refused_with_a_sentence(name):
 @pytest.mark.parametrize("name", CALLS)
 @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
-def test_any_values_are_refused_with_a_sentence(name, data):
+def test_arbitrary_values_are_rejected(name, data):
     names = data.draw(
         st.lists(st.sampled_from(list(CALLS[name][1])), min_size=1, max_size=2, unique=True)
     )
@@ -534,13 +534,13 @@ def test_any_values_are_refused_with_a_sentence(name, data):
         ("tolerance", "seed", -1),
     ],
 )
-def test_values_that_no_sensor_has_are_refused_with_a_sentence(name, argument, value):
+def test_impossible_sensor_values_are_rejected(name, argument, value):
     function, words = CALLS[name]
     with pytest.raises(OmnimirrorError, match=rf"{argument} .*must"):
         function(**words | {argument: value})
 
 
-def test_a_whole_number_may_be_longer_than_numpys():
+def test_integers_may_exceed_int64():
     assert (
         om.screens.Cylinder((36, 10), -20.0, 20.0, distance_mm=2**64)._placement
         == ", at 1.84467e+19 mm"
@@ -551,7 +551,7 @@ def test_a_whole_number_may_be_longer_than_numpys():
     ("name", "argument"),
     [("uncertainty_map", "steps"), ("simulate_detections", "count"), ("refine_corners", "passes")],
 )
-def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argument):
+def test_excessive_counts_are_rejected(name, argument):
     function, words = CALLS[name]
     with pytest.raises(
         OmnimirrorError, match=f"{argument} must be an integer between .*; got 1000000000"
@@ -578,7 +578,7 @@ def test_counts_that_would_take_all_memory_or_for_ever_are_refused(name, argumen
         ("dewarp_video", {"camera": lambda size: size}),
     ],
 )
-def test_numbers_lists_pairs_and_cameras_that_are_none(name, words):
+def test_invalid_numbers_lists_pairs_and_cameras(name, words):
     function, usual = CALLS[name]
     with pytest.raises(
         OmnimirrorError,
@@ -587,7 +587,7 @@ def test_numbers_lists_pairs_and_cameras_that_are_none(name, words):
         function(**usual | words)
 
 
-def test_a_covariance_may_hold_zeros_and_rounding():
+def test_covariance_may_contain_zeros_and_rounding_errors():
     assert Uncertainty(("k1", "k2"), ((0.0, 0.0), (0.0, 4.0))).sigmas == {"k1": 0.0, "k2": 2.0}
     rounded = Uncertainty(("k1", "k2"), ((1.0, 1.0 + 1e-12), (1.0 + 1e-12, 1.0)))
     assert rounded.sigmas == {"k1": 1.0, "k2": 1.0}
@@ -732,7 +732,7 @@ PINHOLE = {"focal_px": (100.0, 100.0), **IMAGE}
         ),
     ],
 )
-def test_refusals_name_the_argument_and_what_is_valid(call, sentence, tmp_path, monkeypatch):
+def test_errors_name_argument_and_valid_values(call, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("keyframes.txt", "p001.png", "p003.png"):
         (tmp_path / name).write_text("time_s,pan_deg\n0,0\n")
@@ -740,7 +740,7 @@ def test_refusals_name_the_argument_and_what_is_valid(call, sentence, tmp_path, 
         call(taken.getsockname()[1])
 
 
-def test_a_double_sphere_whose_middle_is_at_its_pole_has_a_law_on_the_axis():
+def test_double_sphere_with_singular_centre_is_defined_on_axis():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         camera = om.DoubleSphere(xi=-1.0, alpha=0.6, **FOCAL)
@@ -748,7 +748,7 @@ def test_a_double_sphere_whose_middle_is_at_its_pole_has_a_law_on_the_axis():
     np.testing.assert_allclose(on, near, rtol=1e-6, atol=1e-9)
 
 
-def test_messages_are_short_whatever_they_are_about():
+def test_messages_have_limited_length():
     from omnimirror.base.arguments import format_value
 
     for value in (*ODD, [1.5] * 100_000, "x" * 100_000, 10**5000, np.zeros(10**6)):
@@ -756,7 +756,7 @@ def test_messages_are_short_whatever_they_are_about():
 
 
 @pytest.mark.parametrize("name", ["x" * 5000, "a folder\n/" * 500])
-def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
+def test_messages_shorten_long_names_on_one_line(name):
     readers = (
         om.parse_camera,
         om.parse_sensor,
@@ -779,7 +779,7 @@ def test_messages_repeat_no_long_name_and_stay_on_one_line(name):
         )
 
 
-def test_messages_keep_where_a_long_name_begins_and_ends():
+def test_messages_keep_start_and_end_of_long_names():
     path = "/home/someone/" + "pictures/" * 30 + "of the lab.png"
     assert str(OmnimirrorError(f"there is no {path}")).startswith(
         "there is no /home/someone/pictures/"

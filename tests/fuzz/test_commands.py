@@ -329,7 +329,7 @@ def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> int:
 
 
 @pytest.mark.parametrize("command", FILES)
-def test_odd_values_in_files(command, capsysbinary):
+def test_unusual_values_in_files(command, capsysbinary):
     form = FILES[command]
     usual = USUAL[form]
     Path("file.toml").write_text(form.format(**dict(zip("abcd", usual, strict=True)), e=""))
@@ -364,7 +364,7 @@ def test_extreme_numbers_in_every_entry(sensor, capsysbinary):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_odd_words(command, capsysbinary):
+def test_unusual_command_line_arguments(command, capsysbinary):
     first = COMMANDS.index(command)
     for k in range(4):  # some of the values for each command, others for the next
         word = ODD_WORDS[(first + 7 * k) % len(ODD_WORDS)]
@@ -375,7 +375,7 @@ def test_odd_words(command, capsysbinary):
 @pytest.mark.parametrize(
     "option", few(["", "--departures", "--order 4", "--unit inch"], "", "--departures")
 )
-def test_points_that_are_no_mirror(cloud, option, capsysbinary):
+def test_points_without_mirror_shape(cloud, option, capsysbinary):
     np.savetxt("cloud.csv", CLOUDS[cloud], delimiter=",")
     is_perfect = (cloud, option) == ("nearly flat", "--departures")  # no departures at all
     code = answer(["form", "paper-spherical", "cloud.csv", *option.split()], capsysbinary)
@@ -390,11 +390,11 @@ def test_points_that_are_no_mirror(cloud, option, capsysbinary):
         st.sampled_from(ODD_WORDS), st.text(st.characters(exclude_characters="\0/"), max_size=12)
     )
 )
-def test_any_words(command, word, capsysbinary):
+def test_arbitrary_command_line_arguments(command, word, capsysbinary):
     answer([part.replace("{}", word) for part in command.split()], capsysbinary)
 
 
-def test_files_of_other_commands_that_are_none(capsysbinary):
+def test_invalid_files_of_other_commands(capsysbinary):
     """Coincident points, nested brackets, and an empty name."""
     Path("one.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n" + "1,1,1,1,1\n" * 9)
     Path("deep.json").write_text('{"a":' * 3000)
@@ -407,7 +407,7 @@ def test_files_of_other_commands_that_are_none(capsysbinary):
 
 
 @pytest.mark.parametrize("encoding", few(["ascii", "latin-1"], "ascii"))
-def test_terminals_of_few_characters(encoding):
+def test_terminals_with_limited_encoding(encoding):
     run = subprocess.run(
         [sys.executable, "-m", "omnimirror", "evaluate", "paper-spherical", "--omega-deg", "0"],
         capture_output=True,
@@ -418,7 +418,7 @@ def test_terminals_of_few_characters(encoding):
     assert b"deg" in run.stdout
 
 
-def test_streams_that_are_closed():
+def test_closed_streams():
     command = f"{sys.executable} -m omnimirror sensors"
     run = subprocess.run(f"{command} >&-", shell=True, capture_output=True, text=True)
     assert run.returncode == 1
@@ -426,7 +426,7 @@ def test_streams_that_are_closed():
     assert subprocess.run(f"{command} 2>&- >/dev/null", shell=True).returncode == 0
 
 
-def test_the_trace_is_shown_when_it_is_asked_for(capsys):
+def test_traceback_is_shown_on_request(capsys):
     with pytest.raises(SystemExit, match=r"^1$"):
         main(["evaluate", "nope", "--debug"])
     told = capsys.readouterr().err
@@ -436,7 +436,7 @@ def test_the_trace_is_shown_when_it_is_asked_for(capsys):
     )
 
 
-def test_numbers_are_read_in_one_way():
+def test_numbers_are_parsed_consistently():
     """Number types of click would accept 1_000 and digits of other scripts."""
     import click
 

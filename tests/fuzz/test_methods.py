@@ -150,7 +150,7 @@ def _here(tmp_path, monkeypatch):
     few(CASES, *(case for case in CASES if case[0] not in ("hall", "street"))),
     ids=[" ".join(case) for case in CASES],
 )
-def test_odd_arguments_are_answered_or_refused_in_a_sentence(thing, method):
+def test_unusual_arguments_are_processed_or_rejected(thing, method):
     called = methods_of(THINGS[thing])[method]
     told = [
         p
