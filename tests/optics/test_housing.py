@@ -21,6 +21,7 @@ from omnimirror.optics.housing import (
     Rim,
     Rod,
     Tube,
+    wall_description,
 )
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.materials import MATERIALS, index_of
@@ -100,6 +101,9 @@ def test_rod_fits_between_lens_and_mirror():
     envelope = Envelope(-180.0, -180.0, 20.0, 45.0)
     fitted = Rod(6.0).fitted(envelope)
     assert (fitted.end_diameter_mm, fitted.gap_mm) == (6.0, 45.0)
+    rim_mm = TELECENTRIC.mirror.rim_radius_mm  # a telecentric lens is assumed at 2.5 rim radii
+    rod = CASES["telecentric rod"].obstructions.housing.rod
+    assert rod.gap_mm == pytest.approx(2.5 * rim_mm / 4, rel=1e-12)
     assert Rod(6.0, 0.0, 0.0).fitted(envelope) == Rod(6.0, 0.0, 0.0)
     assert Rod(90.0, gap_mm=179.9).fitted(envelope) == Rod(90.0, 90.0, 179.9)
     assert Rod(100.0, 90.0).fitted(envelope).end_diameter_mm == 90.0
@@ -169,6 +173,15 @@ def test_one_entry_for_an_index(kind):
     assert (measured.index, measured.outer_index) == (1.7, 1.2)
 
 
+def test_wall_description_names_materials():
+    assert wall_description(Tube(medium="air")) == "n = 1.49"
+    assert wall_description(Dome(material="fused_silica")) == "fused silica, n = 1.45846"
+    assert (
+        wall_description(FlatWindow(refractive_index=1.7, medium_index=1.2))
+        == "n = 1.7, in a medium of n = 1.2"
+    )
+
+
 def test_wall_leaves_space():
     for kind in (Tube, Dome):
         assert kind(100.0, 49.9).radii_mm == (pytest.approx(0.1), 50.0)
@@ -206,6 +219,8 @@ def test_cover_default_sizes():
     middle = Dome(wall_mm=4.0).fitted(envelope)
     assert middle.centre_mm == -80.0  # halfway between the lens and the back
     assert middle.diameter_mm == np.ceil(2 * (np.hypot(48.0, 100.0) + 4.0))
+    low = Dome(wall_mm=4.0, centre_mm=-150.0)  # closer to the lens than to the back
+    assert low.diameters(-180.0, 20.0, 45.0)[1] == np.ceil(2 * (np.hypot(48.0, 170.0) + 4.0))
     # a triangle of 5, 12 and 13: exact minimum, and a dome that just reaches the lens
     exact, near = Dome(wall_mm=1.0, centre_mm=0.0), Envelope(-12.5, -12.5, 12.0, 5.0)
     assert replace(exact, diameter_mm=28.0).fitted(near).diameter_mm == 28.0
