@@ -108,7 +108,7 @@ def _blocks(values: Floats) -> Floats:
         count = values.shape[axis]
         if count % 2:
             last = np.take(values, [-1], axis)
-            before = np.take(values, [max(count - 2, 0)], axis)
+            before = np.take(values, [count - 2], axis)  # the last itself if there is one only
             values = np.concatenate([values, 2 * last - before], axis)
     *more, height, width, n = values.shape
     return np.swapaxes(values.reshape(*more, height // 2, 2, width // 2, 2, n), -4, -3)
@@ -117,7 +117,7 @@ def _blocks(values: Floats) -> Floats:
 def pairs(values: Floats) -> Floats:
     """Return pairs (n/2, 2) of values (n,); an odd number is extrapolated linearly."""
     if len(values) % 2:
-        values = np.append(values, 2 * values[-1] - values[max(len(values) - 2, 0)])
+        values = np.append(values, 2 * values[-1] - values[len(values) - 2])
     return values.reshape(-1, 2)
 
 
@@ -357,8 +357,6 @@ class LatticeMap:
         """Return cells and patches, with additional patches for nodes outside the image."""
         (u, v), (width, height) = self.nodes, self.source_size
         outside = (u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5)
-        if not outside.any():
-            return self.cells, self.patches
         ends = np.lib.stride_tricks.sliding_window_view(outside, (4, 4)).any(axis=(2, 3)) & (
             self.cells < 0
         )

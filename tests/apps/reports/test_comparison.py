@@ -13,6 +13,7 @@ from PIL import Image
 
 import omnimirror as om
 from omnimirror.analysis.figures import side_by_side
+from omnimirror.apps.reports import comparison as reports
 from omnimirror.apps.reports.comparison import (
     RenderedImages,
     comparison_sheet,
@@ -69,6 +70,22 @@ def test_png_is_one_sheet(comparison, tmp_path):
     sheet = om.read_image(path)
     assert sheet.shape[1] == 1440
     assert sheet.shape[0] > 2 * 1440
+
+
+def test_suffix_selects_page_or_sheet(comparison, tmp_path, monkeypatch):
+    """With the images of the given scene, or of the bundled room."""
+    scenes = []
+    gradient = np.arange(3 * 4 * 5, dtype=np.uint8).reshape(4, 5, 3)
+    monkeypatch.setattr(reports, "render_images", lambda _, scene: scenes.append(scene))
+    monkeypatch.setattr(reports, "comparison_sheet", lambda *_: gradient)
+    monkeypatch.setattr(reports, "comparison_html", lambda *_: "the page")
+    sheet = om.read_image(write_comparison(comparison, tmp_path / "c.PNG", ROOM))
+    np.testing.assert_array_equal(sheet, gradient)
+    page = write_comparison(comparison, tmp_path / "c.HTML")
+    assert page.read_text(encoding="utf-8") == "the page"
+    assert scenes[0] is ROOM
+    assert isinstance(scenes[1], om.Room)
+    assert scenes[1] is not ROOM
 
 
 def test_sheet_keeps_image_colours(comparison):

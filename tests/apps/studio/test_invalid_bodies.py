@@ -498,3 +498,26 @@ def test_a_frame_without_a_message_is_refused(size):
         match="length of a JSON message" if size < 4 else "must be JSON",
     ):
         _http_messages.unframed(bytes(size), ApiError)
+
+
+def test_openapi_describes_framed_bodies_and_refusals():
+    """The statuses that the server may return for any route, names of files, and files as bodies."""
+    schema = api(Studio()).openapi()
+    route = schema["paths"]["/api/pictures"]["post"]
+    assert set(route["responses"]) == {
+        "200",
+        "400",
+        "403",
+        "404",
+        "408",
+        "413",
+        "422",
+        "503",
+        "507",
+    }
+    for status in sorted(set(route["responses"]) - {"200"}):
+        content = route["responses"][status]["content"]
+        assert content["application/json"]["schema"] == {"$ref": "#/components/schemas/Problem"}
+    assert route["requestBody"]["required"] is True
+    assert list(route["requestBody"]["content"]) == ["application/octet-stream"]
+    assert [p["schema"]["maxLength"] for p in route["parameters"]] == [200]

@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Tool, format_gcode, format_points, tool_path
-from omnimirror.optics.mirrors import EvenPolynomial, Sphere
+from omnimirror.optics.mirrors import Cone, EvenPolynomial, Sphere
 from tests.commands import omnimirror
 from tests.conftest import MIRRORS, sensor_of
 
@@ -63,6 +63,12 @@ def test_path_of_a_sphere_is_an_arc_with_tolerance_dependent_spacing():
         assert np.abs(np.hypot(path.x_mm, path.z_mm + 31.0) - 31.0).max() * 1e6 < 0.05
     assert fine.deviation_nm < 10.0 < coarse.deviation_nm < 40.0
     assert len(fine.x_mm) == pytest.approx(2 * len(coarse.x_mm), rel=0.05)
+    for path, nm in ((coarse, 40.0), (fine, 10.0)):
+        chords = np.hypot(np.diff(path.x_mm), np.diff(path.z_mm))
+        assert path.deviation_nm == pytest.approx(1e6 * chords.max() ** 2 / (8 * 31.0), rel=2e-3)
+        longest = np.sqrt(8 * 31.0 * 0.8e-6 * nm)  # 80 % of the tolerance
+        assert len(chords) == np.ceil(31.0 * np.arcsin(2 / 3) / longest)
+    assert fine.cusp_nm == pytest.approx(fine.tool.cusp_nm(1 / 30.0), rel=1e-9)
     assert fine.length_mm == pytest.approx(31.0 * np.arcsin(20.0 / 30.0), rel=1e-6)
     assert fine.minutes == pytest.approx(
         fine.length_mm / (0.002 * 1000), rel=1e-12
@@ -88,8 +94,15 @@ def test_nose_larger_than_concave_radius_is_rejected():
     slope = 0.02 * x - 3.2e-5 * x**3
     sharpest = ((9.6e-5 * x**2 - 0.02) / (1 + slope**2) ** 1.5).max()
     assert tool_path(hollow, Tool(0.99 / sharpest), digits=8).deviation_nm < 5.0
-    with pytest.raises(InvalidParameter, match=rf"less than the concave radius {1 / sharpest:.4g}"):
+    with pytest.raises(
+        InvalidParameter,
+        match=rf"less than the concave radius {1 / sharpest:.4g} mm of the mirror at x = 24 mm; got",
+    ):
         tool_path(hollow, Tool(1.01 / sharpest))
+    bowl = EvenPolynomial((-0.25,), 1.0, 1.0)  # with a radius of 2 mm at the vertex
+    with pytest.raises(InvalidParameter, match="radius 2 mm of the mirror at x = 0 mm; got 2"):
+        tool_path(bowl, Tool(2.0))
+    assert tool_path(bowl, Tool(1.99)).edge_deg == (-26.57, 0.0)  # of a slope of -1/2
 
 
 @pytest.mark.parametrize(
@@ -137,6 +150,30 @@ def test_insufficient_digits_are_rejected():
         InvalidParameter, match=r"at least 35 for digits = 5, which rounds by up to 7.1 nm"
     ):
         tool_path(Sphere(30.0, 20.0), digits=5)
+    assert tool_path(Sphere(30.0, 20.0), Tool(tolerance_nm=35.4), digits=5).deviation_nm < 35.4
+    for digits in (2, 13):
+        with pytest.raises(InvalidParameter, match="digits must be an integer between 3 and 12"):
+            tool_path(Sphere(30.0, 20.0), Tool(tolerance_nm=1e5), digits=digits)
+
+
+@pytest.mark.parametrize("digits", [3, 12])
+def test_points_have_the_decimals_of_the_file(digits):
+    path = tool_path(Sphere(30.0, 20.0), Tool(tolerance_nm=1e5), digits=digits)
+    for values in (path.x_mm, path.z_mm):
+        assert (np.round(values, digits) == values).all()
+        assert (np.round(values, digits - 1) != values).any()
+    usual = tool_path(Sphere(30.0, 20.0))
+    assert usual.tool == Tool(0.5, 2.0, 5.0, 1000.0, 1.0, x_is_diameter=False)
+    assert (np.round(usual.x_mm, 6) == usual.x_mm).all()
+    assert (np.round(usual.x_mm, 5) != usual.x_mm).any()
+
+
+def test_nearly_flat_mirror_has_eight_steps_without_negative_zeros():
+    path = tool_path(EvenPolynomial((1e-9,), 20.0, 1.0))
+    assert len(path.x_mm) == 9
+    for text in (format_gcode(path, "flat"), format_points(path, "flat")):
+        assert "0.000000" in text
+        assert "-0.000000" not in text
 
 
 def test_point_list_contains_contacts_and_diameter_option_doubles_x():
@@ -149,7 +186,9 @@ def test_point_list_contains_contacts_and_diameter_option_doubles_x():
 
 
 @pytest.mark.parametrize(
-    "mirror", [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0)], ids=["ball", "hollow"]
+    "mirror",
+    [Sphere(30.0, 20.0), EvenPolynomial((-2e-3,), 24.0), Cone(30.0, 20.0)],
+    ids=["ball", "hollow", "cone"],
 )
 @pytest.mark.parametrize("x_is_diameter", [False, True])
 def test_program_approaches_tangentially_and_retracts(mirror, x_is_diameter):
@@ -160,6 +199,8 @@ def test_program_approaches_tangentially_and_retracts(mirror, x_is_diameter):
     lines = format_gcode(path, "a (ball); 50% µ\n").splitlines()
     assert lines[1] == r"(omnimirror tool path of a [ball], 50\x25 \xb5)"
     assert all(re.fullmatch(r"%|\([^()]*\)|[GMXZFS0-9. -]+", line) for line in lines)
+    low, high = path.edge_deg
+    assert f"(edge used from {low:g} to {high:g} deg from Z)" in lines
     quick = [line for line in lines if line.startswith("G0")]
     assert quick[0] == quick[-1]
     assert {"G97 S1000 M3", "G95 F0.002000"} <= set(lines)

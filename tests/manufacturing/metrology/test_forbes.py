@@ -11,7 +11,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.polynomials import qbfs_values
 from omnimirror.manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
-from omnimirror.optics.mirrors import Cone, Sphere
+from omnimirror.optics.mirrors import Cone, EvenPolynomial, Sphere
 from tests.commands import omnimirror
 
 from .clouds import on
@@ -74,6 +74,11 @@ def test_terms_end_once_so_little_is_left():
         1,
         1,
     ]
+    exact = forbes_asphere(
+        profile, 0.3
+    ).rms_residual_um  # a residual equal to the permitted one is sufficient
+    assert len(forbes_asphere(profile, exact).um) == 2
+    assert len(forbes_asphere(profile).um) == 3  # 1 nm is permitted by default
     # RMS over the meridian of the omitted terms, at equal steps of the angle whose sine is x / M
     u = np.sin((np.arange(4000) + 0.5) / 4000 * np.pi / 2)
     left = forbes_asphere(profile, 0.3)
@@ -81,13 +86,28 @@ def test_terms_end_once_so_little_is_left():
     assert left.rms_residual_um == pytest.approx(1e3 * np.sqrt(np.mean(departure**2)), rel=1e-3)
 
 
-@pytest.mark.parametrize("mirror", [Cone(30.0, 20.0), Sphere(50.0, 49.99999)])
-def test_unsupported_mirror_is_rejected(mirror):
-    if mirror.is_pointed:
-        with pytest.raises(InvalidParameter, match="pointed apex"):
-            forbes_asphere(mirror)
-    else:
-        assert forbes_asphere(mirror).radius_mm == pytest.approx(50.0)
+@pytest.mark.parametrize(
+    ("mirror", "depth"),
+    [
+        (Cone(30.0, 20.0), "11.55 mm and a rim radius of 20 mm with a pointed apex"),
+        (EvenPolynomial((1.0,), 20.0, 20.0), "20 mm and a rim radius of 20 mm"),
+        (EvenPolynomial((-1.0,), 20.0, 20.0), "-20 mm and a rim radius of 20 mm"),
+        (EvenPolynomial((1.0, -1.0), 20.0, 20.0), "0 mm and a rim radius of 20 mm"),
+    ],
+)
+def test_unsupported_mirror_is_rejected(mirror, depth):
+    """A pointed mirror, and depths of 0 and of the rim radius."""
+    with pytest.raises(InvalidParameter, match=f"smooth mirror .*; got a depth of {depth}$"):
+        forbes_asphere(mirror)
+
+
+@pytest.mark.parametrize("depth_mm", [19.9, 0.01, -0.01, -19.9])
+def test_radius_of_the_sphere_through_vertex_and_rim(depth_mm):
+    found = forbes_asphere(EvenPolynomial((depth_mm / 20.0,), 20.0, 20.0))
+    x = np.array([0.0, 20.0])
+    assert found.sag(x) == pytest.approx([0.0, depth_mm], abs=1e-12)
+    assert np.hypot(20.0, depth_mm - found.radius_mm) == pytest.approx(abs(found.radius_mm))
+    assert forbes_asphere(Sphere(50.0, 49.99999)).radius_mm == pytest.approx(50.0)
 
 
 def test_command_prints_the_asphere(tmp_path):
