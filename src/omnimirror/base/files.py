@@ -45,9 +45,7 @@ DEEP_KEY = re.compile(
     re.M,
 )
 """Dotted key of a TOML file that creates too many tables."""
-NONBLOCKING = (
-    getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
-)
+NONBLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 TEMPORARY_MARK = ".omnimirror-"
 """Part of the names of all temporary files next to an output, by which the next run identifies
 them.
