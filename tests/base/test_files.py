@@ -98,9 +98,22 @@ def test_new_file_permissions_follow_umask(tmp_path):
 
 
 def test_folder_as_output_raises(tmp_path):
-    with pytest.raises(OmnimirrorError, match="the name must be that of a file; got a folder"):
+    with pytest.raises(
+        OmnimirrorError, match=r"^cannot write \S+: the name must be that of a file; got a folder$"
+    ):
         write_text(tmp_path, "x")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_without_a_number_are_named(tmp_path, monkeypatch):
+    with (
+        pytest.raises(OmnimirrorError, match=r"^cannot write \S+: no device$"),
+        atomic_output(tmp_path / "a"),
+    ):
+        raise OSError("no device")
+    monkeypatch.setattr(files, "read_bytes", lambda *_: (_ for _ in ()).throw(OSError("no device")))
+    with pytest.raises(OmnimirrorError, match=r"^cannot read the table a: no device$"):
+        read_text("a", "table")
 
 
 @pytest.mark.parametrize("path", ["a\0b", 3, None])
