@@ -188,9 +188,10 @@ def test_entries_of_camera_files_are_changed(tmp_path):
     assert not {"k1", "skew_px", "p1"} & set(table)
     assert om.parse_camera(format_camera(expected)) == expected
     assert "rim_radius_px" not in format_camera(replace(expected, rim_radius_px=None))
-    (tmp_path / "b.txt").write_text(OCAM)
-    assert om.load_camera(tmp_path / "b.txt").image_size == (640, 480)
-    assert om.load_camera(tmp_path / "b.txt") == om.parse_camera(OCAM)
+    ocam = om.OCam(
+        polynomial=(-100.0, 0.0, 2.5e-3), centre_px=(319.5, 239.5), image_size=(640, 480)
+    )
+    om.convert(ocam, tmp_path / "b.txt", to="ocamcalib")
     with pytest.raises(SpecError, match=r"b\.txt is an OCamCalib file, whose entries cannot be"):
         om.load_camera(tmp_path / "b.txt", changes)
     with pytest.raises(TypeError, match="notes must be text; got 3"):

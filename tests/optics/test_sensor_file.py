@@ -174,7 +174,7 @@ def test_optional_tables_round_trip():
 
 def test_camera_file_is_no_sensor_file():
     camera = "[camera]\nkind = 'unified'\n"
-    with pytest.raises(SpecError, match="^mine must be a sensor file; got a camera file, which"):
+    with pytest.raises(SpecError, match=r"^mine must be a sensor file; got a camera file, which"):
         parse_sensor(camera, "mine")
     with pytest.raises(SpecError, match="unknown entry camera"):
         parse_sensor(camera + GOOD, "mine")
