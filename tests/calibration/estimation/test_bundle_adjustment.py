@@ -231,10 +231,10 @@ def test_shape_of_a_board_is_relative_to_its_centre_and_size():
     ):
         moves = flat.with_values(values).deformed(points) - points
         np.testing.assert_allclose(moves, [change, [0.0, 0.0, 0.0]], atol=1e-12)
-    bent = flat.with_values([0.3, 0, 0, 0, -0.6])
-    assert bent.is_flat_within(np.array([0.1, 1, 1, 1, 0.2]))
-    assert not bent.is_flat_within(np.array([0.099, 1, 1, 1, 0.2]))
-    assert not bent.is_flat_within(np.array([0.1, 1, 1, 1, 0.199]))
+    bent = flat.with_values([0.375, 0, 0, 0, -0.75])  # exact in binary
+    assert bent.is_flat_within(np.array([0.125, 1, 1, 1, 0.25]))
+    assert not bent.is_flat_within(np.array([0.124, 1, 1, 1, 0.25]))
+    assert not bent.is_flat_within(np.array([0.125, 1, 1, 1, 0.249]))
 
 
 @pytest.mark.parametrize(
