@@ -120,6 +120,9 @@ def test_rows_follow_their_definitions(distance, table):
         assert compared["f_number"].values[i] == sensor.lens.f_number
         assert compared["mirror"].values[i] == sensor.mirror.KIND
         second = sensor.secondary
+        if second is None:
+            length = sensor.mirror_distance_mm + known["sag_mm"]
+            assert compared["length_mm"].values[i] == pytest.approx(length, rel=1e-12)
         assert compared["secondary"].values[i] == ("–" if second is None else second.mirror.KIND)
 
 
@@ -170,9 +173,17 @@ def test_comparison_files_are_exact(table, tmp_path):
 
 
 def test_duplicate_names_numbered():
-    cone = sensor_of("cone")
-    table = om.compare([cone, SENSORS[0], replace(cone, mirror=SENSORS[0].mirror)])
-    assert table.names == ["cone (1)", "paper-spherical", "cone (2)"]
+    """In a comparison of the maximum number of six sensors."""
+    cone, sphere = sensor_of("cone"), SENSORS[0]
+    table = om.compare([cone, cone, sphere, replace(cone, mirror=sphere.mirror), cone, SENSORS[2]])
+    assert table.names == [
+        "cone (1)",
+        "cone (2)",
+        "paper-spherical",
+        "cone (3)",
+        "cone (4)",
+        "paper-hyperboloidal",
+    ]
 
 
 @pytest.mark.parametrize(
