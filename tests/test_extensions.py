@@ -22,7 +22,7 @@ from omnimirror.base.quantities import Quantity
 from omnimirror.cameras.camera import Projection, Rays
 from omnimirror.design import Limitable
 from omnimirror.design.limits import LIMITABLE
-from omnimirror.optics.mirrors import MIRRORS, RIM_RADIUS, Mirror
+from omnimirror.optics.mirrors import MIRRORS, RIM_RADIUS, Flat, Mirror
 from omnimirror.optics.sensor_files import load_sensor, save_sensor, tables_of
 from omnimirror.optics.testing import check_mirror
 from tests.commands import Forks
@@ -235,6 +235,14 @@ BREACHES = {
         {"sag": lambda self, x: self.profile(x)[0] + 1e-9},
         "sag differs from that of profile",
     ),
+    "own sag at the first of ten steps": (
+        {"sag": lambda self, x: self.profile(x)[0] + 1e-9 * (np.asarray(x) == 4.0)},
+        "sag differs from that of profile",
+    ),
+    "own slope in two dimensions": (
+        {"slope": lambda self, x: self.profile(x)[1] + 1e-9 * (np.ndim(x) == 2) * (x == 16.0)},
+        "slope differs from that of profile",
+    ),
     "own slope of the rim": (
         {"slope": lambda self, x: self.profile(x)[1] + 1e-9 * (np.asarray(x) == 40.0)},
         "slope differs from that of profile",
@@ -357,6 +365,11 @@ def test_contract_allows_minimum_between_vertex_and_rim(quartic, monkeypatch):
     )
     monkeypatch.setattr(Quartic, "profile", members["profile"])
     check_mirror(quartic)
+
+
+def test_contract_allows_flat_mirrors():
+    """With infinite radii; a wrong radius is found where the slope is not 0."""
+    check_mirror(Flat(20.0))
 
 
 def test_contract_rejects_objects_that_are_not_mirrors():

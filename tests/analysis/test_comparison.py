@@ -14,6 +14,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
+from omnimirror.optics.lenses import SurfaceLens
 from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from tests.conftest import sensor_of
 
@@ -72,6 +73,59 @@ def test_worst_values_bound_evaluation(table):
         )
 
 
+@pytest.mark.parametrize("distance", [np.inf, 400.0])
+def test_rows_follow_their_definitions(distance, table):
+    """Reductions of the evaluation at 721 field angles; objects at 1 m for the single viewpoint."""
+    sensors = SENSORS[1:4]
+    compared = table if np.isinf(distance) else om.compare(sensors, distance)
+    for i, sensor in enumerate(sensors, start=1 if np.isinf(distance) else 0):
+        low, high = sensor.field_deg
+        r = om.evaluate(sensor, np.linspace(low, high, 721))
+        near = om.evaluate(sensor, np.linspace(low, high, 721), object_distance_mm=distance)
+        h, w = r.h_px, r.omega_deg
+        step, aspect = r.dh_domega_px_per_deg, r.aspect[np.isfinite(r.aspect)]
+        known = {
+            "field_from_deg": low,
+            "field_to_deg": high,
+            "sphere_coverage_percent": 50 * (np.cos(np.radians(low)) - np.cos(np.radians(high))),
+            "obscured_to_deg": sensor.obscured_to_deg,
+            "obscured_percent": sensor.obscured_percent,
+            "rim_radius_px": sensor.rim_radius_px,
+            "nonlinearity_percent": 100 * np.abs(h / h[-1] - w / w[-1]).max(),
+            "min_dh_domega_px_per_deg": step.min(),
+            "max_dh_domega_px_per_deg": step.max(),
+            "dh_domega_ratio": step.min() / step.max(),
+            "area_ratio": np.nanmin(r.area_px2) / np.nanmax(r.area_px2),
+            "min_aspect": aspect.min(),
+            "max_aspect": aspect.max(),
+            "worst_aspect": max(aspect.max(), 1 / aspect.min()),
+            "viewpoint_spread_mm": np.nanmax(r.viewpoint_z_mm) - np.nanmin(r.viewpoint_z_mm),
+            "single_viewpoint_error_px": om.best_viewpoint(sensor, 1000.0).worst_px,
+            "focus_mm": sensor.lens.focus_distance_mm,
+            "depth_of_field_mm": r.depth_of_field_mm.far - r.depth_of_field_mm.near,
+            "airy_px": r.airy_px,
+            "mirror_diameter_mm": 2 * sensor.mirror.rim_radius_mm,
+            "sag_mm": sensor.mirror.sag(sensor.mirror.rim_radius_mm),
+            "rim_slope_deg": np.degrees(
+                np.arctan(sensor.mirror.slope(sensor.mirror.rim_radius_mm))
+            ),
+        }
+        for surface in ("plane", "cylinder"):
+            t, s = getattr(near, f"{surface}_t_mm_per_px"), near.object_s_mm_per_px
+            known[f"min_{surface}_mm_per_px"] = np.nanmin(np.where(t > s, t, s))
+        for key in ("blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2"):
+            known[f"worst_{key}"] = np.abs(getattr(r, key)).max()
+        for key, value in known.items():
+            assert compared[key].values[i] == pytest.approx(value, rel=1e-10, abs=1e-12), key
+        assert compared["f_number"].values[i] == sensor.lens.f_number
+        assert compared["mirror"].values[i] == sensor.mirror.KIND
+        second = sensor.secondary
+        if second is None:
+            length = sensor.mirror_distance_mm + known["sag_mm"]
+            assert compared["length_mm"].values[i] == pytest.approx(length, rel=1e-12)
+        assert compared["secondary"].values[i] == ("–" if second is None else second.mirror.KIND)
+
+
 def test_best_values_marked(table):
     assert table["field_to_deg"].best == [
         True,
@@ -107,6 +161,8 @@ def test_comparison_files_are_exact(table, tmp_path):
     assert header == ["quantity", *NAMES]
     sensors = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
     assert [s["name"] for s in sensors] == list(NAMES)
+    assert sensors[-1]["length_mm"] == "nan"
+    assert (tmp_path / "t.json").read_text().startswith('[\n {\n  "name": "paper-spherical"')
     for row, line in zip(table.rows, lines, strict=True):
         assert line[0] == row.name
         for value, cell, sensor in zip(row.values, line[1:], sensors, strict=True):
@@ -117,9 +173,17 @@ def test_comparison_files_are_exact(table, tmp_path):
 
 
 def test_duplicate_names_numbered():
-    cone = sensor_of("cone")
-    table = om.compare([cone, SENSORS[0], replace(cone, mirror=SENSORS[0].mirror)])
-    assert table.names == ["cone (1)", "paper-spherical", "cone (2)"]
+    """In a comparison of the maximum number of six sensors."""
+    cone, sphere = sensor_of("cone"), SENSORS[0]
+    table = om.compare([cone, cone, sphere, replace(cone, mirror=sphere.mirror), cone, SENSORS[2]])
+    assert table.names == [
+        "cone (1)",
+        "cone (2)",
+        "paper-spherical",
+        "cone (3)",
+        "cone (4)",
+        "paper-hyperboloidal",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -255,6 +319,21 @@ def test_untraceable_sensor_compared_as_aligned():
     table = om.compare([leaning, drawn])
     assert table.notes == ("leaning: tilted or rotated imager; compared as an aligned sensor.",)
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
+
+
+def test_misaligned_sensor_with_second_mirror_or_real_lens_compared_as_aligned():
+    lens = SurfaceLens(
+        8.0, 212.0, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1, 25.0
+    )
+    thick = replace(SENSORS[0], lens=lens, mirror_distance_mm=220.0)
+    askew = MirrorPose(0.3, 0.4, tilt_y_deg=0.25)
+    for drawn, changes, note in (
+        (SENSORS[3], {"imager_pose": ImagerPose(rotation_deg=1.0)}, "tilted or rotated imager"),
+        (thick, {"mirror_pose": askew}, "mirror decentred by 0.5 mm and tilted by 0.25 deg"),
+    ):
+        table = om.compare([replace(drawn, name="askew", **changes), drawn])
+        assert table.notes == (f"askew: {note}; compared as an aligned sensor.",)
+        assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 
 @pytest.mark.parametrize("shell", [Dome(), Tube(130.0)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import resource
 import signal
@@ -24,16 +25,20 @@ from omnimirror.base.files import (
     check_file,
     compose_yaml,
     decompress,
+    is_stream,
+    json_plain,
+    open_file,
     parse_json,
     parse_toml,
     read_bytes,
+    read_tables,
     read_text,
     write_text,
 )
 
 
 def test_atomic_output_is_complete_or_absent(tmp_path):
-    path = tmp_path / "new" / "table.csv"
+    path = tmp_path / "new" / "folders" / "table.csv"
     write_text(path, "first")
 
     def stop_half_way():
@@ -85,15 +90,45 @@ def test_signal_leaves_one_complete_file(tmp_path):
 
 
 def test_new_file_permissions_follow_umask(tmp_path):
-    write_text(tmp_path / "a.txt", "a")
+    with atomic_output(tmp_path / "a.txt") as temporary:
+        assert stat.S_IMODE(temporary.stat().st_mode) == 0o600  # until it is complete
+        temporary.write_text("a")
     (tmp_path / "b.txt").write_text("b")
     assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "b.txt").stat().st_mode
 
 
 def test_folder_as_output_raises(tmp_path):
-    with pytest.raises(OmnimirrorError, match="the name must be that of a file; got a folder"):
+    with pytest.raises(
+        OmnimirrorError, match=r"^cannot write \S+: the name must be that of a file; got a folder$"
+    ):
         write_text(tmp_path, "x")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_without_a_number_are_named(tmp_path, monkeypatch):
+    with (
+        pytest.raises(OmnimirrorError, match=r"^cannot write \S+: no device$"),
+        atomic_output(tmp_path / "a"),
+    ):
+        raise OSError("no device")
+    monkeypatch.setattr(files, "read_bytes", lambda *_: (_ for _ in ()).throw(OSError("no device")))
+    with pytest.raises(OmnimirrorError, match=r"^cannot read the table a: no device$"):
+        read_text("a", "table")
+
+
+@pytest.mark.parametrize("path", ["a\0b", 3, None])
+def test_other_outputs_than_names_raise(path):
+    with pytest.raises(OmnimirrorError, match="path must be a file name; got "):
+        write_text(path, "x")
+
+
+def test_json_values_are_plain():
+    """NaN is null, infinity a word; integers, booleans and text are unchanged."""
+    data = {"a": np.array([[1.5, np.nan], [np.inf, -np.inf]]), "b": (1, True, None, "x", [2.0])}
+    plain = json_plain(data)
+    assert plain == {"a": [[1.5, None], ["inf", "-inf"]], "b": [1, True, None, "x", [2.0]]}
+    assert plain["b"][1] is True
+    assert json_plain(np.float64(2.5)) == 2.5
 
 
 def test_json_is_readable_utf_8(tmp_path):
@@ -145,16 +180,42 @@ def test_only_regular_files_of_limited_size_are_read(tmp_path):
         file.truncate(1 << 40)
     (tmp_path / "fits").write_bytes(b"12345")
     assert read_bytes(tmp_path / "fits", 5) == b"12345"
+    with open_file(tmp_path / "fits") as file:
+        assert file.read() == b"12345"
+    check_file(tmp_path / "fits", 5, 1)  # no archive
     for name, most, reason in [
         (tmp_path / "pipe", 5, "pipe or a device"),
         ("/dev/zero", 5, "pipe or a device"),
-        (tmp_path / "huge", MAX_TEXT_BYTES, "the file must be at most 64 MB"),
-        (tmp_path / "fits", 4, "the file must be at most 4 bytes"),
+        (tmp_path / "huge", MAX_TEXT_BYTES, "the file must be at most 64 MB; got 1048576 MB"),
+        (tmp_path / "huge", 1 << 20, "the file must be at most 1 MB; got 1048576 MB"),
+        (tmp_path / "huge", (1 << 20) - 1, f"at most 1048575 bytes; got {1 << 40} bytes"),
+        (tmp_path / "fits", 4, "the file must be at most 4 bytes; got 5 bytes"),
         (tmp_path, 5, "must be a file; got a folder"),
         ("a\0b", 5, "the name must not contain null characters"),
     ]:
         with pytest.raises(OSError, match=reason):
             read_bytes(name, most)
+
+
+def test_generated_files_are_limited_to_1_mb(tmp_path, monkeypatch):
+    """A file with a nominal size of 0, as in /proc; other files may grow up to their nominal size."""
+    path, measured = tmp_path / "grown", os.fstat
+    path.write_bytes(bytes((2 << 20) + 1))
+    for nominal, limit in ((0, 1 << 20), ((1 << 20) + 5, (1 << 20) + 5), (2 << 20, 2 << 20)):
+        as_if = os.stat_result([*measured(0)[:6], nominal, 0, 0, 0])
+
+        def fstat(number, status=as_if):
+            return os.stat_result((stat.S_IFREG, *status[1:]))
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fstat", fstat)
+            with pytest.raises(OSError, match=f"at most {limit >> 20} MB; reduce or split it"):
+                read_bytes(path, 1 << 22)
+        os.truncate(path, limit)
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fstat", fstat)
+            assert len(read_bytes(path, 1 << 22)) == limit
+        path.write_bytes(bytes((2 << 20) + 1))
 
 
 def test_text_encodings_and_line_ends(tmp_path):
@@ -165,6 +226,12 @@ def test_text_encodings_and_line_ends(tmp_path):
         read_text(tmp_path / "latin.txt", "table")
     with pytest.raises(OmnimirrorError, match=r"cannot read the table .*none\.txt: No such file"):
         read_text(tmp_path / "none.txt", "table")
+    with pytest.raises(SpecError, match=r"^there is none$"):
+        read_text(tmp_path / "none.txt", "table", SpecError, "there is none")
+    with pytest.raises(
+        SpecError, match=r"cannot read the table .*: it must be a file; got a folder"
+    ):
+        read_text(tmp_path, "table", SpecError, "there is none")
 
 
 def test_files_without_nominal_size_are_limited():
@@ -204,7 +271,7 @@ def test_archive_content_is_limited(tmp_path):
 
 def test_compressed_data_is_limited():
     packed = zlib.compress(bytes(1000))
-    assert decompress(packed, 1000) == bytes(1000)
+    assert decompress(packed, 1000) == decompress(gzip.compress(bytes(1000)), 1000) == bytes(1000)
     for data, most, reason in [
         (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
         (packed[:-5], 1000, "truncated data"),
@@ -223,12 +290,14 @@ NESTED = {
     "tables.json": lambda n: '{"a":' * n + "1" + "}" * n,
     "flow.yaml": lambda n: "[" * n + "]" * n,
     "block.yaml": lambda n: "- " * n + "1",
+    "tags.xml": lambda n: "<a>" * n + "</a>" * n,
 }
 """Texts with n nested tables and lists, including the document itself."""
 PARSERS = {
     "toml": lambda text: parse_toml(text, "a"),
     "json": parse_json,
     "yaml": lambda text: compose_yaml(text, "a"),
+    "xml": lambda text: files.parse_xml(text, "a"),
 }
 
 
@@ -251,14 +320,16 @@ def test_nesting_is_limited_to_32_levels(kind):
             r"a\.yaml line 2: aliases \(\*x\) are not supported; repeat the value",
         ),
         (
-            "[" + "1," * 100_000 + "1]",
-            r"a\.yaml must contain at most 100000 values; got more up to line 1",
+            "- 1\n" * 100_000,
+            r"a\.yaml must contain at most 100000 values; got more up to line 100000",
         ),
-        ("a: " + "x" * (5 << 20), r"a\.yaml must be at most 4 MB"),
+        ("#" + "x" * (4 << 20), r"a\.yaml must be at most 4 MB; got 5 MB"),
         ("a: [1, 2\n", r"a\.yaml line 2 must be valid YAML: did not find expected ',' or '\]'"),
+        ("a: [1, 2", r"a\.yaml line 1 must be valid YAML: did not find expected ',' or '\]'"),
+        ("a: 1\nb: [1, }\nc: 3\n", r"a\.yaml line 2 must be valid YAML: did not find expected"),
         (
             "a: \x01\n",
-            r"a\.yaml must be valid YAML: unacceptable character #x0001: control characters are not allow",
+            r"a\.yaml must be valid YAML: unacceptable character #x0001: control .*, position 3$",
         ),
     ],
 )
@@ -268,15 +339,18 @@ def test_yaml_has_limits(text, sentence):
 
 
 def test_yaml_within_limits_is_parsed():
-    node = compose_yaml("[" + "1," * 99_998 + "]", "a.yaml")
-    assert len(node.value) == 99_998
-    assert compose_yaml("", "a.yaml") is None
+    node = compose_yaml("- 1\n" * 99_999, "a.yaml")
+    assert len(node.value) == 99_999
+    assert compose_yaml("#" + "x" * ((4 << 20) - 1), "a.yaml") is None
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a = [" + "1," * (3 << 20) + "]", r"a\.toml must be at most 4 MB"),
+        (
+            "#" + "x" * (4 << 20),
+            r"a\.toml must be at most 4 MB; got 5 MB; reduce or split it; store tables of numbers as CSV",
+        ),
         ("a = 9223372036854775808", r"a\.toml: integers must have at most 64 bits"),
         ("a = [[-9223372036854775809]]", r"a\.toml: integers must have at most 64 bits"),
         ("a = " + "9" * 5000, r"a\.toml: integers must have at most 64 bits"),
@@ -293,6 +367,28 @@ def test_toml_within_limits_is_parsed():
         "a = [-9223372036854775808, 9223372036854775807]\nb = '" + "c." * 99 + "'\n# " + "d." * 99
     )
     assert parse_toml(text, "a.toml") == {"a": [-(2**63), 2**63 - 1], "b": "c." * 99}
+    assert parse_toml("#" + "x" * ((4 << 20) - 1), "a.toml") == {}
+
+
+def test_tables_of_a_file_are_counted(tmp_path):
+    path = tmp_path / "views.toml"
+    for count in (1, 3):
+        path.write_text("".join(f"[v{i}]\nx = {i}\n" for i in range(count)))
+        assert read_tables(path, "view", "views", 3) == {f"v{i}": {"x": i} for i in range(count)}
+    for text, sentence in [
+        ("", r"views\.toml must contain 1 to 3 views; got 0"),
+        ("[a]\n[b]\n[c]\n[d]\n", r"views\.toml must contain 1 to 3 views; got 4"),
+        ("[a]\n[b]\n[c]\n[a.d]\n", None),
+        ("b = 3\n[a]\n", r"views\.toml: the view b must be a table \[b\]; got 3"),
+    ]:
+        path.write_text(text)
+        if sentence is None:
+            assert read_tables(path, "view", "views", 3)["a"] == {"d": {}}
+            continue
+        with pytest.raises(SpecError, match=sentence):
+            read_tables(path, "view", "views", 3)
+    with pytest.raises(SpecError, match=r"path must be an existing file of views; got '.*none'"):
+        read_tables(tmp_path / "none", "view", "views", 3)
 
 
 @pytest.mark.parametrize("kind", ["pipe", "zero"])
@@ -405,6 +501,49 @@ def test_pipes_and_devices_are_written_directly(tmp_path):
     (tmp_path / "null").symlink_to(os.devnull)
     write_text(tmp_path / "null", "nothing")
     assert (tmp_path / "null").is_symlink()
+    assert not is_stream(tmp_path)
+    with pytest.raises(OSError, match="the name must not contain null characters"):
+        is_stream("a\0b")
+
+
+def test_open_descriptors_are_written_at_their_position(tmp_path):
+    """By all names of a descriptor of this process, which remains open; not of other processes."""
+    number = os.open(tmp_path / "log", os.O_RDWR | os.O_CREAT)
+    try:
+        os.write(number, b"a")
+        names = [f"/dev/fd/{number}", f"/proc/self/fd/{number}", f"/proc/{os.getpid()}/fd/{number}"]
+        (tmp_path / "link").symlink_to(names[0])
+        for name in (*names, str(tmp_path / "link")):
+            write_text(name, "b")
+        os.write(number, b"c")
+    finally:
+        os.close(number)
+    assert (tmp_path / "log").read_text() == "abbbbc"
+    assert files._descriptor_of(f"/proc/{os.getpid() + 1}/fd/{number}") is None
+    chain = [tmp_path / f"chain{i}" for i in range(9)]
+    for link, target in zip(chain, ["/dev/fd/3", *chain], strict=False):
+        link.symlink_to(target)
+    assert [files._descriptor_of(link) for link in chain[5:]] == [3, 3, None, None]
+
+
+def test_outputs_to_block_devices_and_closed_pipes_raise(tmp_path, monkeypatch):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    monkeypatch.setattr(files.shutil, "copyfileobj", lambda *_: closed())
+    with pytest.raises(OmnimirrorError, match=r"cannot write .*pipe: Broken pipe"):
+        write_text(pipe, "x")
+    with pytest.raises(BrokenPipeError):  # for commands such as head
+        write_text("-", "x")
+    os.close(reader)
+    monkeypatch.setattr(stat, "S_ISBLK", stat.S_ISFIFO)
+    with pytest.raises(OmnimirrorError, match="must be that of a file; got a block device"):
+        write_text(pipe, "x")
+
+
+def closed():
+    """Raise the error of writing to a pipe without a reader."""
+    raise BrokenPipeError(32, "Broken pipe")
 
 
 @pytest.mark.parametrize("name", ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
@@ -438,12 +577,17 @@ def test_leftovers_of_killed_runs_only_are_removed(tmp_path):
     assert len(left) == 2
     theirs = [
         ".out-abcdefgh.mp4",
+        ".out.omnimirror-abcdefg.mp4",
+        ".out.omnimirror-abcdefghi.mp4",
         ".out.omnimirror-abcdefgh.mp4.bak",
         ".out.omnimirror-abcdefgh.mov",
         "out.mov",
     ]
     for name in theirs:
         (tmp_path / name).write_text("precious")
+    (tmp_path / ".out.omnimirror-pointing.mp4").symlink_to("out.mov")  # of this user, but no file
+    os.mkfifo(tmp_path / ".out.omnimirror-pipeline.mp4")
+    theirs += [".out.omnimirror-pointing.mp4", ".out.omnimirror-pipeline.mp4"]
     with atomic_output(output) as living:
         living.write_text("mine")
         write_text(output, "theirs")  # another run with the same output
@@ -451,6 +595,29 @@ def test_leftovers_of_killed_runs_only_are_removed(tmp_path):
     assert output.read_text() == "mine"
     others = {name for name in left if name.startswith(".other.")}
     assert {p.name for p in tmp_path.iterdir()} == {"out.mp4", *others, *theirs}
+
+
+def test_leftovers_are_rescued_under_another_name(tmp_path):
+    """With the permissions of a new file, or those of the file that is replaced."""
+    output, rescued = tmp_path / ("x" * 70 + "ü.mp4"), tmp_path / "rescued.mp4"
+    (tmp_path / "new").write_text("")
+    for mode in (stat.S_IMODE((tmp_path / "new").stat().st_mode), 0o640):
+        with atomic_output(output) as temporary:
+            pass
+        assert temporary.name.startswith("." + "x" * 60 + ".omnimirror-")
+        temporary.write_text("half")
+        offered: list[Path] = []
+
+        def rescue(path, offered=offered):
+            offered.append(path)
+            return rescued
+
+        with atomic_output(output, rescue) as living:
+            living.write_text("whole")
+        assert offered == [temporary]
+        assert (rescued.read_text(), output.read_text()) == ("half", "whole")
+        assert stat.S_IMODE(rescued.stat().st_mode) == mode
+        rescued.chmod(0o640)
 
 
 def test_leftovers_of_other_owners_are_kept(tmp_path, monkeypatch):
@@ -482,3 +649,19 @@ def test_leftovers_of_other_owners_are_kept(tmp_path, monkeypatch):
 def test_xml_errors_contain_line(text, line):
     with pytest.raises(SpecError, match=f"^file line {line} must be valid XML: "):
         files.parse_xml(text, "file")
+
+
+def test_xml_within_limits_is_parsed():
+    """Returns the root; a text of 4 MB is the longest one."""
+    root = files.parse_xml("<a><b/><c>1</c></a>", "file")
+    assert [root.tag, *(child.tag for child in root)] == ["a", "b", "c"]
+    space = (4 << 20) - len("<a></a>")
+    assert files.parse_xml(f"<a>{' ' * space}</a>", "file").tag == "a"
+    for text, sentence in [
+        (f"<a>{' ' * (space + 1)}</a>", "file must be at most 4 MB; got 5 MB"),
+        ("<!DOCTYPE a><a/>", "must not declare a document type or entities; remove <!DOCTYPE"),
+        ("<!ENTITY b 'c'><a/>", "must not declare a document type or entities; remove <!DOCTYPE"),
+        ("<a>\ud800</a>", "^file must be valid XML: "),
+    ]:
+        with pytest.raises(SpecError, match=sentence):
+            files.parse_xml(text, "file")

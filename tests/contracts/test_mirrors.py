@@ -9,7 +9,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter, OutsideMirror
 from omnimirror.optics.mirrors import (
     MIRRORS,
     Cone,
@@ -200,20 +200,80 @@ def test_radii_are_equal_at_smooth_apex(any_mirror):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "low", "high"),
+    ("kind", "name", "low", "high", "unit"),
     [
-        ("hyperboloid", "a_mm", 1e-3, 1e6),
-        ("hyperboloid", "b_mm", 1e-3, 1e6),
-        ("sphere", "radius_mm", 1e-3, 1e6),
-        ("ellipsoid", "a_mm", 1e-3, 1e6),
-        ("ellipsoid", "b_mm", 1e-3, 1e6),
-        ("paraboloid", "vertex_radius_mm", 1e-3, 1e6),
+        ("hyperboloid", "a_mm", 1e-3, 1e6, " mm"),
+        ("hyperboloid", "b_mm", 1e-3, 1e6, " mm"),
+        ("sphere", "radius_mm", 1e-3, 1e6, " mm"),
+        ("ellipsoid", "a_mm", 1e-3, 1e6, " mm"),
+        ("ellipsoid", "b_mm", 1e-3, 1e6, " mm"),
+        ("paraboloid", "vertex_radius_mm", 1e-3, 1e6, " mm"),
+        ("cone", "slope_deg", 0.1, 89.9, " deg"),
+        ("even-polynomial", "normalization_radius_mm", 1e-3, 1e5, " mm"),
+        ("conic-asphere", "normalization_radius_mm", 1e-3, 1e5, " mm"),
+        ("conic-asphere", "vertex_radius_mm", 1e-3, 1e6, " mm"),
+        ("conic-asphere", "conic", -1e3, 1e3, ""),
     ],
 )
-def test_conic_constants_out_of_bounds_are_rejected(kind, name, low, high):
-    for value in (0.9 * low, high + 0.5):
+def test_conic_constants_out_of_bounds_are_rejected(kind, name, low, high, unit):
+    for value in (low - 0.1 * abs(low), high + 0.5):
         with pytest.raises(
             InvalidParameter,
-            match=re.escape(f"{name} must be between {low:g} and {high:g} mm; got {value:g}"),
+            match=re.escape(f"{name} must be between {low:g} and {high:g}{unit}; got {value:g}"),
         ):
             replace(EXAMPLES[kind][0], **{name: value})
+
+
+@pytest.mark.parametrize("kind", ["even-polynomial", "conic-asphere"])
+def test_coefficients_out_of_bounds_are_rejected(kind):
+    for value in (-1.001e9, 1.001e9):
+        with pytest.raises(
+            InvalidParameter,
+            match=re.escape(f"coefficients[1] must be between -1e+09 and 1e+09; got {value:g}"),
+        ):
+            replace(EXAMPLES[kind][0], coefficients=(0.0, value))
+
+
+@pytest.mark.parametrize(
+    ("mirror", "reach"),
+    [
+        (Sphere(50.0, 40.0), 50.0),
+        (Ellipsoid(60.0, 120.0, 40.0), 60.0),
+        (Ellipsoid(60.0, 20.0, 40.0), 60.0),
+        (ConicAsphere(40.0, -0.36, 40.0), 50.0),  # 40 / sqrt(1 - 0.36)
+        (ConicAsphere(40.0, 0.5625, 30.0), 32.0),  # 40 / sqrt(1 + 0.5625)
+        (ConicAsphere(40.0, -1.0, 30.0), None),
+        (ConicAsphere(40.0, -1.1, 30.0), None),
+        (Paraboloid(40.0, 30.0), None),
+        (Hyperboloid(30.0, 40.0, 30.0), None),
+    ],
+)
+def test_conics_end_at_their_equator(mirror, reach):
+    """Values beyond it are NaN, without a warning, and the rim must be within it."""
+    if reach is None:
+        assert replace(mirror, rim_radius_mm=1e4).rim_radius_mm == 1e4
+        return
+    within = replace(mirror, rim_radius_mm=0.999 * reach)
+    assert np.isfinite(within.profile(0.999 * reach)).all()
+    assert np.isnan(within.profile(1.001 * reach)).all()
+    with pytest.raises(
+        OutsideMirror, match=f"rim_radius_mm must be less than {reach:g} mm, where the .* ends"
+    ):
+        replace(mirror, rim_radius_mm=1.001 * reach)
+
+
+def test_coefficients_are_in_mm_by_default():
+    """z = 0.01 x^2 + 0.001 x^4, and x^2 / 50 + 0.001 x^4, at 2 mm."""
+    assert float(EvenPolynomial((0.01, 0.001), 4.0).sag(2.0)) == pytest.approx(0.056, rel=1e-12)
+    asphere = ConicAsphere(25.0, -1.0, 4.0, (0.001,))
+    np.testing.assert_allclose(asphere.profile(2.0), (0.096, 0.112, 0.04 + 0.048), rtol=1e-12)
+
+
+@pytest.mark.parametrize("slope_deg", [20.0, 45.0, 60.0])
+def test_virtual_pinholes_of_a_cone_are_images_of_the_lens(slope_deg):
+    """The lens at (0, -m) reflected at the plane z = x tan(beta) of one half of the meridian."""
+    x, z = np.cos(np.radians(slope_deg)), np.sin(np.radians(slope_deg))
+    lens = np.array([0.0, -180.0])
+    image = 2 * (lens @ [x, z]) * np.array([x, z]) - lens
+    radius, height = Cone(slope_deg, 20.0).pinhole_ring(180.0)
+    assert (-radius, height) == pytest.approx(tuple(image), abs=1e-10)

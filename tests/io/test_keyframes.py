@@ -96,6 +96,25 @@ def test_smooth_interpolation_does_not_overshoot(levels, share):
         assert min(a, b) - 1e-9 <= moves.at(2 * (i + share))["tilt_deg"] <= max(a, b) + 1e-9
 
 
+@pytest.mark.parametrize("interpolation", [None, "smooth", "linear"])
+def test_motion_between_two_keyframes(interpolation):
+    """Smooth by default: 3 t^2 - 2 t^3 of the range, which starts and ends at rest."""
+    chosen = "" if interpolation is None else f"interpolation = '{interpolation}'\n"
+    text = "[[keyframe]]\ntime_s = -4\ntilt_deg = 10\n[[keyframe]]\ntime_s = -2\ntilt_deg = 26\n"
+    moves = parse_toml(chosen + text)
+    for t in (0.0, 0.25, 0.5, 0.875, 1.0):
+        share = t if interpolation == "linear" else 3 * t**2 - 2 * t**3
+        assert moves.at(-4 + 2 * t)["tilt_deg"] == pytest.approx(10 + 16 * share, rel=1e-12)
+
+
+def test_csv_lines_may_start_with_spaces_and_quotes():
+    """Only # starts a comment, and only at the start of a line; empty lines are counted."""
+    text = '\n#,#\n"time_s",pan_deg\n"0",0\n\n 2 ,90\n#3,4\n'
+    assert parse_csv(text) == parse_csv("time_s,pan_deg\n0,0\n2,90")
+    with pytest.raises(MediaError, match=r"^line 6 of moves: pan_deg must be a number; got '9x'$"):
+        parse_csv(text.replace("90", "9x"), "moves")
+
+
 def test_smooth_interpolation_equals_pchip():
     """SciPy's monotone interpolation has the same slopes inside; at the ends, slopes are zero."""
     times, levels = np.array([0, 1, 3, 4, 6, 7.5, 9]), np.array([0, 4, 5, 5, 20, 18, 19.0])
@@ -127,7 +146,7 @@ def test_pan_interpolates_along_shortest_path(pans, share):
         (
             parse_csv,
             "",
-            "keyframes must contain keyframes, with a header such as time_s,pan_deg,tilt_deg",
+            "keyframes must contain keyframes, with a header such as time_s,pan_deg,tilt_deg$",
         ),
         (parse_csv, "time_s,pan_deg\n", "keyframes must contain keyframes"),
         (parse_csv, "pan_deg\n1", "line 1 of keyframes must contain time_s"),
@@ -171,6 +190,16 @@ def test_pan_interpolates_along_shortest_path(pans, share):
         ),
         (
             parse_toml,
+            "keyframe = [3]",
+            r"keyframes must contain only \[\[keyframe\]\] tables and optionally interpolation",
+        ),
+        (
+            parse_toml,
+            TOML + "[[keyframe]]\ntime_s = 3\npan_deg = [1]",
+            r"the keyframe in line 12 of keyframes: pan_deg must be a number; got \[1\]",
+        ),
+        (
+            parse_toml,
             "other = 3",
             r"keyframes must contain only \[\[keyframe\]\] tables and optionally interpolation",
         ),
@@ -200,6 +229,9 @@ def test_keyframe_errors_contain_line(parse, text, message):
 def test_invalid_keyframe_files_raise(tmp_path):
     with pytest.raises(MediaError, match="path must be an existing keyframe file"):
         Keyframes.load(tmp_path / "a.csv")
+    for name, text in (("b.CSV", CSV), ("b.Toml", TOML)):
+        (tmp_path / name).write_text(text)
+        assert set(Keyframes.load(tmp_path / name).tracks) >= {"pan_deg"}
     (tmp_path / "a.txt").write_text(CSV)
     with pytest.raises(MediaError, match=r"keyframes must be a \.csv or \.toml file"):
         Keyframes.load(tmp_path / "a.txt")

@@ -14,7 +14,7 @@ from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.parameters import Uncertainty
 from omnimirror.cameras.frames import Mount
 from omnimirror.cameras.models import CAMERAS
-from omnimirror.optics.sensor_files import format_camera
+from omnimirror.optics.sensor_files import format_camera, is_ocam_text
 from tests.contracts.test_camera_models import MODELS
 
 GOOD = """# A comment
@@ -145,6 +145,71 @@ def test_arbitrary_text_read_or_rejected(text):
     for begin in ("", "[camera]\n", GOOD):
         with suppress(SpecError):
             om.parse_camera(begin + text)
+
+
+OCAM = (
+    "\n# polynomial: a0, a1, ...\n\n3 -100 0 2.5E-3 # of 2\n2 100 50\n239.5 319.5\n1 0 0\n480 640\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (OCAM, True),
+        ("5 # five", True),
+        ("# 5\nfive # 5", False),
+        ("+inf -NaN 1e-3", True),
+        ("1 2 x", False),
+        ("", False),
+        ("# 5\n", False),
+        ("\n5\nkind = 3", True),
+        ("kind = 3\n5", False),
+    ],
+)
+def test_ocamcalib_files_start_with_numbers(text, expected):
+    """The first line of content decides; # starts a comment."""
+    assert is_ocam_text(text) is expected
+
+
+def test_entries_of_camera_files_are_changed(tmp_path):
+    changes = {"camera": {"xi": 0.0, "k1": None}, "mount": None, "uncertainty": None}
+    expected = om.Unified(
+        xi=0.0,
+        focal_px=(220.0, 221.5),
+        centre_px=(319.5, 239.5),
+        image_size=(640, 480),
+        rim_radius_px=230.0,
+    )
+    assert om.parse_camera(GOOD, changes=changes) == expected
+    (tmp_path / "a.toml").write_text(GOOD)
+    assert om.load_camera(tmp_path / "a.toml", changes) == expected
+    table = tomllib.loads(format_camera(expected))["camera"]
+    assert table["xi"] == 0.0  # without a default
+    assert not {"k1", "skew_px", "p1"} & set(table)
+    assert om.parse_camera(format_camera(expected)) == expected
+    assert "rim_radius_px" not in format_camera(replace(expected, rim_radius_px=None))
+    ocam = om.OCam(
+        polynomial=(-100.0, 0.0, 2.5e-3), centre_px=(319.5, 239.5), image_size=(640, 480)
+    )
+    om.convert(ocam, tmp_path / "b.txt", to="ocamcalib")
+    with pytest.raises(SpecError, match=r"b\.txt is an OCamCalib file, whose entries cannot be"):
+        om.load_camera(tmp_path / "b.txt", changes)
+    with pytest.raises(TypeError, match="notes must be text; got 3"):
+        format_camera(expected, 3)
+
+
+@pytest.mark.parametrize(
+    ("source", "end"),
+    [
+        ("a.toml", r"\)"),
+        ("A.TOML", r"\)"),
+        ("a", r"\)"),
+        ("a.xml", "; convert camera files of other programs with omnimirror convert"),
+    ],
+)
+def test_other_formats_are_recognised_by_suffix(source, end):
+    with pytest.raises(SpecError, match=f"^{source} must be valid TOML: .*{end}$"):
+        om.parse_camera("a b", source)
 
 
 def test_camera_file_formats_read(tmp_path):

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError, SpecError
+from omnimirror.base.parameters import Uncertainty
 from omnimirror.cameras.frames import Mount
 from omnimirror.design.sensor_file_template import sensor_template
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
@@ -21,6 +22,7 @@ from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import EvenPolynomial
 from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, load_sensor, parse_sensor
+from omnimirror.optics.thermal import Thermal
 from omnimirror.optics.toml_validation import SourceLocator
 from tests.conftest import M
 
@@ -121,6 +123,63 @@ def test_random_sensor_round_trip(name, notes, coefficients, distance, azimuth, 
     assert parse_sensor(format_sensor(sensor)) == sensor
 
 
+def test_changes_replace_and_remove_entries(tmp_path, monkeypatch):
+    plain = load_sensor("paper-spherical")
+    changes = {"lens": {"f_number": 5.6}, "notes": None, "name": None}
+    changed = load_sensor("paper-spherical", changes)
+    assert changed == replace(
+        plain, lens=replace(plain.lens, f_number=5.6), name="sensor", notes=""
+    )
+    assert parse_sensor(format_sensor(plain), changes=changes) == changed
+    # a file of the name of a bundled sensor precedes it
+    (tmp_path / "paper-spherical").write_text(GOOD)
+    monkeypatch.chdir(tmp_path)
+    assert load_sensor("paper-spherical") == parse_sensor(GOOD) != plain
+    with pytest.raises(
+        SpecError,
+        match=r"^sensor file or bundled sensor 'zzzz' does not exist; the bundled sensors",
+    ):
+        load_sensor("zzzz")
+    with pytest.raises(
+        SpecError, match=r"'paper-sferical' does not exist; .*\? The bundled sensors"
+    ):
+        load_sensor("paper-sferical")
+
+
+def test_optional_tables_round_trip():
+    """Written only if given, with the entries that are given."""
+    plain = load_sensor("folded-spherical")
+    covariance = ((0.25, 0.0), (0.0, 0.01))
+    names = ("mirror_distance_mm", "focus_distance_mm")
+    tables, entries = ("secondary", "uncertainty", "thermal"), ("field_deg", "marginal_sigmas")
+    for uncertainty in (
+        None,
+        Uncertainty(names, covariance),
+        Uncertainty(names, covariance, field_deg=90.0, marginal_sigmas=(0.5, 0.1)),
+    ):
+        for thermal in (None, Thermal()):
+            for secondary in (None, plain.secondary):
+                sensor = replace(
+                    plain, uncertainty=uncertainty, thermal=thermal, secondary=secondary
+                )
+                data = tomllib.loads(format_sensor(sensor))
+                given = [part is not None for part in (secondary, uncertainty, thermal)]
+                assert [name in data for name in tables] == given
+                is_full = uncertainty is not None and uncertainty.field_deg is not None
+                table = data.get("uncertainty", {})
+                assert [name in table for name in entries] == [is_full] * 2
+                assert parse_sensor(format_sensor(sensor)) == sensor
+                assert parse_sensor(format_sensor(sensor)).uncertainty == uncertainty
+
+
+def test_camera_file_is_no_sensor_file():
+    camera = "[camera]\nkind = 'unified'\n"
+    with pytest.raises(SpecError, match=r"^mine must be a sensor file; got a camera file, which"):
+        parse_sensor(camera, "mine")
+    with pytest.raises(SpecError, match="unknown entry camera"):
+        parse_sensor(camera + GOOD, "mine")
+
+
 def test_default_poses_omitted_from_file():
     plain = om.load_sensor("paper-spherical")
     moved = replace(
@@ -184,6 +243,9 @@ def test_housing_round_trip_with_defaults():
     dome = replace(sensor, housing=Housing(shell=Dome(centre_mm=-80.0)))
     assert parse_sensor(format_sensor(dome)) == dome
     assert "housing" not in format_sensor(parse_sensor(GOOD))
+    parts = tomllib.loads(format_sensor(sensor))["housing"]
+    assert list(parts) == ["camera", "rod", "rim", "tube"]
+    assert list(tomllib.loads(format_sensor(dome))["housing"]) == ["dome"]
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,8 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
 
     A sensor with a decentred or tilted mirror, for example from a calibration, is traced in three
     dimensions; its extreme values include all azimuths. With a real lens, a cover or a tilted
-    imager, the aligned sensor is compared instead, with a note.
+    imager, the aligned sensor is compared instead, with a note. Extreme values of an
+    aligned sensor are those of 721 field angles.
 
     Parameters
     ----------

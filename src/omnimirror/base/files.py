@@ -45,9 +45,7 @@ DEEP_KEY = re.compile(
     re.M,
 )
 """Dotted key of a TOML file that creates too many tables."""
-NONBLOCKING = (
-    getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
-)
+NONBLOCKING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 TEMPORARY_MARK = ".omnimirror-"
 """Part of the names of all temporary files next to an output, by which the next run identifies
 them.
@@ -115,7 +113,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 def write_json(path: str | Path, data: Any) -> None:
     """Write data as JSON atomically, after conversion by :func:`json_plain`."""
-    write_text(path, json_text(json_plain(data), indent=1, allow_nan=False) + "\n")
+    write_text(path, json_text(json_plain(data), indent=1) + "\n")
 
 
 def json_plain(value: Any) -> Any:
@@ -234,7 +232,7 @@ def _descriptor_of(path: str | Path) -> int | None:
             return int(match[1]) if is_own else None
         try:
             name = os.path.join(os.path.dirname(name), os.readlink(name))
-        except OSError:
+        except (OSError, ValueError):  # no link, or null character in the name
             return None
     return None
 
@@ -566,9 +564,7 @@ def compose_yaml(text: str, source: str) -> Any:
             f"{source}{location} must be valid YAML: {problem.problem or problem.context}"
         ) from None
     except yaml.YAMLError as problem:
-        raise SpecError(
-            f"{source} must be valid YAML: {' '.join(str(problem).split())[:120]}"
-        ) from None
+        raise SpecError(f"{source} must be valid YAML: {' '.join(str(problem).split())}") from None
 
 
 def parse_xml(text: str, source: str) -> Any:

@@ -8,9 +8,11 @@ from functools import cache
 from io import BytesIO
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Ellipse, Rectangle
@@ -22,16 +24,26 @@ from omnimirror.analysis import figures
 from omnimirror.analysis.figures import FIGURES, PAPER, Conditions, draw, render, save_all
 from omnimirror.analysis.figures.sensor_diagrams import ray_traces
 from omnimirror.analysis.figures.style import (
+    COLUMN,
     FORMATS,
+    GREY,
+    PAGE,
     PALETTE,
+    STYLE,
     EndLabels,
+    angle_axis,
     axis_label,
     axis_of_both,
     axis_title,
+    bare,
     displayed_points,
+    grid_of_axes,
+    new_figure,
+    panel_title,
     save_figure,
     separated_positions,
     styled,
+    zero_line,
 )
 from omnimirror.analysis.figures.subjects import subjects_of
 from omnimirror.apps.cli.commands.evaluate import command
@@ -335,6 +347,7 @@ def test_end_labels_at_last_visible_point():
         np.testing.assert_allclose(end, point - 2.0 * towards, atol=0.05)
         np.testing.assert_allclose(start, edge + (4.0 / abs(towards[0]) + 1.0) * towards, atol=0.05)
         assert text.arrow_patch.get_linewidth() == 0.4
+        assert text.get_annotation_clip() is False  # drawn beyond the axes
     labels.at(ax, 1.0, 2.0, "again", "green")
     figure.draw_without_rendering()
     levels = [Text.get_window_extent(t).y0 for t in ax.texts[1:]]
@@ -377,6 +390,117 @@ def test_end_labels_follow_layout():
 )
 def test_axis_labels_contain_symbols_and_units(label, text):
     assert label == text
+
+
+def test_style_of_sizes_and_lines():
+    """Widths of journal columns (88 and 183 mm); sizes in pt."""
+    assert pytest.approx((88 / 25.4, 183 / 25.4), abs=0.005) == (COLUMN, PAGE)
+    with styled():
+        figure = new_figure(COLUMN, 2.0)
+        ax = figure.subplots()
+        ax.set(title="title", xlabel="x", ylabel="y")
+        (curve,) = ax.plot([0.0, 1.0], [0.0, 1.0])
+        zero_line(ax)
+        free = figure.text(0.5, 0.5, "text")
+        figure.draw_without_rendering()
+    assert figure.get_size_inches().tolist() == [COLUMN, 2.0]
+    assert (free.get_fontsize(), ax.xaxis.label.get_fontsize()) == (7.0, 7.0)
+    assert ax.yaxis.label.get_fontsize() == 7.0
+    title = ax.title if ax.title.get_text() else ax._left_title
+    assert (title.get_text(), title.get_fontsize()) == ("title", 7.5)
+    for axis in (ax.xaxis, ax.yaxis):
+        tick = axis.get_major_ticks()[0]
+        assert tick.label1.get_fontsize() == 6.5
+        assert (tick.tick1line.get_markersize(), tick.tick1line.get_markeredgewidth()) == (2.5, 0.5)
+        assert (tick.gridline.get_visible(), tick.gridline.get_linewidth()) == (True, 0.5)
+    assert ax.get_axisbelow() is True
+    assert curve.get_linewidth() == 1.2
+    zero = ax.get_lines()[1]
+    assert list(zero.get_ydata()) == [0.0, 0.0]
+    assert (zero.get_color(), zero.get_linewidth(), zero.get_zorder()) == (GREY, 0.5, 1)
+    edges = {name: spine.get_visible() for name, spine in ax.spines.items()}
+    assert edges == {"left": True, "bottom": True, "top": False, "right": False}
+    assert {spine.get_linewidth() for spine in ax.spines.values()} == {0.5}
+    paddings = figure.get_layout_engine().get()
+    assert (paddings["h_pad"], paddings["w_pad"]) == (0.04, 0.04)  # about 1 mm
+
+
+def test_style_of_paths_and_signs():
+    """Points of lines are not merged, a minus is U+2212, images have 200 dpi."""
+    with styled():
+        figure = new_figure(1.0, 1.0)
+        ax = figure.subplots()
+        ax.plot(np.linspace(-1.0, 1.0, 500), np.linspace(-1.0, 1.0, 500), gid="line")
+        ax.set_xticks([-1.0, 1.0])
+    svg = render(figure).decode()
+    (path,) = re.findall(r'<g id="line">\s*<path d="([^"]*)"', svg)
+    assert path.count("L") == 499
+    assert "\u2212" in svg
+    assert cv2.imdecode(np.frombuffer(render(figure, "png"), np.uint8), 0).shape == (200, 200)
+    assert figure.dpi == 100
+
+
+def test_style_of_text_measurements():
+    """Matplotlib writes vector files at its fixed resolution, pixels at the one of the style."""
+    fixed = {kind: get_registered_canvas_class(kind).fixed_dpi for kind in ("svg", "pdf")}
+    assert {**fixed, "png": STYLE["savefig.dpi"]} == FORMATS
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_style_of_figures_without_layout_is_restored(kind, monkeypatch):
+    """Resolution, canvas and layout are those of the figure, also after an error."""
+    for figure in (Figure(dpi=50), new_figure(2.0, 1.0)):
+        before = figure.dpi, figure.canvas, figure.get_layout_engine()
+        figure.subplots()
+        assert len(render(figure, kind)) > 100
+        assert (figure.dpi, figure.canvas, figure.get_layout_engine()) == before
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                get_registered_canvas_class(kind), f"print_{kind}", lambda *_, **__: 1 / 0
+            )
+            with pytest.raises(ZeroDivisionError):
+                render(figure, kind)
+        assert (figure.dpi, figure.canvas, figure.get_layout_engine()) == before
+    for unknown in ("gif", ""):
+        with pytest.raises(InvalidParameter, match=f"of svg, png, pdf; got {unknown or 'none'}$"):
+            render(Figure(), unknown)
+
+
+@pytest.mark.parametrize(
+    ("high", "step", "count"),
+    [
+        (3.5, 1, 4), (10.0, 1, 11), (10.1, 5, 3), (50.0, 5, 11), (50.1, 15, 4), (104.9999, 15, 8),
+        (134.9, 15, 9), (150.0, 15, 11), (150.1, 30, 6), (300.0, 30, 11), (300.1, 45, 7),
+    ],
+)  # fmt: skip
+def test_style_of_angle_axes(high, step, count):
+    """At most 10 steps of a round angle; the end may be missed by rounding."""
+    ax = Figure().subplots()
+    angle_axis(ax, high)
+    assert ax.get_xticks().tolist() == [step * i for i in range(count)]
+    assert ax.get_xlim() == (0.0, max(high, step * (count - 1)))
+    assert ax.get_xlabel() == axis_label("omega_deg", titled=True)
+
+
+def test_style_of_panels():
+    figure = Figure()
+    axes = grid_of_axes(figure, 2, 3, 4)
+    assert figure.axes == axes
+    cells = [
+        (ax.get_subplotspec().rowspan.start, ax.get_subplotspec().colspan.start) for ax in axes
+    ]
+    assert cells == [(0, 0), (0, 1), (0, 2), (1, 0)]
+    (single,) = grid_of_axes(Figure(), 1, 1, 1)
+    for ax, args, title in (
+        (axes[0], (0, "A"), "(a) A"),
+        (axes[1], (1, "B", 2), "(b) B"),
+        (single, (0, "C", 1), "C"),
+    ):
+        panel_title(ax, *args)
+        assert ax.get_title() == title
+    bare(single)
+    assert not single.axison
+    assert single.get_aspect() == 1.0
 
 
 def test_figures_use_evaluation_conditions():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import errno
+import hashlib
 import os
 import resource
 import socket
@@ -26,6 +27,7 @@ from PIL import Image
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -38,7 +40,11 @@ from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.bench_messages import SearchTask
 from omnimirror.base.errors import MediaError
 from omnimirror.interop.http_server import limits, server
-from omnimirror.interop.http_server.auth import AccessGuard, is_loopback
+from omnimirror.interop.http_server.auth import (
+    AccessGuard,
+    content_security_policy,
+    is_loopback,
+)
 from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
 from omnimirror.interop.http_server.server import server_addresses
 from omnimirror.optics.image_sensor import Imager
@@ -714,6 +720,11 @@ GUARDED = [
     ),
     ("/?token=secret", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "cors"}, 403, 403, 403),
     ("/", {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, 200, 403, 401),
+    ("/?token=secret", {}, 200, 200, 200),  # with a token after a redirect
+    ("/?token=wrong", {}, 200, 403, 401),
+    ("/api?a=1&token=secret&b=", {}, 200, 200, 200),
+    ("/api?token=secret", {"host": "door:12345", "origin": "http://door:12345"}, 200, 200, 200),
+    ("/api", {"cookie": "omnimirror-token-80="}, 200, 403, 401),
 ]
 
 
@@ -734,6 +745,123 @@ def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
         assert answer.headers.get("www-authenticate") == (
             'Basic realm="omnimirror"' if status == 401 else None
         )
+
+
+def test_a_guard_adds_headers_to_answers():
+    """Responses of the application keep their own headers; refusals have none of the page."""
+
+    async def app(scope, receive, send):
+        kept = {"cache-control": "max-age=9"} if scope["path"] == "/kept" else {}
+        await Response("inside", headers=kept)(scope, receive, send)
+
+    client = TestClient(AccessGuard(app, [], None, "default-src 'none'"), base_url="http://[::1]:8")
+    for path, cache in (("/", "no-store"), ("/kept", "max-age=9"), ("/?token=a", "no-store")):
+        answer = client.get(path, follow_redirects=False)
+        assert (answer.status_code, answer.text) == (200, "inside")
+        added = {name: answer.headers.get_list(name) for name in answer.headers}
+        assert added.pop("content-length") == ["6"]
+        assert added == {
+            "content-security-policy": ["default-src 'none'"],
+            "x-content-type-options": ["nosniff"],
+            "referrer-policy": ["no-referrer"],
+            "cross-origin-resource-policy": ["same-origin"],
+            "cache-control": [cache],
+        }
+    refused = client.get("/", headers={"host": "evil.example"})
+    assert refused.json() == {
+        "detail": "the host name must be one of this server; got 'evil.example'"
+    }
+    locked = TestClient(AccessGuard(app, [], "secret", "policy"), base_url="http://door")
+    assert locked.get("/", headers=basic("me:secret")).status_code == 403  # not for programs
+    led = locked.get("/?token=secret", follow_redirects=False)
+    assert (led.status_code, led.headers["location"]) == (303, "/")
+    assert led.headers["content-security-policy"] == "policy"
+    assert led.headers["set-cookie"].startswith("omnimirror-token-80=secret; HttpOnly; ")
+
+
+@pytest.mark.parametrize(
+    ("scheme", "headers", "query", "reason"),
+    [
+        ("ws", {"origin": "http://door"}, "", None),
+        ("wss", {"origin": "https://door"}, "", None),
+        ("ws", {"origin": "https://door"}, "", "the origin must be this server; got https://door"),
+        ("ws", {"origin": "ws://door"}, "", "the origin must be this server; got ws://door"),
+        ("ws", {"host": "b"}, "", "the host name must be one of this server; got 'b'"),
+        (
+            "ws",
+            {"sec-fetch-site": "cross-site"},
+            "",
+            "requests from pages of other sites are refused",
+        ),
+        ("ws", {}, "token=a", None),
+    ],
+)
+def test_a_guard_closes_sockets_with_a_reason(scheme, headers, query, reason):
+    """Close code 4403 after the handshake message; other connections pass unchanged."""
+    passed, said, heard = [], [], []
+
+    async def app(*connection):
+        passed.append(connection[0])
+
+    async def receive():
+        heard.append(1)
+        return {"type": "websocket.connect"}
+
+    async def send(message):
+        said.append(message)
+
+    guard = AccessGuard(app, ["DOOR"], None, "")
+    scope = {
+        "type": "websocket",
+        "scheme": scheme,
+        "path": "/",
+        "query_string": query.encode(),
+        "headers": [(k.encode(), v.encode()) for k, v in ({"host": "door"} | headers).items()],
+    }
+    in_a_loop(guard(scope, receive, send))
+    assert passed == ([scope] if reason is None else [])
+    closing = {"type": "websocket.close", "code": 4403, "reason": reason}
+    assert said == ([] if reason is None else [closing])
+    assert len(heard) == (reason is not None)
+    other = {"type": "lifespan"}
+    in_a_loop(guard(other, receive, send))
+    assert passed[-1] is other
+
+
+def test_a_guard_requires_the_token_for_sockets_of_programs():
+    """Without the challenge of HTTP, which browsers would show as a password dialogue."""
+    guard = AccessGuard(Response("inside"), [], "secret", "", accept_passwords=True)
+    with (
+        pytest.raises(WebSocketDisconnect) as closed,
+        TestClient(guard, base_url="http://door").websocket_connect("/"),
+    ):
+        pass
+    assert (closed.value.code, closed.value.reason) == (
+        4403,
+        "a token is required; it is part of the link that the server printed at start",
+    )
+
+
+def test_the_policy_of_a_page_admits_its_own_scripts_and_styles_by_guard():
+    """SHA-256 digests in Base64 of each inline script and style, over several lines."""
+
+    digests = [
+        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        for text in ("1\n2", "ü", "p {\n}")
+    ]
+    page = "<style a='b'>p {\n}</style><script>1\n2</script><script type='x'>ü</script><scripts>0</scripts>"
+    rules = dict(rule.split(" ", 1) for rule in content_security_policy(page).split("; "))
+    assert rules == {
+        "default-src": "'none'",
+        "script-src": f"'self' 'sha256-{digests[0]}' 'sha256-{digests[1]}'",
+        "style-src": f"'sha256-{digests[2]}'",
+        "img-src": "'self' blob: data:",
+        "media-src": "'self' blob: mediastream:",
+        "connect-src": "'self' blob: data:",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+        "frame-ancestors": "'none'",
+    }
 
 
 def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_opened():

@@ -15,12 +15,24 @@ import omnimirror as om
 from omnimirror.calibration.estimation._bundle_adjustment import bundle_adjust
 from omnimirror.calibration.estimation._covariance import uncertainty
 from omnimirror.calibration.estimation._residuals import (
+    UNSEEN_PX,
     BoardShape,
+    Estimate,
     Linearised,
+    Loss,
     eliminate_line_positions,
+    linearise,
     residuals_at_poses,
+    slid,
+    targets,
 )
-from omnimirror.calibration.estimation.observations import Observation, RigidTransform, rotation_of
+from omnimirror.calibration.estimation.observations import (
+    Observation,
+    RigidTransform,
+    moved,
+    rotation_of,
+    stacked,
+)
 from omnimirror.cameras.models import Unified
 from omnimirror.cameras.models.camera_model import direction_sigma_deg
 
@@ -85,6 +97,168 @@ def test_points_follow_target_poses():
     np.testing.assert_allclose(
         np.abs(still.residuals), np.abs(TRUTH.image(points).pixels - pixels), atol=1e-9
     )
+
+
+def everything(model=TRUTH, steps=None):
+    """Return an estimate with all kinds of quantities, changed by steps (of model, board, marks;
+    poses; lines), and its observations: near and distant points, lines, and marks in two images."""
+    rng = np.random.default_rng(8)
+    points, stars = room(12), directions(TRUTH, 6, 3)
+    way = RigidTransform(rotation_of(np.array([0.1, -0.2, 0.3])), np.array([30.0, -20.0, 10.0]))
+    mixed = Observation(
+        "mixed",
+        np.zeros((18, 2)),
+        np.concatenate([points, stars * 2.0]),
+        way,
+        is_distant=np.arange(18) // 12 == 1,
+        along=np.tile([0.6, 0.0, 0.8], (18, 1)),
+    )
+    wall = [
+        Observation(
+            name,
+            np.ones((4, 2)),
+            points[:4] * [1, 1, 0] - [0, 0, 900.0],
+            RigidTransform(way.rotation, np.array([x, 0.0, 0.0])),
+            normals=np.tile([0.0, 0.0, 1.0], (4, 1)),
+            is_surveyed=True,
+        )
+        for name, x in (("left", 40.0), ("right", -60.0))
+    ]
+    observations = [mixed, *wall]
+    shared, poses, slides = steps or (np.zeros(len(VALUES) + 13), np.zeros((3, 6)), np.zeros(26))
+    names = [p.name for p in model.parameters]
+    shape = BoardShape.flat(points).with_values(
+        rng.uniform(-0.1, 0.1, 5) + shared[len(names) : len(names) + 5]
+    )
+    model = model.with_parameters(VALUES + shared[: len(names)])
+    ways = moved([o.pose for o in observations], poses)
+    marks = rng.uniform(-5, 5, 8) + shared[len(names) + 5 :]
+    return Estimate(model, ways, shape, rng.uniform(-5, 5, 26) + slides, marks), observations
+
+
+def test_derivatives_are_those_of_central_differences():
+    """By model, board shape, marks, poses and positions along lines."""
+    estimate, observations = everything()
+    stack = stacked(observations)
+    found = linearise(estimate, stack)
+    assert found.visible.all()
+    points = targets(estimate, stack)
+    for i, way in enumerate(estimate.poses):
+        for k in range(26)[stack.slices[i]]:
+            point = points[k] @ way.rotation.T + (not stack.distant[k]) * way.translation_mm
+            pixel = estimate.model.image(point[None], distant=bool(stack.distant[k])).pixels[0]
+            np.testing.assert_allclose(
+                found.residuals[k], pixel - stack.pixels[k], rtol=1e-12, atol=1e-9
+            )
+    count = len(VALUES) + 13
+    sizes = np.concatenate([1e-5 * np.maximum(np.abs(VALUES), 1e-3), np.full(13, 1e-3)])
+    zero = np.zeros(count), np.zeros((3, 6)), np.zeros(26)
+
+    def difference(which, at, size):
+        ends = []
+        for sign in (1, -1):
+            steps = [a.copy() for a in zero]
+            steps[which][at] = sign * size
+            ends.append(linearise(everything(steps=tuple(steps))[0], stack).residuals)
+        return (ends[0] - ends[1]) / (2 * size)
+
+    for j in range(count):
+        np.testing.assert_allclose(
+            found.d_shared[:, :, j], difference(0, j, sizes[j]), rtol=1e-5, atol=1e-5
+        )
+    for j in range(6):
+        by_pose = difference(1, (slice(None), j), 1e-6 if j < 3 else 1e-3)
+        np.testing.assert_allclose(found.d_pose[:, :, j], by_pose, rtol=1e-5, atol=1e-6)
+    assert found.d_slide is not None
+    np.testing.assert_allclose(
+        found.d_slide, difference(2, slice(None), 1e-3), rtol=1e-5, atol=1e-6
+    )
+
+
+class Blinkered:
+    """Camera model without images of points on the left."""
+
+    def image_clamped(self, points, *, distant=False):
+        image, left = TRUTH.image_clamped(points, distant=distant), points[:, 0] < 0
+        lost = (np.where(left.reshape(-1, *[1] * (a.ndim - 1)), np.nan, a) for a in image[::2])
+        pixels, d_points = lost
+        return image._replace(pixels=pixels, valid=image.valid & ~left, d_points=d_points)
+
+
+@pytest.mark.parametrize("distant", [False, True, np.arange(12) % 3 == 0])
+def test_invisible_points_have_no_residuals(distant):
+    """Nor derivatives; near and distant ones, in any order."""
+    points = room(12)
+    seen = known(np.zeros((12, 2)), points, is_distant=distant)
+    all_of_them, found = (residuals_at_poses(m, [seen]) for m in (TRUTH, Blinkered()))
+    np.testing.assert_array_equal(found.visible, points[:, 0] >= 0)
+    assert 0 < found.visible.sum() < 12
+    for name in ("residuals", "d_shared", "d_pose"):
+        part, whole = getattr(found, name), getattr(all_of_them, name)
+        np.testing.assert_array_equal(part[found.visible], whole[found.visible])
+        assert (part[~found.visible] == 0).all()
+
+
+def test_steps_along_lines_minimise_linear_residuals():
+    """The residual after all steps is perpendicular to the image of each line; points stay."""
+    estimate, observations = everything()
+    stack, rng = stacked(observations), np.random.default_rng(1)
+    found = linearise(estimate, stack)
+    shared, poses = rng.normal(size=found.d_shared.shape[2]), rng.normal(size=(3, 6))
+    steps = slid(found, stack, shared, poses)
+    after = found.residuals + found.d_shared @ shared + found.d_slide * steps[:, None]
+    after += np.array([d @ poses[i] for d, i in zip(found.d_pose, stack.owner, strict=True)])
+    assert np.abs(np.sum(after * found.d_slide, axis=1)).max() < 1e-9 * np.abs(after).max()
+    assert (steps[18:] == 0).all()
+    assert (steps[:18] != 0).all()
+
+
+def test_shape_of_a_board_is_relative_to_its_centre_and_size():
+    """Aspect, shear, and terms in x^2, 2 x y and y^2 at 0.5 times the diagonal, here 50 mm."""
+    corners = np.array([[x, y, 0.0] for x in (10.0, 90.0) for y in (30.0, 90.0)])
+    flat = BoardShape.flat(corners)
+    assert flat.centre_mm == (50.0, 60.0)
+    assert flat.half_diagonal_mm == 50.0
+    assert flat.values == (0.0,) * 5
+    np.testing.assert_allclose(flat.sigmas, [0.003, 0.003, 0.5, 0.5, 0.5])  # 0.3 %, 1 % of 50 mm
+    points = np.array([[90.0, 40.0, 7.0], [50.0, 60.0, 0.0]])  # (40, -20) mm from the centre
+    for values, change in (
+        ([0.1, 0, 0, 0, 0], [2.0, 1.0, 0.0]),  # wider by half of 10 %, and lower by the other half
+        ([0, 0.1, 0, 0, 0], [-1.0, 2.0, 0.0]),
+        ([0, 0, 2.0, 0, 0], [0.0, 0.0, 2.0 * 0.64]),
+        ([0, 0, 0, 2.0, 0], [0.0, 0.0, -2.0 * 2 * 0.32]),
+        ([0, 0, 0, 0, 2.0], [0.0, 0.0, 2.0 * 0.16]),
+    ):
+        moves = flat.with_values(values).deformed(points) - points
+        np.testing.assert_allclose(moves, [change, [0.0, 0.0, 0.0]], atol=1e-12)
+    bent = flat.with_values([0.375, 0, 0, 0, -0.75])  # exact in binary
+    assert bent.is_flat_within(np.array([0.125, 1, 1, 1, 0.25]))
+    assert not bent.is_flat_within(np.array([0.124, 1, 1, 1, 0.25]))
+    assert not bent.is_flat_within(np.array([0.125, 1, 1, 1, 0.249]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "loss"),
+    [
+        ("squares", lambda r: r**2),
+        ("huber", lambda r: np.where(r < 2.0, r**2, 4 * (r - 1.0))),
+        ("cauchy", lambda r: 4 * np.log(1 + r**2 / 4)),
+    ],
+)
+def test_weights_are_derivatives_of_losses(kind, loss):
+    """By r^2, for a scale of 2 px; all losses equal the squares of small residuals."""
+    radii, scaled = np.array([0.0, 1e-3, 0.5, 1.9, 2.1, 3.0, 40.0]), Loss(kind, 2.0)
+    residuals = radii[:, None] * [0.6, -0.8]
+    assert scaled.sum(residuals) == pytest.approx(loss(radii).sum(), rel=1e-12)
+    weights = scaled.weights(residuals)
+    rates = (loss(radii + 1e-6) - loss(np.abs(radii - 1e-6))) / (4e-6 * np.maximum(radii, 1e-9))
+    np.testing.assert_allclose(weights[1:], rates[1:], rtol=1e-6)
+    assert weights[0] == 1.0
+    assert Loss() == Loss("squares", 1.0)
+
+
+def test_unseen_points_have_residuals_beyond_any_other():
+    assert np.hypot(*SIZE) < UNSEEN_PX == 1000.0
 
 
 @pytest.mark.parametrize("rate", [1e-3, 1.0, 50.0])

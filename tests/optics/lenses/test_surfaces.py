@@ -72,6 +72,33 @@ def test_chief_rays_match_sequential_trace(sensor):
     assert om.evaluate(sensor, [90.0]).dh_domega_px_per_deg[0] == pytest.approx(rate, rel=1e-5)
 
 
+def test_imager_and_stop_of_lens(sensor):
+    """The imager behind all surfaces; positions in the stop relative to its radius, and direction
+    cosines on the imager, of rays from the mirror."""
+    lens, n = sensor.lens, own.indices()
+    to_imager = own.imager_place(n)
+    assert lens.imager_mm == pytest.approx(own.GAPS[:-1].sum() + to_imager, abs=1e-6)
+    edge = [lens.aperture_radius, 0.0, own.FOCUS - lens.pupil.at_mm]
+    radius = own.through([0, 0, -own.FOCUS], edge, n, to_imager)[0][0]
+    assert radius > 0  # upright
+    rng = np.random.default_rng(4)
+    aims = np.concatenate([rng.uniform(-0.2, 0.2, (2, 3, 2)), np.ones((2, 3, 1))], axis=2)
+    directions = aims * rng.uniform(0.5, 2.0, (2, 3, 1))
+    points = np.concatenate([rng.uniform(-1, 1, (2, 3, 2)), np.zeros((2, 3, 1))], axis=2)
+    points = points + 30.0 * aims
+    at_stop, cosines = lens.stop_points(points, directions), lens.image_cosines(points, directions)
+    images = lens.image_of(points, directions)
+    assert at_stop.shape == cosines.shape == images.shape == (2, 3, 2)
+    for k in np.ndindex(2, 3):
+        start, towards = points[k] * [1, 1, -1], -directions[k] * [1, 1, -1]
+        stop, landed = own.through(start, towards, n, to_imager)
+        further = own.through(start, towards, n, to_imager + 1.0)[1] - landed
+        np.testing.assert_allclose(at_stop[k], stop / radius, rtol=1e-6)
+        np.testing.assert_allclose(images[k], -landed, rtol=1e-6, atol=1e-6)
+        expected = -further / np.sqrt(1 + further @ further)
+        np.testing.assert_allclose(cosines[k], expected, rtol=1e-6, atol=1e-9)
+
+
 def test_pupil_motion_included(sensor):
     """Precondition of the preceding test."""
     places = sensor.lens.field.nodes.pupil
@@ -320,6 +347,40 @@ def test_surface_columns_out_of_bounds_rejected(name):
             plano_convex(**{name: (value,) * 3})
 
 
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("f_number", 0.1, 1e3),
+        ("focus_distance_mm", 1e-3, 1e7),
+        ("stop_surface", 1, 1000),
+        ("field_max_deg", 1.0, 80.0),
+    ],
+)
+def test_numbers_out_of_bounds_rejected(name, low, high):
+    for value in (0.9 * low, 1.001 * high):
+        with pytest.raises(
+            InvalidParameter, match=re.escape(f"{name} must be between {low:g} and {high:g}")
+        ):
+            plano_convex(**{name: value})
+
+
+def test_limits_of_lens_are_included():
+    """First and last surface as stop, 1 and 80 deg (the default); not the focus itself."""
+    lens = plano_convex()
+    assert SurfaceLens.field_max_deg == 80.0
+    for stop in (1, 3):
+        assert plano_convex(stop_surface=stop).stop_surface == stop
+    assert np.degrees(np.arctan(plano_convex(field_max_deg=1.0).field.end)) == pytest.approx(1.0)
+    with pytest.raises(InvalidParameter, match="focus_distance_mm must be greater than 40 mm"):
+        plano_convex(focus_distance_mm=lens.principal_point_mm + lens.focal_length_mm)
+    unknown = plano_convex(edge_mm=(0.0, 0.0, 0.0), conic=(0.0, 0.0, 0.0), clear_mm=(0.0, 0.0, 0.0))
+    for one, other in zip(lens.field.nodes, unknown.field.nodes, strict=True):
+        np.testing.assert_array_equal(one, other)
+    narrow = plano_convex(edge_mm=(0.0, 3.0, 0.0)).field
+    assert 0.28 < narrow.end < 0.3 * 1.15  # a chief ray at 3 mm, 10 mm behind the stop
+    assert lens.field.end == pytest.approx(np.tan(np.radians(25.0)))
+
+
 @pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
 def test_other_wavelengths_require_three_indices(missing):
     known = {
@@ -334,6 +395,8 @@ def test_other_wavelengths_require_three_indices(missing):
         plano_convex(
             **{name: value for name, value in known.items() if name != missing}
         ).at_wavelength(700.0)
+    with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
+        plano_convex(**{**known, "wavelengths_nm": (486.1, 656.3)}).at_wavelength(700.0)
 
 
 def test_narrow_aperture_reduces_illumination(file, tmp_path):
