@@ -70,7 +70,7 @@ def test_distortion_matches_opencv(terms, monkeypatch):
     np.testing.assert_allclose(undistorted(image, brown).reshape(-1, 2), ideal, atol=1e-12)
     np.testing.assert_array_equal(distorted(ideal.reshape(20, 25, 2), brown).shape, image.shape)
     np.testing.assert_array_equal(undistorted(np.zeros((1, 2)), brown), [[0.0, 0.0]])
-    monkeypatch.setattr(distortion, "MAX_STEPS", 7)  # the convergence is quadratic
+    monkeypatch.setattr(distortion, "MAX_STEPS", 5)  # the convergence is quadratic
     np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
 
 
@@ -294,9 +294,15 @@ def test_fold_is_the_first_maximum():
 
 
 @pytest.mark.parametrize(
-    "k", [(-0.3, 0.0, 0.0), (0.2, 0.0, 0.0), (-1.5, 2.0, 0.3), (0.5, -0.2, 0.01), (4.0, 0.0, 0.0)]
+    ("k", "steps"),
+    [
+        ((-0.3, 0.0, 0.0), 8),
+        ((0.2, 0.0, 0.0), 6),
+        ((0.5, -0.2, 0.01), 7),
+        ((4.0, 0.0, 0.0), 13),
+    ],
 )
-def test_radii_are_inverted_in_few_steps(k, monkeypatch):
-    monkeypatch.setattr(distortion, "MAX_STEPS", 12)
+def test_radii_are_inverted_in_few_steps(k, steps, monkeypatch):
+    monkeypatch.setattr(distortion, "MAX_STEPS", steps)
     r = np.linspace(0.0, 0.95 * min(fold(k), 3.0), 300)
     np.testing.assert_allclose(undistorted_radius(distorted_radius(r, k)[0], k), r, rtol=1e-9)
