@@ -300,6 +300,8 @@ def test_fold_is_the_first_maximum():
         ((0.2, 0.0, 0.0), 6),
         ((0.5, -0.2, 0.01), 7),
         ((4.0, 0.0, 0.0), 13),
+        ((0.9, -1.9, 0.6), 7),  # by the lower end of the bracket
+        ((-0.1, 0.8, -0.8), 7),  # by its upper end
     ],
 )
 def test_radii_are_inverted_in_few_steps(k, steps, monkeypatch):
