@@ -132,8 +132,8 @@ def test_progress_is_reported_once_per_finished_job():
 
         return Job(str(n), run)
 
-    run_parallel([job(n) for n in range(3)], 1, lambda count, total: told.append((count, total)))
-    assert told == [(1, 3), (2, 3), (3, 3)]
+    run_parallel([job(n) for n in range(4)], 1, lambda count, total: told.append((count, total)))
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
 def test_single_worker_runs_sequentially():
