@@ -705,13 +705,16 @@ def test_file_stems_have_at_most_100_bytes():
     ("visible", "invisible"),
     [
         ("\ufdcf", "\ufdd0"),
+        ("\u200c", "\u200b"),
+        ("\u200d", "\u200e"),
         ("\ufdf0", "\ufdef"),
         ("\ufffd", "\ufffe"),
         ("\U00010000", "\U0003ffff"),
     ],
 )
-def test_noncharacters_are_invisible(visible, invisible):
-    """Unicode, section 23.7: U+FDD0 to U+FDEF, and the last two code points of each plane."""
+def test_noncharacters_and_controls_are_invisible(visible, invisible):
+    """Unicode, section 23.7: U+FDD0 to U+FDEF, and the last two code points of each plane; joiners
+    are kept."""
     code = invisible.encode("unicode_escape").decode()
     assert escaping.escape_invisible(visible + invisible) == visible + code
 
