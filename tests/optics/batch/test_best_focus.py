@@ -7,12 +7,15 @@ import pytest
 
 from omnimirror.optics.batch.best_focus import AreaModel, IdealAreas, best_vergences
 
-COUNT, ANGLES = 300, 6
+COUNT, ANGLES = 150, 6
 INVERSE_F = 0.1
 
 
 def areas_with(mode: str, bounds: tuple[float, float]) -> IdealAreas:
-    """Return areas whose maxima have several valleys: vergences in random order."""
+    """Return areas whose maxima have several valleys: vergences in random order.
+
+    The best valley is never the narrowest of them, which may be between two samples of the scan.
+    """
     draw = np.random.default_rng(5)
     vergence_t, vergence_s = draw.uniform(-0.02, 0.02, (2, COUNT, ANGLES))
     density = draw.uniform(0.2, 1.0, (COUNT, ANGLES)) * 1e12
@@ -56,10 +59,10 @@ def test_best_focus_matches_dense_sampling(mode, bounds):
     ends = [np.clip(x, *bounds)[:, None] for x in (low - margin, high + margin)]
     np.testing.assert_allclose(np.hstack(areas.range), np.hstack(ends), rtol=1e-12)
     for _ in range(3):  # the second and third time around the minimum
-        dense = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, 700)
+        dense = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, 1000)
         worst = squared_areas(areas, dense).max(axis=-1)
         k = worst.argmin(axis=1)[:, None]
-        ends = [np.take_along_axis(dense, np.clip(k + side, 0, 699), axis=1) for side in (-1, 1)]
+        ends = [np.take_along_axis(dense, np.clip(k + side, 0, 999), axis=1) for side in (-1, 1)]
     v, area = best_vergences(areas)
     np.testing.assert_allclose(area, np.sqrt(worst.min(axis=1)), rtol=1e-6)
     at_best = squared_areas(areas, v[:, None]).max(axis=-1)[:, 0]
