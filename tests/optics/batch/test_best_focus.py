@@ -59,10 +59,10 @@ def test_best_focus_matches_dense_sampling(mode, bounds):
     ends = [np.clip(x, *bounds)[:, None] for x in (low - margin, high + margin)]
     np.testing.assert_allclose(np.hstack(areas.range), np.hstack(ends), rtol=1e-12)
     for _ in range(3):  # the second and third time around the minimum
-        dense = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, 1000)
+        dense = ends[0] + (ends[1] - ends[0]) * np.linspace(0, 1, 1500)
         worst = squared_areas(areas, dense).max(axis=-1)
         k = worst.argmin(axis=1)[:, None]
-        ends = [np.take_along_axis(dense, np.clip(k + side, 0, 999), axis=1) for side in (-1, 1)]
+        ends = [np.take_along_axis(dense, np.clip(k + side, 0, 1499), axis=1) for side in (-1, 1)]
     v, area = best_vergences(areas)
     np.testing.assert_allclose(area, np.sqrt(worst.min(axis=1)), rtol=1e-6)
     at_best = squared_areas(areas, v[:, None]).max(axis=-1)[:, 0]
