@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from omnimirror.apps.reproduction import (
     ALL_FIGURES,
@@ -88,6 +90,16 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
         (_claims.worded("", "", "", "almost", 10.0, float), [8.5, 11.5], [8.49, 11.51]),
         (_claims.ordered("", "", "", "<=", 3.0, float), [3.0, 2.0, -9.0], [3.0 + 1e-9]),
         (_claims.ordered("", "", "", ">=", 3.0, float), [3.0, 9.0], [3.0 - 1e-9, -3.0]),
+        (
+            _claims.Claim("", "", "", float, "", 3.0, 0.5, "".join(["<", "="])),
+            [3.5, 2.0],
+            [3.51, 4.0],
+        ),
+        (
+            _claims.Claim("", "", "", float, "", 3.0, 0.5, "".join([">", "="])),
+            [2.5, 4.0],
+            [2.49, 2.0],
+        ),
         (_claims.identity("", "", "", float), [1.0, 1 + 9e-10], [1 + 2e-9, 0.0]),
         (_claims.zero("", "", "", float), [0.0, -9e-10], [2e-9, -2e-9]),
         (
@@ -179,6 +191,76 @@ def test_files_contain_all_rows(rows, tmp_path):
     for line in text.splitlines():
         if line.startswith("| "):
             assert len(re.findall(r"(?<!\\)\|", line)) == 11
+
+
+def test_rows_as_csv_markdown_and_terminal_table(tmp_path):
+    """Numbers with 12 and 6 digits; unexpected verdicts are emphasised."""
+    claims = [
+        _claims.formula("Sec. 1", "a|b", "m", 20 / 3, float, "mm", note="n"),
+        _claims.worded("Fig. 2", "c", "m", "almost", 9.0, float, note="o"),
+        _claims.printed("Eq. 3", "d", "m", "3", float, erratum=9, correct="5"),
+        _claims.unprinted("Eq. 4", "e", "m", "2.5", float),
+        _claims.printed("Eq. 5", "f", "m", "3", float, correct="5"),
+    ]
+    computed, exact = (20 / 3 + 1e-5, 20.0, 5.0, 2.5, 4.0), (2 / 3, None, None, None, None)
+    rows = [
+        _claims.CheckedClaim(k, claim, value, precise, claim.verdict(value))
+        for k, (claim, value, precise) in enumerate(
+            zip(claims, computed, exact, strict=True), start=1
+        )
+    ]
+    assert [r.as_expected for r in rows] == [True, False, True, True, False]
+    almost = WORDINGS["almost"][1]
+    _claims.write_csv(rows, tmp_path / "a.csv")
+    with (tmp_path / "a.csv").open(encoding="utf-8") as file:
+        table = list(csv.reader(file))
+    assert table[1:] == [
+        ["1", "Sec. 1", "a|b", "6.66667 (printed formula)", "6.66667666667", "0.666666666667", "mm",
+         "0.000666666666667", "", "agrees", "agrees", "m", "", "n"],
+        ["2", "Fig. 2", "c", "9 (almost)", "20", "", "", "1.35", "", "differs",
+         "agrees as interpreted", "m", almost, "o"],
+        ["3", "Eq. 3", "d", "3", "5", "", "", "0.5", "5", "erratum 9", "erratum 9", "m", "", ""],
+        ["4", "Eq. 4", "e", "", "2.5", "", "", "0", "2.5", "computed", "computed", "m", "", ""],
+        ["5", "Eq. 5", "f", "3", "4", "", "", "0.5", "5", "differs", "not reproduced", "m", "", ""],
+    ]  # fmt: skip
+    _claims.write_markdown(rows, tmp_path / "a.md")
+    lines = (tmp_path / "a.md").read_text(encoding="utf-8").splitlines()
+    assert lines[-5:] == [
+        r"| 1 | Sec. 1 | a\|b | 6.66667 (printed formula) ± 0.000666667 | 6.66668 | 0.666667 | mm | agrees | m | n |",
+        "| 2 | Fig. 2 | c | 9 (almost) ± 1.35 | 20 |  |  | **differs** (expected: agrees as interpreted) | m | "
+        f"{almost}; o |",
+        "| 3 | Eq. 3 | d | 3 ± 0.5 | 5 |  |  | erratum 9 | m |  |",
+        "| 4 | Eq. 4 | e |  | 2.5 |  |  | computed | m |  |",
+        "| 5 | Eq. 5 | f | 3 ± 0.5 | 4 |  |  | **differs** (expected: not reproduced) | m |  |",
+    ]
+    screen = io.StringIO()
+    terminal = {"force_terminal": True, "color_system": "standard", "no_color": False}
+    console = Console(file=screen, width=120, **terminal)
+    console.print(_claims.terminal_table(rows))
+    green, yellow, dim, red = "\x1b[32m", "\x1b[33m", "\x1b[2m", "\x1b[1;31m"
+    for start, verdict in zip(
+        (green, red, yellow, dim, red),
+        ("agrees", "differs", "erratum 9", "computed", "differs"),
+        strict=True,
+    ):
+        assert f"{start}{verdict}" in screen.getvalue()
+    plain = re.sub(r"\x1b\[[\d;]*m", "", screen.getvalue()).splitlines()
+    assert [" ".join(line.split()) for line in plain] == [
+        "Place Quantity Printed Computed Exact Unit Verdict",
+        "1 Sec. 1 a|b 6.66667 (printed formula) 6.66668 0.666667 mm agrees",
+        "2 Fig. 2 c 9 (almost) 20 differs",
+        "3 Eq. 3 d 3 5 erratum 9",
+        "4 Eq. 4 e 2.5 computed",
+        "5 Eq. 5 f 3 4 differs",
+    ]
+    assert plain[1].startswith("1  Sec. 1  a|b  ")
+    assert plain[2].startswith("2  Fig. 2  c  ")
+    assert [number(value) for value in (9e-13, 1e-12, -2e-12)] == ["0", "1e-12", "-2e-12"]
+
+
+def test_rows_are_numbered_from_1(rows):
+    assert [r.number for r in rows] == list(range(1, len(rows) + 1))
+    assert rows[0].title.startswith("1 (")
 
 
 def test_errata_page_quotes_computed_values(rows):

@@ -672,6 +672,83 @@ def test_invisible_characters_round_trip_in_toml(character):
     code = escaping.toml_string(f"a{character}b")
     assert code.isascii()
     assert tomllib.loads(f"a = {code}") == {"a": f"a{character}b"}
+    python = character.encode("unicode_escape").decode()  # as TOML, except for two digits
+    assert code == f'"a{python.replace(chr(92) + "x", chr(92) + "u00")}b"'
+
+
+@pytest.mark.parametrize(
+    ("shorten", "longest"),
+    [
+        (escaping.label, 200),
+        (escaping.step_string, 60),
+        (lambda x: escaping.step_string(x, 300), 200),
+    ],
+    ids=["label", "name of STEP", "text of STEP"],
+)
+def test_labels_have_at_most_the_documented_length(shorten, longest):
+    assert shorten("x" * longest) == "x" * longest
+    assert shorten("x" * (longest + 1)) == "x" * (longest - 3) + "..."
+
+
+def test_labels_examine_four_times_their_length():
+    assert escaping.label("a" + "\n" * 18 + "bcdef", 6) == "a b..."
+    assert escaping.label("a" + "\n" * 21 + "bcdef", 6) == "a bc"
+
+
+def test_file_stems_have_at_most_100_bytes():
+    assert escaping.file_stem("x" * 100, "") == "x" * 100
+    assert escaping.file_stem("x" * 101, "") == "x" * 100
+    assert escaping.file_stem("ö" * 51, "") == "ö" * 50
+
+
+@pytest.mark.parametrize(
+    ("visible", "invisible"),
+    [
+        ("\ufdcf", "\ufdd0"),
+        ("\u200c", "\u200b"),
+        ("\u200d", "\u200e"),
+        ("\ufdf0", "\ufdef"),
+        ("\ufffd", "\ufffe"),
+        ("\U00010000", "\U0003ffff"),
+    ],
+)
+def test_noncharacters_and_controls_are_invisible(visible, invisible):
+    """Unicode, section 23.7: U+FDD0 to U+FDEF, and the last two code points of each plane; joiners
+    are kept."""
+    code = invisible.encode("unicode_escape").decode()
+    assert escaping.escape_invisible(visible + invisible) == visible + code
+
+
+@pytest.mark.parametrize(
+    ("text", "codes"),
+    [
+        ("\udc80", r"\200"),
+        ("\x01\udcff", r"\001\377"),
+        ("\U000e0041\udc80", r"\363\240\201\201\200"),
+        ("\ud800", r"\355\240\200"),
+        ("\udfff", r"\355\277\277"),
+        ("\udc7f", r"\355\261\277"),
+        ("\udd00", r"\355\264\200"),
+        ("\udc80\ud800", r"\355\262\200\355\240\200"),
+    ],
+    ids=ascii,
+)
+def test_octal_escapes_of_undecodable_bytes(text, codes):
+    """Bytes of file names (PEP 383, U+DC80 to U+DCFF) unchanged; other surrogates as UTF-8 would
+    encode them."""
+    assert escaping.shell_word(text) == f"\"$(printf '{codes}')\""
+
+
+def test_cells_and_indented_data():
+    assert [escaping.csv_cell(text) for text in ("", "=1", " =1", "\t-1", "\tx")] == [
+        "",
+        "'=1",
+        "' =1",
+        "'\\t-1",
+        "\\tx",
+    ]
+    assert escaping.json_text({"a": "b\x7f"}, indent=1) == '{\n "a": "b\\u007f"\n}'
+    assert escaping.gstreamer_comment("a\\") == "a/ "
 
 
 def test_figure_labels_have_at_most_40_characters():
@@ -685,9 +762,13 @@ def test_figure_labels_have_at_most_40_characters():
         (27, r"\X4\0001F6000001F600\X0\..."),
         (26, r"\X4\0001F600\X0\..."),
         (19, r"\X4\0001F600\X0\..."),
+        (18, "..."),
+        (3, "..."),
     ],
 )
 def test_step_names_are_cut_between_encoded_characters(longest, expected):
-    """ISO 10303-21, 6.4.3.3: eight hexadecimal digits per character in a frame of 16; a label has
-    at least one character."""
+    """ISO 10303-21, 6.4.3.3: eight hexadecimal digits per character in a frame of 16, from
+    U+10000."""
     assert escaping.step_string("\U0001f600" * 9, longest) == expected
+    assert escaping.step_string("\U00010000") == "\\X4\\00010000\\X0\\"
+    assert escaping.step_string("\ufffd") == "\\X2\\FFFD\\X0\\"

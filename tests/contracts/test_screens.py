@@ -542,6 +542,19 @@ def test_invalid_view_positions_are_rejected(shape):
             "rows must be one of tilt, height; got 'mm'",
         ),
         (
+            lambda: Cylinder((5, 5), 10.0, 90.0, rows="height"),
+            "above -90 and below 90 deg with rows = 'height'",
+        ),
+        (
+            lambda: Cylinder.wall((5, 5), (100.0, -200.0), 500.0),
+            "edge of the wall; got 100 and -200 mm",
+        ),
+        (lambda: Cylinder.wall((5, 5), (0.0, 9.0), 0.0), "distance_mm must be"),
+        (
+            lambda: Cylinder((5, 5), -45.0, 9.0, rows="height").panned(0.0, -90.0),
+            "tilt_deg must be above -90 and below 90 deg; got -90",
+        ),
+        (
             lambda: Cylinder.wall((5, 5), (100.0, 100.0), 500.0),
             "edge of the wall; got 100 and 100 mm",
         ),

@@ -123,6 +123,11 @@ def test_dome_is_equidistant_and_rotates_with_pan():
         (lambda: Cylinder((5, 200_000), -10.0, 10.0), "size"),
         (lambda: Cylinder((5, 5), 10.0, 10.0), "increase within -90 to 90 deg; got 10 and 10 deg"),
         (lambda: Cylinder((5, 5), -91.0, 10.0), "-91 and 10"),
+        (lambda: Cylinder((5, 5), -10.0, 90.5), "-10 and 90.5"),
+        (
+            lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=1e-6),
+            "span_deg must be above 1e-06 and up to 360 deg; got 1e-06",
+        ),
         (lambda: Cylinder((5, 5), -np.nan, 10.0), "^tilt_min_deg .*nan"),
         (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=361.0), "span_deg must be .*; got 361"),
         (lambda: Cylinder((5, 5), -10.0, 10.0, span_deg=0.0), "span_deg must be .*; got 0"),
@@ -188,8 +193,28 @@ def test_panorama_zoom_is_limited_and_described(kind):
     assert (wider.tilt_min_deg, wider.tilt_max_deg, wider.span_deg) == (-25.625, 30.625, 360.0)
     assert (whole.tilt_min_deg, whole.tilt_max_deg, whole.span_deg) == (-90.0, 90.0, 360.0)
     assert str(whole) == f"{name} (elevation -90 to 90 deg)"
+    narrow = kind((9, 4), 0.0, 1e-6, span_deg=0.5)
+    assert (narrow.tilt_max_deg, narrow.span_deg) == (1e-6, 0.5)
     for upper in (-20.0 + 1e-7, -20.0 + 1e-12):
         with pytest.raises(
             InvalidParameter, match=r"tilt_max_deg must be at least .*; got -20 and -20 deg"
         ):
             kind((90, 40), -20.0, upper)
+
+
+def test_walls_are_complete_cylinders_by_default():
+    wall = Cylinder.wall((40, 30), (-0.5, 0.5), distance_mm=0.5)
+    assert wall == Cylinder((40, 30), -45.0, 45.0, 0.0, 360.0, "height", 0.5, (0.0, 0.0, 0.0))
+    words = Cylinder((40, 30), -45.0, 45.0, rows="".join(["hei", "ght"]), distance_mm=0.5)
+    np.testing.assert_array_equal(whole(words), whole(wall))
+    np.testing.assert_allclose(np.hypot(*whole(wall)[..., :2].T), 0.5)
+    zoomed, lower = wall.zoomed(2.0), words.panned(30.0, -89.5)
+    assert (zoomed.tilt_min_deg, zoomed.tilt_max_deg) == pytest.approx(
+        (-math.degrees(math.atan(0.5)), math.degrees(math.atan(0.5)))
+    )
+    shift = math.tan(math.radians(-89.5))
+    assert (lower.pan_deg, lower.tilt_max_deg) == pytest.approx(
+        (30.0, math.degrees(math.atan(1 + shift)))
+    )
+    tilted = Cylinder((4, 4), -10.0, 10.0, rows="".join(["ti", "lt"])).panned(0.0, 5.0)
+    assert (tilted.tilt_min_deg, tilted.tilt_max_deg) == (-5.0, 15.0)

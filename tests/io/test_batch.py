@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from omnimirror.base import interrupts
 from omnimirror.base.errors import MediaError
 from omnimirror.io import read_image
 from omnimirror.io.batch import (
     IMAGE_SUFFIXES,
     READABLE_IMAGE_SUFFIXES,
+    BatchResult,
     Job,
     expand_inputs,
     output_for,
@@ -75,6 +77,7 @@ def test_expand_inputs_without_match_raises(folder, pattern):
 def test_output_names_are_unique(folder):
     sources = expand_inputs(["?.jpg"])
     assert outputs_for(sources, "out", ".png") == [Path("out/a.png"), Path("out/b.png")]
+    assert outputs_for(sources, "out") == [Path("out/a.jpg"), Path("out/b.jpg")]
     with pytest.raises(MediaError, match="outputs must be different files"):
         outputs_for([Path("a.jpg"), Path("sub/a.jpg")], "out")
     with pytest.raises(MediaError, match="output must differ from the input"):
@@ -110,7 +113,27 @@ def test_failed_job_does_not_affect_others():
         "6.jpg": "6.jpg: No space left on device",
     }
     assert (results.exit_code, results.not_started, told[-1]) == (1, [], (20, 20))
-    assert run_parallel([]).exit_code == 0
+    assert run_parallel([]) == BatchResult([], {}, [], 0)
+    assert BatchResult().stopped_by == 0
+    assert BatchResult(not_started=["a.jpg"], stopped_by=143).exit_code == 143
+    assert BatchResult(failed={"a.jpg": "empty"}, stopped_by=143).exit_code == 1
+
+
+def test_progress_is_reported_once_per_finished_job():
+    """Each job waits for the report of the preceding one, longer than a polling period."""
+    told = []
+
+    def job(n):
+        def run():
+            end = time.monotonic() + 300
+            while len(told) < n and time.monotonic() < end:
+                time.sleep(0.01)
+            time.sleep(1.5 * interrupts.POLL_S)
+
+        return Job(str(n), run)
+
+    run_parallel([job(n) for n in range(4)], 1, lambda count, total: told.append((count, total)))
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
 def test_single_worker_runs_sequentially():

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import omnimirror as om
 from omnimirror.base.colour import srgb_bytes
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.image_sensor import Imager
-from omnimirror.simulation.detector import Detector, Readout, filtered_light
+from omnimirror.simulation.detector import Detector, Electrons, Readout, filtered_light
 from omnimirror.simulation.rendering import render_light
 from tests.everyday import few
 
@@ -88,6 +89,15 @@ def test_large_light_values(light):
         (np.zeros((4, 4)), 0, r"got \(4, 4\)"),
         (np.array([[["a", "b", "c"]]]), 0, "light must be numbers"),
         (np.zeros((4, 4, 3)), -1, "seed must be .*; got -1"),
+        (np.zeros((4, 4, 3)), 1.5, r"seed must be an integer from 0; got 1\.5"),
+        *(
+            (np.zeros(shape), 0, "light must be numbers of shape")
+            for shape in (
+                (3, 4, 2),
+                (3, 3, 4),
+                (1, 3, 3, 3),
+            )
+        ),
     ],
 )
 def test_invalid_light_raises(light, seed, message):
@@ -99,6 +109,51 @@ def test_seed_is_reproducible():
     light, noisy = np.full((9, 9, 3), 0.5, np.float32), Detector(full_well_e=100.0)
     np.testing.assert_array_equal(noisy.read(light, 3), noisy.read(light, 3))
     assert (noisy.read(light, 3) != noisy.read(light, 4)).any()
+    np.testing.assert_array_equal(noisy.read(light, 3), noisy.read(light, np.int64(3)))
+    np.testing.assert_array_equal(noisy.read(light), noisy.read(light, 0))
+    readout = Readout(noisy)
+    read = readout.digital_values(readout.conversion.read(light))
+    np.testing.assert_array_equal(read, noisy.read(light, 0))
+
+
+def test_negative_light_is_dark():
+    noisy = Detector(full_well_e=FULL, read_noise_e=READ, bits=12, curve="linear")
+    values = noisy.read(np.full((300, 300, 3), -0.5, np.float32)).astype(float)
+    assert values.mean() == pytest.approx(noisy.offset_dn, abs=0.02)
+
+
+@pytest.mark.parametrize(("noise", "bits"), [(0.0, 8), (50.0, 16)])
+def test_counts_have_room_for_20_standard_deviations(noise, bits):
+    """Light is limited to 20 standard deviations above white, of photons and of read noise; counts
+    have as many above that."""
+
+    def largest(full):
+        return full + 20 * (np.sqrt(full) + noise + 1)
+
+    def excess(full):
+        return largest(full) + 20 * np.sqrt(largest(full)) - 2**16
+
+    limit = brentq(excess, 1e4, 1e5)
+    assert Electrons(Detector(full_well_e=1e4), 0)._max_electrons == 1e4 + 20 * (100 + 1)
+    for full, dtype in ((limit * (1 - 1e-9), np.uint16), (limit * (1 + 1e-9), np.uint32)):
+        assert (
+            Electrons(Detector(full_well_e=full, read_noise_e=noise, bits=bits), 0).dtype == dtype
+        )
+
+
+def test_words_and_integers_of_other_types():
+    """Words read from a file and integers of NumPy."""
+    linear, none, eight = "".join(["lin", "ear"]), "".join(["no", "ne"]), np.int64(8)
+    raw = Detector(bits=eight, curve=linear, bayer=none, black_level_dn=10.0)
+    assert raw.dtype == np.uint8
+    assert raw.is_pointwise
+    assert Detector(full_well_e=float("inf"), bits=np.int64(12)).max_dn == 4095
+    light = np.random.default_rng(1).uniform(0, 1, (4, 5, 3)).astype(np.float32)
+    np.testing.assert_array_equal(
+        raw.read(light), Detector(curve="linear", black_level_dn=10.0).read(light)
+    )
+    srgb = Detector(curve="".join(["s", "rgb"]))
+    np.testing.assert_array_equal(srgb.read(light), srgb_bytes(light))
 
 
 def test_exposure_saturation_and_bit_depth():
@@ -159,7 +214,14 @@ def test_mosaic_of_parts_matches_full_image(first):
         ({"full_well_e": 1e20}, r"full_well_e must be between 10 and 1e\+09 electrons; got 1e\+20"),
         ({"full_well_e": np.nan}, "full_well_e must be a number; got nan"),
         ({"black_level_dn": 10.0}, "curve must be 'linear' with black_level_dn"),
-        ({"black_level_dn": 200.0, "curve": "linear"}, "at most 127"),
+        ({"black_level_dn": 200.0, "curve": "linear"}, "at most 127, half of the largest"),
+        ({"black_level_dn": 127.6, "curve": "linear"}, r"at most 127, half .*; got 127\.6 DN"),
+        ({"black_level_dn": -0.5, "curve": "linear"}, "black_level_dn must be between 0 and 65535"),
+        ({"read_noise_e": -0.1, "full_well_e": 1e4}, "read_noise_e must be between 0 and"),
+        ({"full_well_e": 1e9 + 0.5}, "full_well_e must be between 10 and"),
+        ({"exposure": 1e9 + 0.5}, "exposure must be between"),
+        ({"exposure": np.inf}, "exposure must be"),
+        ({"read_noise_e": np.inf, "full_well_e": 1e4}, "read_noise_e must be"),
         (
             {"read_noise_e": 90.0, "full_well_e": 200.0, "curve": "linear"},
             "reduce black_level_dn or read_noise_e",
@@ -169,6 +231,36 @@ def test_mosaic_of_parts_matches_full_image(first):
 def test_invalid_detector_raises(changes, message):
     with pytest.raises(InvalidParameter, match=message):
         Detector(**changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"exposure": 1e-9},
+        {"exposure": 1e9},
+        {"full_well_e": 10.0},
+        {"full_well_e": 1e9, "read_noise_e": 1e6},
+        {"black_level_dn": 127.5, "curve": "linear"},
+        {"black_level_dn": 0.0},
+        {"bits": 16},
+    ],
+    ids=str,
+)
+def test_limits_of_parameters_are_valid(changes):
+    assert {name: getattr(Detector(**changes), name) for name in changes} == changes
+
+
+def test_conversion_order():
+    """Random numbers are drawn row by row; a mosaic is an image of one channel."""
+    for name, (in_order, is_grey) in {
+        "sharp": (False, False),
+        "noise": (True, False),
+        "mosaic": (True, True),
+        "noisy mosaic": (True, True),
+    }.items():
+        conversion = Readout(DETECTORS[name]).conversion
+        assert (conversion.in_order, conversion.is_grey) == (in_order, is_grey)
+        assert conversion.empty((4, 2)).shape == ((2, 4) if is_grey else (2, 4, 3))
 
 
 # -- Block-wise readout of light equals the readout of the complete image --------------------------

@@ -64,6 +64,8 @@ def escape_invisible(text: str, keep: str = "") -> str:
 def label(text: str, max_characters: int = MAX_LABEL) -> str:
     """Return text as one visible line of limited length.
 
+    Only the first ``4 * max_characters`` characters are examined.
+
     Examples
     --------
     >>> label("a\\n  b"), label("abcdefgh", 6)
@@ -318,11 +320,8 @@ def csv_cell(text: str) -> str:
     >>> csv_cell("=1+1"), csv_cell("mirror 1")
     ("'=1+1", 'mirror 1')
     """
-    return (
-        f"'{escape_invisible(text)}"
-        if text.lstrip()[:1] in ("=", "+", "-", "@") or text[:1] in "\t\r"
-        else escape_invisible(text)
-    )
+    prefix = "'" if text.lstrip()[:1] in ("=", "+", "-", "@") else ""
+    return prefix + escape_invisible(text)  # tabs and carriage returns become escapes
 
 
 def csv_comment(line: str) -> str:
@@ -424,7 +423,7 @@ def step_string(text: str, max_characters: int = MAX_STEP_STRING) -> str:
     >>> print(step_string("Größe"))
     Gr\\X2\\00F600DF\\X0\\e
     """
-    lengths = range(min(max_characters, MAX_LABEL), 3, -1)
+    lengths = range(min(max_characters, MAX_LABEL), 2, -1)
     return next(code for n in lengths if len(code := _step_code(label(text, n))) <= max_characters)
 
 

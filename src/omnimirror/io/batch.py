@@ -144,7 +144,7 @@ def run_parallel(
         Called in the thread of the caller with the number of finished or failed jobs and the total.
     """
     results = BatchResult()
-    count = max(1, min(workers or usable_cores(), len(jobs) or 1))
+    count = max(1, min(workers or usable_cores(), len(jobs)))
 
     def start(job: Job) -> bool:
         if interrupts.is_pending():

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import click
 import cv2
@@ -15,6 +18,7 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from omnimirror.apps.cli import COMMANDS, _output, app, main
+from omnimirror.io.progress import FrameProgress
 
 FEW = ["--omega-deg", "0:90:45"]
 
@@ -30,6 +34,7 @@ def test_table_on_standard_output(tmp_path):
     piped = run("evaluate", "paper-spherical", *FEW, "--csv", "-")
     assert piped.stdout == (tmp_path / "a.csv").read_text()
     assert "best focus" in piped.stderr  # messages are preserved
+    assert "Wrote" not in piped.stderr
     assert "Wrote" in written.stdout
     assert json.loads(run("evaluate", "paper-spherical", *FEW, "--json", "-").stdout)["columns"][
         "omega_deg"
@@ -183,11 +188,94 @@ def test_messages_on_standard_error_and_text_on_standard_output(capsys):
     assert told.out == "1 of 2 e.csv\n"
 
 
-def test_terminal_output_has_only_own_styles(monkeypatch):
-    class Screen(io.StringIO):
-        def isatty(self):
-            return True
+class Screen(io.StringIO):
+    """Terminal that records its output."""
 
+    def isatty(self):
+        return True
+
+
+def terminal_as_standard_error(monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "90")
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    return screen
+
+
+def without_styles(screen):
+    return re.sub(r"\x1b\[[\d;]*m", "", screen.getvalue())
+
+
+ERASED = "\x1b[1A\x1b[2K"
+"""Erasure of the line of a progress bar at its end."""
+
+
+def test_progress_bar_of_frames(monkeypatch):
+    terminal = terminal_as_standard_error(monkeypatch)
+    with _output.frame_rate_bar() as update:
+        end = time.monotonic() + 60
+        while "frames/s" not in terminal.getvalue() and time.monotonic() < end:
+            time.sleep(0.02)
+        assert re.search(r"0/\? 0 frames/s", without_styles(terminal))
+        update(FrameProgress(3, 10, 25.4, 1.0, 2.0))
+    assert re.search(r"Dewarping .* 3/10 25 frames/s", without_styles(terminal))
+    assert terminal.getvalue().endswith(ERASED)
+    piped = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", piped)
+    with _output.frame_rate_bar() as update:
+        update(FrameProgress(10, 10, 25.0, 1.0, 0.0))
+    assert piped.getvalue() == ""
+
+
+def test_progress_bar_with_description(monkeypatch):
+    terminal = terminal_as_standard_error(monkeypatch)
+    bar = _output.progress_bar(Console(file=terminal))
+    with bar:
+        bar.add_task("[red]a[/red]", total=2, completed=1)
+    assert "[red]a[/red] " in terminal.getvalue()
+    assert terminal.getvalue().endswith(ERASED)
+    piped = io.StringIO()
+    with _output.progress_bar(Console(file=piped)) as bar:
+        bar.add_task("a", total=2)
+    assert piped.getvalue() == ""
+
+
+def test_rows_are_those_of_a_plain_table():
+    """Wider than the console, without wrapping; with ``--quiet``, nothing."""
+    columns = [["1", "20", "3"], ["4.5", "-6.25", "7"]]
+    streams = [io.StringIO() for _ in range(3)]
+    narrow, quiet, wide = (
+        Console(file=stream, width=width, quiet=is_quiet)
+        for stream, width, is_quiet in zip(streams, (7, 80, 80), (False, True, False), strict=True)
+    )
+    table = _output.plain_table("a\nmm", "heading\ndeg", tight=True)
+    for row in zip(*columns, strict=True):
+        table.add_row(*row)
+    wide.print(table)
+    for console in (narrow, quiet):
+        _output.print_rows(console, [("a", "mm"), ("heading", "deg")], columns)
+    lines = streams[0].getvalue().splitlines()
+    assert lines == [" a heading", "mm     deg", " 1     4.5", "20   -6.25", " 3       7"]
+    assert [line.rstrip() for line in streams[2].getvalue().splitlines()] == lines
+    assert streams[1].getvalue() == ""
+
+
+def test_pipes_have_lines_of_200_characters(monkeypatch):
+    """Tables wrap there; lines of text do not."""
+    stream, other = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert _output.output_console().width == 200
+    _output.print_line("x" * 300)
+    _output.print_line("y", console=Console(file=other))
+    _output.print_written(None, Path("-"), Path("a.csv"))
+    assert stream.getvalue() == "x" * 300 + "\nWrote a.csv\n"
+    assert other.getvalue() == "y\n"
+
+
+def test_terminal_output_has_only_own_styles(monkeypatch):
     screen = Screen()
     monkeypatch.setattr(sys, "stdout", screen)
     monkeypatch.setenv("TERM", "xterm")
@@ -212,6 +300,62 @@ def test_device_among_several_outputs(tmp_path, monkeypatch):
     _output.check_output_files(command.make_context("x", [*words, "--b", "g"]))
     with pytest.raises(click.UsageError, match="--a and --b must not both be written to f"):
         _output.check_output_files(command.make_context("x", [*words, "--b", "./f"]))
+    # in the order of the declarations
+    command.params.reverse()
+    with pytest.raises(click.UsageError, match="--b and --a must not both be written to f"):
+        _output.check_output_files(command.make_context("x", [*words, "--b", "f"]))
+
+
+def test_existing_outputs_are_overwritten_unless_they_are_inputs(tmp_path, monkeypatch):
+    @click.command()
+    @click.argument("sources", nargs=-1)
+    @_output.output_option("-o", "--output")
+    def command(**_):
+        pass
+
+    monkeypatch.chdir(tmp_path)
+    for name in ("in", "out"):
+        (tmp_path / name).write_text(name)
+    _output.check_output_files(command.make_context("x", ["in", "text", "-o", "out"]))
+    _output.check_output_files(command.make_context("x", ["in", "new", "-o", "new"]))
+    with pytest.raises(click.UsageError, match="--output must not overwrite the input in; specify"):
+        _output.check_output_files(command.make_context("x", ["text", "in", "-o", "in"]))
+
+
+@pytest.mark.parametrize(
+    ("name", "path"),
+    [
+        ("-", "-.bmp"),
+        ("/dev/stdout", "/dev/stdout"),
+        *((name, name) for name in ("+", ",", ".", "-a", "/dev/null", "/dev/stdouu", "/a", "/z")),
+    ],
+)
+def test_names_of_standard_output(name, path):
+    """The first format is that of ``-``; other names are files."""
+    context = click.Context(click.Command("x"))
+    option = click.Option(["-o", "--output"], type=_output.Output(("bmp", "png")))
+    with context:
+        assert str(option.type.convert(name, option, context)) == path
+        assert _output.is_standard_output_used() == (name in ("-", "/dev/stdout"))
+        assert _output.take_standard_output("".join(["--out", "put"]), "") == Path("-")
+        for other in ("--a", "--z"):
+            if _output.is_standard_output_used():
+                with pytest.raises(
+                    click.UsageError,
+                    match=f"--output and {other} must not both be written to standard output",
+                ):
+                    _output.take_standard_output(other, "")
+
+
+@pytest.mark.parametrize("kind", ["bmp", "png", "".join(["c", "sv"]), ""])
+def test_terminals_display_no_images(kind, monkeypatch):
+    monkeypatch.setattr(sys, "stdout", Screen())
+    with click.Context(click.Command("x")):
+        if kind in ("csv", ""):
+            assert _output.take_standard_output("-o", kind) == Path(f"-.{kind}" if kind else "-")
+        else:
+            with pytest.raises(click.UsageError, match="an image cannot be written to a terminal"):
+                _output.take_standard_output("-o", kind)
 
 
 def test_table_wraps_text_but_not_numbers():

@@ -404,8 +404,11 @@ def test_strips_are_converted_like_the_whole():
     assert np.array_equal(_uploads.eight_bits(deep), np.round(deep / 257).astype(np.uint8))
     light = np.array([[-1.0, 0.0, 0.25, 0.5, 1.0, 7.0, np.nan, np.inf]], np.float32)
     assert _uploads.eight_bits(light).tolist() == [[0, 0, 64, 128, 255, 255, 0, 255]]
+    assert _uploads.eight_bits(light.astype(np.float64)).tolist() == [
+        [0, 0, 64, 128, 255, 255, 0, 255]
+    ]
     shallow = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    assert np.array_equal(_uploads.eight_bits(shallow), shallow)
+    assert np.shares_memory(_uploads.eight_bits(shallow), shallow)
 
 
 @pytest.mark.parametrize(
@@ -448,6 +451,50 @@ def test_what_is_no_picture_is_named_with_the_kinds():
         MediaError, match=r"a must be an image in a supported format \(PNG, JPEG, TIFF, WEBP, BMP"
     ):
         _uploads.picture_in(b"no picture", "a")
+    with pytest.raises(MediaError, match="a must be an image in a supported format"):
+        _uploads.picture_in(b"P6\nabc 2\n255\n", "a")
+
+
+def test_uploads_of_huge_sides_are_refused_by_their_header():
+    """30000 x 30000 px exceed the limit of Pillow, which raises an exception."""
+    header = struct.pack(">II5B", 30000, 30000, 8, 0, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")]
+    data = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+    )
+    with pytest.raises(MediaError, match="decoded pixels of a must take at most 256 MB"):
+        _uploads.picture_in(data, "a")
+
+
+def test_uploads_without_bits_per_sample_have_one_bit(monkeypatch):
+    """TIFF 6.0: BitsPerSample is 1 by default; pixels take one byte in memory."""
+    entries = [
+        (256, 4, 1, 16), (257, 4, 1, 2), (259, 3, 1, 1), (262, 3, 1, 1), (273, 4, 1, 98),
+        (278, 4, 1, 2), (279, 4, 1, 4),
+    ]  # fmt: skip
+    data = struct.pack("<2sHIH", b"II", 42, 8, 7)
+    data += b"".join(struct.pack("<HHII", *entry) for entry in entries) + bytes(4)
+    data += b"\xff\x00\x00\xff"
+    monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", 32)
+    assert (_uploads.picture_in(data, "a").reshape(2, 16, -1)[:, [0, 15], 0] > 0).tolist() == [
+        [True, False],
+        [False, True],
+    ]
+
+
+def test_uploads_are_turned_upright_unless_their_stored_orientation_is_kept():
+    """EXIF orientation 6: rows of the stored image are columns."""
+    file, exif = BytesIO(), Image.Exif()
+    exif[0x0112], exif[0x010F] = 6, "maker"
+    Image.new("RGB", (40, 30)).save(file, "JPEG", exif=exif)
+    data = file.getvalue()
+    for more, shape in (({}, (40, 30, 3)), ({"stored_orientation": True}, (30, 40, 3))):
+        assert _uploads.picture_in(data, "a", **more).shape == shape
+        assert _uploads.uploaded(data, "a", **more)[0].shape == shape
+        with Image.open(BytesIO(_uploads.browser_picture(data, "a", **more))) as png:
+            assert png.size == shape[1::-1]
+            assert png.getexif()
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])

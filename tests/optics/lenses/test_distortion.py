@@ -15,10 +15,13 @@ from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
 from omnimirror.dewarp import Dewarper, screens
+from omnimirror.optics.lenses import distortion
 from omnimirror.optics.lenses.distortion import (
     distorted,
+    distorted_radius,
     distorted_rates,
     fold,
+    shrinkage,
     undistorted,
     undistorted_radius,
 )
@@ -55,7 +58,7 @@ def opencv(terms) -> np.ndarray:
 
 
 @LENSES
-def test_distortion_matches_opencv(terms):
+def test_distortion_matches_opencv(terms, monkeypatch):
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (500, 2))
     brown = tuple(terms.get(n, 0.0) for n in ("k1", "k2", "k3", "p1", "p2"))
     theirs = cv2.projectPoints(
@@ -63,12 +66,47 @@ def test_distortion_matches_opencv(terms):
     )[0][:, 0]
     np.testing.assert_allclose(distorted(ideal, brown), theirs, atol=1e-14)
     np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
+    image = theirs.reshape(20, 25, 2)
+    np.testing.assert_allclose(undistorted(image, brown).reshape(-1, 2), ideal, atol=1e-12)
+    np.testing.assert_array_equal(distorted(ideal.reshape(20, 25, 2), brown).shape, image.shape)
+    np.testing.assert_array_equal(undistorted(np.zeros((1, 2)), brown), [[0.0, 0.0]])
+    monkeypatch.setattr(distortion, "MAX_STEPS", 5)  # the convergence is quadratic
+    np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["p1", "p2"])
+def test_distortion_with_one_tangential_term(name):
+    ideal = np.array([[0.3, -0.2], [0.1, 0.4]])
+    x, y, p = *ideal.T, 0.02
+    s = x**2 + y**2
+    moved = (
+        [2 * p * x * y, p * (s + 2 * y**2)] if name == "p1" else [p * (s + 2 * x**2), 2 * p * x * y]
+    )
+    brown = (0.0, 0.0, 0.0, p * (name == "p1"), p * (name == "p2"))
+    np.testing.assert_allclose(distorted(ideal, brown), ideal + np.transpose(moved), rtol=1e-14)
+    np.testing.assert_allclose(undistorted(ideal + np.transpose(moved), brown), ideal, atol=1e-12)
+
+
+def test_image_points_without_ideal_point_are_nan():
+    """On the axis x = 0 with p1 = 0.1, y' = y + 0.3 y^2 has its minimum, -1/1.2, at y = -1/0.6."""
+    y = np.linspace(-1.6, -0.84, 60)
+    image, brown = np.stack([np.zeros_like(y), y], axis=-1), (0.0, 0.0, 0.0, 0.1, 0.0)
+    assert np.isnan(undistorted(image, brown)).all()
+    image[:, 1] = y + 0.8
+    np.testing.assert_allclose(distorted(undistorted(image, brown), brown), image, atol=1e-9)
 
 
 def test_distortion_rates_match_differences():
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
     brown, step = np.array([-0.3, 0.2, -0.1, 0.01, -0.008]), 1e-6
     there, by_ideal, by_coefficients = distorted_rates(ideal, tuple(brown))
+    area = shrinkage(ideal, tuple(brown)) * np.linalg.det(by_ideal)
+    np.testing.assert_allclose(area, 1.0, rtol=1e-12)
+    r, (k1, k2, k3) = np.linspace(0.0, 1.2, 7), brown[:3]
+    radial = np.polynomial.Polynomial([0, 1, 0, k1, 0, k2, 0, k3])
+    np.testing.assert_allclose(
+        distorted_radius(r, (k1, k2, k3)), [radial(r), radial.deriv()(r)], rtol=1e-12
+    )
     np.testing.assert_array_equal(there, distorted(ideal, tuple(brown)))
     for k, e in enumerate(step * np.eye(2)):
         differences = (distorted(ideal + e, tuple(brown)) - distorted(ideal - e, tuple(brown))) / (
@@ -240,3 +278,33 @@ def test_radii_beyond_fold_are_nan():
     np.testing.assert_allclose(
         undistorted_radius(np.array([5.0]) * (1 + 0.2 * 25), (0.2, 0.0, 0.0)), [5.0], rtol=1e-9
     )
+
+
+def test_fold_is_the_first_maximum():
+    """At the fold itself, points are valid; without real extremum or at negative squares, no fold."""
+    third = (-1 / 3, 0.0, 0.0)  # 1 - r^2 = 0
+    assert fold(third) == 1.0
+    brown = (*third, 0.0, 0.0)
+    np.testing.assert_allclose(distorted(np.array([[1.0, 0.0]]), brown), [[2 / 3, 0.0]])
+    assert np.isnan(distorted(np.array([[1.0 + 1e-9, 0.0]]), brown)).all()
+    # 1 - 5 s + 4 s^2 = 0 for s = r^2 = 1/4 and 1; 7 k3 s^3 alone: -1 at s = 1
+    assert fold((-5 / 3, 4 / 5, 0.0)) == pytest.approx(0.5, rel=1e-12)
+    assert fold((0.0, 0.0, -1 / 7)) == pytest.approx(1.0, rel=1e-12)
+    assert [fold(k) for k in [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (-0.6, 0.2, 0.0)]] == [np.inf] * 3
+
+
+@pytest.mark.parametrize(
+    ("k", "steps"),
+    [
+        ((-0.3, 0.0, 0.0), 8),
+        ((0.2, 0.0, 0.0), 6),
+        ((0.5, -0.2, 0.01), 7),
+        ((4.0, 0.0, 0.0), 13),
+        ((0.9, -1.9, 0.6), 7),  # by the lower end of the bracket
+        ((-0.1, 0.8, -0.8), 7),  # by its upper end
+    ],
+)
+def test_radii_are_inverted_in_few_steps(k, steps, monkeypatch):
+    monkeypatch.setattr(distortion, "MAX_STEPS", steps)
+    r = np.linspace(0.0, 0.95 * min(fold(k), 3.0), 300)
+    np.testing.assert_allclose(undistorted_radius(distorted_radius(r, k)[0], k), r, rtol=1e-9)

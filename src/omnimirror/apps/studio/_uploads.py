@@ -127,7 +127,7 @@ def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     """Convert an image to 8 bits; floating-point values range from 0 to 1."""
     if image.dtype == np.uint8:
         return image.astype(np.uint8, copy=False)
-    scale = 255.0 if image.dtype == np.float32 else 255.0 / 65535
+    scale = 255.0 if image.dtype.kind == "f" else 255.0 / 65535
     shallow = np.empty(image.shape, np.uint8)
     for start in range(0, len(image), STRIP):
         strip = np.nan_to_num(image[start : start + STRIP].astype(np.float64) * scale)
@@ -137,7 +137,7 @@ def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
 
 def _checked_kind(data: bytes, name: str) -> str:
     """Check the decoded size in the image header; return the suffix of the format."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
         with warnings.catch_warnings():
@@ -149,7 +149,7 @@ def _checked_kind(data: bytes, name: str) -> str:
         is_huge = unpacked > MAX_DECODED_BYTES
     except Image.DecompressionBombError:
         is_huge = True
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
+    except (OSError, ValueError, SyntaxError):  # OSError includes unknown formats
         raise MediaError(
             f"{name} must be an image in a supported format ({', '.join(KINDS)})"
         ) from None
@@ -173,4 +173,4 @@ def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
         depth = max(picture.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
     elif picture.format == "PPM":
         depth = 16  # maximum value up to 65535
-    return width * height * channels * max(1, -(-depth // 8))
+    return width * height * channels * -(-depth // 8)

@@ -57,9 +57,7 @@ def undistorted(image: Array, brown: Coefficients) -> Array:
     """
     radius = np.hypot(image[..., 0], image[..., 1])
     inner = undistorted_radius(radius, brown[:3])
-    ideal: Array = (
-        image * np.where(radius > 0, inner / np.where(radius > 0, radius, 1.0), 1.0)[..., None]
-    )
+    ideal: Array = image * (inner / np.maximum(radius, np.finfo(float).tiny))[..., None]
     if not (brown[3] or brown[4]):
         return ideal
     for _ in range(MAX_STEPS):
