@@ -115,10 +115,10 @@ def mutants(source: str, count: int, draw: random.Random) -> Iterator[Mutant]:
     for place in order:
         choices = places[place]
         for name, occurrence in choices if count == 0 else [draw.choice(choices)]:
-            mutated = mutate_code(source, get_operator(name)(), occurrence)
             try:
+                mutated = mutate_code(source, get_operator(name)(), occurrence)
                 changed = mutated is not None and ast.dump(ast.parse(mutated)) != original
-            except SyntaxError:
+            except (SyntaxError, AttributeError):  # the latter for dotted names in ``except``
                 changed = False
             if changed:
                 found += 1
