@@ -106,7 +106,7 @@ def test_calibrated_field_is_above_0_and_at_most_180_deg(field_deg, is_valid):
     if is_valid:
         assert Uncertainty(("a",), [[1.0]], field_deg).field_deg == field_deg
     for wrong in (-0.5, 180.5) if is_valid else (field_deg,):
-        with pytest.raises(InvalidParameter, match="field_deg must be .*180 deg"):
+        with pytest.raises(InvalidParameter, match=r"field_deg must be .*180 deg"):
             Uncertainty(("a",), [[1.0]], wrong)
 
 
