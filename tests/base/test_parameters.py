@@ -66,6 +66,7 @@ def constant(correlation, count):
         # eigenvalues of about -c^2 and 1; at most 1e-9 of the largest is due to rounding
         [[0.0, 2e-5], [2e-5, 1.0]],
         constant(1 + 1e-12, 2),
+        [[1.0, 0.5], [0.5 + 9e-10, 1.0]],
         constant(1 + 2e-9, 3),  # 3, and twice -2e-9
     ],
 )
@@ -86,7 +87,7 @@ def test_covariance_may_be_singular_except_for_rounding(covariance):
         (("a", "b"), [*constant(0.0, 2), [0.0, 0.0]], r"covariance must have the shape \(2, 2\)"),
         (("a", "b"), [[1.0, 0.0], [0.0]], r"covariance must have the shape \(2, 2\)"),
         (("a", "b"), [[1.0, 0.0], [0.0, 1.0, 0.0]], r"covariance must have the shape \(2, 2\)"),
-        (("a", "b"), [[1.0, 1e-3], [0.0, 1.0]], "covariance must be symmetric"),
+        (("a", "b"), [[1.0, 2e-9], [0.0, 1.0]], "covariance must be symmetric"),
         (("a", "b"), [[1.0, 0.1], [0.2, 1.0]], "covariance must be symmetric"),
         (("a", "b"), constant(1.1, 2), "covariance must have no negative eigenvalues"),
         (("a", "b"), constant(-1.1, 2), "covariance must have no negative eigenvalues"),
