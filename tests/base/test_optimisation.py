@@ -12,6 +12,7 @@ from omnimirror.base.optimisation import (
     LinearisedValues,
     ObjectiveValues,
     _minimise_bracket,
+    _price,
     _trust_region_step,
     minimise_brackets,
     minimise_mean,
@@ -61,6 +62,73 @@ def test_minimax_textbook_problem():
     found = solve_minimax(values, rows, np.array([1.0, -0.1]), bounds(2))
     assert found.value == pytest.approx(1.9522245, abs=1e-6)
     assert list(found.history) == sorted(found.history, reverse=True)
+    assert len(found.history) <= 12
+
+
+def test_as_many_active_functions_as_variables_converge_quadratically():
+    """Largest of |10 (y - x^2)| and |1 - x|, after Rosenbrock, from the end of the bent valley."""
+
+    def values(y):
+        e = np.array([10 * (y[1] - y[0] ** 2), 1 - y[0]])
+        return ObjectiveValues(np.concatenate([e, -e]), np.full(1, -1.0))
+
+    def rows(y):
+        J = np.array([[-20 * y[0], 10.0], [-1.0, 0.0]])
+        return LinearisedValues(*values(y), np.vstack([J, -J]), np.zeros((1, 2)))
+
+    found = solve_minimax(values, rows, np.array([-1.2, 1.0]), bounds(2))
+    np.testing.assert_allclose(found.y, 1.0, atol=1e-9)
+    assert found.value == pytest.approx(0.0, abs=1e-9)
+    assert len(found.history) <= 9
+
+
+@pytest.mark.parametrize(
+    ("offset", "slope", "moves"),
+    [
+        (1e3, 5e-5, False),  # 0.1 gains 5e-6; less than 1e-8 of the value
+        (1e3, 2e-4, True),
+        (0.0, 5e-10, False),  # 5e-11; less than 1e-10
+        (0.0, 2e-9, True),
+    ],
+)
+def test_small_gains_end_the_iteration(offset, slope, moves):
+    def values(y):
+        return ObjectiveValues(offset + slope * np.array([y[0] - 3, 3 - y[0]]), np.zeros(0))
+
+    def rows(y):
+        return LinearisedValues(*values(y), slope * np.array([[1.0], [-1.0]]), np.zeros((0, 1)))
+
+    found = solve_minimax(values, rows, np.zeros(1), bounds(1))
+    assert (len(found.history) > 1) == moves
+
+
+def test_at_most_200_steps_of_length_1_within_the_bounds():
+    def values(y):
+        return ObjectiveValues(np.array([-y[0]]), np.full(1, -1.0))
+
+    def rows(y):
+        return LinearisedValues(*values(y), np.array([[-1.0]]), np.zeros((1, 1)))
+
+    found = solve_minimax(values, rows, np.zeros(1), bounds(1))
+    assert found.y[0] == pytest.approx(0.1 + 0.2 + 0.4 + 0.8 + 196)
+    found = solve_minimax(values, rows, np.full(1, 9.0), (np.full(1, -2.0), np.full(1, 5.5)))
+    assert (found.y[0], found.value, found.history) == (5.5, -5.5, (-5.5,))
+    found = solve_minimax(values, rows, np.full(1, 2.0), (np.full(1, -2.0), np.full(1, 2.15)))
+    assert found.y[0] == pytest.approx(2.15, abs=1e-12)
+
+
+@pytest.mark.parametrize("is_spread", [False, True])
+def test_price_adds_100_times_the_violation(is_spread):
+    objective = np.array([1.0, 5.0, 2.0])
+    value = 2.0 if is_spread else 5.0
+    for constraints, violation in (([], 0.0), ([-3.0, -1.0], 0.0), ([-3.0, 0.25, 0.125], 0.25)):
+        found = _price(ObjectiveValues(objective, np.array(constraints)), is_spread)
+        assert found == (value, violation, value + 100 * violation)
+    for bad in (
+        ObjectiveValues(objective, np.full(2, np.nan)),
+        ObjectiveValues(objective * np.inf, np.zeros(2)),
+    ):
+        assert _price(bad, is_spread) == (np.inf,) * 3
 
 
 def test_spread_has_free_level():
@@ -186,6 +254,8 @@ def test_steps_to_non_finite_values_are_rejected():
 
     found = solve_minimax(values, rows, np.ones(1), bounds(1))
     assert 2 - 1e-6 < found.y[0] < 2
+    assert 2 - found.y[0] > 1e-10  # of steps down to 1e-9
+    assert len(found.history) < 30
     assert found.value == pytest.approx(-np.log(2), abs=1e-6)
 
 
