@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.analysis.cross_section import image_curves
-from omnimirror.analysis.meridional_imaging import virtual_images
+from omnimirror.analysis.meridional_imaging import (
+    distances_from_lens,
+    imaging_characteristics,
+    virtual_images,
+)
 from omnimirror.analysis.viewpoints import viewpoint_angle_error
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
 from omnimirror.optics.image_sensor import Imager
@@ -90,6 +94,69 @@ def test_axial_object_imaged_on_axis(distance):
         rays = trace_chief_rays(mirror, 180.0, [0.0])
         images = virtual_images(rays, distance)
         assert (images.x_t.tolist(), images.x_s.tolist()) == ([0.0], [0.0])
+
+
+def test_characteristics_of_a_conformal_mapping():
+    """h = 100 tan(Omega/2) magnifies by 50/cos^2(Omega/2) px per radian in all directions, on both
+    sides of the axis; parallax divides each extent."""
+    omega = np.radians([-90.0, -10.0, 0.0, 10.0, 90.0])
+    rate = 50 / np.cos(omega / 2) ** 2
+    expected = rate * np.pi / 180
+    for t, s in ((1.0, 1.0), (2.0, 4.0)):
+        parallax = () if t == 1 else (t, s)
+        found = imaging_characteristics(omega, 100 * np.tan(omega / 2), rate, *parallax)
+        np.testing.assert_allclose(found.height, expected / t, rtol=1e-12)
+        np.testing.assert_allclose(found.width, expected / s, rtol=1e-12)
+        np.testing.assert_allclose(found.area, expected**2 / (s * t), rtol=1e-12)
+        np.testing.assert_allclose(found.aspect, t / s, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("distance", "shown"),
+    [
+        (0.0, "0"),
+        (-0.5, "-0.5"),
+        (np.nan, "nan"),
+        ([0.5, -1.0], "-1"),
+        ([-3.0, -2.0], "-3"),
+        ([3.0, 0.0], "0"),
+        (-np.inf, "-inf"),
+    ],
+)
+def test_virtual_images_require_positive_distances(distance, shown):
+    rays = trace_chief_rays(Sphere(50.0, 44.0), 180.0, [10.0, 20.0])
+    with pytest.raises(
+        InvalidParameter,
+        match=f"^object_distance_mm must be greater than 0, or inf; got {shown}$",
+    ):
+        virtual_images(rays, distance)
+    assert virtual_images(rays, [0.5, 1e-3]).object_distance.tolist() == [0.5, 1e-3]
+
+
+@pytest.mark.parametrize("distance", [np.inf, 300.0])
+@pytest.mark.parametrize("m", [180.0, np.inf])
+def test_images_on_both_sides_of_the_axis_are_symmetric(m, distance):
+    """Spherical mirror: 1/q_t - 1/p = 2/(R cos gamma), 1/q_s - 1/p = 2 cos gamma / R. Distances from a
+    lens at infinity are counted from the vertex."""
+    left, right = (
+        trace_chief_rays(Sphere(50.0, 44.0), m, sign * np.array([0.0, 10.0, 30.0]))
+        for sign in (-1.0, 1.0)
+    )
+    images = virtual_images(right, distance)
+    cos = np.cos(right.gamma)
+    np.testing.assert_allclose(1 / images.q_t - 1 / distance, 2 / (50 * cos), rtol=1e-12)
+    np.testing.assert_allclose(1 / images.q_s - 1 / distance, 2 * cos / 50, rtol=1e-12)
+    behind = np.sin(right.theta), np.cos(right.theta)
+    for q, x, z in ((images.q_t, images.x_t, images.z_t), (images.q_s, images.x_s, images.z_s)):
+        np.testing.assert_allclose(x, right.x + q * behind[0], rtol=1e-12)
+        np.testing.assert_allclose(z, right.z + q * behind[1], rtol=1e-12)
+    mirrored = virtual_images(left, distance)
+    np.testing.assert_allclose([mirrored.x_t, mirrored.x_s], [-images.x_t, -images.x_s], rtol=1e-12)
+    np.testing.assert_allclose([mirrored.z_t, mirrored.z_s], [images.z_t, images.z_s], rtol=1e-12)
+    lens = 0.0 if np.isinf(m) else m
+    np.testing.assert_allclose(
+        distances_from_lens(right, images), [lens + images.z_t, lens + images.z_s], rtol=1e-12
+    )
 
 
 def test_viewpoint_is_axis_intersection():

@@ -10,7 +10,8 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
-from omnimirror.design.requirement_check import Judgement, _limit_row
+from omnimirror.design import requirement_check
+from omnimirror.design.requirement_check import Judgement, Verdict, _limit_row
 from omnimirror.optics.housing import Housing, Rod
 
 SPHERE = om.load_sensor("paper-spherical")
@@ -280,9 +281,10 @@ def test_only_field_dependent_limits_report_excluded_angles():
         field=om.FieldRequirements(omega_max_deg=165),
         limits=(om.Limit("total_blur_px", at_most=9.0), om.Limit("length_mm", at_most=500.0)),
     )
-    blur, length = om.judge(wanted, SPHERE).limits
-    assert any("135" in remark for remark in blur.remarks)
-    assert length.remarks == ()
+    for angles in (2, 1001):
+        blur, length = om.judge(wanted, SPHERE, angles=angles).limits
+        assert any("135" in remark for remark in blur.remarks)
+        assert length.remarks == ()
 
 
 def test_unevaluable_requirements_are_reported():
@@ -334,3 +336,237 @@ def test_filling_dimension_stays_within_range(focal, theta, radius_px, image_px)
     )
     assert sensor.rim_radius_px < 511
     assert any("the rim does not fill the imager" in note for note in found.notes)
+
+
+# -- rows of a verdict ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("at_least", "at_most", "reached", "margin", "scale"),
+    [
+        (1.0, 4.0, 4.5, -0.5, 4.0),
+        (1.0, 4.0, 0.5, -0.5, 4.0),
+        (1.0, 4.0, 1.5, 0.5, 4.0),
+        (1.0, 4.0, 3.75, 0.25, 4.0),
+        (-4.0, 1.0, 0.0, 1.0, 4.0),
+        (2.0, None, 1.0, -1.0, 2.0),
+        (None, 0.5, 0.75, -0.25, 0.5),
+        (None, 0.0, 0.25, -0.25, 1.0),
+    ],
+)
+def test_margin_is_the_distance_to_the_nearer_limit(at_least, at_most, reached, margin, scale):
+    row = Judgement("rim_radius_mm", "mm", at_least, at_most, reached)
+    assert (row.margin, row.scale, row.shortfall) == (margin, scale, -margin / scale)
+    assert row.is_met == (margin > 0)
+    assert (row.omega_deg, row.part_deg, row.is_limit, row.remarks) == (None, None, False, ())
+    assert row.label == "rim_radius_mm"
+    assert replace(row, part_deg=(30.0, 60.0)).label == "rim_radius_mm, 30 to 60 deg"
+    for tolerance in (0.9 * abs(margin), 1.1 * abs(margin)):
+        tolerant = replace(row, tolerance=tolerance)
+        assert tolerant.is_met == (margin > 0 or tolerance > -margin)
+        assert tolerant.margin == (margin if margin > 0 or not tolerant.is_met else 0.0)
+
+
+def test_worst_violation_of_missed_rows_only():
+    met = Judgement("a", "", 1.0, None, 3.0)
+    within = Judgement("b", "px", None, 1.0, 1.5, tolerance=0.6, is_limit=True)
+    missed = Judgement("c", "", 4.0, None, 3.0, is_limit=True)
+    worse = Judgement("d", "", None, 2.0, 3.0)
+    rows = (met, within, missed, worse)
+    for count, worst, names in (
+        (1, 0.0, ()),
+        (2, 0.0, ()),
+        (3, 0.25, ("c",)),
+        (4, 0.5, ("c", "d")),
+    ):
+        verdict = Verdict(WANTED, SPHERE, rows[:count])
+        assert (verdict.worst, verdict.missed, verdict.is_met) == (worst, names, not names)
+    assert verdict.limits == (within, missed)
+    data = verdict.to_dict()
+    assert (data["name"], data["is_met"]) == (SPHERE.name, False)
+    assert [row["margin"] for row in data["requirements"]] == [2.0, 0.0, -1.0, -1.0]
+    assert [row["is_met"] for row in data["requirements"]] == [True, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("asked", "low", "hidden", "reached"),
+    [
+        (0.0, 0.0, 3.0, None),
+        (0.5, 0.0, 0.0, 0.0),
+        (0.5, 0.0, 3.0, 3.0),
+        (0.0, 0.25, 0.0, 0.25),
+        (0.0, 0.25, 3.0, 3.0),
+        (20.0, 5.0, 3.0, 5.0),
+    ],
+)
+def test_start_of_the_field_is_the_end_of_obscurations(asked, low, hidden, reached, monkeypatch):
+    counted = SimpleNamespace(hidden_deg=hidden, hidden_from_deg=128.0)
+    monkeypatch.setattr(requirement_check, "counted_field", lambda field, sensor: counted)
+    field = om.FieldRequirements(omega_max_deg=130.0, omega_min_deg=asked)
+    end, *start = requirement_check._field_rows(
+        SimpleNamespace(field=field), SimpleNamespace(field_deg=(low, 135.0))
+    )
+    assert end == Judgement("omega_max_deg", "deg", 130.0, None, 128.0)
+    expected = Judgement("omega_min_deg", "deg", None, asked, reached)
+    assert start == ([] if reached is None else [expected])
+
+
+@pytest.mark.parametrize(
+    ("asked", "ends"),
+    [
+        (212.0, (212.0, 212.0)),
+        ((100.0, 300.0), (100.0, 300.0)),
+        ((100.0, np.inf), (100.0, None)),  # any distance from 100 mm
+        (1e7, (1e7, 1e7)),  # at infinity
+    ],
+)
+def test_farthest_focus_is_no_limit_of_a_range(asked, ends):
+    row = rows_of(om.judge(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
+    assert (row.at_least, row.at_most) == ends
+    assert (row.unit, row.reached) == ("mm", SPHERE.lens.focus_distance_mm)
+
+
+def test_rows_of_a_telecentric_lens():
+    sensor = om.load_sensor("paraboloid-telecentric")
+    lens = om.LensRequirements(kind="orthographic", magnification=(0.1, 0.11), f_number=(2.0, 8.0))
+    wanted = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=90.0),
+        mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=(1.0, 99.0)),
+        lens=lens,
+        imager=sensor.imager,
+    )
+    verdict = om.judge(wanted, sensor)
+    rows = rows_of(verdict)
+    assert [*rows] == [
+        "omega_max_deg",
+        "rim_radius_mm",
+        "image_radius_px",
+        "f_number",
+        "magnification",
+    ]
+    assert verdict.limits == ()
+    assert (rows["magnification"].reached, rows["magnification"].unit) == (0.104, "")
+    assert (rows["magnification"].at_least, rows["magnification"].at_most) == (0.1, 0.11)
+    assert rows["f_number"].reached == sensor.lens.stop_number
+    assert rows["rim_radius_mm"].unit == "mm"
+    image = rows["image_radius_px"]
+    assert (image.unit, image.at_least, image.tolerance) == ("px", None, 0.02)
+    assert (image.at_most, image.reached) == (wanted.largest_image_px, sensor.rim_radius_px)
+
+
+def test_limit_on_both_sides_has_the_row_of_the_smaller_margin():
+    """Nearest to the lower limit or to the upper one, each with its own worst angle."""
+    omega = np.linspace(20, 130, 1001)
+    sensor = om.load_sensor("paper-equidistant")
+    far = replace(WANTED, field=om.FieldRequirements(omega_max_deg=130, omega_min_deg=20))
+    values = om.evaluate(sensor, omega).aspect
+    low, high = values.min(), values.max()
+    for below, above in ((0.01, 0.03), (0.03, 0.01), (-0.01, -0.03), (-0.03, -0.01)):
+        limit = om.Limit("aspect", at_least=low - below, at_most=high + above)
+        (row,) = om.judge(replace(far, limits=(limit,)), sensor).limits
+        assert row.margin == pytest.approx(min(below, above), rel=1e-6)
+        assert row.reached == pytest.approx(low if below < above else high, rel=1e-9)
+        at = omega[values.argmin() if below < above else values.argmax()]
+        assert row.omega_deg == pytest.approx(at, abs=0.2)
+        assert (row.at_least, row.at_most, row.is_limit) == (low - below, high + above, True)
+
+
+# -- temperature range ------------------------------------------------------------------------------
+
+ALUMINIUM = om.Thermal(mirror_material="aluminium", spacer_material="aluminium")
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(-12.34, 33.33), (-40.0, 20.04), (-29.97, 85.0), (19.99, 84.96)]
+)
+def test_ends_of_the_temperature_range_are_bracketed_in_steps_of_10_k(low, high, monkeypatch):
+    tried = []
+
+    def missed(requirements, sensor, temperature):
+        tried.append(temperature)
+        return ("cold",) * (temperature < low) + ("warm",) * (temperature > high)
+
+    monkeypatch.setattr(requirement_check, "_missed", missed)
+    found = om.temperature_range(WANTED, replace(SPHERE, thermal=ALUMINIUM))
+    assert low <= found.low_c + 0.05
+    assert found.low_c - low <= (0.15 if low > -40 else 0)
+    assert high >= found.high_c - 0.05
+    assert high - found.high_c <= (0.15 if high < 85 else 0)
+    assert found.below == (("cold",) if low > -40 else ())
+    assert found.above == (("warm",) if high < 85 else ())
+    assert tried[:2] == [20.0, 10.0]
+    downwards = [t for t in tried if t < 20]
+    steps = [20 - 10 * k for k in range(1, 7) if 20 - 10 * (k - 1) >= low]
+    assert downwards[: len(steps)] == [max(t, -40) for t in steps]
+    upwards = [t for t in tried if t > 20]
+    steps = [20 + 10 * k for k in range(1, 8) if 20 + 10 * (k - 1) <= high]
+    assert upwards[: len(steps)] == [min(t, 85) for t in steps]
+    assert len(tried) <= 1 + 6 + 7 + 2 * 7  # and bisection of 10 K to 0.1 K
+    assert found.to_dict() == {
+        "low_c": found.low_c,
+        "high_c": found.high_c,
+        "below": list(found.below),
+        "above": list(found.above),
+    }
+
+
+def test_requirements_missed_at_the_reference_leave_no_range():
+    sensor = replace(SPHERE, thermal=ALUMINIUM)
+    wanted = replace(WANTED, limits=(om.Limit("total_blur_px", at_most=1.0),))
+    found = om.temperature_range(wanted, sensor)
+    assert np.isnan([found.low_c, found.high_c]).all()
+    assert found.below == found.above == ("theta_max_deg", "total_blur_px")
+
+
+@pytest.mark.parametrize(
+    ("coldest", "warmest", "is_valid"),
+    [(20.0, 20.0, True), (20.5, 85.0, False), (-40.0, 19.5, False)],
+)
+def test_temperature_range_contains_the_reference(coldest, warmest, is_valid, monkeypatch):
+    monkeypatch.setattr(requirement_check, "_missed", lambda *_: ())
+    sensor, ends = replace(SPHERE, thermal=ALUMINIUM), {"coldest_c": coldest, "warmest_c": warmest}
+    if is_valid:
+        found = om.temperature_range(WANTED, sensor, **ends)
+        assert (found.low_c, found.high_c) == (coldest, warmest)
+        return
+    with pytest.raises(
+        InvalidParameter,
+        match=f"reference temperature of the sensor, 20 C; got {coldest:g} and {warmest:g}",
+    ):
+        om.temperature_range(WANTED, sensor, **ends)
+
+
+def test_temperature_range_requires_thermal_properties():
+    with pytest.raises(InvalidParameter, match="thermal"):
+        om.temperature_range(WANTED, SPHERE)
+
+
+def test_sizes_that_expand_count_only_if_a_range_is_required(monkeypatch):
+    """An acrylic mirror expands by 3 um per K: a given radius is that of manufacture, a range of radii
+    holds at all temperatures. A sensor that is invalid at a temperature ends the range."""
+    thermal = om.Thermal(mirror_material="acrylic", spacer_material="acrylic")
+    sensor, rim = replace(SPHERE, thermal=thermal), SPHERE.mirror.rim_radius_mm
+    wanted = om.Requirements(
+        field=om.FieldRequirements(omega_max_deg=100.0),
+        mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=rim),
+        lens=om.LensRequirements(theta_max_deg=(5.0, 20.0)),
+        imager=replace(SPHERE.imager, width_px=2000, height_px=2000),
+        limits=(om.Limit("total_blur_px", at_most=100.0),),
+    )
+    found = om.temperature_range(wanted, sensor)
+    assert (found.low_c, found.high_c) == (-40.0, 85.0)
+    ranged = replace(wanted, mirror=replace(wanted.mirror, rim_radius_mm=(rim - 9.0, rim + 0.1)))
+    found = om.temperature_range(ranged, sensor)
+    assert (found.low_c, found.above) == (-40.0, ("rim_radius_mm",))
+    grown = om.at_temperature(sensor, found.high_c + 0.2).mirror.rim_radius_mm
+    assert om.at_temperature(sensor, found.high_c - 0.1).mirror.rim_radius_mm < rim + 0.1 < grown
+
+    def frozen(sensor, temperature):
+        if temperature < 5.0:
+            raise InvalidParameter("the lens must not freeze")
+        return om.at_temperature(sensor, temperature)
+
+    monkeypatch.setattr(requirement_check, "at_temperature", frozen)
+    found = om.temperature_range(wanted, sensor)
+    assert found.below == ("the lens must not freeze",)
+    assert 5.0 <= found.low_c <= 5.1

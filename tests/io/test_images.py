@@ -1,5 +1,6 @@
 """Reading and writing of image files."""
 
+import io
 import struct
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import MediaError
-from omnimirror.io import images
+from omnimirror.io import GPano, images
 from omnimirror.io.images import FORMATS
 
 RNG = np.random.default_rng(3)
@@ -421,3 +422,226 @@ def test_full_disk_error_of_exr_names_output(tmp_path, monkeypatch):
     assert "cannot write view.exr: " in last
     assert ".omnimirror-" not in last
     assert list(tmp_path.iterdir()) == []
+
+
+# -- Sizes declared by headers ----------------------------------------------------------------------
+
+
+def png_header(width, height, depth=8, colour=2, name=b"IHDR", more=b""):
+    chunk = name + struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0)
+    start = images.PNG_SIGNATURE + (13).to_bytes(4, "big")
+    return start + chunk + zlib.crc32(chunk).to_bytes(4, "big") + more
+
+
+@pytest.mark.parametrize(
+    ("colour", "samples", "decoded"),
+    [(0, 1, 1), (2, 3, 3), (3, 1, 4), (4, 2, 2), (6, 4, 4)],  # PNG specification, 11.2.1
+)
+@pytest.mark.parametrize("depth", [8, 16])
+def test_png_header_declares_size(colour, samples, decoded, depth):
+    """Deflate packs 1032 bytes into one: 258 bytes into 2 bits."""
+    header = png_header(30, 20, depth, colour)
+    assert len(header) == 33
+    assert images.decoded_bytes(header) == 600 * decoded * depth // 8
+    assert images._png_damage(header) == ""
+    assert images.decoded_bytes(png_header(30, 20, 1, 0)) == 600
+    side = 8 * 1032 * 43 // depth  # samples in a file of 43 bytes
+    for width in (side // samples, side // samples + 1):
+        said = images._png_damage(png_header(width, 1, depth, colour, more=bytes(10)))
+        exceeds = width * samples > side
+        assert said == (
+            f"{width} x 1 px in the PNG header exceed the capacity of 43 bytes" if exceeds else ""
+        )
+
+
+def test_damaged_png_headers():
+    whole = png_header(30, 20)
+    for damaged in (
+        whole[:32],
+        whole[:-1] + bytes([whole[-1] ^ 1]),
+        png_header(30, 20, name=b"IHDX"),
+    ):
+        assert images._png_damage(damaged) == "damaged PNG header"
+    assert images.decoded_bytes(whole[:20]) == 0
+
+
+@pytest.mark.parametrize("marker", range(0xC0, 0xD0))
+@pytest.mark.parametrize("depth", [8, 12])
+def test_jpeg_frame_declares_size(marker, depth):
+    """All frame headers of ITU-T T.81, table B.1; C4, C8 and CC are tables and reserved."""
+    segment = b"\xff\xe1" + (300).to_bytes(2, "big") + bytes(298)
+    frame = bytes([0xFF, marker]) + struct.pack(">HBHHB", 17, depth, 20, 31, 3) + bytes(9)
+    data = b"\xff\xd8" + segment + b"\xff" + frame + b"\xff\xd9"
+    is_frame = marker not in (0xC4, 0xC8, 0xCC)
+    assert images.decoded_bytes(data) == (20 * 31 * 3 * (1 if depth == 8 else 2)) * is_frame
+    assert images.decoded_bytes(data[:310]) == 0
+    assert images.decoded_bytes(b"\xff\xd8\xff\xe1\0\4abX" + frame) == 0
+
+
+def tiff(order, is_big, tags):
+    """Return a TIFF or BigTIFF file with one directory of (tag, type, values), from its specification."""
+    sign = {"<": b"II", ">": b"MM"}[order]
+    kinds = {3: "H", 4: "I", 16: "Q"}
+    count, offset, inline = ("Q", "Q", 8) if is_big else ("H", "I", 4)
+    head = sign + struct.pack(
+        order + ("HHHQ" if is_big else "HI"), *((43, 8, 0, 24) if is_big else (42, 16))
+    )
+    head = head.ljust(24 if is_big else 16, b"\0")
+    size = 20 if is_big else 12
+    after = len(head) + struct.calcsize(order + count) + size * len(tags) + 8
+    entries, values = b"", b""
+    for tag, kind, numbers in tags:
+        packed = struct.pack(f"{order}{len(numbers)}{kinds.get(kind, 'B')}", *numbers)
+        entries += struct.pack(order + ("HHQ" if is_big else "HHI"), tag, kind, len(numbers))
+        if len(packed) > inline:
+            entries += struct.pack(order + offset, after + len(values))
+            values += packed
+        else:
+            entries += packed.ljust(inline, b"\0")
+    return head + struct.pack(order + count, len(tags)) + entries + bytes(8) + values
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("is_big", [False, True])
+@pytest.mark.parametrize(
+    ("bits", "channels", "expected"),
+    [
+        ((8, 8, 8), (3,), 3),
+        ((16, 16, 16, 16, 16), (5,), 10),
+        ((32,), None, 4),
+        ((1,), (1,), 1),
+        ((12,), (1,), 2),
+        ((0,), (1,), 1),
+        (None, None, 1),  # the default of the specification
+        ((8, 16), (2,), 4),  # of different depths: the largest
+        ((8,) * 64, (64,), 64),
+    ],
+)
+def test_tiff_directory_declares_size(order, is_big, bits, channels, expected):
+    tags = [(254, 4, (0,)), (256, 3, (31,)), (257, 4, (20,))]
+    tags += [(258, 3, bits)] if bits else []
+    tags += [(277, 3, channels)] if channels else []
+    assert images.decoded_bytes(tiff(order, is_big, tags)) == 31 * 20 * expected
+    if is_big:
+        wide = tiff(order, is_big, [(256, 16, (2**33,)), *tags[2:]])
+        assert images.decoded_bytes(wide) == 2**33 * 20 * expected
+
+
+def test_tiff_without_size_is_not_understood():
+    size = [(256, 3, (31,)), (257, 3, (20,))]
+    for tags in (size[:1], size[1:], [(256, 1, (31,)), size[1]], [(256, 3, (31,) * 65), size[1]]):
+        assert images.decoded_bytes(tiff("<", False, tags)) == 0
+    assert images.decoded_bytes(tiff("<", False, [(256, 3, ()), size[1]])) == 0
+    assert images.decoded_bytes(tiff("<", False, [(999, 3, (7,))] * 4094 + size)) == 620
+    assert images.decoded_bytes(tiff("<", False, [(999, 3, (7,))] * 4095 + size)) == 0
+    assert images.decoded_bytes(b"II*\0\xff\0\0\0") == 0
+
+
+def test_sizes_declared_by_other_headers():
+    def radiance(comment, size=b"-Y 20 +X 30"):
+        return b"#?RADIANCE\n" + b"#" * comment + b"\nFORMAT=32-bit_rle_rgbe\n\n" + size + b"\n"
+
+    fixed = len(radiance(0))
+    assert images.decoded_bytes(radiance(0)) == 20 * 30 * 3 * 4
+    assert images.decoded_bytes(radiance(65536 - fixed)) == 20 * 30 * 3 * 4
+    assert images.decoded_bytes(radiance(65536 - fixed + 1)) == 0
+    assert images.decoded_bytes(radiance(0, b"-Y 20")) == 0
+    # of Pillow: up to 16 bits except for bitmaps
+    for head, expected in (
+        (b"P1\n31 20\n", 1),
+        (b"P4\n31 20\n", 1),
+        (b"P5\n31 20\n255\n", 2),
+        (b"P5\n31 20\n65535\n", 2),
+        (b"P6\n31 20\n255\n", 6),
+    ):
+        assert images.decoded_bytes(head + bytes(31 * 20 * 6)) == 31 * 20 * expected
+    assert images.decoded_bytes(b"hello, world") == images.decoded_bytes(b"") == 0
+
+
+@pytest.mark.parametrize(
+    ("suffix", "mode", "expected"),
+    [("gif", "P", 4), ("bmp", "RGB", 3), ("webp", "RGBA", 4), ("jp2", "RGB", 6)],
+)
+def test_palettes_are_expanded_to_four_channels(suffix, mode, expected):
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.new(mode, (31, 20)).save(buffer, {"jp2": "JPEG2000"}.get(suffix, suffix))
+    assert images.decoded_bytes(buffer.getvalue()) == 31 * 20 * expected
+
+
+def test_image_of_gigapixels_exceeds_the_limit(tmp_path):
+    """Pillow refuses its header; its size is reported as just above the limit."""
+    data = bytearray(images.encoded(picture(size=(20, 31)), ".bmp"))
+    data[18:26] = struct.pack("<ii", 30_000, 30_000)
+    (tmp_path / "a.bmp").write_bytes(data)
+    with pytest.raises(MediaError, match=r"at most 2048 MB after decoding; got 2049 MB"):
+        om.read_image(tmp_path / "a.bmp")
+    assert images.MAX_DECODED_BYTES == images.MAX_FILE_BYTES == 2 * 1024**3
+
+
+@pytest.mark.parametrize(
+    ("suffix", "largest"),
+    [(".png", 2**20), (".tif", 2**20), (".jpg", 65_500), (".jpeg", 65_500), (".webp", 16_383)],
+)
+def test_largest_side_of_formats(suffix, largest):
+    for size in ((largest, 1), (1, largest)):
+        images.check_size(f"a{suffix}", size)
+    for size in ((largest + 1, 1), (1, largest + 1)):
+        with pytest.raises(MediaError, match=f"must have at most {largest} px per side"):
+            images.check_size(f"a{suffix}", size)
+
+
+@pytest.mark.parametrize(("at", "is_heic"), [(8, True), (60, True), (61, False)])
+def test_heic_brand_is_among_the_first_64_bytes(at, is_heic, tmp_path):
+    (tmp_path / "a.jpg").write_bytes((b"\0\0\0\x24ftyp".ljust(at, b"-") + b"hevc").ljust(200, b"-"))
+    with pytest.raises(MediaError, match="HEIC is not" if is_heic else "must be an undamaged"):
+        om.read_image(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("shape", [(5,), (5, 5, 3, 1), (5, 0, 3), ()])
+def test_arrays_that_are_no_image_raise(shape, tmp_path):
+    with pytest.raises(MediaError, match=r"shape \(h, w\) or \(h, w, c\); got shape \("):
+        om.write_image(tmp_path / "a.png", np.zeros(shape, np.uint8))
+
+
+def test_orientation_is_applied_unless_stored_pixels_are_requested(tmp_path):
+    """6: the first row of the file is the right edge of the image (EXIF 2.3, 4.6.4)."""
+    from PIL import Image
+
+    image = picture("uint8", 3, (20, 30))
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(image).save(tmp_path / "a.png", exif=exif)
+    om.write_image(tmp_path / "b.png", image)
+    np.testing.assert_array_equal(om.read_image(tmp_path / "a.png"), np.rot90(image, -1))
+    np.testing.assert_array_equal(om.read_image(tmp_path / "a.png", stored_orientation=True), image)
+    for read, expected in ((False, np.rot90(image, -1)), (True, image)):
+        found, metadata = images.read_image_and_metadata(
+            tmp_path / "a.png", **({"stored_orientation": True} if read else {})
+        )
+        np.testing.assert_array_equal(found, expected)
+        assert metadata.orientation == 6
+    names = ("a.png", "b.png", "missing.png")
+    assert [images.orientation_of(tmp_path / name) for name in names] == [6, 1, 1]
+
+
+def test_panorama_and_metadata_require_a_format_and_size(tmp_path):
+    panorama = GPano.of_view((40, 20), (-90.0, 90.0), 360.0)
+    for size in ((20, 41), (21, 40), (40, 20)):
+        with pytest.raises(
+            MediaError,
+            match=f"must have the size of panorama, 40 x 20 px; got {size[1]} x {size[0]} px",
+        ):
+            om.write_image(tmp_path / "a.png", picture(size=size), panorama=panorama)
+    with pytest.raises(MediaError, match="panorama metadata requires"):
+        om.write_image(tmp_path / "a.bmp", picture(size=(20, 40)), panorama=panorama)
+    carried = images.ImageMetadata(profile=b"profile")
+    with pytest.raises(MediaError, match="a colour profile or EXIF requires"):
+        om.write_image(tmp_path / "a.bmp", picture(), carried=carried)
+    assert not list(tmp_path.iterdir())
+    for channels in (1, 3):
+        image = picture("uint8", channels, (20, 40))
+        om.write_image(tmp_path / "a.png", image, panorama=panorama)
+        np.testing.assert_array_equal(om.read_image(tmp_path / "a.png"), image)
+        assert b"GPano" in (tmp_path / "a.png").read_bytes()

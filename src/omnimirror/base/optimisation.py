@@ -364,7 +364,7 @@ def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
     if not np.isfinite(v.objective).all() or not np.isfinite(v.constraints).all():
         return _Price(np.inf, np.inf, np.inf)
     value = float(np.ptp(v.objective)) / 2 if is_spread else float(v.objective.max())
-    violation = max(float(v.constraints.max(initial=0.0)), 0.0)
+    violation = float(v.constraints.max(initial=0.0))
     return _Price(value, violation, value + VIOLATION_PENALTY * violation)
 
 

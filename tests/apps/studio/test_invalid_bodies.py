@@ -433,6 +433,14 @@ def test_the_first_invalid_entry_is_named_without_the_part_of_the_request():
         == "lens.2.kind is invalid: value error, no lens; got 'x'"
     )
     assert request_bodies.validation_message([other, entry]) == "id must be given"
+    for loc, name in (
+        (("path", "id"), "id"),
+        (("header", "id"), "header.id"),
+        (("body",), "the body"),
+    ):
+        assert request_bodies.validation_message([{**other, "loc": loc}]) == f"{name} must be given"
+    whole = {"type": "value_error", "loc": (), "msg": "Lens"}
+    assert request_bodies.validation_message([whole]) == "the body is invalid: lens; got None"
 
 
 class Socket:

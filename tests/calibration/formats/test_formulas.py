@@ -289,6 +289,15 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
         SpecError, match=r"cameras\.bin camera 2: the model must be 0 to 17; got 99"
     ):
         read("cameras.bin", struct.pack("<Q", 2) + first + struct.pack("<IiQQ", 1, 99, 4, 4))
+    for number, (name, parameters) in zip((7, 10, 12, 13, 17), UNSUPPORTED.items(), strict=True):
+        count = len(parameters.split())
+        other = struct.pack(f"<QIiQQ{count}d", 1, 2, number, 640, 480, *range(1, count + 1))
+        with pytest.raises(SpecError, match=rf"^cameras\.bin camera 1: {name} (is not|describes)"):
+            read("cameras.bin", other)
+        with pytest.raises(
+            SpecError, match=f"line 1: {name} must have {count} .*, {parameters}; got 1"
+        ):
+            read("cameras.txt", f"2 {name} 640 480 1".encode())
     with pytest.raises(SpecError, match=r"cameras\.bin ends in the middle of a camera"):
         read("cameras.bin", struct.pack("<Q", 2) + first + second[:-1])
     for line, said in (
@@ -322,6 +331,10 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
                 "640 3e+09",
             )
         ),
+        # integers of 4 bytes, which the camera itself limits further
+        (f"1 PINHOLE {2**31 - 1} 480 1 1 1 1", "image width must be an integer between 1 and"),
+        (f"1 PINHOLE 640 {2**31 - 1} 1 1 1 1", "image height must be an integer between 1 and"),
+        (f"1 PINHOLE {2**31} 480 1 1 1 1", "the image size must be positive integers"),
     ):
         with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(said)}"):
             read("cameras.txt", f"# a comment\n{line}\n".encode())
@@ -349,6 +362,55 @@ COLMAP_MODELS = [
     (15, "FISHEYE", "fx fy cx cy"),
     (16, "EUCM", "fx fy cx cy alpha beta"),
 ]
+
+
+UNSUPPORTED = {
+    "FOV": "fx fy cx cy omega",
+    "THIN_PRISM_FISHEYE": "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
+    "SIMPLE_DIVISION": "f cx cy k",
+    "DIVISION": "fx fy cx cy k",
+    "EQUIRECTANGULAR": "w h",
+}
+"""Numbers 7, 10, 12, 13 and 17."""
+
+
+def test_files_of_colmap_are_recognised_without_their_suffix():
+    """A binary camera has at least 32 bytes: a header of 24, and a parameter."""
+    panorama = struct.pack("<QIiQQ2d", 1, 1, 17, 640, 480, 640.0, 480.0)
+    assert _colmap.recognises(CameraFile("a.dat", panorama))
+    for count, is_plausible in ((0, False), (1, True), (99, True), (100, False), (2**40, False)):
+        data = struct.pack("<Q", count) + bytes(3192)
+        assert _colmap.recognises(CameraFile("a.dat", data)) == is_plausible
+        assert _colmap.recognises(CameraFile("a.bin", data))
+    for text, is_line in (
+        ("# comment\n 12 FOV 640 480 1 2 3 4 5\n", True),
+        ("1 PINHOLES 640", False),
+        ("PINHOLE 640 480", False),
+    ):
+        assert _colmap.recognises(CameraFile("a.txt", text.encode())) == is_line
+
+
+def test_layouts_of_colmap():
+    """Names of the documentation; programs project these models up to 90 deg."""
+    layouts = _colmap.FORMAT.layouts
+    for infix, suffix in (("", ".txt"), ("-bin", ".bin")):
+        for model in ("opencv-fisheye", "eucm", "rad-tan-thin-prism-fisheye"):
+            layout = layouts[f"colmap{infix}-{model}"]
+            assert (layout.suffixes, layout.is_panorama) == ((suffix,), False)
+            assert layout.max_field_angle_deg == 90.0
+            assert layout.description == model.upper().replace("-", "_")
+        layout = layouts[f"colmap{infix}-equirectangular"]
+        assert (layout.suffixes, layout.is_panorama) == ((suffix,), True)
+        width, height = om.views.sphere(FISHEYE).size
+        content = layout.write(FISHEYE, "")
+        if infix:
+            assert struct.unpack("<QIiQQ2d", content) == (1, 1, 17, *2 * (width, height))
+        else:
+            number, name, *sizes = content.splitlines()[-1].split()
+            assert (number, name) == ("1", "EQUIRECTANGULAR")
+            assert sizes[:2] == [str(width), str(height)]
+            assert list(map(float, sizes[2:])) == [width, height]
+    assert len(layouts) == 8
 
 
 @pytest.mark.parametrize(("number", "name", "parameters"), COLMAP_MODELS)

@@ -89,21 +89,26 @@ def test_round_trip_error(view, camera):
 def test_warp_map_agrees_with_the_projection(camera):
     """Project the targets of mapped pixels; no interpolation is involved."""
     camera = CAMERAS[camera]
-    for view in (VIEWS["perspective"](camera), VIEWS["near wall"](camera)):
+    for name in ("perspective", "near wall", "cube"):
+        view = VIEWS[name](camera)
         warp_map = om.view_map(camera, view).warp_map
         rows, columns = np.nonzero(np.isfinite(warp_map).all(-1))
         u, v = warp_map[rows, columns].T
         assert len(u) > 200
-        targets = np.stack(
-            [
-                view.targets_at(np.array([a]), np.array([b])).reshape(3)
-                for a, b in zip(u[::40], v[::40], strict=True)
-            ]
-        )
-        projected = (
-            camera.project_directions(targets) if view.is_distant else camera.project(targets)
-        )
-        assert np.abs(projected.pixels - np.stack([columns, rows], -1)[::40]).max() < 1e-5
+        checked = 0
+        for left, top, screen in parts_of(view):
+            width, height = screen.size
+            a, b = u - left, v - top
+            edge = 0.5 - 1e-6  # rays through an edge belong to either face
+            own = (a > -edge) & (a < width - 1 + edge) & (b > -edge) & (b < height - 1 + edge)
+            targets = screen.targets_at(a[own][::40], b[own][::40]).reshape(-1, 3)
+            projected = (
+                camera.project_directions(targets) if screen.is_distant else camera.project(targets)
+            )
+            expected = np.stack([columns, rows], -1)[own][::40]
+            np.testing.assert_allclose(projected.pixels, expected, rtol=0, atol=1e-5)
+            checked += own.sum()
+        assert 0.98 * len(u) < checked <= len(u)
 
 
 @pytest.mark.parametrize("width", [171, 200, 360, 428])
@@ -161,11 +166,110 @@ def test_rays_outside_the_view_are_nan(name):
     assert intersect_screen(view, origins[:0], directions[:0]).shape == (0, 2)
 
 
-@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3)])
-def test_rays_along_coordinate_axes(axis):
+@pytest.mark.parametrize("size", [(428, 171), (171, 428), (90, 40), (7, 4), (40, 1), (1, 1)])
+def test_initial_values_are_a_grid_over_the_screen(size, monkeypatch):
+    """From 0.25 px inside one edge to the other, in steps of one pixel or 1/160 of the longer side; a
+    side of one pixel is covered too."""
+    seen = []
+    targets = _inverse_mapping._targets
+    monkeypatch.setattr(
+        _inverse_mapping, "_targets", lambda screen, at: (seen.append(at), targets(screen, at))[1]
+    )
+    view = om.screens.Plane(size, hfov_deg=60.0, distance_mm=500.0)
+    centre = np.array(size) / 2 - 0.5
+    pixels = centre + 0.499 * np.array([[0, 0], [1, 1], [-1, 1], [1, -1], [-1, -1]])
+    points = view.targets_at(*pixels.T)
+    directions = points / np.linalg.norm(points, axis=1, keepdims=True)
+    np.testing.assert_allclose(intersect_screen(view, 0 * points, directions), pixels, atol=1e-6)
+    for axis, side in enumerate(size):
+        places = np.unique(seen[0][:, axis])
+        assert (places[0], places[-1]) == (-0.25, side - 0.75)
+        steps = np.diff(places)
+        np.testing.assert_allclose(steps, steps.mean(), rtol=1e-9)
+        wanted = (side - 0.5) / max(1, max(size) / 160)
+        assert wanted <= len(steps) < wanted + 1
+    assert len(seen[0]) == np.prod([len(np.unique(seen[0][:, axis])) for axis in (0, 1)])
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        om.screens.Cylinder((20, 200), -8.0, 8.0),  # pixels of 18 by 0.08 deg
+        om.screens.Cylinder((400, 10), -60.0, 60.0, span_deg=40.0),  # 0.1 by 12 deg
+        om.screens.Cylinder((20, 200), -8.0, 8.0, distance_mm=900.0),
+    ],
+)
+def test_elongated_pixels_are_hit_everywhere(view):
+    width, height = view.size
+    u, v = (
+        a.ravel()
+        for a in np.meshgrid(np.linspace(0, width - 1, 67), np.linspace(0, height - 1, 71))
+    )
+    directions = view.targets_at(u, v).reshape(-1, 3)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    np.testing.assert_allclose(
+        intersect_screen(view, 0 * directions, directions), np.stack([u, v], axis=1), atol=1e-5
+    )
+
+
+class Bowl:
+    """Paraboloid z = (x^2 + y^2) / 20 mm whose vertex is pixel (20, 15)."""
+
+    size = (41, 31)
+    is_distant = False
+
+    def targets_at(self, u, v):
+        x, y = u - 20.0, v - 15.0
+        return np.stack([x, y, (x**2 + y**2) / 20.0], axis=-1)
+
+
+def test_node_at_the_origin_of_the_rays_has_no_direction():
+    u, v = (
+        a.ravel() for a in np.meshgrid(np.arange(0.0, 41.0, 4.0) + 0.3, np.arange(0.2, 31.0, 3.0))
+    )
+    directions = Bowl().targets_at(u, v)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    found = intersect_screen(Bowl(), 0 * directions, directions)
+    np.testing.assert_allclose(found, np.stack([u, v], axis=1), atol=1e-6)
+
+
+def test_large_images_are_mapped_in_chunks(monkeypatch):
+    """At most 65536 rays are intersected at once, each pixel once."""
+    counts = []
+
+    def counted(screen, origins, directions):
+        counts.append(len(directions))
+        return np.zeros((len(directions), 2))
+
+    monkeypatch.setattr(_inverse_mapping, "intersect_screen", counted)
+    camera = om.Unified(
+        xi=0.9, focal_px=(160.0, 160.0), centre_px=(149.5, 149.5), image_size=(300, 300)
+    )
+    rays = camera.backproject(
+        np.stack(np.meshgrid(np.arange(300.0), np.arange(300.0)), axis=-1).reshape(-1, 2)
+    )
+    mapped = view_pixels(camera, om.screens.Equirectangular((40, 20)), "exact")
+    assert sum(counts) == rays.valid.sum()
+    assert max(counts) <= 65536
+    assert len(counts) == 2
+    assert (np.isfinite(mapped).all(-1).ravel() == rays.valid).all()
+
+
+HALF = np.sqrt(0.5)
+DIAGONALS = [
+    np.array([x, y, z]) * HALF
+    for x, y, z in [(1, 0, 1), (-1, 0, 1), (0, 1, 1), (0, -1, 1), (1, 1, 0), (1, -1, 0)]
+]
+
+
+@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3), *DIAGONALS])
+def test_rays_along_coordinate_axes_and_diagonals(axis):
     x, y, z = axis
     view = om.screens.Plane(
-        (41, 31), pan_deg=-np.degrees(np.arctan2(y, x)), tilt_deg=90.0 * z, hfov_deg=60.0
+        (41, 31),
+        pan_deg=-np.degrees(np.arctan2(y, x)),
+        tilt_deg=np.degrees(np.arcsin(z)),
+        hfov_deg=60.0,
     )
     ends = intersect_screen(view, np.zeros((2, 3)), np.stack([axis, -axis]))
     np.testing.assert_allclose(ends, [[20.0, 15.0], [np.nan, np.nan]], atol=1e-6)

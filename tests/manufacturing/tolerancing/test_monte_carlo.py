@@ -18,7 +18,9 @@ from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.monte_carlo import (
     YieldStatistics,
+    check_trials,
     clopper_pearson,
+    format_motion,
     satisfies_limit,
     simulate_trials,
 )
@@ -177,6 +179,126 @@ def test_curve_without_valid_trials_is_empty():
     statistics = YieldStatistics({}, ("min aspect", "lost"))
     statistics.add(np.ones((3, 2)))
     assert statistics.quantile("min aspect", 0.5) == 0.0
+
+
+@pytest.mark.parametrize("merit", ["blur_px", "min aspect"])
+@pytest.mark.parametrize("limit", [None, 2.0])
+def test_quantiles_are_accurate_to_a_quarter_percent(merit, limit):
+    """Of the distance from the origin of the histogram: 0, or the limit of a merit that requires one."""
+    origin = limit if limit and merit.startswith("min") else 0.0
+    rng = np.random.default_rng(4)
+    decades = 3.0 if origin else 8.9  # of single precision, as in shards
+    away = 10 ** rng.uniform(-decades, decades, 400) * rng.choice([-1.0, 1.0], 400)
+    values = (origin + away).astype(np.float32).astype(float)
+    merits = np.column_stack([values, np.zeros(400)])
+    statistics = YieldStatistics({merit: limit} if limit else {}, (merit, "lost"))
+    statistics.add(merits[:150])
+    statistics.add(merits[150:])
+    ordered = np.sort(values)
+    if merit.startswith("min"):
+        ordered = ordered[::-1]
+    for k in (0, 1, 7, 100, 200, 333, 398):
+        found = statistics.quantile(merit, (k + 0.5) / 400)
+        assert abs(found - ordered[k]) <= 2.3e-3 * abs(ordered[k] - origin)
+    edges, shares = statistics.curve(merit)
+    assert (np.diff(edges) >= 0).all()
+    assert (shares[0], shares[-1]) == (1 / 400, 1.0)
+    for k in (0, 10, 399):  # each bin ends at most 0.46 % beyond its values
+        value = np.sort(values)[k]
+        at = edges[np.searchsorted(shares, (k + 1) / 400 - 1e-9)]
+        assert 0 <= at - value + 1e-5 * abs(value - origin) <= 4.7e-3 * abs(value - origin)
+    assert statistics.mean(merit) == pytest.approx(values.mean())
+
+
+def test_values_next_to_the_origin_count_as_the_origin():
+    for value, expected in ((0.0, 0.0), (9e-10, 0.0), (-9e-10, 0.0), (2e-9, 2e-9), (-2e-9, -2e-9)):
+        statistics = YieldStatistics({}, ("blur_px", "lost"))
+        statistics.add(np.array([[value, 0.0]]))
+        found = statistics.quantile("blur_px", 0.5)
+        assert found == 0.0 if expected == 0 else found == pytest.approx(expected, rel=2.3e-3)
+    for sign in (1.0, -1.0):
+        statistics = YieldStatistics({}, ("blur_px", "lost"))
+        statistics.add(np.array([[sign * 1e12, 0.0]]))
+        assert statistics.quantile("blur_px", 0.5) == pytest.approx(sign * 1e9, rel=2.3e-3)
+
+
+def test_lost_trials_count_in_quantiles_curves_and_yields():
+    """Of 10 trials, 2 lose rays; limits on both merits."""
+    blur, aspect = np.arange(1.0, 11.0), np.arange(10.0, 0.0, -1.0)
+    lost = np.zeros(10)
+    lost[[8, 9]] = 3.0
+    limits = {"blur_px": 6.0, "min aspect": 7.0}
+    statistics = YieldStatistics(limits, ("blur_px", "min aspect", "lost"))
+    for part in (slice(0, 4), slice(4, 10)):
+        statistics.add(np.column_stack([blur, aspect, lost])[part])
+    assert (statistics.trials, statistics.lost, statistics.passed) == (10, 2, 4)
+    assert statistics.passed_each == {"blur_px": 6, "min aspect": 4}
+    assert statistics.yields == clopper_pearson(4, 10)
+    for share, expected in ((0.05, 1.0), (0.75, 8.0), (0.8, 8.0), (0.85, np.inf)):
+        assert statistics.quantile("blur_px", share) == pytest.approx(expected, rel=2.3e-3)
+    for share, expected in ((0.05, 10.0), (0.75, 3.0), (0.85, 0.0)):
+        assert statistics.quantile("min aspect", share) == pytest.approx(expected, rel=0.02)
+    assert statistics.curve("blur_px")[1][-1] == 0.8
+    assert statistics.mean("blur_px") == pytest.approx(4.5)
+    assert statistics.mean("min aspect") == pytest.approx(6.5)
+
+
+def test_trials_are_evaluated_in_blocks():
+    calls, progress = [], []
+
+    class Plan:
+        def drawn(self, seed, block, count):
+            calls.append((seed, block, count))
+            return {"lens.k1": np.full(count, block)}
+
+    class Blocks:
+        names = ("blur_px", "lost")
+
+        def evaluate(self, errors):
+            return np.column_stack([1.0 + errors["lens.k1"], 0 * errors["lens.k1"]])
+
+    count = 2 * BLOCK + 5
+    found = simulate_trials(
+        Blocks(), Plan(), {"blur_px": 2.0}, trials=count, seed=7,
+        on_progress=lambda *done: progress.append(done),
+    )  # fmt: skip
+    assert calls == [(7, 0, BLOCK), (7, 1, BLOCK), (7, 2, 5)]
+    assert progress == [(BLOCK, count), (2 * BLOCK, count), (count, count)]
+    assert (found.trials, found.passed) == (count, 2 * BLOCK)
+    calls.clear()
+    assert simulate_trials(Blocks(), Plan(), {}).trials == 10_000
+    assert {seed for seed, *_ in calls} == {0}
+    assert sum(size for *_, size in calls) == 10_000
+    for trials in (1, 10**10):
+        check_trials(trials)
+    for trials in (0, 10**10 + 1):
+        with pytest.raises(
+            InvalidParameter, match=f"trials must be between 1 and 10000000000; got {trials}$"
+        ):
+            check_trials(trials)
+
+
+@pytest.mark.parametrize(
+    ("px", "text"), [(4.9e-4, "< 0.001"), (5e-4, "0.0005"), (0.0, "< 0.001"), (12.345, "12.3")]
+)
+def test_small_motions_are_displayed_as_a_bound(px, text):
+    assert format_motion(px) == text
+
+
+@pytest.mark.parametrize("trials", [1, 7, 100])
+def test_confidence_interval_by_the_binomial_distribution(trials):
+    """Each end is exceeded by 2.5 % of experiments; one is 0 or 1 if no or all trials pass."""
+    for passed in {0, 1, trials // 2, trials - 1, trials}:
+        found = clopper_pearson(passed, trials)
+        assert found.value == passed / trials
+        if passed:
+            assert stats.binom.sf(passed - 1, trials, found.low) == pytest.approx(0.025)
+        else:
+            assert found.low == 0.0
+        if passed < trials:
+            assert stats.binom.cdf(passed, trials, found.high) == pytest.approx(0.025)
+        else:
+            assert found.high == 1.0
 
 
 def test_confidence_interval_coverage():

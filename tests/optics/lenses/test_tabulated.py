@@ -9,7 +9,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.optics.lenses import SurfaceLens, TabulatedLens
-from omnimirror.optics.lenses._tabulated_lens import COLUMNS
+from omnimirror.optics.lenses._tabulated_lens import COLUMNS, _opening_of_barrel
 from omnimirror.optics.sensor_files import format_sensor
 from tests.optics.lenses import prescriptions as own
 
@@ -249,6 +249,74 @@ def test_table_entries_out_of_bounds_rejected(name):
             OmnimirrorError, match=re.escape(f"must be between {low:g} and {high:g}")
         ):
             replace(lens, **{name: wrong})
+    parameter = TabulatedLens.PARAMETERS[name]
+    assert (parameter.low, parameter.high) == (low, high)
+
+
+def test_entries_have_the_documented_defaults():
+    """No barrel, no pane, a flat field, no blur and cos^4; the barrel's front and the principal point
+    at the reference point; glass N-BK7 at the d line."""
+    lens = TabulatedLens(11.6, 4.0, 212.0, (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.0), (0.0,) * 4)
+    assert (lens.barrel_diameter_mm, lens.barrel_mm, lens.principal_point_mm) == (None, 0.0, 0.0)
+    assert (lens.window_mm, lens.window_index, lens.table_focus_mm) == (0.0, 1.5168, 212.0)
+    assert all(getattr(lens, name) is None for name in list(COLUMNS)[3:])
+    nodes = lens.field.nodes
+    tangent = np.tan(np.radians(lens.field_deg))
+    np.testing.assert_allclose(nodes.tangent, tangent)
+    np.testing.assert_allclose(nodes.height, lens.image_height_mm)
+    np.testing.assert_allclose(nodes.illumination, np.cos(np.radians(lens.field_deg)) ** 4)
+    for ones in ("width_t", "width_s", "stop_t", "stop_s", "openness"):
+        assert getattr(nodes, ones).tolist() == [1.0] * 4
+    for zeros in ("shift_t", "own_t", "own_s", "short", "long", "stop_shift"):
+        assert getattr(nodes, zeros).tolist() == [0.0] * 4
+    np.testing.assert_allclose(nodes.vergence_t, 1 / 212.0)
+    np.testing.assert_allclose(nodes.vergence_s, 1 / 212.0)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"field_deg": (0.0, 5.0, 5.0, 20.0)}, "field_deg must increase from 0; sort the rows"),
+        ({"field_deg": (0.0, 10.0, 5.0, 20.0)}, "field_deg must increase from 0; sort the rows"),
+        ({"field_deg": (0.5, 5.0, 10.0, 20.0)}, "field_deg must increase from 0; sort the rows"),
+        (
+            {"image_height_mm": (0.5, 1.0, 2.0, 4.0)},
+            "image_height_mm must be 0 on the axis; got 0.5",
+        ),
+        (
+            {"entrance_pupil_mm": (0.0,) * 3},
+            "entrance_pupil_mm must have as many values as field_deg, 4; got 3",
+        ),
+        (
+            {"own_blur_s_mm": (0.0,) * 5},
+            "own_blur_s_mm must have as many values as field_deg, 4; got 5",
+        ),
+        (
+            {"entrance_pupil_mm": (0.0, 0.0, 0.0, 212.0)},
+            "focus_distance_mm must be greater than 212 mm, the position of the entrance pupil; got 212",
+        ),
+        (
+            {"entrance_pupil_mm": (0.0, 250.0, 0.0, 0.0)},
+            "focus_distance_mm must be greater than 250 mm, the position of the entrance pupil; got 212",
+        ),
+    ],
+)
+def test_inconsistent_columns_rejected(columns, message):
+    table = {
+        "field_deg": (0.0, 5.0, 10.0, 20.0),
+        "image_height_mm": (0.0, 1.0, 2.0, 4.0),
+        "entrance_pupil_mm": (0.0,) * 4,
+    }
+    with pytest.raises(OmnimirrorError, match=f"^{message}$"):
+        TabulatedLens(11.6, 4.0, 212.0, **table | columns)
+
+
+def test_pupil_may_end_just_below_the_focus():
+    lens = TabulatedLens(
+        11.6, 4.0, 212.0, (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.0), (6.0, 6.0, 6.0, 8.0),
+        principal_point_mm=2.0,
+    )  # fmt: skip
+    assert lens.pupil_from_principal == 4.0
 
 
 def test_mirror_beyond_table_rejected():
@@ -336,6 +404,78 @@ def test_barrel_vignetting_matches_rays():
     assert narrow / wide < 0.9
 
 
+@pytest.mark.parametrize("diameter", [3.2, 4.4, 8.0])
+def test_opening_of_barrel_matches_sampled_pupil(diameter):
+    """Pupil points whose rays to a focused point pass the barrel's front: all of them, all but a
+    segment, a lens narrower than the pupil, and a whole barrel inside the pupil."""
+    lens = barrelled(om.load_sensor("paper-spherical"))[1].lens
+    columns = ("field_deg", "image_height_mm", "entrance_pupil_mm")
+    short = {name: getattr(lens, name)[:4] for name in columns}
+    lens = replace(lens, **short, barrel_diameter_mm=diameter)
+    pupil = np.array([6.0, 6.0, 6.0, 6.0, 6.0, 80.0, 80.0, 80.0, 150.0, 150.0])
+    tangent = np.array([0.0, 0.03, 0.06, 0.12, 0.2, 0.001, 0.005, 0.02, 0.001, 0.01])
+    focus, ahead = lens.focus_distance_mm - pupil, lens.barrel_mm - pupil
+    u = np.linspace(-1, 1, 1001)
+    x, y = (a.ravel() for a in np.meshgrid(u, u))
+    disk = np.hypot(x, y) <= 1
+    x, y = x[disk], y[disk]
+    radius = lens.aperture_radius
+    open_angles, expected = [], []
+    for k, (t, s, a) in enumerate(zip(tangent, focus, ahead, strict=True)):
+        share = a / s  # of the way to the point in focus at (t s, 0)
+        at = x * radius * (1 - share) + t * s * share, y * radius * (1 - share)
+        passed = np.hypot(*at) <= diameter / 2
+        if not passed.any():
+            continue
+        open_angles.append(k)
+        low, high = x[passed].min(), x[passed].max()
+        expected.append([(high - low) / 2, np.ptp(y[passed]) / 2, (high + low) / 2, passed.mean()])
+    assert len(open_angles) >= 8
+    own = (values[open_angles] for values in (tangent, pupil, 1 / focus))
+    np.testing.assert_allclose(
+        np.stack(_opening_of_barrel(lens, *own), axis=1), expected, rtol=0, atol=5e-3
+    )
+
+
+@pytest.mark.parametrize("pane", [0.0, 6.0])
+def test_clearance_at_the_barrel(pane):
+    """(R^2 - r^2) / (2 R) at its front, about R - r next to the edge; the rays are displaced by the
+    refraction at a pane behind it. A lens without a barrel has none."""
+    bare, cut = barrelled(om.load_sensor("paper-spherical"), window_mm=pane, window_index=GLASS)
+    points = np.array([[0.0, 0.0, 6.0], [1.0, -2.0, 6.0], [0.5, 0.5, 10.0]])
+    slopes = np.array([[0.0, 0.0], [0.1, 0.05], [-0.2, 0.1]])
+    directions = np.column_stack([slopes, np.ones(3)])
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    u = np.hypot(*slopes.T)
+    inside = np.tan(np.arcsin(np.sin(np.arctan(u)) / GLASS))
+    displaced = pane * np.where(u > 0, 1 - inside / np.where(u > 0, u, 1.0), 1 - 1 / GLASS)
+    at = points[:, :2] + (6.0 + AHEAD - points[:, 2] + displaced)[:, None] * slopes
+    expected = ((BARREL / 2) ** 2 - (at**2).sum(1)) / BARREL
+    found = cut.lens.clearances(points, directions)
+    assert list(found) == ["barrel"]
+    np.testing.assert_allclose(found["barrel"], expected, rtol=1e-12)
+    assert expected[0] == BARREL / 4
+    assert bare.lens.clearances(points, directions) == {}
+
+
+@pytest.mark.parametrize("barrel_mm", [212.0, 212.5, 1000.0])
+def test_barrel_beyond_the_focus_rejected(barrel_mm):
+    """All rays to a point in focus meet there: no barrel is behind it."""
+    with pytest.raises(
+        OmnimirrorError,
+        match=f"got 5.4 at barrel_mm = {barrel_mm:g}; use a wider barrel, or one in front of the",
+    ):
+        barrelled(om.load_sensor("paper-spherical"), barrel_mm=barrel_mm)
+
+
+def test_barrel_at_the_pupil_may_have_its_size():
+    _, cut = barrelled(om.load_sensor("paper-spherical"), barrel_mm=6.0, barrel_diameter_mm=2.9)
+    assert 2 * cut.lens.aperture_radius == 2.9
+    assert cut.lens.field.nodes.openness.tolist() == [1.0] * SEEN
+    with pytest.raises(OmnimirrorError, match="must not vignette the bundle on the axis"):
+        replace(cut.lens, barrel_diameter_mm=2.8999)
+
+
 def test_barrel_vignetting_in_images():
     from omnimirror.simulation.radiometry import Radiometry
     from tests.simulation.test_rendering_wavelengths import Stripes
@@ -357,7 +497,7 @@ def test_barrel_vignetting_in_images():
     ("entries", "sentence"),
     [
         ({"barrel_diameter_mm": 2.0}, "must not vignette the bundle on the axis"),
-        ({"barrel_mm": 60.0}, "blocks all light at"),
+        ({"barrel_mm": 60.0}, r"it blocks all light at [\d.]+ deg; remove these rows or use"),
         ({"barrel_mm": 300.0}, "must not vignette the bundle on the axis"),
     ],
 )

@@ -12,7 +12,7 @@ from ...dewarp.screens import Screen, View, parts_of
 from ...dewarp.viewpoints import Viewpoint, centre_of_projection
 
 GRID_NODES = 160
-"""Nodes along the longer side of a screen for initial values."""
+"""Largest number of steps along the longer side of the grid of initial values."""
 MAX_ITERATIONS = 8
 """Newton iterations; convergence is quadratic."""
 TOLERANCE_PX = 1e-6
@@ -40,7 +40,7 @@ def view_pixels(camera: Camera, view: View, viewpoint: Viewpoint) -> Array:
     """
     width, height = camera.image_size
     grid = np.meshgrid(np.arange(width), np.arange(height))
-    pixels = np.stack(grid, axis=-1).reshape(-1, 2).astype(float)
+    pixels = np.stack(grid, axis=2).reshape(-1, 2).astype(float)
     mapped = np.full_like(pixels, np.nan)
     for left, top, screen in parts_of(view):
         centre = centre_of_projection(camera, screen, viewpoint)
@@ -87,12 +87,12 @@ def intersect_screen(screen: Screen, origins: Array, directions: Array) -> Array
     )
     for axis, side in enumerate((width, height)):
         column = pixels[:, axis]
-        beyond = np.isfinite(column) & ((column < -0.5) | (column > side - 0.5))
+        beyond = (column < -0.5) | (column > side - 0.5)
         if beyond.any():
             wrapped = pixels[beyond]
             wrapped[:, axis] += np.where(wrapped[:, axis] < 0, side, -side)
             pixels[beyond] = _newton(screen, wrapped, origins[beyond], directions[beyond])
-    inside = (pixels >= -0.5).all(-1) & (pixels <= np.array([width, height]) - 0.5).all(-1)
+    inside = (pixels >= -0.5).all(1) & (pixels <= np.array([width, height]) - 0.5).all(1)
     pixels[~inside] = np.nan
     return pixels
 
@@ -106,23 +106,25 @@ def _nearest_nodes(
     nearest node does not exceed one grid cell plus the parallax of the ray origins.
     """
     width, height = screen.size
-    step = max(width, height) / GRID_NODES
+    step = max(width, height, GRID_NODES) / GRID_NODES
+    # A quarter of a pixel from the edges, which may be poles: two nodes for a side of one pixel.
     sides = (
-        np.linspace(0, side - 1, int(np.ceil((side - 1) / step)) + 1) for side in (width, height)
+        np.linspace(-0.25, side - 0.75, int(np.ceil((side - 0.5) / step)) + 1)
+        for side in (width, height)
     )
     u, v = np.meshgrid(*sides)
-    nodes = np.stack([u.ravel(), v.ravel()], axis=-1)
+    nodes = np.stack([u.ravel(), v.ravel()], axis=1)
     targets, centre = _targets(screen, nodes), origins.mean(axis=0)
     if not screen.is_distant:
         targets = targets - centre
-    length = np.linalg.norm(targets, axis=-1)
+    length = np.linalg.norm(targets, axis=1)
     exists = np.isfinite(length) & (length > 0)
     heading = np.where(exists, targets.T / np.where(exists, length, 1.0), np.nan).T
     grid = heading.reshape(*u.shape, 3)
-    cells = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (0, 1)]
+    cells = [np.linalg.norm(np.diff(grid, axis=axis), axis=2) for axis in (0, 1)]
     reach = sum(float(np.nanmax(cell, initial=0.0)) for cell in cells)
     if not screen.is_distant:
-        parallax_mm = float(np.linalg.norm(origins - centre, axis=-1).max())
+        parallax_mm = float(np.linalg.norm(origins - centre, axis=1).max())
         reach += 2 * (parallax_mm / length[exists].min())
     _, nearest = cKDTree(heading[exists]).query(directions, distance_upper_bound=reach)
     candidate = np.asarray(nearest < exists.sum())
@@ -138,8 +140,8 @@ def _newton(screen: Screen, pixels: Array, origins: Array, directions: Array) ->
     """Return the pixels (n, 2) whose targets lie on the rays; NaN without convergence."""
     reference = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(directions, reference)
-    across /= np.linalg.norm(across, axis=-1, keepdims=True)
-    axes = np.stack([across, np.cross(directions, across)], axis=1)  # perpendicular to the ray
+    # Two axes perpendicular to the ray; their length scales the residual but not the step.
+    axes = np.stack([across, np.cross(directions, across)], axis=1)
     pixels, solution = pixels.copy(), np.full_like(pixels, np.nan)
     active = np.arange(len(pixels))
     with np.errstate(all="ignore"):  # rays that miss the screen diverge
@@ -147,7 +149,7 @@ def _newton(screen: Screen, pixels: Array, origins: Array, directions: Array) ->
             rays = origins[active], axes[active], directions[active]
             step, ahead = _newton_step(screen, pixels[active], *rays)
             pixels[active] -= step
-            length = np.linalg.norm(step, axis=-1)
+            length = np.linalg.norm(step, axis=1)
             converged = ahead & (length < TOLERANCE_PX)
             solution[active[converged]] = pixels[active[converged]]
             active = active[~converged & (length < 2 * max(screen.size))]
@@ -166,7 +168,7 @@ def _newton_step(
         heading = _targets(screen, places)
         if not screen.is_distant:
             heading = heading - origins
-        heading = heading / np.linalg.norm(heading, axis=-1, keepdims=True)
+        heading = heading / np.linalg.norm(heading, axis=1, keepdims=True)
         across = np.einsum("nij,nj->ni", axes, heading)
         return across, np.einsum("nj,nj->n", heading, directions)
 
@@ -176,5 +178,5 @@ def _newton_step(
         ((residual(pixels + shift)[0] - value) / DIFFERENCE_PX).T
         for shift in DIFFERENCE_PX * np.eye(2)
     )
-    step = np.stack([d * value[:, 0] - b * value[:, 1], a * value[:, 1] - c * value[:, 0]], axis=-1)
+    step = np.stack([d * value[:, 0] - b * value[:, 1], a * value[:, 1] - c * value[:, 0]], axis=1)
     return step / (a * d - b * c)[:, None], np.asarray(ahead > 0)

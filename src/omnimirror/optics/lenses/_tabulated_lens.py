@@ -187,12 +187,12 @@ class TabulatedLens(FieldLens):
             )
         if self.table_focus_mm is None:
             object.__setattr__(self, "table_focus_mm", self.focus_distance_mm)
-        self._check_focus()
         if (min_focus_mm := max(self.entrance_pupil_mm)) >= self.focus_distance_mm:
             raise InvalidParameter(
                 f"focus_distance_mm must be greater than {min_focus_mm:g} mm, the position of the "
                 f"entrance pupil; got {self.focus_distance_mm:g}"
             )
+        self._check_focus()
         _ = self.field
 
     @classmethod
@@ -351,7 +351,7 @@ def _opening_of_barrel(
     """Return the part of the pupil transmitted by the barrel: the intersection of two circles.
 
     A ray of slope ``t - y v`` through a pupil point y crosses the barrel's front, a before the
-    pupil, at ``y (1 - a v) + a t``.
+    pupil, at ``y (1 - a v) + a t``; the point in focus is ``1 / v`` before the pupil.
 
     Raises
     ------
@@ -362,15 +362,15 @@ def _opening_of_barrel(
     if lens.barrel_diameter_mm is None:
         return _Opening(ones, ones, 0 * ones, ones)
     ahead = lens.barrel_mm - pupil
-    narrowing = 1 - ahead * vergence
-    radius = lens.barrel_diameter_mm / 2 / narrowing / lens.aperture_radius
-    centre = -ahead * tangent / narrowing / lens.aperture_radius
-    if not (narrowing > 0).all() or radius[0] < 1:
+    narrowing = (lens.focus_distance_mm - lens.barrel_mm) * vergence
+    if narrowing[0] <= 0 or lens.barrel_diameter_mm / 2 < narrowing[0] * lens.aperture_radius:
         raise InvalidParameter(
             "barrel_diameter_mm must not vignette the bundle on the axis, which f_number "
             f"defines; got {lens.barrel_diameter_mm:g} at barrel_mm = {lens.barrel_mm:g}; "
             "use a wider barrel, or one in front of the object in focus"
         )
+    radius = lens.barrel_diameter_mm / 2 / narrowing / lens.aperture_radius
+    centre = -ahead * tangent / narrowing / lens.aperture_radius
     low, high = np.maximum(-1.0, centre - radius), np.minimum(1.0, centre + radius)
     if (high <= low).any():
         angle = lens.field_deg[int(np.argmax(high <= low))]
