@@ -462,11 +462,23 @@ def test_unusable_plugins_are_reported_and_omitted(installed, environment, tmp_p
 def test_installed_package_adds_view_and_format(installed, tmp_path):
     om.write_image(tmp_path / "a.png", np.full((1024, 1024, 3), 90, np.uint8))
     look = ("dewarp", "a.png", "--sensor", "paper-spherical", "--view", "fan", "--size", "320x80")
-    run = omnimirror(installed, tmp_path, *look, "--pan-deg", "30", "--black", "-o", "fan.png")
+    run = omnimirror(
+        installed,
+        tmp_path,
+        *look,
+        "--pan-deg",
+        "30",
+        "--set=image.transparent=false",
+        "-o",
+        "fan.png",
+    )
     assert run.returncode == 0, run.stderr
     assert om.read_image(tmp_path / "fan.png").shape == (80, 320, 3)
-    run = omnimirror(installed, tmp_path, *look, "--roll-deg", "30", "-o", "no.png")
-    assert "--roll-deg requires --view perspective; it does not apply to --view fan" in run.stderr
+    run = omnimirror(installed, tmp_path, *look, "--set", "view.roll_deg=30", "-o", "no.png")
+    assert (
+        "--set view.roll_deg requires --view perspective; it does not apply to --view fan"
+        in run.stderr
+    )
     run = omnimirror(installed, tmp_path, "export", "paper-spherical", "-o", "a.dots")
     assert run.returncode == 0, run.stderr
     x, z = np.loadtxt(tmp_path / "a.dots").T

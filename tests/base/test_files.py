@@ -442,7 +442,7 @@ def test_commands_reject_pipes_and_devices(kind, tmp_path):
         ["calibrate", "--points", endless, "--image-size", "64x64"],
         ["lines", "--lines", endless, "--image-size", "64x64"],
         ["colmap", "paper-spherical", picture, "--gsplat", "--poses", endless, "-o", out],
-        ["dewarp", picture, "--ocam", endless, "-o", out],
+        ["dewarp", picture, "--sensor", endless, "-o", out],
         ["dewarp", endless, "--sensor", "paper-spherical", "-o", out],
         ["dewarp", named(".mp4"), "--ball", "4,4,3,300", "-o", str(tmp_path / "b.mp4")],
         ["dewarp", named(".mcap"), "--ball", "4,4,3,300", "-o", str(tmp_path / "b.mcap")],

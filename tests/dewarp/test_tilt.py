@@ -223,7 +223,7 @@ def folder(tmp_path, monkeypatch, small):
 
 
 def dewarp(*args) -> np.ndarray:
-    main(["dewarp", "a.png", *args, "--black", "-o", "out.png"])
+    main(["dewarp", "a.png", *args, "--set=image.transparent=false", "-o", "out.png"])
     return om.read_image("out.png")
 
 
@@ -237,17 +237,19 @@ def test_command_line_levels_and_reports(folder):
     by_file = dewarp("--sensor", "leaning.toml", *view)
     assert pose_told() == (0, 0)
     np.testing.assert_array_equal(
-        dewarp("--sensor", "plumb.toml", f"--level={PITCH},{ROLL}", *view), by_file
+        dewarp("--sensor", "plumb.toml", f"--set=camera.level={PITCH},{ROLL}", *view), by_file
     )
     plumb = dewarp("--sensor", "plumb.toml", *view)
     assert (plumb != by_file).mean() > 0.5
     np.testing.assert_array_equal(
-        dewarp("--sensor", "leaning.toml", "--level", "0,0", *view), plumb
+        dewarp("--sensor", "leaning.toml", "--set", "camera.level=0,0", *view), plumb
     )
     assert pose_told() == (0, 0)
-    np.testing.assert_array_equal(dewarp("--sensor", "leaning.toml", "--keep-tilt", *view), plumb)
+    np.testing.assert_array_equal(
+        dewarp("--sensor", "leaning.toml", "--set=camera.keep_tilt=true", *view), plumb
+    )
     assert pose_told() == (PITCH, ROLL)
-    dewarp("--sensor", "leaning.toml", "--keep-tilt", "--pan-deg", "90", *view)
+    dewarp("--sensor", "leaning.toml", "--set=camera.keep_tilt=true", "--pan-deg", "90", *view)
     assert pose_told() == pytest.approx(
         Mount(pitch_deg=PITCH, roll_deg=ROLL).view_tilt_deg(90.0), abs=1e-3
     )
@@ -255,9 +257,9 @@ def test_command_line_levels_and_reports(folder):
 
 def test_mirror_ball_and_omega_range_are_levelled(folder):
     ball = ("--ball", "99.5,99.5,98,260", "--elevation-deg=-60:40", "--size", "120x")
-    assert (dewarp(*ball, "--level=10,5") != dewarp(*ball)).mean() > 0.3
-    upright = dewarp("--sensor", "plumb.toml", "--omega-deg", "30:130", "--size", "120x")
-    leaning = dewarp("--sensor", "leaning.toml", "--omega-deg", "30:130", "--size", "120x")
+    assert (dewarp(*ball, "--set=camera.level=10,5") != dewarp(*ball)).mean() > 0.3
+    upright = dewarp("--sensor", "plumb.toml", "--set", "view.omega_deg=30:130", "--size", "120x")
+    leaning = dewarp("--sensor", "leaning.toml", "--set", "view.omega_deg=30:130", "--size", "120x")
     assert upright.shape == leaning.shape  # the same elevations
 
 
@@ -267,7 +269,18 @@ def test_invalid_tilt_on_command_line(folder, capsys):
         ("95,0", "pitch_deg must be between -90 and 90 deg; got 95"),
     ):
         with pytest.raises(SystemExit, match=r"^[12]$"):
-            main(["dewarp", "a.png", "--sensor", "plumb.toml", "--level", text, "-o", "no.png"])
+            main(
+                [
+                    "dewarp",
+                    "a.png",
+                    "--sensor",
+                    "plumb.toml",
+                    "--set",
+                    f"camera.level={text}",
+                    "-o",
+                    "no.png",
+                ]
+            )
         assert message in " ".join(capsys.readouterr().err.split())
 
 

@@ -76,3 +76,28 @@ def test_missing_file_raises():
 def test_option_values_are_checked_on_construction():
     with pytest.raises(InvalidParameter, match="hfov_deg"):
         om.NamedView("a", options={"hfov_deg": 190.0})(om.load_sensor("paper-spherical"))
+
+
+FILE = "[front]\nhfov_deg = 60\nsize = [320, 240]\n[around]\nview = 'panorama'\n"
+
+
+def test_changes_replace_and_remove_entries_of_the_file(tmp_path):
+    (tmp_path / "views.toml").write_text(FILE)
+    changes = {"front": {"pan_deg": 40, "size": None}, "around": {"elevation_deg": [-30, 10]}}
+    found = om.load_views(tmp_path / "views.toml", changes)
+    assert found["front"].options == {"hfov_deg": 60, "pan_deg": 40}
+    assert found["around"].options == {"elevation_deg": (-30, 10)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frnt": {"pan_deg": 1}}, "unknown view frnt; did you mean front"),
+        ({"front": 5}, r"must be entries such as front\.pan_deg"),
+        ({"front": {"pan": 1}}, "got 'pan'; did you mean pan_deg"),
+    ],
+)
+def test_invalid_changes_raise(tmp_path, changes, message):
+    (tmp_path / "views.toml").write_text(FILE)
+    with pytest.raises(SpecError, match=message):
+        om.load_views(tmp_path / "views.toml", changes)

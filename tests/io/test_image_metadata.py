@@ -15,7 +15,7 @@ from omnimirror.io.images import read_image_and_metadata
 
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 SUFFIXES = [".jpg", ".png", ".webp", ".tif"]
-BALL = ("--ball", "31.5,31.5,30,280", "--size", "64x", "--black")
+BALL = ("--ball", "31.5,31.5,30,280", "--size", "64x", "--set=image.transparent=false")
 
 
 def notes() -> Image.Exif:

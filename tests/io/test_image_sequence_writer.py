@@ -163,7 +163,7 @@ def test_invalid_pattern_raises(film, tmp_path, source, output, message):
 
 
 def test_video_options_are_rejected_for_images(film, tmp_path):
-    for option in (["--crf", "3"], ["--pixel-format", "yuv420p"]):
+    for option in (["--set", "video.crf=3"], ["--set", "video.pixel_format=yuv420p"]):
         fails("dewarp", film, *BALL, *option, "-o", tmp_path / "%d.png")
     words = ["--skip-existing", "-o", tmp_path / "%d.png", "-o", tmp_path / "a.mp4"]
     assert "skip_existing must be used with a single image sequence" in fails(

@@ -24,7 +24,7 @@ from omnimirror.simulation.rendering import render_image
 
 FIELD = cv2.resize(np.random.default_rng(5).integers(0, 255, (6, 9, 3), np.uint8), (72, 48))
 SUFFIXES = [".jpg", ".png", ".webp", ".tif", ".avif"]
-STORED = "--stored-orientation"
+STORED = "--set=input.stored_orientation=true"
 
 
 def tagged(path: Path, image: np.ndarray, orientation: int, **more: object) -> Path:
@@ -120,11 +120,15 @@ def test_dewarping_applies_and_reports_orientation(tmp_path, turned, capsys):
     expected = straight(tmp_path / "upright.png", tmp_path / "a.png")
     told = straight(turned[1], tmp_path / "b.png")
     assert "orient" not in expected
-    assert "rotated by 90 deg clockwise according to EXIF; --stored-orientation" in told
+    assert (
+        "rotated by 90 deg clockwise according to EXIF; --set input.stored_orientation=true" in told
+    )
     np.testing.assert_array_equal(
         om.read_image(tmp_path / "b.png"), om.read_image(tmp_path / "a.png")
     )
-    with pytest.raises(InvalidParameter, match="96 x 140 px, as stored; omit --stored-orientation"):
+    with pytest.raises(
+        InvalidParameter, match=r"as stored; omit --set input\.stored_orientation=true"
+    ):
         ImageDewarper(DewarpRequest(WIDE, stored_orientation=True))(turned[1], tmp_path / "c.png")
     found = om.dewarp_images(tmp_path / "turned.png", tmp_path / "many", camera=WIDE)
     assert sum(found.oriented.values()) == 1
@@ -139,7 +143,8 @@ def test_dewarping_stored_pixels_reports_option(tmp_path, turned):
         centre_px=(50.0, 70.0), rim_radius_px=40.0, field_deg=280.0, image_size=(96, 140)
     )
     with pytest.raises(
-        InvalidParameter, match=r"must have the 96 x 140 px .* clockwise; --stored-orientation"
+        InvalidParameter,
+        match=r"must have the 96 x 140 px .* clockwise; --set input.stored_orientation=true",
     ):
         ImageDewarper(DewarpRequest(tall))(turned[1], tmp_path / "b.png")
     om.write_image(tmp_path / "stored.png", np.rot90(turned[0]).copy())

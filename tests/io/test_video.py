@@ -138,7 +138,7 @@ def test_rotation_equals_opencv(tmp_path, rotation, suffix):
     with VideoReader(source) as reader:
         frames = list(reader.frames())
         assert reader.size == (frames[0].width, frames[0].height) == shown.shape[1::-1]
-        assert "--stored-orientation" in reader.notes[0]
+        assert "--set input.stored_orientation=true" in reader.notes[0]
     assert len(frames) == 3
     for frame in frames:
         assert np.abs(image_of_frame(frame).astype(int) - shown).max() <= 1
@@ -389,7 +389,7 @@ def test_hdr_losses_are_reported(tmp_path):
     ):
         b.write(next(reader.frames()))
     assert (
-        "b.mkv: 10 bits are reduced to 8, HDR tags are lost; use --codec ffv1 with .mkv, --codec pr"
+        "b.mkv: 10 bits are reduced to 8, HDR tags are lost; use --set video.codec=ffv1 with .mkv"
         in b.notes[0]
     )
 

@@ -283,9 +283,11 @@ def test_frames_of_pictures(channels):
 def test_video_dewarped_by_command_line(tmp_path, capfdbinary):
     film = film_by_pyav(tmp_path / "theirs.mkv")
     size = ("--view", "perspective", "--size", "32x24")
-    omnimirror("dewarp", film, *BALL_OPTIONS, *size, "--crf", "1", "-o", tmp_path / "ours.mp4")
+    omnimirror(
+        "dewarp", film, *BALL_OPTIONS, *size, "--set", "video.crf=1", "-o", tmp_path / "ours.mp4"
+    )
     assert_orange(frames_by_pyav(tmp_path / "ours.mp4")[1], 8)
-    omnimirror("dewarp", film, *BALL_OPTIONS, *size, "-o", "-", "--format", "rawvideo")
+    omnimirror("dewarp", film, *BALL_OPTIONS, *size, "-o", "-", "--set", "output.format=rawvideo")
     assert_orange(np.frombuffer(capfdbinary.readouterr().out, np.uint8).reshape(3, 24, 32, 3)[1], 8)
 
 

@@ -375,7 +375,7 @@ def test_mastering_display_is_kept(graded, tmp_path, codec):
 
 def test_lost_mastering_display_is_reported(graded, tmp_path):
     assert (
-        "out.mkv: HDR metadata of the mastering display are lost; use --codec ffv1 with .mkv, --cod"
+        "out.mkv: HDR metadata of the mastering display are lost; use --set video.codec=ffv1 with"
         in copied(graded, tmp_path / "out.mkv", "ffv1")[0]
     )
     ball = ["--ball", "63.5,47.5,40,260", "--view", "perspective", "--size", "64x48"]

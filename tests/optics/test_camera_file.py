@@ -228,6 +228,14 @@ def test_camera_file_formats_read(tmp_path):
         to="ocamcalib",
     )
     assert om.load_camera(tmp_path / "calib.txt") == om.load_ocam(tmp_path / "calib.txt")
+    entries = {"optics": "fisheye", "rim_radius_px": 200.0}
+    assert om.load_camera(tmp_path / "calib.txt", {"camera": entries}) == om.load_ocam(
+        tmp_path / "calib.txt", "fisheye", rim_radius_px=200.0
+    )
+    with pytest.raises(SpecError, match=r"must be from camera\.optics, .*; got mount\.pitch_deg"):
+        om.load_camera(tmp_path / "calib.txt", {"mount": {"pitch_deg": 5.0}})
+    with pytest.raises(SpecError, match="entries of camera require a camera file"):
+        om.load_camera("paper-spherical", {"camera": entries})
     (tmp_path / "camchain.yaml").write_text("cam0:\n  camera_model: ds\n")
     with pytest.raises(
         SpecError,

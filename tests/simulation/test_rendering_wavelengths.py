@@ -82,7 +82,7 @@ def test_command_line_aligns_channels(domed, tmp_path):
     light = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
     om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
     fringes = []
-    for i, asked in enumerate([(), ("--wavelengths-nm", ",".join(map(str, WAVES)))]):
+    for i, asked in enumerate([(), ("--set", f"image.wavelengths_nm={','.join(map(str, WAVES))}")]):
         arguments = (
             "rings.png",
             "--sensor",
@@ -90,7 +90,7 @@ def test_command_line_aligns_channels(domed, tmp_path):
             "--elevation-deg=-30:30",
             "--size",
             "256x",
-            "--black",
+            "--set=image.transparent=false",
         )
         done = omnimirror("dewarp", *arguments, *asked, "-o", f"{i}.png", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
@@ -108,11 +108,11 @@ def test_wavelengths_require_sensor(domed, tmp_path):
     with pytest.raises(InvalidParameter, match="must have the same image size"):
         om.ColourDewarper((domed, domed, om.load_sensor("paper-spherical")), view)
     om.write_image(tmp_path / "a.png", np.zeros((128, 128, 3), np.uint8))
-    arguments = ("--wavelengths-nm", "610,540,465", "-o", tmp_path / "b.png")
+    arguments = ("--set", "image.wavelengths_nm=610,540,465", "-o", tmp_path / "b.png")
     assert "wavelengths_nm must be omitted unless the camera is a sensor" in fails(
         "dewarp", tmp_path / "a.png", "--ball", "63.5,63.5,50,250", *arguments
     )
-    assert "--wavelengths-nm requires images" in fails(
+    assert "--set image.wavelengths_nm requires images" in fails(
         "dewarp", "ride.mp4", "--sensor", "paper-spherical", *arguments
     )
 

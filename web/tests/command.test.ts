@@ -22,11 +22,11 @@ const START = "omnimirror dewarp circle.png --sensor sphere.toml";
 test.each<[Partial<State>, string]>([
   [
     { mode: "panorama", pan: 20 },
-    `${START} --view panorama --pan-deg 20 --span-deg 360 --elevation-deg -90:45.0046 --size 240x90 -o panorama.png`,
+    `${START} --view panorama --pan-deg 20 --set view.span_deg=360 --elevation-deg -90:45.0046 --size 240x90 -o panorama.png`,
   ],
   [
     { mode: "panorama", pan: -100, tilt: -10, zoom: 3 },
-    `${START} --view panorama --pan-deg -100 --span-deg 120 --elevation-deg -32.5008:12.5008 --size 240x90 -o panorama.png`,
+    `${START} --view panorama --pan-deg -100 --set view.span_deg=120 --elevation-deg -32.5008:12.5008 --size 240x90 -o panorama.png`,
   ],
   [
     { mode: "perspective", tilt: -25, hfov: 75, distance: 300 },
@@ -34,15 +34,15 @@ test.each<[Partial<State>, string]>([
   ],
   [
     { mode: "dome", zoom: 1.2 },
-    `${START} --view dome --pan-deg 0 --omega-deg 0:112.5038 --pole nadir --size 240x90 -o dome.png`,
+    `${START} --view dome --pan-deg 0 --set view.omega_deg=0:112.5038 --set view.pole=nadir --size 240x90 -o dome.png`,
   ],
   [
     { mode: "planet" },
-    `${START} --view planet --pan-deg 0 --hfov-deg 270 --pole nadir --size 240x90 -o planet.png`,
+    `${START} --view planet --pan-deg 0 --hfov-deg 270 --set view.pole=nadir --size 240x90 -o planet.png`,
   ],
   [
     { mode: "ground", height: 900, zoom: 1.5, distance: 300 },
-    `${START} --view ground --pan-deg 0 --height-mm 900 --mm-per-px 26.666667 --size 240x90 -o ground.png`,
+    `${START} --view ground --pan-deg 0 --set view.height_mm=900 --set view.mm_per_px=26.666667 --size 240x90 -o ground.png`,
   ],
   [
     { mode: "mosaic", hfov: 80 },
@@ -80,11 +80,11 @@ test("how it stands is said where its file says otherwise", () => {
       }),
     ),
   ).toContain(
-    "--sensor sphere.toml --camera-looks down --forward-azimuth-deg 12.3457 --level=-3,1.5 --view",
+    "--sensor sphere.toml --camera-looks down --set camera.forward_azimuth_deg=12.3457 --set camera.level=-3,1.5 --view",
   );
   const flipped = !sphere.model.mount.image_flipped;
   expect(line({}, standing({ image_flipped: flipped }))).toContain(
-    flipped ? " --image-flipped " : " --not-image-flipped ",
+    flipped ? " --set camera.image_flipped=true " : " --set camera.image_flipped=false ",
   );
   expect(line({})).not.toMatch(/looks|azimuth|flipped|level/);
 });

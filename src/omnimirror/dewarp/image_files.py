@@ -273,7 +273,7 @@ def _check_orientation(size: Size, camera_size: Size, orientation: int, is_store
     """
     if orientation in TRANSPOSING_ORIENTATIONS and size != tuple(camera_size) == size[::-1]:
         remedy = (
-            "omit --stored-orientation (stored_orientation=True in Python)"
+            "omit --set input.stored_orientation=true (stored_orientation=True in Python)"
             if is_stored
             else STORED_ORIENTATION_HINT
         )

@@ -495,7 +495,7 @@ def _sink(
         and "pixel_format" not in encoding
         and (lost := conversion_losses(view_over_time.pixel_format, PixelFormat()))
     ):
-        callbacks.on_warning(f"{output}: {lost}; use --pixel-format for another format")
+        callbacks.on_warning(f"{output}: {lost}; use --set video.pixel_format for another format")
     if is_for_any:  # use the range assumed by players
         encoding |= {
             "colour": replace(properties.colour, range=min(properties.colour.range, 1)),

@@ -15,6 +15,7 @@ from ..base.files import read_tables
 from ..cameras.camera import Camera
 from ..dewarp import views
 from ..dewarp.screens import View
+from ..optics.toml_validation import did_you_mean, merge_tables
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 """Names that are valid in ROS topics, TF frames and URLs."""
@@ -73,6 +74,7 @@ class NamedView:
         if unknown := next((name for name in self.options if name not in valid), None):
             raise InvalidParameter(
                 f"options of a {self.kind} view must be from {', '.join(valid)}; got {unknown!r}"
+                f"{did_you_mean(unknown, valid)}"
             )
 
     def __call__(self, camera: Camera) -> View:
@@ -99,7 +101,7 @@ def check_view_name(name: str) -> None:
         )
 
 
-def load_views(path: str | Path) -> dict[str, NamedView]:
+def load_views(path: str | Path, changes: Mapping[str, Any] | None = None) -> dict[str, NamedView]:
     """Read a TOML file of views.
 
     Each table defines the view of its name by the options of ``omnimirror dewarp``. The key
@@ -110,6 +112,8 @@ def load_views(path: str | Path) -> dict[str, NamedView]:
     ----------
     path
         Name of the file.
+    changes
+        Replacements for entries of the file: ``{"door": {"pan_deg": 40}}``; None removes an entry.
 
     Returns
     -------
@@ -119,7 +123,8 @@ def load_views(path: str | Path) -> dict[str, NamedView]:
     Raises
     ------
     SpecError
-        If the file does not exist or a view is invalid; the message names the view.
+        If the file does not exist, a view is invalid, or a change is not that of a view; the message
+        names the view.
 
     Examples
     --------
@@ -133,6 +138,16 @@ def load_views(path: str | Path) -> dict[str, NamedView]:
     """
     path = file_name("path", path)
     tables = read_tables(path, "view", "views", MAX_VIEWS)
+    for name, entries in (changes or {}).items():
+        if name not in tables:
+            raise SpecError(
+                f"{path}: unknown view {name}{did_you_mean(name, tables)}; use {', '.join(tables)}"
+            )
+        if not isinstance(entries, Mapping):
+            raise SpecError(
+                f"{path}: changes of the view {name} must be entries such as {name}.pan_deg"
+            )
+    tables = merge_tables(tables, changes or {})
     return {name: _parse_view(name, table, str(path)) for name, table in tables.items()}
 
 

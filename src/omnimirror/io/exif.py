@@ -198,7 +198,8 @@ ORIENTATION_NAMES = {
 }
 """Operation that each orientation requires for display."""
 STORED_ORIENTATION_HINT = (
-    "--stored-orientation (stored_orientation=True in Python) keeps the stored orientation"
+    "--set input.stored_orientation=true (stored_orientation=True in Python) keeps the stored "
+    "orientation"
 )
 TRANSPOSING_ORIENTATIONS = (5, 6, 7, 8)
 """Orientations that exchange width and height."""

@@ -34,7 +34,9 @@ DEFAULT_CODECS = {".webm": "libvpx-vp9"}
 FRAGMENTS = {"movflags": "hybrid_fragmented+delay_moov", "frag_duration": "1000000"}
 CLUSTERS = {"cluster_time_limit": "1000"}
 MAX_RESCUED_FILES = 999
-LOSS_HINT = "use --codec ffv1 with .mkv, --codec prores_ks with .mov, or --pixel-format"
+LOSS_HINT = (
+    "use --set video.codec=ffv1 with .mkv, video.codec=prores_ks with .mov, or video.pixel_format"
+)
 RECOVERABLE_OPTIONS = {
     ".mp4": FRAGMENTS,
     ".m4v": FRAGMENTS,

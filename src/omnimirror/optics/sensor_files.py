@@ -494,14 +494,16 @@ AnyCamera: TypeAlias = Sensor | CalibratedCamera
 
 CAMERA_FILE_FORMAT = 1
 CALIBRATION_MARK = '"held_out_rms_px":'  # in its JSON
+OCAM_ENTRIES = ("optics", "rim_radius_px")  # not in its file
 SEPARATE_TABLES = ("mount", "uncertainty")  # fields of a model with separate tables
 
 
 def load_camera(name_or_path: str | Path, changes: dict[str, Any] | None = None) -> AnyCamera:
     """Read a camera file, a sensor file, an OCamCalib file, or a bundled sensor.
 
-    OCamCalib's file does not distinguish mirrors from fisheyes; a mirror is assumed. Use
-    :func:`omnimirror.load_ocam` for either.
+    OCamCalib's file does not distinguish mirrors from fisheyes; a mirror is assumed. Specify a
+    fisheye, or the radius of the field, with the changes ``{"camera": {"optics": "fisheye",
+    "rim_radius_px": 400.0}}``, or use :func:`omnimirror.load_ocam`.
 
     Parameters
     ----------
@@ -534,8 +536,8 @@ def load_camera(name_or_path: str | Path, changes: dict[str, Any] | None = None)
     """
     path, absent = find("sensor file, camera file", name_or_path)
     text = read_text(path, "camera file", SpecError, absent)
-    if is_ocam_text(text) and not changes:
-        return load_ocam(path)
+    if is_ocam_text(text):
+        return load_ocam(path, **_ocam_entries(changes, str(path)))
     return parse_camera(text, str(path), path.parent, changes)
 
 
@@ -576,17 +578,29 @@ def parse_camera(
     (640, 480)
     """
     if is_ocam_text(text):
-        if changes:
-            raise SpecError(
-                f"{source} is an OCamCalib file, whose entries cannot be changed; convert it with omnimirror convert"
-            )
-        return parse_ocam(text, source)
+        return parse_ocam(text, source, **_ocam_entries(changes, source))
     try:
         data, where = parse_toml(text, source), SourceLocator(text, source)
     except SpecError as e:
         raise SpecError(f"{e}{_hint(text, source)}") from None
+    is_camera_file = "camera" in data
+    if changes and "camera" in changes and not is_camera_file:
+        raise SpecError(f"entries of camera require a camera file; {source} is a sensor file")
     data = merge_tables(data, changes or {})
-    return camera_of(data, where) if "camera" in data else sensor_of(data, where, folder)
+    return camera_of(data, where) if is_camera_file else sensor_of(data, where, folder)
+
+
+def _ocam_entries(changes: dict[str, Any] | None, source: str) -> dict[str, Any]:
+    """Return the changes of an OCamCalib file, which are entries that it does not contain."""
+    for table, entries in (changes or {}).items():
+        for name in entries if isinstance(entries, dict) else [""]:
+            if table != "camera" or name not in OCAM_ENTRIES:
+                raise SpecError(
+                    f"entries of {source}, an OCamCalib file, must be from "
+                    f"{', '.join(f'camera.{entry}' for entry in OCAM_ENTRIES)}; "
+                    f"got {f'{table}.{name}'.rstrip('.')}; convert it with omnimirror convert"
+                )
+    return dict((changes or {}).get("camera", {}))
 
 
 def _hint(text: str, source: str) -> str:

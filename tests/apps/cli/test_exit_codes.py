@@ -29,12 +29,22 @@ def place(tmp_path):
         ("dewarp", "a.png", "-o", "b.png"),  # no camera
         ("dewarp", "a.png", *BALL),  # no output
         ("dewarp", "a.png", *BALL, "-o", "a.png"),
-        ("dewarp", "a.png", *BALL, "-o", "b.jpg", "--transparent"),
+        ("dewarp", "a.png", *BALL, "-o", "b.jpg", "--set=image.transparent=true"),
         ("dewarp", "a.png", "a.png", *BALL, "-o", "b.png"),
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--restore"),
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--border", "blue-ish"),
-        ("dewarp", "a.png", *BALL, "-o", "b.png", "--codec", "h264"),
-        ("dewarp", "a.png", *BALL, "-o", "b.png", "--view", "cylinder", "--wall-mm", "100:50"),
+        ("dewarp", "a.png", *BALL, "-o", "b.png", "--set", "video.codec=h264"),
+        (
+            "dewarp",
+            "a.png",
+            *BALL,
+            "-o",
+            "b.png",
+            "--view",
+            "cylinder",
+            "--set",
+            "view.wall_mm=100:50",
+        ),
         ("dewarp", "a.png", *BALL, "-o", "b.png", "--pan-deg", "west"),
         ("calibrate", "a.png"),  # no board
         ("calibrate", "a.png", "--board", "7x5"),  # no square size

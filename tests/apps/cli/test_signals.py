@@ -504,7 +504,7 @@ CALLS = {
     "help": (("--help",), None),
     "wrong use": (("evaluate", "--no-such-option"), 2),
     "error": (("evaluate", "nothing.toml"), 1),
-    "threads": (("dewarp", "a.png", *BALL, "-o", "b.png", "--threads", "3"), None),
+    "threads": (("dewarp", "a.png", *BALL, "-o", "b.png", "--set", "resampling.threads=3"), None),
     "debug": (("evaluate", "nothing.toml", "--debug"), 1),
 }
 

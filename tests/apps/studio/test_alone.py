@@ -45,8 +45,8 @@ def test_demo_room_without_server_matches_command_line(browser, address, tmp_pat
         for word in (
             "circle.jpg",
             "--camera-looks down",
-            "--forward-azimuth-deg 30",
-            "--level=8,-4",
+            "--set camera.forward_azimuth_deg=30",
+            "--set camera.level=8,-4",
         )
     )
     wanted = python_view(line, tmp_path)(read_image(tmp_path / "circle.jpg"))

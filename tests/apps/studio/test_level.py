@@ -68,7 +68,7 @@ def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, 
     look(page, mode=mode, pan=40.0, hfov=70.0, **LEAN)
     settled(page)
     line = command(page, *SIZE)
-    assert "--level=6,-4" in line
+    assert "--set camera.level=6,-4" in line
     found, wanted = coordinates(page, *SIZE), python_view(line, tmp_path).coordinates(exact=True)
     both = np.isfinite(found[..., 0]) & np.isfinite(wanted[..., 0])
     assert both.mean() > 0.5
@@ -103,7 +103,7 @@ def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
     assert (state["pan"], state["tilt"]) == (0, 0)
     assert float(page.locator("#pitch").input_value()) == state["pitch"]
     words = shlex.split(command(page, *SIZE))
-    assert f"--level={state['pitch']:g},{state['roll']:g}" in words
+    assert f"--set camera.level={state['pitch']:g},{state['roll']:g}" in words
     page.wait_for_function("location.hash.includes('pitch=')")
     page.get_by_role("button", name="Reset tilt").click()
     page.wait_for_function("window.omnimirror.store.state.pitch === 0")

@@ -98,7 +98,7 @@ def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(
 
 def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
     page_file = tmp_path / "ride.html"
-    run = omnimirror("dewarp", film, "--ball", BALL, "--viewer", page_file)
+    run = omnimirror("dewarp", film, "--ball", BALL, "-o", page_file)
     assert run.returncode == 0, run.stderr
     page = open_page(browser, f"{page_file.as_uri()}#mode=perspective&tilt=-60&hfov=40")
     shows(page, "ride.mp4")
@@ -133,12 +133,12 @@ def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(
 
 def test_videos_that_browsers_do_not_play_are_refused(film, tmp_path):
     old = video_of(tmp_path / "old.mp4")
-    assert "got mpeg4" in fails("dewarp", old, "--ball", BALL, "--viewer", tmp_path / "v.html")
+    assert "got mpeg4" in fails("dewarp", old, "--ball", BALL, "-o", tmp_path / "v.html")
     assert "must have 1024 x 1024 px" in fails(
-        "dewarp", film, "--sensor", "paper-spherical", "--viewer", tmp_path / "v.html"
+        "dewarp", film, "--sensor", "paper-spherical", "-o", tmp_path / "v.html"
     )
     assert "browsers support (.mp4" in fails(
-        "dewarp", video_of(tmp_path / "old.avi"), "--ball", BALL, "--viewer", tmp_path / "v.html"
+        "dewarp", video_of(tmp_path / "old.avi"), "--ball", BALL, "-o", tmp_path / "v.html"
     )
     assert not (tmp_path / "v.html").exists()
 

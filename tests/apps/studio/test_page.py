@@ -356,7 +356,7 @@ def test_invalid_files_are_reported_and_image_remains(browser, server, room, tmp
 def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_path):
     viewer = tmp_path / "look.html"
     run = omnimirror(
-        "dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "--viewer", viewer
+        "dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "-o", viewer
     )
     assert run.returncode == 0, run.stderr
     page = open_page(browser, f"{viewer.as_uri()}#mode=perspective&pan=60&tilt=20&hfov=50")
@@ -378,16 +378,14 @@ def test_viewer_rejects_invalid_image(tmp_path):
     write_image(tmp_path / "small.png", np.zeros((8, 8, 3), np.uint8))
     sensor = ("--sensor", "paper-spherical")
     assert "1024 x 1024" in fails(
-        "dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.html"
+        "dewarp", tmp_path / "small.png", *sensor, "-o", tmp_path / "v.html"
     )
-    assert "HTML" in fails(
-        "dewarp", tmp_path / "small.png", *sensor, "--viewer", tmp_path / "v.png"
-    )
+    assert "HTML" in fails("dewarp", tmp_path / "small.png", *sensor, "-o", tmp_path / "v.png")
     assert "the file does not exist" in fails(
-        "dewarp", tmp_path / "ride.png", *sensor, "--viewer", tmp_path / "v.html"
+        "dewarp", tmp_path / "ride.png", *sensor, "-o", tmp_path / "v.html"
     )
     assert "requires one image or one video file" in fails(
-        "dewarp", "rtsp://door/1", *sensor, "--viewer", tmp_path / "v.html"
+        "dewarp", "rtsp://door/1", *sensor, "-o", tmp_path / "v.html"
     )
     assert not (tmp_path / "v.html").exists()
 

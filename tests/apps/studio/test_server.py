@@ -454,7 +454,7 @@ def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, comm
     monkeypatch.chdir(tmp_path)
     started = []
     monkeypatch.setattr(app, "serve", lambda studio, *rest: started.append(studio))
-    for option in ([], ["--stored-orientation"]):
+    for option in ([], ["--set=input.stored_orientation=true"]):
         assert CliRunner().invoke(command_line, [command, *more, *option]).exit_code == 0
     assert [studio.stored_orientation for studio in started] == [False, True]
 

@@ -114,7 +114,9 @@ def test_panorama_is_complete_or_fills_stage(page):
     page.mouse.down()
     page.mouse.move(x + width / 2 - 50, y + height / 2)
     page.mouse.up()
-    around = float(command(page, round(width), round(height)).split("--span-deg ")[1].split()[0])
+    around = float(
+        command(page, round(width), round(height)).split("--set view.span_deg=")[1].split()[0]
+    )
     assert around < 300
     assert state(page)["pan"] == pytest.approx(50 / width * around, rel=0.01)
     look(page, mode="dome")

@@ -511,7 +511,7 @@ def test_source_and_existing_folders_are_not_overwritten(sensor, ride, tmp_path)
 def test_command_equals_the_function(sensor, ride, tmp_path):
     om.save_sensor(sensor, tmp_path / "small.toml")
     (tmp_path / "views.toml").write_text(
-        "[front]\npan_deg=20\ntilt_deg=-10\nhfov_deg=70\nsize=[96, 72]"
+        "[front]\npan_deg=20\ntilt_deg=-10\nhfov_deg=80\nsize=[96, 72]"
     )
     run = omnimirror(
         "dewarp",
@@ -520,10 +520,12 @@ def test_command_equals_the_function(sensor, ride, tmp_path):
         "small.toml",
         "--views",
         "views.toml",
+        "--set",
+        "front.hfov_deg=70",
         "-o",
         "out.mcap",
-        "--keep-topic",
-        "/where",
+        "--set",
+        "bag.keep_topics=/where",
         cwd=tmp_path,
     )
     assert run.returncode == 0, run.stderr
@@ -542,13 +544,15 @@ def test_command_equals_the_function(sensor, ride, tmp_path):
 
 def test_options_for_other_sources_raise(ride, tmp_path):
     words = ("dewarp", ride, "--sensor", "paper-spherical", "-o", tmp_path / "out.mcap")
-    assert "--crf requires videos; got the recording" in fails(*words, "--crf", "20")
+    assert "--set video.crf requires videos; got the recording" in fails(
+        *words, "--set", "video.crf=20"
+    )
     assert "--restore requires images; got the recording" in fails(*words, "--restore")
     assert "--pan-deg must not be given with --views" in fails(
         *words, "--views", "v.toml", "--pan-deg", "3"
     )
-    assert "--topic requires a ROS bag; got a.png" in fails(
-        "dewarp", "a.png", "--sensor", "paper-spherical", "-o", "b.png", "--topic", "/a"
+    assert "--set bag.topic requires a ROS bag; got a.png" in fails(
+        "dewarp", "a.png", "--sensor", "paper-spherical", "-o", "b.png", "--set", "bag.topic=/a"
     )
     assert fails("dewarp", "nowhere.mcap", *words[2:]).endswith(
         "cannot read nowhere.mcap: no such file or folder"

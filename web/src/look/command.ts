@@ -7,6 +7,8 @@ import { domeEnd, elevations, groundScale, planetWidth, spanOf } from "./geometr
 
 const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
 
+const set = (key: string, value: string): string[] => ["--set", `${key}=${value}`];
+
 /** File name of a sensor with a fitted circle. */
 export const fittedName = (camera: Camera): string =>
   `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
@@ -27,7 +29,7 @@ export function commandOf(
     "omnimirror",
     "dewarp",
     file(feed.source),
-    ...(storedOrientation ? ["--stored-orientation"] : []),
+    ...(storedOrientation ? set("input.stored_orientation", "true") : []),
     ...cameraWords(camera),
     ...viewWords(s, camera, width, height),
   ];
@@ -47,11 +49,11 @@ function cameraWords(camera: Camera): string[] {
   if (needsFile(camera)) return words; // the file contains the mount
   if (mount.camera_looks !== own.camera_looks) words.push("--camera-looks", mount.camera_looks);
   if (mount.forward_azimuth_deg !== own.forward_azimuth_deg)
-    words.push("--forward-azimuth-deg", plain(mount.forward_azimuth_deg));
+    words.push(...set("camera.forward_azimuth_deg", plain(mount.forward_azimuth_deg)));
   if (mount.image_flipped !== own.image_flipped)
-    words.push(mount.image_flipped ? "--image-flipped" : "--not-image-flipped");
+    words.push(...set("camera.image_flipped", String(mount.image_flipped)));
   if (mount.pitch_deg !== own.pitch_deg || mount.roll_deg !== own.roll_deg)
-    words.push(`--level=${plain(mount.pitch_deg)},${plain(mount.roll_deg)}`);
+    words.push(...set("camera.level", `${plain(mount.pitch_deg)},${plain(mount.roll_deg)}`));
   return words;
 }
 
@@ -66,8 +68,7 @@ function viewWords(s: State, camera: Camera, width: number, height: number): str
         .join(":");
       return [
         ...words,
-        "--span-deg",
-        plain(spanOf(s, camera, width / height)),
+        ...set("view.span_deg", plain(spanOf(s, camera, width / height))),
         "--elevation-deg",
         range,
         ...far,
@@ -79,10 +80,8 @@ function viewWords(s: State, camera: Camera, width: number, height: number): str
     case "dome":
       return [
         ...words,
-        "--omega-deg",
-        `0:${plain(domeEnd(s, camera))}`,
-        "--pole",
-        camera.model.pole,
+        ...set("view.omega_deg", `0:${plain(domeEnd(s, camera))}`),
+        ...set("view.pole", camera.model.pole),
         ...far,
         ...size,
       ];
@@ -91,18 +90,15 @@ function viewWords(s: State, camera: Camera, width: number, height: number): str
         ...words,
         "--hfov-deg",
         plain(planetWidth(s, camera, width / height)),
-        "--pole",
-        camera.model.pole,
+        ...set("view.pole", camera.model.pole),
         ...far,
         ...size,
       ];
     case "ground":
       return [
         ...words,
-        "--height-mm",
-        plain(s.height),
-        "--mm-per-px",
-        String(groundScale(s, width, height)),
+        ...set("view.height_mm", plain(s.height)),
+        ...set("view.mm_per_px", String(groundScale(s, width, height))),
         ...size,
       ];
     case "mosaic":

@@ -49,7 +49,7 @@ export class Away extends Error {
 export const isForeseen = (e: unknown): e is Error =>
   e instanceof Error && (e.name === "Refused" || e.name === "Away");
 
-/** Whether images are shown as stored (--stored-orientation), without the rotation that browsers apply. */
+/** Whether images are shown as stored (--set input.stored_orientation=true), without the rotation that browsers apply. */
 export const storedOrientation =
   typeof document !== "undefined" && "storedOrientation" in document.documentElement.dataset;
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 import numpy as np
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from ...cameras.frames import CameraLooks, Mount
-from ...cameras.models import MirrorBall, load_ocam
+from ...cameras.models import MirrorBall
 from ...cameras.models.camera_model import Optics
 from ...io.exif import UPRIGHT, applied
 from ...io.images import orientation_of, read_image_and_metadata
-from ._declarations import Options, flag, option, refuse_inapplicable
-from ._option_types import NUMBER, SENSOR, angle, ball, pitch_roll
+from ._declarations import Options, flag, format_setting, option, setting
+from ._option_types import SENSOR, angle, ball, pitch_roll
 from ._output import print_remark
 
 if TYPE_CHECKING:
@@ -37,11 +37,8 @@ if TYPE_CHECKING:
 class OrientationOptions(Options):
     """Orientation of images and videos."""
 
-    stored_orientation: bool = option(
-        default=False,
-        is_flag=True,
-        help="Use pixels as stored, without the rotation in EXIF data (images) or in the display matrix (videos).",
-    )
+    stored_orientation: bool = setting("input", default=False)
+    """Use pixels as stored, without the rotation in EXIF data or in the display matrix of videos."""
 
     def read(self, files: Sequence[Path]) -> list[NDArray[Any]]:
         """Return the images in files, and report the orientations that were applied."""
@@ -75,83 +72,50 @@ class OrientationOptions(Options):
 
 # -- Camera and mounting ---------------------------------------------------------------------------
 
-Source: TypeAlias = Literal["sensor", "ocam", "ball"]
-
-SOURCE_OPTIONS: dict[Source, tuple[str, ...]] = {
-    "sensor": (),
-    "ocam": ("optics", "rim_radius_px"),
-    "ball": (),
-}
+SOURCES = ("sensor", "ball")
+MODEL_ENTRIES = ("optics", "rim_radius_px")
+"""Entries of the table [camera] of a camera file."""
 
 
 @dataclass(frozen=True)
 class CameraOptions(Options):
-    """Camera model, with its mounting."""
+    """Camera."""
 
     sensor: str | None = option(
         type=SENSOR,
         metavar="FILE|NAME",
-        help="Camera: a sensor file, a camera file, or the name of a bundled sensor.",
+        help="Sensor or camera file, also calib_results.txt, or a bundled sensor.",
     )
-    ocam: str | None = option(metavar="FILE", help="Camera: calib_results.txt of OCamCalib.")
     ball: tuple[float, float, float, float] | None = option(
         type=ball,
         metavar="CX,CY,R,FOV",
-        help="Camera: a mirror ball, with its circle in px and its full field in deg. The "
-        "optical axis is assumed to point up; for a ball photographed horizontally, add "
-        "--camera-looks forward.",
-    )
-    optics: Optics | None = option(
-        type=click.Choice(["mirror", "fisheye"]),
-        help="Type of optics of the --ocam camera.  [default: mirror]",
-    )
-    rim_radius_px: float | None = option(
-        type=NUMBER,
-        metavar="PX",
-        help="Radius of the field of --ocam in the image.  [default: unlimited]",
+        help="Mirror ball: its circle (px) and full field (deg).",
     )
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
-        help="Orientation of the optical axis.  [default: as in the sensor file, or up, also "
-        "for --ball; forward for --auto with --mirror ball or convex]",
+        metavar="DIRECTION",
+        help="Optical axis: up, down or forward.  [default: as in the file]",
     )
-    forward_azimuth_deg: float | None = option(
-        type=angle,
-        metavar="DEG",
-        help="Image direction of forward, from image right towards image bottom.  [default: as "
-        "in the sensor file, or -90]",
-    )
-    image_flipped: bool | None = option(
-        "--image-flipped/--not-image-flipped",
-        help="Declare that the image is mirrored left to right.",
-    )
-    level: tuple[float, float] | None = option(
-        type=pitch_roll,
-        metavar="PITCH,ROLL",
-        help="Level the view of a tilted sensor: its forward direction is PITCH deg above the "
-        "horizon, and it is rolled ROLL deg clockwise.  [default: as in the sensor file, "
-        "or 0,0]",
-    )
-    keep_tilt: bool | None = option(
-        is_flag=True,
-        help="Draw the view in the tilted frame of the sensor; panorama metadata contain the tilt for viewers.",
-    )
+    optics: Optics | None = setting("camera")
+    rim_radius_px: float | None = setting("camera")
+    forward_azimuth_deg: float | None = setting("camera", type=angle)
+    image_flipped: bool | None = setting("camera")
+    level: tuple[float, float] | None = setting("camera", type=pitch_roll)
+    keep_tilt: bool | None = setting("camera")
 
     def check(self) -> None:
-        """Raise UsageError unless exactly one camera is given, or for options of another kind of
+        """Raise UsageError unless exactly one camera is given, or for settings of another kind of
         camera.
         """
-        sources = [name for name in SOURCE_OPTIONS if name in self.given]
-        if len(sources) != 1:
+        if len(sources := self.subset(*SOURCES)) != 1:
             requested = " and ".join(map(flag, sources)) or "none"
             raise click.UsageError(
-                f"exactly one of --sensor, --ocam and --ball must be given; got {requested}"
+                f"exactly one of --sensor and --ball must be given; got {requested}"
             )
-        refuse_inapplicable(
-            self.given,
-            {flag(name): names for name, names in SOURCE_OPTIONS.items()},
-            flag(sources[0]),
-        )
+        if self.sensor is None and (given := list(self.subset(*MODEL_ENTRIES))):
+            raise click.UsageError(
+                f"{flag(given[0])} requires --sensor; it does not apply to --ball"
+            )
 
     def camera(self, image_size: tuple[int, int]) -> AnyCamera:
         """Return the camera with the mounting of the options; for a ball, in images of size (width,
@@ -161,9 +125,8 @@ class CameraOptions(Options):
         if self.sensor is not None:
             from ...optics.sensor_files import load_camera  # not required for a ball
 
-            camera = load_camera(self.sensor)
-        elif self.ocam is not None:
-            camera = load_ocam(self.ocam, self.optics or "mirror", rim_radius_px=self.rim_radius_px)
+            entries = self.subset(*MODEL_ENTRIES)
+            camera = load_camera(self.sensor, {"camera": entries} if entries else None)
         elif self.ball is not None:
             u, v, radius, full_field = self.ball
             camera = MirrorBall(
@@ -184,19 +147,15 @@ class CameraOptions(Options):
 
     def command_words(self) -> tuple[str, tuple[str, ...]]:
         """Return a name for the camera, and these options as words of a command line."""
-        given = self.given
-        kind = next(name for name in SOURCE_OPTIONS if name in given)
-        text = ",".join(f"{x:.10g}" for x in self.ball) if self.ball else str(given[kind])
+        kind = next(name for name in SOURCES if name in self.given)
+        text = ",".join(f"{x:.10g}" for x in self.ball) if self.ball else str(self.sensor)
         words = [flag(kind), text]
-        for name in (*SOURCE_OPTIONS[kind], "camera_looks", "forward_azimuth_deg"):
-            if name in given:
-                words += [flag(name), str(given[name])]
-        if self.image_flipped is not None:
-            words.append("--image-flipped" if self.image_flipped else "--not-image-flipped")
-        if self.level is not None:
-            words.append("--level={:.10g},{:.10g}".format(*self.level))
-        if self.keep_tilt:
-            words.append("--keep-tilt")
+        if self.camera_looks is not None:
+            words += [flag("camera_looks"), self.camera_looks]
+        for f in fields(self):
+            if "table" in f.metadata and f.name in self.given:
+                value = format_setting(getattr(self, f.name))
+                words += ["--set", f"{f.metadata['table']}.{f.name}={value}"]
         return "mirror ball" if kind == "ball" else Path(text).name, tuple(words)
 
 
@@ -208,18 +167,15 @@ CameraOfSize: TypeAlias = "Callable[[tuple[int, int]], Sensor | MirrorBall]"
 
 @dataclass(frozen=True)
 class AutoOptions(Options):
-    """Automatic camera, and its type of mirror."""
+    """Camera without calibration."""
 
     auto: bool | None = option(
         is_flag=True,
-        help="Detect the outline of the mirror in the images and use the mirror of --mirror; a "
-        "ball is levelled from vertical edges.",
+        help="Uncalibrated camera: detect the outline of the mirror in the images.",
     )
     mirror: str | None = option(
-        metavar="PRESET|FILE|NAME",
-        help="Mirror for --auto: one-shot, ball, dome, convex, paraboloid, hyperboloid, sphere, "
-        "or a sensor. The camera of ball and convex is assumed to look forward, that of "
-        "dome up (--camera-looks).  [default: one-shot]",
+        metavar="NAME|FILE",
+        help="Mirror for --auto: ball, dome, ... or a sensor.  [default: one-shot]",
     )
 
     def check(self, camera: CameraOptions) -> None:
@@ -229,16 +185,8 @@ class AutoOptions(Options):
                 raise click.UsageError("--mirror requires --auto")
             camera.check()
             return
-        specified = {
-            name: names for name, names in SOURCE_OPTIONS.items() if camera.subset(name, *names)
-        }
-        if specified:
-            given = next(
-                iter(
-                    camera.subset(*(n for name, names in specified.items() for n in (name, *names)))
-                )
-            )
-            raise click.UsageError(f"--auto and {flag(given)} must not be given together")
+        if given := list(camera.subset(*SOURCES, *MODEL_ENTRIES)):
+            raise click.UsageError(f"--auto and {flag(given[0])} must not be given together")
 
     def refuse_video(self, source: str) -> None:
         """Raise UsageError for --auto with a video."""
@@ -314,7 +262,7 @@ def _level_ball(ball: MirrorBall, image: NDArray[np.uint8]) -> tuple[MirrorBall,
     if level is None or not level.is_reliable:
         return (
             ball,
-            f"; the camera is assumed to look {looks} without tilt (--camera-looks, --level)",
+            f"; the camera is assumed to look {looks} without tilt (--camera-looks, --set camera.level)",
         )
     tilt = f"{level.pitch_deg:.1f},{level.roll_deg:.1f} deg, from {level.upright} vertical edges"
     report = f"; the camera is assumed to look {looks} (--camera-looks); tilt {tilt}"

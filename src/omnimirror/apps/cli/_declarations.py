@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, field, fields
-from functools import wraps
-from typing import Any, TypeVar
+from dataclasses import Field, dataclass, field, fields
+from functools import reduce, wraps
+from operator import or_
+from typing import Any, TypeVar, get_args
 
 import click
 
 from ...base.arguments import check_type, type_hints
-from ...base.errors import SpecError
+from ...base.errors import InvalidParameter, SpecError
 from ...base.files import parse_toml
 from ._output import check_output_files
 
@@ -44,6 +46,15 @@ class DocumentedCommand(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         check_output_files(ctx)
         return super().invoke(ctx)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as e:
+            if setting := _setting_of(self, e.option_name):
+                message = f"{e.message} Use {setting}."
+                raise click.NoSuchOption(e.option_name, message, ctx=ctx) from None
+            raise
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         groups: dict[str, list[tuple[str, str]]] = {"Options": []}
@@ -100,26 +111,28 @@ def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
     return field(default=default, metadata={"flags": flags, "attributes": attributes})
 
 
-def setting(table: str, default: Any = None) -> Any:
-    """Declare a field of :class:`Options` that is given as ``--set TABLE.FIELD=VALUE``."""
-    return field(default=default, metadata={"table": table})
+def setting(table: str, default: Any = None, type: Any = None) -> Any:
+    """Declare a field of :class:`Options` that is given as ``--set TABLE.FIELD=VALUE``.
+
+    The value must match the annotation of the field; or ``type`` parses it, as that of an option.
+    """
+    return field(default=default, metadata={"table": table, "type": type})
 
 
-def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
-    """Add the options of a dataclass to a click command, which receives them as one argument."""
+def add_options(
+    kind: type[Options], name: str, group: str | None = None
+) -> Callable[[Command], Command]:
+    """Add the options of a dataclass to a click command, which receives them as one argument.
+
+    ``group`` is the heading of the options in ``--help``, that of the dataclass by default.
+    """
 
     def decorate(function: Command) -> Command:
         @wraps(function)
         def gathered(*args: Any, **values: Any) -> Any:
             settings = click.get_current_context().meta.get(_SETTINGS, {})
-            for f in fields(kind):
-                if f.name in settings and "table" in f.metadata:
-                    key = f"{f.metadata['table']}.{f.name}"
-                    # mypy considers the hash of the instances, not that of the class
-                    hint = type_hints(kind)[f.name]  # type: ignore[arg-type]
-                    check_type(key, settings[f.name], hint)
             own = {
-                f.name: settings.get(f.name, f.default)
+                f.name: _setting_value(kind, f, settings.get(f.name))
                 if "table" in f.metadata
                 else values.pop(f.name)
                 for f in fields(kind)
@@ -141,11 +154,33 @@ def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
                 )
             declarations = (*(f.metadata["flags"] or [flag(f.name)]), f.name)
             command = click.option(
-                *declarations, cls=GroupedOption, group=heading(kind), **attributes
+                *declarations, cls=GroupedOption, group=group or heading(kind), **attributes
             )(command)
         return command  # type: ignore[no-any-return]
 
     return decorate
+
+
+def _setting_value(kind: type[Options], f: Field[Any], value: Any) -> Any:
+    """Return the validated value of a setting; its default for None."""
+    key = f"{f.metadata['table']}.{f.name}"
+    if value is None:
+        return f.default
+    if f.metadata["type"] is not None:
+        try:
+            return click.types.convert_type(f.metadata["type"])(format_setting(value))
+        except click.BadParameter as e:
+            space = " " if e.message.startswith("must") else ": "
+            raise InvalidParameter(f"{key}{space}{e.message.rstrip('.')}") from None
+    # mypy considers the hash of the instances, not that of the class
+    hint = type_hints(kind)[f.name]  # type: ignore[arg-type]
+    if parts := [part for part in get_args(hint) if part is not type(None)]:
+        hint = reduce(or_, parts) if len(parts) < len(get_args(hint)) else hint
+    try:
+        check_type(key, value, hint)
+    except InvalidParameter as e:
+        raise InvalidParameter(str(e).replace("True or False", "true or false")) from None
+    return value
 
 
 def heading(kind: type[Options]) -> str:
@@ -192,9 +227,12 @@ _SETTINGS, _CHANGES = "omnimirror.settings", "omnimirror.changes"
 class SetOption(GroupedOption):
     """Option ``--set`` for entries of a file and for settings without an option of their own.
 
-    Values have the syntax of TOML; a word needs no quotes, and an empty value removes an entry of a
-    file.
+    Values have the syntax of TOML; the quotes of a word and the brackets of a list may be omitted.
+    An empty value removes an entry of a file, and selects the default of a setting.
     """
+
+    MAX_LISTED = 16
+    """Number of settings up to which the help lists them; otherwise it lists their tables."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -209,8 +247,8 @@ class SetOption(GroupedOption):
         """Fields of option groups by their keys."""
         self.file = ""
         """Name of the file whose entries can be set."""
-        self.tables: Collection[str] = ()
-        """Tables of the file."""
+        self.tables: Collection[str] | None = ()
+        """Tables of the file; None if they are known only when the file is read."""
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str]:
         names: dict[str, list[str]] = {}
@@ -221,13 +259,17 @@ class SetOption(GroupedOption):
             f"{table}.{known[0]}" if len(known) == 1 else f"{table}.{{{', '.join(sorted(known))}}}"
             for table, known in sorted(names.items())
         ]
-        targets = [f"an entry of the {self.file}"] * bool(self.file) + keys
-        return f"--set {self.metavar}", f"Set {', '.join(targets)} (repeatable)."
+        files = [f"the {self.file}"] * bool(self.file)
+        if len(self.settings) > self.MAX_LISTED:
+            *tables, last = [*files, *sorted(names)]
+            page = getattr(ctx.command, "page", "")
+            targets = f"an entry of {', '.join(tables)} or {last}: docs/{page}.md"
+        else:
+            targets = ", ".join([*(f"an entry of {file}" for file in files), *keys])
+        return f"--set {self.metavar}", f"Set {targets} (repeatable)."
 
     def _store(self, ctx: click.Context, texts: tuple[str, ...]) -> None:
         """Store the settings by field, and the changes of the file as nested tables."""
-        from ...optics.toml_validation import did_you_mean
-
         settings = ctx.meta.setdefault(_SETTINGS, {})
         changes = ctx.meta.setdefault(_CHANGES, {})
         for text in texts:
@@ -236,16 +278,36 @@ class SetOption(GroupedOption):
             if key in self.settings:
                 settings[self.settings[key]] = _tuples(value)
                 continue
-            if names[0] not in self.tables:
-                known = [*self.settings, *self.tables]
-                hint = did_you_mean(key, known) or did_you_mean(names[0], known)
-                raise click.BadParameter(f"unknown entry {key}{hint}; use {', '.join(known)}")
+            if self.tables is None:
+                is_unknown = any(known.startswith(f"{names[0]}.") for known in self.settings)
+            else:
+                is_unknown = names[0] not in self.tables
+            if is_unknown:
+                raise self.unknown(ctx, names)
             table = changes
             for name in names[:-1]:
                 if not isinstance(table.get(name), dict):
                     table[name] = {}
                 table = table[name]
             table[names[-1]] = value
+
+    def unknown(self, ctx: click.Context, names: list[str]) -> click.BadParameter:
+        """Return the exception for an unknown entry, with a suggestion."""
+        from ...optics.toml_validation import did_you_mean
+
+        key = ".".join(names)
+        known = [*sorted(self.settings), *(self.tables or ())]
+        same = [entry for entry in known if entry.startswith(f"{names[0]}.")]
+        valid = same or known
+        if len(valid) > self.MAX_LISTED:
+            valid = list(dict.fromkeys(entry.partition(".")[0] for entry in known))
+        for parameter in ctx.command.params:
+            if same and parameter.name == names[-1] and parameter.opts:
+                return click.BadParameter(
+                    f"{key} is an option; use {max(parameter.opts, key=len)}", ctx, self
+                )
+        hint = did_you_mean(key, known) or did_you_mean(names[0], known)
+        return click.BadParameter(f"unknown entry {key}{hint}; use {', '.join(valid)}", ctx, self)
 
 
 def given_settings() -> list[str]:
@@ -266,6 +328,8 @@ def parse_entry(text: str) -> tuple[list[str], Any]:
     ((['lens', 'f_number'], 5.6), (['mirror', 'mapping'], 'equidistant'))
     >>> parse_entry("field.elevation_deg=[-20, 40]"), parse_entry("housing.rod=")
     ((['field', 'elevation_deg'], [-20, 40]), (['housing', 'rod'], None))
+    >>> parse_entry("camera.level=5,-2.5")
+    (['camera', 'level'], [5, -2.5])
     """
     key, equals, value = text.partition("=")
     names = [name.strip() for name in key.split(".")]
@@ -275,11 +339,30 @@ def parse_entry(text: str) -> tuple[list[str], Any]:
         )
     if not value.strip():
         return names, None
-    try:
-        parsed = parse_toml(f"value = {value}", key)
-    except SpecError:  # a word without quotes
-        return names, value.strip()
-    return names, parsed["value"] if len(parsed) == 1 else value
+    for text in (value, f"[{value}]") if "," in value else (value,):
+        try:
+            parsed = parse_toml(f"value = {text}", key)
+        except SpecError:
+            continue
+        return names, parsed["value"] if len(parsed) == 1 else value
+    return names, value.strip()  # a word without quotes
+
+
+def format_setting(value: Any) -> str:
+    """Format the value of a setting as :func:`parse_entry` reads it.
+
+    >>> format_setting((5.0, -2.5)), format_setting(True), format_setting("single")
+    ('5,-2.5', 'true', 'single')
+    """
+    match value:
+        case bool():
+            return str(value).lower()
+        case tuple():
+            return ",".join(map(format_setting, value))
+        case float():
+            text = f"{value:.10g}"
+            return text if float(text) == value else repr(value)
+    return str(value)
 
 
 def _tuples(value: Any) -> Any:
@@ -296,17 +379,41 @@ def _set_option(function: Any) -> SetOption:
     return found
 
 
-def file_entries(file: str, tables: Collection[str]) -> Callable[[Command], Command]:
-    """Add ``--set`` for entries of a file; the command receives the ``changes`` as nested tables."""
+def _setting_of(command: click.Command, option_name: str) -> str:
+    """Return the setting whose name is that of an unknown option, as ``--set TABLE.KEY=VALUE``."""
+    name = option_name.lstrip("-").removeprefix("no-").replace("-", "_")
+    keys = {
+        field_name: key
+        for parameter in command.params
+        if isinstance(parameter, SetOption)
+        for key, field_name in parameter.settings.items()
+    }
+    similar = difflib.get_close_matches(name, keys, 1, cutoff=0.9)
+    return f"--set {keys[similar[0]]}=VALUE" if similar else ""
+
+
+def file_entries(
+    file: str, tables: Collection[str] | None, given_by: str | None = None
+) -> Callable[[Command], Command]:
+    """Add ``--set`` for entries of a file; the command receives the ``changes`` as nested tables.
+
+    With ``tables`` None the command checks their names when it reads the file. ``given_by`` is the
+    parameter that names the file, without which entries are refused.
+    """
 
     def decorate(function: Command) -> Command:
         @wraps(function)
         def gathered(*args: Any, **values: Any) -> Any:
-            changes = click.get_current_context().meta.get(_CHANGES, {})
+            context = click.get_current_context()
+            changes = context.meta.get(_CHANGES, {})
+            if given_by is not None and context.params.get(given_by) is None:
+                for table, entries in changes.items():
+                    names = [table, *entries] if isinstance(entries, dict) else [table]
+                    raise parameter.unknown(context, names[:2])
             return function(*args, changes=changes, **values)
 
-        option = _set_option(gathered)
-        option.file, option.tables = file, tables
+        parameter = _set_option(gathered)
+        parameter.file, parameter.tables = file, tables
         return gathered  # type: ignore[return-value]
 
     return decorate

@@ -116,12 +116,12 @@ def angle(text: str) -> float:
 
 
 def angle_range(text: str) -> tuple[float, float]:
-    """Parse two angles in degrees, ``MIN:MAX``.
+    """Parse two angles in degrees, ``MIN:MAX`` or ``MIN,MAX``.
 
     >>> angle_range("-30:45")
     (-30.0, 45.0)
     """
-    low, high = _numbers(text, 2, ":", "a range MIN:MAX in degrees")
+    low, high = _numbers(text, 2, ",:", "a range MIN:MAX in degrees")
     return low, high
 
 
@@ -171,10 +171,10 @@ def three_wavelengths(text: str) -> Any:
     return tuple(_numbers(text, 3, ",", "three wavelengths R,G,B in nm, such as 610,540,465"))
 
 
-def _numbers(text: str, count: int, separator: str, what: str) -> list[float]:
-    """Parse a given number of finite values with a separator."""
+def _numbers(text: str, count: int, separators: str, what: str) -> list[float]:
+    """Parse a given number of finite values with one of the separators."""
     try:
-        numbers = [parse_float(part) for part in text.split(separator)]
+        numbers = [parse_float(part) for part in re.split(f"[{separators}]", text)]
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
@@ -224,12 +224,12 @@ def height(text: str) -> float:
 
 
 def height_range(text: str) -> tuple[float, float]:
-    """Parse two heights in mm, ``LOW:HIGH``.
+    """Parse two heights in mm, ``LOW:HIGH`` or ``LOW,HIGH``.
 
     >>> height_range("-1200:1800")
     (-1200.0, 1800.0)
     """
-    low, high = _numbers(text, 2, ":", "a range LOW:HIGH in mm")
+    low, high = _numbers(text, 2, ",:", "a range LOW:HIGH in mm")
     return low, high
 
 

@@ -15,10 +15,10 @@ from ...cameras.camera import Camera
 from ...dewarp import views
 from ...dewarp.interfaces import INTERPOLATIONS, Interpolation
 from ...dewarp.request import BorderColour, without_tilt
-from ...dewarp.screens import LAYOUTS, Layout, Pole, Rows, Shape
+from ...dewarp.screens import Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
 from ...dewarp.views import PartialSize
-from ._declarations import Options, flag, option, refuse_inapplicable
+from ._declarations import Options, flag, option, refuse_inapplicable, setting
 from ._option_types import (
     IntegerRange,
     angle,
@@ -57,102 +57,64 @@ VIEW_OPTIONS: dict[str, tuple[str, ...]] = {
     "planet": ("pan_deg", "hfov_deg", "pole", "zoom", *PLACE_OPTIONS),
     "cube": ("pan_deg", "layout", *PLACE_OPTIONS),
     "mosaic": ("pan_deg", "tilt_deg", "hfov_deg", "elevation_deg", *PLACE_OPTIONS),
+    **dict.fromkeys(views.PRESETS, ("pan_deg", "tilt_deg", "zoom", *PLACE_OPTIONS)),
 }
-PRESET_OPTIONS = ("pan_deg", "tilt_deg", "zoom", *PLACE_OPTIONS)
 
 
 @dataclass(frozen=True)
 class ViewOptions(Options):
-    """View, and its size."""
+    """View."""
 
     view: str | None = option(
-        type=click.Choice(list(views.VIEWS)), help="Type of view.  [default: panorama]"
-    )
-    preset: str | None = option(
-        type=click.Choice(list(views.PRESETS)),
-        help="Screen of the paper, 28, 90 or 180 deg wide, the last one curved; instead of --view.",
+        type=click.Choice([*views.VIEWS, *views.PRESETS]),
+        metavar="NAME",
+        help=f"View: {', '.join(views.VIEWS)}; or a screen of the paper, "
+        f"{', '.join(views.PRESETS)}.  [default: panorama]",
     )
     pan_deg: float | None = option(
-        type=angle,
-        metavar="DEG",
-        help="Azimuth of the view centre, right of forward; top of a round view.  [default: 0]",
+        type=angle, metavar="DEG", help="Azimuth of the centre, right of forward.  [default: 0]"
     )
     tilt_deg: float | None = option(
         type=angle,
         metavar="DEG",
         help="Elevation of the centre of a perspective view.  [default: 0]",
     )
-    roll_deg: float | None = option(
-        type=angle, metavar="DEG", help="Clockwise rotation of a perspective view.  [default: 0]"
-    )
     hfov_deg: float | None = option(
         type=angle,
         metavar="DEG",
-        help="Horizontal field of a perspective or planet view.  [default: 90; the whole field for a planet]",
-    )
-    span_deg: float | None = option(
-        type=angle, metavar="DEG", help="Width of a panorama.  [default: 360]"
+        help="Horizontal field, perspective or planet.  [default: 90; planet: all]",
     )
     elevation_deg: tuple[float, float] | None = option(
         type=angle_range,
         metavar="MIN:MAX",
-        help="Elevation range of a panorama.  [default: the field of the camera; the full range for a sphere]",
-    )
-    omega_deg: tuple[float, float] | None = option(
-        type=angle_range,
-        metavar="MIN:MAX",
-        help="Range of angles from the camera axis instead of elevations; for a dome, from its pole.",
-    )
-    rows: Rows | None = option(
-        type=click.Choice(["tilt", "height"]),
-        help="Rows of a panorama: linear in elevation, or in height on a vertical wall.  [default: tilt]",
-    )
-    wall_mm: tuple[float, float] | None = option(
-        type=height_range,
-        metavar="LOW:HIGH",
-        help="Heights of a wall at --distance-mm above the mirror, for a panorama of the wall.",
+        help="Elevations of a panorama.  [default: the field of the camera]",
     )
     distance_mm: float | None = option(
-        type=distance,
-        metavar="MM",
-        help="Object distance at which the view is free of parallax.  [default: inf]",
-    )
-    offset_mm: tuple[float, float, float] | None = option(
-        type=offset,
-        metavar="X,Y,Z",
-        help="Offset of the view centre from the mirror: forward, left and up.  [default: 0,0,0]",
-    )
-    viewpoint: Viewpoint | None = option(
-        type=viewpoint,
-        metavar="exact|single|MM",
-        help="Viewpoint for near objects: exact reflection, or a single viewpoint on the axis.  [default: exact]",
-    )
-    height_mm: float | None = option(
-        type=height, metavar="MM", help="Height of the mirror above the ground."
-    )
-    mm_per_px: float | None = option(
-        type=distance,
-        metavar="MM",
-        help="Scale of a ground view.  [default: the resolution of the image]",
-    )
-    pole: Pole | None = option(
-        type=click.Choice(["nadir", "zenith"]),
-        help="Centre of a dome or planet view.  [default: the nearer pole]",
-    )
-    layout: Layout | None = option(
-        type=click.Choice(list(LAYOUTS)), help="Layout of the faces of a cube.  [default: cross]"
-    )
-    zoom: float | None = option(
-        type=factor, metavar="FACTOR", help="Magnification about the view centre.  [default: 1]"
-    )
-    allow_upsampling: bool | None = option(
-        is_flag=True, help="Allow --zoom beyond the resolution of the camera."
+        type=distance, metavar="MM", help="Object distance without parallax.  [default: inf]"
     )
     size: PartialSize | None = option(
         type=image_size,
         metavar="WxH",
-        help="Output size; 1440x, x360, or by default chosen from the resolution of the image.",
+        help="Output size, also 1440x or x360.  [default: resolution of the image]",
     )
+    roll_deg: float | None = setting("view", type=angle)
+    span_deg: float | None = setting("view", type=angle)
+    omega_deg: tuple[float, float] | None = setting("view", type=angle_range)
+    rows: Rows | None = setting("view")
+    wall_mm: tuple[float, float] | None = setting("view", type=height_range)
+    offset_mm: tuple[float, float, float] | None = setting("view", type=offset)
+    viewpoint: Viewpoint | None = setting("view", type=viewpoint)
+    height_mm: float | None = setting("view", type=height)
+    mm_per_px: float | None = setting("view", type=distance)
+    pole: Pole | None = setting("view")
+    layout: Layout | None = setting("view")
+    zoom: float | None = setting("view", type=factor)
+    allow_upsampling: bool | None = setting("view")
+
+    @property
+    def name(self) -> str:
+        """Name of the view or preset."""
+        return self.view or "panorama"
 
     @property
     def is_near(self) -> bool:
@@ -163,53 +125,49 @@ class ViewOptions(Options):
         """Raise UsageError for options that do not apply to the selected view or contradict each
         other.
         """
-        if self.view and self.preset:
-            raise click.UsageError("--preset and --view must not be given together")
-        name = self.view or "panorama"
-        chosen = f"--view {name}"
+        chosen = f"--view {self.name}"
         owners = {f"--view {known}": names for known, names in VIEW_OPTIONS.items()} | {
-            chosen: options_of(name)
+            chosen: options_of(self.name)
         }
-        if self.preset:
-            chosen = "--preset"
-            owners[chosen] = PRESET_OPTIONS
         refuse_inapplicable(self.given, owners, chosen)
         if self.elevation_deg and self.omega_deg:
-            raise click.UsageError("--elevation-deg and --omega-deg must not be given together")
+            raise click.UsageError(
+                "--elevation-deg and --set view.omega_deg must not be given together"
+            )
         if self.wall_mm:
             self._check_wall()
         if chosen == "--view ground" and self.height_mm is None:
             raise click.UsageError(
-                "--view ground requires --height-mm, the height of the mirror above the ground"
+                "--view ground requires --set view.height_mm=MM, the height of the mirror above "
+                "the ground"
             )
         if self.allow_upsampling and self.zoom is None:
-            raise click.UsageError("--allow-upsampling requires --zoom")
+            raise click.UsageError("--set view.allow_upsampling requires --set view.zoom")
         if self.viewpoint is not None and chosen != "--view ground" and not self.is_near:
             raise click.UsageError(
-                "--viewpoint requires --distance-mm; it has no effect on a distant screen"
+                "--set view.viewpoint requires --distance-mm; it has no effect on a distant screen"
             )
 
     def _check_wall(self) -> None:
         if other := self.subset("elevation_deg", "omega_deg", "rows"):
             raise click.UsageError(
-                f"--wall-mm and {flag(next(iter(other)))} must not be given together"
+                f"--set view.wall_mm and {flag(next(iter(other)))} must not be given together"
             )
         if not self.is_near:
-            raise click.UsageError("--wall-mm requires --distance-mm, the distance of the wall")
+            raise click.UsageError(
+                "--set view.wall_mm requires --distance-mm, the distance of the wall"
+            )
 
     def of(self, camera: Camera) -> Shape:
         """Return the view of a camera; a limited zoom is reported on stderr."""
         view: Shape
-        if self.preset:
-            view = views.preset(
-                self.preset, **self.subset("size", "pan_deg", "tilt_deg", *PLACE_OPTIONS)
-            )
+        options = self.subset(
+            "size", *(option for option in options_of(self.name) if option != "zoom")
+        )
+        if self.name in views.PRESETS:
+            view = views.preset(self.name, **options)
         else:
-            name = self.view or "panorama"
-            options = self.subset(
-                "size", *(option for option in options_of(name) if option != "zoom")
-            )
-            view = _create_view(name, camera, options)
+            view = _create_view(self.name, camera, options)
         return (
             view
             if self.zoom is None
@@ -223,7 +181,7 @@ def options_of(view: str) -> tuple[str, ...]:
     """
     if view in VIEW_OPTIONS:
         return VIEW_OPTIONS[view]
-    known = {f.name for f in fields(ViewOptions)} - {"view", "preset", "zoom"}
+    known = {f.name for f in fields(ViewOptions)} - {"view", "zoom"}
     return (*(name for name in signature(views.VIEWS[view]).parameters if name in known), "zoom")
 
 
@@ -235,7 +193,7 @@ def _create_view(name: str, camera: Camera, options: dict[str, Any]) -> Any:
         low, high = options.pop("wall_mm")
         if not low < high:
             raise click.UsageError(
-                f"--wall-mm must be LOW:HIGH with LOW below HIGH; got {low:g}:{high:g}"
+                f"view.wall_mm must be LOW:HIGH with LOW below HIGH; got {low:g}:{high:g}"
             )
         elevations = np.degrees(np.arctan2([low, high], options["distance_mm"]))
         options |= {"rows": "height", "elevation_deg": tuple(map(float, elevations))}
@@ -251,7 +209,8 @@ def _elevations_of_omega(camera: Camera, options: dict[str, Any]) -> None:
     up = without_tilt(cast("AnyCamera", camera)).axis[2]
     if abs(up) < 0.5:
         raise click.UsageError(
-            "--omega-deg requires a camera that looks up or down for a panorama; use --elevation-deg"
+            "--set view.omega_deg requires a camera that looks up or down for a panorama; use "
+            "--elevation-deg"
         )
     low, high = sorted(up * (90 - omega) for omega in options.pop("omega_deg"))
     options["elevation_deg"] = (low, high)
@@ -264,7 +223,7 @@ def _zoom(camera: Camera, view: Shape, zoom: float, allow_upsampling: bool) -> S
         limited = (
             ""
             if allow_upsampling
-            else f"; limited to {maximum:.3g}; use --allow-upsampling to remove the limit"
+            else f"; limited to {maximum:.3g}; use --set view.allow_upsampling=true to remove the limit"
         )
         click.echo(
             f"omnimirror: zoom {zoom:g} exceeds the resolution of the sensor "
@@ -297,15 +256,12 @@ class SamplingOptions(Options):
     interpolation: Interpolation = option(
         type=click.Choice(list(INTERPOLATIONS)),
         default="auto",
-        help="Interpolation; auto: cubic, with averaging for minification; area: averaging everywhere.",
+        metavar="NAME",
+        help=f"Interpolation: {', '.join(INTERPOLATIONS)}.",
     )
     border: BorderColour | None = option(
         type=border,
-        metavar="GREY|R,G,B|#rrggbb",
-        help="Colour outside the field, in values of the image or as #rrggbb.  [default: see --transparent]",
+        metavar="COLOUR",
+        help="Colour outside the field: a grey level, R,G,B or #rrggbb.",
     )
-    threads: int | None = option(
-        type=IntegerRange(1, MAX_THREADS),
-        metavar="N",
-        help="Number of dewarping threads.  [default: one per processor core]",
-    )
+    threads: int | None = setting("resampling", type=IntegerRange(1, MAX_THREADS))

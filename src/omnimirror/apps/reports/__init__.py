@@ -215,7 +215,7 @@ def _table(result: Evaluation) -> str:
 
 def _commands(name: str) -> str:
     sensor = shell_word(name)
-    dewarp = f"omnimirror dewarp circle.png --sensor {sensor} --interpolation cubic --black"
+    dewarp = f"omnimirror dewarp circle.png --sensor {sensor} --interpolation cubic --set image.transparent=false"
     width, height = VIEW.size
     return "\n".join(
         [

@@ -183,7 +183,8 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> NamedCam
             )
         kind: Literal["mirror", "fisheye"] = "fisheye" if optics == "fisheye" else "mirror"
         camera = parse_ocam(text, name, kind)
-        return NamedCamera(id, name, title_of(camera), ("--ocam", name, "--optics", kind), camera)
+        options = ("--sensor", name, "--set", f"camera.optics={kind}")
+        return NamedCamera(id, name, title_of(camera), options, camera)
     given = parse_camera(text, source=name)
     if isinstance(given, Sensor):
         return _of_sensor(id, given, name)

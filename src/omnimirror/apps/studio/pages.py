@@ -208,7 +208,7 @@ def video_viewer(
     if video.rotation_deg:
         raise MediaError(
             f"{path} must have a rotation by a multiple of 90 deg, and none with "
-            f"--stored-orientation, since browsers apply it; got {video.rotation_deg} deg"
+            f"--set input.stored_orientation=true, since browsers apply it; got {video.rotation_deg} deg"
         )
     _check_size(camera, video.size, "video")
     is_small = path.stat().st_size <= MAX_EMBEDDED_BYTES

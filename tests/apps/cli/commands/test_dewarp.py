@@ -74,7 +74,16 @@ def test_ball_camera_looks_up_by_default(folder):
         "forward": ["--camera-looks", "forward"],
     }.items():
         assert (
-            dewarp("ball.png", *BALL, *options, "--size", "96x", "--black", "-o", f"{name}.png")
+            dewarp(
+                "ball.png",
+                *BALL,
+                *options,
+                "--size",
+                "96x",
+                "--set=image.transparent=false",
+                "-o",
+                f"{name}.png",
+            )
             == 0
         )
         views[name] = om.read_image(f"{name}.png").astype(float)
@@ -88,11 +97,20 @@ def test_ball_camera_looks_up_by_default(folder):
 CAMERAS = [
     ("sphere.png", SPHERE),
     ("ball.png", BALL),
-    ("ocam.png", ["--ocam", "calib.txt"]),
     ("ocam.png", ["--sensor", "calib.txt"]),
     ("ocam.png", ["--sensor", "symmetric.toml"]),
     ("ocam.png", ["--sensor", "distorted.toml"]),
-    ("ocam.png", ["--ocam", "calib.txt", "--optics", "fisheye", "--rim-radius-px", "70"]),
+    (
+        "ocam.png",
+        [
+            "--sensor",
+            "calib.txt",
+            "--set",
+            "camera.optics=fisheye",
+            "--set",
+            "camera.rim_radius_px=70",
+        ],
+    ),
 ]
 VIEWS = [
     [],
@@ -100,9 +118,9 @@ VIEWS = [
     ["--view", "dome"],
     ["--view", "sphere"],
     ["--view", "planet"],
-    ["--view", "cube", "--layout", "strip", "--distance-mm", "800"],
-    ["--view", "mosaic", "--distance-mm", "800", "--viewpoint", "single"],
-    ["--preset", "super-wide", "--tilt-deg", "-40"],
+    ["--view", "cube", "--set", "view.layout=strip", "--distance-mm", "800"],
+    ["--view", "mosaic", "--distance-mm", "800", "--set", "view.viewpoint=single"],
+    ["--view", "super-wide", "--tilt-deg", "-40"],
 ]
 
 
@@ -115,7 +133,7 @@ VIEWS = [
     ],
 )
 def test_all_views_of_all_cameras(folder, capsys, picture, source, view):
-    if "fisheye" in source and "--tilt-deg" in view:
+    if "camera.optics=fisheye" in source and "--tilt-deg" in view:
         view = [*view[:-1], "40"]
     assert dewarp(picture, *source, *view, "-o", "out.png") == 0
     said = capsys.readouterr()
@@ -155,60 +173,96 @@ def test_printed_line_describes_view(folder, capsys):
                 "30",
                 "--tilt-deg",
                 "-20",
-                "--roll-deg",
-                "5",
+                "--set",
+                "view.roll_deg=5",
                 "--hfov-deg",
                 "60",
             ],
             "perspective view (pan 30, tilt -20, roll 5, hfov 60 deg), 1280 x 720 px, all pixels",
         ),
         (
-            ["--span-deg", "90", "--pan-deg", "10", "--size", "x100", "--elevation-deg=-60:30"],
+            [
+                "--set",
+                "view.span_deg=90",
+                "--pan-deg",
+                "10",
+                "--size",
+                "x100",
+                "--elevation-deg=-60:30",
+            ],
             "panorama (90 deg around pan 10, elevation -60 to 30 deg), 100 x 100 px",
         ),
         (
-            ["--omega-deg", "30:120", "--size", "400X"],
+            ["--set", "view.omega_deg=30:120", "--size", "400X"],
             "panorama (elevation -60 to 30 deg), 400 x 100 px",
         ),
         (
-            ["--omega-deg", "30:120", "--size", "400x100", "--camera-looks", "down"],
+            ["--set", "view.omega_deg=30:120", "--size", "400x100", "--camera-looks", "down"],
             "(elevation -30 to 60 deg)",
         ),
         (
-            ["--view", "dome", "--omega-deg", "20:90", "--size", "300x"],
+            ["--view", "dome", "--set", "view.omega_deg=20:90", "--size", "300x"],
             "dome (20 to 90 deg from the nadir), 300 x 300",
         ),
         (["--view", "dome", "--camera-looks", "down", "--size", "30x"], "from the zenith"),
         (
-            ["--wall-mm=-1200:900", "--distance-mm", "2000", "--span-deg", "90", "--size", "300x"],
+            [
+                "--set=view.wall_mm=-1200:900",
+                "--distance-mm",
+                "2000",
+                "--set",
+                "view.span_deg=90",
+                "--size",
+                "300x",
+            ],
             "panorama (90 deg around pan 0, elevation -30.9638 to 24.2277 deg, at 2000 mm), 300 x 201 px, all",
         ),
-        (["--rows", "height", "--elevation-deg=-45:45", "--size", "400x"], "400 x 127 px, all"),
         (
-            ["--view", "sphere", "--size", "200x", "--distance-mm", "500", "--offset-mm=-10,0,25"],
+            ["--set", "view.rows=height", "--elevation-deg=-45:45", "--size", "400x"],
+            "400 x 127 px, all",
+        ),
+        (
+            [
+                "--view",
+                "sphere",
+                "--size",
+                "200x",
+                "--distance-mm",
+                "500",
+                "--set=view.offset_mm=-10,0,25",
+            ],
             "sphere (elevation -90 to 90 deg, at 500 mm, offset by (-10, 0, 25) mm), 200 x 100 px",
         ),
         (
             [
                 "--view",
                 "ground",
-                "--height-mm",
-                "1200",
-                "--mm-per-px",
-                "4",
+                "--set",
+                "view.height_mm=1200",
+                "--set",
+                "view.mm_per_px=4",
                 "--size",
                 "300x",
-                "--offset-mm",
-                "900,0,0",
+                "--set",
+                "view.offset_mm=900,0,0",
             ],
             "plan of the ground (1200 mm below the mirror, 4 mm per pixel, offset by (900, 0, 0) mm), 300 x 300 px",
         ),
         (
-            ["--view", "planet", "--hfov-deg", "200", "--pole", "nadir", "--size", "90x60"],
+            [
+                "--view",
+                "planet",
+                "--hfov-deg",
+                "200",
+                "--set",
+                "view.pole=nadir",
+                "--size",
+                "90x60",
+            ],
             "little planet (hfov 200 deg about the nadir), 90 x 60 px, all",
         ),
         (
-            ["--view", "cube", "--layout", "3x2", "--size", "90x"],
+            ["--view", "cube", "--set", "view.layout=3x2", "--size", "90x"],
             "cube map (3x2 of 30 px faces), 90 x 60 px",
         ),
         (
@@ -216,24 +270,24 @@ def test_printed_line_describes_view(folder, capsys):
             "mosaic of 5 views, 400 x 225 px, all",
         ),
         (
-            ["--preset", "distant", "--pan-deg", "20", "--size", "64x"],
+            ["--view", "distant", "--pan-deg", "20", "--size", "64x"],
             "(pan 20, tilt 0, hfov 28.0725 deg), 64 x 36",
         ),
         (
-            ["--preset", "super-wide", "--tilt-deg", "-10"],
+            ["--view", "super-wide", "--tilt-deg", "-10"],
             "180 deg around pan 0, elevation -46.6656 to 35.2697 deg",
         ),
-        (["--view", "perspective", "--zoom", "1.5", "--size", "320x"], "hfov 67.3801 deg"),
+        (["--view", "perspective", "--set", "view.zoom=1.5", "--size", "320x"], "hfov 67.3801 deg"),
         (
             [
                 "--view",
                 "ground",
-                "--height-mm",
-                "1200",
-                "--zoom",
-                "2",
-                "--mm-per-px",
-                "20",
+                "--set",
+                "view.height_mm=1200",
+                "--set",
+                "view.zoom=2",
+                "--set",
+                "view.mm_per_px=20",
                 "--size",
                 "99x",
             ],
@@ -247,7 +301,7 @@ def test_printed_line_describes_view(folder, capsys):
                 "64x",
                 "--interpolation",
                 "cubic",
-                "--image-flipped",
+                "--set=camera.image_flipped=true",
             ],
             "64 x 36 px",
         ),
@@ -271,10 +325,19 @@ def test_viewpoint_option(folder, viewpoint):
         "64x48",
         "--distance-mm",
         "200",
-        "--black",
+        "--set=image.transparent=false",
     ]
     assert (
-        dewarp(*args, "--viewpoint", viewpoint, "--interpolation", "nearest", "-o", "out.png") == 0
+        dewarp(
+            *args,
+            "--set",
+            f"view.viewpoint={viewpoint}",
+            "--interpolation",
+            "nearest",
+            "-o",
+            "out.png",
+        )
+        == 0
     )
     view = om.screens.Plane((64, 48), distance_mm=200.0)
     v = viewpoint if viewpoint.isalpha() else float(viewpoint)
@@ -286,19 +349,19 @@ def test_viewpoint_option(folder, viewpoint):
 
 def test_zoom_beyond_resolution_is_reported(folder, capsys):
     args = ["sphere.png", *SPHERE, "--view", "perspective", "--size", "640x480", "-o", "out.png"]
-    assert dewarp(*args, "--zoom", "50") == 0
+    assert dewarp(*args, "--set", "view.zoom=50") == 0
     limited = capsys.readouterr()
     assert limited.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (")
     assert limited.err.endswith(
-        " output pixels per source pixel); limited to 3.39; use --allow-upsampling to remove the limit\n"
+        " output pixels per source pixel); limited to 3.39; use --set view.allow_upsampling=true to remove the limit\n"
     )
     assert "hfov 32.8" in limited.out
-    assert dewarp(*args, "--zoom", "50", "--allow-upsampling") == 0
+    assert dewarp(*args, "--set", "view.zoom=50", "--set=view.allow_upsampling=true") == 0
     past = capsys.readouterr()
     assert past.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (59.0")
     assert past.err.endswith(" output pixels per source pixel)\n")
     assert "hfov 2.29" in past.out
-    assert dewarp(*args, "--zoom", "3") == 0
+    assert dewarp(*args, "--set", "view.zoom=3") == 0
     assert capsys.readouterr().err == ""
 
 
@@ -315,14 +378,17 @@ def test_mount_options_rotate_view(folder):
         "64x48",
         "--tilt-deg",
         "-30",
-        "--black",
+        "--set=image.transparent=false",
     ]
     assert dewarp(*args, "-o", "top.png") == 0
-    assert dewarp(*args, "--forward-azimuth-deg", "0", "--pan-deg", "90", "-o", "right.png") == 0
+    assert (
+        dewarp(*args, "--set", "camera.forward_azimuth_deg=0", "--pan-deg", "90", "-o", "right.png")
+        == 0
+    )
     # for an upward camera, pan to the right decreases the azimuth: 0 - 90 is the top again
     np.testing.assert_array_equal(om.read_image("top.png"), om.read_image("right.png"))
     om.write_image("b.png", picture[:, ::-1])
-    assert dewarp("b.png", *args[1:], "--image-flipped", "-o", "flipped.png") == 0
+    assert dewarp("b.png", *args[1:], "--set=camera.image_flipped=true", "-o", "flipped.png") == 0
     difference = np.abs(om.read_image("flipped.png").astype(int) - om.read_image("top.png"))
     assert difference.mean() < 2
 
@@ -350,7 +416,7 @@ def test_black_keeps_channels(folder):
             "60x40",
             "--elevation-deg",
             "-90:90",
-            "--black",
+            "--set=image.transparent=false",
             "-o",
             "o.tif",
         )
@@ -370,8 +436,8 @@ def test_all_interpolations(folder, interpolation):
         "60x40",
         "--interpolation",
         interpolation,
-        "--threads",
-        "2",
+        "--set",
+        "resampling.threads=2",
     ]
     assert dewarp(*args, "-o", "o.png") == 0
     assert (om.read_image("o.png")[20] == [200, 200, 200, 255]).all()
@@ -501,9 +567,9 @@ def test_colour_border_of_grey_image_raises():
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("sphere.png", "exactly one of --sensor, --ocam and --ball must be given; got none"),
+        ("sphere.png", "exactly one of --sensor and --ball must be given; got none"),
         ("sphere.png SPHERE BALL", "got --sensor and --ball"),
-        ("sphere.png SPHERE NO-OUTPUT", "--output or --viewer must be given"),
+        ("sphere.png SPHERE NO-OUTPUT", "--output must be given"),
         ("-o out.png SPHERE", "Missing argument 'SOURCE...'"),
         ("none.png SPHERE", "cannot read the image none.png: the file does not exist"),
         ("note.txt SPHERE", "cannot read the image note.txt: it must be an undamaged image file"),
@@ -516,21 +582,21 @@ def test_colour_border_of_grey_image_raises():
         ("ocam.png SPHERE", "1024 x 1024 px of the camera; got 160 x 120 px"),
         ("sphere.png --sensor paper-sperical", "did you mean paper-spherical?"),
         ("sphere.png --sensor note.txt", "note.txt must be valid TOML"),
-        ("ocam.png --ocam none.txt", "path must be an existing OCamCalib file; got none.txt"),
+        ("ocam.png --sensor none.txt", "bundled sensor 'none.txt' does not exist"),
         (
-            "ocam.png --ocam broken.txt",
+            "ocam.png --sensor broken.txt",
             "broken.txt line 19: the image size (height and width) must be 2 numbers",
         ),
-        ("ocam.png --ocam ocam.png", "the file must be text in UTF-8"),
-        ("ocam.png --ocam calib.txt --optics prism", "'prism'"),
+        ("ocam.png --sensor ocam.png", "the file must be text in UTF-8"),
+        ("ocam.png --sensor calib.txt --set camera.optics=prism", "'prism'"),
         (
-            "ocam.png --ocam calib.txt --rim-radius-px -3",
-            "rim_radius_px must be greater than 0 px and at most 1e+06 px; got -3.0",
+            "ocam.png --sensor calib.txt --set camera.rim_radius_px=-3",
+            "rim_radius_px must be greater than 0 px and at most 1e+06 px; got -3",
         ),
-        ("ocam.png --ocam calib.txt --rim-radius-px big", "'big'"),
+        ("ocam.png --sensor calib.txt --set camera.rim_radius_px=big", "'big'"),
         (
-            "sphere.png SPHERE --optics mirror",
-            "--optics requires --ocam; it does not apply to --sensor",
+            "sphere.png SPHERE --set camera.optics=mirror",
+            "entries of camera require a camera file",
         ),
         ("ball.png --ball 99,99,90", "must be CX,CY,R,FOV"),
         ("ball.png --ball 99,99,90,x", "must be CX,CY,R,FOV"),
@@ -549,24 +615,33 @@ def test_colour_border_of_grey_image_raises():
         ),
         ("sphere.png SPHERE --view globe", "'globe'"),
         (
-            "sphere.png SPHERE --roll-deg 3",
-            "--roll-deg requires --view perspective; it does not apply to --view panorama",
+            "sphere.png SPHERE --set view.roll_deg=3",
+            "--set view.roll_deg requires --view perspective; it does not apply to --view panorama",
         ),
         ("sphere.png SPHERE --hfov-deg 3", "--hfov-deg requires"),
         ("sphere.png SPHERE --tilt-deg 3 --view dome", "it does not apply to --view dome"),
         ("sphere.png SPHERE --elevation-deg 0:9 --view dome", "--elevation-deg requires"),
         (
-            "sphere.png SPHERE --omega-deg 0:9 --view perspective",
+            "sphere.png SPHERE --set view.omega_deg=0:9 --view perspective",
             "requires --view panorama, --view dome or --view sphere",
         ),
-        ("sphere.png SPHERE --span-deg 9 --view perspective", "--span-deg requires"),
-        ("sphere.png SPHERE --omega-deg 0:9 --elevation-deg 0:9", "must not be given together"),
-        ("sphere.png SPHERE --omega-deg 50:100 --camera-looks forward", "use --elevation-deg"),
+        (
+            "sphere.png SPHERE --set view.span_deg=9 --view perspective",
+            "--set view.span_deg requires",
+        ),
+        (
+            "sphere.png SPHERE --set view.omega_deg=0:9 --elevation-deg 0:9",
+            "must not be given together",
+        ),
+        (
+            "sphere.png SPHERE --set view.omega_deg=50:100 --camera-looks forward",
+            "use --elevation-deg",
+        ),
         ("sphere.png SPHERE --elevation-deg 9:0", "got 9 and 0 deg"),
         ("sphere.png SPHERE --elevation-deg 9", "must be a range MIN:MAX in degrees; got '9'"),
         ("sphere.png SPHERE --elevation-deg 50:80", "must overlap the field of the camera"),
         (
-            "sphere.png SPHERE --span-deg 400",
+            "sphere.png SPHERE --set view.span_deg=400",
             "span_deg must be above 1e-06 and up to 360 deg; got 400",
         ),
         ("sphere.png SPHERE --pan-deg north", "must be an angle in degrees; got 'north'"),
@@ -574,69 +649,90 @@ def test_colour_border_of_grey_image_raises():
         ("sphere.png SPHERE --view perspective --hfov-deg 180", "below 180 deg; got 180"),
         (
             "sphere.png SPHERE --view ground",
-            "--view ground requires --height-mm, the height of the mirror",
+            "--view ground requires --set view.height_mm=MM, the height of the mirror",
         ),
-        ("sphere.png SPHERE --view ground --height-mm high", "must be a height in mm; got 'high'"),
         (
-            "sphere.png SPHERE --view ground --height-mm 9 --mm-per-px 0",
+            "sphere.png SPHERE --view ground --set view.height_mm=high",
+            "must be a height in mm; got 'high'",
+        ),
+        (
+            "sphere.png SPHERE --view ground --set view.height_mm=9 --set view.mm_per_px=0",
             "must be a distance in mm above 0, or 'inf'; got '0'",
         ),
         (
-            "sphere.png SPHERE --view ground --height-mm 9 --mm-per-px inf",
+            "sphere.png SPHERE --view ground --set view.height_mm=9 --set view.mm_per_px=inf",
             "mm_per_px must be finite and above 0; got inf",
         ),
         (
-            "sphere.png SPHERE --view ground --height-mm 0",
+            "sphere.png SPHERE --view ground --set view.height_mm=0",
             "mm_per_px must be finite and above 0; got 0",
         ),
         (
-            "sphere.png SPHERE --view ground --height-mm 9 --distance-mm 9",
+            "sphere.png SPHERE --view ground --set view.height_mm=9 --distance-mm 9",
             "it does not apply to --view ground",
         ),
         (
-            "sphere.png SPHERE --height-mm 9",
-            "--height-mm requires --view ground; it does not apply to --view panorama",
+            "sphere.png SPHERE --set view.height_mm=9",
+            "--set view.height_mm requires --view ground; it does not apply to --view panorama",
         ),
         (
-            "sphere.png SPHERE --layout strip",
-            "--layout requires --view cube; it does not apply to --view panorama",
+            "sphere.png SPHERE --set view.layout=strip",
+            "--set view.layout requires --view cube; it does not apply to --view panorama",
         ),
-        ("sphere.png SPHERE --view cube --layout ring", "'ring'"),
+        ("sphere.png SPHERE --view cube --set view.layout=ring", "'ring'"),
         (
             "sphere.png SPHERE --view cube --size 100x100",
             "4 n x 3 n px for square faces in the layout cross",
         ),
-        ("sphere.png SPHERE --view cube --zoom 2", "it does not apply to --view cube"),
+        ("sphere.png SPHERE --view cube --set view.zoom=2", "it does not apply to --view cube"),
         ("sphere.png SPHERE --view mosaic --size x100", "the height of a mosaic must be None"),
         ("sphere.png SPHERE --view planet --hfov-deg 360", "below 360 deg; got 360"),
-        ("sphere.png SPHERE --pole nadir", "it does not apply to --view panorama"),
+        ("sphere.png SPHERE --set view.pole=nadir", "it does not apply to --view panorama"),
         (
-            "sphere.png SPHERE --preset wide --view perspective",
-            "--preset and --view must not be given together",
+            "ball.png BALL --set camera.rim_radius_px=90",
+            "--set camera.rim_radius_px requires --sensor; it does not apply to --ball",
         ),
-        ("sphere.png SPHERE --preset wide --hfov-deg 9", "--hfov-deg requires --view perspective"),
-        ("sphere.png SPHERE --preset tele", "'tele'"),
-        ("sphere.png SPHERE --preset super-wide --tilt-deg 90", "below 90 deg; got 90"),
+        ("sphere.png SPHERE --view wide --hfov-deg 9", "--hfov-deg requires --view perspective"),
+        ("sphere.png SPHERE --view tele", "'tele'"),
+        ("sphere.png SPHERE --view super-wide --tilt-deg 90", "below 90 deg; got 90"),
         (
             "sphere.png SPHERE --distance-mm 0",
             "must be a distance in mm above 0, or 'inf'; got '0'",
         ),
-        ("sphere.png SPHERE --offset-mm 1,2,3", "for a screen at infinity; got (1.0, 2.0, 3.0)"),
-        ("sphere.png SPHERE --offset-mm 1,2 --distance-mm 9", "must be X,Y,Z in mm; got '1,2'"),
-        ("sphere.png SPHERE --viewpoint single", "--viewpoint requires --distance-mm"),
         (
-            "sphere.png SPHERE --viewpoint best --distance-mm 9",
+            "sphere.png SPHERE --set view.offset_mm=1,2,3",
+            "for a screen at infinity; got (1.0, 2.0, 3.0)",
+        ),
+        (
+            "sphere.png SPHERE --set view.offset_mm=1,2 --distance-mm 9",
+            "must be X,Y,Z in mm; got '1,2'",
+        ),
+        (
+            "sphere.png SPHERE --set view.viewpoint=single",
+            "--set view.viewpoint requires --distance-mm",
+        ),
+        (
+            "sphere.png SPHERE --set view.viewpoint=best --distance-mm 9",
             "must be 'exact', 'single' or a height",
         ),
-        ("sphere.png SPHERE --wall-mm 0:9", "--wall-mm requires --distance-mm"),
-        ("sphere.png SPHERE --wall-mm 9:0 --distance-mm 9", "--wall-mm must be LOW:HIGH"),
+        ("sphere.png SPHERE --set view.wall_mm=0:9", "--set view.wall_mm requires --distance-mm"),
         (
-            "sphere.png SPHERE --wall-mm 0:9 --distance-mm 9 --rows tilt",
-            "--wall-mm and --rows must not be given together",
+            "sphere.png SPHERE --set view.wall_mm=9:0 --distance-mm 9",
+            "view.wall_mm must be LOW:HIGH",
         ),
-        ("sphere.png SPHERE --rows height", "above -90 and below 90 deg with rows = 'height'"),
-        ("sphere.png SPHERE --zoom 0", "must be a factor above 0; got '0'"),
-        ("sphere.png SPHERE --allow-upsampling", "--allow-upsampling requires --zoom"),
+        (
+            "sphere.png SPHERE --set view.wall_mm=0:9 --distance-mm 9 --set view.rows=tilt",
+            "--set view.wall_mm and --set view.rows must not be given together",
+        ),
+        (
+            "sphere.png SPHERE --set view.rows=height",
+            "above -90 and below 90 deg with rows = 'height'",
+        ),
+        ("sphere.png SPHERE --set view.zoom=0", "must be a factor above 0; got '0'"),
+        (
+            "sphere.png SPHERE --set view.allow_upsampling=true",
+            "--set view.allow_upsampling requires --set view.zoom",
+        ),
         (
             "sphere.png SPHERE --view perspective --tilt-deg 80 --hfov-deg 10",
             "must overlap the field of the camera",
@@ -657,11 +753,17 @@ def test_colour_border_of_grey_image_raises():
         ("sphere.png SPHERE --border 1,2", "got '1,2'"),
         ("sphere.png SPHERE --border 256", "for uint8 images; got 256"),
         ("ball.png BALL --border #ff0000", "one value for a grey image; got #ff0000"),
-        ("sphere.png SPHERE --border 5 --black", "--border must not be given together"),
-        ("sphere.png SPHERE --threads 0", "0 is not in the range 1<=x<=1024"),
+        (
+            "sphere.png SPHERE --border 5 --set image.transparent=false",
+            "--border and --set image.transparent must not be given together",
+        ),
+        ("sphere.png SPHERE --set resampling.threads=0", "0 is not in the range 1<=x<=1024"),
         ("sphere.png SPHERE -o out.gif", "got '.gif'"),
         ("sphere.png SPHERE -o out", "got ''"),
-        ("sphere.png SPHERE --transparent -o out.jpg", "for transparency; got a .jpg file"),
+        (
+            "sphere.png SPHERE --set image.transparent=true -o out.jpg",
+            "for transparency; got a .jpg file",
+        ),
         ("sphere.png SPHERE -o note.txt/out.png", "cannot write note.txt"),
         ("sphere.png SPHERE --fast", "--fast"),
         ("sphere.png SPHERE -o ./sphere.png", "the output must differ from the source image"),
@@ -691,8 +793,7 @@ def test_help(capsys):
         "CX,CY,R,FOV",
         "--elevation-deg",
         "MIN:MAX",
-        "--transparent",
-        "never reversed",
+        "docs/dewarp.md",
     ):
         assert word in said
 
@@ -723,7 +824,7 @@ def test_sign_in_store_is_legible(folder):
         "1226,1217.5,1122.75,260",
         "--view",
         "perspective",
-        "--black",
+        "--set=image.transparent=false",
     ]
     args += ["--pan-deg", "109", "--tilt-deg", "-2.2", "--hfov-deg", "5.5", "--size", "160x90"]
     assert dewarp(*args, "-o", "sign.png") == 0

@@ -53,7 +53,17 @@ def frames(path) -> list[np.ndarray]:
 
 
 def test_all_video_frames_are_dewarped(video, tmp_path):
-    args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
+    args = [
+        *BALL,
+        "--view",
+        "perspective",
+        "--tilt-deg",
+        "-30",
+        "--size",
+        "96x64",
+        "--set",
+        "video.crf=1",
+    ]
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
     assert "20 frames" in run.stderr
@@ -72,13 +82,21 @@ def test_video_border_colour(video, tmp_path):
         "-90:90",
         "--size",
         "128x64",
-        "--crf",
-        "1",
+        "--set",
+        "video.crf=1",
         "--interpolation",
         "area",
     ]
     run = omnimirror(
-        "dewarp", video, *args, "--border", "#c86432", "--threads", "1", "-o", tmp_path / "out.mp4"
+        "dewarp",
+        video,
+        *args,
+        "--border",
+        "#c86432",
+        "--set",
+        "resampling.threads=1",
+        "-o",
+        tmp_path / "out.mp4",
     )
     assert run.returncode == 0, run.stderr
     for frame in frames(tmp_path / "out.mp4"):
@@ -104,7 +122,17 @@ def test_video_range(video, tmp_path):
 
 def test_keyframes(video, tmp_path):
     (tmp_path / "keys.csv").write_text("time_s,pan_deg,hfov_deg\n0,0,60\n0.76,40,90\n")
-    args = [*BALL, "--view", "perspective", "--tilt-deg", "-30", "--size", "96x64", "--crf", "1"]
+    args = [
+        *BALL,
+        "--view",
+        "perspective",
+        "--tilt-deg",
+        "-30",
+        "--size",
+        "96x64",
+        "--set",
+        "video.crf=1",
+    ]
     run = omnimirror(
         "dewarp", video, *args, "--keyframes", tmp_path / "keys.csv", "-o", tmp_path / "out.mp4"
     )
@@ -123,13 +151,13 @@ def test_y4m_pipe(video, tmp_path):
 
 
 def test_raw_video_pipe(video):
-    args = ["--size", "128x64", "-o", "-", "--format", "rawvideo"]
+    args = ["--size", "128x64", "-o", "-", "--set", "output.format=rawvideo"]
     run = omnimirror("dewarp", video, *BALL, *args, text=False)
     assert run.returncode == 0, run.stderr
     pictures = np.frombuffer(run.stdout, np.uint8).reshape(20, 64, 128, 3)
     dewarp = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, 64)))
     assert np.abs(pictures[7] - dewarp(frames(video)[7]).astype(float))[4:-4].mean() < 3
-    grey = omnimirror("dewarp", video, *BALL, *args, "--pixel-format", "gray", text=False)
+    grey = omnimirror("dewarp", video, *BALL, *args, "--set", "video.pixel_format=gray", text=False)
     assert len(grey.stdout) == 20 * 64 * 128
 
 
@@ -189,7 +217,16 @@ def test_folder_with_damaged_image(tmp_path):
     for i in range(3):
         om.write_image(tmp_path / f"{i}.png", picture(60 + i))
     (tmp_path / "bad.png").write_bytes(b"not a picture")
-    run = omnimirror("dewarp", tmp_path, *BALL, "--size", "128x", "--black", "-o", tmp_path / "out")
+    run = omnimirror(
+        "dewarp",
+        tmp_path,
+        *BALL,
+        "--size",
+        "128x",
+        "--set=image.transparent=false",
+        "-o",
+        tmp_path / "out",
+    )
     assert run.returncode == 1
     assert run.stderr.count("\n") == 1
     assert f"cannot read the image {tmp_path / 'bad.png'}: it must be" in run.stderr
@@ -245,13 +282,16 @@ def test_panorama_metadata(tmp_path):
             ["in.mp4", "-o", "o.mp4", "--start-s", "9"],
             "start_s must be less than the duration of in.mp4",
         ),
-        (["in.mp4", "-o", "o.mp4", "--transparent"], "--transparent and --black require images"),
         (
-            ["in.mp4", "-o", "-", "--crf", "3"],
+            ["in.mp4", "-o", "o.mp4", "--set=image.transparent=true"],
+            "--set image.transparent requires images",
+        ),
+        (
+            ["in.mp4", "-o", "-", "--set", "video.crf=3"],
             "crf must be omitted unless an output is a video file or stream",
         ),
         (["in.mp4", "-o", "o.mp4", "--keyframes", "no.csv"], "no.csv"),
-        (["in.mp4", "-o", "o.mp4", "--codec", "h266"], "h266"),
+        (["in.mp4", "-o", "o.mp4", "--set", "video.codec=h266"], "h266"),
         (["a.png", "-o", "o.png", "--start-s", "1"], "--start-s requires a video; got a.png"),
         (["a.png", "a.png", "-o", "o.png"], "must be a folder for several images"),
         (["*.tif", "-o", "out"], "source must be an existing file or match one; got *.tif"),
@@ -261,15 +301,26 @@ def test_panorama_metadata(tmp_path):
         (["in.mp4", "-o", "gopher://x"], "got 'gopher://x'"),
         (["in.mp4", "-o", "o.mp4", "-o", "o.mp4"], "the outputs must differ; got o.mp4 twice"),
         (
-            ["in.mp4", "-o", "o.mp4", "--format", "rawvideo"],
+            ["in.mp4", "-o", "o.mp4", "--set", "output.format=rawvideo"],
             "pipe_format must be omitted unless an output is '-'",
         ),
         (
-            ["in.mp4", "-o", "-", "--pixel-format", "gray"],
+            ["in.mp4", "-o", "-", "--set", "video.pixel_format=gray"],
             "pixel_format must be omitted unless an output is a video file",
         ),
-        (["in.mp4", "-o", "-", "--format", "rawvideo", "--pixel-format", "no"], "pixel format no"),
-        (["in.mp4"], "--output or --viewer must be given, or --preview for a video"),
+        (
+            [
+                "in.mp4",
+                "-o",
+                "-",
+                "--set",
+                "output.format=rawvideo",
+                "--set",
+                "video.pixel_format=no",
+            ],
+            "pixel format no",
+        ),
+        (["in.mp4"], "--output must be given, or --preview for a video"),
         (["a.png", "-o", "o.png", "-o", "p.png"], "several outputs require a video"),
         (["a.png", "--preview"], "--preview requires a video; got a.png"),
     ],

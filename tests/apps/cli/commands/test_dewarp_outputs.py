@@ -11,7 +11,15 @@ from omnimirror.apps.cli import main
 from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
 from omnimirror.dewarp import request
 
-BALL = ("--ball", "31.5,31.5,30,280", "--view", "perspective", "--size", "32x24", "--black")
+BALL = (
+    "--ball",
+    "31.5,31.5,30,280",
+    "--view",
+    "perspective",
+    "--size",
+    "32x24",
+    "--set=image.transparent=false",
+)
 
 
 @pytest.fixture
@@ -64,7 +72,7 @@ def test_image_too_large_for_format_raises_before_dewarping(folder, capsys, suff
         "31.5,31.5,30,280",
         "--size",
         "70000x2",
-        "--black",
+        "--set=image.transparent=false",
         "-o",
         f"o.{suffix}",
     )
@@ -81,7 +89,7 @@ def test_exr_without_package_raises_before_dewarping(folder, capsys, monkeypatch
 
 
 @pytest.mark.parametrize(
-    "option", ["--span-deg=1e-308", "--elevation-deg=0:1e-308", "--span-deg=1e-9"]
+    "option", ["--set=view.span_deg=1e-308", "--elevation-deg=0:1e-308", "--set=view.span_deg=1e-9"]
 )
 def test_empty_views_print_one_line(folder, capsys, option):
     for size in ("64x", "64x8"):

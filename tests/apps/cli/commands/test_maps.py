@@ -26,7 +26,9 @@ def test_formats_in_a_folder(tmp_path):
 def test_viewpoint_and_distance_options(tmp_path):
     near = [*VIEW, "--distance-mm", "400", "-o"]
     omnimirror("maps", "paper-spherical", *near, tmp_path / "exact.npy")
-    omnimirror("maps", "paper-spherical", *near, tmp_path / "single.npy", "--viewpoint", "single")
+    omnimirror(
+        "maps", "paper-spherical", *near, tmp_path / "single.npy", "--set", "view.viewpoint=single"
+    )
     exact, single = (np.load(tmp_path / f"{name}.npy") for name in ("exact", "single"))
     assert np.abs(exact - single).max() > 0.5
 

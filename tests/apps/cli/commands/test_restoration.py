@@ -40,8 +40,8 @@ def test_restoration_precedes_dewarping(small, tmp_path):
         "raw.png",
         *options,
         "--restore",
-        "--noise",
-        "0.01",
+        "--set",
+        "restoration.noise=0.01",
         "-o",
         "sharp.png",
         cwd=tmp_path,
@@ -71,11 +71,18 @@ def test_restoration_of_nearby_objects(small, tmp_path):
         "--size",
         "256x",
         "--restore",
-        "--noise",
-        "0.01",
+        "--set",
+        "restoration.noise=0.01",
     )
     run = omnimirror(
-        "dewarp", "raw.png", *options, "--object-distance-mm", "300", "-o", "near.png", cwd=tmp_path
+        "dewarp",
+        "raw.png",
+        *options,
+        "--set",
+        "restoration.object_distance_mm=300",
+        "-o",
+        "near.png",
+        cwd=tmp_path,
     )
     assert run.returncode == 0, run.stderr
     raw = om.read_image(tmp_path / "raw.png")
@@ -99,22 +106,28 @@ def test_restoration_of_nearby_objects(small, tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (("--sensor", "small.toml", "--noise", "0.01"), "--noise requires --restore"),
         (
-            ("--sensor", "small.toml", "--object-distance-mm", "300"),
-            "--object-distance-mm requires --restore",
+            ("--sensor", "small.toml", "--set", "restoration.noise=0.01"),
+            "--set restoration.noise requires --restore",
         ),
         (
-            ("--sensor", "small.toml", "--restore", "--viewer", "v.html"),
-            "--viewer and --restore must not be given together",
-        ),
-        (("--ball", "64,64,50,180", "--blur-px", "2"), "--blur-px requires --restore"),
-        (
-            ("--ball", "64,64,50,180", "--restore", "--blur-px", "1,2,3"),
-            "--blur-px must be a diameter, T,S or a file; got 1,2,3",
+            ("--sensor", "small.toml", "--set", "restoration.object_distance_mm=300"),
+            "--set restoration.object_distance_mm requires --restore",
         ),
         (
-            ("--ball", "64,64,50,180", "--restore", "--blur-px", "no.csv"),
+            ("--sensor", "small.toml", "--restore", "-o", "v.html"),
+            "--restore does not apply to the HTML viewer v.html",
+        ),
+        (
+            ("--ball", "64,64,50,180", "--set", "restoration.blur_px=2"),
+            "--set restoration.blur_px requires --restore",
+        ),
+        (
+            ("--ball", "64,64,50,180", "--restore", "--set", "restoration.blur_px=1,2,3"),
+            "restoration.blur_px must be a number or a tuple of 2 values",
+        ),
+        (
+            ("--ball", "64,64,50,180", "--restore", "--set", "restoration.blur_px=no.csv"),
             "cannot read the blur table no.csv",
         ),
         (
@@ -146,13 +159,20 @@ def test_ball_restored_with_given_blur(small, tmp_path):
         "--size",
         "128x",
         "--restore",
-        "--noise",
-        "0.02",
+        "--set",
+        "restoration.noise=0.02",
     )
     found = []
     for blur in ("3,2", "a.csv", "b.csv"):
         run = omnimirror(
-            "dewarp", "raw.png", *options, "--blur-px", blur, "-o", "out.png", cwd=tmp_path
+            "dewarp",
+            "raw.png",
+            *options,
+            "--set",
+            f"restoration.blur_px={blur}",
+            "-o",
+            "out.png",
+            cwd=tmp_path,
         )
         assert run.returncode == 0, run.stderr
         assert "restored with noise of 2 % (specified)" in run.stdout
@@ -175,8 +195,8 @@ def test_reduced_restoration_is_reported(small, tmp_path):
         "--size",
         "128x",
         "--restore",
-        "--noise",
-        "0.015",
+        "--set",
+        "restoration.noise=0.015",
     )
     run = omnimirror("dewarp", "grain.png", *options, "-o", "out.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr

@@ -134,7 +134,7 @@ def test_ball_orientation_is_reported(folder, tmp_path):
     )
     assert said is not None, run.stderr
     assert (float(said[1]), float(said[2])) == pytest.approx((-15.0, 3.0), abs=0.5)
-    run = omnimirror(*command, tmp_path / "told.png", "--level", "-15,3")
+    run = omnimirror(*command, tmp_path / "told.png", "--set", "camera.level=-15,3")
     assert run.returncode == 0, run.stderr
     assert "the camera" not in run.stderr
     told, found = (
@@ -199,9 +199,9 @@ def test_auto_with_invalid_arguments(folder, tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--crf", "20"], "--crf requires a video"),
-        (["--noise", ".01"], "--noise requires --restore"),
-        (["--restore", "--blur-px", "1,2,3"], "got 1,2,3"),
+        (["--set", "video.crf=20"], "--set video.crf requires a video"),
+        (["--set", "restoration.noise=0.01"], "--set restoration.noise requires --restore"),
+        (["--restore", "--set", "restoration.blur_px=1,2,3"], "got (1, 2, 3)"),
         (["-o", "view.xyz"], "got '.xyz'"),
     ],
 )

@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
@@ -18,8 +18,16 @@ from ....dewarp.request import DewarpRequest, PipeFormat, VideoSettings, is_vide
 from ....interop.ros_bags.bag_files import is_bag
 from ....io.images import format_of
 from .._camera_options import AutoOptions, CameraOptions, OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, flag, option
-from .._option_types import INTEGER, NUMBER, distance, three_wavelengths
+from .._declarations import (
+    DocumentedCommand,
+    Options,
+    add_options,
+    file_entries,
+    flag,
+    option,
+    setting,
+)
+from .._option_types import NUMBER, distance, three_wavelengths
 from .._output import (
     IMAGE_FORMATS,
     frame_rate_bar,
@@ -32,8 +40,8 @@ from .._output import (
 from .._view_options import SamplingOptions, ViewOptions
 
 if TYPE_CHECKING:
-    from ....dewarp.restoration.blur_model import BlurDiameters
     from ....dewarp.restoration.deblurring import Restoration
+    from ....interop.ros_bags.dewarping import BagSelection
 
 
 # -- ROS bags --------------------------------------------------------------------------------------
@@ -41,24 +49,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BagOptions(Options):
-    """Options for ROS bags."""
+    """ROS bags."""
 
-    topic: str | None = option(
-        metavar="TOPIC", help="ROS bag: image topic.  [default: the only one]"
-    )
     views: Path | None = option(
-        type=click.Path(path_type=Path), help="ROS bag: TOML file of several named views."
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="ROS bags: TOML file of several views.",
     )
-    keep_topics: tuple[str, ...] | None = option(
-        "--keep-topic",
-        multiple=True,
-        metavar="PATTERN",
-        help="ROS bag: topics to copy unchanged, such as '/odom*' or '*' (repeatable).",
-    )
-    mirror_frame: str | None = option(
-        metavar="NAME",
-        help="ROS bag: existing TF frame of the mirror, x forward, y left, z up.  [default: a new frame]",
-    )
+    topic: str | None = setting("bag")
+    keep_topics: str | tuple[str, ...] | None = setting("bag")
+    mirror_frame: str | None = setting("bag")
+
+    def selection(
+        self, view: ViewOptions, request: DewarpRequest, changes: dict[str, Any]
+    ) -> BagSelection:
+        """Return the topics and views of a bag; ``changes`` are those of the file of views."""
+        from ....interop.named_views import load_views
+        from ....interop.ros_bags.dewarping import BagSelection
+
+        if self.views is not None and view.given:
+            raise click.UsageError(f"{flag(next(iter(view.given)))} must not be given with --views")
+        name = view.name.replace("-", "_")
+        views = {name: request.view} if self.views is None else load_views(self.views, changes)
+        keep = self.keep_topics or ()
+        topics = tuple(keep.split(",")) if isinstance(keep, str) else keep
+        return BagSelection(views, self.topic, topics, self.mirror_frame)
 
     def refuse(self, source: str) -> None:
         """Raise UsageError if options for ROS bags are given for another source."""
@@ -70,23 +85,13 @@ def dewarp_recording(
     sources: tuple[str, ...],
     outputs: tuple[str, ...],
     request: DewarpRequest,
-    view: ViewOptions,
-    bag: BagOptions,
+    selection: BagSelection,
 ) -> None:
     """Dewarp a ROS bag with a progress bar and print the written topics."""
-    from ....interop.named_views import load_views
-    from ....interop.ros_bags.dewarping import BagSelection, run_bag_dewarping
+    from ....interop.ros_bags.dewarping import run_bag_dewarping
 
     if len(sources) > 1 or len(outputs) != 1:
         raise click.UsageError("a ROS bag must be dewarped alone, into one output")
-    if bag.views is not None and view.given:
-        raise click.UsageError(f"{flag(next(iter(view.given)))} must not be given with --views")
-    views = (
-        {view.preset or view.view or "panorama": request.view}
-        if bag.views is None
-        else load_views(bag.views)
-    )
-    selection = BagSelection(views, bag.topic, bag.keep_topics or (), bag.mirror_frame)
     with frame_rate_bar() as progress:
         result = run_bag_dewarping(Path(sources[0]), Path(outputs[0]), request, selection, progress)
     for note in result.notes:
@@ -115,11 +120,7 @@ def write_viewer(
         or (is_video(sources[0]) and not is_video_file)
         or not is_single_file(sources[0])
     ):
-        raise click.UsageError("--viewer requires one image or one video file")
-    if output.suffix.lower() not in (".html", ".htm"):
-        raise click.UsageError(
-            f"--viewer must be an HTML file, such as {output.stem or 'view'}.html; got {output}"
-        )
+        raise click.UsageError(f"{output}: an HTML viewer requires one image or one video file")
     name, arguments = options.command_words()
     is_stored = orientation.stored_orientation
     if is_video_file:
@@ -133,6 +134,16 @@ def write_viewer(
         text = image_viewer(camera, name, arguments, Path(sources[0]), image)
     write_text(output, text)
     print_line(f"Wrote {output}; open it in a browser to view {sources[0]}")
+
+
+def is_viewer(output: str) -> bool:
+    """Return whether an output is an HTML viewer.
+
+    >>> is_viewer("room.HTML"), is_viewer("room.png"), is_viewer("http://server/view.html")
+    (True, False, False)
+    """
+    is_file = "://" not in output and not Path(output).is_dir()
+    return is_file and Path(output).suffix.lower() in (".html", ".htm")
 
 
 def is_single_file(source: str) -> bool:
@@ -166,41 +177,15 @@ PIPE_FORMATS = get_args(PipeFormat)
 class ImageFileOptions(Options):
     """Images."""
 
-    skip_existing: bool | None = option(
-        is_flag=True,
-        help="Skip existing output files, which continues an interrupted folder or image sequence.",
-    )
-    transparent: bool | None = option(
-        "--transparent/--black",
-        help="Images: make pixels outside the field transparent.  [default: on if the format "
-        "supports it: PNG, TIFF, WebP]",
-    )
     restore: bool | None = option(
-        is_flag=True,
-        help="Images: restore (deconvolve) first, with the known blur of --sensor or with --blur-px.",
+        is_flag=True, help="Images: remove the blur of the sensor (deconvolution)."
     )
-    noise: float | None = option(
-        type=NUMBER,
-        metavar="FRACTION",
-        help="Noise for --restore, as a fraction of full scale.  [default: estimated]",
-    )
-    object_distance_mm: float | None = option(
-        type=distance,
-        metavar="MM",
-        help="Object distance for --restore, from the mirror.  [default: inf]",
-    )
-    blur_px: str | None = option(
-        metavar="PX|T,S|FILE",
-        help="Blur for --restore with any camera: diameter, tangential and sagittal diameters, "
-        "or a CSV file of radius_px or omega_deg, t_px and s_px.  [default: the blur of "
-        "the sensor]",
-    )
-
-    wavelengths_nm: tuple[float, float, float] | None = option(
-        type=three_wavelengths,
-        metavar="R,G,B",
-        help="Images of a --sensor: dewarp each colour channel with its own refraction by lens and cover.",
-    )
+    skip_existing: bool | None = option(is_flag=True, help="Skip existing output files.")
+    transparent: bool | None = setting("image")
+    wavelengths_nm: tuple[float, float, float] | None = setting("image", type=three_wavelengths)
+    noise: float | None = setting("restoration")
+    object_distance_mm: float | None = setting("restoration", type=distance)
+    blur_px: float | tuple[float, float] | str | None = setting("restoration")
 
     def check(self) -> None:
         """Raise UsageError for restoration options without --restore."""
@@ -216,7 +201,7 @@ class ImageFileOptions(Options):
         return Restoration(
             self.noise,
             self.object_distance_mm,
-            None if self.blur_px is None else _blur_diameters(self.blur_px),
+            self.blur_px,
         )
 
 
@@ -224,38 +209,38 @@ class ImageFileOptions(Options):
 class VideoOptions(Options):
     """Videos."""
 
-    start_s: float | None = option(type=NUMBER, help="Videos: start time in seconds.  [default: 0]")
+    start_s: float | None = option(
+        type=NUMBER, metavar="S", help="Videos: start time.  [default: 0]"
+    )
     duration_s: float | None = option(
-        type=NUMBER, help="Videos: duration in seconds.  [default: the rest]"
-    )
-    frame_rate: float | None = option(
-        type=NUMBER, help="Image sequences: frames per second.  [default: 25]"
-    )
-    codec: str | None = option(
-        help="Videos: encoder by FFmpeg name.  [default: by the file suffix]"
-    )
-    crf: int | None = option(
-        type=INTEGER,
-        help="Videos: constant rate factor, smaller is better.  [default: of the encoder]",
+        type=NUMBER, metavar="S", help="Videos: duration.  [default: the rest]"
     )
     keyframes: Path | None = option(
         type=click.Path(path_type=Path),
-        help="Videos: keyframes of pan, tilt, roll, field and distance, a CSV or TOML file.",
+        metavar="FILE",
+        help="Videos: pan, tilt, roll, field and distance over time, CSV or TOML.",
     )
     preview: bool | None = option(
         is_flag=True, help="Videos: show the view in a window; Escape ends it."
     )
-    pixel_format: str | None = option(
-        help="Videos: encoded pixel format by FFmpeg name.  [default: that of the source if the "
-        "codec supports it; raw: rgb24]"
-    )
+    frame_rate: float | None = setting("video")
+    codec: str | None = setting("video")
+    crf: int | None = setting("video")
+    pixel_format: str | None = setting("video")
 
     def settings(self, kind: str | None) -> VideoSettings:
         """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             valid = ", ".join(PIPE_FORMATS)
-            raise click.UsageError(f"--format must be one of {valid} for a video; got {kind}")
+            raise click.UsageError(f"output.format must be one of {valid} for a video; got {kind}")
         return VideoSettings(**self.given, pipe_format=kind)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class StandardOutputOptions(Options):
+    """Standard output."""
+
+    format: str | None = setting("output")
 
 
 @click.command(
@@ -263,8 +248,7 @@ class VideoOptions(Options):
     page="dewarp",
     examples=(
         "omnimirror dewarp image.jpg --auto -o panorama.png",
-        "omnimirror dewarp image.jpg --sensor mine.toml --view perspective --pan-deg 40 --hfov-deg 70 -o view.png",
-        "omnimirror dewarp ride.mp4 --sensor mine.toml --view panorama -o panorama.mp4",
+        "omnimirror dewarp ride.mp4 --sensor mine.toml --view perspective --pan-deg 40 -o right.mp4",
     ),
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
@@ -273,53 +257,35 @@ class VideoOptions(Options):
     "--output",
     "outputs",
     multiple=True,
-    help="Output: an image, or a folder for several; for videos also an address (udp://..., "
-    "rtsp://...), a virtual camera (/dev/video9), an image sequence (f%04d.png) or - for a "
-    "pipe (repeatable).",
+    help="Image, folder, video, stream, ROS bag, HTML viewer, or - (repeatable).",
 )
-@add_options(AutoOptions, "auto")
+@file_entries("--views file", None, given_by="views")
 @add_options(CameraOptions, "camera")
+@add_options(AutoOptions, "auto", group="Camera")
 @add_options(ViewOptions, "view")
-@add_options(SamplingOptions, "sampling")
+@add_options(SamplingOptions, "sampling", group="View")
 @add_options(OrientationOptions, "orientation")
-@add_options(ImageFileOptions, "images")
-@add_options(VideoOptions, "video")
-@add_options(BagOptions, "bag")
-@click.option(
-    "--format",
-    "kind",
-    type=click.Choice([*PIPE_FORMATS, *IMAGE_FORMATS]),
-    metavar="NAME",
-    help=f"Format for '-o -': {', '.join(PIPE_FORMATS)}; for an image {', '.join(IMAGE_FORMATS)}.  [default: y4m, png]",
-)
-@click.option(
-    "--viewer",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="One image or video: write a self-contained HTML viewer.",
-)
+@add_options(ImageFileOptions, "images", group="Files")
+@add_options(VideoOptions, "video", group="Files")
+@add_options(BagOptions, "bag", group="Files")
+@add_options(StandardOutputOptions, "standard_output")
 def command(
     sources: tuple[str, ...],
     outputs: tuple[str, ...],
-    auto: AutoOptions,
+    changes: dict[str, Any],
     camera: CameraOptions,
+    auto: AutoOptions,
     view: ViewOptions,
     sampling: SamplingOptions,
     orientation: OrientationOptions,
     images: ImageFileOptions,
     video: VideoOptions,
     bag: BagOptions,
-    kind: str | None,
-    viewer: Path | None,
+    standard_output: StandardOutputOptions,
 ) -> None:
-    """Dewarp (undistort) each SOURCE, captured with a mirror sensor, a mirror ball or a fisheye.
+    """Dewarp (undistort) each SOURCE with the camera of --sensor, --ball or --auto.
 
-    A SOURCE is an image, a folder or pattern of images, a video file, a camera or stream
-    (/dev/video0, rtsp://...), an image sequence as a video (f%04d.png), a video on standard input
-    (-), or a robot recording (.mcap, .db3, .bag, or a rosbag2 folder).
-
-    Specify the camera with one of --sensor, --ocam and --ball, or use --auto to detect the outline
-    of the mirror. The output is drawn from the viewpoint of the camera: never reversed, with
-    forward at the centre of a panorama and at the top of a dome.
+    A SOURCE is an image, a folder, a pattern of files, a video, a stream, or a ROS bag.
     """
     auto.check(camera)
     for options in (view, images):
@@ -327,31 +293,33 @@ def command(
     if sampling.threads is not None:
         click.get_current_context().call_on_close(partial(backend.set_threads, backend.threads))
         backend.set_threads(sampling.threads)
-    if viewer is not None:
-        if auto.auto:
-            raise click.UsageError(
-                "--viewer and --auto must not be given together; specify the camera"
-            )
-        if images.restore:
-            raise click.UsageError("--viewer and --restore must not be given together")
-        write_viewer(sources, viewer, camera, orientation)
+    if not outputs and not video.preview:
+        raise click.UsageError("--output must be given, or --preview for a video")
+    if viewers := [Path(output) for output in outputs if is_viewer(output)]:
+        if auto.auto or images.restore:
+            other = "--auto" if auto.auto else "--restore"
+            raise click.UsageError(f"{other} does not apply to the HTML viewer {viewers[0]}")
+        for viewer in viewers:
+            write_viewer(sources, viewer, camera, orientation)
+        outputs = tuple(output for output in outputs if not is_viewer(output))
         if not outputs:
             return
-    if not outputs and not video.preview:
-        raise click.UsageError("--output or --viewer must be given, or --preview for a video")
     if images.skip_existing and outputs and all(Path(output).is_file() for output in outputs):
         print_remark(f"{', '.join(outputs)}: exists, skipped")
         return
     request = replace(
         dewarp_request(camera, view, sampling), stored_orientation=orientation.stored_orientation
     )
+    kind = standard_output.format
     if is_bag(sources[0]):
         if orientation.stored_orientation:
             raise click.UsageError(
-                "--stored-orientation requires images or videos; recordings contain no orientation"
+                "--set input.stored_orientation requires images or videos; recordings contain no "
+                "orientation"
             )
         _check_recording_options(sources[0], auto, images, video, kind)
-        dewarp_recording(sources, outputs, request, view, bag)
+        selection = bag.selection(view, request, changes)
+        dewarp_recording(sources, outputs, request, selection)
         return
     bag.refuse(sources[0])
     if is_video(sources[0]):
@@ -394,10 +362,11 @@ def dewarp_request(
 
 def _check_video_options(source: str, images: ImageFileOptions) -> None:
     if images.transparent is not None:
-        raise click.UsageError("--transparent and --black require images; use --border for videos")
+        raise click.UsageError("--set image.transparent requires images; use --border for videos")
     if images.wavelengths_nm is not None:
         raise click.UsageError(
-            f"--wavelengths-nm requires images; got the video {source}; extract its frames to a folder and dewarp them"
+            f"--set image.wavelengths_nm requires images; got the video {source}; extract its "
+            "frames to a folder and dewarp them"
         )
     if images.restore:
         raise click.UsageError(
@@ -411,7 +380,7 @@ def _check_recording_options(
     auto.refuse_video(source)
     if kind is not None:
         raise click.UsageError(
-            f"--format requires '-' as the output; the recording {source} is dewarped to a file"
+            f"--set output.format requires '-' as the output; the recording {source} is dewarped to a file"
         )
     for options, kind_of_source in ((images, "images"), (video, "videos")):
         if options.changed:
@@ -428,7 +397,7 @@ def _check_image_options(
     video: VideoOptions,
 ) -> None:
     if images.transparent is not None and sampling.border is not None:
-        raise click.UsageError("--border must not be given together with --transparent or --black")
+        raise click.UsageError("--border and --set image.transparent must not be given together")
     if given := list(video.given):
         raise click.UsageError(f"{flag(given[0])} requires a video; got {source}")
     if len(outputs) > 1:
@@ -501,29 +470,18 @@ def _print_results(folder: Path, dewarped: DewarpedImages, skip_existing: bool) 
 
 def _named(output: str, kind: str | None) -> Path:
     """Return the file name of one image; ``-`` gets the suffix of its format."""
-    if kind in PIPE_FORMATS:
+    if kind not in (None, *IMAGE_FORMATS):
         raise click.UsageError(
-            f"--format must be one of {', '.join(IMAGE_FORMATS)} for an image; got {kind}"
+            f"output.format must be one of {', '.join(IMAGE_FORMATS)} for an image; got {kind}"
         )
     if output != "-":
         if kind is not None:
             raise click.UsageError(
-                "--format requires '-' as the output; the suffix of a file specifies its format"
+                "--set output.format requires '-' as the output; the suffix of a file specifies its format"
             )
         format_of(output)  # raises before the image is read
         return Path(output)
     return take_standard_output("--output", kind or IMAGE_FORMATS[0])
-
-
-def _blur_diameters(blur_px: str) -> BlurDiameters | str:
-    """Parse one or two numbers, or a file name."""
-    try:
-        numbers = [float(part) for part in blur_px.split(",")]
-    except ValueError:
-        return blur_px
-    if len(numbers) > 2:
-        raise click.UsageError(f"--blur-px must be a diameter, T,S or a file; got {blur_px}")
-    return numbers
 
 
 def _dewarp_video(

@@ -20,7 +20,7 @@ from .rays import check_one_file, formats_option, print_exported_files
     page="interoperability",
     examples=(
         "omnimirror maps paper-spherical --view perspective --size 640x480 -o ahead --format stmap,opencv",
-        "omnimirror maps paper-spherical --view ground --height-mm 800 --size 320x240 -o floor.c --format c99",
+        "omnimirror maps paper-spherical --view ground --set view.height_mm=800 --size 320x240 -o floor.c --format c99",
     ),
 )
 @click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 
 from ....base.errors import OmnimirrorError
 from ....base.native import MAX_THREADS
-from ....dewarp.interfaces import INTERPOLATIONS, Interpolation
+from ....dewarp.interfaces import Interpolation
 from ....interop.named_views import load_views
 from .._camera_options import CameraOptions, OrientationOptions
-from .._declarations import DocumentedCommand, add_options, option
+from .._declarations import DocumentedCommand, add_options, file_entries, option, setting
 from .._option_types import IntegerRange
 from .._output import print_notice
 from .studio import ListenOptions
@@ -31,6 +32,8 @@ class GatewayOptions(ListenOptions):
         metavar="ADDRESS",
         help="Also push every view to a media server, such as 'rtsp://server:8554/{view}'.",
     )
+    interpolation: Interpolation = setting("resampling", default="auto")
+    threads: int | None = setting("resampling", type=IntegerRange(1, MAX_THREADS))
 
 
 @click.command(
@@ -49,27 +52,14 @@ class GatewayOptions(ListenOptions):
 @add_options(CameraOptions, "camera")
 @add_options(OrientationOptions, "orientation")
 @add_options(GatewayOptions, "gateway")
-@click.option(
-    "--interpolation",
-    type=click.Choice(list(INTERPOLATIONS)),
-    default="auto",
-    show_default=True,
-    help="Resampling; auto: cubic, with averaging for minification.",
-)
-@click.option(
-    "--threads",
-    type=IntegerRange(1, MAX_THREADS),
-    metavar="N",
-    help="Number of dewarping threads.  [default: one per processor core]",
-)
+@file_entries("--views file", None)
 def command(
     source: str,
     views_file: Path,
     camera: CameraOptions,
     orientation: OrientationOptions,
     gateway: GatewayOptions,
-    interpolation: Interpolation,
-    threads: int | None,
+    changes: dict[str, Any],
 ) -> None:
     """Serve views of SOURCE as network cameras: MJPEG, MPEG-TS, HLS and JPEG images over HTTP.
 
@@ -88,7 +78,7 @@ def command(
             "serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'"
         ) from None
     check_source(source)
-    views = load_views(views_file)
+    views = load_views(views_file, changes)
     is_stored = orientation.stored_orientation
     is_live = not Path(source).is_file()
     size = (
@@ -100,12 +90,12 @@ def command(
         source,
         views,
         camera=camera.drawing(camera.camera(size)),
-        interpolation=interpolation,
+        interpolation=gateway.interpolation,
         host=gateway.host,
         port=gateway.port,
         token=gateway.token,
         publish_to=gateway.publish,
-        threads=threads,
+        threads=gateway.threads,
         stored_orientation=is_stored,
         on_start=click.echo,
         on_status=print_notice,

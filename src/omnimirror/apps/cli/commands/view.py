@@ -41,7 +41,7 @@ def command(
     """View each SOURCE in the browser.
 
     SOURCE is an image, a video file, or a camera or stream (/dev/video0, rtsp://...); the page
-    opens with the first and lists the others. Specify the camera with one of --sensor, --ocam and
+    opens with the first and lists the others. Specify the camera with --sensor or
     --ball, or select it on the page.
     """
     if camera.given:
