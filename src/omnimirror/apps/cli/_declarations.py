@@ -100,9 +100,13 @@ def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
     return field(default=default, metadata={"flags": flags, "attributes": attributes})
 
 
-def setting(table: str, default: Any = None) -> Any:
-    """Declare a field of :class:`Options` that is given as ``--set TABLE.FIELD=VALUE``."""
-    return field(default=default, metadata={"table": table})
+def setting(table: str, default: Any = None, *, type: Callable[[str], Any] | None = None) -> Any:
+    """Declare a field of :class:`Options` that is given as ``--set TABLE.FIELD=VALUE``.
+
+    ``type`` parses the text of the value, as for an option; the items of a TOML list are joined by
+    commas. Without ``type``, the value must match the annotation of the field.
+    """
+    return field(default=default, metadata={"table": table, "type": type})
 
 
 def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
@@ -114,10 +118,13 @@ def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
             settings = click.get_current_context().meta.get(_SETTINGS, {})
             for f in fields(kind):
                 if f.name in settings and "table" in f.metadata:
-                    key = f"{f.metadata['table']}.{f.name}"
+                    key, value = f"{f.metadata['table']}.{f.name}", settings[f.name]
+                    if f.metadata["type"] is not None and value is not None:
+                        settings[f.name] = _parsed(key, value, f.metadata["type"])
+                        continue
                     # mypy considers the hash of the instances, not that of the class
                     hint = type_hints(kind)[f.name]  # type: ignore[arg-type]
-                    check_type(key, settings[f.name], hint)
+                    check_type(key, value, hint)
             own = {
                 f.name: settings.get(f.name, f.default)
                 if "table" in f.metadata
@@ -146,6 +153,15 @@ def add_options(kind: type[Options], name: str) -> Callable[[Command], Command]:
         return command  # type: ignore[no-any-return]
 
     return decorate
+
+
+def _parsed(key: str, value: Any, parse: Callable[[str], Any]) -> Any:
+    """Parse the value of a setting with the parser of an option."""
+    items = value if isinstance(value, tuple) else (value,)
+    try:
+        return parse(",".join(map(str, items)))
+    except click.BadParameter as e:
+        raise click.BadParameter(e.message, param_hint=f"'--set {key}'") from None
 
 
 def heading(kind: type[Options]) -> str:
