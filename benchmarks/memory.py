@@ -47,7 +47,7 @@ def commands(side: int) -> dict[str, float]:
         "dewarp big.jpg --sensor big.toml --view perspective --size 4000x3000 -o view.jpg": picture
         + 36e6 / 2**20,
         f"dewarp big.jpg --auto --size {side}x -o auto.jpg": picture + panorama,
-        "rim big.jpg --figure rim.svg": picture,
+        "rim big.jpg -o rim.svg": picture,
         "simulate big.toml --spp 1 --no-blur --set detector.full_well_e=10000 -o noisy.jpg": picture,
         f"maps big.toml --view panorama --size {side}x --format opencv -o map.npz": panorama
         / 3

@@ -354,10 +354,12 @@ def test_adding_a_camera_file_format(copy):
         ("BUILT_IN_FORMATS = {\n", 'BUILT_IN_FORMATS = {\n    "mei-line": _mei_line.FORMAT,\n'),
     )
     (copy / "a.mei").write_text("mei 1.0 200.0 319.5 239.5 640 480")
-    read_back = command_of(copy, "convert", "a.mei", "camera.toml", "--optics", "fisheye")
+    read_back = command_of(
+        copy, "convert", "a.mei", "-o", "camera.toml", "--set", "camera.optics=fisheye"
+    )
     assert read_back.returncode == 0, read_back.stderr
     assert om.load_camera(copy / "camera.toml").xi == 1.0
-    written = command_of(copy, "convert", "camera.toml", "b.mei", "--to", "mei-line")
+    written = command_of(copy, "convert", "camera.toml", "-o", "b.mei", "--to", "mei-line")
     assert written.returncode == 0, written.stderr
     assert (copy / "b.mei").read_text().split() == [
         "mei",

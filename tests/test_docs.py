@@ -52,7 +52,7 @@ LONG_COMMANDS = {
     "stories.md",
 }
 """Pages that run in the full test; the daily test checks that the named files exist."""
-FIGURES = re.compile(r" --figures \S+| -o comparison\.html")
+FIGURES = re.compile(r" --figures \S+| -o figures\b| -o \S+\.html")
 """Options that create a dozen figures, or a page of images, that are not read again."""
 
 

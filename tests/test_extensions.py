@@ -442,7 +442,7 @@ def test_installed_package_adds_mirror(installed, tmp_path):
 
 
 def test_unusable_plugins_are_reported_and_omitted(installed, environment, tmp_path):
-    run = omnimirror(installed, tmp_path, "init", "new.toml")
+    run = omnimirror(installed, tmp_path, "init", "-o", "new.toml")
     assert run.returncode == 0, run.stderr
     assert "cannot load a mirror 'broken' of bowls (bowls:NotThere): module 'bowls'" in run.stderr
     assert len(run.stderr.splitlines()) == 1
@@ -601,10 +601,10 @@ def test_installed_package_adds_camera_file_format(installed, tmp_path):
         polynomial=(-100.0, 0.0, 0.002), centre_px=(310.5, 240.25), image_size=(640, 480)
     )
     om.save_camera(camera, tmp_path / "a.toml")
-    out = omnimirror(installed, tmp_path, "convert", "a.toml", "a.centre")
+    out = omnimirror(installed, tmp_path, "convert", "a.toml", "-o", "a.centre")
     assert out.returncode == 0, out.stderr
     assert (tmp_path / "a.centre").read_text() == "310.5 240.25 640 480"
-    out = omnimirror(installed, tmp_path, "convert", "a.centre", "b.toml", "--from", "centre")
+    out = omnimirror(installed, tmp_path, "convert", "a.centre", "-o", "b.toml", "--from", "centre")
     assert out.returncode == 0, out.stderr
     assert om.load_camera(tmp_path / "b.toml") == camera
 

@@ -32,13 +32,13 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     ),
     "drawing.png": (
         "tolerance init paper-spherical",
-        "export paper-spherical -o drawing.png --sheet A4 --thread M6 --bore-depth-mm 12 --workshop workshop.toml "
-        "--tolerances tolerances.toml",
+        "export paper-spherical -o drawing.png --set file.sheet=A4 --thread M6 --set body.bore_depth_mm=12 "
+        "--workshop workshop.toml --tolerances tolerances.toml",
     ),
-    "folded-drawing.png": ("export folded-spherical -o drawing.png --sheet A4",),
-    "mappings.png": ("mappings --figure mappings.png",),
+    "folded-drawing.png": ("export folded-spherical -o drawing.png --set file.sheet=A4",),
+    "mappings.png": ("mappings -o mappings.png",),
     "front.png": (
-        "design --pareto worst_floored_area_deg2,inverse_area_ratio --set mirror.shape=polynomial:6 --figure front.png",
+        "design --pareto worst_floored_area_deg2,inverse_area_ratio --set mirror.shape=polynomial:6 --figures front",
     ),
 }
 ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
@@ -46,7 +46,7 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
     "drawing.png": (("drawing.png", "drawing-mirror.png"),),
     "folded-drawing.png": (("drawing.png", "drawing-mirror.png", "drawing-secondary.png"),),
     "mappings.png": (("mappings.png",),),
-    "front.png": (("front.png",),),
+    "front.png": (("front/front.png",),),
 }
 """Layout of the images: rows and columns."""
 WIDTHS = {

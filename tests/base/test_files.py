@@ -152,7 +152,7 @@ def test_toml_integers_have_64_bits(digits):
     [
         ["evaluate", "paper-spherical", "--csv", "out.csv"],
         pytest.param(["evaluate", "paper-spherical", "--json", "out.csv"], marks=pytest.mark.full),
-        pytest.param(["init", "out.csv", "--force"], marks=pytest.mark.full),
+        pytest.param(["init", "-o", "out.csv"], marks=pytest.mark.full),
     ],
     ids=["csv", "json", "init"],
 )
@@ -437,11 +437,11 @@ def test_commands_reject_pipes_and_devices(kind, tmp_path):
         ["form", "paper-spherical", named(".dat")],
         ["form", "paper-spherical", named(".x3p")],
         ["form", "paper-spherical", named(".csv")],
-        ["convert", endless, str(tmp_path / "b.toml")],
+        ["convert", endless, "-o", str(tmp_path / "b.toml")],
         ["uncertainty", endless],
         ["calibrate", "--points", endless, "--image-size", "64x64"],
         ["lines", "--lines", endless, "--image-size", "64x64"],
-        ["colmap", "paper-spherical", picture, "--gsplat", "--poses", endless, "-o", out],
+        ["colmap", "paper-spherical", picture, "--poses", endless, "-o", out],
         ["dewarp", picture, "--sensor", endless, "-o", out],
         ["dewarp", endless, "--sensor", "paper-spherical", "-o", out],
         ["dewarp", named(".mp4"), "--ball", "4,4,3,300", "-o", str(tmp_path / "b.mp4")],

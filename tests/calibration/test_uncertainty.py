@@ -294,12 +294,13 @@ def test_conversion_is_restricted_to_the_calibrated_field(to, tmp_path):
     assert max(c.at_deg for c in made.costs) < 95.0 + 1e-6
     assert made.largest_px < wide.largest_px / 2
     assert any(
-        "calibrated field of 0 to 95 deg" in note and "--field-deg" in note for note in made.notes
+        "calibrated field of 0 to 95 deg" in note and "fit.field_deg" in note for note in made.notes
     )
     assert not any("calibrated field" in note for note in wide.notes)
-    refused = r"--tolerance-px .*--field-deg"
+    refused = r"--tolerance-px .*fit\.field_deg"
     with pytest.raises(
-        InvalidParameter, match=refused + (".*--fix k3" if to == "opencv-omnidir" else "")
+        InvalidParameter,
+        match=refused + (".*estimation\\.fixed=k3" if to == "opencv-omnidir" else ""),
     ):
         om.convert(known, tmp_path / file, to=to)
 

@@ -70,7 +70,7 @@ FILES = {
     "check wanted.toml {} --json out.json": HOUSED,
     "rays {} -o rays.npz": SENSOR,
     "maps {} --view perspective --size 8x6 -o map.npz": SENSOR,
-    "colmap {} b.png -o project --views 1 --size 16": SENSOR,
+    "colmap {} b.png -o project --views 1 --set view.size=16": SENSOR,
     "check wanted.toml {}": SENSOR,
     "form {} points.csv": SENSOR,
 }
@@ -161,12 +161,12 @@ NUMBER = re.compile(r"(?<=[ \[])-?\d+(?:\.\d+)?(?:e-?\d+)?(?=[\s,\]])")
 COMMANDS = (
     "evaluate paper-spherical --omega-deg {}",
     "evaluate {} --omega-deg 0",
-    "evaluate paper-spherical --image-radius-px {}",
+    "evaluate paper-spherical --set blur.image_radius_px={}",
     "evaluate paper-spherical --omega-deg 0:60:30 --csv {}",
     "evaluate paper-spherical --omega-deg 0 --focus-mm {}",
-    "evaluate paper-spherical --omega-deg 0 --wavelength-nm {}",
+    "evaluate paper-spherical --omega-deg 0 --set light.wavelength_nm={}",
     "evaluate paper-spherical --pixel {}",
-    "spots paper-spherical --omega-deg 30 --rings {}",
+    "spots paper-spherical --omega-deg 30 --set pupil.rings={}",
     "spots paper-spherical --omega-deg {}",
     "psf paper-spherical --kind geometric --omega-deg {}",
     "mtf paper-spherical --omega-deg 30 --kind {}",
@@ -175,7 +175,7 @@ COMMANDS = (
     "illumination paper-spherical --omega-deg 0:60:30 --csv {}",
     "compare paper-spherical {}",
     "bracket plan {}",
-    "init {} --force",
+    "init -o {}",
     "design --like {}",
     "design --mapping {} --omega-max-deg 90",
     "parts paper-spherical {}",
@@ -194,25 +194,25 @@ COMMANDS = (
     "lines a.png --rim {} 16 12",
     "lines a.png --camera {}",
     "lines {}",
-    "lines a.png --camera small.toml --distance-mm {}",
-    "lines a.png --camera small.toml --inner-radius-px {}",
+    "lines a.png --camera small.toml --set lines.distance_mm={}",
+    "lines a.png --camera small.toml --set rim.inner_radius_px={}",
     "lines --lines edges.csv --camera calib_results.txt --image-size {}",
     "lines --lines {} --camera calib_results.txt --image-size 1024x768",
     "rim {}",
     "rim a.png --separately {}",
-    "rim a.png --figure {}",
+    "rim a.png -o {}",
     "rim a.png --json {}",
     "colmap {} a.png -o project",
-    "colmap small.toml {} -o project --views 1 --size 16",
-    "colmap small.toml b.png -o {} --views 1 --size 16",
-    "colmap small.toml b.png -o project --size 16 --views {}",
-    "colmap small.toml b.png -o project --views 1 --size {}",
-    "colmap small.toml b.png -o project --views 1 --size 16 --hfov-deg {}",
-    "colmap small.toml b.png -o project --views 1 --size 16 --tilt-deg {}",
-    "colmap small.toml b.png -o project --views 1 --size 16 --distance-mm {}",
-    "colmap small.toml b.png -o project --views 1 --size 16 --every {}",
-    "colmap small.toml b.png -o project --views 1 --size 16 --poses {}",
-    "colmap small.toml b.png -o project --panorama --size {}",
+    "colmap small.toml {} -o project --views 1 --set view.size=16",
+    "colmap small.toml b.png -o {} --views 1 --set view.size=16",
+    "colmap small.toml b.png -o project --set view.size=16 --views {}",
+    "colmap small.toml b.png -o project --views 1 --set view.size={}",
+    "colmap small.toml b.png -o project --views 1 --set view.size=16 --hfov-deg {}",
+    "colmap small.toml b.png -o project --views 1 --set view.size=16 --set view.tilt_deg={}",
+    "colmap small.toml b.png -o project --views 1 --set view.size=16 --set view.distance_mm={}",
+    "colmap small.toml b.png -o project --views 1 --set view.size=16 --every {}",
+    "colmap small.toml b.png -o project --views 1 --set view.size=16 --poses {}",
+    "colmap small.toml b.png -o project --panorama --set view.size={}",
     "rays {} -o rays.npz",
     "rays small.toml -o {}",
     "rays small.toml -o rays.npz --step {}",
@@ -241,22 +241,22 @@ COMMANDS = (
     "parts paper-spherical parts.toml -o {}",
     "form {} points.csv",
     "form paper-spherical {}",
-    "form paper-spherical points.csv --order {}",
+    "form paper-spherical points.csv --set fit.order={}",
     "form paper-spherical points.csv --json {}",
-    "form paper-spherical points.csv --asymmetric -o {}",
-    "tolerance small.toml errors.toml --trials 3 --seed {}",
+    "form paper-spherical points.csv --set as_built.asymmetric=true -o {}",
+    "tolerance small.toml errors.toml --trials 3 --set analysis.seed={}",
     "tolerance small.toml errors.toml --trials 3 --merit motion_px={}",
     "uncertainty {}",
     "uncertainty paper-spherical --height-mm {}",
-    "convert {} out.toml",
-    "convert calib_results.txt {}",
-    "convert calib_results.txt out.yaml --to {}",
-    "convert calib_results.txt out.yaml --to kalibr-omni --tolerance-px {}",
-    "convert paper-spherical out.yaml --to kalibr-ds --tolerance-px 9 --distance-mm {}",
-    "convert calib_results.txt out.yaml --to ros-plumb-bob --tolerance-px 9 --field-deg {}",
-    "convert calib_results.txt out.toml --camera {}",
-    "convert calib_results.txt out.toml --rim-radius-px {}",
-    "convert calib_results.txt out.toml --image-size {}",
+    "convert {} -o out.toml",
+    "convert calib_results.txt -o {}",
+    "convert calib_results.txt -o out.yaml --to {}",
+    "convert calib_results.txt -o out.yaml --to kalibr-omni --tolerance-px {}",
+    "convert paper-spherical -o out.yaml --to kalibr-ds --tolerance-px 9 --set fit.distance_mm={}",
+    "convert calib_results.txt -o out.yaml --to ros-plumb-bob --tolerance-px 9 --set fit.field_deg={}",
+    "convert calib_results.txt -o out.toml --camera {}",
+    "convert calib_results.txt -o out.toml --set camera.rim_radius_px={}",
+    "convert calib_results.txt -o out.toml --set camera.image_size={}",
 )
 
 
@@ -371,13 +371,16 @@ def test_unusual_command_line_arguments(command, capsysbinary):
         answer([part.replace("{}", word) for part in command.split()], capsysbinary)
 
 
+DEPARTURES = "--set points.are_departures=true"
+
+
 @pytest.mark.parametrize("cloud", CLOUDS)
 @pytest.mark.parametrize(
-    "option", few(["", "--departures", "--order 4", "--unit inch"], "", "--departures")
+    "option", few(["", DEPARTURES, "--set fit.order=4", "--unit inch"], "", DEPARTURES)
 )
 def test_points_without_mirror_shape(cloud, option, capsysbinary):
     np.savetxt("cloud.csv", CLOUDS[cloud], delimiter=",")
-    is_perfect = (cloud, option) == ("nearly flat", "--departures")  # no departures at all
+    is_perfect = (cloud, option) == ("nearly flat", DEPARTURES)  # no departures at all
     code = answer(["form", "paper-spherical", "cloud.csv", *option.split()], capsysbinary)
     assert code in ((0,) if is_perfect else (1, 2))
 

@@ -247,8 +247,8 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         "--set",
         "housing.rod.diameter_mm=5",
         "--allow-changes",
-        "--sheet",
-        "A4",
+        "--set",
+        "file.sheet=A4",
         "--set",
         "file.scale=1:5",
     )
@@ -270,7 +270,7 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
             ["--thread", "M6", "--set", "body.bore_diameter_mm=5"],
             "bore_diameter_mm must not be given",
         ),
-        (["--set", "body.bore_diameter_mm=5", "--bore-depth-mm", "40"], "got a hole"),
+        (["--set", "body.bore_diameter_mm=5", "--set", "body.bore_depth_mm=40"], "got a hole"),
         (
             ["--set", "housing.tube.diameter_mm=50"],
             "to enclose the mirror",
@@ -414,8 +414,8 @@ def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, c
                 "paper-spherical",
                 "-o",
                 "out",
-                "--flange-width-mm",
-                "5",
+                "--set",
+                "body.flange_width_mm=5",
                 "--requirements",
                 "requirements.toml",
             ]

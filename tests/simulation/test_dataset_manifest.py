@@ -290,8 +290,8 @@ def test_video_dataset_is_reproducible(place):
         "housing.tube={}",
         "--set",
         "detector.full_well_e=5000",
-        "--seed",
-        3,
+        "--set",
+        "rendering.seed=3",
     )
     frames = [f"frame-{number:05d}.exr" for number in range(3)]
     assert sorted(files) == ["dataset.json", *frames, "poses.csv", "sensor.toml", "video.mp4"]
@@ -339,7 +339,14 @@ def test_changed_scene_or_option_raises(place, tmp_path):
     )
     description = tmp_path / "set" / "dataset.json"
     assert "must not be given together" in fails(
-        "simulate", "dataset", "--reproduce", description, "--seed", 4, "-o", tmp_path / "other"
+        "simulate",
+        "dataset",
+        "--reproduce",
+        description,
+        "--set",
+        "rendering.seed=4",
+        "-o",
+        tmp_path / "other",
     )
     om.write_image(tmp_path / "sky.hdr", np.ones((16, 32, 3), np.float32))
     with pytest.raises(MediaError, match=r"sky.hdr of the dataset has changed"):

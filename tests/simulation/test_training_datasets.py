@@ -248,8 +248,8 @@ def test_command_matches_python(tmp_path):
         sensor,
         "--path",
         tmp_path / "walk.csv",
-        "--bodies",
-        tmp_path / "bodies.toml",
+        "--set",
+        f"video.bodies={tmp_path / 'bodies.toml'}",
     )
     run = omnimirror(
         *arguments,

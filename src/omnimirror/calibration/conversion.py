@@ -113,8 +113,8 @@ SUFFICIENT_ERROR_PX = 0.02  # a simpler model within this error is preferred to 
 NEAREST_MM, FARTHEST_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
 REACH_REMEDY = (
-    "reduce field_deg (--field-deg) to convert only the central field, or specify the radius "
-    "of the camera's field, rim_radius_px (--rim-radius-px)"
+    "reduce field_deg (--set fit.field_deg) to convert only the central field, or specify the radius "
+    "of the camera's field, rim_radius_px (--set camera.rim_radius_px)"
 )
 _Field: TypeAlias = tuple[float | None, float | None]  # maximum and minimum field angle, deg
 
@@ -487,12 +487,12 @@ def _rounded_up(value: float) -> float:
 def _remedies(camera: Camera, best: _StoredCamera) -> str:
     """Return alternatives for a conversion, such as a smaller field or fixed parameters."""
     max_error_deg = max(best.costs, key=lambda c: c.largest_px).at_deg
-    remedies = [f"or a field_deg (--field-deg) below {max_error_deg:.3g} deg"]
+    remedies = [f"or a field_deg (--set fit.field_deg) below {max_error_deg:.3g} deg"]
     if getattr(camera, "uncertainty", None) is not None and (
         names := best.target.layout.unsupported_parameters(camera)
     ):
-        options = " ".join(f"--fix {name}" for name in names)
-        remedies.append(f"or calibrate with {options} (fixed) for an exact conversion")
+        fixed = f"--set estimation.fixed={','.join(names)}"
+        remedies.append(f"or calibrate with {fixed} for an exact conversion")
     return "".join(f", {remedy}" for remedy in remedies)
 
 
@@ -544,7 +544,7 @@ def _field_notes(source: Camera, stored: _StoredCamera, field_deg: float | None)
     if stored.is_restricted:
         yield (
             f"the fit is restricted to the calibrated field of 0 to {calibrated_deg:.4g} "
-            "deg; use field_deg (--field-deg) to include angles beyond it, where the "
+            "deg; use field_deg (--set fit.field_deg) to include angles beyond it, where the "
             "camera is an extrapolation"
         )
     elif (

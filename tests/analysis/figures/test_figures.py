@@ -533,10 +533,11 @@ def test_command_figures_match_table(tmp_path, monkeypatch):
     monkeypatch.setattr(
         figures, "save_all", lambda sensors, folder, conditions: drawn.append(conditions) or []
     )
-    options = "--paper-mode --image-radius-px 500 --object-distance-mm 50 --wavelength-nm 850 --tolerance-px 2"
-    run = CliRunner().invoke(
-        command, ["paper-spherical", *options.split(), "--figures", str(tmp_path)]
+    options = (
+        "--set blur.mode=paper --set blur.image_radius_px=500 --object-distance-mm 50 "
+        "--set light.wavelength_nm=850 --set blur.tolerance_px=2"
     )
+    run = CliRunner().invoke(command, ["paper-spherical", *options.split(), "-o", str(tmp_path)])
     assert run.exit_code == 0, run.output
     assert drawn == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]
 

@@ -23,7 +23,7 @@ TABLES = {
     "mappings": [],
     "spots": ["paper-spherical", "--omega-deg", "30,90"],
     "psf": ["paper-spherical", "--omega-deg", "30"],
-    "mtf": ["paper-spherical", "--omega-deg", "30", "--cycles-per-px", "0.1,0.2"],
+    "mtf": ["paper-spherical", "--omega-deg", "30", "--set", "mtf.cycles_per_px=0.1,0.2"],
     "illumination": ["paper-spherical", "--omega-deg", "30"],
     "apertures": ["paper-spherical"],
     "parts": ["paper-spherical", "--feasible"],

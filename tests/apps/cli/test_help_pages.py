@@ -12,6 +12,7 @@ import pytest
 
 from omnimirror.apps.cli import app, main
 from omnimirror.apps.cli._declarations import DocumentedCommand
+from omnimirror.apps.cli._output import Output
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -94,26 +95,25 @@ def test_options_are_grouped_once():
     )
 
 
-LONG = {"calibrate"}
-"""Commands whose help does not fit on one screen yet."""
-
-
-@pytest.mark.parametrize("words", sorted(COMMANDS.keys() - LONG))
+@pytest.mark.parametrize("words", sorted(COMMANDS))
 def test_help_fits_on_one_screen(words):
     context = click.Context(COMMANDS[words], info_name=words, terminal_width=100)
     assert len(COMMANDS[words].get_help(context).splitlines()) <= 45
 
 
+TABLES = {"check", "sensors", "apertures", "bracket plan", "simulate roundtrip"}
+"""Commands that write nothing but the printed table."""
+SERVERS = {"studio", "view", "serve"}
+
+
 def test_outputs_have_the_same_option():
-    """Commands without -o print a table, serve pages, or write only tables and reports."""
-    without = {
-        words
-        for words, command in COMMANDS.items()
-        if not any("-o" in parameter.opts for parameter in command.params)
-    }
-    assert not {
-        w for w in without if w.split()[0] in ("simulate", "export", "dewarp", "design")
-    } - {"simulate roundtrip"}
+    for words, command in COMMANDS.items():
+        outputs = [p for p in command.params if {"-o", "--output"} & set(p.opts)]
+        assert [p.opts for p in outputs] == [["-o", "--output"]] * (
+            words not in TABLES | SERVERS
+        ), words
+        arguments = [p for p in command.params if isinstance(p, click.Argument)]
+        assert not any(isinstance(p.type, Output) for p in arguments), words
 
 
 @pytest.mark.parametrize(
@@ -154,6 +154,18 @@ def test_outputs_have_the_same_option():
         (
             ["dewarp", "a.png", "--set", "resampling.threads=0"],
             "resampling.threads: 0 is not in the range 1<=x<=1024",
+        ),
+        (
+            ["mtf", "paper-spherical", "--set", "mtf.cycles_per_px=0:1"],
+            "mtf.cycles_per_px must be START:STOP:STEP",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--set", "focus.merit=beauty"],
+            "focus.merit: 'beauty' is not one of",
+        ),
+        (
+            ["apertures", "paper-spherical", "--set", "blur.mode=rough"],
+            "blur.mode must be one of exact, paper",
         ),
     ],
 )

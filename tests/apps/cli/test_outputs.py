@@ -64,9 +64,7 @@ def test_image_on_standard_output_equals_file(tmp_path):
 
 def test_figure_on_standard_output():
     assert run("spots", "paper-spherical", *FEW, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
-    assert (
-        b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "-", "--format", "svg").stdout_bytes
-    )
+    assert b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "svg:-").stdout_bytes
 
 
 @pytest.mark.parametrize(
@@ -77,8 +75,12 @@ def test_figure_on_standard_output():
             "--csv and --json must not both be written",
         ),
         (
-            ["spots", "paper-spherical", "--format", "svg", "-o", "a.svg"],
-            "--format requires '-' as the output",
+            ["spots", "paper-spherical", "-o", "gif:-"],
+            "standard output must be -, png:-, svg:-, pdf:-; got gif:-",
+        ),
+        (
+            ["evaluate", "paper-spherical", "--csv", "svg:-"],
+            "standard output must be -; got svg:-",
         ),
         (["evaluate", "paper-spherical", "--csv", ""], "must not be empty"),
     ],
@@ -114,7 +116,7 @@ def test_output_options_support_standard_output():
     paths."""
     from omnimirror.apps.cli._output import Output
 
-    writes = ("csv_file", "json_file", "output", "out", "figure", "encircled", "panorama")
+    writes = ("csv_file", "json_file", "output", "out", "figure", "panorama")
 
     def leaves(command, name):
         for sub in getattr(command, "commands", {}).values():
@@ -137,14 +139,14 @@ def test_output_options_support_standard_output():
     ("words", "sentence"),
     [
         (
-            "rim a.png --figure ./a.png",
-            "--figure must not overwrite the input a.png; specify another file",
+            "rim a.png -o ./a.png",
+            "--output must not overwrite the input a.png; specify another file",
         ),
         (
             "evaluate s.toml --omega-deg 0 --csv link.toml",
             "--csv must not overwrite the input link.toml",
         ),
-        ("convert s.toml s.toml", "target must not overwrite the input s.toml"),
+        ("convert s.toml -o s.toml", "--output must not overwrite the input s.toml"),
         (
             "evaluate s.toml --omega-deg 0 --csv x --json ./x",
             "--csv and --json must not both be written to x",
@@ -164,7 +166,7 @@ def test_outputs_must_not_overwrite_inputs_or_outputs(
 ):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.zeros((64, 64, 3), np.uint8))
-    main(["init", "s.toml"])
+    main(["init", "-o", "s.toml"])
     (tmp_path / "link.toml").symlink_to("s.toml")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(SystemExit, match=r"^[12]$"):

@@ -59,10 +59,10 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
             "paper-spherical",
             "--optimise",
             "worst_blur_deg",
-            "--starts",
-            "99",
-            "--resume",
-            "s.json",
+            "--set",
+            "search.starts=99",
+            "--set",
+            "search.resume=s.json",
         ),
         "s.json",
     ),
@@ -75,7 +75,7 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "dewarp a folder": (("dewarp", "many", *BALL, "--size", "1600x800", "-o", "out"), "out/*"),
     "bracket": (("bracket", "plan", "paper-spherical"), ""),
-    "evaluate": (("evaluate", "paper-spherical", "--figures", "out"), ""),
+    "evaluate": (("evaluate", "paper-spherical", "-o", "out"), ""),
     "export": (("export", "paper-spherical", "-o", "x"), ""),
     "parts": (("parts", "paper-spherical"), ""),
     "studio": (("studio", "--no-open"), "stdout"),
@@ -132,9 +132,9 @@ ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
 or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "sensors": (("sensors",), "apps.cli.commands.sensors:load_sensor"),
-    "init": (("init", "new.toml", "--force"), "apps.cli.commands.init:write_text"),
+    "init": (("init", "-o", "new.toml"), "apps.cli.commands.init:write_text"),
     "check": (("check", "lens.toml", "paper-spherical"), "apps.cli.commands.check:judge"),
-    "mappings": (("mappings", "--figure", "a.png"), "analysis.figures:save_figure"),
+    "mappings": (("mappings", "-o", "a.png"), "analysis.figures:save_figure"),
     "rays": (
         ("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"),
         "apps.cli.commands.rays:write_rays",
@@ -144,7 +144,7 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         "apps.cli.commands.maps:write_maps",
     ),
     "colmap": (
-        ("colmap", "paper-spherical", "large", "--size", "64", "-o", "out"),
+        ("colmap", "paper-spherical", "large", "--set", "view.size=64", "-o", "out"),
         "apps.cli.commands.colmap:load_camera",
     ),
     "spots": (("spots", "paper-spherical", "-o", "a.png"), "apps.cli.commands.spots:spots"),
@@ -199,7 +199,7 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         "apps.cli.commands.board:write_board",
     ),
     "rim": (
-        ("rim", "view/0.png", "--figure", "a.png"),
+        ("rim", "view/0.png", "-o", "a.png"),
         "apps.cli.commands.rim:detect_mirror_outline",
     ),
     "lines": (
@@ -211,7 +211,7 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         "apps.cli.commands.uncertainty:load_camera",
     ),
     "convert": (
-        ("convert", "paper-spherical", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
+        ("convert", "paper-spherical", "-o", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
         "apps.cli.commands.convert:convert",
     ),
     "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.apertures:best_apertures"),

@@ -320,7 +320,7 @@ def test_the_rim_of_a_photographed_mirror_is_found_and_begun_at(page):
     page.get_by_text("Mirror rim: radius 22").wait_for()
     assert page.get_by_label("Use the mirror rim").is_checked()
     code = page.locator("#calibrate .command code").inner_text()
-    assert "--rim-radius-px 22" in code
+    assert "--set camera.rim_radius_px=22" in code
     page.locator("#calibrate .shots button").first.click()
     radius = float(page.locator("#calibrate .whole circle.rim").get_attribute("r"))
     assert 222.0 < radius < 225.0

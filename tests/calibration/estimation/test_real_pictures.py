@@ -42,9 +42,7 @@ def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
         "--json",
         file.name,
         "--report",
-        "calibration.html",
-        "--figures",
-        "figures",
+        "report",
         cwd=tmp_path,
     )
     assert run.returncode == 0, run.stderr
@@ -112,8 +110,8 @@ def test_a_few_pictures_on_the_command_line(tmp_path):
         "30",
         "--model",
         "unified",
-        "--fix",
-        "k3",
+        "--set",
+        "estimation.fixed=k3",
         "--prior",
         "k2=0+-0.05",
         "-o",

@@ -219,10 +219,10 @@ def test_command_writes_what_python_does(tmp_path):
         "7x5",
         "--square-mm",
         "25",
-        "--marker-mm",
-        "18",
-        "--family",
-        "4x4_50",
+        "--set",
+        "board.marker_mm=18",
+        "--set",
+        "board.family=4x4_50",
     ]
     run = omnimirror("board", *args, "-o", "board.svg", cwd=tmp_path)
     assert run.returncode == 0, run.stderr

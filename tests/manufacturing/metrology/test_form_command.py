@@ -62,7 +62,7 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
     np.savetxt(
         tmp_path / "cmm.csv", on(meant.mirror, {6: 10.0, 9: 4.0}, 0.1, count=4000), delimiter=","
     )
-    for name, more in (("about.toml", []), ("whole.toml", ["--asymmetric"])):
+    for name, more in (("about.toml", []), ("whole.toml", ["--set", "as_built.asymmetric=true"])):
         done = omnimirror(
             "form", "paper-hyperboloidal", tmp_path / "cmm.csv", "-o", tmp_path / name, *more
         )
@@ -103,8 +103,10 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
     assert left_of("about") > 0.5 * does
     assert whole.mirror_form.zernike
     assert (
-        "--asymmetric requires --output"
-        in omnimirror("form", "paper-hyperboloidal", tmp_path / "cmm.csv", "--asymmetric").stderr
+        "as_built.asymmetric requires --output"
+        in omnimirror(
+            "form", "paper-hyperboloidal", tmp_path / "cmm.csv", "--set", "as_built.asymmetric=true"
+        ).stderr
     )
 
 
@@ -130,7 +132,7 @@ def test_telecentric_sensors_are_supported(tmp_path):
         (("missing.csv",), "missing.csv"),
         (("few.csv",), "must have at least 50 points; got 3"),
         (("few.csv", "--unit", "ell"), "ell"),
-        (("few.csv", "--order", "1"), "order must be an integer between 2 and 12; got 1"),
+        (("few.csv", "--set", "fit.order=1"), "order must be an integer between 2 and 12; got 1"),
     ],
 )
 def test_invalid_input_prints_one_message_and_writes_no_file(words, sentence, tmp_path):

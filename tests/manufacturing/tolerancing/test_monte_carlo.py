@@ -446,8 +446,8 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
         "tolerances.toml",
         "--trials",
         "500",
-        "--seed",
-        "4",
+        "--set",
+        "analysis.seed=4",
     ]
     merit = ["--merit", "motion_px after affine=2.5"]
     result = run(app, [*words, *merit, "--json", "a.json", "-o", "charts"], catch_exceptions=False)

@@ -368,15 +368,15 @@ def test_command_combines_parts(tmp_path, monkeypatch):
         "t.toml",
         "--trials",
         "20000",
-        "--seed",
-        "7",
+        "--set",
+        "analysis.seed=7",
         "-o",
         "sweep",
     ]
 
     def run(*more):
         found = CliRunner().invoke(
-            app, [*words, "--shard-trials", "8192", *more], catch_exceptions=False
+            app, [*words, "--set", "sweep.shard_trials=8192", *more], catch_exceptions=False
         )
         assert found.exit_code == 0
         return found.output
@@ -404,7 +404,7 @@ def test_command_combines_parts(tmp_path, monkeypatch):
         (["--part", "2/8"], "--part requires --output"),
         (["--part", "x", "-o", "o"], "got 'x'"),
         (["--part", "3/2", "-o", "o"], "part must be between 1/2 and 2/2; got 3/2"),
-        (["--shard-trials", "10", "-o", "o"], "multiple of 8192"),
+        (["--set", "sweep.shard_trials=10", "-o", "o"], "multiple of 8192"),
     ],
 )
 def test_invalid_command_prints_one_message(tmp_path, monkeypatch, words, sentence):

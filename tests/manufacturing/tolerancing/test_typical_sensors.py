@@ -75,9 +75,17 @@ def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
             for part in ("mirror", "imager")
         )
     )
-    words = ["tolerance", "small.toml", "t.toml", "--trials", "200", "--save-trials"]
+    words = [
+        "tolerance",
+        "small.toml",
+        "t.toml",
+        "--trials",
+        "200",
+        "--set",
+        "analysis.typical_sensors=true",
+    ]
     refused = CliRunner().invoke(app, words)
-    assert "--save-trials requires --output" in refused.output
+    assert "analysis.typical_sensors requires --output" in refused.output
     result = CliRunner().invoke(app, [*words, "-o", "o"], catch_exceptions=False)
     assert result.exit_code == 0
     assert "sensor 95 %: trial" in result.output

@@ -105,8 +105,8 @@ def test_video_shows_moving_bodies(tmp_path):
     asked = (
         "--path",
         tmp_path / "path.csv",
-        "--bodies",
-        tmp_path / "bodies.toml",
+        "--set",
+        f"video.bodies={tmp_path / 'bodies.toml'}",
         "--spp",
         "1",
         "--no-blur",

@@ -82,6 +82,12 @@ const word = (text: string): string =>
   /^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`;
 const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
+/** Words of a setting without an option of its own. */
+const setting = (key: string, value: string | number | boolean): string[] => [
+  "--set",
+  `${key}=${value}`,
+];
+
 /** Command-line options of a target. */
 function boardOptions(board: BoardSpec): string[] {
   const { kind, columns, rows, square_mm, marker_mm, spacing, family, legacy } = board;
@@ -91,10 +97,10 @@ function boardOptions(board: BoardSpec): string[] {
     "--square-mm",
     String(square_mm),
     ...(kind === "chessboard" ? [] : ["--target", kind]),
-    ...(marker_mm ? ["--marker-mm", String(marker_mm)] : []),
-    ...(kind === "aprilgrid" && spacing !== 0.3 ? ["--spacing", String(spacing)] : []),
-    ...(family ? ["--family", family] : []),
-    ...(legacy ? ["--legacy-board"] : []),
+    ...(marker_mm ? setting("board.marker_mm", marker_mm) : []),
+    ...(kind === "aprilgrid" && spacing !== 0.3 ? setting("board.spacing", spacing) : []),
+    ...(family ? setting("board.family", family) : []),
+    ...(legacy ? setting("board.legacy", true) : []),
   ];
 }
 
@@ -114,12 +120,12 @@ export function calibrateCommand(
     ...pictures,
     ...boardOptions(ask.board),
     ...(ask.model === "auto" ? [] : ["--model", ask.model]),
-    ...(ask.optics === "mirror" ? [] : ["--optics", ask.optics]),
+    ...(ask.optics === "mirror" ? [] : setting("camera.optics", ask.optics)),
     ...(ask.camera_looks === "up" ? [] : ["--camera-looks", ask.camera_looks]),
-    ...(ask.image_flipped ? ["--image-flipped"] : []),
-    ...(ask.centre_px ? ["--centre-px", ask.centre_px.join(",")] : []),
-    ...(ask.rim_radius_px ? ["--rim-radius-px", String(ask.rim_radius_px)] : []),
-    ...(ask.flat_board ? ["--flat-board"] : []),
+    ...(ask.image_flipped ? setting("camera.image_flipped", true) : []),
+    ...(ask.centre_px ? setting("camera.centre_px", ask.centre_px.join(",")) : []),
+    ...(ask.rim_radius_px ? setting("camera.rim_radius_px", ask.rim_radius_px) : []),
+    ...(ask.flat_board ? setting("estimation.board_shape", false) : []),
     "-o",
     "camera.toml",
     "--report",

@@ -12,7 +12,7 @@ from ...analysis.focus import best_focus
 from ...analysis.psf_mtf import KINDS, Kind
 from ...base.typing import Array
 from ...optics.sensor import Sensor
-from ._declarations import Options, option
+from ._declarations import Options, option, setting
 from ._option_types import angle, distance, focus, values
 
 
@@ -23,15 +23,10 @@ class ObjectOptions(Options):
     omega_deg: Array | None = option(
         type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
     )
-    azimuth_deg: float = option(
-        type=angle,
-        default=0.0,
-        metavar="DEG",
-        help="Azimuth in the image, from right towards bottom; relevant for a misaligned mirror.",
-    )
     object_distance_mm: float = option(
         type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
+    azimuth_deg: float = setting("field", 0.0, type=angle)
 
     def angles(self, sensor: Sensor) -> Array:
         """Return the field angles (n,), or every 15 deg of the field of an aligned sensor."""

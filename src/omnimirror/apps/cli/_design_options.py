@@ -29,8 +29,7 @@ from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
 from ...optics.toml_validation import SourceLocator, merge_tables
 from ._declarations import Options, option, setting
-from ._option_types import INTEGER, NUMBER, number_or_range
-from ._output import FIGURES, Output
+from ._option_types import NUMBER, number_or_range
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "field": ("omega_max_deg",),
@@ -247,33 +246,15 @@ class CatalogueOptions(Options):
 class OptimisationOptions(Options):
     """Optimisation, of a freeform mirror or a Pareto front."""
 
-    terms: list[int] | None = option(
-        type=integers,
-        metavar="N[,N...]",
-        help="Number of terms of the mirror shape; several values give a convergence table.",
-    )
-    starts: int = option(type=INTEGER, default=4, help="Number of starting mirrors.")
-    resume: Path | None = option(
-        type=click.Path(path_type=Path),
-        help="State of the search, to resume from: JSON; Parquet for a Pareto front.",
-    )
-    figure: Path | None = option(
-        type=Output(FIGURES), help="Figure of the Pareto front with known mirrors."
-    )
-    pick: int | None = option(
-        type=INTEGER, help="Index of the design to select from the Pareto front."
-    )
-
+    terms: list[int] | None = setting("search", type=integers)
+    starts: int = setting("search", 4)
+    resume: Path | None = setting("search", type=Path)
+    pick: int | None = setting("search")
     seed: int = setting("search", 0)
-    paper_mode: bool = setting("search", False)
+    mode: BlurMode = setting("search", "exact")
     image_radius_px: float | None = setting("search")
     population: int = setting("search", 120)
     generations: int = setting("search", 200)
-
-    @property
-    def mode(self) -> BlurMode:
-        """Blur formula for merits and limits during the search."""
-        return "paper" if self.paper_mode else "exact"
 
     def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:
         """Return the settings for the optimisation of one mirror."""

@@ -5,10 +5,10 @@ error.
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,12 +38,12 @@ _RESERVED, _FORMAT = "omnimirror.standard-output", "omnimirror.format"
 
 
 class Output(click.Path):
-    """Output file, or ``-`` for standard output.
+    """Output file, or ``-`` for standard output, with a format such as ``svg:-``.
 
     Parameters
     ----------
     formats
-        Binary formats for standard output; the first is the default of ``--format``.
+        Binary formats for standard output; the first is that of ``-``.
     """
 
     def __init__(self, formats: tuple[str, ...] = ()) -> None:
@@ -54,9 +54,15 @@ class Output(click.Path):
         path = super().convert(value, param, ctx)
         if not str(value):
             self.fail("the file name must not be empty", param, ctx)
-        if ctx is None or not (str(path) == "-" or str(path) == "/dev/stdout"):
+        match = re.fullmatch(r"(\w+):-", str(path))
+        if match and match[1] not in self.formats:
+            valid = ", ".join(["-", *(f"{kind}:-" for kind in self.formats)])
+            self.fail(f"standard output must be {valid}; got {path}", param, ctx)
+        if ctx is None or not (match or str(path) == "-" or str(path) == "/dev/stdout"):
             return path
         option = max(param.opts, key=len) if param else "an output"
+        if match:
+            return take_standard_output(option, match[1], ctx=ctx)
         kind = ctx.meta.get(_FORMAT, self.formats[0]) if self.formats and str(path) == "-" else ""
         return take_standard_output(option, kind, Path(str(path)), ctx)
 
@@ -129,7 +135,7 @@ def _paths(value: Any) -> list[Path]:
 
 
 def write_standard_output_as(kind: str) -> None:
-    """Set the format of ``-`` for an option other than ``--format`` of :func:`format_option`."""
+    """Set the format of ``-``."""
     click.get_current_context().meta[_FORMAT] = kind
 
 
@@ -141,35 +147,6 @@ def output_option(*names: str, formats: tuple[str, ...] = (), **more: Any) -> Ca
 def json_option(help: str = "Write the table.") -> Callable[[F], F]:
     """Return the option ``--json`` for machine-readable numbers."""
     return output_option("--json", "json_file", help=help)
-
-
-def format_option(formats: tuple[str, ...]) -> Callable[[F], F]:
-    """Return the option ``--format``, the format of standard output."""
-
-    def remember(ctx: click.Context, _: click.Parameter, value: str | None) -> None:
-        if value is not None:
-            ctx.meta[_FORMAT] = value
-
-    def decorate(function: F) -> F:
-        @wraps(function)
-        def checked(*args: Any, **kwargs: Any) -> Any:
-            meta = click.get_current_context().meta
-            if _FORMAT in meta and _RESERVED not in meta:
-                raise click.UsageError(
-                    "--format requires '-' as the output; the suffix of a file specifies its format"
-                )
-            return function(*args, **kwargs)
-
-        return click.option(
-            "--format",
-            type=click.Choice(formats),
-            is_eager=True,
-            expose_value=False,
-            callback=remember,
-            help=f"Format of '-' (standard output).  [default: {formats[0]}]",
-        )(checked)  # type: ignore[return-value]
-
-    return decorate
 
 
 def is_standard_output_used() -> bool:

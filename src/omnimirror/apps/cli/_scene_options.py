@@ -95,7 +95,7 @@ class RenderingOptions(Options):
         help="Render through the whole aperture.  [default: on; off for a calibrated camera]",
     )
     samples: int = option("--samples", "--spp", type=INTEGER, default=16, help="Rays per pixel.")
-    seed: int = option(type=INTEGER, default=0, help="Random seed for ray sampling and noise.")
+    seed: int = setting("rendering", 0)
     wavelengths_nm: tuple[float, float, float] | None = setting("rendering")
     reflectivity: float | str | tuple[float | str, ...] | None = setting("radiometry")
     vignetting: float | None = setting("radiometry")
@@ -139,9 +139,7 @@ class TrajectoryOptions(Options):
     path: Path | None = option(
         type=click.Path(path_type=Path), help="Videos: poses over time, a CSV or TOML file."
     )
-    bodies: Path | None = option(
-        type=click.Path(path_type=Path), help="Videos: moving boxes in the scene, a TOML file."
-    )
+    bodies: Path | None = setting("video", type=Path)
     fps: float | None = setting("video")
     duration_s: float | None = setting("video")
 

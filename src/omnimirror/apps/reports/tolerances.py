@@ -162,7 +162,7 @@ def tolerances_html(report: ToleranceReport) -> str:
         curves=figure_html(shares, "svg+xml", f"{order.statistics.trials} trials.", "plot"),
         command=html_text(
             f"omnimirror tolerance {shell_word(name)} tolerances.toml --trials "
-            f"{report.statistics.trials} --seed {report.seed}{target_yield} --report "
+            f"{report.statistics.trials} --set analysis.seed={report.seed}{target_yield} --report "
             "order.html"
         ),
     )

@@ -37,9 +37,9 @@ from .calibration_messages import (
 
 Tell = Callable[[CalibrationStatus], None]
 LABELS = {
-    "use --image-flipped": 'select "Camera driver flips images left to right"',
-    "--image-flipped": '"Camera driver flips images left to right"',
-    "--optics": '"Optics"',
+    "use --set camera.image_flipped=true": 'select "Camera driver flips images left to right"',
+    "camera.image_flipped": '"Camera driver flips images left to right"',
+    "camera.optics": '"Optics"',
 }
 """Labels of the page for command-line options in messages."""
 

@@ -25,8 +25,8 @@ SAME_TILT_DEG, SAME_PLACE = 4.0, 0.06
 BOARD_REMEDY = "check that the board is the specified one, and flat"
 SURVEY_REMEDY = (
     "check that their axes are right-handed, that their units are those of the columns, that "
-    "all points of an image were observed from one position, and that --optics and "
-    "--image-flipped are correct"
+    "all points of an image were observed from one position, and that camera.optics and "
+    "camera.image_flipped are correct"
 )
 WORST_MEDIAN = 0.01  # maximum initial median residual, fraction of the larger image side
 
@@ -93,7 +93,8 @@ def check_detections(
         )
         is_common = len(mismatched) == sum(d.is_reversed is not None for d in used)
         remedy = (
-            "use --image-flipped if the camera's driver flips the images, or the other --optics"
+            "use --set camera.image_flipped=true if the camera's driver flips the images, or the "
+            "other camera.optics"
             if is_common
             else "remove them, or flip them"
         )

@@ -19,7 +19,7 @@ from ...design.limits import LIMITABLE
 from ...design.requirement_files import LimitTable, limit_of
 from ...optics.mirrors.as_built import MAX_ORDER, MirrorForm
 from ...optics.sensor import Sensor
-from ...optics.toml_validation import SourceLocator, Table, check_entries, validated
+from ...optics.toml_validation import SourceLocator, Table, check_entries, merge_tables, validated
 from ..metrology.readers import Unit
 from .compensation import Calibration, merit_names
 from .evaluator import TrialEvaluator
@@ -143,7 +143,9 @@ class TolerancePlan:
 
 
 @validate_arguments
-def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
+def load_tolerances(
+    path: str | Path, sensor: Sensor, changes: dict[str, Any] | None = None
+) -> TolerancePlan:
     """Read a tolerance file.
 
     Parameters
@@ -152,6 +154,8 @@ def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
         TOML file; ``omnimirror tolerance init`` writes a template.
     sensor
         Sensor of the tolerances.
+    changes
+        Replacements for entries of the file, as for :func:`omnimirror.load_sensor`.
 
     Returns
     -------
@@ -177,7 +181,7 @@ def load_tolerances(path: str | Path, sensor: Sensor) -> TolerancePlan:
     """
     path = file_name("path", path)
     text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
-    return parse_tolerances(text, sensor, str(path), path.parent)
+    return parse_tolerances(text, sensor, str(path), path.parent, changes)
 
 
 @validate_arguments
@@ -234,9 +238,15 @@ def load_allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, flo
 
 
 def parse_tolerances(
-    text: str, sensor: Sensor, source: str = "tolerances", folder: Path | None = None
+    text: str,
+    sensor: Sensor,
+    source: str = "tolerances",
+    folder: Path | None = None,
+    changes: Mapping[str, Any] | None = None,
 ) -> TolerancePlan:
-    """Parse the text of a tolerance file; referenced files are relative to ``folder`` and require it.
+    """Parse the text of a tolerance file, with changed entries.
+
+    Referenced files are relative to ``folder`` and require it.
 
     >>> import omnimirror as om
     >>> text = '[[error]]\\nname = "mirror.tilt_x_deg"\\ntolerance = 0.1'
@@ -245,7 +255,7 @@ def parse_tolerances(
     """
     text = text.removeprefix("\ufeff")
     where = SourceLocator(text, source)
-    data = parse_toml(text, source)
+    data = merge_tables(parse_toml(text, source), changes or {})
     known: dict[str, type] = {
         "format": int,
         "objects": dict,

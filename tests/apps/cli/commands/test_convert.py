@@ -18,11 +18,11 @@ def test_round_trip_between_formats(tmp_path):
         p2=-2e-3,
     )
     om.save_camera(camera, tmp_path / "a.toml")
-    out = omnimirror("convert", "a.toml", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
+    out = omnimirror("convert", "a.toml", "-o", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
     assert out.returncode == 0
     assert out.stdout.startswith("omnimirror to kalibr-omni: exact\nNote: the image is mirrored:")
     assert out.stdout.endswith("Wrote b.yaml\n")
-    back = omnimirror("convert", "b.yaml", "c.toml", cwd=tmp_path)
+    back = omnimirror("convert", "b.yaml", "-o", "c.toml", cwd=tmp_path)
     assert back.returncode == 0
     assert om.load_camera(tmp_path / "c.toml") == camera
 
@@ -31,6 +31,7 @@ def test_standard_output(tmp_path):
     out = omnimirror(
         "convert",
         "paper-hyperboloidal",
+        "-o",
         "-",
         "--to",
         "kalibr-eucm",
@@ -50,13 +51,23 @@ def test_standard_output(tmp_path):
         pytest.param(
             ["--tolerance-px", "0.001"], "at most tolerance_px = 0.001", marks=pytest.mark.full
         ),
-        (["--distance-mm", "500,near"], "must be a distance in mm above 0, or 'inf'; got 'near'"),
+        (
+            ["--set", "fit.distance_mm=500,near"],
+            "must be a distance in mm above 0, or 'inf'; got 'near'",
+        ),
         (["--from", "kalibre"], "kalibr"),
     ],
 )
 def test_invalid_arguments_print_one_line(tmp_path, options, sentence):
     out = omnimirror(
-        "convert", "paper-spherical", "a.yaml", "--to", "opencv-omnidir", *options, cwd=tmp_path
+        "convert",
+        "paper-spherical",
+        "-o",
+        "a.yaml",
+        "--to",
+        "opencv-omnidir",
+        *options,
+        cwd=tmp_path,
     )
     assert out.returncode in (1, 2)
     assert sentence in out.stderr
@@ -74,9 +85,18 @@ def test_command_and_function_write_same_file(tmp_path):
         distance_mm=distance,
         flip=True,
     )
-    options = ["--to", "kalibr-ds", "--tolerance-px", 20, "--distance-mm", "700,inf", "--flip"]
+    options = [
+        "--to",
+        "kalibr-ds",
+        "--tolerance-px",
+        20,
+        "--set",
+        "fit.distance_mm=700,inf",
+        "--flip",
+    ]
     assert (
-        omnimirror("convert", "paper-spherical", "b.yaml", *options, cwd=tmp_path).returncode == 0
+        omnimirror("convert", "paper-spherical", "-o", "b.yaml", *options, cwd=tmp_path).returncode
+        == 0
     )
     assert (tmp_path / "a.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
 
@@ -91,7 +111,7 @@ def test_inconsistent_file_is_reported(tmp_path):
     text = (tmp_path / "a.txt").read_text().replace("380.0 515.0", "515.0 380.0")
     (tmp_path / "a.txt").write_text(text)
     sentence = "the centre (380, 515) is 186 px from the centre of the 1024 x 768 px image"
-    out = omnimirror("convert", "a.txt", "b.toml", cwd=tmp_path)
+    out = omnimirror("convert", "a.txt", "-o", "b.toml", cwd=tmp_path)
     assert f"Note: {sentence}" in out.stdout
     out = omnimirror("evaluate", "a.txt", cwd=tmp_path)
     assert out.returncode == 0

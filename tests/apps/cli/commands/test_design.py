@@ -118,7 +118,7 @@ def test_invalid_arguments_print_one_line(args, message, tmp_path):
 
 
 def test_mappings_table_and_figure(tmp_path):
-    run = omnimirror("mappings", "--omega-max-deg", 75, "--figure", "m.png", cwd=tmp_path)
+    run = omnimirror("mappings", "--omega-max-deg", 75, "-o", "m.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert (
         "4.2365121" in run.stdout

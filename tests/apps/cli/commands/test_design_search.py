@@ -42,12 +42,12 @@ def test_optimise_writes_sensor_and_prints_convergence(tmp_path):
         "worst_blur_deg",
         "--set",
         "mirror.shape=polynomial",
-        "--terms",
-        "3,4,5",
-        "--starts",
-        1,
         "--set",
-        "search.paper_mode=true",
+        "search.terms=3,4,5",
+        "--set",
+        "search.starts=1",
+        "--set",
+        "search.mode=paper",
         "--set",
         "search.image_radius_px=500",
         "-o",
@@ -87,16 +87,16 @@ def test_optimise_from_options_only(tmp_path):
         "imager.height_px=2048",
         "--set",
         "imager.pixel_pitch_um=3.45",
-        "--terms",
-        5,
+        "--set",
+        "search.terms=5",
         "--at-least",
         "area_ratio=0.667",
         "--at-most",
         "total_blur_t_px=3@20:110",
-        "--starts",
-        1,
-        "--resume",
-        "search.json",
+        "--set",
+        "search.starts=1",
+        "--set",
+        "search.resume=search.json",
         "-o",
         "best.toml",
         "--json",
@@ -128,8 +128,8 @@ SEARCH = (
     "worst_floored_area_deg2",
     "--set",
     "mirror.shape=polynomial:3",
-    "--starts",
-    1,
+    "--set",
+    "search.starts=1",
 )
 
 
@@ -165,22 +165,23 @@ def test_pareto_front_is_saved_drawn_and_selected_from(tmp_path):
         "search.population=20",
         "--set",
         "search.generations=20",
-        "--resume",
-        "front.parquet",
+        "--set",
+        "search.resume=front.parquet",
     )
-    run = omnimirror(*arguments, "--figure", "front.png", cwd=tmp_path)
+    run = omnimirror(*arguments, "--figures", "figures", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     for name in ("SPH", "E-DI", "SVP", "exactly equiareal"):
         assert name in run.stdout
-    assert om.read_image(tmp_path / "front.png").std() > 5
-    run = omnimirror(*arguments, "--pick", 1, "-o", "one.toml", cwd=tmp_path)
+    assert om.read_image(tmp_path / "figures" / "front.png").std() > 5
+    assert (tmp_path / "figures" / "front.svg").exists()
+    run = omnimirror(*arguments, "--set", "search.pick=1", "-o", "one.toml", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "requirement" in run.stdout
     assert (
         om.load_sensor(tmp_path / "one.toml").name
         == "front-worst-floored-area-deg2-inverse-area-ratio-1"
     )
-    assert "--pick NUMBER" in fails(*arguments, "-o", "other.toml", cwd=tmp_path)
+    assert "search.pick=NUMBER" in fails(*arguments, "-o", "other.toml", cwd=tmp_path)
     assert not (tmp_path / "other.toml").exists()
 
 
@@ -193,12 +194,12 @@ def test_interrupted_search_is_resumed(tmp_path):
         "design",
         "--optimise",
         "worst_blur_deg",
-        "--terms",
-        "16",
-        "--starts",
-        "12",
-        "--resume",
-        "search.json",
+        "--set",
+        "search.terms=16",
+        "--set",
+        "search.starts=12",
+        "--set",
+        "search.resume=search.json",
     )
     listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # also in background
     main = "from omnimirror.apps.cli import main; main(sys.argv[1:])"
@@ -242,7 +243,7 @@ def test_apertures_and_parts_print_tables(tmp_path):
     )
 
 
-OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
+OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--set", "search.starts=1"]
 
 
 @pytest.mark.parametrize(
@@ -251,8 +252,8 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         ([*OPTIMISE, "--at-most", "area_ratio"], "QUANTITY=NUMBER"),
         ([*OPTIMISE, "--at-most", "sharpness=3"], "got 'sharpness'"),
         ([*OPTIMISE, "--at-most", "total_blur_px=3@20:160"], "limit.omega_deg must be [FROM, TO]"),
-        ([*OPTIMISE, "--terms", "few"], "integers above 0"),
-        ([*OPTIMISE, "--terms", "200"], "must be 3 to 60"),
+        ([*OPTIMISE, "--set", "search.terms=few"], "integers above 0"),
+        ([*OPTIMISE, "--set", "search.terms=200"], "must be 3 to 60"),
         (
             [*OPTIMISE, "--set", "mirror.shape=cone:3"],
             "the freeform family must be spline:N with N from 3 to 60",
@@ -265,7 +266,10 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         ([*OPTIMISE, "--omega-max-deg", "175"], "omega_max_deg must be between"),
         ([*OPTIMISE, "--set", "search.population=3"], "requires --pareto"),
         ([*OPTIMISE, "--mapping", "equidistant"], "got mapping and optimise"),
-        ([*OPTIMISE, "--resume", "s.json", "--terms", "3,4"], "requires a single value of --terms"),
+        (
+            [*OPTIMISE, "--set", "search.resume=s.json", "--set", "search.terms=3,4"],
+            "requires a single value of search.terms",
+        ),
         (["design", "--optimise", "beauty"], "is not one of"),
         (
             [
@@ -286,7 +290,7 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--starts", "1"]
         (["design", "--pareto", "worst_blur_deg"], "at least two different names"),
         (["design", "--pareto", "worst_blur_deg,beauty"], "must be one of worst_floored_area_deg2"),
         (
-            ["design", "--pareto", "worst_blur_deg,worst_aspect", "--starts", "3"],
+            ["design", "--pareto", "worst_blur_deg,worst_aspect", "--set", "search.starts=3"],
             "requires --optimise",
         ),
         (

@@ -92,7 +92,7 @@ def test_non_finite_numbers_in_json(tmp_path):
 
 
 def test_paper_mode_changes_only_blur(tmp_path):
-    for name, flags in (("exact", []), ("paper", ["--paper-mode"])):
+    for name, flags in (("exact", []), ("paper", ["--set", "blur.mode=paper"])):
         args = ["--omega-deg", "0:135:45", "--csv", tmp_path / f"{name}.csv", *flags]
         assert omnimirror("evaluate", "paper-spherical", *args).returncode == 0
     exact, paper = (
@@ -112,16 +112,17 @@ def test_sensors_lists_bundled_sensors():
 
 
 def test_init_writes_valid_file_and_does_not_overwrite(tmp_path):
-    assert omnimirror("init", "mine.toml", cwd=tmp_path).returncode == 0
-    assert omnimirror("evaluate", "mine.toml", cwd=tmp_path).returncode == 0
-    (tmp_path / "mine.toml").write_text("precious")
-    assert "already exists" in fails("init", "mine.toml", cwd=tmp_path)
-    assert (tmp_path / "mine.toml").read_text() == "precious"
-    assert omnimirror("init", "mine.toml", "--force", cwd=tmp_path).returncode == 0
+    assert omnimirror("init", cwd=tmp_path).returncode == 0
+    assert omnimirror("evaluate", "sensor.toml", cwd=tmp_path).returncode == 0
+    (tmp_path / "sensor.toml").write_text("precious")
+    assert "already exists" in fails("init", cwd=tmp_path)
+    assert (tmp_path / "sensor.toml").read_text() == "precious"
+    assert omnimirror("init", "-o", "sensor.toml", cwd=tmp_path).returncode == 0
+    assert omnimirror("evaluate", "sensor.toml", cwd=tmp_path).returncode == 0
 
 
 def test_template_secondary_is_valid(tmp_path):
-    assert omnimirror("init", "mine.toml", cwd=tmp_path).returncode == 0
+    assert omnimirror("init", "-o", "mine.toml", cwd=tmp_path).returncode == 0
     text = (tmp_path / "mine.toml").read_text()
     start, end = text.index("# [secondary]"), text.index("# [mirror_pose]")
     folded = "".join(line.removeprefix("# ") + "\n" for line in text[start:end].splitlines())
@@ -175,7 +176,7 @@ def test_template_secondary_is_valid(tmp_path):
         ),
         (["evaluate", "paper-spherical", "--pixel", "7"], "must be a pixel U,V; got '7'"),
         (
-            ["evaluate", "paper-spherical", "--merit", "nice"],
+            ["evaluate", "paper-spherical", "--set", "focus.merit=nice"],
             "'nice' is not one of 'worst_floored_area_deg2'",
         ),
         (["evaluate", "paper-spherical", "--omga-deg", "3"], "No such option"),
@@ -192,7 +193,7 @@ def test_invalid_arguments_print_one_line(args, message, tmp_path):
 @pytest.mark.long
 def test_figures_are_written_to_folder(tmp_path):
     run = omnimirror(
-        "evaluate", "paraboloid-telecentric", "--omega-deg", "0:90:30", "--figures", tmp_path / "f"
+        "evaluate", "paraboloid-telecentric", "--omega-deg", "0:90:30", "-o", tmp_path / "f"
     )
     assert run.returncode == 0, run.stderr
     names = {p.name for p in (tmp_path / "f").iterdir()}
@@ -261,7 +262,7 @@ def test_camera_file_table(tmp_path):
         ),
         (["--focus-mm", "auto"], "--focus-mm requires"),
         (["--set", "housing.rod={}"], "unknown entry housing"),
-        (["--figures", "folder"], "--figures requires"),
+        (["-o", "folder"], "--output requires"),
         (["--omega-deg", "170"], "omega_deg must be 0 to"),
     ],
 )

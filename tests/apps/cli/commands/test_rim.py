@@ -37,7 +37,7 @@ def test_rim_of_sensor(folder, tmp_path):
         folder / "room0.png",
         "--json",
         tmp_path / "rim.json",
-        "--figure",
+        "-o",
         tmp_path / "rim.png",
     )
     assert run.returncode == 0, run.stderr

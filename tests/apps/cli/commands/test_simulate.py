@@ -100,8 +100,8 @@ def test_blurred_noisy_environment_in_12_bits(sensor_file, sky_file, tmp_path):
         "detector.bits=12",
         "--set",
         "detector.curve=linear",
-        "--seed",
-        5,
+        "--set",
+        "rendering.seed=5",
     )
     said = done(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", out)
     assert "128 x 128 px, 4 rays" in said
@@ -227,7 +227,17 @@ def test_sigterm_before_first_image_leaves_no_file(sensor_file, tmp_path):
 @needs_proc
 def test_sigterm_keeps_completed_dataset_images(sensor_file, sky_file, tmp_path):
     folder = tmp_path / "set"
-    words = ("simulate", "dataset", sensor_file, "--views", "400", "--seed", "3", "-o", folder)
+    words = (
+        "simulate",
+        "dataset",
+        sensor_file,
+        "--views",
+        "400",
+        "--set",
+        "rendering.seed=3",
+        "-o",
+        folder,
+    )
     said = _terminated_when(lambda: len(list(folder.glob("*.png"))) > 1, *words)
     assert "images" in said
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]

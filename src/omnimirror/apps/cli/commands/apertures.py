@@ -12,10 +12,11 @@ import numpy as np
 from ....base.files import write_json
 from ....design.component_selection import BestAperture, best_apertures
 from ....design.ranges import Range
+from ....optics.lenses import BlurMode
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import NUMBER, SENSOR, distance, number_or_range
+from .._declarations import DocumentedCommand, Options, add_options, option, setting
+from .._option_types import SENSOR, distance, number_or_range
 from .._output import column_head, json_option, output_console, plain_table, print_written
 
 
@@ -32,16 +33,9 @@ class ApertureOptions(Options):
     object_distance_mm: float = option(
         type=distance, metavar="MM", default=np.inf, help="Object distance from the mirror."
     )
-    omega_min_deg: float = option(
-        type=NUMBER, default=0.0, help="Minimum field angle of the evaluated field."
-    )
-    paper_mode: bool = option(
-        is_flag=True,
-        default=False,
-        show_default=False,
-        help="Compute blur with Eq. 29 of the paper instead of the exact form.",
-    )
-    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
+    omega_min_deg: float = setting("field", 0.0)
+    mode: BlurMode = setting("blur", "exact")
+    wavelength_nm: float = setting("light", 550.0)
 
     def best(self, sensor: Sensor) -> list[BestAperture]:
         """Return the optimum apertures of a sensor."""
@@ -50,7 +44,7 @@ class ApertureOptions(Options):
             self.f_number,
             object_distance_mm=self.object_distance_mm,
             omega_min_deg=self.omega_min_deg,
-            mode="paper" if self.paper_mode else "exact",
+            mode=self.mode,
             wavelength_nm=self.wavelength_nm,
         )
 

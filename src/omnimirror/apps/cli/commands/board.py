@@ -12,13 +12,13 @@ from ....base.arguments import format_value
 from ....base.files import is_standard_output
 from ....calibration.targets.boards import KINDS, Board
 from ....calibration.targets.printing import PAPERS_MM, SUFFIXES, write_board
-from .._declarations import DocumentedCommand, Options, add_options, option
+from .._declarations import DocumentedCommand, Options, add_options, option, setting
 from .._option_types import NUMBER
-from .._output import format_option, output_option, print_line, print_written
+from .._output import output_option, print_line, print_written
 
 # -- Options of a calibration target ---------------------------------------------------------------
 
-SIZE = "Columns and rows: inner corners of a chessboard, squares of a ChArUco board, tags of an April grid."
+SIZE = "Inner corners (chessboard), squares (ChArUco) or tags (April grid)."
 SQUARE = "Side of a square, or of a tag."
 
 
@@ -44,22 +44,16 @@ class OptionalBoardOptions(Options):
         type=board_size, metavar="CxR", show_default=False, help=SIZE
     )
     square_mm: float | None = option(type=NUMBER, show_default=False, metavar="MM", help=SQUARE)
-    target: str = option(type=click.Choice(KINDS), default="chessboard", help="Type of board.")
-    marker_mm: float | None = option(
-        type=NUMBER, metavar="MM", help="ChArUco: side of a marker.  [default: 3/4 of the square]"
+    target: str = option(
+        type=click.Choice(KINDS),
+        default="chessboard",
+        metavar="TYPE",
+        help=f"Type of board: {', '.join(KINDS)}.",
     )
-    spacing: float | None = option(
-        type=NUMBER,
-        metavar="RATIO",
-        help="April grid: gap between tags as a fraction of their side.  [default: 0.3]",
-    )
-    family: str | None = option(
-        metavar="NAME",
-        help="Marker family by OpenCV name.  [default: 5X5_1000; April grid: APRILTAG_36H11]",
-    )
-    legacy: bool = option(
-        "--legacy-board", is_flag=True, default=False, help="ChArUco: layout of OpenCV before 4.6."
-    )
+    marker_mm: float | None = setting("board")
+    spacing: float | None = setting("board")
+    family: str | None = setting("board", type=str)
+    legacy: bool = setting("board", False)
 
     def target_board(self) -> Board | None:
         """Return the board; None without options for one."""
@@ -97,14 +91,12 @@ class BoardOptions(OptionalBoardOptions):
 class SheetOptions(Options):
     """Sheet, with the parameters of :func:`omnimirror.write_board`."""
 
-    margin_mm: float | None = option(
-        type=NUMBER, metavar="MM", help="White margin around the board.  [default: one square]"
-    )
     paper: str | None = option(
         type=click.Choice(list(PAPERS_MM)),
         help="Paper size.  [default: as large as the board requires]",
     )
-    dpi: float = option(type=NUMBER, default=300.0, help="Resolution of PNG files, dots per inch.")
+    margin_mm: float | None = setting("sheet")
+    dpi: float = setting("sheet", 300.0)
 
 
 @click.command(
@@ -119,7 +111,6 @@ class SheetOptions(Options):
     formats=tuple(suffix[1:] for suffix in SUFFIXES),
     help="Output file: .pdf, .svg or .png.",
 )
-@format_option(tuple(suffix[1:] for suffix in SUFFIXES))
 @add_options(BoardOptions, "board")
 @add_options(SheetOptions, "sheet")
 def command(output: Path, board: BoardOptions, sheet: SheetOptions) -> None:

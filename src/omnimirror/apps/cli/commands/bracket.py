@@ -25,7 +25,6 @@ from .._option_types import INTEGER, NUMBER, SENSOR, distance, values
 from .._output import (
     IMAGE_FORMATS,
     column_head,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -161,7 +160,6 @@ def _astigmatic(bracket: Bracket) -> tuple[str, str]:
 @add_options(MergeOptions, "capture")
 @add_options(OrientationOptions, "orientation")
 @output_option("-o", "--output", formats=IMAGE_FORMATS, required=True, help="Output image.")
-@format_option(IMAGE_FORMATS)
 def merge(
     sensor: str,
     images: tuple[Path, ...],

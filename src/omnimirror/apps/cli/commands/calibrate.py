@@ -19,6 +19,7 @@ from ....base import interrupts
 from ....base.arguments import format_value, parse_float
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
+from ....base.files import is_stream
 from ....calibration.estimation import (
     Calibration,
     Prior,
@@ -38,8 +39,8 @@ from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import INTEGER, NUMBER, angle, distance, full_image_size, pixel
+from .._declarations import DocumentedCommand, Options, add_options, option, setting
+from .._option_types import angle, distance, full_image_size, pixel
 from .._output import (
     Output,
     output_console,
@@ -52,6 +53,15 @@ from .._output import (
 from .board import OptionalBoardOptions
 
 MAX_OUTLIERS = 12
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Parse comma-separated names.
+
+    >>> names("focal_px, centre_px")
+    ('focal_px', 'centre_px')
+    """
+    return tuple(name.strip() for name in text.split(","))
 
 
 def prior(text: str) -> Prior:
@@ -85,60 +95,35 @@ class CameraModelOptions(Options):
     model: str = option(
         default="auto",
         metavar="NAME|FILE",
-        help=f"Model: auto, {', '.join(KINDS)}; or the name or file of a sensor or camera as initial value.",
-    )
-    free: str | None = option(
-        metavar="A,B,...", help="Parameters to estimate if the initial value is a sensor."
-    )
-    optics: Optics = option(
-        default="mirror",
-        type=click.Choice(["mirror", "fisheye"]),
-        help="Type of optics: mirror or fisheye lens.",
+        help="auto, a camera model, or a sensor or camera as initial value.",
     )
     camera_looks: CameraLooks = option(
         default="up",
         type=click.Choice(["up", "down", "forward"]),
-        help="Orientation of the optical axis.",
+        metavar="DIRECTION",
+        help="Orientation of the optical axis: up, down or forward.",
     )
-    forward_azimuth_deg: float = option(
-        default=-90.0,
-        type=angle,
-        metavar="DEG",
-        help="Image direction of forward, from right towards bottom.",
-    )
-    image_flipped: bool = option(
-        default=False, is_flag=True, help="Declare that the images are mirrored left to right."
-    )
-    centre_px: tuple[float, float] | None = option(
-        type=pixel,
-        metavar="U,V",
-        help="Initial value of the image centre.  [default: the image centre]",
-    )
-    rim_radius_px: float | None = option(
-        type=NUMBER,
-        metavar="PX",
-        help="Radius of the field in the image, as detected by omnimirror rim.  [default: limit "
-        "of the image or of the model]",
-    )
+    optics: Optics = setting("camera", "mirror")
+    forward_azimuth_deg: float = setting("camera", -90.0, type=angle)
+    image_flipped: bool = setting("camera", False)
+    centre_px: tuple[float, float] | None = setting("camera", type=pixel)
+    rim_radius_px: float | None = setting("camera")
+    free: tuple[str, ...] | None = setting("camera", type=names)
 
     def initial_model(self) -> str | CameraModel | Sensor:
         """Return the kind of model, or the model that provides initial values."""
         if self.model == "auto" or self.model in KINDS:
             if self.free is not None:
                 raise click.UsageError(
-                    "--free requires a sensor as initial value; specify it with --model"
+                    "camera.free requires a sensor as initial value; specify it with --model"
                 )
             return self.model
         camera = load_camera(self.model)
         if isinstance(camera, Sensor):
-            return (
-                SensorModel(camera)
-                if self.free is None
-                else SensorModel(camera, tuple(self.free.split(",")))
-            )
+            return SensorModel(camera) if self.free is None else SensorModel(camera, self.free)
         if self.free is not None:
             raise click.UsageError(
-                f"--free requires a sensor; {self.model} is a {camera.KIND} camera"
+                f"camera.free requires a sensor; {self.model} is a {camera.KIND} camera"
             )
         return camera
 
@@ -156,16 +141,8 @@ class CameraModelOptions(Options):
 
 @dataclass(frozen=True)
 class EstimationOptions(Options):
-    """Estimation."""
+    """Camera model, its estimation."""
 
-    fixed: tuple[str, ...] = option(
-        "--fix",
-        default=(),
-        multiple=True,
-        metavar="NAME",
-        show_default=False,
-        help="Hold a parameter at its initial value (repeatable).",
-    )
     priors: tuple[Prior, ...] = option(
         "--prior",
         default=(),
@@ -173,23 +150,18 @@ class EstimationOptions(Options):
         type=prior,
         metavar="NAME=VALUE+-SIGMA",
         show_default=False,
-        help="Prior of a parameter; without +-SIGMA the parameter is fixed (repeatable).",
+        help="Prior of a parameter, which is fixed without +-SIGMA (repeatable).",
     )
-    flat_board: bool = option(
-        default=False, is_flag=True, help="Treat the board as flat and square."
-    )
-    seed: int = option(
-        default=0,
-        type=INTEGER,
-        help="Random seed of the cross-validation groups for more than 20 images.",
-    )
+    fixed: tuple[str, ...] = setting("estimation", (), type=names)
+    board_shape: bool = setting("estimation", True)
+    seed: int = setting("estimation", 0)
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of :func:`omnimirror.calibrate_camera`."""
         return {
             "fixed": self.fixed,
             "priors": self.priors,
-            "board_shape": not self.flat_board,
+            "board_shape": self.board_shape,
             "seed": self.seed,
         }
 
@@ -203,34 +175,28 @@ class SurveyOptions(Options):
         multiple=True,
         metavar="FILE",
         show_default=False,
-        help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm, and picture for several images (repeatable).",
+        help="Known points, CSV: u_px,v_px,x_mm,y_mm,z_mm (repeatable).",
     )
     directions: tuple[str, ...] = option(
         default=(),
         multiple=True,
         metavar="FILE",
         show_default=False,
-        help="Known directions (stars, sun, distant towers), CSV: u_px,v_px and x,y,z or "
-        "azimuth_deg,elevation_deg (repeatable).",
+        help="Known directions, CSV: u_px,v_px,azimuth_deg,elevation_deg (repeatable).",
     )
     lines: tuple[str, ...] = option(
         default=(),
         multiple=True,
         metavar="FILE",
         show_default=False,
-        help="Points marked on straight edges, CSV: line,u_px,v_px, and image for several images (repeatable).",
-    )
-    lines_distance_mm: float = option(
-        type=distance,
-        metavar="MM",
-        default=np.inf,
-        help="Object distance of the straight edges, for mirrors without a single viewpoint.",
+        help="Points marked on straight edges, CSV: line,u_px,v_px (repeatable).",
     )
     image_size: tuple[int, int] | None = option(
         type=full_image_size,
         metavar="WxH",
         help="Image size, required if no image of a board is given.",
     )
+    lines_distance_mm: float = setting("survey", np.inf, type=distance)
 
 
 @click.command(
@@ -252,11 +218,10 @@ class SurveyOptions(Options):
 )
 @click.option("-o", "--output", type=Output(), help="Output camera file, TOML.")
 @click.option("--json", "json_path", type=Output(), help="Write all numbers as JSON.")
-@click.option("--report", type=Output(), help="Write an HTML report.")
 @click.option(
-    "--figures",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Output folder for figures, SVG.",
+    "--report",
+    type=Output(),
+    help="Write an HTML report; a folder also contains the figures, SVG.",
 )
 def command(
     images: tuple[str, ...],
@@ -269,20 +234,14 @@ def command(
     output: Path | None,
     json_path: Path | None,
     report: Path | None,
-    figures: Path | None,
 ) -> None:
     """Calibrate a camera from IMAGES of a target, or one video, without prior knowledge of the
     camera.
 
-    IMAGES are files, folders or file patterns. Known points and directions (--points,
-    --directions) are used in addition to boards or without them, and straight edges (--lines) in
-    addition to either.
-
-    Place the board at 10 to 20 positions over the whole field, also near the rim, and tilt it.
-    Outlier corners are rejected and reported: at most 1 %, and gross errors up to 5 %; a note
-    reports those that remain. Models are compared by the reprojection error in held-out images
-    (cross-validation). Ctrl-C stops the calibration and keeps the best camera so far.
+    IMAGES are files, folders or file patterns. Known points, directions and straight edges are
+    used in addition to boards, and points or directions also without them.
     """
+    page, figures = _report_files(report)
     board, model_arguments, console = target.target_board(), camera.arguments(), output_console()
     _check_input(images, board, survey)
     known = read_observations(survey.points, survey.directions)
@@ -311,15 +270,24 @@ def command(
             print_notice("stopped before a camera was determined")
             sys.exit(code)
         code = interrupts.exit_code() or interruption
-        _write(calibration, output, json_path, report, figures)
+        _write(calibration, output, json_path, page, figures)
     _print(console, calibration, known)
-    print_written(output, json_path, report, console=console)
+    print_written(output, json_path, page, console=console)
     if figures:
         print_line("Figures in ", (str(figures), "bold"), console=console)
     if code:
         print_line("Stopped: best camera so far", console=console)
         click.echo("omnimirror: stopped", err=True)
         sys.exit(code)
+
+
+def _report_files(report: Path | None) -> tuple[Path | None, Path | None]:
+    """Return the page and the folder of the figures."""
+    if report is None or is_stream(report) or report.suffix == ".html":
+        return report, None
+    if report.suffix:
+        raise click.UsageError(f"--report must be an .html file or a folder; got {report}")
+    return report / "calibration.html", report
 
 
 def _check_input(images: tuple[str, ...], board: Board | None, survey: SurveyOptions) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from click.core import ParameterSource
 
 from ....base.files import write_json
 from ....dewarp.request import is_video
@@ -17,10 +17,32 @@ from ....io.batch import expand_inputs
 from ....optics.sensor_files import load_camera
 from ....simulation.scenes.scene import Pose
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, add_options
+from .._declarations import DocumentedCommand, Options, add_options, flag, option, setting
 from .._option_types import INTEGER, SENSOR, angle, distance
 from .._output import json_option, output_console, plain_table, print_line, print_written
 from .._scene_options import percentage_bar
+
+
+@dataclass(frozen=True)
+class RigOptions(Options):
+    """Views, with the parameters of :func:`omnimirror.interop.pinholes.camera_rig`."""
+
+    views_around: int = option(
+        "--views", type=INTEGER, default=6, help="Number of perspective views."
+    )
+    hfov_deg: float = option(type=angle, default=75.0, metavar="DEG", help="Field of each view.")
+    panorama: bool = option(
+        is_flag=True, default=False, help="Write one EQUIRECTANGULAR camera instead of views."
+    )
+    tilt_deg: float = setting("view", 0.0, type=angle)
+    size: int | None = setting("view")
+    distance_mm: float = setting("view", np.inf, type=distance)
+
+    def check(self) -> None:
+        """Raise UsageError for settings of perspective views with a panorama."""
+        for name in self.changed if self.panorama else ():
+            if name not in ("panorama", "size"):
+                raise click.UsageError(f"{flag(name)} must not be given with --panorama")
 
 
 @click.command(
@@ -29,7 +51,7 @@ from .._scene_options import percentage_bar
     examples=(
         "omnimirror colmap paper-spherical walk -o project",
         "omnimirror colmap mine.toml walk.mp4 --every 10 -o project",
-        "omnimirror colmap mine.toml walk --poses poses.csv --gsplat -o project",
+        "omnimirror colmap mine.toml walk --poses poses.csv -o project",
     ),
 )
 @click.argument("camera", type=SENSOR, metavar="SENSOR|CAMERA")
@@ -41,40 +63,7 @@ from .._scene_options import percentage_bar
     required=True,
     help="Output folder.",
 )
-@click.option(
-    "--views",
-    "views_around",
-    type=INTEGER,
-    default=6,
-    show_default=True,
-    help="Number of perspective views.",
-)
-@click.option(
-    "--hfov-deg",
-    type=angle,
-    default="75",
-    show_default=True,
-    metavar="DEG",
-    help="Field of each view.",
-)
-@click.option(
-    "--tilt-deg",
-    type=angle,
-    default="0",
-    show_default=True,
-    metavar="DEG",
-    help="Elevation of the views.",
-)
-@click.option("--size", type=INTEGER, metavar="PX", help="Side of a view or width of the panorama.")
-@click.option(
-    "--distance-mm",
-    type=distance,
-    default="inf",
-    show_default=True,
-    metavar="MM",
-    help="Object distance at which views are exact.",
-)
-@click.option("--panorama", is_flag=True, help="Write one EQUIRECTANGULAR camera instead of views.")
+@add_options(RigOptions, "rig")
 @add_options(OrientationOptions, "orientation")
 @click.option(
     "--every", type=INTEGER, default=1, show_default=True, help="Use every n-th image or frame."
@@ -83,39 +72,27 @@ from .._scene_options import percentage_bar
     "--poses",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="CSV",
-    help="Poses of the sensor, one row per image or frame, as written by simulate.",
-)
-@click.option(
-    "--gsplat",
-    is_flag=True,
-    help="Also write transforms.json for Nerfstudio and gsplat; requires --poses.",
+    help="Poses of the sensor, one row per image or frame, as written by simulate; also writes "
+    "transforms.json for Nerfstudio and gsplat.",
 )
 @json_option("Write views, sizes and reprojection errors by distance.")
 def command(
     camera: str,
     images: tuple[str, ...],
     output: Path,
-    views_around: int,
-    hfov_deg: float,
-    tilt_deg: float,
-    size: int | None,
-    distance_mm: float,
-    panorama: bool,
+    rig: RigOptions,
     orientation: OrientationOptions,
     every: int,
     poses: Path | None,
-    gsplat: bool,
     json_file: Path | None,
 ) -> None:
     """Dewarp IMAGES, files, a folder or a video, into a rig of pinhole cameras for COLMAP.
 
     The output folder contains images and masks of every view, database.db, rig_config.json, and
-    with --gsplat transforms.json. The printed reprojection errors at several object distances, px,
+    with --poses transforms.json. The printed reprojection errors at several object distances, px,
     arise because the rays of a mirror do not meet in one point. Lengths are in metres.
     """
-    _check_view_options(panorama)
-    if gsplat != (poses is not None):
-        raise click.UsageError("--gsplat and --poses must be given together")
+    rig.check()
     if is_video(images[0]):
         orientation.report_video(images[0])
     else:
@@ -125,12 +102,7 @@ def command(
             load_camera(camera),
             images,
             output,
-            views_around=views_around,
-            hfov_deg=hfov_deg,
-            tilt_deg=tilt_deg,
-            size=size,
-            distance_mm=distance_mm,
-            panorama=panorama,
+            **rig.given,
             every=every,
             poses=None if poses is None else _read_poses(poses),
             stored_orientation=orientation.stored_orientation,
@@ -153,15 +125,6 @@ def command(
         write_json(json_file, [_record(view) for view in project.rig])
         print_written(json_file, console=console)
     print_line(f"{output}: {project.images} images, {len(project.rig)} views each", console=console)
-
-
-def _check_view_options(panorama: bool) -> None:
-    """Raise UsageError for options of perspective views with a panorama."""
-    context = click.get_current_context()
-    for name in ("views_around", "hfov_deg", "tilt_deg", "distance_mm"):
-        if panorama and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            option = "views" if name == "views_around" else name.replace("_", "-")
-            raise click.UsageError(f"--{option} must not be given with --panorama")
 
 
 def _record(view: RigCamera) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand
 from .._option_types import SENSOR, distance
 from .._output import (
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -45,7 +44,6 @@ FORMATS = ("png", "html")
     formats=FORMATS,
     help="Output of table, curves and images of one scene: one .html page or one .png file.",
 )
-@format_option(FORMATS)
 @output_option("--csv", "csv_file", help="Write the table with 17 significant digits.")
 @json_option("Write the table, an object per sensor.")
 def command(

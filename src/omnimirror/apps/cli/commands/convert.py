@@ -11,13 +11,20 @@ import numpy as np
 from rich.table import Table
 
 from ....base.files import write_json
-from ....calibration.conversion import DISTANCES_MM, Conversion, convert
+from ....calibration.conversion import Conversion, convert
 from ....calibration.formats import FORMATS
 from ....cameras.frames import CameraLooks, Mount
 from ....cameras.models.camera_model import Optics
-from .._declarations import DocumentedCommand, Options, add_options, option
+from .._declarations import DocumentedCommand, Options, add_options, option, setting
 from .._option_types import NUMBER, angle, distance, full_image_size
-from .._output import Output, json_option, output_console, plain_table, print_line, print_written
+from .._output import (
+    json_option,
+    output_console,
+    output_option,
+    plain_table,
+    print_line,
+    print_written,
+)
 
 
 def distance_list(text: str) -> tuple[float, ...]:
@@ -31,39 +38,23 @@ def distance_list(text: str) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class SourceDataOptions(Options):
-    """Missing data of the source, with the parameters of :func:`omnimirror.convert`."""
+    """Source, with the parameters of :func:`omnimirror.convert`."""
 
     camera: str | None = option(
         metavar="N|NAME", help="Camera of a rig: index from 0, or name.  [default: 0]"
     )
-    optics: Optics | None = option(
-        type=click.Choice(["mirror", "fisheye"]),
-        help="Type of optics: mirror or fisheye lens.  [default: mirror]",
-    )
-    rim_radius_px: float | None = option(
-        type=NUMBER, metavar="PX", help="Radius of the field in the image.  [default: unlimited]"
-    )
-    image_size: tuple[int, int] | None = option(
-        type=full_image_size, metavar="WxH", help="Image size, for a source file without it."
-    )
+    optics: Optics | None = setting("camera")
+    rim_radius_px: float | None = setting("camera")
+    image_size: tuple[int, int] | None = setting("camera", type=full_image_size)
 
 
 @dataclass(frozen=True)
 class MountOptions(Options):
     """Mounting, which other file formats do not contain."""
 
-    camera_looks: CameraLooks | None = option(
-        type=click.Choice(["up", "down", "forward"]),
-        help="Orientation of the optical axis.  [default: up]",
-    )
-    forward_azimuth_deg: float | None = option(
-        type=angle,
-        metavar="DEG",
-        help="Image direction of forward, from image right towards image bottom.  [default: -90]",
-    )
-    image_flipped: bool | None = option(
-        is_flag=True, help="Declare that the calibrated image was mirrored left to right."
-    )
+    camera_looks: CameraLooks | None = setting("camera")
+    forward_azimuth_deg: float | None = setting("camera", type=angle)
+    image_flipped: bool | None = setting("camera")
 
 
 @dataclass(frozen=True)
@@ -75,33 +66,25 @@ class ApproximationOptions(Options):
         metavar="PX",
         help="Fit another model with at most this error if the format does not support the source model.",
     )
-    distance_mm: tuple[float, ...] | None = option(
-        type=distance_list,
-        metavar="MM,...",
-        help="Object distances for a camera without a single viewpoint; 'inf' is allowed.  [default: "
-        f"{','.join(f'{d:g}' for d in DISTANCES_MM)}]",
-    )
-    field_deg: float | None = option(
-        type=NUMBER,
-        metavar="DEG",
-        help="Maximum field angle of the fit.  [default: the calibrated field]",
-    )
-    inner_deg: float | None = option(
-        type=NUMBER,
-        metavar="DEG",
-        help="Minimum field angle of the fit, excluding the image of the camera itself.",
-    )
+    distance_mm: tuple[float, ...] | None = setting("fit", type=distance_list)
+    field_deg: float | None = setting("fit")
+    inner_deg: float | None = setting("fit")
 
 
 @click.command(
     cls=DocumentedCommand,
     page="calibrate",
     examples=(
-        "omnimirror convert calib_results.txt camera.yaml --to opencv-omnidir --tolerance-px 0.5",
+        "omnimirror convert calib_results.txt -o camera.yaml --to opencv-omnidir --tolerance-px 0.5",
     ),
 )
 @click.argument("source", type=click.Path(path_type=Path))
-@click.argument("target", type=Output())
+@output_option(
+    "-o",
+    "--output",
+    required=True,
+    help="Output file, whose name selects the format unless --to does.",
+)
 @click.option(
     "--from",
     "from_",
@@ -109,7 +92,9 @@ class ApproximationOptions(Options):
     help="Format of SOURCE.  [default: detected]",
 )
 @click.option(
-    "--to", metavar="FORMAT", help="Format of TARGET, or one of its models, such as kalibr-ds."
+    "--to",
+    metavar="FORMAT",
+    help="Format of the output, or one of its models, such as kalibr-ds.",
 )
 @click.option("--flip", is_flag=True, help="Write the camera of the image mirrored left to right.")
 @add_options(SourceDataOptions, "source_data")
@@ -118,7 +103,7 @@ class ApproximationOptions(Options):
 @json_option("Write the approximation error, in pixels and for each distance.")
 def command(
     source: Path,
-    target: Path,
+    output: Path,
     from_: str | None,
     to: str | None,
     flip: bool,
@@ -127,11 +112,11 @@ def command(
     approximation: ApproximationOptions,
     json_file: Path | None,
 ) -> None:
-    """Convert the camera model in SOURCE to another format, write TARGET, and report the error."""
+    """Convert the camera model in SOURCE to another file format and report the error."""
     options: dict[str, Any] = {**source_data.given, **approximation.given}
     if mount.given:
         options["mount"] = Mount(**mount.given)
-    conversion = convert(source, target, to=to, from_=from_, flip=flip, **options)
+    conversion = convert(source, output, to=to, from_=from_, flip=flip, **options)
     console = output_console()
     print_line(
         f"{conversion.source} to {conversion.target}: {error_text(conversion)}", console=console
@@ -153,7 +138,7 @@ def command(
             | errors
             | {"costs": costs, "notes": conversion.notes},
         )
-    print_written(target, json_file, console=console)
+    print_written(output, json_file, console=console)
 
 
 def error_text(conversion: Conversion) -> str:

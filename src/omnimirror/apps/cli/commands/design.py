@@ -43,9 +43,7 @@ from .._design_options import (
     merit_list,
 )
 from .._output import (
-    FIGURES,
     column_head,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -164,11 +162,13 @@ def _print_counts(console: Console, search: PartsSearch) -> None:
 
 
 def compute_front(
-    console: Console, requirements: Requirements, merits: list[str], settings: OptimisationOptions
+    console: Console,
+    requirements: Requirements,
+    merits: list[str],
+    settings: OptimisationOptions,
+    figures: Path | None,
 ) -> Front:
     """Compute, draw and print the Pareto front."""
-    if settings.figure and len(merits) != 2:
-        raise click.UsageError(f"--figure requires two merits; got {len(merits)}")
     with progress_bar(console) as bar:
         task = bar.add_task("Generations", total=settings.generations)
         front = pareto(
@@ -188,8 +188,8 @@ def compute_front(
     known = {
         name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()
     }
-    if settings.figure:
-        _draw_front(front, known, settings.figure)
+    if figures and len(merits) == 2:
+        _draw_front(front, known, figures)
     _print_front(console, front, known)
     if settings.pick is not None:
         console.print()
@@ -216,7 +216,8 @@ def _print_front(console: Console, front: Front, known: dict[str, Any], rows: in
     console.print(table)
 
 
-def _draw_front(front: Front, known: dict[str, Any], path: Path) -> None:
+def _draw_front(front: Front, known: dict[str, Any], folder: Path) -> None:
+    from ....analysis.figures import FORMATS
     from ....analysis.figures.sensor_comparison import front as drawing
     from ....analysis.figures.style import axis_title, save_figure, styled
 
@@ -227,24 +228,26 @@ def _draw_front(front: Front, known: dict[str, Any], path: Path) -> None:
     ]
     a, b = (axis_title(m) for m in front.merits)
     with styled():
-        save_figure(drawing(front.values, (a, b), *groups), path)
+        figure = drawing(front.values, (a, b), *groups)
+        for kind in FORMATS:
+            save_figure(figure, folder / f"front.{kind}")
 
 
 def check_pick(pick: int | None, outputs: dict[str, Path | None]) -> None:
-    """Raise UsageError for outputs of a single design if none is selected with --pick."""
+    """Raise UsageError for outputs of a single design if none is selected with search.pick."""
     given = [f"--{name}" for name, path in outputs.items() if path]
     if pick is None and given:
         raise click.UsageError(
-            f"{given[0]} requires one design of the front; select it with --pick NUMBER"
+            f"{given[0]} requires one design of the front; select it with --set search.pick=NUMBER"
         )
 
 
 # -- Command ---------------------------------------------------------------------------------------
 
-SEARCH_OPTIONS = ("seed", "resume", "paper_mode", "image_radius_px")
+SEARCH_OPTIONS = ("seed", "resume", "mode", "image_radius_px")
 ONLY = {
     "--optimise": ("starts", "terms", *SEARCH_OPTIONS),
-    "--pareto": ("population", "generations", "figure", "pick", *SEARCH_OPTIONS),
+    "--pareto": ("population", "generations", "pick", *SEARCH_OPTIONS),
     "--parts": ("max_designs", "price_front", "processes"),
 }
 
@@ -269,11 +272,12 @@ ONLY = {
 )
 @add_options(OptimisationOptions, "settings")
 @add_options(CatalogueOptions, "catalogue")
-@format_option(FIGURES)
 @output_option("-o", "--output", "out", help="Output sensor file.")
 @json_option("Write the table and the relaxations.")
 @click.option(
-    "--figures", type=click.Path(path_type=Path), help="Folder for the figures of the paper."
+    "--figures",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the figures of the paper, and of a Pareto front of two merits.",
 )
 @file_entries("requirement file", REQUIREMENT_ENTRIES)
 @click.pass_context
@@ -315,8 +319,9 @@ def command(
     if loaded.parts is not None:
         design_with_catalogue(console, loaded, catalogue, out, json_file)
     if merits:
-        check_pick(settings.pick, {"output": out, "json": json_file, "figures": figures})
-        pareto_front = compute_front(console, loaded, merits, settings)
+        single = {"output": out, "json": json_file}
+        check_pick(settings.pick, single if len(merits) == 2 else single | {"figures": figures})
+        pareto_front = compute_front(console, loaded, merits, settings, figures)
         design = None if settings.pick is None else pareto_front.design(settings.pick)
         is_complete = pareto_front.is_complete
     elif loaded.mirror.optimise:
@@ -337,9 +342,10 @@ def command(
         if merits:
             _write(console, design, out, json_file)
         _finish(console, design, out, json_file, figures)
-    for path in (settings.figure, settings.resume):
-        if path and path.exists():
-            print_written(path, console=console)
+    if design is None:
+        print_written(figures, console=console)
+    if settings.resume and settings.resume.exists():
+        print_written(settings.resume, console=console)
     if not is_complete:
         click.echo("omnimirror: stopped", err=True)
         sys.exit(interrupted_exit_code())
@@ -386,7 +392,7 @@ def _optimised(
     shape = requirements.mirror.shape or SHAPE
     counts = settings.terms or [FreeformFamily.parse(shape).terms]
     if settings.resume and len(counts) > 1:
-        raise click.UsageError("--resume requires a single value of --terms")
+        raise click.UsageError("search.resume requires a single value of search.terms")
     starts, designs = settings.starts, {}
     with progress_bar(console) as bar:
         task = bar.add_task("", total=starts * len(counts))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,11 @@ from ....base.escaping import shell_command
 from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....calibration.sensor_model import SensorModel
-from ....optics.lenses import BlurMode
+from ....optics.lenses import BlurMode, SurfaceLens
 from ....optics.mirrors import Cone, SampledProfile
 from ....optics.sensor import Sensor
-from ....optics.sensor_files import SENSOR_ENTRIES, load_camera
+from ....optics.sensor_files import SENSOR_ENTRIES, lens_of, load_camera
+from ....optics.toml_validation import SourceLocator, merge_tables
 from ....optics.tracing.obscuration import obscuration_summary
 from .._declarations import (
     DocumentedCommand,
@@ -31,6 +32,7 @@ from .._declarations import (
     file_entries,
     flag,
     option,
+    setting,
 )
 from .._option_types import NUMBER, SENSOR, distance, focus, pixel, values
 from .._output import (
@@ -41,7 +43,6 @@ from .._output import (
     print_rows,
     print_written,
 )
-from .._sensor_options import LensOptions
 
 MAX_NAMED = 5  # outliers listed by name
 TERMINAL_COLUMNS = [name for name in READ_COLUMNS if name not in ("x_mm", "floored_area_deg2")]
@@ -85,34 +86,22 @@ class EvaluationOptions(Options):
         metavar="MM|auto",
         help="Object distance in focus, or 'auto'.  [default: the focus of the sensor]",
     )
-    merit: str = option(
-        type=click.Choice(list(FOCUS_MERITS)),
-        metavar="NAME",
-        default="worst_floored_area_deg2",
-        help="Merit minimised by --focus-mm auto.",
-    )
-    paper_mode: bool | None = option(
-        is_flag=True, help="Compute blur with Eq. 29 of the paper instead of the exact form."
-    )
-    image_radius_px: float | None = option(
-        type=NUMBER, help="Scale the image to this rim radius, 500 in the paper."
-    )
-    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength for the Airy disk.")
-    tolerance_px: float = option(
-        type=NUMBER, default=1.0, help="Permissible blur for the depth of field."
-    )
     temperature_c: float | None = option(
         type=NUMBER,
         metavar="C",
         help="Temperature of the sensor; requires a table [thermal] in its file.",
     )
+    merit: str = setting("focus", "worst_floored_area_deg2", type=click.Choice(list(FOCUS_MERITS)))
+    mode: BlurMode = setting("blur", "exact")
+    image_radius_px: float | None = setting("blur")
+    tolerance_px: float = setting("blur", 1.0)
+    wavelength_nm: float = setting("light", 550.0)
 
     def evaluation(self, sensor: Sensor) -> Evaluation:
         """Return the evaluation for the options."""
         arguments = self.given | {"pixels": self.pixels or None}
         arguments.pop("temperature_c", None)
-        mode: BlurMode = "paper" if arguments.pop("paper_mode", False) else "exact"
-        return evaluate(sensor, **arguments, mode=mode)
+        return evaluate(sensor, **arguments)
 
 
 @click.command(
@@ -120,30 +109,39 @@ class EvaluationOptions(Options):
     page="evaluation",
     examples=(
         "omnimirror evaluate paper-spherical --omega-deg 0:135:5",
-        "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv --figures figures",
+        "omnimirror evaluate mine.toml --focus-mm auto --csv mine.csv -o figures",
     ),
 )
 @click.argument("sensor", type=SENSOR)
 @add_options(EvaluationOptions, "conditions")
+@click.option(
+    "--lens",
+    type=click.Path(path_type=Path),
+    metavar="ZMX",
+    help="Lens prescription that replaces the lens of the sensor, with the same first principal "
+    "point and focus distance.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the figures of the paper.",
+)
 @output_option(
     "--csv",
     "csv_file",
     help="Write all columns with 17 significant digits; for a measured mirror also their standard deviations.",
 )
 @json_option("Write summary and all columns.")
-@click.option(
-    "--figures", type=click.Path(path_type=Path), help="Output folder for the figures of the paper."
-)
-@add_options(LensOptions, "lens")
 @file_entries("sensor file", SENSOR_ENTRIES)
 def command(
     sensor: str,
     conditions: EvaluationOptions,
-    lens: LensOptions,
-    changes: dict[str, Any],
+    lens: Path | None,
+    output: Path | None,
     csv_file: Path | None,
     json_file: Path | None,
-    figures: Path | None,
+    changes: dict[str, Any],
 ) -> None:
     """Evaluate SENSOR, a sensor file or the name of a bundled sensor.
 
@@ -154,9 +152,10 @@ def command(
     a decentred or tilted mirror, averaged over azimuths. omnimirror uncertainty evaluates the
     uncertainty of a calibrated camera over the whole image.
     """
+    lens_entries = {} if lens is None else changes.pop("lens", {})
     camera, console = load_camera(sensor, changes), output_console()
     if not isinstance(camera, Sensor) or not camera.is_axial:
-        _refuse_optical_options(camera, (conditions, lens), figures)
+        _refuse_optical_options(camera, conditions, {"lens": lens, "output": output})
         if isinstance(camera, Sensor):
             camera.check(
                 "evaluation of a misaligned sensor",
@@ -168,7 +167,10 @@ def command(
         camera_mapping = evaluate_camera(model, conditions.omega_deg)
         _show_mapping(console, sensor, camera_mapping, csv_file, json_file)
         return
-    camera = lens.on(camera)
+    if lens is not None:
+        entries = {"file": str(lens), "focus_distance_mm": camera.lens.focus_distance_mm}
+        table = merge_tables({"kind": SurfaceLens.KIND} | entries, lens_entries)
+        camera = replace(camera, lens=lens_of(table, SourceLocator("", "the lens"), Path()))
     if conditions.temperature_c is not None:
         _print_motion(console, camera, conditions.temperature_c)
         camera = at_temperature(camera, conditions.temperature_c)
@@ -180,8 +182,8 @@ def command(
     print_summary(console, result, conditions.merit)
     print_table(console, result)
     print_written(csv_file, json_file, console=console)
-    if figures:
-        _draw(console, result, figures)
+    if output:
+        _draw(console, result, output)
 
 
 def _print_motion(console: Console, sensor: Sensor, temperature_c: float) -> None:
@@ -193,12 +195,14 @@ def _print_motion(console: Console, sensor: Sensor, temperature_c: float) -> Non
     )
 
 
-def _refuse_optical_options(camera: Any, groups: tuple[Options, ...], figures: Path | None) -> None:
+def _refuse_optical_options(
+    camera: Any, conditions: EvaluationOptions, paths: dict[str, Path | None]
+) -> None:
     """Raise UsageError for quantities that a calibrated camera or a misaligned mirror does not
     have.
     """
-    given = [flag(name) for options in groups for name in options.changed if name != "omega_deg"]
-    if given := [*given, *(["--figures"] if figures else [])]:
+    names = [*conditions.changed, *(name for name, path in paths.items() if path)]
+    if given := [flag(name) for name in names if name != "omega_deg"]:
         reason = "requires a mirror and a lens, which a camera file does not contain"
         if isinstance(camera, Sensor):
             reason = "requires an aligned mirror and cover; here one is decentred or tilted"

@@ -28,7 +28,7 @@ from ....manufacturing.tolerancing.tolerance_file import load_allocated_toleranc
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand, Options, add_options, file_entries, option, setting
-from .._option_types import NUMBER, SENSOR
+from .._option_types import SENSOR
 from .._output import (
     json_option,
     output_console,
@@ -78,12 +78,8 @@ class BodyOptions(Options):
         metavar="M2...M12",
         help="Tapped hole for this thread on the axis, from the back.",
     )
-    bore_depth_mm: float | None = option(
-        type=NUMBER, help="Depth of the bore; 'inf' for a through bore.  [default: 10]"
-    )
-    flange_width_mm: float | None = option(
-        type=NUMBER, help="Width of a flange at the back, beyond the rim."
-    )
+    bore_depth_mm: float | None = setting("body")
+    flange_width_mm: float | None = setting("body")
     thickness_mm: float | None = setting("body")
     bore_diameter_mm: float | None = setting("body")
     flange_thickness_mm: float | None = setting("body")
@@ -107,17 +103,17 @@ class BodyOptions(Options):
 class FileOptions(Options):
     """Resolution of files, as for :func:`omnimirror.export`."""
 
-    sheet: str = option(type=click.Choice(list(SHEETS)), default="A3", help="Drawing: paper size.")
     chord_tolerance_um: float = setting("file", 10.0)
     step_mm: float | None = setting("file")
     step_deg: float | None = setting("file")
     digits: int = setting("file", 6)
     grid_points: int = setting("file", 257)
-    scale: str | None = setting("file")
+    sheet: str = setting("file", "A3", type=click.Choice(list(SHEETS)))
+    scale: float | None = setting("file", type=scale)
 
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of :func:`omnimirror.export`."""
-        return self.given | ({} if self.scale is None else {"scale": scale(self.scale)})
+        return self.given
 
 
 @dataclass(frozen=True)
@@ -140,7 +136,7 @@ class ToolOptions(Options):
     cls=DocumentedCommand,
     page="manufacture",
     examples=(
-        "omnimirror export paper-spherical -o export --thread M6 --bore-depth-mm 12",
+        "omnimirror export paper-spherical -o export --thread M6 --set body.bore_depth_mm=12",
         "omnimirror export mine.toml -o mirror.step",
     ),
 )

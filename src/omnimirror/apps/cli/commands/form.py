@@ -20,8 +20,8 @@ from ....manufacturing.tolerancing.mirror_form import FormEffect, as_built, form
 from ....optics.mirrors import Mirror
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor, save_sensor
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import INTEGER, NUMBER, SENSOR
+from .._declarations import DocumentedCommand, Options, add_options, option, setting
+from .._option_types import SENSOR
 from .._output import (
     FIGURES,
     json_option,
@@ -43,17 +43,10 @@ class PointOptions(Options):
         default="mm",
         help="Unit of point lists; other formats contain their unit.",
     )
-    departures: bool = option(
-        is_flag=True,
-        default=False,
-        help="Third column is the departure along the normal instead of the height.",
-    )
-    probe_radius_mm: float = option(
-        type=NUMBER, default=0.0, help="Probe radius, if the points are centres of the probe ball."
-    )
-    order: int | None = option(
-        type=INTEGER, help="Maximum order of the asymmetric Zernike terms.  [default: automatic]"
-    )
+    are_departures: bool = setting("points", False)
+    probe_radius_mm: float = setting("points", 0.0)
+    order: int | None = setting("fit")
+    asymmetric: bool = setting("as_built", False)
 
     def of(self, mirror: Mirror, path: Path) -> FormError:
         """Compute the form error."""
@@ -62,7 +55,7 @@ class PointOptions(Options):
             mirror,
             points,
             order=self.order,
-            are_departures=self.departures,
+            are_departures=self.are_departures,
             probe_radius_mm=self.probe_radius_mm,
         )
 
@@ -70,7 +63,7 @@ class PointOptions(Options):
 @click.command(
     cls=DocumentedCommand,
     page="measured",
-    examples=("omnimirror form paper-spherical cmm.csv --figure form.png -o as-built.toml",),
+    examples=("omnimirror form paper-spherical cmm.csv -o as-built.toml --figure form.png",),
 )
 @click.argument("sensor", type=SENSOR)
 @click.argument("points", type=click.Path(path_type=Path))
@@ -78,7 +71,6 @@ class PointOptions(Options):
 @output_option(
     "-o", "--output", formats=("toml",), help="Write the sensor with the as-built mirror."
 )
-@click.option("--asymmetric", is_flag=True, help="Include asymmetric terms in the sensor; with -o.")
 @output_option(
     "--figure",
     formats=FIGURES,
@@ -90,7 +82,6 @@ def command(
     points: Path,
     fit: PointOptions,
     output: Path | None,
-    asymmetric: bool,
     figure: Path | None,
     json_file: Path | None,
 ) -> None:
@@ -99,8 +90,8 @@ def command(
     Separates alignment, form and noise, and evaluates the effect on the image before and after
     calibration. POINTS: list of x, y, z, OpticStudio grid sag, .x3p, Zygo .dat and .datx, ...
     """
-    if asymmetric and output is None:
-        raise click.UsageError("--asymmetric requires --output")
+    if fit.asymmetric and output is None:
+        raise click.UsageError("as_built.asymmetric requires --output")
     nominal = load_sensor(sensor)
     console = output_console()
     with console.status("Fitting"):
@@ -115,7 +106,7 @@ def command(
         console.print(f"\nthe effect on the image cannot be computed: {reason}")
     written = []
     if output is not None:
-        save_sensor(as_built(nominal, form, asymmetric=asymmetric), output)
+        save_sensor(as_built(nominal, form, asymmetric=fit.asymmetric), output)
         written.append(output)
     if figure is not None:
         from ....analysis.figures.style import save_figure, styled

@@ -16,12 +16,11 @@ from ....optics.materials import METALS, Reflectivity
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import angles_of
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import NUMBER, SENSOR, angle, values
+from .._declarations import DocumentedCommand, Options, add_options, option, setting
+from .._option_types import SENSOR, angle, values
 from .._output import (
     FIGURES,
     column_head,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -60,19 +59,14 @@ class LightOptions(Options):
     omega_deg: Array | None = option(
         type=values, metavar="A:B:STEP", help="Field angles.  [default: every 15 deg of the field]"
     )
-    azimuth_deg: float = option(
-        type=angle,
-        default=0.0,
-        metavar="DEG",
-        help="Azimuth in the image, from right towards bottom.",
-    )
     reflectivity: Reflectivity = option(
         type=reflectivity,
         default=1.0,
         metavar="R|N,K|METAL",
         help=f"Reflectivity of the mirror: a fraction, a refractive index, or {', '.join(METALS)}.",
     )
-    transmission: float = option(type=NUMBER, default=1.0, help="Transmission of the lens.")
+    azimuth_deg: float = setting("field", 0.0, type=angle)
+    transmission: float = setting("lens", 1.0)
 
     def of(self, sensor: Sensor, omega_deg: Array) -> Illumination:
         """Return the illumination at field angles (n,)."""
@@ -91,7 +85,6 @@ class LightOptions(Options):
 @click.argument("sensor", type=SENSOR)
 @add_options(LightOptions, "light")
 @output_option("-o", "--output", formats=FIGURES, help="Output figure (PNG, SVG, PDF).")
-@format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the table as CSV.")
 @json_option("Write the columns of --csv as a list of objects.")
 def command(

@@ -11,17 +11,21 @@ from ....base.escaping import shell_word
 from ....base.files import is_stream, write_text
 from ....design.sensor_file_template import sensor_template
 from .._declarations import DocumentedCommand
-from .._output import Output, print_line
+from .._output import output_option, print_line
+
+DEFAULT = "sensor.toml"
 
 
-@click.command(cls=DocumentedCommand, page="sensor-file", examples=("omnimirror init mine.toml",))
-@click.argument("path", type=Output(), default="sensor.toml")
-@click.option("--force", is_flag=True, help="Overwrite an existing file.")
-def command(path: Path, force: bool) -> None:
-    """Write a commented sensor file to PATH (sensor.toml by default) and print the next steps."""
-    if path.exists() and not (force or is_stream(path)):
+@click.command(
+    cls=DocumentedCommand, page="sensor-file", examples=("omnimirror init -o mine.toml",)
+)
+@output_option("-o", "--output", help=f"Output sensor file.  [default: {DEFAULT}]")
+def command(output: Path | None) -> None:
+    """Write a commented sensor file and print the next steps."""
+    path = Path(DEFAULT) if output is None else output
+    if output is None and path.exists():
         raise OmnimirrorError(
-            f"{path} already exists; specify another name, or use --force to overwrite it"
+            f"{path} already exists; rename it, or specify the file with --output"
         )
     write_text(path, sensor_template("sensor" if is_stream(path) else path.stem))
     if not is_stream(path):

@@ -25,27 +25,17 @@ from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera, save_camera
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, option
+from .._declarations import DocumentedCommand, Options, add_options, option, setting
 from .._option_types import NUMBER, distance, full_image_size
 from .._output import json_option, output_console, output_option, print_line, print_written
 
 
 @dataclass(frozen=True)
 class LineOptions(Options):
-    """Camera, or known data of an uncalibrated camera, and object distance of the edges."""
+    """Camera, marked lines and their object distance."""
 
     camera: str | None = option(
         metavar="FILE|NAME", help="Camera to refine.  [default: uncalibrated camera]"
-    )
-    optics: Optics = option(
-        type=click.Choice(["mirror", "fisheye"]),
-        default="mirror",
-        help="Type of optics of an uncalibrated camera.",
-    )
-    camera_looks: CameraLooks = option(
-        type=click.Choice(["up", "down", "forward"]),
-        default="up",
-        help="Orientation of the optical axis of an uncalibrated camera.",
     )
     rim: tuple[float, float, float] | None = option(
         nargs=3,
@@ -54,17 +44,6 @@ class LineOptions(Options):
         help="Circle of the field in the image, px.  [default: the detected outline of a "
         "mirror; the largest circle for a fisheye]",
     )
-    inner_radius_px: float | None = option(
-        type=NUMBER,
-        help="Radius of the central obscuration by the camera itself, px.  [default: as detected with the rim]",
-    )
-    distance_mm: float = option(
-        type=distance,
-        metavar="MM",
-        default=np.inf,
-        help="Object distance of the edges, for mirrors without a single viewpoint.",
-    )
-
     lines: tuple[str, ...] = option(
         default=(),
         multiple=True,
@@ -75,6 +54,10 @@ class LineOptions(Options):
     image_size: tuple[int, int] | None = option(
         type=full_image_size, metavar="WxH", help="Image size, if only --lines are given."
     )
+    optics: Optics = setting("camera", "mirror")
+    camera_looks: CameraLooks = setting("camera", "up")
+    inner_radius_px: float | None = setting("rim")
+    distance_mm: float = setting("lines", np.inf, type=distance)
 
     def model(self) -> Sensor | CameraModel | None:
         """Return the camera to refine."""

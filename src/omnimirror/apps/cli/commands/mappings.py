@@ -16,7 +16,6 @@ from .._declarations import DocumentedCommand, Options, add_options, option
 from .._option_types import NUMBER
 from .._output import (
     FIGURES,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -42,17 +41,17 @@ class RimOptions(Options):
 @click.command(
     cls=DocumentedCommand,
     page="design",
-    examples=("omnimirror mappings --omega-max-deg 135 --figure mappings.png",),
+    examples=("omnimirror mappings --omega-max-deg 135 -o mappings.png",),
 )
 @add_options(RimOptions, "rim")
 @output_option(
-    "--figure",
+    "-o",
+    "--output",
     formats=FIGURES,
     help="Figure of the mirror sections and image heights: svg, png, pdf.",
 )
-@format_option(FIGURES)
 @json_option()
-def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> None:
+def command(rim: RimOptions, output: Path | None, json_file: Path | None) -> None:
     """List the mappings of omnimirror design with the mirror of each for a given field and lens.
 
     Lengths are in units of the rim radius M.
@@ -86,15 +85,15 @@ def command(rim: RimOptions, figure: Path | None, json_file: Path | None) -> Non
     if json_file:
         write_json(json_file, records)
         print_written(json_file, console=console)
-    if figure:
+    if output:
         _draw(
             {
                 name: Meridian(p.mirror, p.distance_mm)
                 for name, p in list(mounted.items())[:MAX_DRAWN]
             },
-            figure,
+            output,
         )
-        print_written(figure, console=console)
+        print_written(output, console=console)
 
 
 def _draw(mirrors: dict[str, Meridian], path: Path) -> None:

@@ -14,12 +14,11 @@ from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
-from .._declarations import DocumentedCommand, add_options, option
+from .._declarations import DocumentedCommand, add_options, setting
 from .._option_types import SENSOR, values
 from .._output import (
     FIGURES,
     column_head,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -34,15 +33,9 @@ PRINTED_CYCLES_PER_PX = (0.125, 0.25, 0.5)  # cycles per pixel, printed on the t
 class MtfOptions(ImageOptions):
     """MTF conditions."""
 
-    cycles_per_px: Array | None = option(
-        type=values, metavar="A:B:STEP", help="Spatial frequencies.  [default: 0:1:0.02]"
-    )
-    wavelength_nm: Any = option(
-        type=values, default=550.0, metavar="LIST", help="Wavelengths, equally weighted."
-    )
-    pixel: bool = option(
-        "--pixel/--no-pixel", default=True, help="Multiply by the MTF of a square pixel."
-    )
+    cycles_per_px: Array | None = setting("mtf", type=values)
+    wavelength_nm: Any = setting("light", 550.0, type=values)
+    pixel: bool = setting("mtf", True)
 
     @property
     def frequencies(self) -> Array:
@@ -58,7 +51,6 @@ class MtfOptions(ImageOptions):
 @click.argument("sensor", type=SENSOR)
 @add_options(MtfOptions, "conditions")
 @output_option("-o", "--output", formats=FIGURES, help="Output figure (PNG, SVG, PDF).")
-@format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write the MTF in cycles/px, lp/mm and cycles/deg.")
 @json_option("Write the columns of --csv as a list of objects.")
 def command(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 import numpy as np
@@ -13,12 +13,11 @@ from ....analysis.psf_mtf import Psf, psf
 from ....base.files import write_json
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
-from .._declarations import DocumentedCommand, add_options, option
-from .._option_types import NUMBER, SENSOR
+from .._declarations import DocumentedCommand, add_options, setting
+from .._option_types import SENSOR
 from .._output import (
     FIGURES,
     column_head,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -34,27 +33,31 @@ SHARES = (0.5, 0.8)  # fractions of the energy with printed radii
 class PsfOptions(ImageOptions):
     """PSF conditions."""
 
-    wavelength_nm: float = option(type=NUMBER, default=550.0, help="Wavelength.")
+    wavelength_nm: float = setting("light", 550.0)
+    content: Literal["images", "encircled_energy"] = setting("figure", "images")
 
 
 @click.command(
     cls=DocumentedCommand,
     page="aperture",
     examples=(
-        "omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png --encircled energy.png",
+        "omnimirror psf paper-spherical --omega-deg 0:120:30 -o psf.png",
+        "omnimirror psf paper-spherical --set figure.content=encircled_energy -o energy.png",
     ),
 )
 @click.argument("sensor", type=SENSOR)
 @add_options(PsfOptions, "conditions")
-@output_option("-o", "--output", formats=FIGURES, help="Figure of the PSFs (PNG, SVG, PDF).")
-@format_option(FIGURES)
-@output_option("--encircled", formats=FIGURES, help="Figure of the encircled energy.")
+@output_option(
+    "-o",
+    "--output",
+    formats=FIGURES,
+    help="Figure of the PSFs or of the encircled energy (PNG, SVG, PDF).",
+)
 @json_option()
 def command(
     sensor: str,
     conditions: PsfOptions,
     output: Path | None,
-    encircled: Path | None,
     json_file: Path | None,
 ) -> None:
     """Compute the point-spread functions of SENSOR through its whole aperture."""
@@ -99,15 +102,14 @@ def command(
     if json_file:
         write_json(json_file, records)
         print_written(json_file, console=console)
-    if output or encircled:
+    if output:
         from ....analysis.figures import save_figure
         from ....analysis.figures.aperture import encircled_energy, psf_images
 
         widest = max(2 * float(p.offset_px[-1]) for p in psfs)  # squares of equal size
         psfs = [p if 2 * p.offset_px[-1] == widest else compute(p.omega_deg, widest) for p in psfs]
-        for path, draw in ((output, psf_images), (encircled, encircled_energy)):
-            if path:
-                print_written(save_figure(draw(psfs), path), console=console)
+        draw = psf_images if conditions.content == "images" else encircled_energy
+        print_written(save_figure(draw(psfs), output), console=console)
 
 
 def _record(p: Psf) -> dict[str, Any]:

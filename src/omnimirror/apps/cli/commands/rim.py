@@ -34,7 +34,7 @@ from .._output import (
 @click.command(
     cls=DocumentedCommand,
     page="calibrate",
-    examples=("omnimirror rim image1.jpg image2.jpg --figure rim.png --json rim.json",),
+    examples=("omnimirror rim image1.jpg image2.jpg -o rim.png --json rim.json",),
 )
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @add_options(OrientationOptions, "orientation")
@@ -42,14 +42,17 @@ from .._output import (
     "--separately", is_flag=True, help="Process each image separately, as from different sensors."
 )
 @output_option(
-    "--figure", formats=FIGURES, help="Draw the detected outlines on the images (PNG, SVG, PDF)."
+    "-o",
+    "--output",
+    formats=FIGURES,
+    help="Figure of the detected outlines on the images (PNG, SVG, PDF).",
 )
 @json_option("Write the outline, whether it is accepted, and the rejected candidates.")
 def command(
     images: tuple[str, ...],
     orientation: OrientationOptions,
     separately: bool,
-    figure: Path | None,
+    output: Path | None,
     json_file: Path | None,
 ) -> None:
     """Detect the outline of the mirror in IMAGES: image files, folders or file patterns.
@@ -102,8 +105,8 @@ def command(
         document = record[0] | {"images": named} if len(rims) == 1 else {"images": named}
         write_json(json_file, document)
         print_written(json_file, console=console)
-    if figure:
-        print_written(_draw_outlines(figure, files, pixels, singles), console=console)
+    if output:
+        print_written(_draw_outlines(output, files, pixels, singles), console=console)
 
 
 def _draw_outlines(

@@ -42,7 +42,6 @@ from .._declarations import (
 from .._option_types import INTEGER, SENSOR
 from .._output import (
     IMAGE_FORMATS,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -83,6 +82,14 @@ def command() -> None:
     """
 
 
+@dataclass(frozen=True)
+class DistantOptions(Options):
+    """Scene."""
+
+    distant: bool = setting("scene", False)
+    """Treat the scene as infinitely distant, without parallax."""
+
+
 @command.command(
     "image",
     cls=DocumentedCommand,
@@ -102,9 +109,7 @@ def command() -> None:
     help="Mirror pose in the scene: position, mm; pan, tilt, roll, deg.  [default: 0,0,0]",
 )
 @add_options(TrajectoryOptions, "trajectory")
-@click.option(
-    "--distant", is_flag=True, help="Treat the scene as infinitely distant, without parallax."
-)
+@add_options(DistantOptions, "distance")
 @add_options(RenderingOptions, "rendering")
 @file_entries("sensor file", SENSOR_ENTRIES)
 @output_option("--panorama", formats=IMAGE_FORMATS, help="Write a panorama of the light as well.")
@@ -115,13 +120,12 @@ def command() -> None:
     required=True,
     help="Image; EXR with ground truth; MP4 with --path.",
 )
-@format_option(IMAGE_FORMATS)
 def image(
     sensor: str,
     scene: SceneOptions,
     mirror_pose: Pose | None,
     trajectory: TrajectoryOptions,
-    distant: bool,
+    distance: DistantOptions,
     rendering: RenderingOptions,
     changes: dict[str, Any],
     panorama: Path | None,
@@ -143,7 +147,7 @@ def image(
             "mirror_pose": mirror_pose,
             "panorama": panorama,
             **rendering.subset(*IMAGE_ONLY),
-            "distant": distant or None,
+            "distant": distance.distant or None,
         }
         if given := [name for name, value in still_image_options.items() if value is not None]:
             raise click.UsageError(f"{flag(given[0])} requires an image, without --path")
@@ -154,7 +158,9 @@ def image(
     if output.suffix.lower() in WRITABLE_VIDEO_SUFFIXES:
         raise click.UsageError(f"the video output {output} requires --path")
     posed = PosedScene(loaded_scene, mirror_pose or Pose())
-    _render_image(camera, DistantScene(posed) if distant else posed, output, rendering, panorama)
+    _render_image(
+        camera, DistantScene(posed) if distance.distant else posed, output, rendering, panorama
+    )
 
 
 def _render_image(
@@ -469,7 +475,7 @@ class ShardOptions(Options):
     cls=DocumentedCommand,
     page="simulate",
     examples=(
-        "omnimirror simulate training paper-spherical --path walk.csv --bodies carts.toml --spp 4 -o walk",
+        "omnimirror simulate training paper-spherical --path walk.csv --set video.bodies=carts.toml --spp 4 -o walk",
     ),
 )
 @click.argument("sensor", type=SENSOR)

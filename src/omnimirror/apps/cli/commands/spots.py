@@ -18,12 +18,11 @@ from ....base.typing import Array
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ObjectOptions
-from .._declarations import DocumentedCommand, add_options, option
-from .._option_types import INTEGER, SENSOR, values
+from .._declarations import DocumentedCommand, add_options, option, setting
+from .._option_types import SENSOR, values
 from .._output import (
     FIGURES,
     column_head,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -43,12 +42,8 @@ class SpotOptions(ObjectOptions):
         metavar="A:B:STEP",
         help="Focus distances for a through-focus diagram.  [default: the focus of the sensor]",
     )
-    rings: int = option(type=INTEGER, default=12, help="Number of ray rings across the aperture.")
-    f_numbers: Array | None = option(
-        type=values,
-        metavar="LIST",
-        help="Print the error of the blur formula at these F-numbers instead of spots.",
-    )
+    rings: int = setting("pupil", 12)
+    f_numbers: Array | None = setting("check_blur", type=values)
 
     def of(self, sensor: Sensor) -> Spots:
         """Return the spots for the options."""
@@ -77,7 +72,6 @@ class SpotOptions(ObjectOptions):
     formats=FIGURES,
     help="Figure of field angles by focus distances (PNG, SVG, PDF).",
 )
-@format_option(FIGURES)
 @output_option("--csv", "csv_file", help="Write widths, radii and centroids.")
 @json_option("Write the columns of --csv as a list of objects.")
 def command(
@@ -93,7 +87,8 @@ def command(
     if conditions.f_numbers is not None:
         if output or csv_file or json_file or conditions.focus_mm is not None:
             raise click.UsageError(
-                "--f-numbers must not be given together with --output, --csv, --json or --focus-mm"
+                "check_blur.f_numbers prints the error of the blur formula instead of spots; it must "
+                "not be given together with --output, --csv, --json or --focus-mm"
             )
         _print_check(console, camera, conditions.f_numbers, conditions)
         return

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
 
 from ....base.errors import InvalidParameter, OmnimirrorError
 from ....base.escaping import shell_command
-from ....base.files import is_stream, write_json, write_text
+from ....base.files import display_name, is_stream, write_json, write_text
 from ....design.requirement_files import load_requirements
 from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from ....manufacturing.tolerancing.monte_carlo import format_motion
@@ -30,7 +31,15 @@ from ....manufacturing.tolerancing.tolerance_file import (
     tolerance_template,
 )
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, add_options, flag, option
+from .._declarations import (
+    DocumentedCommand,
+    Options,
+    add_options,
+    file_entries,
+    flag,
+    option,
+    setting,
+)
 from .._option_types import NUMBER, SENSOR, IntegerRange
 from .._output import (
     json_option,
@@ -43,6 +52,7 @@ from .._output import (
 )
 
 INIT = "init"
+TEMPLATE = "tolerances.toml"
 SHARDS = "trials"
 """Subfolder of --output for trials."""
 MAX_ROWS = 12
@@ -53,7 +63,6 @@ class TrialOptions(Options):
     """Number of trials, limits and analyses."""
 
     trials: int = option(default=10_000, type=IntegerRange(1), help="Number of Monte Carlo trials.")
-    seed: int = option(default=0, type=IntegerRange(0), help="Random seed.")
     target_yield: float | None = option(
         "--yield",
         type=NUMBER,
@@ -72,10 +81,9 @@ class TrialOptions(Options):
         metavar="FILE",
         help="Requirement file with limits and object distance, instead of those of TOLERANCES.",
     )
-
-    variance: bool = option(
-        default=False, is_flag=True, help="Compute Sobol indices of the limited merits by error."
-    )
+    seed: int = setting("analysis", 0, type=IntegerRange(0))
+    variance: bool = setting("analysis", False)
+    typical_sensors: bool = setting("analysis", False)
 
     def plan(self, plan: TolerancePlan) -> TolerancePlan:
         """Return the plan with the limits of the options."""
@@ -95,13 +103,8 @@ class SweepOptions(Options):
         metavar="I/N",
         help="Compute the I-th of N parts; run without this option to combine all parts.",
     )
-    scheduler: str | None = option(
-        metavar="ADDRESS", help="Address of a Dask scheduler that runs the trials."
-    )
-    shard_trials: int | None = option(
-        type=IntegerRange(1),
-        help=f"Trials per shard; larger runs are stored in DIR/{SHARDS}.  [default: {SHARD_TRIALS}]",
-    )
+    scheduler: str | None = setting("sweep")
+    shard_trials: int | None = setting("sweep", type=IntegerRange(1))
 
     def of(self, trials: int, out: Path | None) -> Sweep | None:
         """Return the storage of the trials; None for a single shard without options."""
@@ -139,18 +142,13 @@ class SweepOptions(Options):
     show_default=True,
     help="Manufacturing grade; with init.",
 )
-@click.option("--force", is_flag=True, help="Overwrite an existing file; with init.")
-@click.option(
+@file_entries("tolerance file", ("objects",))
+@output_option(
     "-o",
     "--output",
     "out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for charts, numbers and trials of long runs; repeating the command continues a run.",
-)
-@click.option(
-    "--save-trials",
-    is_flag=True,
-    help="Write sensors at the 5, 50 and 95 % quantiles of the first limit, or of motion_px, with images to --output.",
+    help="Folder for charts, numbers and trials of long runs; repeating the command continues a "
+    f"run. With init, tolerance file.  [default: {TEMPLATE}]",
 )
 @output_option(
     "--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer."
@@ -162,11 +160,10 @@ def command(
     options: TrialOptions,
     storage: SweepOptions,
     grade: str,
-    force: bool,
     out: Path | None,
-    save_trials: bool,
     report_file: Path | None,
     json_file: Path | None,
+    changes: dict[str, Any],
 ) -> None:
     """Run a tolerance analysis of SENSOR with the TOML file TOLERANCES and predict the
     manufacturing yield.
@@ -174,17 +171,19 @@ def command(
     Prints the yield, the sensitivity to each error, and residuals after calibrations; with --yield,
     allocates tolerances of minimum cost.
 
-    omnimirror tolerance init SENSOR writes a commented tolerance file to tolerances.toml.
+    omnimirror tolerance init SENSOR writes a commented tolerance file.
     """
     if sensor == INIT:
-        return _init(tolerances, grade, force)
+        return _init(tolerances, grade, out)
     if tolerances is None:
         command = shell_command(["omnimirror", "tolerance", "init", sensor])
         raise click.UsageError(f"TOLERANCES is missing; write a template with: {command}")
     nominal = load_sensor(sensor)
-    plan = options.plan(load_tolerances(tolerances, nominal))
-    if save_trials and out is None:
-        raise click.UsageError("--save-trials requires --output")
+    if out is not None and (out.is_file() or is_stream(out)):
+        raise click.UsageError(f"--output must be a folder; {display_name(out)} is a file")
+    plan = options.plan(load_tolerances(tolerances, nominal, changes))
+    if options.typical_sensors and out is None:
+        raise click.UsageError("analysis.typical_sensors requires --output")
     if report_file is not None:  # before any computation
         from ...reports.tolerances import page_name
 
@@ -206,7 +205,7 @@ def command(
     merit = next(iter(report.plan.limits), "motion_px")
     typical = (
         typical_sensors(nominal, report.plan, merit, trials=options.trials, seed=options.seed)
-        if save_trials
+        if options.typical_sensors
         else []
     )
     _print(console, report)
@@ -228,16 +227,18 @@ def command(
     print_written(*written, console=console)
 
 
-def _init(name: str | None, grade: str, force: bool) -> None:
+def _init(name: str | None, grade: str, out: Path | None) -> None:
     if name is None:
         raise click.UsageError("SENSOR is missing: omnimirror tolerance init SENSOR")
-    path = Path("tolerances.toml")
-    if path.exists() and not (force or is_stream(path)):
-        raise OmnimirrorError(f"{path} already exists; rename it or use --force to overwrite it")
+    path = Path(TEMPLATE) if out is None else out
+    if out is None and path.exists():
+        raise OmnimirrorError(
+            f"{path} already exists; rename it, or specify the file with --output"
+        )
     write_text(path, tolerance_template(load_sensor(name), grade))
-    print_line(
-        f"Wrote {path}; edit it, then run: omnimirror tolerance {shell_command([name, path])}"
-    )
+    if not is_stream(path):
+        command = shell_command(["omnimirror", "tolerance", name, path])
+        print_line(f"Wrote {path}; edit it, then run: {command}")
 
 
 def _limit(words: str) -> tuple[str, float]:

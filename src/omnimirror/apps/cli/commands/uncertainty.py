@@ -13,7 +13,6 @@ from .._declarations import DocumentedCommand
 from .._option_types import NUMBER
 from .._output import (
     FIGURES,
-    format_option,
     json_option,
     output_console,
     output_option,
@@ -41,7 +40,6 @@ from .._output import (
     help="Maximum field angle, measured from the image centre.  [default: the calibrated field]",
 )
 @output_option("-o", "--output", formats=FIGURES, help="Map over the image (PNG, SVG, PDF).")
-@format_option(FIGURES)
 @json_option("Write median, 95th percentile and largest error.")
 def command(
     camera: str,
