@@ -254,7 +254,7 @@ def main() -> None:
         "|---|---|---|",
         *rows,
         "",
-        "| watched as | frames/s of the source | views drawn | left out | cores | delay, ms | 95 % | frames |",
+        "| watched as | frames/s of the source | dewarped views | dropped frames | cores | delay, ms | 95 % | frames |",
         "|---|---|---|---|---|---|---|---|",
         *live,
     ]

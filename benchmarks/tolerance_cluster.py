@@ -160,7 +160,7 @@ def write(
     rows = [
         f"| threads of one process | {single:.1f} |",
         f"| of that, start, reading and summing up | {again:.1f} |",
-        f"| cluster: the process that asks | {client:.1f} |",
+        f"| cluster: the client process | {client:.1f} |",
         f"| cluster: scheduler | {spent['scheduler']:.2f} |",
         f"| cluster: {WORKERS} workers | {spent['workers']:.1f} |",
         f"| cluster: scheduler, waiting, each second | {standing['scheduler']:.3f} |",

@@ -228,7 +228,7 @@ def main() -> None:
         "|---|---|---|---|---|",
         *files,
         "",
-        "One frame in memory, ms; the last column a moving view of 1280 x 720, its coordinates found anew each time:",
+        "One frame in memory, ms; the last column a moving view of 1280 x 720, with new coordinates for each frame:",
         "",
         "| threads | omnimirror | v360 | ratio | through RGB | moving view |",
         "|---|---|---|---|---|---|",

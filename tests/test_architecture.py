@@ -285,17 +285,3 @@ def test_no_function_stands_before_a_module_of_its_package():
         ):  # doctests leave packages without this attribute
             hidden.append(module.__name__)
     assert not hidden
-
-
-def test_no_class_name_means_two_things():
-    rooms: dict[str, set[str]] = {}
-    for module in modules():
-        for name, value in vars(module).items():
-            if (
-                inspect.isclass(value)
-                and value.__module__ == module.__name__
-                and not name.startswith("_")
-            ):
-                rooms.setdefault(name, set()).add(module.__name__)
-    shared = {name: homes for name, homes in rooms.items() if len(homes) > 1}
-    assert not shared

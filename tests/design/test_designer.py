@@ -133,13 +133,13 @@ def test_what_gives_alone_is_enough_and_no_more_than_needed(limited):
     for relaxation in limited.conflict.alone:
         if (
             relaxation.needed is None
-            or relaxation.needed == relaxation.asked
+            or relaxation.needed == relaxation.requested
             or relaxation.name not in numbers
         ):
             continue
         tried += 1
         assert best(wanted.changed(**{relaxation.name: relaxation.needed})).is_met, relaxation
-        less = relaxation.asked + 0.97 * (relaxation.needed - relaxation.asked)
+        less = relaxation.requested + 0.97 * (relaxation.needed - relaxation.requested)
         assert not best(wanted.changed(**{relaxation.name: less})).is_met, relaxation
     assert tried >= 2
     blur = next(r for r in limited.conflict.alone if r.name == "total_blur_px")

@@ -179,7 +179,7 @@ def test_designs_are_judged_as_any_sensor_is():
     wanted = WANTED[0]
     for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
         own = requirements_with_parts(wanted, design.combination)
-        assert om.judge(own, design.design.sensor).is_met
+        assert om.check_requirements(own, design.design.sensor).is_met
         low, high = design.combination.f_numbers
         assert low <= design.design.sensor.lens.f_number <= high
         assert design.design.sensor.rim_radius_px <= own.largest_image_px + 0.02
@@ -224,7 +224,7 @@ def test_a_front_has_what_no_cheaper_one_is_sharper_than():
     "shelf", [FEW, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
 )
 def test_several_processes_find_the_same(monkeypatch, shelf):
-    monkeypatch.setattr(parts_search, "FEW", 0)
+    monkeypatch.setattr(parts_search, "MAX_SERIAL_COMBINATIONS", 0)
     one, two = (
         om.design_from_parts(WANTED[0], shelf, max_designs=100, processes=n) for n in (1, 2)
     )

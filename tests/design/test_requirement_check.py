@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
-from omnimirror.design.requirement_check import Judgement, _limit_row
+from omnimirror.design.requirement_check import RequirementCheck, _limit_row
 from omnimirror.optics.housing import Housing, Rod
 
 SPHERE = om.load_sensor("paper-spherical")
@@ -33,7 +33,7 @@ def rows_of(verdict):
 
 
 def test_rows_are_the_numbers_of_the_sensor_and_of_its_evaluation():
-    rows = rows_of(om.judge(WANTED, SPHERE))
+    rows = rows_of(om.check_requirements(WANTED, SPHERE))
     assert [*rows] == [
         "omega_max_deg",
         "omega_min_deg",
@@ -74,7 +74,7 @@ def test_a_limit_is_met_from_what_is_reached_on(name):
     wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(
         omega_min_deg=30, omega_max_deg=100
     )
-    (found,) = om.judge(wanted, sensor).limits
+    (found,) = om.check_requirements(wanted, sensor).limits
     for share, is_met in (
         (1.001, True),
         (1 - 1e-7, True),
@@ -82,7 +82,7 @@ def test_a_limit_is_met_from_what_is_reached_on(name):
         (0.999, False),
     ):  # 1e-6 is rounding
         moved = replace(wanted, limits=(om.Limit("total_blur_px", found.reached * share),))
-        (row,) = om.judge(moved, sensor).limits
+        (row,) = om.check_requirements(moved, sensor).limits
         assert row.is_met == is_met
         margin = found.reached * (share - 1)
         assert row.margin == pytest.approx(max(margin, 0.0) if is_met else margin, rel=1e-6)
@@ -93,10 +93,10 @@ def test_a_limit_of_zero_is_missed_in_its_own_unit(at_least, at_most):
     """No relative measure at 0: rounding and violation are absolute, in the unit of the quantity."""
     side = -1.0 if at_most is None else 1.0
     for missed, is_met in ((5e-7, True), (5e-6, False)):
-        row = Judgement("motion_px", "px", at_least, at_most, side * missed)
+        row = RequirementCheck("motion_px", "px", at_least, at_most, side * missed)
         assert row.is_met == is_met
         assert row.shortfall == pytest.approx(missed)
-    assert Judgement("motion_px", "px", at_least, at_most, 0.0).shortfall == 0.0
+    assert RequirementCheck("motion_px", "px", at_least, at_most, 0.0).shortfall == 0.0
 
 
 @pytest.mark.parametrize("largest", [True, False])
@@ -117,7 +117,7 @@ def test_of_object_distances_that_tie_the_smallest_angle_is_named(largest, worst
 
 def test_a_design_and_its_sensor_get_the_same_verdict():
     design = om.design_sensor(WANTED.changed(theta_max_deg=None))
-    again = om.judge(design.requirements, design.sensor)
+    again = om.check_requirements(design.requirements, design.sensor)
     assert again.rows == design.rows
     assert again.is_met == design.is_met
 
@@ -125,7 +125,7 @@ def test_a_design_and_its_sensor_get_the_same_verdict():
 def test_a_focus_that_was_asked_for_is_judged():
     at = SPHERE.lens.focus_distance_mm
     for asked, is_met in ((at, True), ((at - 5, at + 5), True), ((at + 1, at + 5), False)):
-        row = rows_of(om.judge(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
+        row = rows_of(om.check_requirements(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
         assert row.reached == at
         assert row.is_met == is_met
 
@@ -136,7 +136,7 @@ def test_the_end_of_the_field_is_judged_though_rounding_moves_it():
         end = float(np.nextafter(SPHERE.field_deg[1], np.inf * off) if off else SPHERE.field_deg[1])
         limit = om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(end, end))
         wanted = replace(WANTED, field=om.FieldRequirements(omega_max_deg=end), limits=(limit,))
-        (row,) = om.judge(wanted, SPHERE).limits
+        (row,) = om.check_requirements(wanted, SPHERE).limits
         assert row.omega_deg == pytest.approx(end)
         there = om.evaluate(SPHERE, [SPHERE.field_deg[1]])
         assert row.reached == pytest.approx(
@@ -151,7 +151,7 @@ def test_the_first_of_equally_bad_angles_is_named():
     wanted = replace(
         WANTED, limits=(limit,), field=replace(WANTED.field, object_distance_mm=np.inf)
     )
-    (row,) = om.judge(wanted.changed(omega_max_deg=100), sensor).limits
+    (row,) = om.check_requirements(wanted.changed(omega_max_deg=100), sensor).limits
     assert row.omega_deg == 40.0
     values = om.evaluate(sensor, np.linspace(40, 100, 1001)).dh_domega_px_per_deg
     assert row.reached == pytest.approx(values.min(), rel=1e-9)
@@ -163,16 +163,17 @@ def test_limits_are_looked_at_by_default_at_1001_angles_and_at_most_at_100000():
         om.load_sensor("paper-equidistant"),
     )
     found, same, other = (
-        om.judge(wanted, sensor, **n).rows for n in ({}, {"angles": 1001}, {"angles": 1000})
+        om.check_requirements(wanted, sensor, **n).rows
+        for n in ({}, {"angles": 1001}, {"angles": 1000})
     )
     assert 30 < found[-1].omega_deg < 120  # between the ends, where the number of angles matters
     assert found == same != other
-    assert om.judge(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
+    assert om.check_requirements(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
     for angles in (1, 100_001):
         with pytest.raises(
             InvalidParameter, match=f"angles must be an integer between 2 and 100000; got {angles}"
         ):
-            om.judge(WANTED, SPHERE, angles=angles)
+            om.check_requirements(WANTED, SPHERE, angles=angles)
 
 
 @pytest.mark.parametrize(("past_px", "is_met"), [(0.015, True), (0.025, False)])
@@ -181,7 +182,7 @@ def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
     largest = WANTED.largest_image_px
     pitch = SPHERE.imager.pixel_pitch_um * SPHERE.rim_radius_px / (largest + past_px)
     moved = replace(SPHERE, imager=replace(SPHERE.imager, pixel_pitch_um=pitch))
-    row = rows_of(om.judge(WANTED, moved))["image_radius_px"]
+    row = rows_of(om.check_requirements(WANTED, moved))["image_radius_px"]
     assert row.margin == pytest.approx(0.0 if is_met else -past_px, abs=1e-6)
     assert row.is_met == is_met
 
@@ -190,7 +191,7 @@ def test_a_rim_may_reach_a_fiftieth_of_a_pixel_past_the_imager(past_px, is_met):
 def test_a_limit_of_blur_below_the_airy_disk_says_that_no_focus_helps(name, is_blur):
     airy = om.evaluate(SPHERE, [90.0]).airy_px
     for share in (0.9, 1.1):
-        (row,) = om.judge(
+        (row,) = om.check_requirements(
             replace(WANTED, limits=(om.Limit(name, at_most=share * airy),)), SPHERE
         ).limits
         said = [
@@ -199,7 +200,7 @@ def test_a_limit_of_blur_below_the_airy_disk_says_that_no_focus_helps(name, is_b
             if remark.startswith(f"the Airy disk alone is {airy:.4g} px at F/4")
         ]
         assert len(said) == (is_blur and share < 1)
-    (row,) = om.judge(
+    (row,) = om.check_requirements(
         replace(WANTED, limits=(om.Limit("resolution_px_per_deg", at_least=9e9),)), SPHERE
     ).limits
     assert not any("Airy" in remark for remark in row.remarks)
@@ -213,7 +214,9 @@ def test_a_sensor_without_a_housing_is_judged_with_that_of_the_requirements(own,
     """Three sensors that are equal with the housing; the housing of the sensor itself takes
     precedence."""
     sensor = SPHERE if own is None else replace(SPHERE, housing=own)
-    verdict = om.judge(WANTED if asked is None else replace(WANTED, housing=asked), sensor)
+    verdict = om.check_requirements(
+        WANTED if asked is None else replace(WANTED, housing=asked), sensor
+    )
     assert verdict.sensor == replace(SPHERE, housing=HOUSING)
 
 
@@ -228,9 +231,9 @@ def test_over_a_range_of_temperatures_the_worst_counts():
     )
     sensor = replace(SPHERE, thermal=thermal)
     alone = replace(wanted, temperatures_c=None)
-    (row,) = om.judge(wanted, SPHERE).limits
+    (row,) = om.check_requirements(wanted, SPHERE).limits
     reached = {
-        c: om.judge(alone, om.at_temperature(sensor, c)).limits[0].reached
+        c: om.check_requirements(alone, om.at_temperature(sensor, c)).limits[0].reached
         for c in (-30.0, 20.0, 70.0)
     }
     worst = max(reached, key=reached.get)
@@ -239,9 +242,9 @@ def test_over_a_range_of_temperatures_the_worst_counts():
         [] if worst == 20.0 else [f"smallest margin at {worst:g} C"]
     )
     fewest = replace(wanted, limits=(om.Limit("total_blur_px", at_least=1.0),))
-    (row,) = om.judge(fewest, SPHERE).limits
+    (row,) = om.check_requirements(fewest, SPHERE).limits
     reached = {
-        c: om.judge(replace(fewest, temperatures_c=None), om.at_temperature(sensor, c))
+        c: om.check_requirements(replace(fewest, temperatures_c=None), om.at_temperature(sensor, c))
         .limits[0]
         .reached
         for c in (-30.0, 20.0, 70.0)
@@ -251,9 +254,11 @@ def test_over_a_range_of_temperatures_the_worst_counts():
 
 def test_obscuration_at_the_centre_is_a_requirement_only_if_the_field_starts_outside():
     whole = replace(WANTED, field=om.FieldRequirements(omega_max_deg=130.0))
-    assert "omega_min_deg" not in rows_of(om.judge(whole, SPHERE))
+    assert "omega_min_deg" not in rows_of(om.check_requirements(whole, SPHERE))
     folded = om.load_sensor("folded-spherical")
-    row = rows_of(om.judge(replace(whole, imager=folded.imager), folded))["omega_min_deg"]
+    row = rows_of(om.check_requirements(replace(whole, imager=folded.imager), folded))[
+        "omega_min_deg"
+    ]
     assert row.reached == pytest.approx(folded.field_deg[0])
 
 
@@ -280,7 +285,7 @@ def test_only_what_differs_over_the_field_says_what_of_it_is_left_out():
         field=om.FieldRequirements(omega_max_deg=165),
         limits=(om.Limit("total_blur_px", at_most=9.0), om.Limit("length_mm", at_most=500.0)),
     )
-    blur, length = om.judge(wanted, SPHERE).limits
+    blur, length = om.check_requirements(wanted, SPHERE).limits
     assert any("135" in remark for remark in blur.remarks)
     assert length.remarks == ()
 
@@ -289,22 +294,22 @@ def test_what_cannot_be_judged_is_said():
     with pytest.raises(
         InvalidParameter, match=r"the lens of the sensor must be perspective, .* got orthographic"
     ):
-        om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))
+        om.check_requirements(WANTED, om.load_sensor("paraboloid-telecentric"))
     limits = [om.Limit("aspect", 9.0, omega_deg=(150, 160))]
     beyond = replace(WANTED, limits=limits, field=om.FieldRequirements(omega_max_deg=165))
     with pytest.raises(
         InvalidParameter,
         match=r"no field angle from 150 to 160 deg can be evaluated: the field ends at 135",
     ):
-        om.judge(beyond, SPHERE)
+        om.check_requirements(beyond, SPHERE)
     for odd in (None, "paper-spherical", 3):
         with pytest.raises(
             OmnimirrorError,
             match=rf"sensor must be a sensor \(see om\.load_sensor\); got {odd!r}",
         ):
-            om.judge(WANTED, odd)
+            om.check_requirements(WANTED, odd)
         with pytest.raises(OmnimirrorError, match=r"must be .*; got"):
-            om.judge(odd, SPHERE)
+            om.check_requirements(odd, SPHERE)
 
 
 @pytest.mark.parametrize(

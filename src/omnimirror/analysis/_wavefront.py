@@ -259,7 +259,7 @@ class Wavefront:
 
     @property
     def _edges(self) -> range:
-        """Return the column indices of the edges."""
+        """Column indices of the edges."""
         return range(EDGES, self.coefficients.shape[1])
 
     def _square(self, column: int) -> Array:
@@ -295,7 +295,7 @@ class Wavefront:
 
     @cached_property
     def _edge_slopes(self) -> list[float]:
-        """Return the change (mm) of the clearance per aperture radius at each edge, near 0."""
+        """Change (mm) of the clearance per aperture radius at each edge, near 0."""
         slopes = []
         for column in self.coefficients.T[EDGES:]:
             by_x, by_y = (rate @ column for rate in basis_slopes())
@@ -307,7 +307,7 @@ class Wavefront:
 
     @property
     def is_vignetted(self) -> bool:
-        """Return whether an edge vignettes the aperture."""
+        """True if an edge vignettes the aperture."""
         return len(self._edges) > 0
 
     def nodes(self, wavelength_mm: float) -> int:

@@ -171,17 +171,17 @@ class Evaluation:
 
     @property
     def focus_mm(self) -> float:
-        """Return the object distance L0 in focus."""
+        """Object distance L0 in focus."""
         return self.sensor.lens.focus_distance_mm
 
     @property
     def airy_px(self) -> float:
-        """Return the diameter of the Airy disk, px."""
+        """Diameter of the Airy disk, px."""
         return self.sensor.lens.airy_diameter(self.wavelength_nm) / self.sensor.imager.pitch_mm
 
     @property
     def depth_of_field_mm(self) -> DepthOfField:
-        """Return the depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
+        """Depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
         return self.sensor.lens.depth_of_field(
             self.tolerance_px * self.sensor.imager.pitch_mm, self.mode
         )
@@ -192,7 +192,7 @@ class Evaluation:
 
     @property
     def of_lens(self) -> dict[str, Array]:
-        """Return the columns of a real lens alone at each field angle, (n,), by the names of
+        """Columns of a real lens alone at each field angle, (n,), by the names of
         :data:`LENS_QUANTITIES`; otherwise empty.
         """
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm

@@ -48,14 +48,14 @@ class Psf:
 
     @property
     def strehl(self) -> float:
-        """Return the Strehl ratio, up to 1; NaN for a geometric PSF, which excludes diffraction."""
+        """Strehl ratio, up to 1; NaN for a geometric PSF, which excludes diffraction."""
         if self.kind == "geometric":
             return float("nan")
         return min(float(self.density.max()) / self.ideal_peak, 1.0)  # exceeds 1 by rounding only
 
     @property
     def light_within(self) -> float:
-        """Return the share of the light on the square."""
+        """Share of the light on the square."""
         return float(self.density.sum()) * self._step**2
 
     def encircled_energy(self, radius_px: ArrayLike) -> Array:
@@ -279,17 +279,17 @@ class Mtf(TabularResult):
 
     @property
     def line_pairs_per_mm(self) -> Array:
-        """Return the frequencies (f,) on the imager."""
+        """Frequencies (f,) on the imager."""
         return self.cycles_per_px / (self.pixel_pitch_um * 1e-3)
 
     @property
     def cycles_per_deg_t(self) -> Array:
-        """Return the object frequencies (k, f) of tangential patterns."""
+        """Object frequencies (k, f) of tangential patterns."""
         return self.px_per_deg_t[:, None] * self.cycles_per_px
 
     @property
     def cycles_per_deg_s(self) -> Array:
-        """Return the object frequencies (k, f) of sagittal patterns."""
+        """Object frequencies (k, f) of sagittal patterns."""
         return self.px_per_deg_s[:, None] * self.cycles_per_px
 
     def first(self, count: int) -> Mtf:

@@ -49,12 +49,12 @@ class Spots(TabularResult):
 
     @property
     def omega_deg(self) -> Array:
-        """Return the field angles (k,)."""
+        """Field angles (k,)."""
         return self.bundles.omega_deg
 
     @cached_property
     def filled(self) -> Array:
-        """Return the unvignetted fraction (k,) of the aperture, with an error below 0.003 for 12 rings."""
+        """Unvignetted fraction (k,) of the aperture, with an error below 0.003 for 12 rings."""
         bundles = self.bundles
         edges = [*bundles.clearances().values()]
         return np.array(
@@ -173,7 +173,7 @@ def spots(
     --------
     >>> import omnimirror as om
     >>> found = om.spots(om.load_sensor("paper-spherical"), [0, 60, 120])
-    >>> found.rms_radius_px().round(2).ravel()  # of a blur disk, .35 of its diameter
+    >>> found.rms_radius_px().round(2).ravel()  # of a blur disk, 0.35 of its diameter
     array([0.37, 0.25, 1.51])
     """
     check_sensor(sensor)

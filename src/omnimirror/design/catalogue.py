@@ -122,7 +122,7 @@ class LensComponent(Component):
 
     @cached_property
     def optics(self) -> SurfaceLens | None:
-        """Return the lens defined by the surfaces of its file, or None."""
+        """Lens defined by the surfaces of its file, or None."""
         return SurfaceLens.from_file(self.file) if self.file else None
 
 

@@ -258,12 +258,12 @@ def choose_parts(
     if not 0 <= min_fill <= 1:
         raise InvalidParameter(f"min_fill must be a fraction from 0 to 1; got {min_fill:g}")
     distances("object_distance_mm", object_distance_mm)
-    found = [
+    matches = [
         _combine(sensor, lens, imager, min_fill, object_distance_mm)
         for lens in catalogue.lenses
         for imager in catalogue.imagers
     ]
-    return sorted(found, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
+    return sorted(matches, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
 
 
 def _combine(

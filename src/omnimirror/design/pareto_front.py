@@ -29,7 +29,7 @@ from .designer import Design, design_of
 from .freeform import FreeformDesignSpace, freeform_notes, problem_of
 from .merits import Merit, merit_named
 from .optimiser import described, optimise, problem_from, start, violation_rows
-from .requirement_check import judge
+from .requirement_check import check_requirements
 from .requirement_files import requirements_of
 from .requirements import UNNAMED, Requirements
 
@@ -143,10 +143,10 @@ def evolved(contest: Contest, alive: Generation, generations: int, seed: int) ->
         )
     seed_here = int(np.random.SeedSequence([seed, alive.number]).generate_state(1)[0] >> 1)
     with np.errstate(all="ignore"):
-        found = minimize(
+        result = minimize(
             Comparison(), algorithm, ("n_gen", generations + 1), seed=seed_here, verbose=False
         )
-    return Generation(alive.number + generations, found.pop.get("X"), alive.box)
+    return Generation(alive.number + generations, result.pop.get("X"), alive.box)
 
 
 # -- Pareto fronts of merits: non-dominated designs of one space of freeform mirrors ---------------
@@ -198,12 +198,12 @@ class Front:
 
     @property
     def requirements(self) -> Requirements:
-        """Return the requirements common to all designs."""
+        """Requirements common to all designs."""
         return self.space.requirements
 
     @property
     def focus_mm(self) -> Array:
-        """Return the focus distances of the designs (n,)."""
+        """Focus distances of the designs (n,)."""
         return self.space.designs.focus_mm(self.y)
 
     def sensor(self, i: int) -> Sensor:
@@ -254,7 +254,8 @@ class Front:
         """
         sensor = self.sensor(i)
         return design_of(
-            judge(self.requirements, sensor), freeform_notes(self.space.problem, sensor)
+            check_requirements(self.requirements, sensor),
+            freeform_notes(self.space.problem, sensor),
         )
 
 

@@ -283,13 +283,13 @@ class LiveSource:
                         f"{self.name} is reconnected after {time.monotonic() - self._last_frame_s:.1f} s"
                     )
                     is_reconnecting = False
-                found = frame_orientation(frame)
+                orientation = frame_orientation(frame)
                 if not self.received and (
-                    note := orientation_note(self.name, found, self._stored_orientation)
+                    note := orientation_note(self.name, orientation, self._stored_orientation)
                 ):
                     self.notes = (note,)
                 self._offer(
-                    upright(frame, UPRIGHT if self._stored_orientation else found or UPRIGHT)
+                    upright(frame, UPRIGHT if self._stored_orientation else orientation or UPRIGHT)
                 )
 
     def _offer(self, frame: av.VideoFrame) -> None:

@@ -451,20 +451,22 @@ def frame_orientation(frame: av.VideoFrame) -> int | None:
     return ORIENTATION_OF_AXES.get(((a, b), (c, d)))
 
 
-def orientation_note(name: str, found: int | None, is_stored: bool) -> str | None:
+def orientation_note(name: str, orientation: int | None, is_stored: bool) -> str | None:
     """Return a sentence that reports the orientation in a video file or stream; None if there is
     nothing to report.
 
     >>> orientation_note("ride.mp4", 3, is_stored=True)
     'ride.mp4: frames as stored; the display orientation is: rotated by 180 deg'
     """
-    if found is None:
+    if orientation is None:
         return f"{name}: the rotation in the file is not a multiple of 90 deg and is not applied"
-    if found == UPRIGHT:
+    if orientation == UPRIGHT:
         return None
     if is_stored:
-        return f"{name}: frames as stored; the display orientation is: {ORIENTATION_NAMES[found]}"
-    return f"{name}: {ORIENTATION_NAMES[found]} according to the file; {STORED_ORIENTATION_HINT}"
+        return f"{name}: frames as stored; the display orientation is: {ORIENTATION_NAMES[orientation]}"
+    return (
+        f"{name}: {ORIENTATION_NAMES[orientation]} according to the file; {STORED_ORIENTATION_HINT}"
+    )
 
 
 def upright(frame: av.VideoFrame, orientation: int) -> av.VideoFrame:

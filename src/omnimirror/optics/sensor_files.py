@@ -391,7 +391,7 @@ def _secondary(data: dict[str, Any], folder: Path | None, where: SourceLocator) 
 
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: SourceLocator) -> Any:
     """Create a part from its validated table."""
-    values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
+    values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache requires Hashable
     return where.wrap((section,), lambda: cls(**values))
 
 

@@ -367,9 +367,9 @@ def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatc
     def file(rows: int) -> bytes:
         return cv2.imencode(suffix, np.tile(pixel, (rows, 40, 1)))[1].tobytes()
 
-    assert _uploads.browser_picture(file(30), "fits").startswith(b"\x89PNG")
+    assert _uploads.browser_image(file(30), "fits").startswith(b"\x89PNG")
     with pytest.raises(MediaError, match=r"the decoded pixels of .* must take at most"):
-        _uploads.browser_picture(file(31), "large")
+        _uploads.browser_image(file(31), "large")
 
 
 def test_a_small_file_of_a_huge_picture_takes_little_memory():
@@ -390,7 +390,7 @@ def test_a_small_file_of_a_huge_picture_takes_little_memory():
     tables = struct.pack("<3H2x", 16, 16, 16) + struct.pack(f"<{side}I", *[lists] * side)
     tables += struct.pack(f"<{side}I", *[len(row)] * side)
     with pytest.raises(MediaError, match=r"decoded pixels of .* must take at most 256 MB"):
-        _uploads.browser_picture(head + tags + tables + row, "bomb.tif")
+        _uploads.browser_image(head + tags + tables + row, "bomb.tif")
 
 
 def test_strips_are_converted_like_the_whole():
@@ -431,17 +431,17 @@ def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkey
         channels = 4 if stored.mode == "P" else len(stored.getbands())
     size = 10 * 6 * channels * (2 if kind == "PPM" else 1)
     monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", size)
-    assert _uploads.picture_in(data, "a").shape[:2] == (6, 10)
+    assert _uploads.image_in(data, "a").shape[:2] == (6, 10)
     monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", size - 1)
     with pytest.raises(MediaError, match="pixels of a must take at most"):
-        _uploads.picture_in(data, "a")
+        _uploads.image_in(data, "a")
 
 
 def test_what_is_no_picture_is_named_with_the_kinds():
     with pytest.raises(
         MediaError, match=r"a must be an image in a supported format \(PNG, JPEG, TIFF, WEBP, BMP"
     ):
-        _uploads.picture_in(b"no picture", "a")
+        _uploads.image_in(b"no picture", "a")
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
@@ -453,7 +453,7 @@ def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
     with pytest.raises(
         MediaError, match=r"my picture\.tif( must be an image|: the file is truncated)"
     ) as refused:
-        _uploads.picture_in(data[: len(data) // 2], "my picture.tif")
+        _uploads.image_in(data[: len(data) // 2], "my picture.tif")
     assert "/" not in str(refused.value)
 
 

@@ -80,8 +80,8 @@ class PageFile:
         from starlette.responses import Response  # not required by pages without a server
 
         headers = {"etag": self.tag, "cache-control": "no-cache", "vary": "accept-encoding"}
-        kept = request.headers.get("if-none-match", "")
-        if self.tag in [tag.strip() for tag in kept.split(",")]:
+        etags = request.headers.get("if-none-match", "")
+        if self.tag in [tag.strip() for tag in etags.split(",")]:
             return Response(status_code=304, headers=headers)
         if not _accepts_gzip(request.headers.get("accept-encoding", "")):
             return Response(self.data, media_type=self.kind, headers=headers)

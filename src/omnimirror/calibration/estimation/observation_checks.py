@@ -182,7 +182,9 @@ def inconsistent_images(adjustment: BundleAdjustment) -> dict[str, str]:
 
 MAX_REJECTED, MAX_GROSS = 0.01, 0.05  # fraction of all corners
 GROSS = 3.0  # multiple of the noise limit
-ALIKE = 0.5  # fraction of the largest gross error above which others are rejected together with it
+SIMILAR_FRACTION = (
+    0.5  # fraction of the largest gross error above which others are rejected together with it
+)
 MAX_ABSORBED = 0.75  # maximum fraction of the noise absorbed by estimated parameters
 DOUBT = 1.44  # two relative standard errors of the Rayleigh median, times sqrt(n)
 CHANCE = 0.02  # probability that data without gross errors lose a corner
@@ -248,7 +250,9 @@ def without_outliers(
             break
         rejected = np.array([index])
         if lengths[index] > GROSS * limit:
-            similar = np.flatnonzero(lengths > max(GROSS * limit, ALIKE * lengths[index]))
+            similar = np.flatnonzero(
+                lengths > max(GROSS * limit, SIMILAR_FRACTION * lengths[index])
+            )
             rejected = _removable(
                 fit, similar[np.argsort(-lengths[similar])][: remaining_gross - len(outliers)]
             )

@@ -160,7 +160,7 @@ class OCam(RadialModel):
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        max_radius = MAX_RADIUS_RATIO * self._farthest_corner(np.linalg.inv(self.matrix))
+        max_radius = MAX_RADIUS_RATIO * self._max_corner_radius(np.linalg.inv(self.matrix))
         nodes = np.linspace(
             0.0, min(_max_valid_radius(np.array(self.polynomial)), max_radius), NODES
         )

@@ -388,7 +388,7 @@ class RadialModel(CameraModel):
         width, height = self.image_size
         return np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
 
-    def _farthest_corner(self, into_plane: NDArray[np.floating]) -> float:
+    def _max_corner_radius(self, into_plane: NDArray[np.floating]) -> float:
         """Return the largest corner distance from the centre, after a matrix (2, 2)."""
         return float(np.hypot(*((self._corners - self.centre_px) @ into_plane.T).T).max())
 

@@ -101,7 +101,7 @@ class CompiledReflections(NamedTuple):
     """(xx, xy, yy) of the inverse second derivatives of the optical path length."""
     valid: Tensor
     is_open: Tensor
-    """Whether the search did not converge."""
+    """True if the search did not converge."""
 
 
 def compiled_reflections(

@@ -16,7 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...base.typing import Array
-from .object_field import BEYOND, Field
+from .object_field import RIM_MARGIN, Field
 from .perturbation import error_sources
 from .perturbed_states import Values
 from .trial_images import Refocus, TrialImages, largest_diameter
@@ -167,7 +167,7 @@ def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
             steps.append(step)
     poses = np.array(steps)
     moved = motion(
-        field.picture(dict(zip(pose, poses.T, strict=True)), rim_slack=BEYOND).offsets_px,
+        field.images(dict(zip(pose, poses.T, strict=True)), rim_slack=RIM_MARGIN).offsets_px,
         field.offsets_px,
     )
     bent: dict[tuple[int, int], Array] = {}

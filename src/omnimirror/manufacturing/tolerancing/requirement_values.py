@@ -26,7 +26,7 @@ from ...optics.lenses.lens import cos4
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import RayEndpoints
 from .compensation import Reference, fit_compensators
-from .object_field import BEYOND, STEP_DEG, Field, directions_of, field_at, images_within_rim
+from .object_field import RIM_MARGIN, STEP_DEG, Field, directions_of, field_at, images_within_rim
 from .perturbation import perturbed
 from .perturbed_states import States, Values, states_of
 from .trial_images import Refocus, TracedObjects, form_images, imaged_at, trace_objects
@@ -357,7 +357,10 @@ def _px_per_deg(built: Sensor, field: Field) -> Array:
             )
             ends.append(
                 images_within_rim(
-                    built, field.sensor, RayEndpoints(displaced, field.distant), rim_slack=BEYOND
+                    built,
+                    field.sensor,
+                    RayEndpoints(displaced, field.distant),
+                    rim_slack=RIM_MARGIN,
                 ).offsets_px
             )
         columns.append((ends[0] - ends[1]) / (2 * STEP_DEG))

@@ -178,10 +178,10 @@ def _largest(value: Array, first: Array, second: Array) -> Rates:
     """Return derivatives of the maximum (n,): of tied values, those with the largest derivatives."""
     if not np.isfinite(value + first + second).all():
         return Rates(np.nan, np.nan)
-    most = value >= value.max() - TIED * abs(value.max())
-    rate = first[most].max()
-    most &= first >= rate - TIED * np.abs(first[most]).max()
-    return Rates(float(rate), float(second[most].max()))
+    is_largest = value >= value.max() - TIED * abs(value.max())
+    rate = first[is_largest].max()
+    is_largest &= first >= rate - TIED * np.abs(first[is_largest]).max()
+    return Rates(float(rate), float(second[is_largest].max()))
 
 
 def _of_blur(evaluator: TrialEvaluator, shown: TrialImages, step: float) -> dict[str, Rates]:

@@ -79,7 +79,7 @@ class MirrorPointOptics(NamedTuple):
 
 
 class FocusedImage(NamedTuple):
-    """Images of mirror points by a focused camera; arrays (.., k), or (.., 1) if constant."""
+    """Images of mirror points by a focused camera; arrays (..., k), or (..., 1) if constant."""
 
     t_px: Array
     """Signed tangential blur (Eq. 28)."""
@@ -188,7 +188,7 @@ class FocusedCamera(Protocol):
         ...
 
     def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
-        """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
+        """Compute the images of mirror points (..., k) at focus vergences (..., 1)."""
         ...
 
     def focus_mm(self, v: float) -> float:
@@ -358,20 +358,20 @@ AIM_STEPS = 6  # Newton steps for a moving pupil
 
 
 class LensColumns(NamedTuple):
-    """Lens properties at viewing angles; first axis (3, ..): powers 0, 1, 2 of q."""
+    """Lens properties at viewing angles; first axis (3, ...): powers 0, 1, 2 of q."""
 
     pupil_position: Array
-    """(..) position of the entrance pupil, mm towards the mirror from the reference point."""
+    """(...) position of the entrance pupil, mm towards the mirror from the reference point."""
     motion: Array
-    """(..) its derivative by the tangent."""
+    """(...) its derivative by the tangent."""
     light: Array
-    """(..) relative illumination of the imager, at the middle focus."""
+    """(...) relative illumination of the imager, at the middle focus."""
     height: Array
-    """(3, ..) image height, mm."""
+    """(3, ...) image height, mm."""
     rate: Array
-    """(3, ..) its derivative by the tangent."""
+    """(3, ...) its derivative by the tangent."""
     focused_t: Array
-    """(3, ..) blur (mm) of a distant tangential image per radius of the pupil.
+    """(3, ...) blur (mm) of a distant tangential image per radius of the pupil.
 
     The blur of an image of vergence V is this minus :attr:`spread_t` V, times two radii.
     """
@@ -379,7 +379,7 @@ class LensColumns(NamedTuple):
     focused_s: Array
     spread_s: Array
     own_t: Array
-    """(3, ..) blur of the lens itself, mm."""
+    """(3, ...) blur of the lens itself, mm."""
     own_s: Array
 
 
@@ -427,7 +427,7 @@ class LensTables:
         return 1 / (MAX_DISTANCE_MM - self.pupil_mm), self.max_vergence
 
     def at(self, tangent: Array) -> LensColumns:
-        """Evaluate the columns (..) at tangents (..), with linear extrapolation."""
+        """Evaluate the columns (...) at tangents (...), with linear extrapolation."""
         cell = np.clip((tangent.real / self.step).astype(int), 0, CELLS - 1)
         u = (tangent / self.step - cell)[..., None]
         (a, da), (b, db) = (np.moveaxis(self.values[cell + i], -2, 0) for i in (0, 1))
@@ -437,7 +437,7 @@ class LensTables:
         return LensColumns(*rows[:3], *powers)
 
     def aimed(self, x: Array, depth: Array) -> Array:
-        """Return tangents (..) of the chief rays to points at x from the axis and a depth.
+        """Return tangents (...) of the chief rays to points at x from the axis and a depth.
 
         Solves ``w t = x`` for ``w = depth - place(t)`` by Newton's method.
         """
@@ -460,7 +460,7 @@ class LensTables:
 
 
 def focus_powers(columns: Array, q: Any) -> Any:
-    """Evaluate focus-dependent columns (3, ..) at q."""
+    """Evaluate focus-dependent columns (3, ...) at q."""
     return columns[0] + q * (columns[1] + q * columns[2])
 
 
@@ -798,7 +798,7 @@ class RealCamera:
         return 1 + airy * airy, 2 * airy * slope
 
     def resolution(self, o: MirrorPointOptics, columns: LensColumns) -> tuple[Array, Array]:
-        """Return Dh and Dw (3, ..), px/deg, by powers of q, at mirror points."""
+        """Return Dh and Dw (3, ...), px/deg, by powers of q, at mirror points."""
         centre = np.real(o.ray) == 0
         over_ray = np.where(centre, columns.rate, columns.height / np.where(centre, 1.0, o.ray))
         scale = DEGREE / self.pitch_mm
@@ -817,7 +817,7 @@ class RealCamera:
         return height
 
     def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
-        """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
+        """Compute the images of mirror points (..., k) at focus vergences (..., 1)."""
         columns, q = self.tables.at(o.ray), self.tables.defocus(v)
         far_t, spread_t, far_s, spread_s, own_t, own_s = (
             focus_powers(c, q) / self.pitch_mm for c in columns[5:]

@@ -390,7 +390,7 @@ class FieldLens(GaussianLens):
         return self.distorted(self.principal_distance * chief).reshape(directions[..., :2].shape)
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
-        """Return direction cosines (.., 2) of rays at the imager, for an upright image.
+        """Return direction cosines (..., 2) of rays at the imager, for an upright image.
 
         Chief rays have 0. To first order in the aperture, by the Lagrange invariant:
         ``dy cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the
@@ -407,7 +407,7 @@ class FieldLens(GaussianLens):
         return cosines.reshape(directions[..., :2].shape)
 
     def stop_points(self, points: Array, directions: Array) -> Array:
-        """Return the stop points (.., 2) of rays, in stop radii and as in the upright image.
+        """Return the stop points (..., 2) of rays, in stop radii and as in the upright image.
 
         The inverse of :meth:`entrance_pupil_points`.
         """

@@ -24,7 +24,7 @@ CLOSE = 1e-14  # relative; convergence of Newton's method is quadratic
 
 
 def distorted(ideal: Array, brown: Coefficients) -> Array:
-    """Apply distortion to ideal image points (.., 2); NaN beyond the fold of the image.
+    """Apply distortion to ideal image points (..., 2); NaN beyond the fold of the image.
 
     >>> distorted(np.array([[0.3, 0.4]]), (-0.1, 0.0, 0.0, 0.0, 0.0))
     array([[0.2925, 0.39  ]])
@@ -50,7 +50,7 @@ def distorted_rates(ideal: Array, brown: Coefficients) -> tuple[Array, Array, Ar
 
 
 def undistorted(image: Array, brown: Coefficients) -> Array:
-    """Remove distortion from image points (.., 2); NaN if no ideal point exists.
+    """Remove distortion from image points (..., 2); NaN if no ideal point exists.
 
     >>> undistorted(np.array([[0.2925, 0.39]]), (-0.1, 0.0, 0.0, 0.0, 0.0))
     array([[0.3, 0.4]])

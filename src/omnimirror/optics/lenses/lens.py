@@ -149,11 +149,11 @@ class Lens(ABC):
         return True
 
     def distorted(self, ideal: Array) -> Array:
-        """Apply distortion to image points (.., 2), mm; NaN outside the image."""
+        """Apply distortion to image points (..., 2), mm; NaN outside the image."""
         return ideal
 
     def undistorted(self, image: Array) -> Array:
-        """Remove distortion from image points (.., 2), mm; NaN if no undistorted point exists."""
+        """Remove distortion from image points (..., 2), mm; NaN if no undistorted point exists."""
         return image
 
     def distorted_height(self, ideal: Array) -> Array:
