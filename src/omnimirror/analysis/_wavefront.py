@@ -328,7 +328,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     Raises
     ------
     InvalidParameter
-        Wavefront too rough for the polynomial fit.
+        If the wavefront is too rough for the polynomial fit.
     """
     sensor = bundles.focused_at(focus_mm)
     turn = bundles.axes()

@@ -85,7 +85,7 @@ class Comparison:
         Raises
         ------
         InvalidParameter
-            Quantity that is not in the table.
+            If the quantity is not in the table.
         """
         for row in self.rows:
             if row.name == name:
@@ -140,9 +140,9 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
     Raises
     ------
     InvalidParameter
-        No sensor, or more than six.
+        If there is no sensor, or more than six.
     NotOneToOne, SelfObstruction
-        Mirror that cannot be used.
+        If the mirror cannot be used.
 
     Examples
     --------

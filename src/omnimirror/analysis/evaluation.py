@@ -334,12 +334,12 @@ def evaluate(
     Raises
     ------
     OutsideField, OutsideMirror
-        Angle, pixel or mirror point outside the field or the mirror; the message contains its
+        If an angle, pixel or mirror point is outside the field or the mirror; the message contains its
         value.
     NotOneToOne, SelfObstruction
-        Mirror that cannot be used.
+        If the mirror cannot be used.
     InvalidParameter
-        Other invalid arguments.
+        If another argument is invalid.
 
     Examples
     --------
@@ -498,7 +498,7 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     Raises
     ------
     InvalidParameter
-        A step below :data:`MIN_STEP_DEG`.
+        If the step is below :data:`MIN_STEP_DEG`.
 
     Examples
     --------

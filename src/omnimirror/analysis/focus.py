@@ -493,9 +493,9 @@ def best_focus(
     Raises
     ------
     InvalidParameter
-        Unknown merit or mode, invalid numbers, or a mirror without virtual images.
+        If merit or mode are unknown, numbers invalid, or the mirror has no virtual images.
     OutsideField
-        Field angle outside the field of view.
+        If the field angle is outside the field of view.
 
     Examples
     --------

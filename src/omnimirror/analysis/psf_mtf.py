@@ -128,7 +128,7 @@ def psf(
     Raises
     ------
     OutsideField, InvalidParameter
-        Object outside the field of view; invalid numbers.
+        If an object is outside the field of view, or a number is invalid.
 
     Examples
     --------
@@ -362,7 +362,7 @@ def mtf(
     Raises
     ------
     OutsideField, InvalidParameter
-        Field angle outside the field of view; invalid numbers.
+        If a field angle is outside the field of view, or a number is invalid.
 
     Examples
     --------

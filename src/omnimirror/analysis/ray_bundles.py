@@ -282,7 +282,7 @@ def trace_bundles(
         Object outside the field of view, or not visible through the whole aperture even without the
         rim.
     InvalidParameter
-        Distance that is not positive, or a tilted imager.
+        If the distance is not positive, or the imager is tilted.
 
     Examples
     --------

@@ -165,9 +165,9 @@ def spots(
     Raises
     ------
     OutsideField
-        Field angle outside the field of view.
+        If the field angle is outside the field of view.
     InvalidParameter
-        Invalid distance or focus, or missing field angles for a misaligned sensor.
+        If distance or focus are invalid, or a misaligned sensor has no field angles.
 
     Examples
     --------
@@ -264,7 +264,7 @@ def check_blur(
     Raises
     ------
     InvalidParameter, OutsideField
-        Field angle outside the field of view, or invalid numbers.
+        If a field angle is outside the field of view, or a number is invalid.
 
     Examples
     --------

@@ -51,7 +51,7 @@ def make(settled: Requirements) -> Candidate:
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist or cannot be used.
+        If the mirror does not exist or cannot be used.
     """
     return _telecentric(settled) if settled.lens.is_telecentric else _perspective(settled)
 
@@ -309,7 +309,7 @@ def sketched(settled: Requirements, nearness: float) -> Sensor:
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist or cannot be used.
+        If the mirror does not exist or cannot be used.
     """
     if settled.lens.is_telecentric:
         return _unfocused(

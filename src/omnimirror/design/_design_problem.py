@@ -156,7 +156,7 @@ class DesignProblem:
     Raises
     ------
     InvalidParameter
-        Values without a valid mirror, and empty ranges.
+        If the values do not define a mirror, or a range is empty.
 
     Examples
     --------

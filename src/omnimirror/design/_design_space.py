@@ -97,7 +97,7 @@ class Space(Protocol):
         Raises
         ------
         OmnimirrorError
-            Mirror that does not exist.
+            If the mirror does not exist.
         """
 
 

@@ -278,7 +278,7 @@ class ParameterSpace:
         Raises
         ------
         OmnimirrorError
-            Sensor that does not exist.
+            If the sensor does not exist.
         """
         settled, requested = self._settled(y)
         if self._is_focus_free and "focus" not in self.names:
@@ -502,7 +502,7 @@ class RangeSearch:
         Raises
         ------
         OmnimirrorError
-            No candidate exists; the message is that of the candidate at the centre.
+            If no candidate exists; the message is that of the candidate at the centre.
         """
         middle = self.middle()
         if not self.free:
@@ -692,7 +692,7 @@ def solve(
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist.
+        If the mirror does not exist.
     """
     search = RangeSearch(requirements)
     if search.free:
@@ -720,7 +720,7 @@ def found_from_scratch(
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist.
+        If the mirror does not exist.
     """
     best = RangeSearch(requirements).best(begin, enough=0.0, starts=starts)
     return best.made if check_requirements(requirements, best.made.sensor).is_met else None

@@ -269,8 +269,8 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     Raises
     ------
     OmnimirrorError
-        File that cannot be read; entry that is missing, unknown or out of range, with its line and
-        column; duplicate name; catalogue without a lens or without an imager.
+        If the file cannot be read, or an entry is missing, unknown or out of range; with its line
+        and column; duplicate name; catalogue without a lens or without an imager.
 
     Examples
     --------

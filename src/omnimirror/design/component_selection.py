@@ -96,7 +96,7 @@ def best_apertures(
     Raises
     ------
     InvalidParameter
-        Empty range of F-numbers, or empty field.
+        If the range of F-numbers or the field is empty.
 
     Examples
     --------
@@ -243,7 +243,7 @@ def choose_parts(
     Raises
     ------
     InvalidParameter
-        Fill outside 0 to 1, or a sensor with a second mirror.
+        If fill is outside 0 to 1, or the sensor has a second mirror.
 
     Examples
     --------

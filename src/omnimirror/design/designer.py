@@ -154,7 +154,7 @@ def design_sensor(
     Raises
     ------
     OmnimirrorError
-        No feasible mirror for any values within the ranges.
+        If there is no feasible mirror for any values within the ranges.
 
     Examples
     --------

@@ -62,7 +62,7 @@ class Counted:
         Raises
         ------
         InvalidParameter
-            Empty range.
+            If the range is empty.
         """
         begins = [
             (self.low_deg, "outside the field of the mirror"),

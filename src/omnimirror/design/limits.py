@@ -337,7 +337,7 @@ def register_quantity(limitable: Limitable) -> None:
     Raises
     ------
     InvalidParameter
-        Name of an existing quantity.
+        If the name is that of an existing quantity.
 
     Examples
     --------
@@ -385,7 +385,7 @@ class Limit:
     Raises
     ------
     InvalidParameter
-        Unknown quantity, missing bound, or empty range.
+        If the quantity is unknown, the bound is missing, or the range is empty.
 
     >>> Limit("total_blur_px", at_most=4.0).label
     'total_blur_px'

@@ -418,7 +418,7 @@ def merit_named(name: str) -> Merit:
     Raises
     ------
     InvalidParameter
-        Unknown name.
+        If the name is unknown.
     """
     if name not in DESIGN_MERITS:
         raise InvalidParameter(f"merit must be one of {', '.join(DESIGN_MERITS)}; got {name!r}")

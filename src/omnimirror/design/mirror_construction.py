@@ -111,7 +111,7 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
     Raises
     ------
     InvalidParameter
-        Conic constant of a hyperboloid that cannot reach the slope.
+        If the conic constant of a hyperboloid cannot reach the slope.
 
     Examples
     --------
@@ -294,7 +294,7 @@ def check_entries(mapping: str, specified: Collection[str]) -> None:
     Raises
     ------
     InvalidParameter
-        Inapplicable or missing entry, with its name.
+        If an entry is inapplicable or missing; the message contains its name.
     """
     cls = MAPPINGS[mapping]
     taken = (
@@ -351,7 +351,7 @@ def mappings(
     Raises
     ------
     InvalidParameter
-        Invalid combination of angles.
+        If the combination of angles are invalid.
 
     Examples
     --------
@@ -525,7 +525,7 @@ class LensAndCover:
         Raises
         ------
         InvalidParameter
-            Rays blocked by the cover.
+            If the cover blocks the rays.
         """
         x = rim.rim_radius_mm * np.linspace(0.0, 1.0, NODES)
         mirror: MappingMirror = exact

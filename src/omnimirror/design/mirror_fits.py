@@ -104,7 +104,7 @@ def fit_mirror(
     Raises
     ------
     InvalidParameter
-        Unknown form or aim, pointed mirror, or form with too few terms.
+        If form or aim are unknown, the mirror is pointed, or the form has too few terms.
 
     Examples
     --------

@@ -257,7 +257,7 @@ def check_free(requested: Requirements) -> None:
     Raises
     ------
     InvalidParameter
-        Conflicting range.
+        If a range conflicts with the parts.
     """
     assert requested.parts is not None
     if requested.parts.mirror == "ball" and is_free(requested.lens.theta_max_deg):

@@ -349,9 +349,9 @@ def optimise(
     Raises
     ------
     InvalidParameter
-        Unknown merit, or no start.
+        If the merit is unknown, or there is no start.
     OmnimirrorError
-        No feasible design.
+        If there is no feasible design.
     KeyboardInterrupt
         Interruption (Ctrl-C) before the first start is finished; later, the best finished result is
         returned.

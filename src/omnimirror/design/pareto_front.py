@@ -222,7 +222,7 @@ class Front:
         Raises
         ------
         InvalidParameter
-            Index out of range.
+            If the index is out of range.
         """
         if not -len(self) <= i < len(self):
             raise InvalidParameter(f"the index must be from 0 to {len(self) - 1}; got {i}")
@@ -250,7 +250,7 @@ class Front:
         Raises
         ------
         InvalidParameter
-            Index out of range.
+            If the index is out of range.
         """
         sensor = self.sensor(i)
         return design_of(
@@ -303,7 +303,7 @@ def pareto(
         Requirements without an optimised mirror; fewer than two merits, an unknown or repeated
         merit; a population or number of generations below 1.
     OmnimirrorError
-        Missing package pymoo or pyarrow, or a file of another search.
+        If pymoo or pyarrow is missing, or the file belongs to another search.
     KeyboardInterrupt
         Interruption (Ctrl-C) before the first generation is complete; later, the front of the last
         saved generation is returned.
@@ -387,7 +387,7 @@ def load_front(path: str | Path) -> Front:
     Raises
     ------
     OmnimirrorError
-        Missing package pyarrow, or invalid file.
+        If pyarrow is missing, or the file is invalid.
 
     Examples
     --------

@@ -326,7 +326,7 @@ def relaxed(requirements: Requirements, relaxations: Iterable[Relaxation]) -> Re
     Raises
     ------
     SpecError
-        Inconsistent requirements.
+        If the requirements are inconsistent.
     """
     limits, entries, imager = list(requirements.limits), {}, requirements.imager
     for r in relaxations:

@@ -177,7 +177,7 @@ def check_requirements(
     Raises
     ------
     InvalidParameter
-        Lens of another kind, or a limit for a part of the field without a view.
+        If the lens is of another kind, or a limit applies to a part of the field without a view.
 
     Examples
     --------
@@ -420,7 +420,7 @@ def temperature_range(
     Raises
     ------
     InvalidParameter
-        Sensor without thermal properties, or a range without its reference.
+        If the sensor has no thermal properties, or its reference is outside the range.
 
     Examples
     --------

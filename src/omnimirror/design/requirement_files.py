@@ -112,8 +112,8 @@ def load_requirements(
     Raises
     ------
     SpecError
-        Missing file; invalid TOML; unknown, missing or invalid entry. The message contains the
-        file, the line and the valid values.
+        If a file is missing, the TOML text or an entry is invalid. The message contains
+        the file, the line and the valid values.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def format_requirements(requirements: Requirements) -> str:
     Raises
     ------
     InvalidParameter
-        Argument that is not an :class:`omnimirror.Requirements`.
+        If the argument is not an :class:`omnimirror.Requirements`.
 
     Examples
     --------
@@ -414,9 +414,9 @@ def requirements_like(sensor: Sensor, **mirror: Any) -> Requirements:
     Raises
     ------
     InvalidParameter
-        Sensor with two mirrors.
+        If the sensor has two mirrors.
     SpecError
-        Missing construction method, or invalid entry.
+        If the construction method is missing, or an entry is invalid.
 
     Examples
     --------

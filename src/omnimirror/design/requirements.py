@@ -56,7 +56,7 @@ def check_consistency(requirements: Requirements) -> None:
     Raises
     ------
     EntryError
-        Inconsistent entry; the error contains its path and a message with valid values.
+        If the entry is inconsistent; the error contains its path and a message with valid values.
     """
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     if field.omega_min_deg >= field.omega_max_deg:
@@ -420,7 +420,7 @@ class FieldRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -475,7 +475,7 @@ class MirrorRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -536,7 +536,7 @@ class LensRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -613,7 +613,7 @@ class PartsRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -676,7 +676,7 @@ class Requirements:
     Raises
     ------
     SpecError
-        Inconsistent tables; the message contains the reason and the valid values.
+        If the tables are inconsistent; the message contains the reason and the valid values.
 
     Examples
     --------
@@ -761,9 +761,9 @@ class Requirements:
         Raises
         ------
         SpecError
-            Invalid or inconsistent entry.
+            If the or inconsistent entry is invalid.
         InvalidParameter
-            Name that is not an entry of the three tables.
+            If the name is not an entry of the three tables.
 
         Examples
         --------

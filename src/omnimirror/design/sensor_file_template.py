@@ -34,7 +34,7 @@ def sensor_template(name: str = "sensor") -> str:
     Raises
     ------
     TypeError
-        Name that is not a string.
+        If the name is not a string.
 
     Examples
     --------

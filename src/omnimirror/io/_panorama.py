@@ -44,8 +44,8 @@ class GPano:
     Raises
     ------
     InvalidParameter
-        The crop is not inside the full panorama, or the tilt is outside -90 to 90 and -180 to 180
-        deg.
+        If the crop is not inside the full panorama, or the tilt is outside -90 to 90 and -180 to
+        180 deg.
 
     Examples
     --------

@@ -119,10 +119,10 @@ class Encoder:
     Raises
     ------
     MediaError
-        The codec is unknown or not supported by the format, or the format does not support the
+        If the codec is unknown or not supported by the format, or the format does not support the
         audio.
     InvalidParameter
-        The codec does not support the image size.
+        If the codec does not support the image size.
     """
 
     def __init__(

@@ -51,7 +51,7 @@ class PixelFormat:
         Raises
         ------
         ValueError
-            There is no such format.
+            If there is no such format.
         """
         coded = av.VideoFormat(pixel_format, 64, 64)
         parts = coded.components
@@ -214,7 +214,8 @@ def planes(frame: av.VideoFrame) -> Planes:
     Raises
     ------
     MediaError
-        The frame has another pixel format; convert it first by :func:`planar` or :func:`workable`.
+        If the frame has another pixel format; convert it first by :func:`planar` or
+        :func:`workable`.
 
     Examples
     --------
@@ -321,7 +322,7 @@ def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.Vide
     Raises
     ------
     MediaError
-        The shapes do not form a 4:2:0 image.
+        If the shapes do not form a 4:2:0 image.
     """
     height, width = parts[0].shape[:2]
     frame, into = empty_frame((width, height), "nv12" if len(parts) == 2 else "yuv420p", like)
@@ -353,7 +354,7 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
     Raises
     ------
     MediaError
-        The array is not such an image.
+        If the array is not such an image.
     """
     channels = image.shape[2] if image.ndim == 3 else 1
     if (

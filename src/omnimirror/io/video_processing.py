@@ -98,7 +98,7 @@ def process(
     Raises
     ------
     MediaError
-        The source is damaged, raised after all readable frames are written; or the sink fails.
+        If the source is damaged, raised after all readable frames are written; or the sink fails.
         Errors of the function are passed on, and abort the sink.
     """
     meter = ProgressMeter(on_progress, total)

@@ -126,7 +126,7 @@ def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subje
     Raises
     ------
     InvalidParameter
-        No sensor, or more sensors than colours.
+        If there is no sensor, or more sensors than colours.
     """
     if not 1 <= len(sensors) <= len(PALETTE):
         raise InvalidParameter(

@@ -90,7 +90,7 @@ def write_demo(
     Raises
     ------
     OmnimirrorError
-        Unsupported sensor, or a folder that cannot be written.
+        If the sensor is not supported, or the folder cannot be written.
 
     Examples
     --------

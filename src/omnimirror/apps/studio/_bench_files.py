@@ -47,7 +47,7 @@ def opened(name: str, data: bytes) -> ImportedFile:
     Raises
     ------
     OmnimirrorError
-        Invalid or unknown file; the message contains the position.
+        If the or unknown file is invalid; the message contains the position.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -86,7 +86,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
     Raises
     ------
     SpecError
-        Invalid requirements.
+        If the requirements are invalid.
     """
     sensor = aligned_sensor(sensor)
     requirements = requirements_for(tables, sensor)
@@ -109,7 +109,7 @@ def downloaded(
     Raises
     ------
     OmnimirrorError
-        Invalid sensor, or a sensor without such a file.
+        If the sensor is invalid or has no such file.
     """
     sensor = sensor_on_bench(requested.tables)
     if requested.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
@@ -196,7 +196,7 @@ def taken(message: RenderRequest) -> bytes:
     Raises
     ------
     OmnimirrorError
-        Invalid sensor.
+        If the sensor is invalid.
     """
     from ...dewarp import Dewarper, views
     from ...simulation.rendering import render_image

@@ -41,7 +41,7 @@ def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
     Raises
     ------
     SpecError
-        Invalid tables; the message contains the position and the valid values.
+        If the tables are invalid; the message contains the position and the valid values.
     """
     data = dict(tables)
     data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
@@ -139,7 +139,7 @@ def slider_violations(requested: SliderRequest) -> SliderViolations:
     Raises
     ------
     OmnimirrorError
-        Invalid requirements.
+        If the requirements are invalid.
     """
     requirements_for(
         requested.requirements, aligned_sensor(sensor_on_bench(requested.tables, requested.follows))

@@ -172,7 +172,7 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     Raises
     ------
     EntryError
-        Invalid sensor; the error contains the entry.
+        If the sensor is invalid; the error contains the entry.
     """
     form = Form()
     mount = tables.get("mount", {})
@@ -250,7 +250,7 @@ def changed(change: DesignChange) -> Sensor:
     Raises
     ------
     OmnimirrorError
-        Unknown kind, or a kind that does not support this field.
+        If the kind is unknown, or does not support this field.
     """
     current, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
     sensor = aligned_sensor(current)

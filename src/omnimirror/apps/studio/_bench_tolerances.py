@@ -79,7 +79,7 @@ def built(message: AsBuiltRequest) -> bytes:
     Raises
     ------
     OmnimirrorError
-        Invalid sensor, or an error source that does not apply to it.
+        If the sensor is invalid, or an error source does not apply to it.
     """
     nominal = aligned_sensor(sensor_on_bench(message.tables))
     check_error_names(nominal, message.values)
@@ -134,7 +134,7 @@ def predict_yield(message: YieldRequest) -> YieldResult:
     Raises
     ------
     OmnimirrorError
-        Invalid sensor, inapplicable error source, or invalid limit.
+        If the sensor or a limit is invalid, or an error source does not apply.
     """
     check_limits({message.merit: message.limit})
     sensor = aligned_sensor(sensor_on_bench(message.tables))

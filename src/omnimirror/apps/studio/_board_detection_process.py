@@ -29,7 +29,7 @@ def board_of(requested: BoardSpec) -> Board:
     Raises
     ------
     InvalidParameter
-        Invalid board parameters.
+        If the board parameters are invalid.
     """
     a = requested
     return Board(a.kind, a.columns, a.rows, a.square_mm, a.marker_mm, a.spacing, a.family, a.legacy)

@@ -42,7 +42,7 @@ def taken(detected: BoardDetection, board: Board) -> Detection:
     Raises
     ------
     InvalidParameter
-        Corners outside the board or outside the image.
+        If the corners are outside the board or outside the image.
     """
     ids, corners = (
         np.asarray(detected.ids, dtype=int),
@@ -81,7 +81,7 @@ def together(message: MultiImageRequest) -> MultiImageSummary:
     Raises
     ------
     InvalidParameter
-        Invalid board, or a board that does not match the detections.
+        If the board is invalid or does not match the detections.
     """
     board = board_of(message.board)
     detections = compared([taken(detected, board) for detected in message.pictures], board)

@@ -88,9 +88,9 @@ class Cameras:
         Raises
         ------
         KeyError
-            Unknown name.
+            If the name is unknown.
         InvalidParameter
-            Invalid field of a mirror ball.
+            If the field of a mirror ball is invalid.
         """
         for shelf in (self._given, self._bundled, self._uploaded):
             if id in shelf:
@@ -105,7 +105,8 @@ class Cameras:
         Raises
         ------
         OmnimirrorError
-            Unknown or invalid file; the message contains the position and the valid values.
+            If the file is unknown or invalid; the message contains the position and the valid
+            values.
         """
         known = read_calibration(name, data, optics)
         self._uploaded[known.id] = known
@@ -120,9 +121,9 @@ class Cameras:
         Raises
         ------
         KeyError
-            Unknown sensor.
+            If the sensor is unknown.
         InvalidParameter
-            A camera without a sensor file, or with a fixed image circle.
+            If the camera has no sensor file, or a fixed image circle.
         """
         return format_sensor(self.fitted(requested))
 

@@ -117,7 +117,7 @@ def restore_image(
     Raises
     ------
     OmnimirrorError
-        Unreadable image, or an image of another sensor.
+        If the image is unreadable or belongs to another sensor.
     """
     from ...dewarp.restoration.deblurring import Restorer
 
@@ -135,7 +135,7 @@ def render_room(known: NamedCamera) -> bytes:
     Raises
     ------
     OmnimirrorError
-        Image too large.
+        If the image is too large.
     """
     from ...simulation.rendering import SHOWN_SAMPLES, render_image
     from ...simulation.scenes.room import Room

@@ -45,7 +45,7 @@ def optimisable(sensor: Sensor, task: SearchTask) -> Requirements:
     Raises
     ------
     InvalidParameter
-        A sensor with two mirrors or a misaligned mirror.
+        If the sensor has two mirrors or a misaligned mirror.
     """
     if (reason := why_not_optimised(sensor)) is not None:
         raise InvalidParameter(reason)

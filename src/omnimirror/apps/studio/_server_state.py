@@ -59,7 +59,7 @@ class Sources:
     Raises
     ------
     MediaError
-        Invalid address of a live camera or stream.
+        If the address of a live camera is invalid or stream.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Sources:
         Raises
         ------
         KeyError
-            Unknown id.
+            If the id is unknown.
         """
         for shown in self.list():
             if shown.id == id:

@@ -126,7 +126,7 @@ def standalone_page(
     Raises
     ------
     InvalidParameter
-        Unknown sensor name.
+        If the sensor name is unknown.
 
     Examples
     --------

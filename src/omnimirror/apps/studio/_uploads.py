@@ -44,7 +44,7 @@ async def collected(request: Request) -> bytes:
     Raises
     ------
     MediaError
-        Empty request.
+        If the request is empty.
     """
     data = await request.body()
     if not data:
@@ -70,7 +70,7 @@ def browser_image(data: bytes, name: str, *, stored_orientation: bool = False) -
     Raises
     ------
     MediaError
-        Unknown format, damaged image, or decoded size too large.
+        If the format is unknown, or the image damaged or too large after decoding.
     """
     return png_of(*uploaded(data, name, stored_orientation=stored_orientation))
 
@@ -91,7 +91,7 @@ def uploaded(
     Raises
     ------
     MediaError
-        Unknown format, damaged image, or decoded size too large.
+        If the format is unknown, or the image damaged or too large after decoding.
     """
     suffix = _checked_kind(data, name)
     with tempfile.TemporaryDirectory() as folder:

@@ -76,7 +76,7 @@ class Workers:
         Raises
         ------
         InvalidParameter
-            Too many active workers.
+            If there are too many active workers.
         """
         if self._running >= self.most:
             raise InvalidParameter(
@@ -133,9 +133,9 @@ class BoardDetectorPool:
         Raises
         ------
         ServerBusy
-            Too many queued requests.
+            If there are too many queued requests.
         OmnimirrorError
-            Unreadable image or invalid board.
+            If the image is unreadable or invalid board.
         """
         if self._pending >= MAX_QUEUED_JOBS:
             raise ServerBusy("too many board detections are queued; try again later")

@@ -157,9 +157,9 @@ def serve(
     Raises
     ------
     OmnimirrorError
-        The address is not available.
+        If the address is not available.
     KeyboardInterrupt
-        Ended by Ctrl-C.
+        After Ctrl-C.
     """
     if not is_loopback(host):
         studio.token = secrets.token_urlsafe(16)
