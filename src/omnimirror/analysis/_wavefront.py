@@ -128,7 +128,7 @@ def phase_of_real_lens(cosines: Array, aberrations: Array) -> tuple[Array, Array
     """
     derivatives = basis_slopes()
     coefficients = np.einsum("tn,knc->ktc", fit_matrix(), cosines)
-    # (2, k, n): derivatives by the x and the y of the aperture
+    # (2, k, n): derivatives with respect to x and y of the aperture
     slopes = np.stack(
         [
             -np.einsum("knc,nt,ktc->kn", aberrations, rate, coefficients, optimize=True)

@@ -447,8 +447,8 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
     """
     across = np.asarray(object_distance_mm) * (np.pi / 180)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # One degree is p pi/180 across the ray; on a plane or a cylinder, inclined to it by Omega,
-        # the tangential length is larger by 1/cos(Omega) or 1/sin(Omega).
+        # One degree is p pi/180 perpendicular to the ray; on a plane or a cylinder, inclined to it
+        # by Omega, the tangential length is larger by 1/cos(Omega) or 1/sin(Omega).
         t = across / dh
         cosine = np.abs(np.cos(omega))
         return {

@@ -513,7 +513,7 @@ def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
 
 
 def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array]:
-    """Return wavelengths and their weights, with sum 1."""
+    """Return wavelengths and their weights, normalised to the sum 1."""
     waves = row("wavelength_nm", wavelength_nm)
     spectral_weights = np.ones(len(waves)) if weights is None else row("weights", weights)
     if len(spectral_weights) != len(waves):

@@ -29,7 +29,7 @@ class Pupil(NamedTuple):
     points: Array
     """Points (n, 2)."""
     weights: Array
-    """Weights (n,) with sum 1."""
+    """Weights (n,), normalised to the sum 1."""
 
 
 def hexapolar(rings: int) -> Pupil:

@@ -37,8 +37,8 @@ class Spots(TabularResult):
     s_px: Array
     """Sagittal offsets (k, m, n)."""
     weights: Array
-    """Relative light of each ray (k, n), with sum 1; 0 for blocked rays. An object with only
-    blocked rays has weights, radii and extents of 0.
+    """Relative light of each ray (k, n), normalised to the sum 1; 0 for blocked rays. An object
+    with only blocked rays has weights, radii and extents of 0.
     """
     chief_px: Array
     """Distance of the chief ray from the optical axis (k, m)."""

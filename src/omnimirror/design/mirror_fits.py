@@ -178,7 +178,8 @@ class _Problem:
     def profile(self, p: Array) -> tuple[_Linear, _Linear]:
         """Return sag and slope at the nodes with their derivatives.
 
-        Both are linear in the coefficients; the derivatives by R and k of an asphere are complex steps.
+        Both are linear in the coefficients; the derivatives with respect to R and k of an asphere
+        are complex steps.
         """
         powers, rates = self._powers
         if self.form.kind == "polynomial":

@@ -761,7 +761,7 @@ class Requirements:
         Raises
         ------
         SpecError
-            If the or inconsistent entry is invalid.
+            If an entry is invalid or inconsistent.
         InvalidParameter
             If the name is not an entry of the three tables.
 

@@ -162,7 +162,7 @@ class PipeSink(SinkBase):
     kind
         ``"y4m"``: YUV4MPEG2 with size, rate, bit depth and chroma subsampling in its header;
         ``"rawvideo"``: pixels only.
-    frame_rate : frames a second
+    frame_rate : frames per second
         Frame rate in the header of y4m.
     pixel_format
         Pixel format of rawvideo: ``"rgb24"``, ``"bgr24"``, ``"gray"``, ``"yuv420p"`` and others

@@ -37,7 +37,7 @@ PERMANENT_ERRORS = (
     av.error.HTTPUnauthorizedError,
     av.error.HTTPForbiddenError,
 )
-"""Errors for which retrying is useless: unknown protocol or decoder, access denied."""
+"""Permanent errors, for which no retry is made: unknown protocol or decoder, access denied."""
 CLOSE_TIMEOUT_S = 0.2  # longer than the frame interval of any running stream
 LOW_DELAY = {"flags": "low_delay", "analyzeduration": "500000"}
 """Analysis of the stream for 0.5 s (in us); the frames are returned nevertheless."""

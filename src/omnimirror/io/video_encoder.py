@@ -72,7 +72,7 @@ class Encoder:
     target
         File name or address, or an object with a method ``write`` for bytes.
     size : (width, height) px
-    frame_rate : frames a second
+    frame_rate : frames per second
         Mean frame rate for the rate control of the encoder; every frame keeps its own time.
     time_base : s, optional
         Unit of the frame times; the frame interval by default.

@@ -76,7 +76,7 @@ class VideoReader:
         the times in the file minus ``start_s``.
     with_audio
         Whether packets of audio, subtitles and data are read too.
-    frame_rate : frames a second
+    frame_rate : frames per second
         Frame rate of image sequences; files contain their own.
     stored_orientation
         Return frames as stored, for a camera that was calibrated with stored pixels.

@@ -324,7 +324,7 @@ class Sensor:
         Returns
         -------
         (n,) array
-            Derivative by the field angle, px per radian.
+            Derivative with respect to the field angle, px per radian.
 
         Raises
         ------
@@ -420,7 +420,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-            If the housing does not fit; the message gives the valid range.
+            If the housing does not fit; the message states the valid range.
         """
         return Obstructions.of(self.housing, self.mirror, self.secondary, self.mirror_distance_mm)
 
@@ -647,7 +647,7 @@ class Sensor:
         )
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Project infinitely distant points in directions (n, 3) of any non-zero length.
+        """Project infinitely distant points in directions (n, 3), non-zero vectors of any length.
 
         Parameters
         ----------

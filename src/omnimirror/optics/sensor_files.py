@@ -127,7 +127,7 @@ def load_sensor(name_or_path: str | Path, changes: dict[str, Any] | None = None)
     ------
     SpecError
         If the file or name does not exist, the text is not TOML, or an entry is unknown, missing or
-        invalid. The message gives the file, the line and the valid values.
+        invalid. The message states the file, the line and the valid values.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def parse_sensor(
     Raises
     ------
     SpecError
-        If the text is not TOML, or an entry is unknown, missing or invalid. The message gives the
+        If the text is not TOML, or an entry is unknown, missing or invalid. The message states the
         line and the valid values.
 
     Examples
@@ -567,7 +567,8 @@ def parse_camera(
     Raises
     ------
     SpecError
-        If an entry is unknown, missing or invalid. The message gives the line and the valid values.
+        If an entry is unknown, missing or invalid. The message states the line and the valid
+        values.
 
     Examples
     --------

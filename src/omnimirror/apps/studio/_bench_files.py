@@ -47,7 +47,7 @@ def opened(name: str, data: bytes) -> ImportedFile:
     Raises
     ------
     OmnimirrorError
-        If the or unknown file is invalid; the message contains the position.
+        If the file is unknown or invalid; the message contains the position.
     """
     try:
         text = data.decode("utf-8-sig")

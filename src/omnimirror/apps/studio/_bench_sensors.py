@@ -217,7 +217,7 @@ def remark_on(sensor: Sensor) -> str | None:
 
 
 def why_not_optimised(sensor: Sensor) -> str | None:
-    """Return the reason for which the mirror cannot be optimised; None if it can."""
+    """Return the reason why the mirror cannot be optimised; None if it can."""
     if sensor.secondary is not None:
         return "Optimisation requires a sensor with one mirror; this sensor has two."
     if not sensor.mirror_pose.is_axial:

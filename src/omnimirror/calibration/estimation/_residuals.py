@@ -1,4 +1,6 @@
-"""Residuals of a bundle adjustment and their derivatives by camera, poses and board shape."""
+"""Residuals of a bundle adjustment and their derivatives with respect to camera, poses and board
+shape.
+"""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def is_used(detection: Any) -> bool:
 
 
 def reason_of(detection: Any) -> str:
-    """Return the reason for which an image is not used, with its name."""
+    """Return the reason why an image is not used, with its name."""
     if detection.reason is None:
         return f"{detection.name}: at least {MIN_CORNERS_PER_IMAGE} corners are required; got {len(detection.ids)}"
     return (

@@ -189,7 +189,7 @@ def select_distinct_frames(
 def redundancy_reason(
     candidate: Detection, selected: Sequence[Detection], board: Board
 ) -> str | None:
-    """Return the reason for which an image adds no new view, None if it does.
+    """Return the reason why an image adds no new view, None if it does.
 
     Parameters
     ----------

@@ -210,14 +210,14 @@ def load_ocam(
     Raises
     ------
     SpecError
-        If the file is missing or invalid; the message gives the line and the expected contents.
+        If the file is missing or invalid; the message states the line and the expected contents.
     InvalidParameter
         If ``optics`` is unknown or the rim radius is invalid.
 
     Warns
     -----
     OmnimirrorWarning
-        If the values of the file are inconsistent; the message gives the magnitude.
+        If the values of the file are inconsistent; the message states the magnitude.
 
     Examples
     --------

@@ -84,7 +84,7 @@ class Blur(NamedTuple):
     pixel.
     """
     weights: NDArray[np.float32]
-    """Weights (m,), with sum 1 in every kernel."""
+    """Weights (m,), normalised to the sum 1 in every kernel."""
     block_px: int
     """Number of adjacent pixels in a row with one kernel: 1, 2, 4 or 8."""
 

@@ -243,7 +243,9 @@ def merge_bracket(
 def image_weights(
     sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf
 ) -> Array:
-    """Return weights (k, ...) of images at distances (...) px from the optical axis, with sum 1."""
+    """Return weights (k, ...) of images at distances (...) px from the optical axis, normalised to
+    the sum 1.
+    """
     h = np.linspace(0, sensor.rim_radius_px * ROUNDED, ANGLES)
     rays = sensor.meridian.trace(sensor.x_from_height_px(h))
     study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), "exact", None, 550.0)

@@ -29,7 +29,9 @@ Vector = tuple[Tensor, Tensor, Tensor]
 
 
 def shape_derivative_table(mirror: Mirror, parameter: ParameterLocation) -> Array:
-    """Return cubic coefficients (n, 8) of the derivatives of sag and slope by a parameter."""
+    """Return cubic coefficients (n, 8) of the derivatives of sag and slope with respect to a
+    parameter.
+    """
     sag, slope, curvature = profile_derivatives(mirror, radii(mirror), (parameter,))[..., 0]
     step = mirror.rim_radius_mm / CELLS
     pieces = [cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)]

@@ -209,7 +209,9 @@ class _Case:
         return float((self.excess(sizes) <= 1).mean())
 
     def effects(self, sizes: Array) -> Array:
-        """Return the derivatives (n,) of the softened yield by the logarithm of each tolerance."""
+        """Return the derivatives (n,) of the softened yield with respect to the logarithm of each
+        tolerance.
+        """
         effect = np.empty(len(sizes))
         for i in range(len(sizes)):
             step = np.ones(len(sizes))

@@ -153,7 +153,9 @@ def _outside(rows: Array, vector: Array) -> Array:
 
 
 def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
-    """Compute first derivatives of motion by each pose parameter, and second-order terms of pairs."""
+    """Compute first derivatives of motion with respect to each pose parameter, and second-order
+    terms of pairs.
+    """
     pose = [
         name for name in POSE if name in error_sources(field.sensor)
     ]  # folded sensors: axial displacement only

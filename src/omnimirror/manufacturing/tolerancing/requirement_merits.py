@@ -318,7 +318,7 @@ class RequiredMerits:
         self, values: Values, motions: Motions
     ) -> tuple[dict[str, MeritRows], NDArray[np.intp]]:
         """Return the values of each merit and the number of lost objects (t,)."""
-        with np.errstate(all="ignore"):  # NaN of lost rays
+        with np.errstate(all="ignore"):  # NaN for lost rays
             view, rim = self._view(values)
             departures = (
                 None

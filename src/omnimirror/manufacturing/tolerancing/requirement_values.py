@@ -304,7 +304,7 @@ def sequential_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
     optics = Optics(
         *(np.array(numbers) for numbers in zip(*(one.optics for one in visible), strict=True))
     )
-    with np.errstate(all="ignore"):  # NaN of lost rays
+    with np.errstate(all="ignore"):  # NaN for lost rays
         heights, middle = viewpoint_heights(ExitRays(origins, out), field.omega_deg)
         view = field_values(scale, blur, optics, heights, field, origins)
     return TrialView(view, middle, np.array([one.lost for one in visible])), np.array(
@@ -417,7 +417,7 @@ class StraightLines:
     reference
         Reference of all points, line by line.
     across : (l, p, 2)
-        Unit vectors across the lines, in field angle and azimuth.
+        Unit vectors perpendicular to the lines, in field angle and azimuth.
     rest : (p, p)
         Residual projection of a great-circle fit.
     """

@@ -44,7 +44,7 @@ TIED = 1e-6
 
 
 class Rates(NamedTuple):
-    """First and second derivative of a merit by an error."""
+    """First and second derivative of a merit with respect to an error."""
 
     first: float
     second: float
@@ -53,7 +53,7 @@ class Rates(NamedTuple):
 def merit_rates(
     evaluator: TrialEvaluator, name: str, step: float, tolerances: Tolerances | None = None
 ) -> dict[str, Rates]:
-    """Compute derivatives of all merits by an error increasing from 0.
+    """Compute derivatives of all merits with respect to an error increasing from 0.
 
     Parameters
     ----------

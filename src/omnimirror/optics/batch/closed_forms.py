@@ -134,7 +134,7 @@ def node_optics(
     return MirrorPointOptics(
         omega=omega,
         ray=x / w,
-        # object motion across the ray: p domega_dx + cos(gamma)/cos(beta);
+        # object motion perpendicular to the ray: p domega_dx + cos(gamma)/cos(beta);
         # around the axis: x + p sin(Omega)
         magnification_t=front / (w * w * (domega_dx + near * front / rho)),
         magnification_s=rho * steep / (w * (sine + near * rho * steep)),
@@ -363,13 +363,13 @@ class LensColumns(NamedTuple):
     pupil_position: Array
     """(...) position of the entrance pupil, mm towards the mirror from the reference point."""
     motion: Array
-    """(...) its derivative by the tangent."""
+    """(...) its derivative with respect to the tangent."""
     light: Array
     """(...) relative illumination of the imager, at the middle focus."""
     height: Array
     """(3, ...) image height, mm."""
     rate: Array
-    """(3, ...) its derivative by the tangent."""
+    """(3, ...) its derivative with respect to the tangent."""
     focused_t: Array
     """(3, ...) blur (mm) of a distant tangential image per radius of the pupil.
 
@@ -454,7 +454,7 @@ class LensTables:
         return f * v / (1 - (f - self.pupil_from_principal_mm) * v)
 
     def defocus_rate(self, v: Any) -> Any:
-        """Compute its derivative by v."""
+        """Compute its derivative with respect to v."""
         f = self.focal_length_mm
         return f / (1 - (f - self.pupil_from_principal_mm) * v) ** 2
 
@@ -680,7 +680,8 @@ def built_optics(
     ray, dray = (x + 0 * slope, 1.0) if telecentric else (t, dtheta / cosine**2)
     on_axis = np.real(x) == 0
     sine = np.where(on_axis, 1.0, np.sin(foot.omega))
-    # displacement of the object across the ray and around the axis, divided by its distance
+    # displacement of the object perpendicular to the ray and around the axis, divided by its
+    # distance
     across = (1 - near * inside) * foot.rate + near * foot.spread
     around = sine + near * (foot.x - sine * inside)
     magnification_t = dray / across
@@ -792,7 +793,7 @@ class RealCamera:
         return airy
 
     def floor(self, q: Array) -> tuple[Array, Array]:
-        """Return the squared pixel and Airy disk, px^2, and the derivative by q."""
+        """Return the squared pixel and Airy disk, px^2, and the derivative with respect to q."""
         axis, slope = self.airy_line
         airy = axis + slope * q
         return 1 + airy * airy, 2 * airy * slope

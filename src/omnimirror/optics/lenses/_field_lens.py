@@ -49,7 +49,7 @@ class FieldNodes(NamedTuple):
     """(n,) vergence in focus of the tangential fan, at the pupil, along the axis."""
     vergence_s: Array
     scale_t: Array
-    """(n,) derivative of the image point by the slope, through a fixed pupil point."""
+    """(n,) derivative of the image point with respect to the slope, through a fixed pupil point."""
     scale_s: Array
     width_t: Array
     """(n,) half width of the vignetted pupil in the meridian, relative to the axis."""
@@ -212,7 +212,7 @@ class LensField:
         return dict(zip(ODD, np.moveaxis(values, -1, 0), strict=True))
 
     def height(self, tangent: Array) -> tuple[Array, Array]:
-        """Return image heights (k,), mm, and derivatives by the tangent."""
+        """Return image heights (k,), mm, and derivatives with respect to the tangent."""
         inside = np.minimum(tangent, self.end)
         rate = self._rate(inside)[..., 0]
         height = self._odd(inside)[..., 0] + rate * (tangent - inside)

@@ -413,6 +413,8 @@ def _of_defocus(
 
 
 def _rate(tangent: Array, values: Array, even: bool) -> Array:
-    """Return the derivative (n,) by the tangent of values that are even or odd about the axis."""
+    """Return the derivative (n,) with respect to the tangent of values that are even or odd about
+    the axis.
+    """
     spline = (even_spline if even else odd_spline)(tangent, values)
     return np.asarray(spline.derivative()(tangent))

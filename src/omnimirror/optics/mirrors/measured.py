@@ -354,7 +354,7 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     ------
     OmnimirrorError
         If there are no numeric rows, a row differs from the others, or the separators are
-        ambiguous; the message gives the line.
+        ambiguous; the message states the line.
 
     Examples
     --------

@@ -147,7 +147,7 @@ class MirrorSurface:
 
     @property
     def tangents(self) -> Array:
-        """Derivatives (n, 2, 3) of the points by x and by y."""
+        """Derivatives (n, 2, 3) of the points with respect to x and y."""
         tangents = np.zeros((len(self.points), 2, 3))
         tangents[:, 0, 0] = tangents[:, 1, 1] = 1.0
         tangents[:, :, 2] = self.slopes

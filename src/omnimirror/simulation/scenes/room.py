@@ -320,7 +320,7 @@ class Room:
     Parameters
     ----------
     texel_mm : mm
-        Texel size of the walls. The room is painted and lit at the first use, once for all equal
+        Texel size of the walls. The room is painted and lit on first use, once for all equal
         rooms.
     other_texel_mm : mm
         Texel size of all faces except the wall ahead; ``texel_mm`` if None. At 2 mm the whole room
