@@ -245,10 +245,10 @@ def main() -> None:
                 f"{late * RATE / 1e3:.2f} |"
             )
     lines = [
-        f"# Gateway: {len(VIEWS)} views of 640 x 360 px from {WIDTH} x {HEIGHT} px at {RATE} frames a second",
+        f"# Gateway: {len(VIEWS)} views of 640 x 360 px from {WIDTH} x {HEIGHT} px at {RATE} frames per second",
         "",
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, PyAV "
-        f"{av.__version__}; {arguments.frames} frames of each step, {arguments.seconds} s as it runs.",
+        f"{av.__version__}; {arguments.frames} frames of each step, {arguments.seconds} s in operation.",
         "",
         "| step | processor time, ms | cores |",
         "|---|---|---|",

@@ -285,7 +285,7 @@ def circumstances(pixels: int) -> str:
         f"{processor()}, {os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
         f"the load was {load:.0f} before. "
         f"*Core s* are the seconds of all cores together, the median of {RUNS} runs, *first* for the first image of "
-        "a sensor, with all that is prepared for it. Pairs are the inner 2/3 of the radius / the outer "
+        "a sensor, including all preparations. Pairs are the inner 2/3 of the radius / the outer "
         "third.\n"
     )
 

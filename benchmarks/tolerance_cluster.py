@@ -171,16 +171,16 @@ def write(
     ]
     text = "\n".join(
         [
-            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s by the clock. "
+            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s of wall time. "
             f"{processor()}, {WORKERS} cores.{busy}",
             "",
             "| processor time | s |",
             "|---|---:|",
             *rows,
             "",
-            f"{MANY} workers, from these: {MANY / shard:.0f} shards a second, {MANY * SHARD_TRIALS / shard / 1e6:.1f} "
+            f"{MANY} workers, from these: {MANY / shard:.0f} shards per second, {MANY * SHARD_TRIALS / shard / 1e6:.1f} "
             f"million sensors, {MANY / shard * SHARD_TRIALS * 96 / 1e6:.0f} MB/s to the disk that they share; then "
-            f"at most {1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core for each million that is summed up.",
+            f"at most {1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core per million trials for the reduction.",
         ]
     )
     print(text)

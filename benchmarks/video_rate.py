@@ -222,7 +222,7 @@ def main() -> None:
         f"{arguments.threads} threads, PyAV {av.__version__}; medians of {arguments.runs} runs of "
         f"{arguments.frames} frames, in turn.",
         "",
-        "File to file, frames a second:",
+        "File to file, frames per second:",
         "",
         "| codec | omnimirror | v360 in PyAV | ffmpeg -vf v360 | ratio to the faster |",
         "|---|---|---|---|---|",
