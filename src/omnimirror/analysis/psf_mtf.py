@@ -187,7 +187,7 @@ def _offsets(
     if 2 * half + 1 > MAX_SAMPLES:
         raise InvalidParameter(
             f"step_px must be at least {width / (MAX_SAMPLES - 1):.2g}: a PSF has at most "
-            f"{MAX_SAMPLES} samples a side; got {step:g} px for a width of {width:g} px"
+            f"{MAX_SAMPLES} samples per side; got {step:g} px for a width of {width:g} px"
         )
     return step * np.arange(-half, half + 1, dtype=np.float64)
 

@@ -313,8 +313,8 @@ def open_file(path: str | Path, max_bytes: int | None = None) -> BinaryIO:
     Raises
     ------
     OSError
-        If the file does not exist, is not an ordinary file, or is too large; ``strerror`` gives the
-        reason.
+        If the file does not exist, is not an ordinary file, or is too large; ``strerror`` states
+        the reason.
     """
     try:
         _check_ordinary(os.stat(path), max_bytes)
@@ -347,7 +347,7 @@ def check_file(
     Raises
     ------
     OSError
-        As :func:`open_file`, or the members are too large; ``strerror`` gives the reason.
+        As :func:`open_file`, or the members are too large; ``strerror`` states the reason.
     """
     with open_file(path, max_bytes) as file:
         if max_unpacked_bytes is None or not zipfile.is_zipfile(file):
@@ -369,7 +369,7 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
     Raises
     ------
     OSError
-        As :func:`open_file`; ``strerror`` gives the reason.
+        As :func:`open_file`; ``strerror`` states the reason.
     """
     with open_file(path, max_bytes) as file:
         # generated files, as in /proc, have a nominal size of 0

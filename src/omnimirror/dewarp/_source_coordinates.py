@@ -229,7 +229,7 @@ def source_pixels(
     between views of a mosaic.
 
     With ``exact`` every pixel is projected individually; otherwise most are interpolated, with
-    errors of some 0.001 px.
+    errors of about 0.001 px.
     """
     pixels_of_screen = exact_pixels if exact else screen_pixels
     if isinstance(view, Screen):

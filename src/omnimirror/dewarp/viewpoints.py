@@ -1,8 +1,8 @@
 """Viewpoint of a screen: true reflection for each of its points, or a single viewpoint.
 
 A mirror has a different viewpoint for every point. The virtual projector of the paper has a single
-viewpoint V0 instead (section 4.2): exact for distant objects, with errors of some pixels for nearby
-objects.
+viewpoint V0 instead (section 4.2): exact for distant objects, with errors of a few pixels for
+nearby objects.
 """
 
 from __future__ import annotations

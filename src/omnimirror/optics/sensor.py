@@ -753,9 +753,9 @@ class Sensor:
     def aperture_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> Rays:
         """Trace rays of pixels (n, 2) through aperture points (n, 2), or one, into the world.
 
-        Rays are traced in space from the imager: an ideal thin lens images a pixel, through every
-        aperture point, to one point of the plane in focus; the mirror reflects these rays. The
-        aperture point (0, 0) is the chief ray of :meth:`backproject`.
+        Rays are traced in three dimensions from the imager: an ideal thin lens images a pixel,
+        through every aperture point, to one point of the plane in focus; the mirror reflects these
+        rays. The aperture point (0, 0) is the chief ray of :meth:`backproject`.
 
         Parameters
         ----------

@@ -39,7 +39,7 @@ def is_loopback(host: str) -> bool:
 
 
 class AccessGuard:
-    """ASGI middleware that refuses foreign hosts, foreign origins and requests without the token.
+    """ASGI middleware that rejects foreign hosts, foreign origins and requests without the token.
 
     A host name outside ``hosts`` that resolves to this machine indicates DNS rebinding. With a
     ``token``, all host names are accepted. A link with the token is answered with a cookie and a

@@ -40,7 +40,7 @@ class _Refusal(Exception):
 
 
 class RequestLimits:
-    """ASGI middleware that refuses requests that are too large or too slow.
+    """ASGI middleware that rejects requests that are too large or too slow.
 
     Parameters
     ----------
