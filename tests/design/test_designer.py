@@ -170,7 +170,7 @@ def test_a_range_is_used_where_it_helps():
     assert design.is_met
     search = RangeSearch(design.requirements)
     blurs = [
-        search.judged(search.middle().changed(f_number=float(F))).cost
+        search.evaluated(search.middle().changed(f_number=float(F))).cost
         for F in np.linspace(2, 16, 5)
     ]
     assert max(r.shortfall for r in design.rows if r.is_limit) <= min(blurs) + 1e-3
@@ -182,9 +182,9 @@ def test_the_ellipsoid_left_free_is_the_sharpest_of_its_family():
     )
     search = RangeSearch(design.requirements)
     conic = design.sensor.mirror.conic
-    here = search.judged(search.middle().changed(conic=conic)).cost
+    here = search.evaluated(search.middle().changed(conic=conic)).cost
     for step in (-0.05, 0.05):
-        assert search.judged(search.middle().changed(conic=conic + step)).cost > here
+        assert search.evaluated(search.middle().changed(conic=conic + step)).cost > here
     assert any("conic" in note for note in design.notes)
 
 
