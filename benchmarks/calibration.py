@@ -155,7 +155,7 @@ def _rms(errors: np.ndarray) -> float:
 def lines(data: Path | None) -> str:
     """Return a table of cameras estimated from the straight edges of one image."""
     rows = [
-        "| picture | camera | error of directions, rms | said, median | within 3 sigma |",
+        "| image | camera | RMS error of directions | median predicted standard deviation | within 3 sigma |",
         "|---|---|---|---|---|",
     ]
     hyperboloid, ball = (
@@ -194,7 +194,7 @@ def lines(data: Path | None) -> str:
             r * np.stack([np.cos(phi), np.sin(phi)], axis=-1) for r in np.linspace(90.0, 350.0, 27)
         ]
         pixels = np.array(known.centre_px) + np.concatenate(rings)
-        words = "OCamCalib's sample photograph, beside its authors' calibration"
+        words = "OCamCalib's sample photograph, compared with its authors' calibration"
         rows.append(f"| {words} | unknown | {_directions(known, found.camera, pixels)} |")
     return "\n".join(rows)
 
@@ -230,7 +230,7 @@ def beside_boards(_: Path | None) -> str:
     from tests.calibration.estimation.test_edges import BOARD as LARGER
     from tests.calibration.estimation.test_edges import boards_at_the_right, edges, errors_deg
 
-    rows = ["| | error of directions, rms | said, rms |", "|---|---|---|"]
+    rows = ["| | RMS error of directions | RMS predicted standard deviation |", "|---|---|---|"]
     for words, with_edges in (
         ("six boards in the right half", False),
         ("and forty edges all around", True),
@@ -259,7 +259,7 @@ def photographs(data: Path) -> str:
     began = time.perf_counter()
     detections = om.find_boards(paths, board)
     looking = time.perf_counter() - began
-    rows = ["| | pictures | RMS px | left out px | seconds |", "|---|---|---|---|---|"]
+    rows = ["| | images | RMS px | held-out RMS px | seconds |", "|---|---|---|---|---|"]
     for model in ("unified", "radial-spline", "viewpoint-spline", "sensor", "auto"):
         began = time.perf_counter()
         found = om.calibrate_camera(detections, board, model=model)

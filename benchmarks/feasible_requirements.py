@@ -24,7 +24,7 @@ from omnimirror.design._candidates import make
 from omnimirror.design._parameter_search import solve
 from omnimirror.design.catalogue import LensComponent, read_catalogue
 from omnimirror.design.requirement_files import requirements_of
-from omnimirror.design.requirements import FARTHEST_FOCUS
+from omnimirror.design.requirements import MAX_FOCUS
 
 LOOSENED = 0.005  # relative relaxation
 AT_MOST = (
@@ -63,7 +63,7 @@ def feasible_requirements(seed: int) -> om.Requirements:
             limits = _limits(rng, tables, numbers, sensor)
             ranges = {name: _around(rng, value, *_BOUNDS[name]) for name, value in numbers.items()}
             wanted = requirements_of({**_with(tables, ranges), "limit": limits})
-            if limits and om.judge(wanted, sensor).is_met:
+            if limits and om.check_requirements(wanted, sensor).is_met:
                 return wanted
         except OmnimirrorError:
             continue
@@ -162,7 +162,7 @@ def _imager_and_lens(
     chosen = lenses[int(rng.integers(len(lenses)))]
     lens = {
         "focal_length_mm": chosen.focal_length_mm,
-        "focus_mm": [chosen.minimum_focus_mm, FARTHEST_FOCUS],
+        "focus_mm": [chosen.minimum_focus_mm, MAX_FOCUS],
     }
     if chosen.f_number_min == chosen.f_number_max:
         return imager, {**lens, "f_number": chosen.f_number_min}, {}
@@ -196,7 +196,9 @@ def _limits(
     tried += [
         {"quantity": name, "at_least": 1e-9, **(cycles if name == "mtf" else {})} for name in least
     ]
-    verdict = om.judge(requirements_of({**_with(tables, numbers), "limit": tried}), sensor)
+    verdict = om.check_requirements(
+        requirements_of({**_with(tables, numbers), "limit": tried}), sensor
+    )
     limits = []
     for limit, row in zip(tried, verdict.limits, strict=True):
         side, factor = (

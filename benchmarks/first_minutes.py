@@ -113,7 +113,7 @@ def photographer(visit: Visit) -> None:
     visit.press(visit.page.get_by_role("button", name="A mirror ball"))
     visit.until("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
     visit.page.get_by_role("status").filter(has_text="vertical edges").wait_for()
-    visit.see("the own picture straight and level")
+    visit.see("own image, dewarped and levelled")
     visit.press(visit.page.locator("#modes label").filter(has_text="Perspective"))
     visit.drag(0.3)
     visit.see("a look around")

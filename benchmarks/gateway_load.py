@@ -245,16 +245,16 @@ def main() -> None:
                 f"{late * RATE / 1e3:.2f} |"
             )
     lines = [
-        f"# Gateway: {len(VIEWS)} views of 640 x 360 px from {WIDTH} x {HEIGHT} px at {RATE} frames a second",
+        f"# Gateway: {len(VIEWS)} views of 640 x 360 px from {WIDTH} x {HEIGHT} px at {RATE} frames per second",
         "",
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, PyAV "
-        f"{av.__version__}; {arguments.frames} frames of each step, {arguments.seconds} s as it runs.",
+        f"{av.__version__}; {arguments.frames} frames of each step, {arguments.seconds} s in operation.",
         "",
         "| step | processor time, ms | cores |",
         "|---|---|---|",
         *rows,
         "",
-        "| watched as | frames/s of the source | views drawn | left out | cores | delay, ms | 95 % | frames |",
+        "| watched as | frames/s of the source | dewarped views | dropped frames | cores | delay, ms | 95 % | frames |",
         "|---|---|---|---|---|---|---|---|",
         *live,
     ]

@@ -74,8 +74,8 @@ def main() -> None:
             most = held_mb(words.split(), folder)
             lines.append(f"| `{words}` | {needed:,.0f} | {most:,.0f} | {most / needed:.1f} |")
             print(lines[-1], flush=True)
-    head = f"Pictures of {arguments.side} x {arguments.side} px; megabytes are 2^20 bytes."
-    columns = "| omnimirror .. | its pictures, MB | at most, MB | times |\n|---|---:|---:|---:|"
+    head = f"Images of {arguments.side} x {arguments.side} px; megabytes are 2^20 bytes."
+    columns = "| command | images, MB | peak memory, MB | ratio |\n|---|---:|---:|---:|"
     write_text(
         arguments.out / "memory.md", "\n".join(["# Memory", "", head, "", columns, *lines, ""])
     )

@@ -21,7 +21,7 @@ from omnimirror.cameras.frames import pan_tilt_direction
 from omnimirror.io import read_image
 from omnimirror.simulation.rendering import render_pinhole_image
 
-Picture = NDArray[np.uint8]
+ImageArray = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 
 SIZES = ((640, 480), (800, 600), (720, 720), (1024, 768), (1280, 720))
@@ -40,14 +40,14 @@ class Rim(NamedTuple):
 class Photograph:
     """Composed photograph with its ground truth."""
 
-    image: Picture
+    image: ImageArray
     rim: Rim | None
     inner_px: float | None
     words: str
 
 
 @cache
-def environments(folder: Path | None) -> tuple[Picture, ...]:
+def environments(folder: Path | None) -> tuple[ImageArray, ...]:
     """Return equirectangular images: photographs in a folder, or scenes of the project."""
     if folder is not None:
         return tuple(_tamed(read_image(folder / name)) for name in ENVIRONMENTS)
@@ -105,7 +105,7 @@ def _place(rng: np.random.Generator, width: int, height: int) -> Rim:
 
 
 def _background(
-    rng: np.random.Generator, width: int, height: int, world: Picture
+    rng: np.random.Generator, width: int, height: int, world: ImageArray
 ) -> tuple[Floats, str]:
     kind = rng.choice(["dark", "plain", "clutter"], p=[0.25, 0.1, 0.65])
     if kind == "dark":
@@ -131,7 +131,7 @@ def _background(
     return picture, "clutter"
 
 
-def _view(rng: np.random.Generator, world: Picture, width: int, height: int) -> Floats:
+def _view(rng: np.random.Generator, world: ImageArray, width: int, height: int) -> Floats:
     """Render a perspective view of the environment in a random direction."""
     rows, columns, _ = world.shape
     half = np.tan(np.radians(rng.uniform(25, 50)))
@@ -155,7 +155,7 @@ def _view(rng: np.random.Generator, world: Picture, width: int, height: int) -> 
 
 
 def _with_mirror(
-    rng: np.random.Generator, picture: Floats, rim: Rim, world: Picture
+    rng: np.random.Generator, picture: Floats, rim: Rim, world: ImageArray
 ) -> tuple[Floats, float | None, str]:
     height, width, _ = picture.shape
     reflected = _reflected(rng, rim, world, width, height)
@@ -185,7 +185,7 @@ def _with_mirror(
 
 
 def _reflected(
-    rng: np.random.Generator, rim: Rim, world: Picture, width: int, height: int
+    rng: np.random.Generator, rim: Rim, world: ImageArray, width: int, height: int
 ) -> Floats:
     """Render the environment with a bundled sensor, stretched to the given outline."""
     names = om.bundled_sensors()
@@ -262,7 +262,7 @@ def _lit(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
     return picture
 
 
-def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
+def _recorded(rng: np.random.Generator, picture: Floats) -> ImageArray:
     """Apply blur, noise, clipping and JPEG compression."""
     if (blur := rng.uniform(0, 1.4)) > 0.3:
         picture = cv2.GaussianBlur(picture, (0, 0), blur)
@@ -273,7 +273,7 @@ def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
     return cv2.imdecode(data, cv2.IMREAD_COLOR)
 
 
-def _tamed(picture: NDArray) -> Picture:
+def _tamed(picture: NDArray) -> ImageArray:
     """Convert an environment to 8 bits with the tone range of photographs."""
     if picture.dtype == np.uint8:
         return cv2.resize(picture, (2048, 1024), interpolation=cv2.INTER_AREA)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from mirror_photographs import Floats, Photograph, Picture, Rim, compose, coverage, environments
+from mirror_photographs import Floats, ImageArray, Photograph, Rim, compose, coverage, environments
 from numpy.typing import NDArray
 
 import omnimirror as om
@@ -238,7 +238,7 @@ def _mask(sensor: om.Sensor) -> tuple[Floats, Rim]:
 
 
 @cache
-def _square(number: int, folder: Path | None) -> tuple[Picture, float]:
+def _square(number: int, folder: Path | None) -> tuple[ImageArray, float]:
     """Return one of the square sensor images, and the radius of its outline."""
     rng = np.random.default_rng([4, number])
     names = om.bundled_sensors()
@@ -391,7 +391,7 @@ def _glared(rng: np.random.Generator, picture: NDArray, rim: Rim) -> Floats:
     return picture
 
 
-def _recorded(rng: np.random.Generator, picture: Floats) -> Picture:
+def _recorded(rng: np.random.Generator, picture: Floats) -> ImageArray:
     if rng.random() < 0.6:
         picture = cv2.GaussianBlur(np.clip(picture, 0, 400), (0, 0), rng.uniform(0.4, 2.0))
     noisy = np.clip(picture + rng.normal(0, rng.uniform(0, 9), picture.shape), 0, 255).astype(

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from mirror_photographs import Floats, Photograph, Picture, Rim, coverage, environments
+from mirror_photographs import Floats, ImageArray, Photograph, Rim, coverage, environments
 from numpy.typing import NDArray
 
 SIZES = ((640, 480), (640, 640), (960, 720), (1280, 720), (1024, 1024), (800, 800), (320, 240))
@@ -274,7 +274,7 @@ def _axes(rng: np.random.Generator) -> NDArray:
     return q
 
 
-def _world(rng: np.random.Generator, folder: Path | None) -> Picture:
+def _world(rng: np.random.Generator, folder: Path | None) -> ImageArray:
     """Return a photographed environment, a scene of the project, or blocks and checks."""
     kind = rng.integers(4)
     if kind == 0:
@@ -285,7 +285,7 @@ def _world(rng: np.random.Generator, folder: Path | None) -> Picture:
 
 
 @cache
-def _blocks(number: int) -> Picture:
+def _blocks(number: int) -> ImageArray:
     """Return a world of plain walls, blocks, lines and checks."""
     rng = np.random.default_rng([27, number])
     world = np.zeros((512, 1024, 3), np.uint8)
@@ -433,7 +433,7 @@ def _shone(rng: np.random.Generator, picture: Floats, rim: Rim) -> Floats:
     return picture
 
 
-def _recorded(rng: np.random.Generator, picture: Floats, noise: float) -> Picture:
+def _recorded(rng: np.random.Generator, picture: Floats, noise: float) -> ImageArray:
     """Apply blur, noise, clipping and, mostly, JPEG compression."""
     picture = np.clip(picture, 0, 400)
     if rng.random() < 0.6:

@@ -38,7 +38,7 @@ def sensors() -> dict[str, om.Sensor]:
         "sphere, both, lens distortion": replace(
             built, lens=replace(sphere.lens, k1=-0.2, p1=1e-3, p2=-1e-3)
         ),
-        "sphere, in place, lens distortion that leans": replace(
+        "sphere, aligned, tilted lens distortion": replace(
             sphere, lens=replace(sphere.lens, k1=-0.2, p1=1e-3)
         ),
         "sphere, both, dome": replace(built, housing=Housing(shell=Dome())),

@@ -210,7 +210,7 @@ def main() -> None:
     frames = ", ".join(f"{1e3 / of[LARGE_ROW]:.0f}" for of in ms.values())
     lines += [
         "",
-        f"A near view costs {near} times a distant one. From 4K frames {frames} moving views a second.",
+        f"A near view costs {near} times a distant one. From 4K frames {frames} moving views per second.",
     ]
     print("\n".join(lines))
     write_text(arguments.out / "moving_views.md", "\n".join(lines) + "\n")

@@ -95,7 +95,7 @@ def main() -> None:
             f"`parts_search.py` on {processor()}, {os.cpu_count()} cores, {processes} processes, NumPy "
             f"{np.__version__}; {LENSES} x {IMAGERS} parts.{load}",
             "",
-            "| asked for | blur at most, deg | s | found | cheapest |",
+            "| requirements | blur at most, deg | s | found | cheapest |",
             "|---|---|---|---|---|",
             *rows,
         ]

@@ -4,7 +4,7 @@ The weights were tuned on three scenes: the room, the street, and clouds of 1/f 
 the calibration hall, dead leaves with lettering, and photographs in equirectangular files. The image without blur
 samples the same areas of the same pixels through a pinhole.
 
-Gains are those of the 8-bit sRGB image for the inner two thirds of the radius, the outer third, and the worst of ten
+Gains are those of the 8-bit sRGB image for the inner 2/3 of the radius, the outer 1/3, and the worst of ten
 rings. *Blur alone* is the PSNR without noise; noise alone corresponds to 40 dB. With --best, a column reports the
 maximum gain with a specified noise of half to twice the true value, chosen with knowledge of the truth.
 
@@ -212,7 +212,7 @@ def table(
     columns = [
         *COLUMNS,
         *["best gain, dB"][: len(told)],
-        *(f"worst tenth, {times:g} of the blur told" for times in wrong),
+        *(f"worst tenth, {times:g} of the specified blur" for times in wrong),
         *(f"worst tenth, JPEG {quality}" for quality in qualities),
     ]
     yield f"| {' | '.join(columns)} |"
@@ -223,7 +223,8 @@ def table(
             faster(sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px)
         )
         others = [
-            Restorer(restorer.camera, told=restorer.known.scaled(times).sizes) for times in wrong
+            Restorer(restorer.camera, specified=restorer.known.scaled(times).sizes)
+            for times in wrong
         ]
         plain = np.full((*restorer.camera.image_size[::-1], 3), 128, np.uint8)
         start = time.process_time()
@@ -280,11 +281,11 @@ def circumstances(pixels: int) -> str:
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     kernels = backend.name if backend.is_compiled else "no compiled"
     return (
-        f"`restoration_gain.py`: one picture of {pixels} x {pixels} px in colour, {backend.threads} threads on "
+        f"`restoration_gain.py`: one image of {pixels} x {pixels} px in colour, {backend.threads} threads on "
         f"{processor()}, {os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
         f"the load was {load:.0f} before. "
-        f"*Core s* are the seconds of all cores together, the median of {RUNS} runs, *first* for the first picture of "
-        "a sensor, with all that is prepared for it. Pairs are the inner two thirds of the radius / the outer "
+        f"*Core s* are the seconds of all cores together, the median of {RUNS} runs, *first* for the first image of "
+        "a sensor, including all preparations. Pairs are the inner 2/3 of the radius / the outer "
         "third.\n"
     )
 

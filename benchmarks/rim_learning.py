@@ -125,7 +125,7 @@ def with_trust(examples: list[Example]) -> RimClassifier:
     for part in range(FOLDS):
         others = trained([one for one in examples if one.seed % FOLDS != part])
         judged += [
-            (one, others.judged(one.rows).mean(axis=0))
+            (one, others.decision(one.rows).mean(axis=0))
             for one in examples
             if one.seed % FOLDS == part
         ]

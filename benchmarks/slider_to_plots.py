@@ -138,7 +138,8 @@ def turned(page: Any, count: int) -> str:
     found, width, height = page.evaluate(TURN, count)
     (frame, drawn), (slow, _) = np.median(found, axis=0), np.percentile(found, 95, axis=0)
     return (
-        f"The view in space, {width} x {height} px, while it turns: a frame every {frame:.1f} ms (95 %: {slow:.1f}), "
+        f"The view in space, {width} x {height} px, during rotation: "
+        f"a frame every {frame:.1f} ms (95th percentile: {slow:.1f}), "
         f"{drawn:.1f} of them drawing, without a graphics card."
     )
 

@@ -167,7 +167,7 @@ def main() -> None:
                 server.terminate()
     said = f"{processor()}, {os.cpu_count()} cores, PyAV {av.__version__}; {arguments.seconds:g} s each.{load}"
     lines = [
-        f"# One video of {SIDE} x {SIDE} px at {RATE} frames a second, for many pages",
+        f"# One video of {SIDE} x {SIDE} px at {RATE} frames per second, for many pages",
         "",
         f"`{Path(__file__).name}` on {said}",
         "",

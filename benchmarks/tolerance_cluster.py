@@ -160,7 +160,7 @@ def write(
     rows = [
         f"| threads of one process | {single:.1f} |",
         f"| of that, start, reading and summing up | {again:.1f} |",
-        f"| cluster: the process that asks | {client:.1f} |",
+        f"| cluster: the client process | {client:.1f} |",
         f"| cluster: scheduler | {spent['scheduler']:.2f} |",
         f"| cluster: {WORKERS} workers | {spent['workers']:.1f} |",
         f"| cluster: scheduler, waiting, each second | {standing['scheduler']:.3f} |",
@@ -171,16 +171,17 @@ def write(
     ]
     text = "\n".join(
         [
-            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s by the clock. "
+            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s of wall time. "
             f"{processor()}, {WORKERS} cores.{busy}",
             "",
             "| processor time | s |",
             "|---|---:|",
             *rows,
             "",
-            f"{MANY} workers, from these: {MANY / shard:.0f} shards a second, {MANY * SHARD_TRIALS / shard / 1e6:.1f} "
+            f"Estimate for {MANY} workers: "
+            f"{MANY / shard:.0f} shards per second, {MANY * SHARD_TRIALS / shard / 1e6:.1f} "
             f"million sensors, {MANY / shard * SHARD_TRIALS * 96 / 1e6:.0f} MB/s to the disk that they share; then "
-            f"at most {1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core for each million that is summed up.",
+            f"at most {1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core per million trials for the reduction.",
         ]
     )
     print(text)

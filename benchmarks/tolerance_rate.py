@@ -67,7 +67,7 @@ def main() -> None:
     table = "\n".join(
         [
             f"Medians of {RUNS} interleaved runs, Python {platform.python_version()}, NumPy {np.__version__}, {cores} "
-            f"cores, {backend.name}. Trials a second, drawing included: 17 errors, 97 objects, five calibrations.",
+            f"cores, {backend.name}. Trials per second, including drawing: 17 errors, 97 objects, five calibrations.",
             "",
             "| sensor | one thread | two threads | NumPy |",
             "|---|---:|---:|---:|",

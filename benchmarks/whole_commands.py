@@ -181,7 +181,7 @@ def many_pictures(folder: Path, count: int, runs: int) -> list[str]:
         for name, (s, cpu) in found.items()
     ] + [
         "",
-        f"Of ours {start:.2f} s are what a command takes for one picture, most of it its start.",
+        f"omnimirror includes {start:.2f} s for the start of the command and one image.",
     ]
 
 
@@ -210,7 +210,7 @@ def main() -> None:
             "",
             f"A folder of {arguments.count} JPEGs of 1024 x 1024 px to panoramas of 1440 x 540:",
             "",
-            "| interpolation | s | processor, s | a picture, ms | beyond the codecs |",
+            "| interpolation | s | processor, s | per image, ms | beyond the codecs |",
             "|---|---:|---:|---:|---:|",
             *many,
             "",

@@ -285,17 +285,3 @@ def test_no_function_shadows_a_module():
         ):  # doctests leave packages without this attribute
             hidden.append(module.__name__)
     assert not hidden
-
-
-def test_public_class_names_are_unique():
-    rooms: dict[str, set[str]] = {}
-    for module in modules():
-        for name, value in vars(module).items():
-            if (
-                inspect.isclass(value)
-                and value.__module__ == module.__name__
-                and not name.startswith("_")
-            ):
-                rooms.setdefault(name, set()).add(module.__name__)
-    shared = {name: homes for name, homes in rooms.items() if len(homes) > 1}
-    assert not shared

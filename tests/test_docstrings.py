@@ -32,7 +32,7 @@ CHECKS = {
     if inspect.isfunction(f) and not name.startswith("_")
 } - {"shown"}
 """Functions that raise errors of arguments."""
-ARRAYS = re.compile(r"\b(Array|ArrayLike|NDArray|Image|Picture|Light|Mask|Planes)\b")
+ARRAYS = re.compile(r"\b(Array|ArrayLike|NDArray|Image|ImageArray|Light|Mask|Planes)\b")
 SHAPE = re.compile(
     r"\(([^)]*\b(n|m|k|h|w|height|width|rows|2|3)\b[^)]*|\.\., \w)\)|\bscalar\b|\bshape\b"
 )

@@ -503,7 +503,7 @@ def test_user_quantity_is_checked_and_met_by_designs(lens_distance):
         (sphere.mirror_distance_mm + 1, True),
         (sphere.mirror_distance_mm - 1, False),
     ):
-        (row,) = om.judge(
+        (row,) = om.check_requirements(
             replace(like, limits=(om.Limit(lens_distance, at_most=limit),)), sphere
         ).limits
         assert row.reached == pytest.approx(sphere.mirror_distance_mm, rel=1e-9)

@@ -83,10 +83,10 @@ if TYPE_CHECKING:
     from .design import Requirements as Requirements
     from .design import SearchOptions as SearchOptions
     from .design import blur_bound as blur_bound
+    from .design import check_requirements as check_requirements
     from .design import design_from_parts as design_from_parts
     from .design import design_sensor as design_sensor
     from .design import format_requirements as format_requirements
-    from .design import judge as judge
     from .design import load_front as load_front
     from .design import load_requirements as load_requirements
     from .design import pareto as pareto
@@ -253,7 +253,7 @@ _HOMES = {
     "design_sensor": "design",
     "FieldRequirements": "design",
     "format_requirements": "design",
-    "judge": "design",
+    "check_requirements": "design",
     "Front": "design",
     "LensRequirements": "design",
     "Limit": "design",

@@ -182,14 +182,18 @@ def test_temperature_range_ends_at_requirement_limit():
         limits=(om.Limit("total_blur_px", at_most=7.9),),
     )
     at_50 = next(
-        row for row in om.judge(wanted, om.at_temperature(sensor, 50.0)).rows if row.is_limit
+        row
+        for row in om.check_requirements(wanted, om.at_temperature(sensor, 50.0)).rows
+        if row.is_limit
     )
     wanted = replace(wanted, limits=(om.Limit("total_blur_px", at_most=at_50.reached),))
     found = om.temperature_range(wanted, sensor, coldest_c=-40.0, warmest_c=85.0)
     assert found.high_c == pytest.approx(50.0, abs=0.15)
     for c, met in ((found.high_c - 0.2, True), (found.high_c + 0.2, False), (-39.0, True)):
         blur = next(
-            row for row in om.judge(wanted, om.at_temperature(sensor, c)).rows if row.is_limit
+            row
+            for row in om.check_requirements(wanted, om.at_temperature(sensor, c)).rows
+            if row.is_limit
         )
         assert blur.is_met is met
     assert found.low_c == -40.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import omnimirror as om
-from omnimirror.design import Design, Judgement, Requirements, Verdict
+from omnimirror.design import Design, RequirementCheck, Requirements, Verdict
 from omnimirror.design._parameter_search import RangeSearch
 
 
-def row(design: Design | Verdict, name: str) -> Judgement:
+def row(design: Design | Verdict, name: str) -> RequirementCheck:
     """Return a row of a design table by name."""
     return next(r for r in design.rows if r.name == name)
 

@@ -133,13 +133,13 @@ def test_single_relaxation_is_sufficient_and_minimal(limited):
     for relaxation in limited.conflict.alone:
         if (
             relaxation.needed is None
-            or relaxation.needed == relaxation.asked
+            or relaxation.needed == relaxation.requested
             or relaxation.name not in numbers
         ):
             continue
         tried += 1
         assert best(wanted.changed(**{relaxation.name: relaxation.needed})).is_met, relaxation
-        less = relaxation.asked + 0.97 * (relaxation.needed - relaxation.asked)
+        less = relaxation.requested + 0.97 * (relaxation.needed - relaxation.requested)
         assert not best(wanted.changed(**{relaxation.name: less})).is_met, relaxation
     assert tried >= 2
     blur = next(r for r in limited.conflict.alone if r.name == "total_blur_px")
@@ -170,7 +170,7 @@ def test_range_is_used_where_it_improves_margin():
     assert design.is_met
     search = RangeSearch(design.requirements)
     blurs = [
-        search.judged(search.middle().changed(f_number=float(F))).cost
+        search.evaluated(search.middle().changed(f_number=float(F))).cost
         for F in np.linspace(2, 16, 5)
     ]
     assert max(r.shortfall for r in design.rows if r.is_limit) <= min(blurs) + 1e-3
@@ -182,9 +182,9 @@ def test_free_ellipsoid_has_minimum_blur_of_family():
     )
     search = RangeSearch(design.requirements)
     conic = design.sensor.mirror.conic
-    here = search.judged(search.middle().changed(conic=conic)).cost
+    here = search.evaluated(search.middle().changed(conic=conic)).cost
     for step in (-0.05, 0.05):
-        assert search.judged(search.middle().changed(conic=conic + step)).cost > here
+        assert search.evaluated(search.middle().changed(conic=conic + step)).cost > here
     assert any("conic" in note for note in design.notes)
 
 

@@ -107,7 +107,7 @@ def test_requirements_of_random_sensor_are_met(seed):
     wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
     found = best(wanted)
     assert found.is_met, found.missed
-    assert om.judge(wanted, found.sensor).is_met
+    assert om.check_requirements(wanted, found.sensor).is_met
 
 
 @pytest.mark.parametrize(
@@ -221,9 +221,9 @@ def test_relaxations_are_thresholds_within_one_percent(name):
     found = [r for r in conflict.alone if r.needed is not None]
     assert found
     for r in found:
-        way = 0.01 * np.sign(r.needed - r.asked) * abs(r.needed)
+        way = 0.01 * np.sign(r.needed - r.requested) * abs(r.needed)
         assert best(relaxed(wanted, [replace(r, needed=r.needed + way)])).is_met, r
-        if abs(r.needed - r.asked) > abs(way):
+        if abs(r.needed - r.requested) > abs(way):
             assert not best(relaxed(wanted, [replace(r, needed=r.needed - way)])).is_met, r
 
 
@@ -301,7 +301,7 @@ def test_maximum_resolution_in_water_pipe_agrees_with_scan():
     for f_number in (4.0, 4.5, 5.5, 8.0):
         for focus in np.linspace(74.0, 92.0, 37):
             sensor = make(wanted.changed(f_number=f_number, focus_mm=float(focus))).sensor
-            resolution, blur = om.judge(wanted, sensor, angles=181).limits
+            resolution, blur = om.check_requirements(wanted, sensor, angles=181).limits
             if blur.reached <= 0.9:
                 scanned.append(resolution.reached)
     design = design_sensor(wanted)

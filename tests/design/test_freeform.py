@@ -133,12 +133,12 @@ def test_single_relaxation_is_sufficient_and_minimal(missed):
     """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
     less."""
     assert not missed.is_met
-    helpful = [r for r in missed.conflict.alone if r.needed not in (None, r.asked)]
+    helpful = [r for r in missed.conflict.alone if r.needed not in (None, r.requested)]
     assert len(helpful) >= 3
     for r in helpful:
         for share, keeps in ((1.01, True), (0.97, False)):
             changed = with_change(
-                missed.requirements, r.name, r.asked + share * (r.needed - r.asked)
+                missed.requirements, r.name, r.requested + share * (r.needed - r.requested)
             )
             assert keeps_all(changed) == keeps, (r, share)
 
@@ -148,7 +148,7 @@ def test_joint_relaxation_is_sufficient(missed):
     assert 0 < conflict.joint_share < min(r.share for r in conflict.alone if r.needed is not None)
     changed = missed.requirements
     for r in conflict.joint:
-        changed = with_change(changed, r.name, r.asked + 1.01 * (r.needed - r.asked))
+        changed = with_change(changed, r.name, r.requested + 1.01 * (r.needed - r.requested))
     assert keeps_all(changed)
 
 

@@ -123,7 +123,7 @@ def test_focus_is_optimal_for_real_lens(asked):
 
 def test_blur_limits_include_aberrations_of_lens(asked):
     limit = om.Limit("total_blur_px", at_most=1.0)
-    verdict = om.judge(replace(asked, limits=(limit,)), om.design_sensor(asked).sensor)
+    verdict = om.check_requirements(replace(asked, limits=(limit,)), om.design_sensor(asked).sensor)
     result = om.evaluate(verdict.sensor, np.linspace(verdict.sensor.clear_field_deg[0], 120, 1001))
     own = result.of_lens
     sides = (

@@ -34,7 +34,7 @@ def limited(quantity, most):
 
 
 def rows(requirements, sensor):
-    return {row.name: row.reached for row in om.judge(requirements, sensor).limits}
+    return {row.name: row.reached for row in om.check_requirements(requirements, sensor).limits}
 
 
 def test_sizes_and_mass_agree_with_solids():
@@ -113,7 +113,7 @@ def test_limits_are_evaluated_at_both_temperatures():
     assert asked.temperatures_c == (-20.0, 60.0)
     assert parse_requirements(om.format_requirements(asked)) == asked
     sensor = om.load_sensor("paper-spherical")
-    (row,) = om.judge(asked, sensor).limits
+    (row,) = om.check_requirements(asked, sensor).limits
     thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
     plain = replace(asked, thermal=None, temperatures_c=None)
     known = replace(sensor, thermal=thermal)

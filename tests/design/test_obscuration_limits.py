@@ -42,7 +42,7 @@ def test_obscured_fraction_agrees_with_rays_of_pixels(name):
     pixels = np.stack([u[within], v[within]], axis=-1) + sensor.imager.centre
     hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
     limit = om.Limit("obscured_percent", at_most=50.0)
-    (row,) = om.judge(asked(limit, rim=43.9), sensor).limits
+    (row,) = om.check_requirements(asked(limit, rim=43.9), sensor).limits
     assert row.reached == pytest.approx(100 * hidden.mean(), abs=0.15)
     assert row.reached == sensor.obscured_percent
     rows = {row.quantity.name: row.values for row in om.compare([sensor]).rows}
@@ -72,7 +72,9 @@ def test_design_meets_obscuration_limit():
 
 def test_zero_obscuration_may_be_required():
     limit = om.Limit("obscured_to_deg", at_most=0.0)
-    verdict = om.judge(asked(limit, rim=43.9, housing=Housing()), om.load_sensor("paper-spherical"))
+    verdict = om.check_requirements(
+        asked(limit, rim=43.9, housing=Housing()), om.load_sensor("paper-spherical")
+    )
     assert verdict.limits[0].is_met
 
 

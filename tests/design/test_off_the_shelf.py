@@ -179,7 +179,7 @@ def test_verdict_of_parts_design_agrees_with_check():
     wanted = WANTED[0]
     for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
         own = requirements_with_parts(wanted, design.combination)
-        assert om.judge(own, design.design.sensor).is_met
+        assert om.check_requirements(own, design.design.sensor).is_met
         low, high = design.combination.f_numbers
         assert low <= design.design.sensor.lens.f_number <= high
         assert design.design.sensor.rim_radius_px <= own.largest_image_px + 0.02
@@ -224,7 +224,7 @@ def test_pareto_front_holds_no_dominated_designs():
     "shelf", [FEW, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
 )
 def test_result_is_independent_of_number_of_processes(monkeypatch, shelf):
-    monkeypatch.setattr(parts_search, "FEW", 0)
+    monkeypatch.setattr(parts_search, "MAX_SERIAL_COMBINATIONS", 0)
     one, two = (
         om.design_from_parts(WANTED[0], shelf, max_designs=100, processes=n) for n in (1, 2)
     )

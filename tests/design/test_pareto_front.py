@@ -105,7 +105,7 @@ def test_front_of_three_merits_with_limit():
 def test_verdict_of_front_design_agrees_with_check(front):
     """Rows of the same requirements for the same sensor, with the names of the requirements."""
     design = front.design(1)
-    assert design.rows == om.judge(REQUIREMENTS, front.sensor(1)).rows
+    assert design.rows == om.check_requirements(REQUIREMENTS, front.sensor(1)).rows
     assert design.is_met
     named = replace(
         front, space=replace(front.space, requirements=replace(REQUIREMENTS, name="mine"))

@@ -11,7 +11,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.design import requirement_check
-from omnimirror.design.requirement_check import Judgement, Verdict, _limit_row
+from omnimirror.design.requirement_check import RequirementCheck, Verdict, _limit_row
 from omnimirror.optics.housing import Housing, Rod
 
 SPHERE = om.load_sensor("paper-spherical")
@@ -34,7 +34,7 @@ def rows_of(verdict):
 
 
 def test_rows_agree_with_sensor_and_evaluation():
-    rows = rows_of(om.judge(WANTED, SPHERE))
+    rows = rows_of(om.check_requirements(WANTED, SPHERE))
     assert [*rows] == [
         "omega_max_deg",
         "omega_min_deg",
@@ -75,7 +75,7 @@ def test_limit_equal_to_reached_value_is_met(name):
     wanted = replace(WANTED, limits=(om.Limit("total_blur_px", 1.0),)).changed(
         omega_min_deg=30, omega_max_deg=100
     )
-    (found,) = om.judge(wanted, sensor).limits
+    (found,) = om.check_requirements(wanted, sensor).limits
     for share, is_met in (
         (1.001, True),
         (1 - 1e-7, True),
@@ -83,7 +83,7 @@ def test_limit_equal_to_reached_value_is_met(name):
         (0.999, False),
     ):  # 1e-6 is rounding
         moved = replace(wanted, limits=(om.Limit("total_blur_px", found.reached * share),))
-        (row,) = om.judge(moved, sensor).limits
+        (row,) = om.check_requirements(moved, sensor).limits
         assert row.is_met == is_met
         margin = found.reached * (share - 1)
         assert row.margin == pytest.approx(max(margin, 0.0) if is_met else margin, rel=1e-6)
@@ -94,10 +94,10 @@ def test_zero_limit_is_missed_in_its_own_unit(at_least, at_most):
     """No relative measure at 0: rounding and violation are absolute, in the unit of the quantity."""
     side = -1.0 if at_most is None else 1.0
     for missed, is_met in ((5e-7, True), (5e-6, False)):
-        row = Judgement("motion_px", "px", at_least, at_most, side * missed)
+        row = RequirementCheck("motion_px", "px", at_least, at_most, side * missed)
         assert row.is_met == is_met
         assert row.shortfall == pytest.approx(missed)
-    assert Judgement("motion_px", "px", at_least, at_most, 0.0).shortfall == 0.0
+    assert RequirementCheck("motion_px", "px", at_least, at_most, 0.0).shortfall == 0.0
 
 
 @pytest.mark.parametrize("largest", [True, False])
@@ -118,7 +118,7 @@ def test_smallest_angle_is_named_among_tied_distances(largest, worst):
 
 def test_design_and_check_return_same_verdict():
     design = om.design_sensor(WANTED.changed(theta_max_deg=None))
-    again = om.judge(design.requirements, design.sensor)
+    again = om.check_requirements(design.requirements, design.sensor)
     assert again.rows == design.rows
     assert again.is_met == design.is_met
 
@@ -126,7 +126,7 @@ def test_design_and_check_return_same_verdict():
 def test_required_focus_is_evaluated():
     at = SPHERE.lens.focus_distance_mm
     for asked, is_met in ((at, True), ((at - 5, at + 5), True), ((at + 1, at + 5), False)):
-        row = rows_of(om.judge(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
+        row = rows_of(om.check_requirements(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
         assert row.reached == at
         assert row.is_met == is_met
 
@@ -137,7 +137,7 @@ def test_end_of_field_is_evaluated_despite_rounding():
         end = float(np.nextafter(SPHERE.field_deg[1], np.inf * off) if off else SPHERE.field_deg[1])
         limit = om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(end, end))
         wanted = replace(WANTED, field=om.FieldRequirements(omega_max_deg=end), limits=(limit,))
-        (row,) = om.judge(wanted, SPHERE).limits
+        (row,) = om.check_requirements(wanted, SPHERE).limits
         assert row.omega_deg == pytest.approx(end)
         there = om.evaluate(SPHERE, [SPHERE.field_deg[1]])
         assert row.reached == pytest.approx(
@@ -152,7 +152,7 @@ def test_first_of_equal_worst_angles_is_named():
     wanted = replace(
         WANTED, limits=(limit,), field=replace(WANTED.field, object_distance_mm=np.inf)
     )
-    (row,) = om.judge(wanted.changed(omega_max_deg=100), sensor).limits
+    (row,) = om.check_requirements(wanted.changed(omega_max_deg=100), sensor).limits
     assert row.omega_deg == 40.0
     values = om.evaluate(sensor, np.linspace(40, 100, 1001)).dh_domega_px_per_deg
     assert row.reached == pytest.approx(values.min(), rel=1e-9)
@@ -164,16 +164,17 @@ def test_limits_use_1001_angles_by_default_and_at_most_100000():
         om.load_sensor("paper-equidistant"),
     )
     found, same, other = (
-        om.judge(wanted, sensor, **n).rows for n in ({}, {"angles": 1001}, {"angles": 1000})
+        om.check_requirements(wanted, sensor, **n).rows
+        for n in ({}, {"angles": 1001}, {"angles": 1000})
     )
     assert 30 < found[-1].omega_deg < 120  # between the ends, where the number of angles matters
     assert found == same != other
-    assert om.judge(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
+    assert om.check_requirements(wanted, sensor, angles=2).limits[0].omega_deg in (20.0, 130.0)
     for angles in (1, 100_001):
         with pytest.raises(
             InvalidParameter, match=f"angles must be an integer between 2 and 100000; got {angles}"
         ):
-            om.judge(WANTED, SPHERE, angles=angles)
+            om.check_requirements(WANTED, SPHERE, angles=angles)
 
 
 @pytest.mark.parametrize(("past_px", "is_met"), [(0.015, True), (0.025, False)])
@@ -182,7 +183,7 @@ def test_rim_may_exceed_imager_by_a_fiftieth_of_a_pixel(past_px, is_met):
     largest = WANTED.largest_image_px
     pitch = SPHERE.imager.pixel_pitch_um * SPHERE.rim_radius_px / (largest + past_px)
     moved = replace(SPHERE, imager=replace(SPHERE.imager, pixel_pitch_um=pitch))
-    row = rows_of(om.judge(WANTED, moved))["image_radius_px"]
+    row = rows_of(om.check_requirements(WANTED, moved))["image_radius_px"]
     assert row.margin == pytest.approx(0.0 if is_met else -past_px, abs=1e-6)
     assert row.is_met == is_met
 
@@ -191,7 +192,7 @@ def test_rim_may_exceed_imager_by_a_fiftieth_of_a_pixel(past_px, is_met):
 def test_blur_limit_below_airy_disk_is_reported(name, is_blur):
     airy = om.evaluate(SPHERE, [90.0]).airy_px
     for share in (0.9, 1.1):
-        (row,) = om.judge(
+        (row,) = om.check_requirements(
             replace(WANTED, limits=(om.Limit(name, at_most=share * airy),)), SPHERE
         ).limits
         said = [
@@ -200,7 +201,7 @@ def test_blur_limit_below_airy_disk_is_reported(name, is_blur):
             if remark.startswith(f"the Airy disk alone is {airy:.4g} px at F/4")
         ]
         assert len(said) == (is_blur and share < 1)
-    (row,) = om.judge(
+    (row,) = om.check_requirements(
         replace(WANTED, limits=(om.Limit("resolution_px_per_deg", at_least=9e9),)), SPHERE
     ).limits
     assert not any("Airy" in remark for remark in row.remarks)
@@ -214,7 +215,9 @@ def test_sensor_without_housing_uses_housing_of_requirements(own, asked):
     """Three sensors that are equal with the housing; the housing of the sensor itself takes
     precedence."""
     sensor = SPHERE if own is None else replace(SPHERE, housing=own)
-    verdict = om.judge(WANTED if asked is None else replace(WANTED, housing=asked), sensor)
+    verdict = om.check_requirements(
+        WANTED if asked is None else replace(WANTED, housing=asked), sensor
+    )
     assert verdict.sensor == replace(SPHERE, housing=HOUSING)
 
 
@@ -229,9 +232,9 @@ def test_worst_temperature_determines_verdict():
     )
     sensor = replace(SPHERE, thermal=thermal)
     alone = replace(wanted, temperatures_c=None)
-    (row,) = om.judge(wanted, SPHERE).limits
+    (row,) = om.check_requirements(wanted, SPHERE).limits
     reached = {
-        c: om.judge(alone, om.at_temperature(sensor, c)).limits[0].reached
+        c: om.check_requirements(alone, om.at_temperature(sensor, c)).limits[0].reached
         for c in (-30.0, 20.0, 70.0)
     }
     worst = max(reached, key=reached.get)
@@ -240,9 +243,9 @@ def test_worst_temperature_determines_verdict():
         [] if worst == 20.0 else [f"smallest margin at {worst:g} C"]
     )
     fewest = replace(wanted, limits=(om.Limit("total_blur_px", at_least=1.0),))
-    (row,) = om.judge(fewest, SPHERE).limits
+    (row,) = om.check_requirements(fewest, SPHERE).limits
     reached = {
-        c: om.judge(replace(fewest, temperatures_c=None), om.at_temperature(sensor, c))
+        c: om.check_requirements(replace(fewest, temperatures_c=None), om.at_temperature(sensor, c))
         .limits[0]
         .reached
         for c in (-30.0, 20.0, 70.0)
@@ -252,9 +255,11 @@ def test_worst_temperature_determines_verdict():
 
 def test_obscuration_at_the_centre_is_a_requirement_only_if_the_field_starts_outside():
     whole = replace(WANTED, field=om.FieldRequirements(omega_max_deg=130.0))
-    assert "omega_min_deg" not in rows_of(om.judge(whole, SPHERE))
+    assert "omega_min_deg" not in rows_of(om.check_requirements(whole, SPHERE))
     folded = om.load_sensor("folded-spherical")
-    row = rows_of(om.judge(replace(whole, imager=folded.imager), folded))["omega_min_deg"]
+    row = rows_of(om.check_requirements(replace(whole, imager=folded.imager), folded))[
+        "omega_min_deg"
+    ]
     assert row.reached == pytest.approx(folded.field_deg[0])
 
 
@@ -282,7 +287,7 @@ def test_only_field_dependent_limits_report_excluded_angles():
         limits=(om.Limit("total_blur_px", at_most=9.0), om.Limit("length_mm", at_most=500.0)),
     )
     for angles in (2, 1001):
-        blur, length = om.judge(wanted, SPHERE, angles=angles).limits
+        blur, length = om.check_requirements(wanted, SPHERE, angles=angles).limits
         assert any("135" in remark for remark in blur.remarks)
         assert length.remarks == ()
 
@@ -291,22 +296,22 @@ def test_unevaluable_requirements_are_reported():
     with pytest.raises(
         InvalidParameter, match=r"the lens of the sensor must be perspective, .* got orthographic"
     ):
-        om.judge(WANTED, om.load_sensor("paraboloid-telecentric"))
+        om.check_requirements(WANTED, om.load_sensor("paraboloid-telecentric"))
     limits = [om.Limit("aspect", 9.0, omega_deg=(150, 160))]
     beyond = replace(WANTED, limits=limits, field=om.FieldRequirements(omega_max_deg=165))
     with pytest.raises(
         InvalidParameter,
         match=r"no field angle from 150 to 160 deg can be evaluated: the field ends at 135",
     ):
-        om.judge(beyond, SPHERE)
+        om.check_requirements(beyond, SPHERE)
     for odd in (None, "paper-spherical", 3):
         with pytest.raises(
             OmnimirrorError,
             match=rf"sensor must be a sensor \(see om\.load_sensor\); got {odd!r}",
         ):
-            om.judge(WANTED, odd)
+            om.check_requirements(WANTED, odd)
         with pytest.raises(OmnimirrorError, match=r"must be .*; got"):
-            om.judge(odd, SPHERE)
+            om.check_requirements(odd, SPHERE)
 
 
 @pytest.mark.parametrize(
@@ -355,7 +360,7 @@ def test_filling_dimension_stays_within_range(focal, theta, radius_px, image_px)
     ],
 )
 def test_margin_is_the_distance_to_the_nearer_limit(at_least, at_most, reached, margin, scale):
-    row = Judgement("rim_radius_mm", "mm", at_least, at_most, reached)
+    row = RequirementCheck("rim_radius_mm", "mm", at_least, at_most, reached)
     assert (row.margin, row.scale, row.shortfall) == (margin, scale, -margin / scale)
     assert row.is_met == (margin > 0)
     assert (row.omega_deg, row.part_deg, row.is_limit, row.remarks) == (None, None, False, ())
@@ -368,10 +373,10 @@ def test_margin_is_the_distance_to_the_nearer_limit(at_least, at_most, reached, 
 
 
 def test_worst_violation_of_missed_rows_only():
-    met = Judgement("a", "", 1.0, None, 3.0)
-    within = Judgement("b", "px", None, 1.0, 1.5, tolerance=0.6, is_limit=True)
-    missed = Judgement("c", "", 4.0, None, 3.0, is_limit=True)
-    worse = Judgement("d", "", None, 2.0, 3.0)
+    met = RequirementCheck("a", "", 1.0, None, 3.0)
+    within = RequirementCheck("b", "px", None, 1.0, 1.5, tolerance=0.6, is_limit=True)
+    missed = RequirementCheck("c", "", 4.0, None, 3.0, is_limit=True)
+    worse = RequirementCheck("d", "", None, 2.0, 3.0)
     rows = (met, within, missed, worse)
     for count, worst, names in (
         (1, 0.0, ()),
@@ -406,8 +411,8 @@ def test_start_of_the_field_is_the_end_of_obscurations(asked, low, hidden, reach
     end, *start = requirement_check._field_rows(
         SimpleNamespace(field=field), SimpleNamespace(field_deg=(low, 135.0))
     )
-    assert end == Judgement("omega_max_deg", "deg", 130.0, None, 128.0)
-    expected = Judgement("omega_min_deg", "deg", None, asked, reached)
+    assert end == RequirementCheck("omega_max_deg", "deg", 130.0, None, 128.0)
+    expected = RequirementCheck("omega_min_deg", "deg", None, asked, reached)
     assert start == ([] if reached is None else [expected])
 
 
@@ -421,7 +426,7 @@ def test_start_of_the_field_is_the_end_of_obscurations(asked, low, hidden, reach
     ],
 )
 def test_farthest_focus_is_no_limit_of_a_range(asked, ends):
-    row = rows_of(om.judge(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
+    row = rows_of(om.check_requirements(WANTED.changed(focus_mm=asked), SPHERE))["focus_mm"]
     assert (row.at_least, row.at_most) == ends
     assert (row.unit, row.reached) == ("mm", SPHERE.lens.focus_distance_mm)
 
@@ -435,7 +440,7 @@ def test_rows_of_a_telecentric_lens():
         lens=lens,
         imager=sensor.imager,
     )
-    verdict = om.judge(wanted, sensor)
+    verdict = om.check_requirements(wanted, sensor)
     rows = rows_of(verdict)
     assert [*rows] == [
         "omega_max_deg",
@@ -463,7 +468,7 @@ def test_limit_on_both_sides_has_the_row_of_the_smaller_margin():
     low, high = values.min(), values.max()
     for below, above in ((0.01, 0.03), (0.03, 0.01), (-0.01, -0.03), (-0.03, -0.01)):
         limit = om.Limit("aspect", at_least=low - below, at_most=high + above)
-        (row,) = om.judge(replace(far, limits=(limit,)), sensor).limits
+        (row,) = om.check_requirements(replace(far, limits=(limit,)), sensor).limits
         assert row.margin == pytest.approx(min(below, above), rel=1e-6)
         assert row.reached == pytest.approx(low if below < above else high, rel=1e-9)
         at = omega[values.argmin() if below < above else values.argmax()]

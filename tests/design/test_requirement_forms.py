@@ -133,7 +133,7 @@ def test_limit_at_single_angle_is_evaluated_only_there():
         lens=om.LensRequirements(focal_length_mm=11.6),
         limits=[om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(90, 90))],
     )
-    (row,) = om.judge(asked, SPHERE).limits
+    (row,) = om.check_requirements(asked, SPHERE).limits
     there = om.evaluate(SPHERE, [90.0])
     assert row.label == "resolution_px_per_deg, at 90 deg"
     assert row.reached == pytest.approx(
@@ -258,7 +258,7 @@ def test_resolution_on_object_surface_agrees_with_finite_rays(housing, surface, 
         lens=om.LensRequirements(focal_length_mm=6.0),
         limits=limits,
     )
-    assert [row.reached for row in om.judge(wanted, sensor).limits] == pytest.approx(
+    assert [row.reached for row in om.check_requirements(wanted, sensor).limits] == pytest.approx(
         [along, around], rel=1e-5
     )
     reached = focusing(wanted, sensor).at(np.full((1, 1), 1 / 79.46), limits[0])
@@ -285,7 +285,9 @@ def test_design_for_wall_is_focused_on_wall():
         ).max()
 
     focus = sensor.lens.focus_distance_mm
-    assert om.judge(asked, sensor).limits[0].reached == pytest.approx(worst(focus), rel=1e-3)
+    assert om.check_requirements(asked, sensor).limits[0].reached == pytest.approx(
+        worst(focus), rel=1e-3
+    )
     assert all(worst(focus * factor) > worst(focus) for factor in (0.97, 0.99, 1.01, 1.03))
 
 

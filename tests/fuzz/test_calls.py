@@ -259,7 +259,10 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "format_requirements": (om.format_requirements, {"requirements": WANTED}),
-    "judge": (om.judge, {"requirements": WANTED, "sensor": SENSOR, "angles": 11}),
+    "check_requirements": (
+        om.check_requirements,
+        {"requirements": WANTED, "sensor": SENSOR, "angles": 11},
+    ),
     "Dewarper": (
         lambda **words: om.Dewarper(**words)(PICTURE),
         {

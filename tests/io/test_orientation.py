@@ -14,7 +14,7 @@ from PIL import Image, ImageOps
 
 import omnimirror as om
 from omnimirror.apps.cli import app, main
-from omnimirror.apps.studio._uploads import browser_picture, picture_in
+from omnimirror.apps.studio._uploads import browser_image, image_in
 from omnimirror.apps.studio.pages import image_viewer
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.image_files import ImageDewarper
@@ -163,8 +163,8 @@ def test_dewarping_stored_pixels_reports_option(tmp_path, turned):
 
 def test_studio_uses_displayed_orientation(tmp_path, turned):
     image, path = turned
-    np.testing.assert_array_equal(picture_in(path.read_bytes(), "a.png"), image)
-    (tmp_path / "b.png").write_bytes(browser_picture(path.read_bytes(), "a.png"))
+    np.testing.assert_array_equal(image_in(path.read_bytes(), "a.png"), image)
+    (tmp_path / "b.png").write_bytes(browser_image(path.read_bytes(), "a.png"))
     np.testing.assert_array_equal(by_pillow(tmp_path / "b.png"), image)
     page = image_viewer(WIDE, "ball", (), path, om.read_image(path))
     embedded = base64.b64decode(re.search(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)[1])

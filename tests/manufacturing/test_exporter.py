@@ -379,7 +379,9 @@ at_most = 2.0
 
 
 def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, capsys):
-    """Margins are those of ``om.judge`` for the evaluated sensor and for the sensor with the flange in its housing."""
+    """Margins equal those of ``om.check_requirements`` for the evaluated sensor and for the sensor
+    with the flange in its housing.
+    """
     monkeypatch.chdir(tmp_path)
     Path("requirements.toml").write_text(REQUIREMENTS)
     sensor, requirements = (
@@ -388,7 +390,8 @@ def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, c
     )
     with_rim = replace(sensor, housing=replace(sensor.housing, rim=Rim(5.0, 3.0, 5.0)))
     before, after = (
-        {row.label: row for row in om.judge(requirements, s).rows} for s in (sensor, with_rim)
+        {row.label: row for row in om.check_requirements(requirements, s).rows}
+        for s in (sensor, with_rim)
     )
     changed = {
         label for label, row in before.items() if abs(row.margin - after[label].margin) > 1e-6

@@ -94,10 +94,10 @@ class FullFieldEvaluation:
         """Return the last visible angles (azimuths,), found by bisection."""
         for _ in range(BISECTIONS):
             midpoint = (visible + invisible) / 2
-            sees = self._sees(midpoint, phi)
+            is_visible = self._sees(midpoint, phi)
             visible, invisible = (
-                np.where(sees, midpoint, visible),
-                np.where(sees, invisible, midpoint),
+                np.where(is_visible, midpoint, visible),
+                np.where(is_visible, invisible, midpoint),
             )
         return visible
 
@@ -111,7 +111,7 @@ class FullFieldEvaluation:
 
     @cached_property
     def _axes(self) -> tuple[Array, Array, Array]:
-        """Return directions (n, 3) of the grid, and radial and azimuthal unit vectors."""
+        """Directions (n, 3) of the grid, and radial and azimuthal unit vectors."""
         omega, phi = (a.ravel() for a in self.grid)
         towards, outwards = camera_direction(omega, phi), camera_direction(omega + np.pi / 2, phi)
         return towards, outwards, np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=-1)
@@ -120,13 +120,13 @@ class FullFieldEvaluation:
 
     @cached_property
     def bundles(self) -> Bundles:
-        """Return rays of each direction through four points near the centre of the aperture."""
+        """Rays of each direction through four points near the centre of the aperture."""
         omega, phi = (np.degrees(a.ravel()) for a in self.grid)
         return trace_bundles(self.sensor, omega, CROSS_PUPIL, phi)
 
     @cached_property
     def _neighbours(self) -> tuple[tuple[ReflectionPoints, ReflectionPoints], ...]:
-        """Return chief rays offset by one step in both radial and both azimuthal directions."""
+        """Chief rays offset by one step in both radial and both azimuthal directions."""
         towards, *steps = self._axes
         return tuple(
             (
@@ -181,7 +181,7 @@ class FullFieldEvaluation:
 
     @cached_property
     def at_sensor_focus(self) -> FocusedBlur:
-        """Return resolution and blur at the focus of the sensor."""
+        """Resolution and blur at the focus of the sensor."""
         return self.at(self.sensor.lens.focus_distance_mm)
 
     def best_focus(self) -> tuple[float, float]:
@@ -215,7 +215,7 @@ class FullFieldEvaluation:
 
     @cached_property
     def hidden(self) -> tuple[float, float]:
-        """Return the end of the central obscuration, deg, and the obscured image area, %."""
+        """End of the central obscuration, deg, and the obscured image area, %."""
         standing = self.sensor.obstructions
         if standing.housing.is_empty:
             return self.field_deg[0], 0.0
@@ -238,7 +238,7 @@ class FullFieldEvaluation:
 
     @property
     def field_deg(self) -> tuple[float, float]:
-        """Return the smallest and largest field angle at any azimuth; 0 if the axis is visible."""
+        """Smallest and largest field angle at any azimuth; 0 if the axis is visible."""
         omega = np.degrees(self.grid.omega)
         low = float(omega[0].min())
         return 0.0 if low < np.degrees(2 * NEAR_AXIS_RAD) else low, float(omega[-1].max())

@@ -128,7 +128,7 @@ def phase_of_real_lens(cosines: Array, aberrations: Array) -> tuple[Array, Array
     """
     derivatives = basis_slopes()
     coefficients = np.einsum("tn,knc->ktc", fit_matrix(), cosines)
-    # (2, k, n): derivatives by the x and the y of the aperture
+    # (2, k, n): derivatives with respect to x and y of the aperture
     slopes = np.stack(
         [
             -np.einsum("knc,nt,ktc->kn", aberrations, rate, coefficients, optimize=True)
@@ -259,7 +259,7 @@ class Wavefront:
 
     @property
     def _edges(self) -> range:
-        """Return the column indices of the edges."""
+        """Column indices of the edges."""
         return range(EDGES, self.coefficients.shape[1])
 
     def _square(self, column: int) -> Array:
@@ -295,7 +295,7 @@ class Wavefront:
 
     @cached_property
     def _edge_slopes(self) -> list[float]:
-        """Return the change (mm) of the clearance per aperture radius at each edge, near 0."""
+        """Change (mm) of the clearance per aperture radius at each edge, near 0."""
         slopes = []
         for column in self.coefficients.T[EDGES:]:
             by_x, by_y = (rate @ column for rate in basis_slopes())
@@ -307,7 +307,7 @@ class Wavefront:
 
     @property
     def is_vignetted(self) -> bool:
-        """Return whether an edge vignettes the aperture."""
+        """True if an edge vignettes the aperture."""
         return len(self._edges) > 0
 
     def nodes(self, wavelength_mm: float) -> int:
@@ -328,7 +328,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     Raises
     ------
     InvalidParameter
-        Wavefront too rough for the polynomial fit.
+        If the wavefront is too rough for the polynomial fit.
     """
     sensor = bundles.focused_at(focus_mm)
     turn = bundles.axes()

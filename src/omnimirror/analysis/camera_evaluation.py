@@ -153,9 +153,9 @@ def evaluate_camera(camera: CameraModel, omega_deg: ArrayLike | None = None) -> 
     Raises
     ------
     OutsideField
-        Angle outside the field of view.
+        If the angle is outside the field of view.
     InvalidParameter
-        Other invalid arguments.
+        If another argument is invalid.
 
     Examples
     --------

@@ -51,13 +51,13 @@ class ComparedQuantity:
 
     @property
     def texts(self) -> list[str]:
-        """Return the values as formatted text."""
+        """Values as formatted text."""
         text = self.quantity.text
         return [v if isinstance(v, str) else "–" if math.isnan(v) else text(v) for v in self.values]
 
     @property
     def best(self) -> list[bool]:
-        """Return the mask of the best sensors; empty for descriptive or equal values."""
+        """Mask of the best sensors; empty for descriptive or equal values."""
         numbers = [v for v in self.values if isinstance(v, float) and not math.isnan(v)]
         if not self.better or len({*self.texts} - {"–"}) < 2:
             return [False] * len(self.values)
@@ -76,7 +76,7 @@ class Comparison:
 
     @property
     def names(self) -> list[str]:
-        """Return unique names of the sensors, numbered if necessary."""
+        """Unique names of the sensors, numbered if necessary."""
         return [s.name for s in self.sensors]
 
     def __getitem__(self, name: str) -> ComparedQuantity:
@@ -85,7 +85,7 @@ class Comparison:
         Raises
         ------
         InvalidParameter
-            Quantity that is not in the table.
+            If the quantity is not in the table.
         """
         for row in self.rows:
             if row.name == name:
@@ -141,9 +141,9 @@ def compare(sensors: Sequence[Sensor], object_distance_mm: float = np.inf) -> Co
     Raises
     ------
     InvalidParameter
-        No sensor, or more than six.
+        If there is no sensor, or more than six.
     NotOneToOne, SelfObstruction
-        Mirror that cannot be used.
+        If the mirror cannot be used.
 
     Examples
     --------
@@ -213,18 +213,18 @@ class Study:
 
     @cached_property
     def at_sensor_focus(self) -> Any:
-        """Return the columns over the whole field at the focus of the sensor."""
+        """Columns over the whole field at the focus of the sensor."""
         return self.evaluation
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """Return the evaluation of the aligned sensor."""
+        """Evaluation of the aligned sensor."""
         aligned = self.sensor.aligned()
         return evaluate(aligned, np.linspace(*aligned.field_deg, FIELD_NODES))
 
     @cached_property
     def near_objects(self) -> Evaluation:
-        """Return the evaluation of the aligned sensor for objects at the finite distance."""
+        """Evaluation of the aligned sensor for objects at the finite distance."""
         omega_deg = self.evaluation.omega_deg
         return evaluate(
             self.sensor.aligned(), omega_deg, object_distance_mm=self.object_distance_mm
@@ -237,7 +237,7 @@ class Study:
 
     @cached_property
     def best_focus_optimum(self) -> tuple[float, float]:
-        """Return the best focus, mm, and its worst floored blur area."""
+        """Best focus, mm, and its worst floored blur area."""
         optimum = best_focus(self.sensor)
         return optimum.focus_mm, optimum.value
 
@@ -247,7 +247,7 @@ class Study:
 
     @property
     def hidden(self) -> tuple[float, float]:
-        """Return the end of the central obscuration, deg, and the obscured image share, %."""
+        """End of the central obscuration, deg, and the obscured image share, %."""
         return self.sensor.obscured_to_deg, self.sensor.obscured_percent
 
     def rim_radius(self) -> float:
@@ -302,7 +302,7 @@ class FullFieldStudy(Study):
 
     @cached_property
     def at_sensor_focus(self) -> Any:
-        """Return the columns over the whole image."""
+        """Columns over the whole image."""
         blur = self.full_field.at_sensor_focus
         return SimpleNamespace(
             dh_domega_px_per_deg=blur.imaging.height,

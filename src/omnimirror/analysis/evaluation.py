@@ -171,17 +171,17 @@ class Evaluation:
 
     @property
     def focus_mm(self) -> float:
-        """Return the object distance L0 in focus."""
+        """Object distance L0 in focus."""
         return self.sensor.lens.focus_distance_mm
 
     @property
     def airy_px(self) -> float:
-        """Return the diameter of the Airy disk, px."""
+        """Diameter of the Airy disk, px."""
         return self.sensor.lens.airy_diameter(self.wavelength_nm) / self.sensor.imager.pitch_mm
 
     @property
     def depth_of_field_mm(self) -> DepthOfField:
-        """Return the depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
+        """Depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
         return self.sensor.lens.depth_of_field(
             self.tolerance_px * self.sensor.imager.pitch_mm, self.mode
         )
@@ -192,7 +192,7 @@ class Evaluation:
 
     @property
     def of_lens(self) -> dict[str, Array]:
-        """Return the columns of a real lens alone at each field angle, (n,), by the names of
+        """Columns of a real lens alone at each field angle, (n,), by the names of
         :data:`LENS_QUANTITIES`; otherwise empty.
         """
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
@@ -334,12 +334,12 @@ def evaluate(
     Raises
     ------
     OutsideField, OutsideMirror
-        Angle, pixel or mirror point outside the field or the mirror; the message contains its
+        If an angle, pixel or mirror point is outside the field or the mirror; the message contains its
         value.
     NotOneToOne, SelfObstruction
-        Mirror that cannot be used.
+        If the mirror cannot be used.
     InvalidParameter
-        Other invalid arguments.
+        If another argument is invalid.
 
     Examples
     --------
@@ -447,8 +447,8 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
     """
     across = np.asarray(object_distance_mm) * (np.pi / 180)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # One degree is p pi/180 across the ray; on a plane or a cylinder, inclined to it by Omega,
-        # the tangential length is larger by 1/cos(Omega) or 1/sin(Omega).
+        # One degree is p pi/180 perpendicular to the ray; on a plane or a cylinder, inclined to it
+        # by Omega, the tangential length is larger by 1/cos(Omega) or 1/sin(Omega).
         t = across / dh
         cosine = np.abs(np.cos(omega))
         return {
@@ -498,7 +498,7 @@ def field_angles(sensor: Sensor, step_deg: float = 5.0) -> Array:
     Raises
     ------
     InvalidParameter
-        A step below :data:`MIN_STEP_DEG`.
+        If the step is below :data:`MIN_STEP_DEG`.
 
     Examples
     --------

@@ -65,12 +65,12 @@ class FocusedBlur:
 
     @property
     def t_deg(self) -> Array:
-        """Return the tangential blur (n,) in degrees of the object (Eq. 36)."""
+        """Tangential blur (n,) in degrees of the object (Eq. 36)."""
         return self.t_px / self.imaging.height
 
     @property
     def s_deg(self) -> Array:
-        """Return the sagittal blur (n,) in degrees of the object (Eq. 37)."""
+        """Sagittal blur (n,) in degrees of the object (Eq. 37)."""
         with np.errstate(
             divide="ignore", invalid="ignore"
         ):  # a degree has no width at the tip of a cone
@@ -254,7 +254,7 @@ class FocusFunction:
 
     @cached_property
     def coefficients(self) -> Array:
-        """Return the coefficients (terms, k)."""
+        """Coefficients (terms, k)."""
         with np.errstate(divide="ignore", invalid="ignore"):  # at the tip of a cone
             return self.merit.coefficients(self.sides)
 
@@ -357,7 +357,7 @@ class FocusStudy:
 
     @cached_property
     def distances(self) -> tuple[Array, Array]:
-        """Return L_t and L_s (n,), mm: image distances from the lens (Eqs. 34, 35)."""
+        """L_t and L_s (n,), mm: image distances from the lens (Eqs. 34, 35)."""
         L_t, L_s = distances_from_lens(self.rays, self.images)
         displaced = self.sensor.mirror_pose.displacement_mm if self.sensor.lens.TELECENTRIC else 0.0
         return L_t + displaced, L_s + displaced  # already included in m for a perspective lens
@@ -375,7 +375,7 @@ class FocusStudy:
 
     @cached_property
     def _parallax(self) -> tuple[Array, Array]:
-        """Return the image motion (n,), (n,) of a finite object relative to a distant one.
+        """Image motion (n,), (n,) of a finite object relative to a distant one.
 
         At a distance D from the start of the ray, ``spread + D Omega'`` and ``x + D sin(Omega)``
         per motion of the mirror point and per radian of azimuth, both divided by the distance p
@@ -412,7 +412,7 @@ class FocusStudy:
 
     @cached_property
     def current_coordinates(self) -> Array:
-        """Return the focus coordinates (2, n) of the images for the lens at its current focus."""
+        """Focus coordinates (2, n) of the images for the lens at its current focus."""
         return np.stack(self.coordinates(self.sensor.lens))
 
     def scales(self, centre: float, unit: float) -> Callable[[Any], Scales]:
@@ -493,9 +493,9 @@ def best_focus(
     Raises
     ------
     InvalidParameter
-        Unknown merit or mode, invalid numbers, or a mirror without virtual images.
+        If merit or mode are unknown, numbers invalid, or the mirror has no virtual images.
     OutsideField
-        Field angle outside the field of view.
+        If the field angle is outside the field of view.
 
     Examples
     --------

@@ -67,9 +67,9 @@ def ghosts(sensor: Sensor, omega_deg: ArrayLike | None = None) -> Ghosts:
     Raises
     ------
     InvalidParameter
-        Sensor without tube or dome, with two mirrors, or misaligned.
+        If the sensor has no tube or dome, has two mirrors, or is misaligned.
     OutsideField
-        Field angle outside the field of view.
+        If the field angle is outside the field of view.
 
     Examples
     --------

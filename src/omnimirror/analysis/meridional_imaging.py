@@ -100,7 +100,7 @@ def virtual_images(rays: ChiefRays, object_distance: ArrayLike = np.inf) -> Virt
     Raises
     ------
     InvalidParameter
-        Distance that is not positive, or inside a cover; infinity is permitted.
+        If the distance is not positive, or inside a cover; infinity is permitted.
 
     Examples
     --------

@@ -40,7 +40,7 @@ def at_wavelength(sensor: Sensor, wavelength_nm: float) -> Sensor:
     Raises
     ------
     InvalidParameter
-        Wavelength out of range, or a lens without dispersion data.
+        If the wavelength is out of range, or the lens has no dispersion data.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def at_temperature(sensor: Sensor, temperature_c: float) -> Sensor:
     Raises
     ------
     InvalidParameter
-        Sensor without thermal properties, or a lens that does not support them.
+        If the sensor has no thermal properties, or the lens does not support them.
 
     Examples
     --------

@@ -48,14 +48,14 @@ class Psf:
 
     @property
     def strehl(self) -> float:
-        """Return the Strehl ratio, up to 1; NaN for a geometric PSF, which excludes diffraction."""
+        """Strehl ratio, up to 1; NaN for a geometric PSF, which excludes diffraction."""
         if self.kind == "geometric":
             return float("nan")
         return min(float(self.density.max()) / self.ideal_peak, 1.0)  # exceeds 1 by rounding only
 
     @property
     def light_within(self) -> float:
-        """Return the share of the light on the square."""
+        """Share of the light on the square."""
         return float(self.density.sum()) * self._step**2
 
     def encircled_energy(self, radius_px: ArrayLike) -> Array:
@@ -128,7 +128,7 @@ def psf(
     Raises
     ------
     OutsideField, InvalidParameter
-        Object outside the field of view; invalid numbers.
+        If an object is outside the field of view, or a number is invalid.
 
     Examples
     --------
@@ -187,7 +187,7 @@ def _offsets(
     if 2 * half + 1 > MAX_SAMPLES:
         raise InvalidParameter(
             f"step_px must be at least {width / (MAX_SAMPLES - 1):.2g}: a PSF has at most "
-            f"{MAX_SAMPLES} samples a side; got {step:g} px for a width of {width:g} px"
+            f"{MAX_SAMPLES} samples per side; got {step:g} px for a width of {width:g} px"
         )
     return step * np.arange(-half, half + 1, dtype=np.float64)
 
@@ -279,17 +279,17 @@ class Mtf(TabularResult):
 
     @property
     def line_pairs_per_mm(self) -> Array:
-        """Return the frequencies (f,) on the imager."""
+        """Frequencies (f,) on the imager."""
         return self.cycles_per_px / (self.pixel_pitch_um * 1e-3)
 
     @property
     def cycles_per_deg_t(self) -> Array:
-        """Return the object frequencies (k, f) of tangential patterns."""
+        """Object frequencies (k, f) of tangential patterns."""
         return self.px_per_deg_t[:, None] * self.cycles_per_px
 
     @property
     def cycles_per_deg_s(self) -> Array:
-        """Return the object frequencies (k, f) of sagittal patterns."""
+        """Object frequencies (k, f) of sagittal patterns."""
         return self.px_per_deg_s[:, None] * self.cycles_per_px
 
     def first(self, count: int) -> Mtf:
@@ -362,7 +362,7 @@ def mtf(
     Raises
     ------
     OutsideField, InvalidParameter
-        Field angle outside the field of view; invalid numbers.
+        If a field angle is outside the field of view, or a number is invalid.
 
     Examples
     --------
@@ -513,7 +513,7 @@ def _pixel_mtf(bundles: Bundles, nu: Array) -> Array:
 
 
 def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array]:
-    """Return wavelengths and their weights, with sum 1."""
+    """Return wavelengths and their weights, normalised to the sum 1."""
     waves = row("wavelength_nm", wavelength_nm)
     spectral_weights = np.ones(len(waves)) if weights is None else row("weights", weights)
     if len(spectral_weights) != len(waves):

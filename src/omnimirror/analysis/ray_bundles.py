@@ -29,7 +29,7 @@ class Pupil(NamedTuple):
     points: Array
     """Points (n, 2)."""
     weights: Array
-    """Weights (n,) with sum 1."""
+    """Weights (n,), normalised to the sum 1."""
 
 
 def hexapolar(rings: int) -> Pupil:
@@ -282,7 +282,7 @@ def trace_bundles(
         Object outside the field of view, or not visible through the whole aperture even without the
         rim.
     InvalidParameter
-        Distance that is not positive, or a tilted imager.
+        If the distance is not positive, or the imager is tilted.
 
     Examples
     --------

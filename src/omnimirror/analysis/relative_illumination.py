@@ -85,7 +85,7 @@ def illumination(
     Raises
     ------
     OutsideField, InvalidParameter
-        Field angle outside the field of view; invalid numbers.
+        If a field angle is outside the field of view, or a number is invalid.
 
     Examples
     --------

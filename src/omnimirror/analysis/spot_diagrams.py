@@ -37,8 +37,8 @@ class Spots(TabularResult):
     s_px: Array
     """Sagittal offsets (k, m, n)."""
     weights: Array
-    """Relative light of each ray (k, n), with sum 1; 0 for blocked rays. An object with only
-    blocked rays has weights, radii and extents of 0.
+    """Relative light of each ray (k, n), normalised to the sum 1; 0 for blocked rays. An object
+    with only blocked rays has weights, radii and extents of 0.
     """
     chief_px: Array
     """Distance of the chief ray from the optical axis (k, m)."""
@@ -49,12 +49,12 @@ class Spots(TabularResult):
 
     @property
     def omega_deg(self) -> Array:
-        """Return the field angles (k,)."""
+        """Field angles (k,)."""
         return self.bundles.omega_deg
 
     @cached_property
     def filled(self) -> Array:
-        """Return the unvignetted fraction (k,) of the aperture, with an error below 0.003 for 12 rings."""
+        """Unvignetted fraction (k,) of the aperture, with an error below 0.003 for 12 rings."""
         bundles = self.bundles
         edges = [*bundles.clearances().values()]
         return np.array(
@@ -165,15 +165,15 @@ def spots(
     Raises
     ------
     OutsideField
-        Field angle outside the field of view.
+        If the field angle is outside the field of view.
     InvalidParameter
-        Invalid distance or focus, or missing field angles for a misaligned sensor.
+        If distance or focus are invalid, or a misaligned sensor has no field angles.
 
     Examples
     --------
     >>> import omnimirror as om
     >>> found = om.spots(om.load_sensor("paper-spherical"), [0, 60, 120])
-    >>> found.rms_radius_px().round(2).ravel()  # of a blur disk, .35 of its diameter
+    >>> found.rms_radius_px().round(2).ravel()  # of a blur disk, 0.35 of its diameter
     array([0.37, 0.25, 1.51])
     """
     check_sensor(sensor)
@@ -264,7 +264,7 @@ def check_blur(
     Raises
     ------
     InvalidParameter, OutsideField
-        Field angle outside the field of view, or invalid numbers.
+        If a field angle is outside the field of view, or a number is invalid.
 
     Examples
     --------

@@ -99,9 +99,9 @@ def best_viewpoint(
     Raises
     ------
     InvalidParameter
-        Invalid numbers.
+        If the numbers are invalid.
     OutsideField
-        Field angle outside the field of view.
+        If the field angle is outside the field of view.
 
     Notes
     -----

@@ -248,7 +248,7 @@ def parse_float(text: str) -> float:
     Raises
     ------
     ValueError
-        The text is not a number.
+        If the text is not a number.
     """
     if not text.isascii() or "_" in text:
         raise ValueError(f"text must be a number; got {format_value(text)}")

@@ -233,7 +233,7 @@ def html_text(text: str) -> str:
 
 
 xml_text = html_text
-"""Escape text for XML and SVG; characters that XML 1.0 excludes become escapes."""
+"""Function that escapes text for XML and SVG; characters that XML 1.0 excludes become escapes."""
 
 
 def json_text(data: Any, **options: Any) -> str:

@@ -84,7 +84,7 @@ def atomic_output(
     Raises
     ------
     OmnimirrorError
-        The folder is not writable, or the disk is full; an existing file at ``path`` is
+        If the folder is not writable, or the disk is full; an existing file at ``path`` is
         unchanged.
     """
     if not isinstance(path, str | Path) or "\0" in str(path):
@@ -311,8 +311,8 @@ def open_file(path: str | Path, max_bytes: int | None = None) -> BinaryIO:
     Raises
     ------
     OSError
-        The file does not exist, is not an ordinary file, or is too large; ``strerror`` gives the
-        reason.
+        If the file does not exist, is not an ordinary file, or is too large; ``strerror`` states
+        the reason.
     """
     try:
         _check_ordinary(os.stat(path), max_bytes)
@@ -345,7 +345,7 @@ def check_file(
     Raises
     ------
     OSError
-        As :func:`open_file`, or the members are too large; ``strerror`` gives the reason.
+        As :func:`open_file`, or the members are too large; ``strerror`` states the reason.
     """
     with open_file(path, max_bytes) as file:
         if max_unpacked_bytes is None or not zipfile.is_zipfile(file):
@@ -367,7 +367,7 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
     Raises
     ------
     OSError
-        As :func:`open_file`; ``strerror`` gives the reason.
+        As :func:`open_file`; ``strerror`` states the reason.
     """
     with open_file(path, max_bytes) as file:
         # generated files, as in /proc, have a nominal size of 0
@@ -399,8 +399,8 @@ def read_text(
     Raises
     ------
     OmnimirrorError
-        The file does not exist, is not an ordinary file, is larger than :data:`MAX_TEXT_BYTES`, or is
-        not text.
+        If the file does not exist, is not an ordinary file, is larger than :data:`MAX_TEXT_BYTES`,
+        or is not text.
     """
     try:
         return (
@@ -449,7 +449,7 @@ def decompress(data: bytes, max_bytes: int) -> bytes:
     Raises
     ------
     ValueError
-        The stream is damaged or truncated, or exceeds the limit.
+        If the stream is damaged or truncated, or exceeds the limit.
     """
     stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: detect zlib or gzip from the header
     try:
@@ -473,7 +473,7 @@ def parse_json(text: str | bytes) -> Any:
     Raises
     ------
     ValueError
-        The text is not valid JSON, or is nested too deeply.
+        If the text is not valid JSON, or is nested too deeply.
     """
     try:
         data = json.loads(text)
@@ -490,8 +490,8 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        The text is not valid TOML, is larger than :data:`MAX_TOML_CHARACTERS`, is nested too deeply,
-        or contains an integer beyond 64 bits; the message starts with the source.
+        If the text is not valid TOML, is larger than :data:`MAX_TOML_CHARACTERS`, is nested too
+        deeply, or contains an integer beyond 64 bits; the message starts with the source.
     """
     source = abbreviate(source)
     if len(text) > MAX_TOML_CHARACTERS:
@@ -528,7 +528,7 @@ def compose_yaml(text: str, source: str) -> Any:
     Raises
     ------
     SpecError
-        The text is not valid YAML, uses aliases, or exceeds :data:`MAX_YAML_CHARACTERS`,
+        If the text is not valid YAML, uses aliases, or exceeds :data:`MAX_YAML_CHARACTERS`,
         :data:`MAX_YAML_NODES` or :data:`MAX_NESTING`; the message starts with the source.
     """
     import yaml
@@ -575,8 +575,8 @@ def parse_xml(text: str, source: str) -> Any:
     Raises
     ------
     SpecError
-        The text is not valid XML, declares a document type, or exceeds :data:`MAX_YAML_CHARACTERS` or
-        :data:`MAX_NESTING`; the message starts with the source.
+        If the text is not valid XML, declares a document type, or exceeds
+        :data:`MAX_YAML_CHARACTERS` or :data:`MAX_NESTING`; the message starts with the source.
     """
     from xml.etree import ElementTree
 
@@ -617,7 +617,7 @@ def _levels(data: Any) -> Iterator[list[Any]]:
     Raises
     ------
     ValueError
-        The nesting of tables and lists exceeds :data:`MAX_NESTING`.
+        If the nesting of tables and lists exceeds :data:`MAX_NESTING`.
     """
     level = [data]
     for _ in range(MAX_NESTING + 1):
@@ -649,7 +649,7 @@ def read_tables(
     Raises
     ------
     SpecError
-        The file does not exist or has other content.
+        If the file does not exist or has other content.
     """
     absent = f"path must be an existing file of {plural}; got {str(path)!r}"
     tables = parse_toml(read_text(path, plural, SpecError, absent), str(path))

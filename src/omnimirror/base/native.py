@@ -142,7 +142,7 @@ class Backend:
         Raises
         ------
         InvalidParameter
-            The count is not between 1 and 1024.
+            If the count is not between 1 and 1024.
         """
         if not 1 <= count <= MAX_THREADS:
             raise InvalidParameter(

@@ -70,7 +70,7 @@ class Uncertainty:
     Raises
     ------
     InvalidParameter
-        The matrix is not a covariance.
+        If the matrix is not a covariance.
 
     Examples
     --------
@@ -131,7 +131,7 @@ class Uncertainty:
         Raises
         ------
         InvalidParameter
-            The estimated parameters are not among the names.
+            If the estimated parameters are not among the names.
         """
         if unknown := set(self.names) - set(names):
             raise InvalidParameter(

@@ -56,7 +56,7 @@ class Registry(Mapping[str, T], Generic[T]):
         Raises
         ------
         InvalidParameter
-            The name is taken, or the object is invalid.
+            If the name is taken, or the object is invalid.
         """
         self._check(name, value)
         if not isinstance(name, str) or not name:
@@ -73,7 +73,7 @@ class Registry(Mapping[str, T], Generic[T]):
         Raises
         ------
         InvalidParameter
-            The name is not registered, or the object is bundled.
+            If the name is not registered, or the object is bundled.
         """
         if name in self._bundled or name not in self._loaded:
             raise InvalidParameter(

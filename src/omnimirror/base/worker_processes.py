@@ -89,7 +89,7 @@ class WorkerPool:
         Raises
         ------
         Exception
-            Exception raised by one of the calls.
+            If one of the calls raises an exception.
         """
         results: list[T | None] = [None] * len(jobs)
         for number, result in self.each(function, jobs):

@@ -291,7 +291,9 @@ def fit_to_central_model(
 
 
 class _Candidate(NamedTuple, Generic[Item]):
-    """Sensor or model with residuals (n,) and their derivatives (n, q) by its values (q,)."""
+    """Sensor or model with residuals (n,) and their derivatives (n, q) with respect to its values
+    (q,).
+    """
 
     item: Item
     values: Array

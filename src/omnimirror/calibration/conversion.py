@@ -110,7 +110,7 @@ def flipped(camera: Model) -> Model:
 N_EVALUATION_PIXELS = 20_000  # pixels of the grid for the evaluation of errors
 FIT_THINNING = 8  # thinning factor of the grid for the fit
 SUFFICIENT_ERROR_PX = 0.02  # a simpler model within this error is preferred to a richer one
-NEAREST_MM, FARTHEST_MM = 1.0, 1e9
+NEAREST_MM, MAX_DISTANCE_MM = 1.0, 1e9
 DISTANCES_MM = (500.0, 1000.0, 3000.0, np.inf)
 REACH_REMEDY = (
     "reduce field_deg (--set fit.field_deg) to convert only the central field, or specify the radius "
@@ -172,7 +172,7 @@ class _StoredCamera(NamedTuple):
     found: FittedModel
     costs: tuple[Cost, ...]
     is_restricted: bool = False
-    """Whether the camera sees more than the field of the fit."""
+    """True if the field of the camera exceeds that of the fit."""
 
     @property
     def largest_px(self) -> float:
@@ -335,9 +335,11 @@ def _read_options(
 
 def _object_distances(distance_mm: Any) -> tuple[float, ...]:
     far = np.unique(distances("distance_mm", _number_list("distance_mm", distance_mm)))
-    if far.ndim != 1 or np.any(np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= FARTHEST_MM))):
+    if far.ndim != 1 or np.any(
+        np.isfinite(far) & ~((far >= NEAREST_MM) & (far <= MAX_DISTANCE_MM))
+    ):
         raise InvalidParameter(
-            f"distance_mm must be {NEAREST_MM:g} to {FARTHEST_MM:g} mm, or inf; got {format_value(distance_mm)}"
+            f"distance_mm must be {NEAREST_MM:g} to {MAX_DISTANCE_MM:g} mm, or inf; got {format_value(distance_mm)}"
         )
     return tuple(far.tolist())
 

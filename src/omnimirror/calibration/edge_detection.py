@@ -285,7 +285,7 @@ def _slopes(levels: NDArray[Any], rows: slice) -> tuple[NDArray[np.float32], NDA
     smooth = cv2.GaussianBlur(grey, (0, 0), BLUR_PX)
     dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     inside = slice(rows.start - first, rows.stop - first)
-    return dx[inside], dy[inside]  # type: ignore[return-value]  # OpenCV does not say of what
+    return dx[inside], dy[inside]  # type: ignore[return-value]  # the stubs of OpenCV do not specify the type
 
 
 def _ridge(levels: NDArray[Any], is_edge: Mask, band: slice) -> Array:

@@ -25,7 +25,7 @@ BENT_DEG = 0.25  # maximum rms deviation of a straight edge from its plane
 MIN_EXTENT_DEG = 6.0
 LOOKED_AT_PX = 1440
 SURE_DEG, SURE_UPRIGHT = 0.6, 8
-USUAL_LEAN_DEG, USUAL_ROLL_DEG = 20.0, 15.0
+USUAL_TILT_DEG, USUAL_ROLL_DEG = 20.0, 15.0
 
 
 class Level(NamedTuple):
@@ -48,7 +48,7 @@ class Level(NamedTuple):
         """
         relative_tilt = abs(self.roll_deg) / USUAL_ROLL_DEG
         if self.camera_looks != "forward":
-            relative_tilt = float(np.hypot(self.pitch_deg, self.roll_deg)) / USUAL_LEAN_DEG
+            relative_tilt = float(np.hypot(self.pitch_deg, self.roll_deg)) / USUAL_TILT_DEG
         return self.sigma_deg < SURE_DEG and self.upright >= SURE_UPRIGHT and relative_tilt < 1
 
     def on(self, mount: Mount) -> Mount:
@@ -65,7 +65,7 @@ def level_from_image(
 ) -> Level | None:
     """Estimate the tilt of a camera from one image; None for too few upright edges.
 
-    Edges are traced, and those that the camera straightens define planes of directions. Edges are
+    Edges are traced, and those that are straight after undistortion define planes of directions. Edges are
     assumed far from the mirror of a camera with several viewpoints. The orientation of the camera
     must be known: horizontal edges of a room are as frequent and parallel as upright ones.
 

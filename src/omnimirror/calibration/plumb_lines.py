@@ -63,7 +63,7 @@ SEARCH_STEPS = 8
 MIN_CHAINS = 8
 CENTRE_SIGMA = 0.01  # fraction of the field's radius
 LOOSE_PRIOR = 10.0  # typical changes; prior of a model to be refined, without other information
-OUTLYING, LEAST_OUTLYING_PX = 3.0, 0.4
+OUTLYING, MIN_OUTLYING_PX = 3.0, 0.4
 OUTLIER_PASSES = 3  # passes of outlier rejection
 FREE_PX = 5.0
 
@@ -228,28 +228,28 @@ def calibrate_plumb_lines(
                 f"{initial.image_size[0]} x {initial.image_size[1]} px"
             )
         free = _parameters_with_priors(initial)
-    fit, kept = _without_curved_edges(initial, edges, free, distance_mm)
-    covariance, undetermined = _parameter_covariance(fit, kept, free)
+    fit, retained = _without_curved_edges(initial, edges, free, distance_mm)
+    covariance, undetermined = _parameter_covariance(fit, retained, free)
     if model is None:
         covariance = covariance + _stretch_covariance(fit.model, free)
-    used_starts = {part.start for part in kept.slices}
+    used_starts = {part.start for part in retained.slices}
     used = [
         tuple(part.start in used_starts for part in own) for own in _by_image(edges.slices, chains)
     ]
     image_index = np.repeat(
         np.arange(len(chains)), [sum(map(len, image_chains)) for image_chains in chains]
-    )[[s.start for s in kept.slices]]
-    lengths = np.array([float(part.stop - part.start) for part in kept.slices])
+    )[[s.start for s in retained.slices]]
+    lengths = np.array([float(part.stop - part.start) for part in retained.slices])
     levels = [
         level_from_edges(fit.normals[image_index == i], lengths[image_index == i], initial.mount)
         for i in range(len(chains))
     ]
     field = measured_field_deg(
-        fit.model, np.concatenate([edges.pixels[part] for part in kept.slices])
+        fit.model, np.concatenate([edges.pixels[part] for part in retained.slices])
     )
     camera = _calibrated_camera(fit.model, covariance, levels[0], field)
     levels = [level and _with_camera_uncertainty(camera, level) for level in levels]
-    residuals = np.concatenate([fit.residuals[part] for part in kept.slices])
+    residuals = np.concatenate([fit.residuals[part] for part in retained.slices])
     rms = float(np.sqrt(np.nanmean(residuals**2)))
     return PlumbLineCalibration(
         camera,
@@ -420,12 +420,12 @@ def _free_parameters(
 def _without_curved_edges(
     model: CameraModel, edges: Edges, free: FreeParameters, distance_mm: float
 ) -> tuple[LinesFit, Edges]:
-    """Return the fit to the edges that it straightens, and these edges."""
+    """Return the fit, and the edges that are straight after undistortion."""
     retained = edges
     fit = fit_lines(model, retained, free, distance_mm=distance_mm)
     for _ in range(OUTLIER_PASSES):
         rms = fit.rms_of(retained)
-        limit = max(OUTLYING * float(np.median(rms[np.isfinite(rms)])), LEAST_OUTLYING_PX)
+        limit = max(OUTLYING * float(np.median(rms[np.isfinite(rms)])), MIN_OUTLYING_PX)
         straight = [part for part, r in zip(retained.slices, rms, strict=True) if r <= limit]
         if len(straight) < MIN_CHAINS:
             raise InvalidParameter(

@@ -1,4 +1,5 @@
-"""Projection of points by a mirror sensor, with derivatives by points and all its parameters.
+"""Projection of points by a mirror sensor, with derivatives with respect to points and all its
+parameters.
 
 The chain is: mirror shape, reflection, tube or dome, lens and imager.
 """
@@ -179,7 +180,7 @@ def lens_image(
 def _perspective(
     sensor: Sensor, lens: Perspective, points: Array
 ) -> tuple[Array, Mask, Array, dict[str, Array]]:
-    """Return image points (n, 2) mm, and their derivatives by points and parameters.
+    """Return image points (n, 2) mm, and their derivatives with respect to points and parameters.
 
     Shapes of the derivatives are (n, 2, 3) and (n, 2).
     """
@@ -263,7 +264,8 @@ class OpticalPath(NamedTuple):
 def image_of_points(
     sensor: Sensor, points: Array, distant: bool, locations: tuple[ParameterLocation, ...]
 ) -> PointImages:
-    """Compute the image of points (n, 3) mm, or directions, with derivatives by k parameters.
+    """Compute the image of points (n, 3) mm, or directions, with derivatives with respect to k
+    parameters.
 
     Parameters
     ----------
@@ -342,7 +344,9 @@ def _optical_path(
 
 
 def _unit_vectors(ends: RayEndpoints, points: Array) -> tuple[Array, Array, Array]:
-    """Return unit vectors (n, 3) from ends to points, and derivatives (n, 3, 3) by ends and points."""
+    """Return unit vectors (n, 3) from ends to points, and derivatives (n, 3, 3) with respect to
+    ends and points.
+    """
     if ends.distant:
         unit = np.broadcast_to(-ends.xyz, points.shape)
         across = IDENTITY - unit[:, :, None] * unit[:, None, :]
@@ -468,7 +472,7 @@ def image_through_cover(
             d = image.d_points
             inverse = d.transpose(0, 2, 1) @ np.linalg.inv(
                 d @ d.transpose(0, 2, 1)
-            )  # across the ray
+            )  # perpendicular to the ray
             by_pixel += derivative @ inverse
             by_parameter += derivative @ inverse @ image.d_parameters
         by_target = (

@@ -184,9 +184,9 @@ class SensorModel(CameraModel):
         Returns
         -------
         Image
-            Pixels (n, 2), valid (n,), and derivatives (n, 2, 3) by the points and (n, 2, p) by the
-            free parameters. Pixels outside the image are not clipped, and the mirror continues
-            smoothly slightly beyond its rim.
+            Pixels (n, 2), valid (n,), and derivatives (n, 2, 3) with respect to the points and (n,
+            2, p) by the free parameters. Pixels outside the image are not clipped, and the mirror
+            continues smoothly slightly beyond its rim.
 
         Raises
         ------

@@ -401,7 +401,7 @@ def _rms(residuals: Array) -> float:
 MIN_EDGES = 3  # minimum number of edges
 INDEPENDENT_VALUES = 4  # independent values per edge, whatever its number of points
 MIN_EDGE_NOISE_PX = 0.05
-OUTLYING, LEAST_OUTLYING_PX, MOST_PX = 3.0, 0.4, 3.0  # outlier limits: ratio to median, min and max
+OUTLYING, MIN_OUTLYING_PX, MAX_PX = 3.0, 0.4, 3.0  # outlier limits: ratio to median, min and max
 MIN_RELATIVE_EIGENVALUE = (
     1e-12  # relative to the largest eigenvalue; smaller ones are unconstrained
 )
@@ -521,11 +521,11 @@ class StraightEdges:
         )
 
     def select_straight(self, model: CameraModel) -> StraightEdges:
-        """Return the edges that a camera straightens or does not see; curved edges are removed."""
+        """Return the edges that a camera model undistorts to straight lines or does not image."""
         rms = self.rms_px(model)
         finite_rms = rms[np.isfinite(rms)]
         limit = (
-            min(max(OUTLYING * float(np.median(finite_rms)), LEAST_OUTLYING_PX), MOST_PX)
+            min(max(OUTLYING * float(np.median(finite_rms)), MIN_OUTLYING_PX), MAX_PX)
             if len(finite_rms)
             else 0.0
         )

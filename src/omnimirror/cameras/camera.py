@@ -49,9 +49,11 @@ class AxialSymmetry:
     axis: Array
     """(3,) world direction of field angle 0."""
     right: Array
-    """(3,) world direction across the axis, right of the centre in the delivered image."""
+    """(3,) world direction perpendicular to the axis, right of the centre in the delivered
+    image.
+    """
     down: Array
-    """(3,) world direction across the axis, below the centre."""
+    """(3,) world direction perpendicular to the axis, below the centre."""
     omega_min: float
     """Smallest field angle, radians from ``axis``."""
     omega_max: float

@@ -6,10 +6,10 @@ from .designer import Design, SearchOptions, design_sensor
 from .limits import Limit, Limitable, register_quantity
 from .mirror_construction import FAMILIES, MountedMirror, RimRay, generated_mirror
 from .mirror_fits import FitForm, FittedMirror, fit_mirror
-from .off_the_shelf import BoughtDesign, PartsSearch, design_from_parts
+from .off_the_shelf import PartsDesign, PartsSearch, design_from_parts
 from .optimiser import Optimum
 from .pareto_front import Front, load_front, pareto
-from .requirement_check import Judgement, Verdict, judge
+from .requirement_check import RequirementCheck, Verdict, check_requirements
 from .requirement_files import (
     format_requirements,
     load_requirements,
@@ -28,32 +28,32 @@ __all__ = [
     "FAMILIES",
     "MAPPINGS",
     "BlurBound",
-    "BoughtDesign",
     "Design",
     "FieldRequirements",
     "FitForm",
     "FittedMirror",
     "Front",
-    "Judgement",
     "LensRequirements",
     "Limit",
     "Limitable",
     "MirrorRequirements",
     "MountedMirror",
     "Optimum",
+    "PartsDesign",
     "PartsRequirements",
     "PartsSearch",
+    "RequirementCheck",
     "Requirements",
     "RimRay",
     "SearchOptions",
     "Verdict",
     "blur_bound",
+    "check_requirements",
     "design_from_parts",
     "design_sensor",
     "fit_mirror",
     "format_requirements",
     "generated_mirror",
-    "judge",
     "load_front",
     "load_requirements",
     "pareto",

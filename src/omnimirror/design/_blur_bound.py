@@ -62,7 +62,7 @@ class BlurBound:
 
     @property
     def is_reached(self) -> bool:
-        """Return whether the extremal mirror also satisfies the bound sagittally."""
+        """True if the extremal mirror also satisfies the bound sagittally."""
         return bool(np.abs(self.s_deg).max() <= self.blur_deg * (1 + 1e-6))
 
 

@@ -30,7 +30,7 @@ from .mirror_construction import (
 )
 from .mirror_fits import fit_mirror
 from .ranges import ends, ends_or_none, is_free
-from .requirements import FARTHEST_FOCUS, OF_MAPPINGS, MirrorRequirements, Requirements
+from .requirements import MAX_FOCUS, OF_MAPPINGS, MirrorRequirements, Requirements
 
 SETTLED, MAX_ROUNDS = 1e-5, 30  # relative tolerance, iterations of the coupled lens and focus
 ANGLES = 1001  # field angles of the comparison with the requested mapping
@@ -51,7 +51,7 @@ def make(settled: Requirements) -> Candidate:
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist or cannot be used.
+        If the mirror does not exist or cannot be used.
     """
     return _telecentric(settled) if settled.lens.is_telecentric else _perspective(settled)
 
@@ -114,17 +114,17 @@ def _kept_built(
     """Return the mirror for a lens and a cover (cached)."""
     plain = replace(mirror, fit=None)
     if (exact := exact_mapping(mirror, rim, omega_min_deg)) is not None and around.keep_mapping:
-        made = around.made_for_mapping(exact, rim)
+        mounted = around.made_for_mapping(exact, rim)
     elif mirror.is_pointed:
-        made = around.made_for_ends(
+        mounted = around.made_for_ends(
             lambda inside, low: _kept(plain, inside, low), rim, omega_min_deg
         )
     else:
-        made = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
+        mounted = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
     if mirror.fit is None or not fitted:
-        return made
-    place = around.mounted(MountedMirror(made.mirror, 0.0), rim.theta_max_deg).distance_mm
-    as_pinhole = MountedMirror(made.mirror, made.distance_mm - place, made.notes)
+        return mounted
+    place = around.mounted(MountedMirror(mounted.mirror, 0.0), rim.theta_max_deg).distance_mm
+    as_pinhole = MountedMirror(mounted.mirror, mounted.distance_mm - place, mounted.notes)
     return around.mounted(fit_mirror(as_pinhole, mirror.fit).mounted, rim.theta_max_deg)
 
 
@@ -156,10 +156,8 @@ def _focus_at(settled: Requirements, nearness: float) -> float:
     """Return the nearest attainable focus distance (mm)."""
     optics = settled.lens.optics
     if optics is None:
-        return 1 / nearness if nearness else FARTHEST_FOCUS
-    return float(
-        np.clip(1 / nearness if nearness else np.inf, optics.nearest_focus_mm, FARTHEST_FOCUS)
-    )
+        return 1 / nearness if nearness else MAX_FOCUS
+    return float(np.clip(1 / nearness if nearness else np.inf, optics.nearest_focus_mm, MAX_FOCUS))
 
 
 @lru_cache(maxsize=128)
@@ -182,9 +180,11 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
         theta = 0.0 if sensor.lens.TELECENTRIC else float(np.degrees(sensor.meridian.theta_max))
         rim = RimRay(settled.field.omega_max_deg, theta, sensor.mirror.rim_radius_mm)
         exact = exact_mapping(mirror, rim, settled.field.omega_min_deg)
-        made = MountedMirror(sensor.mirror, sensor.mirror_distance_mm)
+        mounted = MountedMirror(sensor.mirror, sensor.mirror_distance_mm)
         return (
-            None if exact is None else departure(around, made, exact, ANGLES) * sensor.rim_radius_px
+            None
+            if exact is None
+            else departure(around, mounted, exact, ANGLES) * sensor.rim_radius_px
         )
     is_polynomial = mirror.family is not None and ":" in mirror.family
     if mirror.fit is None and not is_polynomial:
@@ -194,10 +194,10 @@ def mapping_deviation_px(settled: Requirements, sensor: Sensor) -> float | None:
     pinhole = _mirror(settled, float(np.degrees(sensor.meridian.theta_max)), fitted=False)
     target = Meridian(pinhole.mirror, pinhole.distance_mm)
     omega = np.radians(np.linspace(0.0, settled.field.omega_max_deg, ANGLES)[1:])
-    ours, theirs = (
+    own, theirs = (
         m.trace(m.x_from_omega(np.minimum(omega, m.omega_max))) for m in (sensor.meridian, target)
     )
-    h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (ours, theirs)]
+    h = [sensor.lens.image_height(r.x, r.w) / sensor.imager.pitch_mm for r in (own, theirs)]
     return float(np.abs(h[0] - h[1]).max())
 
 
@@ -216,8 +216,8 @@ def _telecentric(settled: Requirements) -> Candidate:
 def _telecentric_lens(settled: Requirements) -> Orthographic:
     rim = ends(settled.mirror.rim_radius_mm)[0]
     focus = 0.0 if settled.lens.focus_mm is None else ends(settled.lens.focus_mm)[0]
-    asked = ends_or_none(settled.lens.magnification)
-    magnification = _imager_radius_mm(settled) / rim if asked is None else asked[0]
+    requested = ends_or_none(settled.lens.magnification)
+    magnification = _imager_radius_mm(settled) / rim if requested is None else requested[0]
     return Orthographic(magnification, ends(settled.lens.f_number)[0], focus)
 
 
@@ -231,38 +231,38 @@ def _perspective(settled: Requirements) -> Candidate:
     """
     nearness = _first_nearness(settled)
     for fitted in (False, True) if settled.mirror.fit is not None else (False,):
-        made, nearness = _settled_focus(settled, nearness, fitted)
+        candidate, nearness = _settled_focus(settled, nearness, fitted)
     if not settled.lens.fills_imager or not (
         settled.lens.focus_mm is None or is_free(settled.lens.focus_mm)
     ):
-        return made
-    fixed = settled.changed(focus_mm=made.sensor.lens.focus_distance_mm)
+        return candidate
+    fixed = settled.changed(focus_mm=candidate.sensor.lens.focus_distance_mm)
     return replace(
-        _before_lens(fixed, 1 / made.sensor.lens.focus_distance_mm, fitted), settled=settled
+        _before_lens(fixed, 1 / candidate.sensor.lens.focus_distance_mm, fitted), settled=settled
     )
 
 
 def _first_nearness(settled: Requirements) -> float:
     """Return the given 1/L0, or that of the rim: the virtual images are near the mirror."""
-    asked = ends_or_none(settled.lens.focus_mm)
-    if asked is not None and not is_free(asked):
-        return 1 / asked[0]
+    requested = ends_or_none(settled.lens.focus_mm)
+    if requested is not None and not is_free(requested):
+        return 1 / requested[0]
     theta, _ = viewing(settled, 0.0)
     near = float(np.tan(np.radians(theta))) / ends(settled.mirror.rim_radius_mm)[0]
-    return near if asked is None else float(np.clip(near, 1 / asked[1], 1 / asked[0]))
+    return near if requested is None else float(np.clip(near, 1 / requested[1], 1 / requested[0]))
 
 
 def _settled_focus(settled: Requirements, nearness: float, fitted: bool) -> tuple[Candidate, float]:
     """Iterate mirror and focus, with or without the fit, from an initial 1/L0."""
     steps = list[tuple[float, float]]()
     for _ in range(MAX_ROUNDS):
-        made = _before_lens(settled, nearness, fitted)
-        found = 1 / made.sensor.lens.focus_distance_mm
-        steps.append((nearness, found - nearness))
-        if abs(steps[-1][1]) <= SETTLED * found or not settled.lens.fills_imager:
+        candidate = _before_lens(settled, nearness, fitted)
+        vergence = 1 / candidate.sensor.lens.focus_distance_mm
+        steps.append((nearness, vergence - nearness))
+        if abs(steps[-1][1]) <= SETTLED * vergence or not settled.lens.fills_imager:
             break
         nearness = _next(steps)
-    return made, found
+    return candidate, vergence
 
 
 def _next(steps: list[tuple[float, float]]) -> float:
@@ -309,7 +309,7 @@ def sketched(settled: Requirements, nearness: float) -> Sensor:
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist or cannot be used.
+        If the mirror does not exist or cannot be used.
     """
     if settled.lens.is_telecentric:
         return _unfocused(
@@ -324,9 +324,11 @@ def _before_lens(settled: Requirements, nearness: float, fitted: bool) -> Candid
     """Return the sensor for a lens focused at 1/L0, at the requested or the best focus."""
     theta, focal = viewing(settled, nearness)
     mounted = _mounted(settled, theta, nearness, fitted)
-    asked = ends_or_none(settled.lens.focus_mm)
+    requested = ends_or_none(settled.lens.focus_mm)
     return _focused(
-        settled, mounted, _lens(settled, focal, mounted.distance_mm if asked is None else asked[1])
+        settled,
+        mounted,
+        _lens(settled, focal, mounted.distance_mm if requested is None else requested[1]),
     )
 
 

@@ -47,9 +47,9 @@ Array = NDArray[Any]
 
 def with_size(field: FieldValues, space: DesignSpace, y: Array, g: Given) -> FieldValues:
     """Return field values of designs (b, dim) with the limited overall quantities (b, 1)."""
-    asked = {limit.quantity for limit in space.problem.limits}
+    requested = {limit.quantity for limit in space.problem.limits}
     return field._replace(
-        **{name: of(field, space, y, g) for name, of in SIZES.items() if name in asked}
+        **{name: of(field, space, y, g) for name, of in SIZES.items() if name in requested}
     )
 
 
@@ -156,7 +156,7 @@ class DesignProblem:
     Raises
     ------
     InvalidParameter
-        Values without a valid mirror, and empty ranges.
+        If the values do not define a mirror, or a range is empty.
 
     Examples
     --------
@@ -221,12 +221,12 @@ class DesignProblem:
 
     @property
     def distances_mm(self) -> tuple[float, ...]:
-        """Return the distinct object distances."""
+        """Distinct object distances."""
         return tuple(sorted(set(ends(self.object_distance_mm))))
 
     @property
     def free(self) -> list[str]:
-        """Return the names of the ranges, the free variables in addition to shape and focus."""
+        """Names of the ranges, the free variables in addition to shape and focus."""
         names = (
             "omega_max_deg",
             "theta_max_deg",
@@ -239,7 +239,7 @@ class DesignProblem:
 
     @property
     def has_image_to_fit(self) -> bool:
-        """Return whether the size of the rim image depends on free variables."""
+        """True if the size of the rim image depends on free variables."""
         if self.is_telecentric:
             return self.magnification is not None
         return None not in (self.theta_max_deg, self.focal_length_mm) and any(
@@ -248,7 +248,7 @@ class DesignProblem:
 
     @property
     def image_radius_mm(self) -> float:
-        """Return the largest radius of the rim image."""
+        """Largest radius of the rim image."""
         radius = (
             self.imager.inscribed_radius_px
             if self.largest_image_px is None
@@ -258,7 +258,7 @@ class DesignProblem:
 
     @property
     def has_view_to_clear(self) -> bool:
-        """Return whether an unobscured view past the camera is required from a field angle on."""
+        """True if an unobscured view past the camera is required from a field angle on."""
         return (
             self.housing.camera is not None and self.omega_min_deg > 0 and not self.is_telecentric
         )
@@ -377,7 +377,7 @@ class DesignSpace:
 
     @cached_property
     def names(self) -> list[str]:
-        """Return the names of the coordinates."""
+        """Names of the coordinates."""
         conic = (
             (["curvature", "conic"] if self.family.terms else ["conic"])
             if self.family.has_conic
@@ -397,12 +397,12 @@ class DesignSpace:
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper bounds of the coordinates, (dim,)."""
+        """Lower and upper bounds of the coordinates, (dim,)."""
         low, high = np.full(self.dim, -np.inf), np.full(self.dim, np.inf)
         low[: max(self.family.terms - 1, 0)] = 0.0
         focus = (-30.0, 30.0) if self.problem.is_telecentric else (0.05, 3.0)
-        if isinstance(asked := self.problem.focus_mm, tuple):
-            places = sorted(self._place(mm) / self._focus_unit for mm in asked)
+        if isinstance(requested := self.problem.focus_mm, tuple):
+            places = sorted(self._place(mm) / self._focus_unit for mm in requested)
             focus = places[0], places[1]
         for name, ends_of in (
             ("curvature", (1e-3, 10.0)),
@@ -469,9 +469,9 @@ class DesignSpace:
             tangent = self.imager_radius_mm / tables.focal_length_mm + 0 * M
             for _ in range(ROUNDS_OF_LENS):
                 q = tables.defocus(relative * tangent / M if fixed is None else fixed)
-                found = tables.at(tangent)
-                missed = self.imager_radius_mm - focus_powers(found.height, q)
-                tangent = tangent + missed / focus_powers(found.rate, q)
+                result = tables.at(tangent)
+                missed = self.imager_radius_mm - focus_powers(result.height, q)
+                tangent = tangent + missed / focus_powers(result.rate, q)
         v = relative * tangent / M if fixed is None else fixed
         return Given(
             omega_max,
@@ -510,12 +510,12 @@ class DesignSpace:
 
     @cached_property
     def tables(self) -> LensTables | None:
-        """Return the tables of the real lens, or None."""
+        """Tables of the real lens, or None."""
         return None if self.problem.optics is None else tables_of(self.problem.optics)
 
     @cached_property
     def _bending(self) -> Housing:
-        """Return the refracting cover of the search; the verification alone includes a tube with
+        """Refracting cover of the search; the verification alone includes a tube with
         another outer medium, which has no field near the axis.
         """
         shell = self.problem.housing.shell
@@ -529,9 +529,9 @@ class DesignSpace:
     def _given_telecentric(self, y: Array, omega_max: Array, M: Array, F: Array) -> Given:
         fixed = self._fixed(y, M)
         v = y[:, self.names.index("focus"), None] * M if fixed is None else fixed
-        asked = self.problem.magnification
+        requested = self.problem.magnification
         magnification = (
-            self.imager_radius_mm / M if asked is None else self._number(y, "magnification")
+            self.imager_radius_mm / M if requested is None else self._number(y, "magnification")
         )
         return Given(omega_max, M, 0 * M, np.nan * M, magnification, F, v, omega_max)
 
@@ -542,19 +542,19 @@ class DesignSpace:
 
     @property
     def _focus_unit(self) -> float:
-        """Return the unit of the coordinate of a focus range: its largest vergence."""
+        """Unit of the coordinate of a focus range: its largest vergence."""
         assert isinstance(self.problem.focus_mm, tuple)
         return float(max(abs(self._place(mm)) for mm in self.problem.focus_mm))
 
     def _fixed(self, y: Array, M: Array) -> Array | None:
         """Return the vergence in focus (b, 1), given or from its range; None if it is free."""
-        asked = self.problem.focus_mm
-        if asked is None:
+        requested = self.problem.focus_mm
+        if requested is None:
             return None
-        if isinstance(asked, tuple):
+        if isinstance(requested, tuple):
             chosen: Array = y[:, self.names.index("focus"), None] * self._focus_unit
             return chosen
-        return np.full_like(M, self._place(asked))
+        return np.full_like(M, self._place(requested))
 
     @property
     def imager_radius_mm(self) -> float:
@@ -765,14 +765,14 @@ class DesignSpace:
             )
         u = np.tile(np.linspace(0.0, 1.0, self._count(result.h_px)), len(self.problem.distances_mm))
         z = g.M * self.sags(y, g, u)
-        found, q = (
+        values, q = (
             camera.tables.at(aim_of(u * g.M, reach - sag + z, camera.tables).tangent),
             camera.tables.defocus(g.focus),
         )
         own_t, own_s = (
-            focus_powers(own, q) / camera.pitch_mm for own in (found.own_t, found.own_s)
+            focus_powers(own, q) / camera.pitch_mm for own in (values.own_t, values.own_s)
         )
-        field = values_of(result, found.light, b0, length, height, airy, (own_t, own_s), p)
+        field = values_of(result, values.light, b0, length, height, airy, (own_t, own_s), p)
         return with_size(field, self, y, g)
 
     def image(self, g: Given) -> Array:

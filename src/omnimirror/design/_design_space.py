@@ -21,7 +21,7 @@ from .requirements import Requirements
 Point = dict[str, float]
 """Design as values by coordinate name; a space ignores other names."""
 
-Say = Callable[[str], None]
+OnProgress = Callable[[str], None]
 """Callback for progress messages, called before each longer step."""
 
 
@@ -59,15 +59,15 @@ class Space(Protocol):
 
     @property
     def requirements(self) -> Requirements:
-        """Return the requirements common to all designs."""
+        """Requirements common to all designs."""
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Return the fixed numbers of the requirements, which may be relaxed."""
+        """Fixed numbers of the requirements, which may be relaxed."""
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Return the other requirements that a design can violate: limits by index, or names."""
+        """Other requirements that a design can violate: limits by index, or names."""
 
     def freed(self, ranges: dict[str, tuple[float, float]]) -> Space:
         """Return the space with additional free numbers."""
@@ -97,7 +97,7 @@ class Space(Protocol):
         Raises
         ------
         OmnimirrorError
-            Mirror that does not exist.
+            If the mirror does not exist.
         """
 
 
@@ -115,7 +115,7 @@ MARGINS = (
 
 
 def meeting_the_others(
-    space: Space, point: Point, verdict: Verdict, say: Say = lambda words: None
+    space: Space, point: Point, verdict: Verdict, on_progress: OnProgress = lambda words: None
 ) -> list[Point]:
     """Return points that violate only infeasible requirements by minimal amounts, best first.
 
@@ -123,7 +123,7 @@ def meeting_the_others(
     ----------
     point, verdict
         Point of the smallest largest violation, and its requirement check.
-    say
+    on_progress
         Callback for progress messages, called before the search.
 
     Returns
@@ -136,12 +136,12 @@ def meeting_the_others(
     missed = _missed(space, verdict)
     if len(missed) < 2 or not set(missed) <= set(space.keys):
         return []
-    say("feasible requirements")
+    on_progress("feasible requirements")
     hopeless = tuple(key for key in missed if _reached(space, point, set(missed) - {key}) is None)
     if not 0 < len(hopeless) < len(missed):
         return []
-    found = [_reached(space, point, set(hopeless), margin) for margin in MARGINS]
-    return [there for there in found if there is not None]
+    points = [_reached(space, point, set(hopeless), margin) for margin in MARGINS]
+    return [there for there in points if there is not None]
 
 
 def is_more_met(verdict: Verdict, than: Verdict) -> bool:
@@ -164,9 +164,9 @@ def _missed(space: Space, verdict: Verdict) -> list[Key]:
 def _reached(space: Space, point: Point, giving: set[Key], margin: float = 0.0) -> Point | None:
     """Return the point of minimum slack of some requirements with all others met."""
     try:
-        found = space.reach(
+        result = space.reach(
             point, Slack(tuple(key for key in space.keys if key in giving), margin=margin)
         )
     except OmnimirrorError:
         return None
-    return None if found is None else found.point
+    return None if result is None else result.point

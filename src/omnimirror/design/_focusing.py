@@ -40,14 +40,14 @@ from ..optics.sensor import Sensor
 from .evaluated_field import counted_field, distances_mm, inverse_distances
 from .limits import Limit
 from .merits import OF_THE_WHOLE, FieldValues, values_at, with_whole
-from .requirements import FARTHEST_FOCUS, FieldRequirements
+from .requirements import MAX_FOCUS, FieldRequirements
 
 POINTS = 181  # mirror points in each evaluated part of the field
 SCAN, AGAIN = 33, 9  # vergences of the first scan, and of each refinement
-APERTURES, NARROWER = 7, 3  # F-numbers for each vergence, and number of refinements
+APERTURES, REFINEMENTS = 7, 3  # F-numbers for each vergence, and number of refinements
 CLOSE = 1e-7  # final interval relative to the range of vergences
 MARGIN = 0.05  # extension at either end, relative to the range of vergences
-KEPT = 1e-6  # tolerance of relative violations
+VIOLATION_TOLERANCE = 1e-6  # tolerance of relative violations
 INFEASIBLE = 1e6  # penalty above any relative violation or blur area
 
 
@@ -90,19 +90,19 @@ class Focusing:
             return self.sensor.lens.stop_number, self.best()
         (low, high), (F_low, F_high) = self.range, (float(np.log(F)) for F in span)
         steps = APERTURES if F_high > F_low else 1
-        for narrower in range(NARROWER + 1):
+        for narrower in range(REFINEMENTS + 1):
             v, F = np.meshgrid(
                 np.linspace(low, high, SCAN if not narrower else AGAIN),
                 np.linspace(F_low, F_high, steps),
             )
-            looked = replace(self)
-            looked.__dict__.update(
+            refined = replace(self)
+            refined.__dict__.update(
                 _nodes=self._nodes,
                 _fields=self._fields,
                 camera=self._with_apertures(np.exp(F.ravel())[:, None]),
             )
             with np.errstate(all="ignore"):
-                cost = np.nan_to_num(looked._cost(v.ravel()[:, None], True), nan=np.inf)
+                cost = np.nan_to_num(refined._cost(v.ravel()[:, None], True), nan=np.inf)
             i = int(cost.argmin())
             half_v, half_F = (high - low) / (v.shape[1] - 1), (F_high - F_low) / max(steps - 1, 1)
             best_v, best_F = float(v.ravel()[i]), float(F.ravel()[i])
@@ -115,7 +115,7 @@ class Focusing:
         low, high = self.range
         whole, v = high - low, np.linspace(*self.range, SCAN)
         with np.errstate(all="ignore"):
-            can_be_kept = bool((self._missed(v[:, None]) <= KEPT).any())
+            can_be_kept = bool((self._missed(v[:, None]) <= VIOLATION_TOLERANCE).any())
             while True:
                 cost = self._cost(v[:, None], can_be_kept)
                 i = int(np.nanargmin(cost)) if np.isfinite(cost).any() else 0
@@ -141,7 +141,7 @@ class Focusing:
         if not keeping:
             return worst
         missed = self._missed(v)
-        return worst + np.where(missed > KEPT, INFEASIBLE * (1 + missed), 0.0)
+        return worst + np.where(missed > VIOLATION_TOLERANCE, INFEASIBLE * (1 + missed), 0.0)
 
     def _missed(self, v: Array) -> Array:
         """Return violations (b,) of other focus-dependent requirements at vergences v (b, 1)."""
@@ -162,7 +162,7 @@ class Focusing:
 
     @cached_property
     def camera(self) -> PerspectiveCamera | TelecentricCamera | RealCamera:
-        """Return the model of lens and pixels."""
+        """Model of lens and pixels."""
         if self._tables is not None:
             return RealCamera(self._tables, self.sensor.imager.pitch_mm)
         return self._with_apertures(self.sensor.lens.stop_number)
@@ -181,7 +181,7 @@ class Focusing:
 
     @cached_property
     def _rim(self) -> tuple[float, float]:
-        """Return radius and sag of the rim."""
+        """Radius and sag of the rim."""
         radius = self.sensor.mirror.rim_radius_mm
         return radius, float(self.sensor.mirror.sag(radius))
 
@@ -196,20 +196,22 @@ class Focusing:
 
     @cached_property
     def _parts(self) -> dict[tuple[float, float] | None, slice]:
-        """Return the slices of points of the parts of the field."""
-        asked = {limit.omega_deg: None for limit in self.limits}
+        """Slices of points of the parts of the field."""
+        requested = {limit.omega_deg: None for limit in self.limits}
         if not any(limit.of.is_sharpness for limit in self.limits):
-            asked |= {None: None}
-        return {part: slice(i * self.points, (i + 1) * self.points) for i, part in enumerate(asked)}
+            requested |= {None: None}
+        return {
+            part: slice(i * self.points, (i + 1) * self.points) for i, part in enumerate(requested)
+        }
 
     @property
     def distances(self) -> int:
-        """Return the number of object distances evaluated at each field angle."""
+        """Number of object distances evaluated at each field angle."""
         return 1 if self.field.has_surfaces else len(distances_mm(self.field))
 
     @cached_property
     def _nodes(self) -> MirrorPointOptics:
-        """Return the optics (d, k) of all points for each relevant object."""
+        """Optics (d, k) of all points for each relevant object."""
         sensor, mirror = self.sensor, self.sensor.mirror
         counted = counted_field(self.field, sensor)
         omega = np.radians([counted.part(part)[:2] for part in self._parts])
@@ -233,7 +235,7 @@ class Focusing:
 
     @cached_property
     def _fields(self) -> dict[tuple[float, float] | None, MirrorPointOptics]:
-        """Return the optics (k,) of each part, concatenated over object distances."""
+        """Optics (k,) of each part, concatenated over object distances."""
         shape = (self.distances, self.points * len(self._parts))
         nodes = [np.broadcast_to(column, shape) for column in self._nodes]
         return {
@@ -246,37 +248,37 @@ class Focusing:
         (_, sag), m = self._rim, self.sensor.mirror_distance_mm
         reach = np.array([sag if self._is_telecentric else m + sag])
         part = self._fields[None if limit is None else limit.omega_deg]
-        found = values_at(part, self.camera, v, reach, np.array([sag]))
+        values = values_at(part, self.camera, v, reach, np.array([sag]))
         if limit is not None and limit.quantity in OF_THE_WHOLE:
-            return with_whole(found, self.sensor, (limit.quantity,))
-        return found
+            return with_whole(values, self.sensor, (limit.quantity,))
+        return values
 
     @property
     def range(self) -> tuple[float, float]:
-        """Return the search range of vergences: the virtual images with a margin."""
+        """Search range of vergences: the virtual images with a margin."""
         camera = self.camera
-        least, most = (
+        minimum, maximum = (
             camera.bounds if isinstance(camera, RealCamera) else vergences_of(self.sensor.lens)
         )
         vergences = self._vergences
         vergences = vergences[np.isfinite(vergences)]
-        within = vergences[vergences < most] if (vergences < most).any() else vergences
-        within = np.clip(within, least, most)
+        within = vergences[vergences < maximum] if (vergences < maximum).any() else vergences
+        within = np.clip(within, minimum, maximum)
         margin = MARGIN * (float(np.ptp(within)) or abs(float(within[0])))
         low, high = (
-            max(float(within.min()) - margin, least),
-            min(float(within.max()) + margin, most),
+            max(float(within.min()) - margin, minimum),
+            min(float(within.max()) + margin, maximum),
         )
         if self.span_mm is None:
             return low, high
         span = sorted(
-            np.clip([camera.vergence(min(mm, FARTHEST_FOCUS)) for mm in self.span_mm], least, most)
+            np.clip([camera.vergence(min(mm, MAX_FOCUS)) for mm in self.span_mm], minimum, maximum)
         )
         return float(np.clip(low, *span)), float(np.clip(high, *span))
 
     @property
     def _vergences(self) -> Array:
-        """Return the vergences of zero tangential or sagittal blur, approximate for a real lens."""
+        """Vergences of zero tangential or sagittal blur, approximate for a real lens."""
         o = self._nodes
         if isinstance(self.camera, RealCamera):
             rows = MirrorPointOptics(*(np.atleast_2d(column) for column in o))

@@ -104,8 +104,8 @@ def body_mass_g(sensor: Sensor) -> float:
     321
     """
     thickness = (sensor.housing.rim or Rim()).thickness_mm
-    said = None if sensor.thermal is None else sensor.thermal.mirror_material
-    return mirror_mass_g(sensor.mirror, thickness, said)
+    material = None if sensor.thermal is None else sensor.thermal.mirror_material
+    return mirror_mass_g(sensor.mirror, thickness, material)
 
 
 def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:
@@ -113,8 +113,10 @@ def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:
     known = [part.mass_g for part in parts]
     if any(mass is None for mass in known):
         return None
-    made = 0.0 if any(isinstance(part, BallComponent) for part in parts) else body_mass_g(sensor)
-    return made + sum(mass or 0.0 for mass in known)
+    mirror_g = (
+        0.0 if any(isinstance(part, BallComponent) for part in parts) else body_mass_g(sensor)
+    )
+    return mirror_g + sum(mass or 0.0 for mass in known)
 
 
 def price(parts: tuple[Component, ...]) -> float | None:

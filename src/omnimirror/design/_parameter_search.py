@@ -20,9 +20,9 @@ from ._candidates import Candidate, focusing, make, mapping_deviation_px
 from ._design_problem import OF_LENS
 from ._design_space import (
     BestDesign,
+    OnProgress,
     Point,
     Reached,
-    Say,
     is_more_met,
     meeting_the_others,
     priority_note,
@@ -31,7 +31,7 @@ from ._focusing import Focusing, vergences_of
 from .evaluated_field import counted_field
 from .optimiser import IMAGE, Key, Slack
 from .ranges import ends, ends_or_none, is_free
-from .requirement_check import EDGE_PX, Verdict, evaluations, given_rows, judge
+from .requirement_check import EDGE_PX, Verdict, check_requirements, evaluations, given_rows
 from .requirements import OF_OPTICS, Requirements
 
 # -- Design space of mirrors of a mapping or a family: the numbers of the requirements, and the focus
@@ -48,7 +48,7 @@ NODES = 91  # mirror points in each evaluated part of the field
 STEP = 1e-6  # finite-difference step
 CLOSE = 1e-6  # relative violation, and step in a coordinate, at which a search ends
 STEPS = 25  # maximum iterations of a search
-KEPT = 1e-6  # tolerance of relative violations
+VIOLATION_TOLERANCE = 1e-6  # tolerance of relative violations
 RELAXED_STARTS = 2  # searches of relaxed requirements, the first from a nearly feasible design
 FITS = 3  # searches with an updated effect of the fit
 TRIED = (
@@ -121,7 +121,7 @@ class ParameterSpace:
 
     @cached_property
     def names(self) -> list[str]:
-        """Return the coordinate names: variable numbers, and the focus if limits depend on it.
+        """Coordinate names: variable numbers, and the focus if limits depend on it.
 
         Otherwise the focus minimises the floored blur area, as in an initial design.
         """
@@ -135,12 +135,12 @@ class ParameterSpace:
 
     @property
     def _is_focus_free(self) -> bool:
-        asked = self.requirements.lens.focus_mm
-        return asked is None or is_free(asked)
+        requested = self.requirements.lens.focus_mm
+        return requested is None or is_free(requested)
 
     @cached_property
     def _unit(self) -> float:
-        """Return the unit of the focus coordinate, 1/(lens to rim) or the rim radius."""
+        """Unit of the focus coordinate, 1/(lens to rim) or the rim radius."""
         sensor = self.near
         return (
             sensor.mirror.rim_radius_mm
@@ -173,19 +173,19 @@ class ParameterSpace:
         if "focus" in point:
             numbers["focus_mm"] = self._place(point["focus"] * self._unit)
         settled = self.settled.changed(**numbers)
-        asked = {
+        requested = {
             name: _entry(settled, name) for name in ("omega_min_deg", "omega_max_deg", "focus_mm")
         }
-        return settled, self.requirements.changed(**asked)
+        return settled, self.requirements.changed(**requested)
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper bounds of the coordinates."""
+        """Lower and upper bounds of the coordinates."""
         low, high = ([_inner(name, span[i]) for name, span in self.spans.items()] for i in (0, 1))
         if "focus" in self.names:
             ends_of = vergences_of(self.near.lens)
-            if (asked := ends_or_none(self.requirements.lens.focus_mm)) is not None:
-                places = sorted(self._place(v) for v in asked)
+            if (requested := ends_or_none(self.requirements.lens.focus_mm)) is not None:
+                places = sorted(self._place(v) for v in requested)
                 ends_of = float(np.clip(places[0], *ends_of)), float(np.clip(places[1], *ends_of))
             low, high = [*low, ends_of[0] / self._unit], [*high, ends_of[1] / self._unit]
         return np.array(low), np.array(high)
@@ -194,22 +194,22 @@ class ParameterSpace:
 
     @cached_property
     def numbers(self) -> dict[str, float]:
-        """Return the fixed numbers of the requirements."""
+        """Fixed numbers of the requirements."""
         spans = ranges_of(self.requirements)
-        found = {
+        values = {
             n: span[0]
             for n, span in spans.items()
             if span is not None and not is_free(span) and span[0] != 0
         }
         if all(limit.omega_deg for limit in self.requirements.limits):
-            found.pop("omega_min_deg", None)
+            values.pop("omega_min_deg", None)
         if self.requirements.lens.optics is not None:
-            found = {name: value for name, value in found.items() if name not in OF_OPTICS}
-        return found
+            values = {name: value for name, value in values.items() if name not in OF_OPTICS}
+        return values
 
     @cached_property
     def keys(self) -> tuple[Key, ...]:
-        """Return the limits, and the other requirements that the numbers can violate."""
+        """Limits, and the other requirements that the numbers can violate."""
         lens, settled = self.requirements.lens, self.settled.lens
         keys: list[Key] = [*range(len(self.requirements.limits)), "omega_min_deg"]
         keys += [] if settled.fills_imager else [IMAGE]
@@ -226,20 +226,20 @@ class ParameterSpace:
 
     def towards(self, point: Point, name: str, way: int, span: Span) -> Point:
         """Return a start for moving a number: a feasible point, or the nearest to it."""
-        asked, best, least = self.numbers[name], point, np.inf
+        requested, best, smallest = self.numbers[name], point, np.inf
         for share in TRIED:
-            value = asked + way * share * abs(asked)
+            value = requested + way * share * abs(requested)
             if not span[0] <= value <= span[1]:
                 break
             try:
                 moved = unfitted(self.requirements.changed(**{name: value}))
-                made = make(unfitted(self.settled.changed(**{name: value})))
-                verdict = judge(moved, made.sensor, angles=SEARCHED)
+                candidate = make(unfitted(self.settled.changed(**{name: value})))
+                verdict = check_requirements(moved, candidate.sensor, angles=SEARCHED)
             except OmnimirrorError:
                 continue
-            if verdict.worst < least:
-                best, least = self.point(made.settled, made.sensor), verdict.worst
-            if least <= 0:
+            if verdict.worst < smallest:
+                best, smallest = self.point(candidate.settled, candidate.sensor), verdict.worst
+            if smallest <= 0:
                 break
         return best
 
@@ -247,21 +247,21 @@ class ParameterSpace:
         self, requirements: Requirements, point: Point, is_local: bool = False
     ) -> Point | None:
         """Return the design for other requirements, found by a local or a global search."""
-        found = (
+        result = (
             self.settled_at(point) if all(name in point for name in self.names) else self.settled
         )
         spans = free_of(ranges_of(requirements))
         numbers = {
-            name: float(np.clip(_number(found, name), *span)) for name, span in spans.items()
+            name: float(np.clip(_number(result, name), *span)) for name, span in spans.items()
         }
         settled = {
             name: span[0] for name, span in ranges_of(requirements).items() if span is not None
         }
         starts = 1 if is_local else RELAXED_STARTS
-        made = self.found_from_scratch(
+        candidate = self.found_from_scratch(
             requirements, [requirements.changed(**(settled | numbers))], starts
         )
-        return None if made is None else self.point(made.settled, made.sensor)
+        return None if candidate is None else self.point(candidate.settled, candidate.sensor)
 
     # -- violations --------------------------------------------------------------------------------
 
@@ -278,28 +278,31 @@ class ParameterSpace:
         Raises
         ------
         OmnimirrorError
-            Sensor that does not exist.
+            If the sensor does not exist.
         """
-        settled, asked = self._settled(y)
+        settled, requested = self._settled(y)
         if self._is_focus_free and "focus" not in self.names:
             # No limit refers to sharpness, and the focus changes the image scale little: its value in the
             # neighbouring design replaces the iteration of mirror and best focus. Finished designs are refocused.
             settled = settled.changed(focus_mm=self.near.lens.focus_distance_mm)
         sensor = make(settled if fitted else unfitted(settled)).sensor
-        looked: Focusing = focusing(settled, sensor, NODES)
-        v = np.full((1, 1), looked.camera.vergence(sensor.lens.focus_distance_mm))
-        found: dict[Key, Array] = {}
+        focus_search: Focusing = focusing(settled, sensor, NODES)
+        v = np.full((1, 1), focus_search.camera.vergence(sensor.lens.focus_distance_mm))
+        violations: dict[Key, Array] = {}
         with np.errstate(all="ignore"):
             for i, limit in enumerate(self.requirements.limits):
-                found[i] = np.nan_to_num(
-                    np.atleast_2d(limit.excess(looked.at(v, limit), looked.distances))[0], nan=-1.0
+                violations[i] = np.nan_to_num(
+                    np.atleast_2d(limit.excess(focus_search.at(v, limit), focus_search.distances))[
+                        0
+                    ],
+                    nan=-1.0,
                 )
             if not self.requirements.limits:
-                found[AREA] = np.atleast_2d(looked.at(v).log_area)[0]
-        for row in given_rows(asked, sensor):
+                violations[AREA] = np.atleast_2d(focus_search.at(v).log_area)[0]
+        for row in given_rows(requested, sensor):
             if row.name in self.keys:
-                found[row.name] = np.array([row.shortfall])
-        return found
+                violations[row.name] = np.array([row.shortfall])
+        return violations
 
     # -- searches ----------------------------------------------------------------------------------
 
@@ -307,16 +310,16 @@ class ParameterSpace:
         """Return the point of minimum slack near a point; None if infeasible."""
         y, added = self._y(point), dict[Key, float]()
         for _ in range(FITS if self.requirements.mirror.fit else 1):
-            found = self._followed(y, slack, added)
-            if found.violation > KEPT:
+            result = self._followed(y, slack, added)
+            if result.violation > VIOLATION_TOLERANCE:
                 return None
-            y = found.y
+            y = result.y
             if self.requirements.mirror.fit:
                 try:
                     added = self._added(y)
                 except OmnimirrorError:
                     return None
-        return Reached(point | dict(zip(self.names, y.tolist(), strict=True)), found.value)
+        return Reached(point | dict(zip(self.names, y.tolist(), strict=True)), result.value)
 
     def made_at(self, point: Point) -> Requirements:
         """Return the requirements settled at a point, with the original focus requirement."""
@@ -344,10 +347,14 @@ class ParameterSpace:
                 missed = {key: rows + added.get(key, 0.0) for key, rows in self._missed(y).items()}
             except OmnimirrorError:
                 return ObjectiveValues(np.array([np.nan]), np.array([np.nan]))
-            gives = [missed[key] for key in slack.keys]
-            gives += [np.array([self._moved(y, *number)]) for number in slack.numbers]
-            kept = [rows + slack.margin for key, rows in missed.items() if key not in slack.keys]
-            return ObjectiveValues(np.concatenate(gives), np.concatenate([*kept, np.array([-1.0])]))
+            relaxed_rows = [missed[key] for key in slack.keys]
+            relaxed_rows += [np.array([self._moved(y, *number)]) for number in slack.numbers]
+            other_rows = [
+                rows + slack.margin for key, rows in missed.items() if key not in slack.keys
+            ]
+            return ObjectiveValues(
+                np.concatenate(relaxed_rows), np.concatenate([*other_rows, np.array([-1.0])])
+            )
 
         def rows(y: Array) -> LinearisedValues:
             here = values(y)
@@ -375,9 +382,9 @@ class ParameterSpace:
             least_gain=CLOSE,
         )
 
-    def _moved(self, y: Array, name: str, asked: float, way: int) -> float:
+    def _moved(self, y: Array, name: str, requested: float, way: int) -> float:
         """Return the relative change of a number."""
-        return way * (_outer(name, y[self.names.index(name)]) - asked) / abs(asked)
+        return way * (_outer(name, y[self.names.index(name)]) - requested) / abs(requested)
 
 
 def unfitted(requirements: Requirements) -> Requirements:
@@ -424,7 +431,7 @@ SAME, AGREEING = (
     3,
 )  # relative difference of equal costs; number of searches that have to agree
 AGREEING_IF_MET = 2  # the same for feasible candidates
-ENOUGH_IF_MET = 4  # searches after which a feasible candidate is accepted
+SEARCHES_IF_FEASIBLE = 4  # searches after which a feasible candidate is accepted
 NEAR_MISS = 0.05  # cost below which a derivative-free search follows
 SIMPLEX, SIMPLEX_STEPS = (
     0.05,
@@ -450,12 +457,12 @@ class RangeSearch:
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float] | None]:
-        """Return the ranges (low, high) of the candidate numbers; None if dependent."""
+        """Ranges (low, high) of the candidate numbers; None if dependent."""
         return ranges_of(self.requirements)
 
     @cached_property
     def free(self) -> dict[str, tuple[float, float]]:
-        """Return the ranges of the free numbers."""
+        """Ranges of the free numbers."""
         return free_of(self.ranges)
 
     def middle(self) -> Requirements:
@@ -463,11 +470,11 @@ class RangeSearch:
         middles = {name: (s[0] + s[1]) / 2 for name, s in self.ranges.items() if s is not None}
         return self.requirements.changed(**middles)
 
-    def judged(self, settled: Requirements) -> Ranked:
+    def evaluated(self, settled: Requirements) -> Ranked:
         """Return a checked candidate; raise OmnimirrorError if the sensor does not exist."""
-        made = make(settled)
-        verdict = judge(self.requirements, made.sensor, angles=SEARCHED)
-        return Ranked(made, verdict, self._cost(verdict))
+        candidate = make(settled)
+        verdict = check_requirements(self.requirements, candidate.sensor, angles=SEARCHED)
+        return Ranked(candidate, verdict, self._cost(verdict))
 
     def _cost(self, verdict: Verdict) -> float:
         missed = [row.shortfall for row in verdict.rows if not row.is_limit and not row.is_met]
@@ -495,26 +502,26 @@ class RangeSearch:
         Raises
         ------
         OmnimirrorError
-            No candidate exists; the message is that of the candidate at the centre.
+            If no candidate exists; the message is that of the candidate at the centre.
         """
         middle = self.middle()
         if not self.free:
-            return self.judged(middle)
+            return self.evaluated(middle)
         ends = list[Ranked]()
         for start in islice(self._starts(begin, middle), starts):
-            found = self.followed(start, enough)
-            ends.append(found)
+            result = self.followed(start, enough)
+            ends.append(result)
             best = min(ends, key=lambda c: c.cost)
             agreeing = sum(c.cost - best.cost <= SAME * abs(best.cost) for c in ends)
-            enough_agree = agreeing >= (AGREEING_IF_MET if best.cost <= 0 else AGREEING)
+            is_confirmed = agreeing >= (AGREEING_IF_MET if best.cost <= 0 else AGREEING)
             if (
                 best.cost <= enough
-                or enough_agree
-                or (best.cost <= 0 and len(ends) >= ENOUGH_IF_MET)
+                or is_confirmed
+                or (best.cost <= 0 and len(ends) >= SEARCHES_IF_FEASIBLE)
             ):
                 break
         if not ends:
-            return self.judged(middle)  # raises the reason
+            return self.evaluated(middle)  # raises the reason
         return self._by_simplex(best) if starts is None and 0 < best.cost < NEAR_MISS else best
 
     def screened(self, count: int) -> Ranked | None:
@@ -531,12 +538,16 @@ class RangeSearch:
                 for i in np.linspace(0, len(grid) - 1, min(count, len(grid))).round().astype(int)
             ),
         ]
-        found = [made for settled in chosen if (made := self._tried(unfitted(settled))) is not None]
+        candidates = [
+            candidate
+            for settled in chosen
+            if (candidate := self._tried(unfitted(settled))) is not None
+        ]
         return next(
             (
                 c
-                for made in sorted(found, key=lambda c: c.cost)
-                if (c := self._fitted(made)) is not None
+                for candidate in sorted(candidates, key=lambda c: c.cost)
+                if (c := self._fitted(candidate)) is not None
             ),
             None,
         )
@@ -550,10 +561,12 @@ class RangeSearch:
         """Yield the starts of the searches: earlier designs, then alternately the best grid point
         and the one farthest from all previous starts.
         """
-        yield from (found for settled in begin if (found := self._tried(settled)) is not None)
+        yield from (
+            candidate for settled in begin if (candidate := self._tried(settled)) is not None
+        )
         # Fits take several times longer than the mirrors themselves: only the starts are fitted.
         places = (unfitted(settled) for settled in [middle, *self._grid(middle)])
-        rest = [found for settled in places if (found := self._tried(settled)) is not None]
+        rest = [candidate for settled in places if (candidate := self._tried(settled)) is not None]
         rest.sort(key=lambda c: c.cost)
         left = [self._place(c) for c in rest]
         taken = list[NDArray[np.float64]]()
@@ -589,13 +602,13 @@ class RangeSearch:
             if best.cost <= 0:
                 return INFEASIBLE
             numbers = spans[:, 0] + np.clip(place, 0.0, 1.0) * (spans[:, 1] - spans[:, 0])
-            found = self._tried(
+            candidate = self._tried(
                 settled.changed(**dict(zip(self.free, numbers.tolist(), strict=True)))
             )
-            if found is None:
+            if candidate is None:
                 return INFEASIBLE
-            best = min(best, found, key=lambda c: c.cost)
-            return found.cost
+            best = min(best, candidate, key=lambda c: c.cost)
+            return candidate.cost
 
         place = self._place(start)
         corners = [
@@ -625,17 +638,21 @@ class RangeSearch:
         for _ in range(RESTARTS if self.free else 0):
             if start.cost <= enough:
                 break
-            found = self._polished(start)
-            gain = start.cost - found.cost
-            start = found
-            if gain <= least_gain * abs(found.cost):
+            result = self._polished(start)
+            gain = start.cost - result.cost
+            start = result
+            if gain <= least_gain * abs(result.cost):
                 break
         return start
 
-    def space(self, found: Ranked) -> ParameterSpace:
+    def space(self, ranked: Ranked) -> ParameterSpace:
         """Return the design space around a candidate."""
         return ParameterSpace(
-            self.requirements, found.made.settled, self.free, found.made.sensor, found_from_scratch
+            self.requirements,
+            ranked.made.settled,
+            self.free,
+            ranked.made.sensor,
+            found_from_scratch,
         )
 
     def _polished(self, start: Ranked) -> Ranked:
@@ -643,15 +660,15 @@ class RangeSearch:
         space = self.space(start)
         point = space.point(start.made.settled, start.made.sensor)
         limits: tuple[Key, ...] = tuple(range(len(self.requirements.limits))) or (AREA,)
-        found = space.reach(point, Slack(limits))
-        if found is None:  # a given value is violated: treat it as a limit
-            found = space.reach(point, Slack(tuple(space.missed(point))))
-        if found is None:
+        result = space.reach(point, Slack(limits))
+        if result is None:  # a given value is violated: treat it as a limit
+            result = space.reach(point, Slack(tuple(space.missed(point))))
+        if result is None:
             return start
         # Refocusing can leave the optimum: the focus of the search is also evaluated.
-        settled = (space.made_at(found.point), space.settled_at(found.point))
-        tried = (self._tried(requirements) for requirements in settled)
-        return min([start, *(t for t in tried if t is not None)], key=lambda t: t.cost)
+        settled = (space.made_at(result.point), space.settled_at(result.point))
+        candidates = (self._tried(requirements) for requirements in settled)
+        return min([start, *(t for t in candidates if t is not None)], key=lambda t: t.cost)
 
     def _grid(self, base: Requirements) -> Iterator[Requirements]:
         """Yield settled requirements on a grid over the ranges, in equal ratios if possible."""
@@ -662,28 +679,28 @@ class RangeSearch:
     def _tried(self, settled: Requirements) -> Ranked | None:
         """Return a checked candidate, or None if the sensor does not exist."""
         try:
-            return self.judged(settled)
+            return self.evaluated(settled)
         except OmnimirrorError:
             return None
 
 
 def solve(
-    requirements: Requirements, say: Say = lambda words: None
+    requirements: Requirements, on_progress: OnProgress = lambda words: None
 ) -> tuple[ParameterSpace, BestDesign]:
     """Return the best candidate and its design space.
 
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist.
+        If the mirror does not exist.
     """
     search = RangeSearch(requirements)
     if search.free:
-        say(f"choosing {', '.join(search.free)}")
-    found = search.best()
-    space = search.space(found)
-    best = _design(search, space, found.made)
-    for point in meeting_the_others(space, best.point, best.verdict, say):
+        on_progress(f"choosing {', '.join(search.free)}")
+    result = search.best()
+    space = search.space(result)
+    best = _design(search, space, result.made)
+    for point in meeting_the_others(space, best.point, best.verdict, on_progress):
         try:
             other = _design(search, space, make(space.settled_at(point)))
         except OmnimirrorError:
@@ -703,24 +720,27 @@ def found_from_scratch(
     Raises
     ------
     OmnimirrorError
-        Mirror that does not exist.
+        If the mirror does not exist.
     """
-    found = RangeSearch(requirements).best(begin, enough=0.0, starts=starts)
-    return found.made if judge(requirements, found.made.sensor).is_met else None
+    best = RangeSearch(requirements).best(begin, enough=0.0, starts=starts)
+    return best.made if check_requirements(requirements, best.made.sensor).is_met else None
 
 
-def _design(search: RangeSearch, space: ParameterSpace, made: Candidate) -> BestDesign:
+def _design(search: RangeSearch, space: ParameterSpace, candidate: Candidate) -> BestDesign:
     """Return a checked candidate with its point in the design space."""
-    verdict = judge(search.requirements, made.sensor)
+    verdict = check_requirements(search.requirements, candidate.sensor)
     return BestDesign(
-        space.point(made.settled, made.sensor), made.sensor, verdict, _notes(search, made)
+        space.point(candidate.settled, candidate.sensor),
+        candidate.sensor,
+        verdict,
+        _notes(search, candidate),
     )
 
 
-def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
+def _notes(search: RangeSearch, candidate: Candidate) -> tuple[str, ...]:
     """Return notes on the chosen parameters."""
-    notes, sensor, requirements = [*made.notes], made.sensor, search.requirements
-    tables = made.settled.tables()
+    notes, sensor, requirements = [*candidate.notes], candidate.sensor, search.requirements
+    tables = candidate.settled.tables()
     chosen = {**tables["field"], **tables["mirror"], **tables["lens"]}
     for name, (low, high) in search.free.items():
         notes.append(f"{name} = {chosen[name]:.6g}, chosen between {low:g} and {high:g}")
@@ -739,9 +759,9 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
             notes.append(f"focal_length_mm = {sensor.lens.focal_length_mm:.6g}, {where}")
     if requirements.lens.focus_mm is None or is_free(requirements.lens.focus_mm):
         notes.append(
-            f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_why_there(requirements, made)}"
+            f"focused at {sensor.lens.focus_distance_mm:.5g} mm, {_why_there(requirements, candidate)}"
         )
-    deviation = mapping_deviation_px(made.settled, sensor)
+    deviation = mapping_deviation_px(candidate.settled, sensor)
     if deviation is not None:
         mirror = requirements.mirror
         mirror_text = (
@@ -753,9 +773,9 @@ def _notes(search: RangeSearch, made: Candidate) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _why_there(requirements: Requirements, made: Candidate) -> str:
+def _why_there(requirements: Requirements, candidate: Candidate) -> str:
     """Return the criterion of the focus."""
-    if made.settled.lens.focus_mm != requirements.lens.focus_mm:
+    if candidate.settled.lens.focus_mm != requirements.lens.focus_mm:
         return "maximising the smallest margin"
     is_sharpness = any(limit.of.is_sharpness for limit in requirements.limits)
     return (

@@ -38,7 +38,7 @@ from .catalogue import (
 )
 from .limits import Limit, contrast
 from .ranges import Range, ends, ends_or_none
-from .requirements import FARTHEST_FOCUS, Requirements
+from .requirements import MAX_FOCUS, Requirements
 
 AIRY_MM = 2.44 * 550e-6  # diameter of the Airy disk over the F-number
 ROOM = 1 + 1e-9  # rounding tolerance of bounds
@@ -62,12 +62,12 @@ class PartsCombination:
 
     @property
     def name(self) -> str:
-        """Return the names of the parts."""
+        """Names of the parts."""
         return " + ".join(part.name for part in self.parts)
 
     @cached_property
     def price(self) -> float | None:
-        """Return the total price; None if a price is unknown."""
+        """Total price; None if a price is unknown."""
         return price(self.parts)
 
     @property
@@ -75,17 +75,17 @@ class PartsCombination:
         return self.lens.f_number_min, self.lens.f_number_max
 
 
-def combinations_of(catalogue: Catalogue, asked: Requirements) -> list[PartsCombination]:
+def combinations_of(catalogue: Catalogue, requested: Requirements) -> list[PartsCombination]:
     """Return all combinations, cheapest first; those of unknown price are last."""
-    assert asked.parts is not None
-    balls = catalogue.balls if asked.parts.mirror == "ball" else (None,)
-    domes = catalogue.domes if asked.parts.dome else (None,)
-    extras = tuple(_cheapest(catalogue, use) for use in asked.parts.extras)
-    found = [
+    assert requested.parts is not None
+    balls = catalogue.balls if requested.parts.mirror == "ball" else (None,)
+    domes = catalogue.domes if requested.parts.dome else (None,)
+    extras = tuple(_cheapest(catalogue, use) for use in requested.parts.extras)
+    combinations = [
         PartsCombination(*parts, extras)
         for parts in product(catalogue.lenses, catalogue.imagers, balls, domes)
     ]
-    return sorted(found, key=lambda c: (c.price is None, c.price or 0.0))
+    return sorted(combinations, key=lambda c: (c.price is None, c.price or 0.0))
 
 
 def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
@@ -100,31 +100,31 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
     return min(there, key=lambda part: (part.price is None, part.price or 0.0))
 
 
-def requirements_with_parts(asked: Requirements, combination: PartsCombination) -> Requirements:
+def requirements_with_parts(requested: Requirements, combination: PartsCombination) -> Requirements:
     """Return the requirements on the sensor of a combination, with the values of its parts."""
     lens, imager = combination.lens, combination.imager
-    given = asked.lens
-    circles = [mm for mm in (given.image_circle_mm, lens.image_circle_mm) if mm is not None]
-    apertures = _overlap(given.f_number, combination.f_numbers) or combination.f_numbers
-    table = replace(given, f_number=apertures, image_circle_mm=min(circles) if circles else None)
+    ranges = requested.lens
+    circles = [mm for mm in (ranges.image_circle_mm, lens.image_circle_mm) if mm is not None]
+    apertures = _overlap(ranges.f_number, combination.f_numbers) or combination.f_numbers
+    table = replace(ranges, f_number=apertures, image_circle_mm=min(circles) if circles else None)
     if isinstance(lens, TelecentricComponent):
         table = replace(table, magnification=lens.magnification)
     else:
-        focus = _overlap(given.focus_mm, (nearest_focus_mm(lens), FARTHEST_FOCUS)) or given.focus_mm
+        focus = _overlap(ranges.focus_mm, (nearest_focus_mm(lens), MAX_FOCUS)) or ranges.focus_mm
         optics = lens.optics
         if optics is not None:  # at its own aperture, or the nearest permitted one
             low, high = ends(apertures)
             optics = replace(optics, f_number=float(np.clip(optics.f_number, low, high)))
         focal = lens.focal_length_mm if optics is None else None
         table = replace(table, focal_length_mm=focal, focus_mm=focus, optics=optics)
-    housing = asked.housing
+    housing = requested.housing
     if (dome := combination.dome) is not None:
         shell = Dome(
             diameter_mm=dome.dome_diameter_mm, wall_mm=dome.wall_mm, material=dome.material
         )
         housing = replace(housing, shell=shell)
     return replace(
-        asked,
+        requested,
         lens=table,
         housing=housing,
         parts=None,
@@ -143,9 +143,9 @@ def nearest_focus_mm(lens: LensComponent) -> float:
     return f + f * f / (f * f / (lens.minimum_focus_mm - f) + sum(lens.extension_rings_mm))
 
 
-def _overlap(asked: Range | None, there: tuple[float, float]) -> Range | None:
+def _overlap(requested: Range | None, there: tuple[float, float]) -> Range | None:
     """Return the intersection of a requested range and the range of a part; None if it is empty."""
-    low, high = ends(asked) if asked is not None else there
+    low, high = ends(requested) if requested is not None else there
     low, high = max(low, there[0]), min(high, there[1])
     return None if low > high else low if low == high else (low, high)
 
@@ -157,33 +157,33 @@ def _overlap(asked: Range | None, there: tuple[float, float]) -> Range | None:
 class PartsBounds:
     """Necessary conditions of a combination, valid for any mirror."""
 
-    asked: Requirements
+    requested: Requirements
     combination: PartsCombination
 
     @cached_property
     def own(self) -> Requirements:
-        return requirements_with_parts(self.asked, self.combination)
+        return requirements_with_parts(self.requested, self.combination)
 
     @property
     def image_px(self) -> float:
-        """Return the largest radius of the rim image."""
+        """Largest radius of the rim image."""
         return self.own.largest_image_px
 
     @property
     def airy_px(self) -> float:
-        """Return the smallest diameter of the Airy disk."""
+        """Smallest diameter of the Airy disk."""
         return AIRY_MM * ends(self.own.lens.f_number)[0] / self.own.imager.pitch_mm
 
     @property
     def tangent(self) -> float:
-        """Return the largest tan(Theta)."""
+        """Largest tan(Theta)."""
         lens = self.combination.lens
         assert isinstance(lens, LensComponent)
         radius = self.image_px * self.own.imager.pitch_mm
         if (
             optics := lens.optics
         ) is not None:  # distortion and focus may increase the field above that of f
-            field = optics.focused_at(FARTHEST_FOCUS).field
+            field = optics.focused_at(MAX_FOCUS).field
             tangent = float(field.tangent_of(np.array([radius]))[0])
             filled = field.end if np.isnan(tangent) else max(tangent, radius / lens.focal_length_mm)
         else:
@@ -193,7 +193,7 @@ class PartsBounds:
 
 
 def _is_of_other_kind(b: PartsBounds) -> bool:
-    return isinstance(b.combination.lens, TelecentricComponent) != b.asked.lens.is_telecentric
+    return isinstance(b.combination.lens, TelecentricComponent) != b.requested.lens.is_telecentric
 
 
 def _does_not_screw_on(b: PartsBounds) -> bool:
@@ -201,33 +201,33 @@ def _does_not_screw_on(b: PartsBounds) -> bool:
 
 
 def _is_too_dear(b: PartsBounds) -> bool:
-    assert b.asked.parts is not None
-    most, own = b.asked.parts.max_price, b.combination.price
-    return most is not None and (own is None or own > most)
+    assert b.requested.parts is not None
+    maximum, own = b.requested.parts.max_price, b.combination.price
+    return maximum is not None and (own is None or own > maximum)
 
 
 def _is_too_heavy(b: PartsBounds) -> bool:
-    assert b.asked.parts is not None
-    most = b.asked.parts.max_mass_g
+    assert b.requested.parts is not None
+    maximum = b.requested.parts.max_mass_g
     masses = [part.mass_g for part in b.combination.parts]
-    return most is not None and (None in masses or sum(m or 0.0 for m in masses) > most)
+    return maximum is not None and (None in masses or sum(m or 0.0 for m in masses) > maximum)
 
 
 def _has_other_numbers(b: PartsBounds) -> bool:
     """Return whether lens parameters are outside the requested ranges."""
-    lens, given = b.combination.lens, b.asked.lens
-    if _overlap(given.f_number, b.combination.f_numbers) is None:
+    lens, ranges = b.combination.lens, b.requested.lens
+    if _overlap(ranges.f_number, b.combination.f_numbers) is None:
         return True
     if isinstance(lens, TelecentricComponent):
-        return _overlap(given.magnification, (lens.magnification,) * 2) is None
-    if _overlap(given.focus_mm, (nearest_focus_mm(lens), FARTHEST_FOCUS)) is None:
+        return _overlap(ranges.magnification, (lens.magnification,) * 2) is None
+    if _overlap(ranges.focus_mm, (nearest_focus_mm(lens), MAX_FOCUS)) is None:
         return True
-    return _overlap(given.focal_length_mm, (lens.focal_length_mm,) * 2) is None
+    return _overlap(ranges.focal_length_mm, (lens.focal_length_mm,) * 2) is None
 
 
 def _has_no_such_angle(b: PartsBounds) -> bool:
     """Return whether the lens cannot reach the viewing angle on this imager."""
-    theta = ends_or_none(b.asked.lens.theta_max_deg)
+    theta = ends_or_none(b.requested.lens.theta_max_deg)
     if theta is None or not isinstance(b.combination.lens, LensComponent):
         return False
     return bool(b.tangent * ROOM < np.tan(np.radians(theta[0])))
@@ -235,15 +235,15 @@ def _has_no_such_angle(b: PartsBounds) -> bool:
 
 def _is_too_large(b: PartsBounds) -> bool:
     """Return whether the parts exceed the overall dimensions, or a limit of the length."""
-    assert b.asked.parts is not None
-    asked, least_rim = (
-        b.asked.parts,
-        0.0 if b.combination.ball else ends(b.asked.mirror.rim_radius_mm)[0],
+    assert b.requested.parts is not None
+    requested, least_rim = (
+        b.requested.parts,
+        0.0 if b.combination.ball else ends(b.requested.mirror.rim_radius_mm)[0],
     )
     width = max(2 * least_rim, *(part.diameter_mm or 0.0 for part in b.combination.parts))
     if b.combination.dome is not None:
         width = max(width, b.combination.dome.dome_diameter_mm)
-    if asked.max_diameter_mm is not None and width > asked.max_diameter_mm * ROOM:
+    if requested.max_diameter_mm is not None and width > requested.max_diameter_mm * ROOM:
         return True
     lens = b.combination.lens
     if isinstance(lens, TelecentricComponent):
@@ -251,10 +251,12 @@ def _is_too_large(b: PartsBounds) -> bool:
     length = least_rim / b.tangent
     lengths = [
         limit.at_most
-        for limit in b.asked.limits
+        for limit in b.requested.limits
         if limit.quantity == "length_mm" and limit.at_most is not None
     ]
-    lengths += [] if asked.max_height_mm is None else [asked.max_height_mm - lens.focal_length_mm]
+    lengths += (
+        [] if requested.max_height_mm is None else [requested.max_height_mm - lens.focal_length_mm]
+    )
     return bool(lengths) and length > min(lengths) * ROOM
 
 
@@ -322,7 +324,7 @@ CUTS: dict[str, Callable[[PartsBounds], bool]] = {
 """Reasons for rejection before the mirror design, in the order of evaluation."""
 
 
-def cut(asked: Requirements, combination: PartsCombination) -> str | None:
+def cut(requested: Requirements, combination: PartsCombination) -> str | None:
     """Return the reason why a combination is infeasible for any mirror; None without one."""
-    bounds = PartsBounds(asked, combination)
+    bounds = PartsBounds(requested, combination)
     return next((name for name, fails in CUTS.items() if fails(bounds)), None)

@@ -122,7 +122,7 @@ class LensComponent(Component):
 
     @cached_property
     def optics(self) -> SurfaceLens | None:
-        """Return the lens defined by the surfaces of its file, or None."""
+        """Lens defined by the surfaces of its file, or None."""
         return SurfaceLens.from_file(self.file) if self.file else None
 
 
@@ -269,8 +269,8 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     Raises
     ------
     OmnimirrorError
-        File that cannot be read; entry that is missing, unknown or out of range, with its line and
-        column; duplicate name; catalogue without a lens or without an imager.
+        If the file cannot be read, or an entry is missing, unknown or out of range; with its line
+        and column; duplicate name; catalogue without a lens or without an imager.
 
     Examples
     --------

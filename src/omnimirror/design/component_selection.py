@@ -96,7 +96,7 @@ def best_apertures(
     Raises
     ------
     InvalidParameter
-        Empty range of F-numbers, or empty field.
+        If the range of F-numbers or the field is empty.
 
     Examples
     --------
@@ -243,7 +243,7 @@ def choose_parts(
     Raises
     ------
     InvalidParameter
-        Fill outside 0 to 1, or a sensor with a second mirror.
+        If fill is outside 0 to 1, or the sensor has a second mirror.
 
     Examples
     --------
@@ -258,12 +258,12 @@ def choose_parts(
     if not 0 <= min_fill <= 1:
         raise InvalidParameter(f"min_fill must be a fraction from 0 to 1; got {min_fill:g}")
     distances("object_distance_mm", object_distance_mm)
-    found = [
+    matches = [
         _combine(sensor, lens, imager, min_fill, object_distance_mm)
         for lens in catalogue.lenses
         for imager in catalogue.imagers
     ]
-    return sorted(found, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
+    return sorted(matches, key=lambda c: (not c.fits, len(c.reasons), c.worst_floored_area_deg2))
 
 
 def _combine(

@@ -12,10 +12,10 @@ from ..base.files import json_plain
 from ..optics.lenses import BlurMode
 from ..optics.sensor import Sensor
 from . import _parameter_search, freeform
-from ._design_space import BestDesign, Say, Space
+from ._design_space import BestDesign, OnProgress, Space
 from .optimiser import Optimum, Progress
 from .relaxation import Conflict, find_alternatives, find_conflict
-from .requirement_check import Judgement, Verdict
+from .requirement_check import RequirementCheck, Verdict
 from .requirements import Requirements
 
 
@@ -48,13 +48,13 @@ class Design:
         return self.verdict.requirements
 
     @property
-    def rows(self) -> tuple[Judgement, ...]:
-        """Return the results of the requirement check."""
+    def rows(self) -> tuple[RequirementCheck, ...]:
+        """Results of the requirement check."""
         return self.verdict.rows
 
     @property
     def is_met(self) -> bool:
-        """Return whether all requirements are met."""
+        """True if all requirements are met."""
         return self.verdict.is_met
 
     def to_dict(self) -> dict[str, Any]:
@@ -97,8 +97,8 @@ class SearchOptions:
     --------
     >>> import omnimirror as om
     >>> sphere = om.load_sensor("paper-spherical")
-    >>> asked = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
-    >>> design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
+    >>> requirements = om.requirements_like(sphere, optimise="worst_blur_deg", shape="polynomial:3")
+    >>> design = om.design_sensor(requirements, search=om.SearchOptions(starts=1))
     >>> design.sensor.mirror.KIND, round(design.optimum.value, 3)
     ('even-polynomial', 0.635)
     """
@@ -154,7 +154,7 @@ def design_sensor(
     Raises
     ------
     OmnimirrorError
-        No feasible mirror for any values within the ranges.
+        If there is no feasible mirror for any values within the ranges.
 
     Examples
     --------
@@ -169,30 +169,36 @@ def design_sensor(
     (True, 172.275, 512.0)
     """
     instance("requirements", requirements, Requirements, "requirements")
-    say = on_step or (lambda words: None)
-    space, best = _solve(requirements, say, search or SearchOptions())
+    on_progress = on_step or (lambda words: None)
+    space, best = _solve(requirements, on_progress, search or SearchOptions())
     design = design_of(best.verdict, best.notes, None, best.optimum)
     if on_design is not None:
         on_design(design)
     others = (
-        () if requirements.mirror.optimise else find_alternatives(requirements, best.verdict, say)
+        ()
+        if requirements.mirror.optimise
+        else find_alternatives(requirements, best.verdict, on_progress)
     )
-    return replace(design, conflict=find_conflict(space, best, say, others))
+    return replace(design, conflict=find_conflict(space, best, on_progress, others))
 
 
-def _solve(requirements: Requirements, say: Say, search: SearchOptions) -> tuple[Space, BestDesign]:
+def _solve(
+    requirements: Requirements, on_progress: OnProgress, search: SearchOptions
+) -> tuple[Space, BestDesign]:
     """Return the design space and the best design, for the mirror type of the requirements."""
     if requirements.mirror.optimise is None:
-        return _parameter_search.solve(requirements, say)
+        return _parameter_search.solve(requirements, on_progress)
     problem = freeform.problem_of(requirements, search.mode, search.image_radius_px)
-    said = search.on_progress or (lambda p: say(f"start {p.run + 1} of {p.runs}, {p.value:.4g}"))
+    on_run = search.on_progress or (
+        lambda p: on_progress(f"start {p.run + 1} of {p.runs}, {p.value:.4g}")
+    )
     return freeform.solve(
         requirements,
         problem,
         starts=search.starts,
         seed=search.seed,
         resume=search.resume,
-        on_progress=said,
+        on_progress=on_run,
     )
 
 
@@ -203,9 +209,11 @@ def design_of(
     optimum: Optimum | None = None,
 ) -> Design:
     """Return a checked sensor as a design, with its notes added to the sensor file."""
-    said = "; ".join(notes)
+    remarks = "; ".join(notes)
     text = "\n".join(
-        part for part in (verdict.requirements.notes.strip(), said and f"Designed: {said}.") if part
+        part
+        for part in (verdict.requirements.notes.strip(), remarks and f"Designed: {remarks}.")
+        if part
     )
     sensor = replace(verdict.sensor, notes=text)
     return Design(sensor, verdict, conflict, notes, optimum)

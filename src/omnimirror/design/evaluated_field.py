@@ -20,7 +20,7 @@ POINTED_CENTRE = 0.1  # relative to the image radius; the azimuthal scale vanish
 NO_PART = 1e-6  # deg; smaller exclusions are not reported
 
 
-class JudgedRange(NamedTuple):
+class EvaluatedRange(NamedTuple):
     """Evaluated field angles in degrees, and descriptions of the excluded ones."""
 
     low_deg: float
@@ -56,13 +56,13 @@ class Counted:
     point_deg: float
     hides: str
 
-    def part(self, asked_deg: tuple[float, float] | None = None) -> JudgedRange:
+    def part(self, asked_deg: tuple[float, float] | None = None) -> EvaluatedRange:
         """Return the evaluated range of a part of the field, or of the whole required field.
 
         Raises
         ------
         InvalidParameter
-            Empty range.
+            If the range is empty.
         """
         begins = [
             (self.low_deg, "outside the field of the mirror"),
@@ -93,11 +93,11 @@ class Counted:
                 else f"the field ends at {self.hidden_from_deg:.4g} deg"
             )
             raise InvalidParameter(f"no field angle {part} can be evaluated: {explanation}")
-        return JudgedRange(low, high, tuple(left_out))
+        return EvaluatedRange(low, high, tuple(left_out))
 
     @property
     def _end(self) -> str:
-        """Return the reason for the upper end of the evaluated field."""
+        """Reason for the upper end of the evaluated field."""
         hidden = self.hidden_from_deg < self.high_deg
         return "obscured by the housing" if hidden else "end of the field of the mirror"
 
@@ -175,12 +175,12 @@ def distances_of(field: FieldRequirements, rays: ChiefRays) -> list[Any]:
 
 def _surfaces(field: FieldRequirements, x: Array, z: Array, omega: Array) -> list[Array]:
     """Return 1/p for each surface; 0 or negative for a ray without an intersection."""
-    found = []
+    surfaces = []
     if field.object_plane_distance_mm is not None:
-        found.append(np.cos(omega) / (field.object_plane_distance_mm + z))
+        surfaces.append(np.cos(omega) / (field.object_plane_distance_mm + z))
     if field.object_cylinder_radius_mm is not None:
-        found.append(np.sin(omega) / (field.object_cylinder_radius_mm - x))
-    return found
+        surfaces.append(np.sin(omega) / (field.object_cylinder_radius_mm - x))
+    return surfaces
 
 
 # -- Truncation of the image circle by an imager smaller than the circle ---------------------------

@@ -25,8 +25,8 @@ from ._design_space import (
 from .merits import merit_named
 from .optimiser import (
     CLOSE,
+    FEASIBILITY_TOLERANCE,
     FINE,
-    KEPT,
     POLISH_TRUST,
     Key,
     Objective,
@@ -38,7 +38,7 @@ from .optimiser import (
     start,
 )
 from .ranges import ends
-from .requirement_check import judge
+from .requirement_check import check_requirements
 from .requirements import OF_OPTICS, Requirements
 
 SHAPE = "spline"  # default shape
@@ -97,19 +97,19 @@ class FreeformDesignSpace:
 
     @cached_property
     def numbers(self) -> dict[str, float]:
-        """Return the fixed numbers of the problem."""
+        """Fixed numbers of the problem."""
         own = () if self.problem.optics is None else OF_OPTICS
-        given = {
+        specified = {
             name: getattr(self.problem, name)
             for name in NUMBERS
             if name not in (*self.problem.free, *own)
         }
-        return {name: ends(value)[0] for name, value in given.items() if value is not None}
+        return {name: ends(value)[0] for name, value in specified.items() if value is not None}
 
     @cached_property
     def keys(self) -> tuple[Key, ...]:
-        """Return the limits, and the imager and camera requirements that a design can violate."""
-        return self._objective(()).asked
+        """Limits, and the imager and camera requirements that a design can violate."""
+        return self._objective(()).requested
 
     def freed(self, ranges: dict[str, tuple[float, float]]) -> FreeformDesignSpace:
         """Return the space with additional free numbers."""
@@ -117,8 +117,8 @@ class FreeformDesignSpace:
 
     def point(self, y: Array) -> Point:
         """Return a design as a point, including fixed numbers."""
-        asked = {name: float(np.log(value)) for name, value in self.numbers.items()}
-        return asked | dict(zip(self.designs.names, y.tolist(), strict=True))
+        requested = {name: float(np.log(value)) for name, value in self.numbers.items()}
+        return requested | dict(zip(self.designs.names, y.tolist(), strict=True))
 
     def value(self, point: Point, name: str) -> float:
         """Return a number at a point."""
@@ -130,8 +130,12 @@ class FreeformDesignSpace:
 
     def reach(self, point: Point, slack: Slack) -> Reached | None:
         """Return the point of minimum slack near a point; None if infeasible."""
-        found = follow(replace(self._objective(()), goal=slack), self.y(point), tolerance=CLOSE)
-        return Reached(point | self.point(found.y), found.value) if found.violation < KEPT else None
+        result = follow(replace(self._objective(()), goal=slack), self.y(point), tolerance=CLOSE)
+        return (
+            Reached(point | self.point(result.y), result.value)
+            if result.violation < FEASIBILITY_TOLERANCE
+            else None
+        )
 
     def missed(self, point: Point) -> dict[Key, float]:
         """Return the relative violation of each requirement at a point."""
@@ -144,7 +148,11 @@ class FreeformDesignSpace:
         problem = problem_of(requirements, self.problem.mode, self.problem.image_radius_px)
         space = FreeformDesignSpace(requirements, problem)
         y = follow(space._objective(space.keys), space.y(point), tolerance=CLOSE).y
-        return space.point(y) if judge(requirements, space.designs.sensor(y)).is_met else None
+        return (
+            space.point(y)
+            if check_requirements(requirements, space.designs.sensor(y)).is_met
+            else None
+        )
 
     def y(self, point: Point) -> Array:
         """Return a point as a vector of the optimiser."""
@@ -171,12 +179,12 @@ def solve(
     merit = requirements.mirror.optimise
     assert merit is not None
     space = FreeformDesignSpace(requirements, problem)
-    found = optimised(problem, merit, **search)
-    if isinstance(found, Optimum):
-        m, y, sensor, optimum = merit_named(merit), found.y, found.sensor, found
-        first = f"{m.quantity.title}: {found.value:.5g} {m.quantity.unit}".rstrip()
+    result = optimised(problem, merit, **search)
+    if isinstance(result, Optimum):
+        m, y, sensor, optimum = merit_named(merit), result.y, result.sensor, result
+        first = f"{m.quantity.title}: {result.value:.5g} {m.quantity.unit}".rstrip()
     else:
-        y, optimum = _least_missed(space, found), None
+        y, optimum = _minimum_violation(space, result), None
         sensor = space.designs.sensor(y)
         first = f"no mirror of {problem.terms} terms meets all requirements; this one has the smallest violation"
     best = _design(space, y, sensor, optimum, (first,))
@@ -200,20 +208,22 @@ def _design(
     """Return a checked mirror with its point in the design space."""
     sensor = replace(sensor, name=space.requirements.name)
     notes = (*first, *freeform_notes(space.problem, sensor))
-    return BestDesign(space.point(y), sensor, judge(space.requirements, sensor), notes, optimum)
+    return BestDesign(
+        space.point(y), sensor, check_requirements(space.requirements, sensor), notes, optimum
+    )
 
 
-def _least_missed(space: FreeformDesignSpace, tried: list[Array]) -> Array:
+def _minimum_violation(space: FreeformDesignSpace, starts: list[Array]) -> Array:
     """Minimise the largest violation from the end points of searches, with refinement."""
     coarse = space._objective(space.keys)
-    found = [follow(coarse, y, tolerance=CLOSE) for y in [start(space.designs, 0, 0)[1], *tried]]
-    best = min(found, key=_cost)
+    results = [follow(coarse, y, tolerance=CLOSE) for y in [start(space.designs, 0, 0)[1], *starts]]
+    best = min(results, key=_cost)
     fine = replace(coarse, u=np.linspace(0.0, 1.0, FINE))
     return follow(fine, best.y, tolerance=CLOSE, initial_trust=POLISH_TRUST).y
 
 
-def _cost(found: MinimaxResult) -> float:
-    return found.value if found.violation < KEPT else np.inf
+def _cost(result: MinimaxResult) -> float:
+    return result.value if result.violation < FEASIBILITY_TOLERANCE else np.inf
 
 
 def freeform_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
@@ -226,12 +236,12 @@ def freeform_notes(problem: DesignProblem, sensor: Sensor) -> tuple[str, ...]:
             "theta_max_deg": float(np.degrees(sensor.meridian.theta_max)),
         }
     for name, value in reached.items():
-        asked = getattr(problem, name)
-        if asked is None:
+        requested = getattr(problem, name)
+        if requested is None:
             notes.append(f"{name} = {value:.6g}, so that the rim fills the imager")
         elif name in problem.free:
             notes.append(
-                "{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(asked))
+                "{} = {:.6g}, chosen between {:g} and {:g}".format(name, value, *ends(requested))
             )
     if problem.is_telecentric:
         notes.append(

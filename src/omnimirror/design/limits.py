@@ -42,7 +42,7 @@ def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
 
     Parameters
     ----------
-    blur_px, airy_px : (..,)
+    blur_px, airy_px : (...,)
         Signed geometric blur along the modulation, and Airy disk, px; or complex arrays, whose
         imaginary parts are derivatives.
     cycles_per_px
@@ -64,8 +64,8 @@ def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
     half = np.arccos(s) / 2
     psi = half * (u + 1)  # the substitution x + s = cos(psi) removes the root
     rows = np.sin(psi) ** 2 * np.cos(phase * (np.cos(psi) - s))
-    found: Array = (rows * weight).sum(-1) * half[..., 0] * (4 / np.pi) * np.sinc(cycles_per_px)
-    return np.where(passes, found, 0.0)
+    mtf: Array = (rows * weight).sum(-1) * half[..., 0] * (4 / np.pi) * np.sinc(cycles_per_px)
+    return np.where(passes, mtf, 0.0)
 
 
 # -- Limits, and the quantities that a requirement can limit ---------------------------------------
@@ -80,7 +80,7 @@ def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
 Takes = Literal["largest", "smallest", "spread", "ratio"]
 
 REFERENCES = 16
-FINEST = 10.0  # cycles per pixel
+MAX_CYCLES_PER_PX = 10.0  # cycles per pixel
 SHARED = 2e-5  # relative, below the reported precision; peaks that differ by less are equal
 LEVEL = 1e-9  # relative; smaller differences of neighbours are due to rounding
 MAY_BE_0 = ("obscured_to_deg", "obscured_percent")
@@ -258,7 +258,7 @@ T_DEG: Disk = lambda f: (f.t_deg, f.disk_t_px / f.dh)  # noqa: E731
 S_DEG: Disk = lambda f: (f.s_deg, f.disk_s_px / f.dw)  # noqa: E731
 
 
-_OURS: dict[str, Limitable] = {
+_BUILT_IN: dict[str, Limitable] = {
     limitable.quantity.name: limitable
     for limitable in (
         _total_blur("total_blur_px", T_PX, S_PX),
@@ -315,7 +315,7 @@ def _check_limitable(name: str, limitable: Any) -> None:
 
 
 LIMITABLE: Registry[Limitable] = Registry(
-    "omnimirror.quantities", "a quantity", _OURS, _check_limitable
+    "omnimirror.quantities", "a quantity", _BUILT_IN, _check_limitable
 )
 """Limitable quantities by name, including registered ones."""
 
@@ -337,7 +337,7 @@ def register_quantity(limitable: Limitable) -> None:
     Raises
     ------
     InvalidParameter
-        Name of an existing quantity.
+        If the name is that of an existing quantity.
 
     Examples
     --------
@@ -385,7 +385,7 @@ class Limit:
     Raises
     ------
     InvalidParameter
-        Unknown quantity, missing bound, or empty range.
+        If the quantity is unknown, the bound is missing, or the range is empty.
 
     >>> Limit("total_blur_px", at_most=4.0).label
     'total_blur_px'
@@ -438,7 +438,7 @@ class Limit:
                 f"limit of {self.quantity} requires a spatial frequency, cycles_per_px, such as 0.25"
             )
         else:
-            number("limit.cycles_per_px", self.cycles_per_px, above=0.0, high=FINEST)
+            number("limit.cycles_per_px", self.cycles_per_px, above=0.0, high=MAX_CYCLES_PER_PX)
 
     def _check_side(self, side: str, value: float) -> None:
         number(f"{side} of {self.quantity}", value)
@@ -497,27 +497,27 @@ class Limit:
 
     @property
     def of(self) -> Limitable:
-        found = LIMITABLE[self.quantity]
-        if found.of_frequency is None or self.cycles_per_px is None:
-            return found
-        return replace(found, parts=found.of_frequency(self.cycles_per_px))
+        definition = LIMITABLE[self.quantity]
+        if definition.of_frequency is None or self.cycles_per_px is None:
+            return definition
+        return replace(definition, parts=definition.of_frequency(self.cycles_per_px))
 
     @property
     def scale(self) -> float:
-        """Return the magnitude of the limit, the unit for comparing limits."""
+        """Magnitude of the limit, the unit for comparing limits."""
         return max(abs(v) for v in (self.at_least, self.at_most) if v is not None) or 1.0
 
     @property
     def name(self) -> str:
-        """Return the quantity with its spatial frequency."""
+        """Quantity with its spatial frequency."""
         return self.quantity + (
             f" at {self.cycles_per_px:g} cycles/px" if self.cycles_per_px is not None else ""
         )
 
     @property
     def label(self) -> str:
-        """Return the quantity with the part of the field."""
-        return self.name + told_part(self.omega_deg)
+        """Quantity with the part of the field."""
+        return self.name + format_part(self.omega_deg)
 
     def missed(self, field: FieldValues) -> Array:
         """Return the largest relative violation (...) of fields (..., k), negative if met.
@@ -529,7 +529,7 @@ class Limit:
 
         Returns
         -------
-        (.., k) array
+        (..., k) array
             Relative violations; positive if the limit is violated.
         """
         values = self.of.values(field)
@@ -557,7 +557,7 @@ class Limit:
 
         Returns
         -------
-        (.., r) array
+        (..., r) array
             Relative violations; positive if the limit is violated.
         """
         blocks = [field]
@@ -573,7 +573,7 @@ class Limit:
         return np.concatenate(rows, axis=-1) / self.scale
 
 
-def told_part(part: tuple[float, float] | None) -> str:
+def format_part(part: tuple[float, float] | None) -> str:
     """Return a part of the field as a suffix of a name."""
     if part is None:
         return ""

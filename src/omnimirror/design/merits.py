@@ -26,7 +26,7 @@ Array = NDArray[Any]
 PROJECTIONS = 8
 
 
-NOTHING: Array = np.zeros((1, 1))
+NO_VALUES: Array = np.zeros((1, 1))
 
 
 class FieldValues(NamedTuple):
@@ -59,38 +59,38 @@ class FieldValues(NamedTuple):
     own_t_px: Array
     """Tangential blur of the lens alone, px; 0 for an ideal lens."""
     own_s_px: Array
-    obscured_to_deg: Array = NOTHING
+    obscured_to_deg: Array = NO_VALUES
     """Upper end of the central obscuration, deg; 0 during searches without this value."""
-    obscured_percent: Array = NOTHING
+    obscured_percent: Array = NO_VALUES
     """Obscured percentage of the image circle."""
-    overall_diameter_mm: Array = NOTHING
+    overall_diameter_mm: Array = NO_VALUES
     """Diameter of mirror and housing; 0 during searches without this value."""
-    overall_height_mm: Array = NOTHING
-    mirror_body_mass_g: Array = NOTHING
-    omega: Array = NOTHING
+    overall_height_mm: Array = NO_VALUES
+    mirror_body_mass_g: Array = NO_VALUES
+    omega: Array = NO_VALUES
     """Field angles, radians."""
-    near: Array = NOTHING
+    near: Array = NO_VALUES
     """Inverse object distance from the mirror points, 1/mm."""
 
     @property
     def plane_t_mm_per_px(self) -> Array:
-        """Return the tangential object length per pixel on a plane perpendicular to the axis."""
+        """Tangential object length per pixel on a plane perpendicular to the axis."""
         cosine = np.cos(self.omega)
         return self.object_t_mm_per_px / np.where(cosine.real < 0, -cosine, cosine)
 
     @property
     def cylinder_t_mm_per_px(self) -> Array:
-        """Return the tangential object length per pixel on a cylinder about the axis."""
+        """Tangential object length per pixel on a cylinder about the axis."""
         return self.object_t_mm_per_px / np.sin(self.omega)
 
     @property
     def object_t_mm_per_px(self) -> Array:
-        """Return the tangential object length per pixel perpendicular to the ray."""
+        """Tangential object length per pixel perpendicular to the ray."""
         return self._length(self.dh)
 
     @property
     def object_s_mm_per_px(self) -> Array:
-        """Return the sagittal object length per pixel."""
+        """Sagittal object length per pixel."""
         return self._length(self.dw)
 
     def _length(self, px_per_deg: Array) -> Array:
@@ -102,17 +102,17 @@ class FieldValues(NamedTuple):
 
     @property
     def t_deg(self) -> Array:
-        """Return the signed tangential blur in object degrees (Eq. 36)."""
+        """Signed tangential blur in object degrees (Eq. 36)."""
         return self.t_px / self.dh
 
     @property
     def s_deg(self) -> Array:
-        """Return the signed sagittal blur in object degrees (Eq. 37)."""
+        """Signed sagittal blur in object degrees (Eq. 37)."""
         return self.s_px / self.dw
 
     @property
     def disk_t_px(self) -> Array:
-        """Return the focus-independent blur: Airy disk and tangential blur of the lens alone."""
+        """Focus-independent blur: Airy disk and tangential blur of the lens alone."""
         return _in_quadrature(self.airy_px, self.own_t_px)
 
     @property
@@ -121,7 +121,7 @@ class FieldValues(NamedTuple):
 
     @property
     def blur_t_px(self) -> Array:
-        """Return the tangential blur including that of the lens; signed for an ideal lens."""
+        """Tangential blur including that of the lens; signed for an ideal lens."""
         return _in_quadrature(self.t_px, self.own_t_px)
 
     @property
@@ -130,19 +130,19 @@ class FieldValues(NamedTuple):
 
     @property
     def log_density(self) -> Array:
-        """Return the logarithm of Ds, the pixels per square degree of the object (Eq. 11)."""
+        """Logarithm of Ds, the pixels per square degree of the object (Eq. 11)."""
         density: Array = np.log(self.dh * self.dw)
         return density
 
     @property
     def log_aspect(self) -> Array:
-        """Return the logarithm of Dw/Dh (Eq. 12)."""
+        """Logarithm of Dw/Dh (Eq. 12)."""
         aspect: Array = np.log(self.dw / self.dh)
         return aspect
 
     @property
     def total_track(self) -> Array:
-        """Return the axial distance from imager to rim, mm."""
+        """Axial distance from imager to rim, mm."""
         return self.image_distance + self.length
 
     def part(self, which: slice) -> FieldValues:
@@ -266,7 +266,7 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     if isinstance(lens, FieldLens):
         real = result.of_lens
         own = real["lens_blur_t_px"], real["lens_blur_s_px"]
-        found = values_of(
+        values = values_of(
             result,
             real["lens_illumination"],
             lens.imager_mm,
@@ -277,8 +277,8 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     else:
         b0 = lens.image_distance if isinstance(lens, Perspective) else 0.0
         tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
-        found = values_of(result, light_of(tangent), b0, *numbers, None, result.object_distance_mm)
-    return with_whole(found, result.sensor)
+        values = values_of(result, light_of(tangent), b0, *numbers, None, result.object_distance_mm)
+    return with_whole(values, result.sensor)
 
 
 def length_mm(result: Evaluation) -> float:
@@ -418,7 +418,7 @@ def merit_named(name: str) -> Merit:
     Raises
     ------
     InvalidParameter
-        Unknown name.
+        If the name is unknown.
     """
     if name not in DESIGN_MERITS:
         raise InvalidParameter(f"merit must be one of {', '.join(DESIGN_MERITS)}; got {name!r}")

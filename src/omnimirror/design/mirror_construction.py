@@ -64,12 +64,12 @@ class RimRay:
 
     @property
     def slope_angle_deg(self) -> float:
-        """Return the slope angle beta of the mirror at its rim (Eqs. 2-5)."""
+        """Slope angle beta of the mirror at its rim (Eqs. 2-5)."""
         return (self.omega_max_deg - self.theta_max_deg) / 2
 
     @property
     def slope(self) -> float:
-        """Return the slope dz/dx of the mirror at its rim."""
+        """Slope dz/dx of the mirror at its rim."""
         return float(np.tan(np.radians(self.slope_angle_deg)))
 
     def distance_mm(self, rim_sag_mm: float) -> float:
@@ -111,7 +111,7 @@ def vertex_radius(rim: RimRay, conic: float) -> float:
     Raises
     ------
     InvalidParameter
-        Conic constant of a hyperboloid that cannot reach the slope.
+        If the conic constant of a hyperboloid cannot reach the slope.
 
     Examples
     --------
@@ -253,10 +253,10 @@ def generated_mirror(
     4.072351768
     """
     if callable(mapping):
-        made = TabulatedMapping.from_function(
+        tabulated = TabulatedMapping.from_function(
             mapping, rim.omega_max_deg, rim.theta_max_deg, rim.rim_radius_mm, omega_min_deg
         )
-        return MountedMirror(made, made.design_distance)
+        return MountedMirror(tabulated, tabulated.design_distance)
     mirror = mapped_mirror(mapping, rim, omega_min_deg, **entries)
     if isinstance(mirror, Conformal):
         return MountedMirror(mirror.surface, mirror.design_distance)
@@ -272,11 +272,11 @@ def mapped_mirror(
     if mapping not in MAPPINGS:
         raise InvalidParameter(f"mapping must be one of {', '.join(MAPPINGS)}; got {mapping!r}")
     cls = MAPPINGS[mapping]
-    given = {name: getattr(rim, name) for name in OF_FIELD if name in cls.PARAMETERS} | entries
+    parameters = {name: getattr(rim, name) for name in OF_FIELD if name in cls.PARAMETERS} | entries
     if omega_min_deg > 0 and cls is not TabulatedMapping:
-        given["omega_min_deg"] = omega_min_deg
-    check_entries(mapping, given)
-    mirror: MappingMirror = cls(**given)
+        parameters["omega_min_deg"] = omega_min_deg
+    check_entries(mapping, parameters)
+    mirror: MappingMirror = cls(**parameters)
     if (
         isinstance(mirror, TabulatedMapping)
         and abs(mirror.omega_deg[-1] - rim.omega_max_deg) > 1e-9
@@ -288,23 +288,23 @@ def mapped_mirror(
     return mirror
 
 
-def check_entries(mapping: str, given: Collection[str]) -> None:
+def check_entries(mapping: str, specified: Collection[str]) -> None:
     """Check the entries of a mapping for inapplicable and missing ones.
 
     Raises
     ------
     InvalidParameter
-        Inapplicable or missing entry, with its name.
+        If an entry is inapplicable or missing; the message contains its name.
     """
     cls = MAPPINGS[mapping]
     taken = (
         (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS
     )  # start of its table
-    if wrong := [name for name in given if name not in taken]:
+    if wrong := [name for name in specified if name not in taken]:
         raise InvalidParameter(
             f"{wrong[0]} must be omitted for the {mapping} mapping{_instead(wrong[0])}"
         )
-    if missing := [name for name in _needed(cls) if name not in (*given, *OF_FIELD)]:
+    if missing := [name for name in _needed(cls) if name not in (*specified, *OF_FIELD)]:
         raise InvalidParameter(f"the {mapping} mapping requires {' and '.join(missing)}")
 
 
@@ -351,7 +351,7 @@ def mappings(
     Raises
     ------
     InvalidParameter
-        Invalid combination of angles.
+        If the combination of angles are invalid.
 
     Examples
     --------
@@ -363,13 +363,13 @@ def mappings(
     omega_max_deg must be less than 90 deg for the rectifying mapping; got 120
     """
     rim = RimRay(omega_max_deg, theta_max_deg, 1.0)
-    found: dict[str, MountedMirror | OmnimirrorError] = {}
+    mirrors: dict[str, MountedMirror | OmnimirrorError] = {}
     for name in MAPPINGS:
         try:
-            found[name] = generated_mirror(name, rim)
+            mirrors[name] = generated_mirror(name, rim)
         except OmnimirrorError as e:
-            found[name] = e
-    return found
+            mirrors[name] = e
+    return mirrors
 
 
 # -- Mirrors corrected for the real lens and cover: pupil aberration, distortion and refraction ----
@@ -395,40 +395,40 @@ class LensAndCover:
 
     @property
     def are_ideal(self) -> bool:
-        """Return whether the camera is an ideal pinhole without a cover."""
+        """True if the camera is an ideal pinhole without a cover."""
         return self.lens.IS_THIN and self.housing.shell is None
 
     @property
     def keep_mapping(self) -> bool:
-        """Return whether all field angles of a mapping can be reached; a tube with another outer
+        """True if all field angles of a mapping can be reached; a tube with another outer
         medium excludes those near the axis.
         """
         shell = self.housing.shell
         return not (isinstance(shell, Tube) and shell.outer_index != 1.0)
 
-    def mounted(self, made: MountedMirror, theta_max_deg: float) -> MountedMirror:
+    def mounted(self, initial: MountedMirror, theta_max_deg: float) -> MountedMirror:
         """Return a mirror designed for a pinhole, at the lens distance of equal viewing angle."""
         place = float(self.lens.pupil.position(np.array([np.tan(np.radians(theta_max_deg))]))[0])
-        return MountedMirror(made.mirror, made.distance_mm + place, made.notes)
+        return MountedMirror(initial.mirror, initial.distance_mm + place, initial.notes)
 
-    def rays(self, made: MountedMirror, x: Array) -> ChiefRays:
+    def rays(self, mounted: MountedMirror, x: Array) -> ChiefRays:
         """Trace the chief rays (n,) of mirror points to the outside; not finite if blocked."""
-        return self._tracer(made)(x)
+        return self._tracer(mounted)(x)
 
-    def _cover(self, made: MountedMirror) -> Cover | None:
+    def _cover(self, mounted: MountedMirror) -> Cover | None:
         """Return the cover around a mirror; None without one."""
         if self.housing.shell is None:
             return None
-        return cover_of(Obstructions.of(self.housing, made.mirror, None, made.distance_mm))
+        return cover_of(Obstructions.of(self.housing, mounted.mirror, None, mounted.distance_mm))
 
-    def _tracer(self, made: MountedMirror) -> Callable[[Array], ChiefRays]:
+    def _tracer(self, mounted: MountedMirror) -> Callable[[Array], ChiefRays]:
         """Return the function that traces chief rays (n,) from one mirror to the outside."""
         with np.errstate(all="ignore"):
-            cover = self._cover(made)
+            cover = self._cover(mounted)
 
         def trace(x: Array) -> ChiefRays:
             with np.errstate(all="ignore"):
-                rays = trace_chief_rays(made.mirror, made.distance_mm, x, self.lens.pupil)
+                rays = trace_chief_rays(mounted.mirror, mounted.distance_mm, x, self.lens.pupil)
                 return rays if cover is None else cover.refracted(rays)
 
         return trace
@@ -444,16 +444,16 @@ class LensAndCover:
         inside = rim.omega_max_deg
         for _ in range(STEPS):
             own = RimRay(inside, rim.theta_max_deg, rim.rim_radius_mm)
-            found = self.mounted(make(own), rim.theta_max_deg)
+            mounted = self.mounted(make(own), rim.theta_max_deg)
             if self.housing.shell is None:
-                return found
-            rays = self.rays(found, np.array([rim.rim_radius_mm]))
+                return mounted
+            rays = self.rays(mounted, np.array([rim.rim_radius_mm]))
             missed = rim.omega_max_deg - float(np.degrees(rays.omega[0]))
             _check_out(missed, rim, self.housing)
             if abs(missed) < np.degrees(CLOSE):
-                return found
+                return mounted
             inside += missed * float(_inside_rate(rays)[0])
-        return found
+        return mounted
 
     def made_for_ends(
         self, make: Callable[[RimRay, float], MountedMirror], rim: RimRay, low_deg: float
@@ -470,18 +470,18 @@ class LensAndCover:
             rays of the centre, at the first mirror point with rays through the wall. An angle
             excluded by refraction is approached as closely as possible.
         """
-        wanted = np.array([low_deg, rim.omega_max_deg])
+        target = np.array([low_deg, rim.omega_max_deg])
         shell = self.housing.shell
         index = 1.0 if shell is None else shell.outer_index
         # Snell's law at parallel walls is exact for a tube and the initial value for a dome.
         cosines = np.clip(
-            index * np.cos(np.radians(wanted)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG))
+            index * np.cos(np.radians(target)), -1.0, np.cos(np.radians(MIN_CENTRE_DEG))
         )
         inside, before = np.degrees(np.arccos(cosines)), None
         for _ in range(ENDS_STEPS):
             own = RimRay(float(inside[1]), rim.theta_max_deg, rim.rim_radius_mm)
-            found = self.mounted(make(own, float(inside[0])), rim.theta_max_deg)
-            missed, rate = self._missed_at_ends(found, wanted)
+            mounted = self.mounted(make(own, float(inside[0])), rim.theta_max_deg)
+            missed, rate = self._missed_at_ends(mounted, target)
             _check_out(float(np.abs(missed).max()), rim, self.housing)
             if np.abs(missed).max() < np.degrees(CLOSE):
                 break
@@ -504,20 +504,20 @@ class LensAndCover:
             if is_settled:  # the angle cannot be reached
                 break
             inside[0] = np.clip(inside[0], MIN_CENTRE_DEG, inside[1] - MIN_CENTRE_DEG)
-        return found
+        return mounted
 
-    def _missed_at_ends(self, made: MountedMirror, wanted_deg: Array) -> tuple[Array, Array]:
+    def _missed_at_ends(self, mounted: MountedMirror, target_deg: Array) -> tuple[Array, Array]:
         """Return field angle errors at both ends of the field, deg, and d(inside)/d(outside)."""
         begin, rim, cover, trace = (
             0.0,
-            made.mirror.rim_radius_mm,
-            self._cover(made),
-            self._tracer(made),
+            mounted.mirror.rim_radius_mm,
+            self._cover(mounted),
+            self._tracer(mounted),
         )
         if cover is not None:
             begin = cover.first_visible_x(trace, 0.0, rim)
         rays = trace(np.array([begin, rim]))
-        return wanted_deg - np.degrees(rays.omega), _inside_rate(rays)
+        return target_deg - np.degrees(rays.omega), _inside_rate(rays)
 
     def made_for_mapping(self, exact: MappingMirror, rim: RimRay) -> MountedMirror:
         """Return the mirror that has a given mapping with lens and cover.
@@ -525,29 +525,31 @@ class LensAndCover:
         Raises
         ------
         InvalidParameter
-            Rays blocked by the cover.
+            If the cover blocks the rays.
         """
         x = rim.rim_radius_mm * np.linspace(0.0, 1.0, NODES)
         mirror: MappingMirror = exact
         inside: Array | None = None
         for _ in range(STEPS):
-            made = MountedMirror(mirror, mirror.design_distance)
+            mounted = MountedMirror(mirror, mirror.design_distance)
             tau = (
-                x if rim.theta_max_deg == 0 else x / (made.distance_mm + np.asarray(mirror.sag(x)))
+                x
+                if rim.theta_max_deg == 0
+                else x / (mounted.distance_mm + np.asarray(mirror.sag(x)))
             )
             tau = tau / tau[-1]
             inside = mirror.mapping(tau)[0]
-            found = self.mounted(made, rim.theta_max_deg)
-            rays = self.rays(found, x)
+            corrected = self.mounted(mounted, rim.theta_max_deg)
+            rays = self.rays(corrected, x)
             missed = exact.mapping(self.heights(rays))[0] - rays.omega
             _check_out(float(np.abs(missed).max()), rim, self.housing)
             if np.abs(missed).max() < CLOSE:
                 break
-            wanted = np.degrees(inside + missed * _inside_rate(rays))
-            mirror = TabulatedMapping.unchecked(wanted, tau, rim.theta_max_deg, rim.rim_radius_mm)
-        if isinstance(found.mirror, TabulatedMapping):
-            found.mirror.checked()
-        return found
+            target = np.degrees(inside + missed * _inside_rate(rays))
+            mirror = TabulatedMapping.unchecked(target, tau, rim.theta_max_deg, rim.rim_radius_mm)
+        if isinstance(corrected.mirror, TabulatedMapping):
+            corrected.mirror.checked()
+        return corrected
 
 
 def _inside_rate(rays: ChiefRays) -> Array:
@@ -566,12 +568,12 @@ def _check_out(missed: float, rim: RimRay, housing: Housing) -> None:
 
 
 def departure(
-    lens_and_cover: LensAndCover, made: MountedMirror, exact: MappingMirror, angles: int
+    lens_and_cover: LensAndCover, mounted: MountedMirror, exact: MappingMirror, angles: int
 ) -> float:
     """Return the largest deviation of the image height from a mapping, in rim heights."""
-    x = made.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
-    rays = lens_and_cover.rays(made, x)
+    x = mounted.mirror.rim_radius_mm * np.linspace(0.0, 1.0, angles)
+    rays = lens_and_cover.rays(mounted, x)
     tau = lens_and_cover.heights(rays)
-    wanted, rate = exact.mapping(tau)
-    seen = np.isfinite(rays.omega) & (rate > 0)
-    return float(np.abs((rays.omega - wanted) / np.where(rate > 0, rate, 1.0))[seen].max())
+    target, rate = exact.mapping(tau)
+    visible = np.isfinite(rays.omega) & (rate > 0)
+    return float(np.abs((rays.omega - target) / np.where(rate > 0, rate, 1.0))[visible].max())

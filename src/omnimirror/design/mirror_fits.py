@@ -32,7 +32,7 @@ Aim = Literal["worst-mapping", "mean-mapping", "sag"]
 NODES, TABLE = 400, 2001
 STEPS = 60  # of least squares
 SETTLED = 1e-4  # relative decrease of the largest deviation that ends the search
-EXACT, BEYOND = (
+EXACT, RIM_TOLERANCE = (
     1e-12,
     1e-13,
 )  # deviations that are not reduced further; deviation of the rim after a correction
@@ -55,8 +55,8 @@ class FitForm(NamedTuple):
         FitForm(kind='polynomial', terms=4)
         """
         match = re.fullmatch(r"(polynomial|asphere):(\d{1,3})", text.strip())
-        least = 1 if match and match[1] == "polynomial" else 0
-        if not match or not least <= int(match[2]) <= MAX_TERMS:
+        minimum = 1 if match and match[1] == "polynomial" else 0
+        if not match or not minimum <= int(match[2]) <= MAX_TERMS:
             raise InvalidParameter(
                 f"fit must be polynomial:N with 1 to {MAX_TERMS} terms, or asphere:N with "
                 f"0 to {MAX_TERMS} terms in addition to the conic; got {text!r}"
@@ -104,7 +104,7 @@ def fit_mirror(
     Raises
     ------
     InvalidParameter
-        Unknown form or aim, pointed mirror, or form with too few terms.
+        If form or aim are unknown, the mirror is pointed, or the form has too few terms.
 
     Examples
     --------
@@ -129,7 +129,7 @@ def fit_mirror(
             unknowns = problem.settle(unknowns, problem.deviation)
         if aim == "worst-mapping":
             unknowns = problem.level(unknowns)
-        return problem.judged(unknowns)
+        return problem.fitted_mirror(unknowns)
     except OmnimirrorError:
         raise InvalidParameter(
             f"no {form.kind} of {form.terms} terms approximates this {target.mirror.KIND} mirror; use more terms"
@@ -165,20 +165,21 @@ class _Problem:
 
     @cached_property
     def _powers(self) -> tuple[Array, Array]:
-        """Return the even powers of the form and their derivatives (n, terms) at the nodes."""
+        """Even powers of the form and their derivatives (n, terms) at the nodes."""
         n = 2 * (np.arange(self.form.terms) + self._first_power)
         x = self.nodes[:, None]
         return x**n, np.asarray(n * x ** (n - 1.0), dtype=float)
 
     @property
     def _first_power(self) -> int:
-        """Return half the exponent of the first power."""
+        """Half the exponent of the first power."""
         return 1 if self.form.kind == "polynomial" else 2
 
     def profile(self, p: Array) -> tuple[_Linear, _Linear]:
         """Return sag and slope at the nodes with their derivatives.
 
-        Both are linear in the coefficients; the derivatives by R and k of an asphere are complex steps.
+        Both are linear in the coefficients; the derivatives with respect to R and k of an asphere
+        are complex steps.
         """
         powers, rates = self._powers
         if self.form.kind == "polynomial":
@@ -271,13 +272,13 @@ class _Problem:
             return known[key]
 
         def value(h: Array) -> Array:
-            found = linear(h)
-            return np.full(NODES, np.nan) if found is None else found.value
+            fit = linear(h)
+            return np.full(NODES, np.nan) if fit is None else fit.value
 
         def jacobian(h: Array) -> Array:
-            found = linear(h)
-            assert found is not None  # the solver rejects steps to points without values
-            return found.jacobian[:, : h.size]
+            fit = linear(h)
+            assert fit is not None  # the solver rejects steps to points without values
+            return fit.jacobian[:, : h.size]
 
         tight = {"xtol": CLOSE, "ftol": CLOSE, "gtol": 1e-15, "max_nfev": STEPS}
         solution: Array = least_squares(value, head, jac=jacobian, x_scale="jac", **tight).x
@@ -300,23 +301,23 @@ class _Problem:
             return self._safely(self.deviation, p + back @ y)
 
         def values(y: Array) -> ObjectiveValues:
-            found = at(y)
-            value = np.full(NODES, np.nan) if found is None else found.value / scale
+            solution = at(y)
+            value = np.full(NODES, np.nan) if solution is None else solution.value / scale
             return ObjectiveValues(np.concatenate([value, -value]), value[-1:])
 
         def rows(y: Array) -> LinearisedValues:
-            found = at(y)
-            assert found is not None  # the solver rejects steps to points without values
-            jacobian = found.jacobian @ back / scale
+            solution = at(y)
+            assert solution is not None  # the solver rejects steps to points without values
+            jacobian = solution.jacobian @ back / scale
             return LinearisedValues(
                 *values(y), np.concatenate([jacobian, -jacobian]), jacobian[-1:]
             )
 
         free = np.full(p.size, np.inf)
-        found = solve_minimax(
+        solution = solve_minimax(
             values, rows, np.zeros(p.size), (-free, free), tolerance=SETTLED, initial_trust=1.0
         )
-        return self._with_rim(p + back @ found.y)
+        return self._with_rim(p + back @ solution.y)
 
     def _with_rim(self, p: Array) -> Array:
         """Apply the smallest change that gives the rim at least the target's field angle."""
@@ -325,7 +326,7 @@ class _Problem:
             if linear.value[-1] <= 0:
                 break
             row = linear.jacobian[-1]
-            p = p - row * (linear.value[-1] + BEYOND) / (row @ row)
+            p = p - row * (linear.value[-1] + RIM_TOLERANCE) / (row @ row)
         return p
 
     @staticmethod
@@ -337,11 +338,13 @@ class _Problem:
         """Return the residual, or None if the unknowns define no valid mirror."""
         try:
             with np.errstate(all="ignore"):
-                found = residual(p)
+                residuals = residual(p)
         except OmnimirrorError:
             return None
         return (
-            found if np.isfinite(found.value).all() and np.isfinite(found.jacobian).all() else None
+            residuals
+            if np.isfinite(residuals.value).all() and np.isfinite(residuals.jacobian).all()
+            else None
         )
 
     def mirror(self, p: Array) -> Mirror:
@@ -349,7 +352,7 @@ class _Problem:
             return EvenPolynomial(tuple(p), self.rim, self.rim)
         return ConicAsphere(float(p[0]) * self.rim, float(p[1]), self.rim, tuple(p[2:]), self.rim)
 
-    def judged(self, p: Array) -> FittedMirror:
+    def fitted_mirror(self, p: Array) -> FittedMirror:
         """Return the mirror with its deviations, computed from its own chief rays."""
         mirror, target = self.mirror(p), self.target
         theta = float(np.degrees(target.theta_max))
@@ -357,10 +360,10 @@ class _Problem:
         x = np.linspace(0, 1, 4 * NODES)[1:] * self.rim
         rays = Meridian(mirror, mounted.distance_mm).trace(x)
         inside = np.minimum(rays.omega, target.omega_max)
-        wanted = target.trace(target.x_from_omega(inside))
+        expected = target.trace(target.x_from_omega(inside))
         height, aim = (
             r.x / (self.rim if np.isinf(r.m) else r.w * np.tan(target.theta_max))
-            for r in (rays, wanted)
+            for r in (rays, expected)
         )
         _, rate = self._target_at(np.ones(1))
         aim = aim + (rays.omega - inside) / rate

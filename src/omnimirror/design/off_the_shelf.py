@@ -24,7 +24,7 @@ from .component_selection import rings_for
 from .designer import Design, design_of
 from .evaluated_field import counted_field
 from .ranges import ends, is_free
-from .requirement_check import Judgement, Verdict, evaluations, judge
+from .requirement_check import RequirementCheck, Verdict, check_requirements, evaluations
 from .requirements import PartsRequirements, Requirements
 
 # -- Sensor design for one combination of parts: mirror, aperture and focus ------------------------
@@ -41,7 +41,7 @@ SETTLED, ROUNDS = (
 
 
 @dataclass(frozen=True)
-class BoughtDesign:
+class PartsDesign:
     """Combination of parts with its sensor design.
 
     Attributes
@@ -66,7 +66,7 @@ class BoughtDesign:
 
     @property
     def is_met(self) -> bool:
-        """Return whether all requirements are met."""
+        """True if all requirements are met."""
         return self.design.is_met
 
     def to_dict(self) -> dict[str, Any]:
@@ -84,47 +84,51 @@ class BoughtDesign:
         return data
 
 
-def design_bought(
-    asked: Requirements, combination: PartsCombination, max_area_deg2: float = np.inf
-) -> BoughtDesign | str:
+def design_combination(
+    requested: Requirements, combination: PartsCombination, max_area_deg2: float = np.inf
+) -> PartsDesign | str:
     """Return the best sensor of a combination, or the reason for an early rejection.
 
     Parameters
     ----------
-    asked
+    requested
         Requirements with ``parts``.
     combination
         Combination that satisfies all necessary conditions.
     max_area_deg2
         Worst floored blur area of a cheaper design, an upper limit.
     """
-    own = requirements_with_parts(asked, combination)
+    own = requirements_with_parts(requested, combination)
     try:
-        made = _made(own, combination, max_area_deg2)
-        if isinstance(made, str):
-            return made
-        found = _judged(asked, own, combination, made.sensor, SEARCHED)
-        if not found.is_met:
-            return found
-        return _judged(asked, own, combination, made.sensor)
+        solution = _made(own, combination, max_area_deg2)
+        if isinstance(solution, str):
+            return solution
+        result = _evaluated(requested, own, combination, solution.sensor, SEARCHED)
+        if not result.is_met:
+            return result
+        return _evaluated(requested, own, combination, solution.sensor)
     except OmnimirrorError:
         return "no feasible mirror"
 
 
-def _judged(
-    asked: Requirements,
+def _evaluated(
+    requested: Requirements,
     own: Requirements,
     combination: PartsCombination,
     sensor: Sensor,
     angles: int | None = None,
-) -> BoughtDesign:
-    verdict = judge(own, sensor) if angles is None else judge(own, sensor, angles=angles)
-    assert asked.parts is not None
+) -> PartsDesign:
+    verdict = (
+        check_requirements(own, sensor)
+        if angles is None
+        else check_requirements(own, sensor, angles=angles)
+    )
+    assert requested.parts is not None
     ring, reasons = 0.0, list[str]()
     if isinstance(combination.lens, LensComponent):
         ring, reasons = rings_for(combination.lens, sensor.lens.focus_distance_mm)
     mass = mass_g(sensor, combination.parts)
-    rows = [*verdict.rows, *whole_rows(asked.parts, combination, sensor, mass)]
+    rows = [*verdict.rows, *whole_rows(requested.parts, combination, sensor, mass)]
     if reasons:
         nearest = (
             combination.lens.minimum_focus_mm
@@ -132,7 +136,7 @@ def _judged(
             else 0.0
         )
         rows.append(
-            Judgement(
+            RequirementCheck(
                 "minimum_focus_mm",
                 "mm",
                 nearest,
@@ -144,7 +148,7 @@ def _judged(
     notes = (f"parts: {combination.name}", *((f"extension rings of {ring:g} mm",) if ring else ()))
     design = design_of(Verdict(verdict.requirements, verdict.sensor, tuple(rows)), notes)
     area = worst_area(own, sensor)
-    return BoughtDesign(combination, design, ring, combination.price, mass, area)
+    return PartsDesign(combination, design, ring, combination.price, mass, area)
 
 
 def worst_area(own: Requirements, sensor: Sensor) -> float:
@@ -156,7 +160,7 @@ def worst_area(own: Requirements, sensor: Sensor) -> float:
 
 def whole_rows(
     parts: PartsRequirements, combination: PartsCombination, sensor: Sensor, mass: float | None
-) -> list[Judgement]:
+) -> list[RequirementCheck]:
     """Return the requirement rows of the whole sensor."""
     size = outer_size(sensor, combination.parts)
     reached = {
@@ -166,9 +170,9 @@ def whole_rows(
         "height_mm": (parts.max_height_mm, size.height_mm, "mm"),
     }
     return [
-        Judgement(f"whole, {name}", unit, None, most, np.nan if value is None else value)
-        for name, (most, value, unit) in reached.items()
-        if most is not None
+        RequirementCheck(f"whole, {name}", unit, None, maximum, np.nan if value is None else value)
+        for name, (maximum, value, unit) in reached.items()
+        if maximum is not None
     ]
 
 
@@ -238,25 +242,25 @@ def _of_ball(settled: Requirements, ball: BallComponent) -> Candidate | str:
     theta = 0.0
     for _ in range(ROUNDS):
         rim = _rim_mm(settled, theta, ball)
-        made = make(settled.changed(rim_radius_mm=rim))
-        before, theta = theta, float(np.degrees(made.sensor.meridian.theta_max))
+        candidate = make(settled.changed(rim_radius_mm=rim))
+        before, theta = theta, float(np.degrees(candidate.sensor.meridian.theta_max))
         if abs(theta - before) < SETTLED:
             break
     if not low * (1 - SETTLED) <= rim <= high * (1 + SETTLED):
         return "different rim radius"
-    return made
+    return candidate
 
 
-def check_free(asked: Requirements) -> None:
+def check_free(requested: Requirements) -> None:
     """Check that no free range conflicts with a mirror ball.
 
     Raises
     ------
     InvalidParameter
-        Conflicting range.
+        If a range conflicts with the parts.
     """
-    assert asked.parts is not None
-    if asked.parts.mirror == "ball" and is_free(asked.lens.theta_max_deg):
+    assert requested.parts is not None
+    if requested.parts.mirror == "ball" and is_free(requested.lens.theta_max_deg):
         raise InvalidParameter(
             "theta_max_deg must be omitted or a number for a mirror ball from a catalogue, not a range"
         )
@@ -269,7 +273,7 @@ def check_free(asked: Requirements) -> None:
 # them for the front of price and blur, which retains those sharper than every cheaper one.
 
 BLOCK = 32  # combinations per process with the same limit of the blur
-FEW = 64  # up to this number, no other processes are used
+MAX_SERIAL_COMBINATIONS = 64  # up to this number, no other processes are used
 
 
 @dataclass(frozen=True)
@@ -293,8 +297,8 @@ class PartsSearch:
     """
 
     requirements: Requirements
-    found: tuple[BoughtDesign, ...]
-    nearest: BoughtDesign | None
+    found: tuple[PartsDesign, ...]
+    nearest: PartsDesign | None
     combinations: int
     cut: dict[str, int]
     missed: dict[str, int]
@@ -302,7 +306,7 @@ class PartsSearch:
 
     @property
     def is_met(self) -> bool:
-        """Return whether a combination meets all requirements."""
+        """True if a combination meets all requirements."""
         return bool(self.found)
 
     def to_dict(self) -> dict[str, Any]:
@@ -366,14 +370,14 @@ def design_from_parts(
     Examples
     --------
     >>> import omnimirror as om
-    >>> asked = om.Requirements(
+    >>> requirements = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=120),
     ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=30),
     ...     lens=om.LensRequirements(f_number=(1, 16)),
     ...     limits=[om.Limit("total_blur_deg", at_most=0.6)],
     ...     parts=om.PartsRequirements(max_price=150),
     ... )
-    >>> search = om.design_from_parts(asked, max_designs=2)
+    >>> search = om.design_from_parts(requirements, max_designs=2)
     >>> [round(design.price) for design in search.found] == sorted(round(design.price) for design in search.found)
     True
     """
@@ -386,11 +390,11 @@ def design_from_parts(
     integer("processes", processes, 1)
     check_free(requirements)
     catalogue = read_catalogue(*requirements.parts.catalogue) if catalogue is None else catalogue
-    for name, asked, there in (
+    for name, requested, there in (
         ("ball", requirements.parts.mirror == "ball", catalogue.balls),
         ("dome", requirements.parts.dome, catalogue.domes),
     ):
-        if asked and not there:
+        if requested and not there:
             raise InvalidParameter(f"the catalogue must contain a {name}, required by parts")
     everything = combinations_of(catalogue, requirements)
     reasons = [cut(requirements, combination) for combination in everything]
@@ -402,12 +406,12 @@ def design_from_parts(
         Counter(r for r in reasons if r is not None),
     )
     left = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
-    say = on_step or (lambda words: None)
+    on_progress = on_step or (lambda words: None)
     # Closed at a signal too: otherwise the worker processes would outlive the command
     with closing(_designed(requirements, left, processes, tally)) as answers:
         for i, answer in enumerate(answers):
             tally.take(answer)
-            say(f"{i + 1} of {len(left)} combinations, {len(tally.found)} feasible")
+            on_progress(f"{i + 1} of {len(left)} combinations, {len(tally.found)} feasible")
             if tally.is_full:
                 break
     return tally.result()
@@ -415,16 +419,16 @@ def design_from_parts(
 
 def _designed(
     requirements: Requirements, combinations: list[PartsCombination], processes: int, tally: _Tally
-) -> Generator[BoughtDesign | str, None, None]:
+) -> Generator[PartsDesign | str, None, None]:
     """Yield the results of the combinations in their order."""
-    if processes == 1 or len(combinations) <= FEW:
+    if processes == 1 or len(combinations) <= MAX_SERIAL_COMBINATIONS:
         for combination in combinations:
-            yield design_bought(requirements, combination, tally.max_area_deg2)
+            yield design_combination(requirements, combination, tally.max_area_deg2)
         return
     with WorkerPool(processes) as pool:
         for first in range(0, len(combinations), BLOCK * processes):
             block, limit = combinations[first : first + BLOCK * processes], tally.max_area_deg2
-            yield from pool.map(design_bought, [(requirements, c, limit) for c in block])
+            yield from pool.map(design_combination, [(requirements, c, limit) for c in block])
 
 
 @dataclass
@@ -436,12 +440,12 @@ class _Tally:
     max_designs: int
     combinations: int
     cut: Counter[str]
-    found: list[BoughtDesign] = field(default_factory=list)
-    nearest: BoughtDesign | None = None
+    found: list[PartsDesign] = field(default_factory=list)
+    nearest: PartsDesign | None = None
     missed: Counter[str] = field(default_factory=Counter)
     taken: int = 0
 
-    def take(self, answer: BoughtDesign | str) -> None:
+    def take(self, answer: PartsDesign | str) -> None:
         """Record the result of the next combination."""
         self.taken += 1
         if isinstance(answer, str):
@@ -460,7 +464,7 @@ class _Tally:
 
     @property
     def max_area_deg2(self) -> float:
-        """Return, for a front, the upper limit of the blur area of the next design."""
+        """Upper limit, for a front, of the blur area of the next design."""
         areas = [design.worst_floored_area_deg2 for design in self.found] if self.front else []
         return min(areas, default=np.inf)
 

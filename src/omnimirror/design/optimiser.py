@@ -107,13 +107,13 @@ class Objective:
 
     @property
     def is_about_sharpness(self) -> bool:
-        """Return whether the goal or a limit depends on the focus."""
+        """True if the goal or a limit depends on the focus."""
         own = isinstance(self.goal, Merit) and self.goal.is_sharpness
         return own or any(limit.of.is_sharpness for limit in self.space.problem.limits)
 
     @property
-    def asked(self) -> tuple[Key, ...]:
-        """Return the keys of all limits, image size and view past the camera."""
+    def requested(self) -> tuple[Key, ...]:
+        """Keys of all limits, image size and view past the camera."""
         problem = self.space.problem
         keys: list[Key] = [*range(len(problem.limits))]
         keys += [IMAGE] if problem.has_image_to_fit else []
@@ -131,7 +131,7 @@ class Objective:
 
     @cached_property
     def _scale(self) -> float:
-        """Return the scale of the rows, the rim radius for lengths."""
+        """Scale of the rows, the rim radius for lengths."""
         is_length = isinstance(self.goal, Merit) and self.goal.quantity.unit == "mm"
         return ends(self.space.problem.rim_radius_mm)[1] if is_length else 1.0
 
@@ -141,24 +141,24 @@ class Objective:
         with np.errstate(all="ignore"):
             required = dict(self._requirements(state))
             constraints = [MIN_DOMEGA_DU - state.domega_du, MIN_COS_INCIDENCE - state.cos_incidence]
-            given, margin = tuple[Key, ...](), TIGHT
+            specified, margin = tuple[Key, ...](), TIGHT
             if isinstance(self.goal, Slack):
-                given, margin = self.goal.keys, TIGHT + self.goal.margin
-                rows = [required[key] for key in given] + [
+                specified, margin = self.goal.keys, TIGHT + self.goal.margin
+                rows = [required[key] for key in specified] + [
                     self._moved(y, *n) for n in self.goal.numbers
                 ]
                 objective = _beside(rows, len(y))
             else:
                 objective = self._merit(self.goal, state)
-            constraints += [margin + part for key, part in required.items() if key not in given]
+            constraints += [margin + part for key, part in required.items() if key not in specified]
             return objective, _beside(constraints, len(y))
 
     def _moved(
-        self, y: RealOrComplexArray, name: str, asked: float, sign: int
+        self, y: RealOrComplexArray, name: str, requested: float, sign: int
     ) -> RealOrComplexArray:
         """Return the relative change of a free number."""
         value = np.exp(y[:, self.space.names.index(name), None])
-        moved: RealOrComplexArray = sign * (value / asked - 1)
+        moved: RealOrComplexArray = sign * (value / requested - 1)
         return moved
 
     def _merit(self, merit: Merit, state: State) -> RealOrComplexArray:
@@ -220,9 +220,9 @@ def _beside(rows: list[RealOrComplexArray], count: int) -> RealOrComplexArray:
 COARSE, FINE = 241, 1201  # field angles of the search and of the final refinement
 POLISH_TRUST = 1e-3
 CLOSE, CLOSER = 1e-6, 1e-7  # relative gains that end the search and the refinement
-FEW, KNOT_STEP = 16, 12  # knots of a first spline, and increment of the number of knots
+INITIAL_KNOTS, KNOT_STEP = 16, 12  # knots of a first spline, and increment of the number of knots
 WAVES, HEIGHT = 4, 0.05  # undulations of the random starts: number and relative height
-KEPT = 1e-6  # largest constraint violation of a feasible design
+FEASIBILITY_TOLERANCE = 1e-6  # largest constraint violation of a feasible design
 REFOCUSED = 3  # refocusing iterations for merits independent of sharpness
 
 
@@ -299,7 +299,7 @@ class Optimum:
 
     @cached_property
     def bound(self) -> BlurBound:
-        """Return the lower bound of the worst single blur for the same field, rim and lens, at the
+        """Lower bound of the worst single blur for the same field, rim and lens, at the
         most demanding object distance.
         """
         problem = self.problem
@@ -349,9 +349,9 @@ def optimise(
     Raises
     ------
     InvalidParameter
-        Unknown merit, or no start.
+        If the merit is unknown, or there is no start.
     OmnimirrorError
-        No feasible design.
+        If there is no feasible design.
     KeyboardInterrupt
         Interruption (Ctrl-C) before the first start is finished; later, the best finished result is
         returned.
@@ -373,13 +373,13 @@ def optimise(
     >>> float(result.area_px2.min() / result.area_px2.max()) > 0.8999
     True
     """
-    found = optimised(problem, merit, starts, seed, resume, on_progress)
-    if not isinstance(found, Optimum):
+    optimum = optimised(problem, merit, starts, seed, resume, on_progress)
+    if not isinstance(optimum, Optimum):
         raise OmnimirrorError(
             f"no mirror of {problem.terms} terms of {problem.family} meets all limits; use "
             "more terms, more starts, or looser limits"
         )
-    return found
+    return optimum
 
 
 def optimised(
@@ -399,13 +399,13 @@ def optimised(
     runs = _finished(resume, header)[:starts]
     try:
         for i in range(len(runs), starts):
-            said = (
+            on_step = (
                 (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v))))
                 if on_progress
                 else None
             )
-            name, y = _start_of_many(space, merit, i, seed, said)
-            runs.append(_run(name, _kept_first(coarse, y, said), coarse))
+            name, y = _start_of_many(space, merit, i, seed, on_step)
+            runs.append(_run(name, _kept_first(coarse, y, on_step), coarse))
             if resume is not None:
                 write_text(
                     resume,
@@ -424,17 +424,17 @@ def _start_of_many(
 ) -> tuple[str, Array]:
     """Return a start; for many knots the optimum with fewer, which avoids local minima."""
     problem = space.problem
-    if problem.family != SlopeSpline.KIND or problem.terms <= FEW:
+    if problem.family != SlopeSpline.KIND or problem.terms <= INITIAL_KNOTS:
         return start(space, index, seed)
-    fewer = DesignSpace(replace(problem, terms=max(FEW, problem.terms - KNOT_STEP)))
+    fewer = DesignSpace(replace(problem, terms=max(INITIAL_KNOTS, problem.terms - KNOT_STEP)))
     objective = Objective(fewer, merit_named(merit), coarse_nodes(fewer.problem))
     name, y = _start_of_many(fewer, merit, index, seed, on_step)
-    found = _kept_first(objective, y, on_step).y
+    result = _kept_first(objective, y, on_step).y
     try:
-        mirror = fewer.sensor(found).mirror
+        mirror = fewer.sensor(result).mirror
     except OmnimirrorError:  # no valid mirror: start with all knots
         return start(space, index, seed)
-    rest = found[fewer.family.terms - 1 :]
+    rest = result[fewer.family.terms - 1 :]
     return name, _shaped(space, mirror, np.concatenate([np.zeros(space.dim - rest.size), rest]))
 
 
@@ -442,15 +442,17 @@ def _kept_first(
     objective: Objective, y: Array, on_step: Callable[[float], None] | None
 ) -> MinimaxResult:
     """Optimise one start; if infeasible, repeat from the point of minimum violation."""
-    found = follow(objective, y, tolerance=CLOSE, on_step=on_step)
-    if found.violation < KEPT:
-        return found
-    keys = objective.asked
+    result = follow(objective, y, tolerance=CLOSE, on_step=on_step)
+    if result.violation < FEASIBILITY_TOLERANCE:
+        return result
+    keys = objective.requested
     if not keys:
-        return found
-    least = follow(replace(objective, goal=Slack(keys)), found.y, tolerance=CLOSE)
+        return result
+    minimum = follow(replace(objective, goal=Slack(keys)), result.y, tolerance=CLOSE)
     return (
-        follow(objective, least.y, tolerance=CLOSE, on_step=on_step) if least.value < 0 else found
+        follow(objective, minimum.y, tolerance=CLOSE, on_step=on_step)
+        if minimum.value < 0
+        else result
     )
 
 
@@ -458,17 +460,17 @@ def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
     """Return the best run, refined over the fine field angles."""
     best = min((r for r in runs if r.kept), key=lambda r: r.value)
     fine = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, FINE))
-    found = follow(fine, np.array(best.y), tolerance=CLOSER, initial_trust=POLISH_TRUST)
+    optimum = follow(fine, np.array(best.y), tolerance=CLOSER, initial_trust=POLISH_TRUST)
     if not fine.is_about_sharpness:
         for _ in range(REFOCUSED):
-            found = follow(
-                fine, _focused(space, found.y), tolerance=CLOSER, initial_trust=POLISH_TRUST
+            optimum = follow(
+                fine, _focused(space, optimum.y), tolerance=CLOSER, initial_trust=POLISH_TRUST
             )
-    value = fine.shown(found.value)
+    value = fine.shown(optimum.value)
     sensor = space.sensor(
-        found.y, f"optimised-{merit.replace('_', '-')}", _notes(space.problem, merit, value)
+        optimum.y, f"optimised-{merit.replace('_', '-')}", _notes(space.problem, merit, value)
     )
-    return Optimum(space.problem, merit, sensor, value, found.y, tuple(runs))
+    return Optimum(space.problem, merit, sensor, value, optimum.y, tuple(runs))
 
 
 def coarse_nodes(problem: DesignProblem) -> Array:
@@ -499,10 +501,14 @@ def _focused(space: DesignSpace, y: Array) -> Array:
     return at_best
 
 
-def _run(name: str, found: MinimaxResult, objective: Objective) -> Run:
-    history = tuple(objective.shown(v) for v in found.history)
+def _run(name: str, result: MinimaxResult, objective: Objective) -> Run:
+    history = tuple(objective.shown(v) for v in result.history)
     return Run(
-        name, tuple(found.y.tolist()), objective.shown(found.value), found.violation < KEPT, history
+        name,
+        tuple(result.y.tolist()),
+        objective.shown(result.value),
+        result.violation < FEASIBILITY_TOLERANCE,
+        history,
     )
 
 
@@ -515,8 +521,8 @@ def start(space: DesignSpace, index: int, seed: int) -> tuple[str, Array]:
         name: np.sqrt(np.prod(ends(getattr(space.problem, name)))) for name in space.problem.free
     }
     y = np.array([np.log(middle[n]) if n in middle else FIRST.get(n, 0.0) for n in space.names])
-    given = space.given(y[None])
-    omega, theta, M = (float(v[0, 0]) for v in (given.omega_max, given.theta, given.M))
+    specified = space.given(y[None])
+    omega, theta, M = (float(v[0, 0]) for v in (specified.omega_max, specified.theta, specified.M))
     sphere = Sphere(M / float(np.sin((omega - theta) / 2)), M)
     if index == 1:
         mirror: Mirror = Equidistant(float(np.degrees(omega)), float(np.degrees(theta)), M)
@@ -614,7 +620,7 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
 
 def _notes(problem: DesignProblem, merit: str, value: float) -> str:
     q = merit_named(merit).quantity
-    found = f"Optimised: {q.title}, {value:.5g} {q.unit}".rstrip()
+    sentence = f"Optimised: {q.title}, {value:.5g} {q.unit}".rstrip()
     distances = " and ".join(f"{d:g}" for d in problem.distances_mm)
     shape = f"{problem.family} of {problem.terms} terms, object at {distances} mm"
-    return f"{found}; {shape}, blur by the {problem.mode} form."
+    return f"{sentence}; {shape}, blur by the {problem.mode} form."

@@ -29,7 +29,7 @@ from .designer import Design, design_of
 from .freeform import FreeformDesignSpace, freeform_notes, problem_of
 from .merits import Merit, merit_named
 from .optimiser import described, optimise, problem_from, start, violation_rows
-from .requirement_check import judge
+from .requirement_check import check_requirements
 from .requirement_files import requirements_of
 from .requirements import UNNAMED, Requirements
 
@@ -143,10 +143,10 @@ def evolved(contest: Contest, alive: Generation, generations: int, seed: int) ->
         )
     seed_here = int(np.random.SeedSequence([seed, alive.number]).generate_state(1)[0] >> 1)
     with np.errstate(all="ignore"):
-        found = minimize(
+        result = minimize(
             Comparison(), algorithm, ("n_gen", generations + 1), seed=seed_here, verbose=False
         )
-    return Generation(alive.number + generations, found.pop.get("X"), alive.box)
+    return Generation(alive.number + generations, result.pop.get("X"), alive.box)
 
 
 # -- Pareto fronts of merits: non-dominated designs of one space of freeform mirrors ---------------
@@ -198,12 +198,12 @@ class Front:
 
     @property
     def requirements(self) -> Requirements:
-        """Return the requirements common to all designs."""
+        """Requirements common to all designs."""
         return self.space.requirements
 
     @property
     def focus_mm(self) -> Array:
-        """Return the focus distances of the designs (n,)."""
+        """Focus distances of the designs (n,)."""
         return self.space.designs.focus_mm(self.y)
 
     def sensor(self, i: int) -> Sensor:
@@ -222,7 +222,7 @@ class Front:
         Raises
         ------
         InvalidParameter
-            Index out of range.
+            If the index is out of range.
         """
         if not -len(self) <= i < len(self):
             raise InvalidParameter(f"the index must be from 0 to {len(self) - 1}; got {i}")
@@ -250,11 +250,12 @@ class Front:
         Raises
         ------
         InvalidParameter
-            Index out of range.
+            If the index is out of range.
         """
         sensor = self.sensor(i)
         return design_of(
-            judge(self.requirements, sensor), freeform_notes(self.space.problem, sensor)
+            check_requirements(self.requirements, sensor),
+            freeform_notes(self.space.problem, sensor),
         )
 
 
@@ -302,7 +303,7 @@ def pareto(
         Requirements without an optimised mirror; fewer than two merits, an unknown or repeated
         merit; a population or number of generations below 1.
     OmnimirrorError
-        Missing package pymoo or pyarrow, or a file of another search.
+        If pymoo or pyarrow is missing, or the file belongs to another search.
     KeyboardInterrupt
         Interruption (Ctrl-C) before the first generation is complete; later, the front of the last
         saved generation is returned.
@@ -386,7 +387,7 @@ def load_front(path: str | Path) -> Front:
     Raises
     ------
     OmnimirrorError
-        Missing package pyarrow, or invalid file.
+        If pyarrow is missing, or the file is invalid.
 
     Examples
     --------

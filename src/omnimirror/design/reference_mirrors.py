@@ -22,7 +22,7 @@ from .mirror_construction import FAMILIES, MountedMirror, RimRay, generated_mirr
 from .optimiser import start
 
 PAPER = {"SPH": "paper-spherical", "E-DI": "paper-equidistant", "SVP": "paper-hyperboloidal"}
-PAPER_FIELD, PAPER_THETA, NEAR = (
+PAPER_FIELD, PAPER_THETA, PAPER_TOLERANCE = (
     135.0,
     12.0,
     0.02,
@@ -45,7 +45,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     first = space.sensor(start(space, 0, 0)[1])
     theta = 0.0 if problem.is_telecentric else float(np.degrees(first.meridian.theta_max))
     rim = RimRay(first.field_deg[1], theta, first.mirror.rim_radius_mm)
-    found = {}
+    sensors = {}
     for name, make in _makers(rim):
         with suppress(OmnimirrorError):  # a mapping that is impossible for this field
             mounted = make()
@@ -54,17 +54,20 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
                 if problem.is_telecentric
                 else float(first.lens.pupil.position(np.array([np.tan(np.radians(theta))]))[0])
             )
-            found[name] = replace(
+            sensors[name] = replace(
                 first,
                 mirror=mounted.mirror,
                 mirror_distance_mm=mounted.distance_mm + place,
                 name=name,
             )
-    return found
+    return sensors
 
 
 def _makers(rim: RimRay) -> Iterator[tuple[str, Callable[[], MountedMirror]]]:
-    if abs(rim.omega_max_deg - PAPER_FIELD) < NEAR and abs(rim.theta_max_deg - PAPER_THETA) < NEAR:
+    if (
+        abs(rim.omega_max_deg - PAPER_FIELD) < PAPER_TOLERANCE
+        and abs(rim.theta_max_deg - PAPER_THETA) < PAPER_TOLERANCE
+    ):
         for name, file in PAPER.items():
             yield name, lambda file=file: _scaled(load_sensor(file), rim.rim_radius_mm)  # type: ignore[misc]
     else:
@@ -97,7 +100,7 @@ def merit_values(
     """
     sensor.check("comparing with a front", "single mirror")
     rim = sensor.mirror.rim_radius_mm
-    least = float(
+    minimum = float(
         sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0])))
     )
     common: dict[str, Any] = {
@@ -105,7 +108,7 @@ def merit_values(
         "image_radius_px": problem.image_radius_px,
         "wavelength_nm": problem.wavelength_nm,
     }
-    x, distances = np.linspace(least, rim, 1001), np.array(problem.distances_mm)
+    x, distances = np.linspace(minimum, rim, 1001), np.array(problem.distances_mm)
     if focus_by is not None:
         omega = np.degrees(sensor.meridian.trace(x).omega)
         angles, far = np.tile(omega, distances.size), np.repeat(distances, omega.size)

@@ -13,13 +13,13 @@ import numpy as np
 from ..base.errors import OmnimirrorError
 from ..optics.image_sensor import Imager
 from ..optics.mirrors.mappings import MAPPINGS
-from ._design_space import BestDesign, Point, Say, Space
+from ._design_space import BestDesign, OnProgress, Point, Space
 from ._parameter_search import RangeSearch, Ranked
 from .catalogue import ImagerComponent, read_catalogue
 from .limits import Limit
 from .mirror_construction import FAMILIES
 from .optimiser import IMAGE, Key, Slack
-from .requirement_check import Judgement, Verdict, judge, unit_of
+from .requirement_check import RequirementCheck, Verdict, check_requirements, unit_of
 from .requirements import OF_MAPPINGS, Requirements
 
 # -- Discrete alternatives for infeasible requirements: apex, mirror, filled side, imager ----------
@@ -44,7 +44,7 @@ class Alternative:
     ----------
     entry
         Entry of the requirement file, for example ``"mirror.apex"``.
-    asked, value
+    requested, value
         Requested value and alternative.
     missed
         Requirements that the alternative misses; empty if it meets all.
@@ -53,19 +53,19 @@ class Alternative:
     """
 
     entry: str
-    asked: str
+    requested: str
     value: str
     missed: tuple[str, ...]
     worst: float
 
     @property
     def is_met(self) -> bool:
-        """Return whether the alternative meets all requirements."""
+        """True if the alternative meets all requirements."""
         return not self.missed
 
 
 def find_alternatives(
-    requirements: Requirements, verdict: Verdict, say: Say
+    requirements: Requirements, verdict: Verdict, on_progress: OnProgress
 ) -> Iterator[Alternative]:
     """Yield the alternatives that meet all requirements or violate them less than a design does.
 
@@ -73,27 +73,27 @@ def find_alternatives(
     ----------
     verdict
         Design with the requested choices.
-    say
+    on_progress
         Callback for progress messages, called before each alternative.
     """
     screened = list[tuple[Choice, Ranked]]()
     for choice in _choices(requirements):
-        say(f"alternative {choice.entry} = {choice.value}")
-        if (found := RangeSearch(choice.requirements).screened(SCREENED)) is not None:
-            screened.append((choice, found))
+        on_progress(f"alternative {choice.entry} = {choice.value}")
+        if (result := RangeSearch(choice.requirements).screened(SCREENED)) is not None:
+            screened.append((choice, result))
     screened.sort(
         key=lambda pair: max(pair[1].cost, 0.0)
     )  # those that meet all requirements in their order
     left = SEARCHED
-    for choice, found in screened:
-        if found.cost > 0 and left:
+    for choice, result in screened:
+        if result.cost > 0 and left:
             left -= 1
-            say(f"alternative {choice.entry} = {choice.value}: search")
-            found = RangeSearch(choice.requirements).followed(found, enough=0.0)
-        reached = judge(choice.requirements, found.made.sensor)
+            on_progress(f"alternative {choice.entry} = {choice.value}: search")
+            result = RangeSearch(choice.requirements).followed(result, enough=0.0)
+        reached = check_requirements(choice.requirements, result.made.sensor)
         if reached.is_met or reached.worst < (1 - MIN_GAIN) * verdict.worst:
             yield Alternative(
-                choice.entry, choice.asked, choice.value, reached.missed, reached.worst
+                choice.entry, choice.requested, choice.value, reached.missed, reached.worst
             )
 
 
@@ -101,7 +101,7 @@ class Choice(NamedTuple):
     """Alternative of an entry of the requirement file, with the changed requirements."""
 
     entry: str
-    asked: str
+    requested: str
     value: str
     requirements: Requirements
 
@@ -129,15 +129,15 @@ def _choices(requirements: Requirements) -> Iterator[Choice]:
         for name in MAPPINGS
         if name not in (kind, "tabulated-mapping", "cylinder", "ground-plane")
     ]
-    for entry, asked, value, entries in choices:
+    for entry, requested, value, entries in choices:
         try:
-            yield Choice(entry, asked, value, requirements.changed(**entries))
+            yield Choice(entry, requested, value, requirements.changed(**entries))
         except OmnimirrorError:  # the choice does not fit the other entries
             continue
     for part in _larger_imagers(requirements):
-        asked = f"{imager.width_px} x {imager.height_px} px of {imager.pixel_pitch_um:g} um"
+        requested = f"{imager.width_px} x {imager.height_px} px of {imager.pixel_pitch_um:g} um"
         larger = Imager(part.width_px, part.height_px, part.pixel_pitch_um)
-        yield Choice("imager", asked, part.name, replace(requirements, imager=larger))
+        yield Choice("imager", requested, part.name, replace(requirements, imager=larger))
 
 
 def _larger_imagers(requirements: Requirements) -> list[ImagerComponent]:
@@ -164,12 +164,12 @@ def _larger_imagers(requirements: Requirements) -> list[ImagerComponent]:
 
 Span = tuple[float, float]
 
-FARTHEST = 10.0  # maximum factor of relaxation
+MAX_RELAXATION = 10.0  # maximum factor of relaxation
 ROOM = 0.45  # share of the distance to edge-on view, for each of two varied angles
-MORE = (0.0, 1e-4, 1e-3, 1e-2)  # relative widening until a relaxation is verified
+WIDENINGS = (0.0, 1e-4, 1e-3, 1e-2)  # relative widening until a relaxation is verified
 DIGITS = 5  # significant digits of the results
 STILL = 1e-6  # relative changes below this are 0
-NEAR = 4e-3  # relative accuracy of a threshold
+THRESHOLD_ACCURACY = 4e-3  # relative accuracy of a threshold
 IDLE = 0.01  # largest relative increase of the others for an unnecessary relaxation
 RANGES = {
     "omega_max_deg": (1.0, 179.0),
@@ -192,7 +192,7 @@ class Relaxation:
     name
         Name of the requirement; for a limit with its part of the field.
     unit
-    asked
+    requested
     needed
         Required value; None if no value is sufficient.
     limit
@@ -201,34 +201,34 @@ class Relaxation:
 
     name: str
     unit: str
-    asked: float
+    requested: float
     needed: float | None
     limit: int | None = None
 
     @property
     def share(self) -> float | None:
-        """Return the relative change; None without a required value or for a request of 0."""
-        if self.needed is None or self.asked == 0:
+        """Relative change; None without a required value or for a request of 0."""
+        if self.needed is None or self.requested == 0:
             return None
-        return abs(self.needed - self.asked) / abs(self.asked)
+        return abs(self.needed - self.requested) / abs(self.requested)
 
     @property
     def gives(self) -> bool:
-        """Return whether the required value differs from the requested one."""
-        return self.needed is not None and self.needed != self.asked
+        """True if the required value differs from the requested one."""
+        return self.needed is not None and self.needed != self.requested
 
     def giving(self, factor: float) -> Relaxation:
         """Return the relaxation scaled by a factor, rounded outwards."""
         if self.needed is None:
             return self
-        needed = self.asked + factor * (self.needed - self.asked)
-        return replace(self, needed=outwards(needed, 1 if needed > self.asked else -1))
+        needed = self.requested + factor * (self.needed - self.requested)
+        return replace(self, needed=outwards(needed, 1 if needed > self.requested else -1))
 
     def widened(self, share: float) -> Relaxation:
         """Return the relaxation widened by a relative amount, rounded outwards."""
-        if self.needed is None or self.needed == self.asked:
+        if self.needed is None or self.needed == self.requested:
             return self
-        way = 1 if self.needed > self.asked else -1
+        way = 1 if self.needed > self.requested else -1
         return replace(self, needed=outwards(self.needed + way * share * abs(self.needed), way))
 
 
@@ -267,7 +267,7 @@ Holds = Callable[[Sequence[Relaxation]], bool | None]
 def find_conflict(
     space: Space,
     best: BestDesign,
-    say: Say = lambda words: None,
+    on_progress: OnProgress = lambda words: None,
     alternatives: Iterable[Alternative] = (),
 ) -> Conflict | None:
     """Analyse the conflict of infeasible requirements; return None if all are met.
@@ -278,7 +278,7 @@ def find_conflict(
         Design space around the best design.
     best
         Design with the smallest violation.
-    say
+    on_progress
         Callback with the current step and the number of steps, called before each step.
     alternatives
         Discrete choices, evaluated during iteration.
@@ -291,11 +291,11 @@ def find_conflict(
     count = len(_names(space, best)) + 1
     try:
         for advice, point in _alone(
-            space, best, lambda name: say(f"relaxation {len(alone) + 1} of {count}: {name}")
+            space, best, lambda name: on_progress(f"relaxation {len(alone) + 1} of {count}: {name}")
         ):
             holds = partial(_holds, space, point)
             alone.append(nearest(verified(advice, holds), holds))
-        say(f"relaxation {count} of {count}: all requirements together")
+        on_progress(f"relaxation {count} of {count}: all requirements together")
         joint = _jointly(space, best, sorted(alone, key=_by_share))
         others.extend(alternatives)
     except KeyboardInterrupt:
@@ -320,20 +320,20 @@ def _by_share(r: Relaxation) -> tuple[bool, float]:
 # -- verification of relaxations -------------------------------------------------------------------
 
 
-def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirements:
+def relaxed(requirements: Requirements, relaxations: Iterable[Relaxation]) -> Requirements:
     """Return the requirements with some of them relaxed.
 
     Raises
     ------
     SpecError
-        Inconsistent requirements.
+        If the requirements are inconsistent.
     """
     limits, entries, imager = list(requirements.limits), {}, requirements.imager
-    for r in given:
+    for r in relaxations:
         if r.needed is None:
             continue
         if r.limit is not None:
-            limits[r.limit] = _with_side(limits[r.limit], r.asked, r.needed)
+            limits[r.limit] = _with_side(limits[r.limit], r.requested, r.needed)
         elif r.name == IMAGE:
             more = ceil(r.needed - requirements.largest_image_px)
             centre = imager.centre_px and (imager.centre_px[0] + more, imager.centre_px[1] + more)
@@ -348,39 +348,45 @@ def relaxed(requirements: Requirements, given: Iterable[Relaxation]) -> Requirem
     return replace(requirements.changed(**entries), limits=tuple(limits), imager=imager)
 
 
-def _with_side(limit: Limit, asked: float, needed: float) -> Limit:
+def _with_side(limit: Limit, requested: float, needed: float) -> Limit:
     """Return the limit with another value of the requested bound."""
     return (
         replace(limit, at_most=needed)
-        if limit.at_most == asked
+        if limit.at_most == requested
         else replace(limit, at_least=needed)
     )
 
 
 def _holds(
-    space: Space, point: Point, given: Sequence[Relaxation], is_local: bool = False
+    space: Space, point: Point, relaxations: Sequence[Relaxation], is_local: bool = False
 ) -> bool | None:
     """Return whether a design meets the relaxed requirements; None if the mirror does not exist."""
     try:
-        return space.meeting(relaxed(space.requirements, given), point, is_local) is not None
+        return space.meeting(relaxed(space.requirements, relaxations), point, is_local) is not None
     except OmnimirrorError:
         return None
 
 
-def _least_wide(variants: Sequence[Sequence[Relaxation]], holds: Holds) -> Sequence[Relaxation]:
+def _minimum_widening(
+    variants: Sequence[Sequence[Relaxation]], holds: Holds
+) -> Sequence[Relaxation]:
     """Return the first feasible relaxation of an increasing sequence; none if all fail."""
     first, *between, last = variants
     if holds(first):
         return first
-    return next((given for given in between if holds(given)), last) if holds(last) else ()
+    return (
+        next((relaxations for relaxations in between if holds(relaxations)), last)
+        if holds(last)
+        else ()
+    )
 
 
 def verified(r: Relaxation, holds: Holds) -> Relaxation:
     """Return the relaxation rounded and widened if necessary, or without a value."""
     if not r.gives:
         return r
-    found = _least_wide([[r.widened(share)] for share in MORE], holds)
-    return found[0] if found else replace(r, needed=None)
+    result = _minimum_widening([[r.widened(share)] for share in WIDENINGS], holds)
+    return result[0] if result else replace(r, needed=None)
 
 
 def nearest(r: Relaxation, holds: Holds) -> Relaxation:
@@ -391,45 +397,51 @@ def nearest(r: Relaxation, holds: Holds) -> Relaxation:
     """
     if not r.gives or r.needed is None:
         return r
-    step = NEAR * abs(r.needed) / abs(r.needed - r.asked)  # relative to the relaxation
-    far, tried = 1.0, 1.0 - step
-    while tried > 0 and holds([r.giving(tried)]):
-        far, step = tried, 2 * step
-        tried = far - step
-    near = max(tried, 0.0)
-    while far < 1 and (far - near) * abs(r.needed - r.asked) > NEAR * abs(r.needed):
+    step = (
+        THRESHOLD_ACCURACY * abs(r.needed) / abs(r.needed - r.requested)
+    )  # relative to the relaxation
+    far, trial = 1.0, 1.0 - step
+    while trial > 0 and holds([r.giving(trial)]):
+        far, step = trial, 2 * step
+        trial = far - step
+    near = max(trial, 0.0)
+    while far < 1 and (far - near) * abs(r.needed - r.requested) > THRESHOLD_ACCURACY * abs(
+        r.needed
+    ):
         middle = (near + far) / 2
         near, far = (near, middle) if holds([r.giving(middle)]) else (middle, far)
     return r if far == 1 else r.giving(far)
 
 
-def verified_together(given: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
+def verified_together(relaxations: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
     """Return several simultaneous relaxations as :func:`verified`; none if infeasible."""
-    rounded = tuple(r.widened(0.0) for r in given)
-    found = _least_wide([tuple(r.widened(more) for r in given) for more in MORE], holds)
+    rounded = tuple(r.widened(0.0) for r in relaxations)
+    result = _minimum_widening(
+        [tuple(r.widened(more) for r in relaxations) for more in WIDENINGS], holds
+    )
     # a number may be at the end of its possible range; then only the limits can be widened
     limits_wider = [
-        tuple(r if r.limit is None else r.widened(more) for r in rounded) for more in MORE[1:]
+        tuple(r if r.limit is None else r.widened(more) for r in rounded) for more in WIDENINGS[1:]
     ]
-    return tuple(found or _least_wide(limits_wider, holds))
+    return tuple(result or _minimum_widening(limits_wider, holds))
 
 
-def without_idle(given: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxation, ...]:
+def without_idle(relaxations: tuple[Relaxation, ...], holds: Holds) -> tuple[Relaxation, ...]:
     """Return the necessary ones of simultaneous relaxations, testing the smallest first.
 
     A relaxation is unnecessary if the others are feasible without it after an increase of at most 1
     %; or the limits among them, if a number is at the end of its possible range.
     """
-    for r in sorted(given, key=lambda r: r.share or 0.0):
-        rest = tuple(other for other in given if other.name != r.name)
+    for r in sorted(relaxations, key=lambda r: r.share or 0.0):
+        rest = tuple(other for other in relaxations if other.name != r.name)
         if not rest:
             break
         more = tuple(other.giving(1 + IDLE) for other in rest)
         limits_more = tuple(o if o.limit is None else m for o, m in zip(rest, more, strict=True))
         held = holds(more)
         if held or (held is None and holds(limits_more)):
-            given = more if held else limits_more
-    return given
+            relaxations = more if held else limits_more
+    return relaxations
 
 
 def outwards(value: float, way: int) -> float:
@@ -454,46 +466,48 @@ def _names(space: Space, best: BestDesign) -> list[str]:
     return [*(row.label for row in best.verdict.limits), *others, *space.numbers]
 
 
-def _is_other(space: Space, row: Judgement) -> bool:
+def _is_other(space: Space, row: RequirementCheck) -> bool:
     """Return whether a row is a missed requirement other than limits and numbers."""
     return not (row.is_limit or row.is_met or row.name in space.numbers)
 
 
-def _alone(space: Space, best: BestDesign, say: Say) -> Iterator[tuple[Relaxation, Point]]:
+def _alone(
+    space: Space, best: BestDesign, on_progress: OnProgress
+) -> Iterator[tuple[Relaxation, Point]]:
     """Yield each individually relaxed requirement with a feasible design."""
     for i, row in enumerate(best.verdict.limits):
-        say(row.label)
+        on_progress(row.label)
         yield _limit_gives(space, best, i, row)
     for row in best.verdict.rows:
         if _is_other(space, row):
-            say(row.name)
+            on_progress(row.name)
             yield _limit_gives(space, best, row.name, row)
     for name in space.numbers:
-        say(name)
+        on_progress(name)
         yield _number_gives(space, best, name)
 
 
 def _limit_gives(
-    space: Space, best: BestDesign, key: Key, row: Judgement
+    space: Space, best: BestDesign, key: Key, row: RequirementCheck
 ) -> tuple[Relaxation, Point]:
     """Minimise the violation of one requirement with all others met."""
     advice = Relaxation(
-        row.label, row.unit, _asked(row), None, key if isinstance(key, int) else None
+        row.label, row.unit, _required_value(row), None, key if isinstance(key, int) else None
     )
     if best.verdict.missed == (
         row.label,
     ):  # the best design violates only this one, by the smallest amount
         return replace(advice, needed=row.reached), best.point
-    found = space.reach(best.point, Slack((key,))) if key in space.keys else None
+    result = space.reach(best.point, Slack((key,))) if key in space.keys else None
     if (
-        found is None
+        result is None
         and isinstance(key, int)
         and (begin := _without(space, best, replace(advice, needed=_far(row))))
     ):
-        found = space.reach(begin, Slack((key,)))
-    if found is None:
+        result = space.reach(begin, Slack((key,)))
+    if result is None:
         return advice, best.point
-    return replace(advice, needed=_after_giving(row, max(found.share, 0.0))), found.point
+    return replace(advice, needed=_after_giving(row, max(result.share, 0.0))), result.point
 
 
 def _without(space: Space, best: BestDesign, r: Relaxation) -> Point | None:
@@ -504,45 +518,49 @@ def _without(space: Space, best: BestDesign, r: Relaxation) -> Point | None:
         return None
 
 
-def _far(row: Judgement) -> float:
+def _far(row: RequirementCheck) -> float:
     """Return the value of a limit at its maximum relaxation."""
-    asked = _asked(row)
-    return asked * FARTHEST if (asked == row.at_most) == (asked > 0) else asked / FARTHEST
+    requested = _required_value(row)
+    return (
+        requested * MAX_RELAXATION
+        if (requested == row.at_most) == (requested > 0)
+        else requested / MAX_RELAXATION
+    )
 
 
-def _asked(row: Judgement) -> float:
+def _required_value(row: RequirementCheck) -> float:
     """Return the violated bound of the limit, or the nearer one."""
     sides = [v for v in (row.at_least, row.at_most) if v is not None]
     return min(sides, key=lambda v: abs(v - row.reached))
 
 
-def _after_giving(row: Judgement, share: float) -> float:
+def _after_giving(row: RequirementCheck, share: float) -> float:
     """Return the value of a requirement after a relative relaxation."""
-    asked = _asked(row)
-    return asked + (1 if asked == row.at_most else -1) * share * row.scale
+    requested = _required_value(row)
+    return requested + (1 if requested == row.at_most else -1) * share * row.scale
 
 
 def _number_gives(space: Space, best: BestDesign, name: str) -> tuple[Relaxation, Point]:
     """Return the nearest value of a given number with all other requirements met."""
-    asked, found = space.numbers[name], []
+    requested, results = space.numbers[name], []
     for way in (-1, 1):
         low, high = _span(space, name, way)
         if low < high:
             freed = space.freed({name: (low, high)})
             begin = space.towards(best.point, name, way, (low, high))
-            if (there := freed.reach(begin, Slack((), ((name, asked, way),)))) is not None:
-                found.append((freed.value(there.point, name), there.point))
-    if not found:
-        return Relaxation(name, unit_of(name), asked, None), best.point
-    needed, point = min(found, key=lambda f: abs(f[0] - asked))
-    return Relaxation(name, unit_of(name), asked, needed), point
+            if (there := freed.reach(begin, Slack((), ((name, requested, way),)))) is not None:
+                results.append((freed.value(there.point, name), there.point))
+    if not results:
+        return Relaxation(name, unit_of(name), requested, None), best.point
+    needed, point = min(results, key=lambda f: abs(f[0] - requested))
+    return Relaxation(name, unit_of(name), requested, needed), point
 
 
 def _span(space: Space, name: str, way: int) -> Span:
     """Return the range of a given number in one direction, without an edge-on rim and without
     exclusion of a part of the field that a limit refers to.
     """
-    asked, field = space.numbers[name], space.requirements.field
+    requested, field = space.numbers[name], space.requirements.field
     low, high = RANGES.get(name, LENGTHS)
     if name in ANGLES:
         omega, theta = field.omega_max_deg, space.numbers.get("theta_max_deg", 0.0)
@@ -554,9 +572,12 @@ def _span(space: Space, name: str, way: int) -> Span:
         high = min(high, omega - 1)
     if name == "omega_min_deg":
         high = field.omega_max_deg - 1
-    reach = abs(asked) * FARTHEST
-    low, high = max(low, asked - reach if asked < 0 else asked / FARTHEST), min(high, asked + reach)
-    return (low, asked) if way < 0 else (asked, high)
+    reach = abs(requested) * MAX_RELAXATION
+    low, high = (
+        max(low, requested - reach if requested < 0 else requested / MAX_RELAXATION),
+        min(high, requested + reach),
+    )
+    return (low, requested) if way < 0 else (requested, high)
 
 
 # -- joint relaxations -----------------------------------------------------------------------------
@@ -573,17 +594,17 @@ class Joint(NamedTuple):
 def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[Relaxation, ...]:
     """Return the joint relaxations of minimal largest change; empty unless two are needed."""
     spans, ways = _freedom(space, alone)
-    found = _least_joint(space, best, spans, ways)
-    if found is None:
+    result = _minimum_joint(space, best, spans, ways)
+    if result is None:
         return ()
-    holds = partial(_holds, space, found.point, is_local=True)
-    advice = verified_together(found.given, holds)
+    holds = partial(_holds, space, result.point, is_local=True)
+    advice = verified_together(result.given, holds)
     needed = without_idle(advice, holds)
     if len(needed) < len(
         advice
     ):  # repeat without the others: smaller relaxations may be sufficient
         names = {r.name for r in needed}
-        again = _least_joint(
+        again = _minimum_joint(
             space,
             best,
             {name: span for name, span in spans.items() if name in names},
@@ -599,7 +620,7 @@ def _jointly(space: Space, best: BestDesign, alone: list[Relaxation]) -> tuple[R
     return needed if len(needed) > 1 else ()
 
 
-def _least_joint(
+def _minimum_joint(
     space: Space,
     best: BestDesign,
     spans: dict[str, Span],
@@ -614,22 +635,22 @@ def _least_joint(
         return None
     freed = space.freed(spans)
     numbers = tuple((name, space.numbers[name], way) for name, way in ways)
-    found = freed.reach(best.point, Slack(tuple(i for i, _ in rows), numbers))
-    if found is None:
+    result = freed.reach(best.point, Slack(tuple(i for i, _ in rows), numbers))
+    if result is None:
         return None
-    missed = freed.missed(found.point)
-    given = [
-        Relaxation(row.label, row.unit, _asked(row), _after_giving(row, missed[i]), i)
+    missed = freed.missed(result.point)
+    relaxations = [
+        Relaxation(row.label, row.unit, _required_value(row), _after_giving(row, missed[i]), i)
         for i, row in rows
         if missed[i] > STILL
     ]
-    values = {name: freed.value(found.point, name) for name in spans}
-    given += [
+    values = {name: freed.value(result.point, name) for name in spans}
+    relaxations += [
         Relaxation(name, unit_of(name), space.numbers[name], value)
         for name, value in values.items()
         if abs(value / space.numbers[name] - 1) > STILL
     ]
-    return Joint(tuple(given), found.share, found.point)
+    return Joint(tuple(relaxations), result.share, result.point)
 
 
 def _freedom(
@@ -642,7 +663,7 @@ def _freedom(
     """
     spans, ways = dict[str, Span](), list[tuple[str, int]]()
     for r in (r for r in alone if r.limit is None and r.name in space.numbers):
-        signs = (-1, 1) if r.needed is None else (int(np.sign(r.needed - r.asked)),)
+        signs = (-1, 1) if r.needed is None else (int(np.sign(r.needed - r.requested)),)
         room = {
             way: span for way in signs if way and (span := _span(space, r.name, way))[0] < span[1]
         }
@@ -658,6 +679,6 @@ def _freedom(
             180 - omega - theta, omega - theta, omega - space.requirements.field.omega_min_deg
         )
         for name in ANGLES:
-            asked, (low, high) = space.numbers[name], spans[name]
-            spans[name] = max(low, asked - room_deg), min(high, asked + room_deg)
+            requested, (low, high) = space.numbers[name], spans[name]
+            spans[name] = max(low, requested - room_deg), min(high, requested + room_deg)
     return spans, ways

@@ -18,11 +18,11 @@ from ..base.files import json_plain
 from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
-from .evaluated_field import JudgedRange, counted_field, cut_off, distances_of
-from .limits import SHARED, Limit, told_part
+from .evaluated_field import EvaluatedRange, counted_field, cut_off, distances_of
+from .limits import SHARED, Limit, format_part
 from .merits import FieldValues, values_of_evaluation
 from .ranges import ends, ends_or_none
-from .requirements import FARTHEST_FOCUS, Requirements
+from .requirements import MAX_FOCUS, Requirements
 
 # -- Requirement check of a sensor: requested value, reached value and margin of each requirement
 
@@ -32,7 +32,7 @@ REPORTED, MAX_ANGLES = 1001, 100_000  # field angles
 
 
 @dataclass(frozen=True)
-class Judgement:
+class RequirementCheck:
     """Check of one requirement.
 
     Attributes
@@ -69,21 +69,21 @@ class Judgement:
 
     @property
     def margin(self) -> float:
-        """Return the distance to the limit; negative only for a missed requirement."""
+        """Distance to the limit; negative only for a missed requirement."""
         return max(self._difference, 0.0) if self.is_met else self._difference
 
     @property
     def _difference(self) -> float:
-        """Return the margin without the tolerance."""
+        """Margin without the tolerance."""
         sides = [self.reached - self.at_least] if self.at_least is not None else []
         sides += [self.at_most - self.reached] if self.at_most is not None else []
         return min(sides)
 
     @property
     def scale(self) -> float:
-        """Return the magnitude of the requested value, the unit for comparing margins."""
-        asked = [abs(v) for v in (self.at_least, self.at_most) if v is not None]
-        return max(asked) or 1.0
+        """Magnitude of the requested value, the unit for comparing margins."""
+        limits = [abs(v) for v in (self.at_least, self.at_most) if v is not None]
+        return max(limits) or 1.0
 
     @property
     def is_met(self) -> bool:
@@ -91,13 +91,13 @@ class Judgement:
 
     @property
     def shortfall(self) -> float:
-        """Return the relative violation; negative if the requirement is met."""
+        """Relative violation; negative if the requirement is met."""
         return -self._difference / self.scale
 
     @property
     def label(self) -> str:
-        """Return the name with the part of the field."""
-        return self.name + told_part(self.part_deg)
+        """Name with the part of the field."""
+        return self.name + format_part(self.part_deg)
 
 
 @dataclass(frozen=True)
@@ -112,26 +112,26 @@ class Verdict:
 
     requirements: Requirements
     sensor: Sensor
-    rows: tuple[Judgement, ...]
+    rows: tuple[RequirementCheck, ...]
 
     @property
     def is_met(self) -> bool:
-        """Return whether all requirements are met."""
+        """True if all requirements are met."""
         return not self.missed
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Return the labels of the missed requirements."""
+        """Labels of the missed requirements."""
         return tuple(row.label for row in self.rows if not row.is_met)
 
     @property
-    def limits(self) -> tuple[Judgement, ...]:
-        """Return the rows of the limits."""
+    def limits(self) -> tuple[RequirementCheck, ...]:
+        """Rows of the limits."""
         return tuple(row for row in self.rows if row.is_limit)
 
     @property
     def worst(self) -> float:
-        """Return the largest relative violation; 0 if all requirements are met."""
+        """Largest relative violation; 0 if all requirements are met."""
         return max((row.shortfall for row in self.rows if not row.is_met), default=0.0)
 
     def to_dict(self) -> dict[str, Any]:
@@ -152,7 +152,9 @@ def unit_of(name: str) -> str:
     return next((unit for unit in ("deg", "mm", "px") if name.endswith(f"_{unit}")), "")
 
 
-def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED) -> Verdict:
+def check_requirements(
+    requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED
+) -> Verdict:
     """Check a sensor against requirements at its own focus.
 
     The check concerns the properties of the sensor, not its construction: mapping, family and fit
@@ -175,7 +177,7 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     Raises
     ------
     InvalidParameter
-        Lens of another kind, or a limit for a part of the field without a view.
+        If the lens is of another kind, or a limit applies to a part of the field without a view.
 
     Examples
     --------
@@ -188,7 +190,7 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     ...     lens=om.LensRequirements(focal_length_mm=11.6),
     ...     limits=[om.Limit("total_blur_px", at_most=3.0)],
     ... )
-    >>> verdict = om.judge(requirements, om.load_sensor("paper-spherical"))
+    >>> verdict = om.check_requirements(requirements, om.load_sensor("paper-spherical"))
     >>> verdict.is_met, verdict.missed
     (False, ('total_blur_px',))
     >>> blur = verdict.limits[0]
@@ -213,32 +215,32 @@ def judge(requirements: Requirements, sensor: Sensor, *, angles: int = REPORTED)
     return Verdict(requirements, sensor, tuple(rows))
 
 
-def given_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+def given_rows(requirements: Requirements, sensor: Sensor) -> list[RequirementCheck]:
     """Return the rows of all requirements except limits: field, imager and given numbers."""
     return [*_field_rows(requirements, sensor), *_part_rows(requirements, sensor)]
 
 
-def _field_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+def _field_rows(requirements: Requirements, sensor: Sensor) -> list[RequirementCheck]:
     field, counted = requirements.field, counted_field(requirements.field, sensor)
     low, high = sensor.field_deg[0], counted.hidden_from_deg
-    rows = [Judgement("omega_max_deg", "deg", field.omega_max_deg, None, high)]
+    rows = [RequirementCheck("omega_max_deg", "deg", field.omega_max_deg, None, high)]
     if field.omega_min_deg > 0 or low > 0:  # otherwise obscuration by the housing is permitted
         begin = max(low, counted.hidden_deg)
-        rows.append(Judgement("omega_min_deg", "deg", None, field.omega_min_deg, begin))
+        rows.append(RequirementCheck("omega_min_deg", "deg", None, field.omega_min_deg, begin))
     return rows
 
 
-def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
+def _part_rows(requirements: Requirements, sensor: Sensor) -> list[RequirementCheck]:
     """Return the rows of mirror, lens and imager."""
     lens, largest = requirements.lens, requirements.largest_image_px
     rows = [
-        Judgement(
+        RequirementCheck(
             "rim_radius_mm",
             "mm",
             *ends(requirements.mirror.rim_radius_mm),
             sensor.mirror.rim_radius_mm,
         ),
-        Judgement(
+        RequirementCheck(
             "image_radius_px",
             "px",
             None,
@@ -261,14 +263,14 @@ def _part_rows(requirements: Requirements, sensor: Sensor) -> list[Judgement]:
     for name, value in reached.items():
         span = ends_or_none(getattr(lens, name))
         if span is not None:
-            most = None if span[0] < span[1] == FARTHEST_FOCUS else span[1]
-            rows.append(Judgement(name, unit_of(name), span[0], most, value))
+            maximum = None if span[0] < span[1] == MAX_FOCUS else span[1]
+            rows.append(RequirementCheck(name, unit_of(name), span[0], maximum, value))
     return rows
 
 
 def _limits_over_temperatures(
     requirements: Requirements, sensor: Sensor, angles: int
-) -> list[Judgement]:
+) -> list[RequirementCheck]:
     """Return the rows of the limits at their smallest margins over the temperatures."""
     rows = _limit_rows(requirements, sensor, angles)
     for temperature in requirements.temperatures_c or ():
@@ -281,7 +283,7 @@ def _limits_over_temperatures(
     return rows
 
 
-def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list[Judgement]:
+def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list[RequirementCheck]:
     """Return the rows of the limits, each at its worst field angle and object distance."""
     counted = counted_field(requirements.field, sensor)
     parts = {limit.omega_deg: counted.part(limit.omega_deg) for limit in requirements.limits}
@@ -301,31 +303,38 @@ def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list
 
 def _limit_row(
     limit: Limit, fields: list[tuple[FieldValues, Array]], remarks: tuple[str, ...]
-) -> Judgement:
+) -> RequirementCheck:
     """Return the row of one limit from the field values of each object distance."""
     sides = [(True, limit.at_most)] if limit.at_most is not None else []
     sides += [(False, limit.at_least)] if limit.at_least is not None else []
     rows = []
     for largest, _ in sides:
-        found = [(*limit.of.extreme(field, largest), omega) for field, omega in fields]
-        value = (max if largest else min)(v for v, _, _ in found)
+        extremes = [(*limit.of.extreme(field, largest), omega) for field, omega in fields]
+        value = (max if largest else min)(v for v, _, _ in extremes)
         where = [
             omega[i]
-            for v, i, omega in found
+            for v, i, omega in extremes
             if i is not None and abs(v - value) <= SHARED * abs(value)
         ]
         at = float(min(where)) if where else None
-        asked = (limit.at_least, limit.at_most)
+        limits = (limit.at_least, limit.at_most)
         rows.append(
-            Judgement(
-                limit.name, limit.of.unit, *asked, value, at, limit.omega_deg, True, remarks=remarks
+            RequirementCheck(
+                limit.name,
+                limit.of.unit,
+                *limits,
+                value,
+                at,
+                limit.omega_deg,
+                True,
+                remarks=remarks,
             )
         )
     return min(rows, key=lambda row: row.margin)
 
 
 def _remarks(
-    limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: JudgedRange
+    limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor, part: EvaluatedRange
 ) -> tuple[str, ...]:
     """Return remarks on excluded field angles and on the diffraction limit."""
     is_of_the_field = any(values.shape[-1] > 1 for values in limit.of.parts(fields[0][0]))
@@ -397,7 +406,7 @@ def temperature_range(
     Parameters
     ----------
     requirements
-        Requirements as in :func:`omnimirror.judge`.
+        Requirements as in :func:`omnimirror.check_requirements`.
     sensor
         Sensor with ``thermal`` properties.
     coldest_c, warmest_c
@@ -411,20 +420,20 @@ def temperature_range(
     Raises
     ------
     InvalidParameter
-        Sensor without thermal properties, or a range without its reference.
+        If the sensor has no thermal properties, or its reference is outside the range.
 
     Examples
     --------
     >>> import omnimirror as om
     >>> from dataclasses import replace
-    >>> wanted = om.Requirements(
+    >>> requirements = om.Requirements(
     ...     field=om.FieldRequirements(omega_max_deg=130.0),
     ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.905),
     ...     lens=om.LensRequirements(theta_max_deg=12.0),
     ...     limits=(om.Limit("total_blur_px", at_most=7.9),),
     ... )
     >>> thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
-    >>> found = temperature_range(wanted, replace(om.load_sensor("paper-spherical"), thermal=thermal))
+    >>> found = temperature_range(requirements, replace(om.load_sensor("paper-spherical"), thermal=thermal))
     >>> found.low_c, found.high_c, found.above
     (-40.0, 48.9, ('total_blur_px',))
     """
@@ -451,16 +460,16 @@ def _end(
     missed: tuple[str, ...] = ()
     step = float(np.copysign(STEP_K, end - met))
     while met != end:
-        tried = end if abs(end - met) <= STEP_K else met + step
-        if missed := _missed(requirements, sensor, tried):
+        trial = end if abs(end - met) <= STEP_K else met + step
+        if missed := _missed(requirements, sensor, trial):
             break
-        met = tried
+        met = trial
     else:
         return end, ()
-    while abs(tried - met) > CLOSE_K:
-        middle = (met + tried) / 2
-        if found := _missed(requirements, sensor, middle):
-            tried, missed = middle, found
+    while abs(trial - met) > CLOSE_K:
+        middle = (met + trial) / 2
+        if violations := _missed(requirements, sensor, middle):
+            trial, missed = middle, violations
         else:
             met = middle
     return round(met, 1), missed
@@ -471,7 +480,7 @@ def _missed(requirements: Requirements, sensor: Sensor, temperature_c: float) ->
     manufacture and may expand.
     """
     try:
-        rows = judge(
+        rows = check_requirements(
             replace(requirements, temperatures_c=None), at_temperature(sensor, temperature_c)
         ).rows
     except OmnimirrorError as e:  # invalid sensor

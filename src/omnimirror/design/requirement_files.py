@@ -112,8 +112,8 @@ def load_requirements(
     Raises
     ------
     SpecError
-        Missing file; invalid TOML; unknown, missing or invalid entry. The message contains the
-        file, the line and the valid values.
+        If a file is missing, the TOML text or an entry is invalid. The message contains
+        the file, the line and the valid values.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def format_requirements(requirements: Requirements) -> str:
     Raises
     ------
     InvalidParameter
-        Argument that is not an :class:`omnimirror.Requirements`.
+        If the argument is not an :class:`omnimirror.Requirements`.
 
     Examples
     --------
@@ -253,22 +253,22 @@ def _thermal(table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
         TemperatureTable, "thermal", {k: v for k, v in table.items() if k == "range_c"}, where
     ).range_c
     entries = {name: value for name, value in table.items() if name != "range_c"}
-    said = validated(table_model(Thermal), "thermal", entries, where).model_dump()
-    thermal = where.wrap(("thermal",), lambda: Thermal(**said))
+    properties = validated(table_model(Thermal), "thermal", entries, where).model_dump()
+    thermal = where.wrap(("thermal",), lambda: Thermal(**properties))
     return {"thermal": thermal, "temperatures_c": None if span is None else tuple(span)}
 
 
 def _parts(table: dict[str, Any], where: SourceLocator, folder: Path | None) -> PartsRequirements:
     """Return the parts requirements, with catalogue paths relative to the file."""
-    found = PartsRequirements.read(table, where)
-    if folder is None and any(name != TYPICAL for name in found.catalogue):
+    parts = PartsRequirements.read(table, where)
+    if folder is None and any(name != TYPICAL for name in parts.catalogue):
         raise where.error(
             ("parts", "catalogue"),
             "parts.catalogue must be omitted unless the requirements are in a file",
         )
     base = folder or Path()
     return replace(
-        found, catalogue=tuple(n if n == TYPICAL else str(base / n) for n in found.catalogue)
+        parts, catalogue=tuple(n if n == TYPICAL else str(base / n) for n in parts.catalogue)
     )
 
 
@@ -414,9 +414,9 @@ def requirements_like(sensor: Sensor, **mirror: Any) -> Requirements:
     Raises
     ------
     InvalidParameter
-        Sensor with two mirrors.
+        If the sensor has two mirrors.
     SpecError
-        Missing construction method, or invalid entry.
+        If the construction method is missing, or an entry is invalid.
 
     Examples
     --------

@@ -56,7 +56,7 @@ def check_consistency(requirements: Requirements) -> None:
     Raises
     ------
     EntryError
-        Inconsistent entry; the error contains its path and a message with valid values.
+        If the entry is inconsistent; the error contains its path and a message with valid values.
     """
     field, mirror, lens = requirements.field, requirements.mirror, requirements.lens
     if field.omega_min_deg >= field.omega_max_deg:
@@ -73,7 +73,7 @@ def check_consistency(requirements: Requirements) -> None:
     _check_objects(requirements)
     _check_parts(requirements)
     _check_optics(requirements)
-    _check_lens(lens, is_bought=requirements.parts is not None)
+    _check_lens(lens, is_catalogue_lens=requirements.parts is not None)
     _check_camera(requirements)
     _check_temperatures(requirements)
     _check_limits(requirements.limits, field)
@@ -126,11 +126,17 @@ def _check_forms(mirror: MirrorRequirements) -> None:
 def _check_mapping(mapping: str, mirror: MirrorRequirements, field: FieldRequirements) -> None:
     """Check the parameters of a mapping: complete, applicable and within their ranges."""
     parameters = MAPPINGS[mapping].PARAMETERS
-    given = {name: value for name in OF_MAPPINGS if (value := getattr(mirror, name)) is not None}
-    names = [*given, "omega_min_deg"] if mirror.is_pointed and field.omega_min_deg > 0 else [*given]
-    wrong = next((name for name in given if name not in parameters), "mapping")
+    specified = {
+        name: value for name in OF_MAPPINGS if (value := getattr(mirror, name)) is not None
+    }
+    names = (
+        [*specified, "omega_min_deg"]
+        if mirror.is_pointed and field.omega_min_deg > 0
+        else [*specified]
+    )
+    wrong = next((name for name in specified if name not in parameters), "mapping")
     NullLocator().wrap(("mirror", wrong), lambda: check_entries(mapping, names))
-    for name, value in given.items():
+    for name, value in specified.items():
         NullLocator().wrap(("mirror", name), partial(parameters[name].check, name, value))
     if mirror.omega_deg is not None and mirror.height is not None:
         omega, height = mirror.omega_deg, mirror.height
@@ -273,7 +279,7 @@ def _check_optics(requirements: Requirements) -> None:
         raise EntryError(("lens", "optics"), "lens.optics and parts must not be given together")
 
 
-def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:
+def _check_lens(lens: LensRequirements, is_catalogue_lens: bool = False) -> None:
     if lens.is_telecentric:
         for name in OF_PERSPECTIVE:
             if getattr(lens, name) is not None:
@@ -285,7 +291,7 @@ def _check_lens(lens: LensRequirements, is_bought: bool = False) -> None:
         raise EntryError(
             ("lens", "magnification"), "lens.magnification requires an orthographic lens"
         )
-    if lens.focal_length_mm is None and lens.theta_max_deg is None and not is_bought:
+    if lens.focal_length_mm is None and lens.theta_max_deg is None and not is_catalogue_lens:
         raise EntryError(
             ("lens",), "lens requires focal_length_mm or theta_max_deg, a number or a range"
         )
@@ -320,13 +326,13 @@ def _check_limits(limits: tuple[Limit, ...], field: FieldRequirements) -> None:
 # An entry that may be a range accepts a number or a pair (low, high) of a free value. Invalid entries
 # raise the same messages as in a file, where the line is added.
 
-FARTHEST_FOCUS = 1e7
+MAX_FOCUS = 1e7
 """Representation of a focus at infinity, mm."""
 Radius = Annotated[Range, between(0.1, 1e5)]
 FocalLength = Annotated[Range, between(1e-2, 1e5)]
 Theta = Annotated[Range, between(0.1, 60.0)]
 FNumber = Annotated[Range, between(0.1, 1e3)]
-Focus = Annotated[Range, between(-1e6, FARTHEST_FOCUS, endless=True)]
+Focus = Annotated[Range, between(-1e6, MAX_FOCUS, endless=True)]
 Magnification = Annotated[Range, between(1e-5, 1e3)]
 Length = Annotated[float, Field(ge=1, le=1e7)]
 Distances = Annotated[Range, between(1.0, np.inf)]
@@ -355,8 +361,8 @@ class Entries:
     TABLE: ClassVar[str]
 
     def __post_init__(self) -> None:
-        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        for name, value in _checked(type(self), given, NullLocator()).items():
+        specified = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name, value in _checked(type(self), specified, NullLocator()).items():
             object.__setattr__(self, name, value)
 
     @classmethod
@@ -387,7 +393,7 @@ def _model(cls: type[Entries]) -> type[Table]:
 
 def _checked(cls: type[Entries], table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
     plain = {name: v.item() if isinstance(v, np.generic) else v for name, v in table.items()}
-    return dict(validated(_model(cls), cls.TABLE, plain, where))  # type: ignore[arg-type]  # the cache asks for Hashable
+    return dict(validated(_model(cls), cls.TABLE, plain, where))  # type: ignore[arg-type]  # the cache requires Hashable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -414,7 +420,7 @@ class FieldRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -436,7 +442,7 @@ class FieldRequirements(Entries):
 
     @property
     def has_surfaces(self) -> bool:
-        """Return whether the objects are on surfaces, with angle-dependent distances."""
+        """True if the objects are on surfaces, with angle-dependent distances."""
         return (
             self.object_plane_distance_mm is not None or self.object_cylinder_radius_mm is not None
         )
@@ -469,7 +475,7 @@ class MirrorRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -495,7 +501,7 @@ class MirrorRequirements(Entries):
 
     @property
     def is_pointed(self) -> bool:
-        """Return whether the field angle at the image centre is ``omega_min_deg`` instead of 0."""
+        """True if the field angle at the image centre is ``omega_min_deg`` instead of 0."""
         return self.apex == "pointed" or self.mapping == "cylinder"
 
 
@@ -530,7 +536,7 @@ class LensRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -571,7 +577,7 @@ class LensRequirements(Entries):
 
     @property
     def fills_imager(self) -> bool:
-        """Return whether the missing lens parameter is chosen to fill the imager.
+        """True if the missing lens parameter is chosen to fill the imager.
 
         A range limits this parameter.
         """
@@ -607,7 +613,7 @@ class PartsRequirements(Entries):
     Raises
     ------
     SpecError
-        Invalid entry; the message contains the valid values.
+        If the entry is invalid; the message contains the valid values.
 
     Examples
     --------
@@ -642,7 +648,7 @@ class Requirements:
     """Requirements on a sensor, with the tables of a requirement file.
 
     :func:`load_requirements` reads them from a file, :func:`format_requirements` formats a file,
-    :func:`~omnimirror.design_sensor` designs a sensor for them, and :func:`~omnimirror.judge`
+    :func:`~omnimirror.design_sensor` designs a sensor for them, and :func:`~omnimirror.check_requirements`
     checks a sensor against them.
 
     Parameters
@@ -670,7 +676,7 @@ class Requirements:
     Raises
     ------
     SpecError
-        Inconsistent tables; the message contains the reason and the valid values.
+        If the tables are inconsistent; the message contains the reason and the valid values.
 
     Examples
     --------
@@ -719,7 +725,7 @@ class Requirements:
 
     @property
     def largest_image_px(self) -> float:
-        """Return the largest radius of the rim image permitted by imager and lens, px.
+        """Largest radius of the rim image permitted by imager and lens, px.
 
         >>> import omnimirror as om
         >>> from omnimirror.optics.image_sensor import Imager
@@ -755,9 +761,9 @@ class Requirements:
         Raises
         ------
         SpecError
-            Invalid or inconsistent entry.
+            If an entry is invalid or inconsistent.
         InvalidParameter
-            Name that is not an entry of the three tables.
+            If the name is not an entry of the three tables.
 
         Examples
         --------

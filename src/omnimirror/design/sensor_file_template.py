@@ -34,7 +34,7 @@ def sensor_template(name: str = "sensor") -> str:
     Raises
     ------
     TypeError
-        Name that is not a string.
+        If the name is not a string.
 
     Examples
     --------
@@ -126,9 +126,9 @@ def _thermal() -> str:
     thermal = Thermal(
         mirror_material="acrylic", spacer_material="aluminium", mount_material="aluminium"
     )
-    given = {name: v for name in thermal.PARAMETERS if (v := getattr(thermal, name)) is not None}
+    entries = {name: v for name in thermal.PARAMETERS if (v := getattr(thermal, name)) is not None}
     lines = [
-        f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in given.items()
+        f"# {name} = {toml_string(v) if isinstance(v, str) else v}" for name, v in entries.items()
     ]
     return "\n".join(["# [thermal]  # materials, for other temperatures", *lines])
 
@@ -138,9 +138,9 @@ def _housing() -> str:
     tables = []
     for name, values in HOUSING.items():
         part = HOUSING_PARTS[name](**values)
-        given = {n: v for n in part.PARAMETERS if (v := getattr(part, n)) is not None}
+        entries_of_part = {n: v for n in part.PARAMETERS if (v := getattr(part, n)) is not None}
         entries = "\n".join(
-            f"# {n} = {v}  # {part.PARAMETERS[n].description}" for n, v in given.items()
+            f"# {n} = {v}  # {part.PARAMETERS[n].description}" for n, v in entries_of_part.items()
         )
         tables.append(f"# [housing.{name}]\n{entries}")
     return "\n".join(tables)

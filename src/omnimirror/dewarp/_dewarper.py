@@ -80,7 +80,7 @@ class Dewarper:
         If an interpolation or viewpoint is unknown, an image does not match the camera, or the
         border is not a valid image value.
     OutsideField
-        At the first use, if the view does not intersect the field of the camera.
+        If, on first use, the view does not intersect the field of the camera.
 
     Examples
     --------

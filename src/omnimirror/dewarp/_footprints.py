@@ -45,7 +45,7 @@ class Rule:
     spacing_px: float
     """Maximum spacing of multiple samples."""
     sharp_px: float
-    """A side of s is shortened by the factor 1 - (sharp / s)^8: to 0 at this side, and hardly for
+    """A side of s is shortened by the factor 1 - (sharp / s)^8: to 0 at this side, and little for
     larger sides.
     """
 

@@ -229,7 +229,7 @@ def source_pixels(
     between views of a mosaic.
 
     With ``exact`` every pixel is projected individually; otherwise most are interpolated, with
-    errors of some 0.001 px.
+    errors of about 0.001 px.
     """
     pixels_of_screen = exact_pixels if exact else screen_pixels
     if isinstance(view, Screen):
@@ -252,7 +252,7 @@ def screen_pixels(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact"
 
 def lattice_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact") -> LatticeMap:
     """Return the lattice map of a screen."""
-    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache requires Hashable
     if table is None:
         return lattice_map(
             lambda u, v: _projected(camera, screen, viewpoint, screen.targets_at(u, v)),
@@ -337,7 +337,7 @@ def polar_map_of(camera: Camera, screen: Screen, viewpoint: Viewpoint = "exact")
     # One column is sufficient by symmetry
     points = screen.targets_at(np.zeros(1), np.arange(screen.size[1], dtype=float))
     points -= 0.0 if centre is None else centre
-    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache asks for Hashable
+    table: RadialTable | None = radial_table(camera)  # type: ignore[arg-type]  # the cache requires Hashable
     assert table is not None
     radii = table.radii_px(
         np.hypot(points[:, 0], points[:, 1]), points @ symmetry.axis, centre is None

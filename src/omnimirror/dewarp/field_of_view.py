@@ -150,7 +150,7 @@ def is_vertical(symmetry: AxialSymmetry) -> bool:
 
 def annulus_of(camera: Camera) -> Annulus | None:
     """Return the image annulus filled by the field of a symmetric camera; None for other cameras."""
-    return None if camera.symmetry is None else _image_annulus(camera)  # type: ignore[arg-type]  # asks for Hashable
+    return None if camera.symmetry is None else _image_annulus(camera)  # type: ignore[arg-type]  # the cache requires Hashable
 
 
 @lru_cache(maxsize=32)

@@ -200,9 +200,9 @@ class DewarpRequest:
         ):
             return None
         mount = _mount_of(camera) if self.keep_tilt else None
-        lean = (0.0, 0.0) if mount is None else mount.view_tilt_deg(view.pan_deg)
+        tilt = (0.0, 0.0) if mount is None else mount.view_tilt_deg(view.pan_deg)
         return GPano.of_view(
-            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=lean
+            view.size, (view.tilt_min_deg, view.tilt_max_deg), view.span_deg, tilt_deg=tilt
         )
 
 

@@ -448,7 +448,7 @@ def _sample_infinite(selected: Sampler, job: RemapJob, where: Map) -> None:
     """Sample an image with infinite values: means with a positive weight of them are infinite.
 
     A weight of 0 would make the product with infinity undefined, and so would the negative weights
-    of cubic samples beside it. The means of finite values are therefore divided by their weight.
+    of adjacent cubic samples. The means of finite values are therefore divided by their weight.
     """
     finite = np.where(np.isinf(job.source), np.float32(0), job.source)
     selected.sample(replace(job, source=finite), where)

@@ -111,7 +111,7 @@ class DewarpedVideo:
     outcome: video_processing.ProcessingResult
     """Number of frames written, frame rate, and whether the run was cancelled."""
     summary: str = ""
-    """For a live source: received and dropped frames."""
+    """Received and dropped frames of a live source."""
 
 
 @dataclass(frozen=True)

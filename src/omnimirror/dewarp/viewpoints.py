@@ -1,8 +1,8 @@
 """Viewpoint of a screen: true reflection for each of its points, or a single viewpoint.
 
 A mirror has a different viewpoint for every point. The virtual projector of the paper has a single
-viewpoint V0 instead (section 4.2): exact for distant objects, with errors of some pixels for nearby
-objects.
+viewpoint V0 instead (section 4.2): exact for distant objects, with errors of a few pixels for
+nearby objects.
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ def _heights_on_axis(camera: Camera, origins: Array, directions: Array) -> Array
     tilted = np.linalg.norm(across, axis=1) > MIN_AXIS_SINE
     if not tilted.any():
         return np.zeros(1)
-    # Closest approach to the axis: the component s of the ray across the axis satisfies
+    # Closest approach to the axis: the component s of the ray perpendicular to the axis satisfies
     # (o + t s) . s = 0, therefore t = -(o . s) / (s . s)
     steps = -(origins * across).sum(axis=1)[tilted] / (across**2).sum(axis=1)[tilted]
     heights: Array = (origins @ up)[tilted] + steps * along[tilted]

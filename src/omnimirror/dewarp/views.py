@@ -249,7 +249,7 @@ def panorama(
     Examples
     --------
     >>> import omnimirror as om
-    >>> panorama(om.load_sensor("paper-spherical")).size  # .21 deg per pixel
+    >>> panorama(om.load_sensor("paper-spherical")).size  # 0.21 deg per pixel
     (1706, 640)
     """
     field = field_of(camera)

@@ -372,7 +372,7 @@ def _in_tiff(data: bytes, carried: ImageMetadata) -> bytes:
     if carried.profile is not None:
         more[ICC_TAG] = Entry(7, len(carried.profile), carried.profile)
     if carried.exif is not None:
-        more |= carried.exif.picture
+        more |= carried.exif.image
         for tag, directory in ((EXPOSURE, carried.exif.exposure), (PLACE, carried.exif.place)):
             if directory:
                 data += b"\0" * (len(data) % 2)

@@ -1,6 +1,6 @@
 """Panorama metadata: part of the full sphere in an image, its heading and its tilt.
 
-Images contain it as photo sphere metadata of Google (GPano,
+Images contain it as Photo Sphere metadata of Google (GPano,
 https://developers.google.com/streetview/spherical-metadata), videos as written by
 :mod:`omnimirror.io.mp4`. A mirror never covers all 180 deg of elevation: the image
 is always a crop of a hypothetical full panorama.
@@ -44,8 +44,8 @@ class GPano:
     Raises
     ------
     InvalidParameter
-        The crop is not inside the full panorama, or the tilt is outside -90 to 90 and -180 to 180
-        deg.
+        If the crop is not inside the full panorama, or the tilt is outside -90 to 90 and -180 to
+        180 deg.
 
     Examples
     --------

@@ -61,7 +61,7 @@ def expand_inputs(
     Raises
     ------
     MediaError
-        A name or pattern matches no file.
+        If a name or pattern matches no file.
     """
     paths: dict[Path, None] = {}
     for pattern in patterns:
@@ -93,7 +93,7 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
     Raises
     ------
     MediaError
-        The output would be the file itself.
+        If the output would be the file itself.
     """
     source = Path(source)
     output = Path(folder) / (source.name if suffix is None else source.stem + suffix)
@@ -112,7 +112,7 @@ def outputs_for(
     Raises
     ------
     MediaError
-        Two outputs would have the same path, or an output would overwrite an input.
+        If two outputs would have the same path, or an output would overwrite an input.
     """
     taken: dict[Path, Path] = {}
     for source in sources:

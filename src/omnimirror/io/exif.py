@@ -53,14 +53,14 @@ Directory = dict[int, Entry]
 class Exif(NamedTuple):
     """EXIF entries that are valid for a dewarped image."""
 
-    picture: Directory
+    image: Directory
     exposure: Directory
     place: Directory
 
     def block(self) -> bytes:
         """Return the block for JPEG, PNG and WebP."""
         head = 8
-        first = self.picture | {tag: Entry(4, 1, bytes(4)) for tag in self._others}
+        first = self.image | {tag: Entry(4, 1, bytes(4)) for tag in self._others}
         end = head + len(serialised_directory(first, head))
         pointers, rest = {}, b""
         for tag, directory in self._others.items():
@@ -69,7 +69,7 @@ class Exif(NamedTuple):
         return (
             b"II*\0"
             + struct.pack("<I", head)
-            + serialised_directory(self.picture | pointers, head)
+            + serialised_directory(self.image | pointers, head)
             + rest
         )
 
@@ -119,7 +119,7 @@ def parse_exif(block: bytes) -> Exif | None:
 
     >>> from omnimirror.io.exif import Entry, Exif
     >>> exif = Exif({0x010F: Entry(2, 5, b"Ours\\0"), 0x0112: Entry(3, 1, b"\\6\\0")}, {}, {})
-    >>> parse_exif(exif.block()).picture  # without the orientation
+    >>> parse_exif(exif.block()).image  # without the orientation
     {271: Entry(kind=2, number=5, values=b'Ours\\x00')}
     """
     order = {b"II": "<", b"MM": ">"}.get(block[:2])
@@ -135,9 +135,9 @@ def parse_exif(block: bytes) -> Exif | None:
         )
     except (struct.error, KeyError, ValueError):
         return None
-    picture = {tag: entry for tag, entry in first.items() if tag in KEPT_IMAGE_TAGS}
+    tags = {tag: entry for tag, entry in first.items() if tag in KEPT_IMAGE_TAGS}
     exposure = {tag: entry for tag, entry in exposure.items() if tag not in DROPPED_EXPOSURE_TAGS}
-    return Exif(picture, exposure, place) if picture or exposure or place else None
+    return Exif(tags, exposure, place) if tags or exposure or place else None
 
 
 def serialised_directory(directory: Directory, at: int) -> bytes:

@@ -35,7 +35,7 @@ def read_exr(path: Path, data: bytes) -> Image:
     Raises
     ------
     MediaError
-        OpenEXR is not installed, the file is damaged, or it has no such channels.
+        If OpenEXR is not installed, the file is damaged, or it has no such channels.
     """
     library = _library(path)
     if _is_truncated(data):  # the library would fill missing rows with grey and print messages
@@ -67,9 +67,9 @@ def write_exr(path: Path, image: Image) -> None:
     Raises
     ------
     MediaError
-        OpenEXR is not installed.
+        If OpenEXR is not installed.
     OSError
-        The file cannot be written.
+        If the file cannot be written.
     """
     image = image.reshape(*image.shape[:2], -1)
     names = CHANNELS[image.shape[2]]
@@ -88,9 +88,9 @@ def write_channels(
     Raises
     ------
     MediaError
-        OpenEXR is not installed.
+        If OpenEXR is not installed.
     OSError
-        The file cannot be written.
+        If the file cannot be written.
     """
     library = _library(path)
     header = {

@@ -39,7 +39,7 @@ def first_number(pattern: Path) -> int:
     Raises
     ------
     MediaError
-        There is no image, or numbers are missing between the first and the last.
+        If there is no image, or numbers are missing between the first and the last.
     """
     numbers = sorted(numbers_of(pattern))
     if not numbers:
@@ -101,7 +101,7 @@ def standard_input() -> Iterator[Path]:
     Raises
     ------
     MediaError
-        The input is empty, exceeds :data:`MAX_INPUT_BYTES`, or is a terminal.
+        If the input is empty, exceeds :data:`MAX_INPUT_BYTES`, or is a terminal.
     """
     if sys.stdin is None or sys.stdin.isatty():
         raise MediaError("standard input must be a video; got a terminal")

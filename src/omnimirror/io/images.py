@@ -243,7 +243,7 @@ def format_of(path: str | Path) -> ImageFormat:
     Raises
     ------
     MediaError
-        The format cannot be written, or requires a package that is not installed.
+        If the format cannot be written, or requires a package that is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in FORMATS:
@@ -261,7 +261,7 @@ def check_size(path: str | Path, size: tuple[int, int]) -> None:
     Raises
     ------
     MediaError
-        The image is too large, or the suffix cannot be written.
+        If the image is too large, or the suffix cannot be written.
     """
     max_side = format_of(path).max_side_px
     if max(size) > max_side:
@@ -318,7 +318,7 @@ def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
     Raises
     ------
     MediaError
-        The file does not exist, is unreadable or truncated, or is not an image.
+        If the file does not exist, is unreadable or truncated, or is not an image.
 
     Examples
     --------
@@ -377,7 +377,7 @@ def decoded(path: str | Path, data: bytes) -> Image:
     Raises
     ------
     MediaError
-        The data are truncated, damaged or not an image, or the pixels exceed
+        If the data are truncated, damaged or not an image, or the pixels exceed
         :data:`MAX_DECODED_BYTES`.
     """
     if _is_truncated(data):
@@ -438,7 +438,7 @@ def write_image(
     Raises
     ------
     MediaError
-        The suffix is unknown, the format does not support the image or the panorama metadata, or
+        If the suffix is unknown, the format does not support the image or the panorama metadata, or
         the file cannot be written.
 
     Examples

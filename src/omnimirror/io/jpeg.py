@@ -32,7 +32,7 @@ def read_jpeg_coding(path: str | Path) -> JpegCoding | None:
     Raises
     ------
     MediaError
-        The file does not exist, or cannot be read.
+        If the file does not exist, or cannot be read.
     """
     try:
         return parse_jpeg_coding(read_bytes(path, MAX_FILE_BYTES))

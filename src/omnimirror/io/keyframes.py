@@ -69,8 +69,8 @@ class Keyframes:
         Raises
         ------
         MediaError
-            The file does not exist, or an entry is missing, unknown or invalid; the message names
-            the line.
+            If the file does not exist, or an entry is missing, unknown or invalid; the message
+            names the line.
 
         Examples
         --------

@@ -109,7 +109,7 @@ class StreamSink(SinkBase):
     Raises
     ------
     MediaError
-        The scheme is unknown, or the connection fails.
+        If the scheme is unknown, or the connection fails.
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class PipeSink(SinkBase):
     kind
         ``"y4m"``: YUV4MPEG2 with size, rate, bit depth and chroma subsampling in its header;
         ``"rawvideo"``: pixels only.
-    frame_rate : frames a second
+    frame_rate : frames per second
         Frame rate in the header of y4m.
     pixel_format
         Pixel format of rawvideo: ``"rgb24"``, ``"bgr24"``, ``"gray"``, ``"yuv420p"`` and others
@@ -173,7 +173,7 @@ class PipeSink(SinkBase):
     Raises
     ------
     InvalidParameter
-        The kind is unknown.
+        If the kind is unknown.
     """
 
     def __init__(
@@ -196,9 +196,9 @@ class PipeSink(SinkBase):
         Raises
         ------
         BrokenPipeError
-            The reader closed the pipe.
+            If the reader closes the pipe.
         MediaError
-            Other errors of the pipe.
+            If another error of the pipe occurs.
         """
         try:
             if self._is_y4m:
@@ -243,7 +243,7 @@ class VirtualCamera(SinkBase):
     Raises
     ------
     MediaError
-        There is no such virtual camera.
+        If there is no such virtual camera.
     """
 
     def __init__(self, device: str, size: tuple[int, int], frame_rate: Fraction | float) -> None:
@@ -290,7 +290,7 @@ class Preview(SinkBase):
     Raises
     ------
     MediaError
-        There is no display, or Python has no Tk.
+        If there is no display, or Python has no Tk.
     """
 
     def __init__(self, size: tuple[int, int], title: str = "omnimirror") -> None:

@@ -37,7 +37,7 @@ PERMANENT_ERRORS = (
     av.error.HTTPUnauthorizedError,
     av.error.HTTPForbiddenError,
 )
-"""Errors for which retrying is useless: unknown protocol or decoder, access denied."""
+"""Permanent errors, for which no retry is made: unknown protocol or decoder, access denied."""
 CLOSE_TIMEOUT_S = 0.2  # longer than the frame interval of any running stream
 LOW_DELAY = {"flags": "low_delay", "analyzeduration": "500000"}
 """Analysis of the stream for 0.5 s (in us); the frames are returned nevertheless."""
@@ -91,7 +91,7 @@ class LiveSource:
     Raises
     ------
     MediaError
-        The camera or file does not exist, or the address has an unknown scheme or no host. Later
+        If the camera or file does not exist, or the address has an unknown scheme or no host. Later
         errors are raised by :meth:`frames`.
 
     Examples
@@ -153,7 +153,7 @@ class LiveSource:
         Raises
         ------
         MediaError
-            No frame arrives within the patience.
+            If no frame arrives within the patience.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._is_finished)
@@ -167,7 +167,7 @@ class LiveSource:
         Raises
         ------
         MediaError
-            No frame arrives within the patience, or the stream cannot be read.
+            If no frame arrives within the patience, or the stream cannot be read.
         """
         while not interrupts.is_pending():
             with self._changed:
@@ -283,13 +283,13 @@ class LiveSource:
                         f"{self.name} is reconnected after {time.monotonic() - self._last_frame_s:.1f} s"
                     )
                     is_reconnecting = False
-                found = frame_orientation(frame)
+                orientation = frame_orientation(frame)
                 if not self.received and (
-                    note := orientation_note(self.name, found, self._stored_orientation)
+                    note := orientation_note(self.name, orientation, self._stored_orientation)
                 ):
                     self.notes = (note,)
                 self._offer(
-                    upright(frame, UPRIGHT if self._stored_orientation else found or UPRIGHT)
+                    upright(frame, UPRIGHT if self._stored_orientation else orientation or UPRIGHT)
                 )
 
     def _offer(self, frame: av.VideoFrame) -> None:
@@ -326,7 +326,7 @@ def resolve_source(url: str) -> tuple[str, str | None]:
     Raises
     ------
     MediaError
-        The source is invalid, regardless of the network.
+        If the source is invalid, regardless of the network.
     """
     if url.isascii() and url.isdigit():
         url = f"/dev/video{url}"
@@ -422,7 +422,7 @@ class Playback:
         Raises
         ------
         MediaError
-            The source does not exist, or yields no frame.
+            If the source does not exist, or yields no frame.
         """
         return self._live() if self.is_live else self._file()
 
@@ -479,7 +479,7 @@ def source_size(source: str, is_live: bool, *, stored_orientation: bool = False)
     Raises
     ------
     MediaError
-        The source does not exist, or yields no frame.
+        If the source does not exist, or yields no frame.
     """
     if not is_live:
         return VideoReader(source, with_audio=False, stored_orientation=stored_orientation).size

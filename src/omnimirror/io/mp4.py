@@ -23,9 +23,9 @@ def change_index(path: Path, change: Callable[[bytes], bytes]) -> None:
     Raises
     ------
     MediaError
-        The file has no index at its end.
+        If the file has no index at its end.
     OSError
-        The file cannot be written.
+        If the file cannot be written.
     """
     with path.open("r+b") as file:
         at = _last_box(file)
@@ -121,9 +121,9 @@ def extend_duration(path: Path) -> None:
     Raises
     ------
     MediaError
-        The file has no index at its end.
+        If the file has no index at its end.
     OSError
-        The file cannot be written.
+        If the file cannot be written.
     """
     change_index(path, _with_extended_durations)
 
@@ -236,9 +236,9 @@ def make_spherical(path: Path, panorama: GPano) -> None:
     Raises
     ------
     MediaError
-        The file has no index at its end, or no video.
+        If the file has no index at its end, or no video.
     OSError
-        The file cannot be written.
+        If the file cannot be written.
     """
     change_index(path, lambda index: _with_metadata(index, panorama))
 

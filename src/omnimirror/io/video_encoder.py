@@ -72,7 +72,7 @@ class Encoder:
     target
         File name or address, or an object with a method ``write`` for bytes.
     size : (width, height) px
-    frame_rate : frames a second
+    frame_rate : frames per second
         Mean frame rate for the rate control of the encoder; every frame keeps its own time.
     time_base : s, optional
         Unit of the frame times; the frame interval by default.
@@ -119,10 +119,10 @@ class Encoder:
     Raises
     ------
     MediaError
-        The codec is unknown or not supported by the format, or the format does not support the
+        If the codec is unknown or not supported by the format, or the format does not support the
         audio.
     InvalidParameter
-        The codec does not support the image size.
+        If the codec does not support the image size.
     """
 
     def __init__(

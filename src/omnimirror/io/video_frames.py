@@ -51,7 +51,7 @@ class PixelFormat:
         Raises
         ------
         ValueError
-            There is no such format.
+            If there is no such format.
         """
         coded = av.VideoFormat(pixel_format, 64, 64)
         parts = coded.components
@@ -214,7 +214,8 @@ def planes(frame: av.VideoFrame) -> Planes:
     Raises
     ------
     MediaError
-        The frame has another pixel format; convert it first by :func:`planar` or :func:`workable`.
+        If the frame has another pixel format; convert it first by :func:`planar` or
+        :func:`workable`.
 
     Examples
     --------
@@ -321,7 +322,7 @@ def frame_of_planes(parts: Planes, like: av.VideoFrame | None = None) -> av.Vide
     Raises
     ------
     MediaError
-        The shapes do not form a 4:2:0 image.
+        If the shapes do not form a 4:2:0 image.
     """
     height, width = parts[0].shape[:2]
     frame, into = empty_frame((width, height), "nv12" if len(parts) == 2 else "yuv420p", like)
@@ -353,7 +354,7 @@ def frame_of_image(image: Image, like: av.VideoFrame | None = None) -> av.VideoF
     Raises
     ------
     MediaError
-        The array is not such an image.
+        If the array is not such an image.
     """
     channels = image.shape[2] if image.ndim == 3 else 1
     if (
@@ -451,20 +452,22 @@ def frame_orientation(frame: av.VideoFrame) -> int | None:
     return ORIENTATION_OF_AXES.get(((a, b), (c, d)))
 
 
-def orientation_note(name: str, found: int | None, is_stored: bool) -> str | None:
+def orientation_note(name: str, orientation: int | None, is_stored: bool) -> str | None:
     """Return a sentence that reports the orientation in a video file or stream; None if there is
     nothing to report.
 
     >>> orientation_note("ride.mp4", 3, is_stored=True)
     'ride.mp4: frames as stored; the display orientation is: rotated by 180 deg'
     """
-    if found is None:
+    if orientation is None:
         return f"{name}: the rotation in the file is not a multiple of 90 deg and is not applied"
-    if found == UPRIGHT:
+    if orientation == UPRIGHT:
         return None
     if is_stored:
-        return f"{name}: frames as stored; the display orientation is: {ORIENTATION_NAMES[found]}"
-    return f"{name}: {ORIENTATION_NAMES[found]} according to the file; {STORED_ORIENTATION_HINT}"
+        return f"{name}: frames as stored; the display orientation is: {ORIENTATION_NAMES[orientation]}"
+    return (
+        f"{name}: {ORIENTATION_NAMES[orientation]} according to the file; {STORED_ORIENTATION_HINT}"
+    )
 
 
 def upright(frame: av.VideoFrame, orientation: int) -> av.VideoFrame:

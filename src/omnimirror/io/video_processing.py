@@ -68,8 +68,8 @@ def process(
 
     Reading, processing and writing overlap in separate threads, with the function in the thread of
     the caller. Ctrl-C or SIGTERM ends the source: processed frames are written and kept; a second
-    signal aborts. A damaged source is handled likewise, and its error is raised at the end. In all
-    cases the sink is closed or aborted on return.
+    signal aborts. A damaged source is handled in the same way, and its error is raised at the end.
+    In all cases the sink is closed or aborted on return.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def process(
     Raises
     ------
     MediaError
-        The source is damaged, raised after all readable frames are written; or the sink fails.
+        If the source is damaged, raised after all readable frames are written; or the sink fails.
         Errors of the function are passed on, and abort the sink.
     """
     meter = ProgressMeter(on_progress, total)

@@ -76,7 +76,7 @@ class VideoReader:
         the times in the file minus ``start_s``.
     with_audio
         Whether packets of audio, subtitles and data are read too.
-    frame_rate : frames a second
+    frame_rate : frames per second
         Frame rate of image sequences; files contain their own.
     stored_orientation
         Return frames as stored, for a camera that was calibrated with stored pixels.
@@ -84,9 +84,9 @@ class VideoReader:
     Raises
     ------
     MediaError
-        The file does not exist, or has no video that can be decoded.
+        If the file does not exist, or has no video that can be decoded.
     InvalidParameter
-        The requested part is outside the video.
+        If the requested part is outside the video.
 
     Examples
     --------
@@ -228,7 +228,7 @@ class VideoReader:
         Raises
         ------
         MediaError
-            The file is damaged or truncated; raised after all readable items.
+            If the file is damaged or truncated; raised after all readable items.
         """
         with self._open() as container:
             yield from _Pass(self, container)

@@ -100,7 +100,7 @@ class VideoWriter:
     Raises
     ------
     MediaError
-        The suffix is unknown, the format does not support the content, or the file cannot be
+        If the suffix is unknown, the format does not support the content, or the file cannot be
         written.
 
     Examples
@@ -224,9 +224,9 @@ class VideoWriter:
         Raises
         ------
         MediaError
-            The file cannot be written, for example because the disk is full.
+            If the file cannot be written, for example because the disk is full.
         InvalidParameter
-            The frame has another size.
+            If the frame has another size.
         """
         self._encoder.encode(frame)
 
@@ -240,7 +240,7 @@ class VideoWriter:
         Raises
         ------
         MediaError
-            The file cannot be written, or has no frame; an existing file is unchanged.
+            If the file cannot be written, or has no frame; an existing file is unchanged.
         """
         if self._stack is None:
             return
@@ -294,7 +294,7 @@ def check_video_name(path: str | Path) -> str:
     Raises
     ------
     MediaError
-        The suffix is not supported.
+        If the suffix is not supported.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITABLE_VIDEO_SUFFIXES:
@@ -339,7 +339,7 @@ class ImageSequenceWriter:
     Raises
     ------
     MediaError
-        The pattern is invalid, or the format does not support images of this size.
+        If the pattern is invalid, or the format does not support images of this size.
 
     Examples
     --------
@@ -407,7 +407,7 @@ class ImageSequenceWriter:
         Raises
         ------
         MediaError
-            The image cannot be written, for example because the disk is full.
+            If the image cannot be written, for example because the disk is full.
         """
         write_image(
             numbered(self.pattern, next(self._numbers)), self._image(frame), panorama=self._panorama
@@ -436,7 +436,7 @@ class ImageSequenceWriter:
         Raises
         ------
         MediaError
-            No image was written, and none existed before.
+            If no image was written, and none existed before.
         """
         if not self.frames_written and not self._existing:
             raise MediaError(f"cannot write {self.pattern}: there are no frames")
@@ -463,7 +463,7 @@ def check_pattern(pattern: str | Path) -> Path:
     Raises
     ------
     MediaError
-        The pattern has no number or several, one without zero padding, or the suffix is unknown.
+        If the pattern has no number or several, one without zero padding, or the suffix is unknown.
     """
     path = Path(pattern)
     numbers = NUMBER_PATTERN.findall(path.name)

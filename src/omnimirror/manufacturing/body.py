@@ -127,7 +127,7 @@ class Body:
 
     @property
     def bore_goes_through(self) -> bool:
-        """Return whether the bore is a through bore."""
+        """True if the bore is a through bore."""
         return self.bore_mm > 0 and np.isinf(self.bore_depth_mm)
 
     def start_mm(self) -> float:

@@ -25,7 +25,7 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.escaping import file_stem
 from ..base.files import atomic_output
 from ..base.registry import Registry
-from ..design.requirement_check import judge
+from ..design.requirement_check import check_requirements
 from ..design.requirement_files import load_requirements
 from ..design.requirements import Requirements
 from ..optics.housing import Housing
@@ -67,7 +67,7 @@ class ExportedFile:
 
     @property
     def follows(self) -> bool:
-        """Whether reflected rays deviate by less than 0.01 deg from those of the mirror."""
+        """True if reflected rays deviate by less than 0.01 deg from those of the mirror."""
         return self.ray_deg is None or self.ray_deg < ACCURATE_RAY_DEG
 
 
@@ -98,7 +98,7 @@ class Plan:
         return file_stem(self.sensor.name, "sensor")
 
     writes_table: bool = False
-    """Whether the same call writes the sag table."""
+    """True if the same call writes the sag table."""
 
     def data_file(self, part: Part) -> DataFile | None:
         """Return the reference to the sag table of a mirror if the same call writes it."""
@@ -557,7 +557,9 @@ def requirement_changes(
     """
     if not isinstance(requirements, Requirements):
         requirements = load_requirements(requirements)
-    before, after = (judge(requirements, sensor).rows for sensor in (evaluated, exported))
+    before, after = (
+        check_requirements(requirements, sensor).rows for sensor in (evaluated, exported)
+    )
     changes = [
         f"{old.label}: margin {old.margin:.4g} -> {new.margin:.4g} {new.unit}".rstrip()
         + " (not met)" * (not new.is_met)

@@ -90,7 +90,7 @@ class Asphere:
     coefficients
         Coefficients a_i in mm: eight, or more for an extended asphere.
     normalization_mm
-        Normalization radius N, 1 mm except for an extended asphere.
+        Normalisation radius N, 1 mm except for an extended asphere.
     deviation_um
         Maximum distance from the mirror.
     ray_deg
@@ -107,12 +107,12 @@ class Asphere:
 
     @property
     def is_extended(self) -> bool:
-        """Return whether the surface needs more terms than a plain asphere."""
+        """True if the surface needs more terms than a plain asphere."""
         return len(self.coefficients) > TERMS
 
     @property
     def is_good(self) -> bool:
-        """Return whether surface and ray deviations are within the limits of an acceptable fit."""
+        """True if surface and ray deviations are within the limits of an acceptable fit."""
         return self.deviation_um < GOOD_UM and self.ray_deg < GOOD_DEG
 
     @property
@@ -410,7 +410,7 @@ def chords(mirror: Mirror, tolerance_um: float, start_mm: float = 0.0) -> Array:
     """Return radii (mm) of points whose chords stay within a tolerance of the meridian.
 
     The step size follows the curvature: a chord of length c deviates by c^2 / (8 R_t) from a curve of
-    radius R_t. A tenth of the tolerance is reserved for the variation of the curvature along a step;
+    radius R_t. 10 % of the tolerance is reserved for the variation of the curvature along a step;
     steps that still exceed the tolerance are refined.
     """
     fine = np.linspace(start_mm, mirror.rim_radius_mm, 8193)

@@ -324,7 +324,7 @@ class Sensor:
         Returns
         -------
         (n,) array
-            Derivative by the field angle, px per radian.
+            Derivative with respect to the field angle, px per radian.
 
         Raises
         ------
@@ -420,7 +420,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-            If the housing does not fit; the message gives the valid range.
+            If the housing does not fit; the message states the valid range.
         """
         return Obstructions.of(self.housing, self.mirror, self.secondary, self.mirror_distance_mm)
 
@@ -647,7 +647,7 @@ class Sensor:
         )
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Project infinitely distant points in directions (n, 3) of any non-zero length.
+        """Project infinitely distant points in directions (n, 3), non-zero vectors of any length.
 
         Parameters
         ----------
@@ -753,9 +753,9 @@ class Sensor:
     def aperture_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> Rays:
         """Trace rays of pixels (n, 2) through aperture points (n, 2), or one, into the world.
 
-        Rays are traced in space from the imager: an ideal thin lens images a pixel, through every
-        aperture point, to one point of the plane in focus; the mirror reflects these rays. The
-        aperture point (0, 0) is the chief ray of :meth:`backproject`.
+        Rays are traced in three dimensions from the imager: an ideal thin lens images a pixel,
+        through every aperture point, to one point of the plane in focus; the mirror reflects these
+        rays. The aperture point (0, 0) is the chief ray of :meth:`backproject`.
 
         Parameters
         ----------

@@ -127,7 +127,7 @@ def load_sensor(name_or_path: str | Path, changes: dict[str, Any] | None = None)
     ------
     SpecError
         If the file or name does not exist, the text is not TOML, or an entry is unknown, missing or
-        invalid. The message gives the file, the line and the valid values.
+        invalid. The message states the file, the line and the valid values.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def parse_sensor(
     Raises
     ------
     SpecError
-        If the text is not TOML, or an entry is unknown, missing or invalid. The message gives the
+        If the text is not TOML, or an entry is unknown, missing or invalid. The message states the
         line and the valid values.
 
     Examples
@@ -391,7 +391,7 @@ def _secondary(data: dict[str, Any], folder: Path | None, where: SourceLocator) 
 
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: SourceLocator) -> Any:
     """Create a part from its validated table."""
-    values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache asks for Hashable
+    values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache requires Hashable
     return where.wrap((section,), lambda: cls(**values))
 
 
@@ -569,7 +569,8 @@ def parse_camera(
     Raises
     ------
     SpecError
-        If an entry is unknown, missing or invalid. The message gives the line and the valid values.
+        If an entry is unknown, missing or invalid. The message states the line and the valid
+        values.
 
     Examples
     --------

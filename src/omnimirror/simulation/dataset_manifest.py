@@ -176,7 +176,7 @@ class Recipe:
     samples: int = 16
     """Rays per pixel."""
     blur: bool | None = None
-    """Render defocus blur with the whole aperture of the lens; by default for sensors, because the
+    """True to render defocus blur with the whole aperture of the lens; by default for sensors, because the
     aperture of a calibrated camera is unknown."""
     radiometry: Radiometry | None = None
     """Reflectivity of the mirror, vignetting of the lens, and appearance of the housing."""

@@ -43,7 +43,7 @@ class RoundTrip:
     exact_db
         Sharp image, dewarped with the true reflection: the residual is due to sampling.
     finer_db
-        Same with pixels of half the size, which isolates the sampling error.
+        As `exact_db`, with pixels of half the size, which isolates the sampling error.
     blurred_db
         Image with the whole aperture, including defocus; NaN for a sensor with two mirrors.
     single_db

@@ -133,7 +133,10 @@ or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "sensors": (("sensors",), "apps.cli.commands.sensors:load_sensor"),
     "init": (("init", "-o", "new.toml"), "apps.cli.commands.init:write_text"),
-    "check": (("check", "lens.toml", "paper-spherical"), "apps.cli.commands.check:judge"),
+    "check": (
+        ("check", "lens.toml", "paper-spherical"),
+        "apps.cli.commands.check:check_requirements",
+    ),
     "mappings": (("mappings", "-o", "a.png"), "analysis.figures:save_figure"),
     "rays": (
         ("rays", "paper-spherical", "-o", "rays.npz", "--step", "8"),

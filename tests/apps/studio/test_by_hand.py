@@ -13,7 +13,7 @@ from omnimirror.apps.studio._bench_sensors import bent, sensor_on_bench, why_not
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio.bench_messages import CurveEdit, SearchTask, SliderRequest, SliderValues
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.design.requirement_check import judge
+from omnimirror.design.requirement_check import check_requirements
 from omnimirror.optics.sensor_files import bundled_sensors, tables_of
 
 from .test_bench_page import NOW, bench, enter, plotted, sensor_on, settled  # noqa: F401 - bench is a fixture
@@ -76,7 +76,7 @@ def test_sliders_are_met_where_the_requirements_are_judged_so():
     for value, shares in zip(values, missed, strict=True):
         tables = tables_of(sphere) | {"lens": tables_of(sphere)["lens"] | {"f_number": value}}
         sensor = sensor_on_bench(tables)
-        verdict = judge(requirements_for(ASKED, sensor), sensor, angles=61)
+        verdict = check_requirements(requirements_for(ASKED, sensor), sensor, angles=61)
         assert (max(shares) <= 0) == verdict.is_met
 
 

@@ -18,7 +18,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 import omnimirror as om
-from omnimirror.apps.studio._board_detection_process import told
+from omnimirror.apps.studio._board_detection_process import detection_message
 from omnimirror.apps.studio._calibration_boards import taken, together
 from omnimirror.apps.studio._calibration_process import perform
 from omnimirror.apps.studio._workers import BoardDetectorPool
@@ -59,7 +59,10 @@ def client():
 
 @pytest.fixture(scope="module")
 def seen() -> list[BoardDetection]:
-    return [told(om.find_board(photograph(i).image, BOARD, name=f"{i}.png")) for i in range(WHOLE)]
+    return [
+        detection_message(om.find_board(photograph(i).image, BOARD, name=f"{i}.png"))
+        for i in range(WHOLE)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +186,7 @@ def test_disconnect_cancels_detection():
 
 
 def test_joint_analysis_of_images(seen):
-    small = told(om.find_board(photograph(1).image[:400], BOARD, name="small.png"))
+    small = detection_message(om.find_board(photograph(1).image[:400], BOARD, name="small.png"))
     ask = MultiImageRequest(
         board=BoardSpec(**ASKED),
         pictures=(*seen, small),
@@ -331,7 +334,9 @@ def test_one_that_is_stopped_keeps_what_it_found(seen):
 
 
 def test_failed_calibration_reports_image_names(seen):
-    blank = told(om.find_board(np.full((480, 480), 90, np.uint8), BOARD, name="dark.png"))
+    blank = detection_message(
+        om.find_board(np.full((480, 480), 90, np.uint8), BOARD, name="dark.png")
+    )
     *_, failed = performed(ASK, [*seen[:2], blank])
     assert failed.state == "failed"
     assert "in 2 of 3 images" in failed.sentence

@@ -373,9 +373,9 @@ def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatc
     def file(rows: int) -> bytes:
         return cv2.imencode(suffix, np.tile(pixel, (rows, 40, 1)))[1].tobytes()
 
-    assert _uploads.browser_picture(file(30), "fits").startswith(b"\x89PNG")
+    assert _uploads.browser_image(file(30), "fits").startswith(b"\x89PNG")
     with pytest.raises(MediaError, match=r"the decoded pixels of .* must take at most"):
-        _uploads.browser_picture(file(31), "large")
+        _uploads.browser_image(file(31), "large")
 
 
 def test_a_small_file_of_a_huge_picture_takes_little_memory():
@@ -396,7 +396,7 @@ def test_a_small_file_of_a_huge_picture_takes_little_memory():
     tables = struct.pack("<3H2x", 16, 16, 16) + struct.pack(f"<{side}I", *[lists] * side)
     tables += struct.pack(f"<{side}I", *[len(row)] * side)
     with pytest.raises(MediaError, match=r"decoded pixels of .* must take at most 256 MB"):
-        _uploads.browser_picture(head + tags + tables + row, "bomb.tif")
+        _uploads.browser_image(head + tags + tables + row, "bomb.tif")
 
 
 def test_strips_are_converted_like_the_whole():
@@ -440,19 +440,19 @@ def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkey
         channels = 4 if stored.mode == "P" else len(stored.getbands())
     size = 10 * 6 * channels * (2 if kind == "PPM" else 1)
     monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", size)
-    assert _uploads.picture_in(data, "a").shape[:2] == (6, 10)
+    assert _uploads.image_in(data, "a").shape[:2] == (6, 10)
     monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", size - 1)
     with pytest.raises(MediaError, match="pixels of a must take at most"):
-        _uploads.picture_in(data, "a")
+        _uploads.image_in(data, "a")
 
 
 def test_what_is_no_picture_is_named_with_the_kinds():
     with pytest.raises(
         MediaError, match=r"a must be an image in a supported format \(PNG, JPEG, TIFF, WEBP, BMP"
     ):
-        _uploads.picture_in(b"no picture", "a")
+        _uploads.image_in(b"no picture", "a")
     with pytest.raises(MediaError, match="a must be an image in a supported format"):
-        _uploads.picture_in(b"P6\nabc 2\n255\n", "a")
+        _uploads.image_in(b"P6\nabc 2\n255\n", "a")
 
 
 def test_uploads_of_huge_sides_are_refused_by_their_header():
@@ -464,7 +464,7 @@ def test_uploads_of_huge_sides_are_refused_by_their_header():
         for name, body in chunks
     )
     with pytest.raises(MediaError, match="decoded pixels of a must take at most 256 MB"):
-        _uploads.picture_in(data, "a")
+        _uploads.image_in(data, "a")
 
 
 def test_uploads_without_bits_per_sample_have_one_bit(monkeypatch):
@@ -477,7 +477,7 @@ def test_uploads_without_bits_per_sample_have_one_bit(monkeypatch):
     data += b"".join(struct.pack("<HHII", *entry) for entry in entries) + bytes(4)
     data += b"\xff\x00\x00\xff"
     monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", 32)
-    assert (_uploads.picture_in(data, "a").reshape(2, 16, -1)[:, [0, 15], 0] > 0).tolist() == [
+    assert (_uploads.image_in(data, "a").reshape(2, 16, -1)[:, [0, 15], 0] > 0).tolist() == [
         [True, False],
         [False, True],
     ]
@@ -490,9 +490,9 @@ def test_uploads_are_turned_upright_unless_their_stored_orientation_is_kept():
     Image.new("RGB", (40, 30)).save(file, "JPEG", exif=exif)
     data = file.getvalue()
     for more, shape in (({}, (40, 30, 3)), ({"stored_orientation": True}, (30, 40, 3))):
-        assert _uploads.picture_in(data, "a", **more).shape == shape
+        assert _uploads.image_in(data, "a", **more).shape == shape
         assert _uploads.uploaded(data, "a", **more)[0].shape == shape
-        with Image.open(BytesIO(_uploads.browser_picture(data, "a", **more))) as png:
+        with Image.open(BytesIO(_uploads.browser_image(data, "a", **more))) as png:
             assert png.size == shape[1::-1]
             assert png.getexif()
 
@@ -506,7 +506,7 @@ def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
     with pytest.raises(
         MediaError, match=r"my picture\.tif( must be an image|: the file is truncated)"
     ) as refused:
-        _uploads.picture_in(data[: len(data) // 2], "my picture.tif")
+        _uploads.image_in(data[: len(data) // 2], "my picture.tif")
     assert "/" not in str(refused.value)
 
 

@@ -27,7 +27,7 @@ import omnimirror as om
 from omnimirror.apps.cli import app as command_line
 from omnimirror.apps.studio import _server_state, app
 from omnimirror.apps.studio._server_state import Sources, Streams, Studio
-from omnimirror.apps.studio._uploads import browser_picture, encoded
+from omnimirror.apps.studio._uploads import browser_image, encoded
 from omnimirror.apps.studio.app import create_app
 from omnimirror.calibration import rim
 from omnimirror.interop.http_server.auth import is_loopback
@@ -329,7 +329,7 @@ def test_deep_images_are_converted_to_8_bits():
     deep = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
     tiff = cv2.imencode(".tif", deep)[1].tobytes()
     shallow = cv2.imdecode(
-        np.frombuffer(browser_picture(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED
+        np.frombuffer(browser_image(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED
     )
     np.testing.assert_array_equal(shallow, np.round(deep / 257).astype(np.uint8))
 

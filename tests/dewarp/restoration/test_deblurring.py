@@ -104,7 +104,9 @@ def test_paper_sensor_restoration_gain(name: str, kind: str):
 def test_restoration_preserves_textured_scene(small: Restorer, times: float):
     """Clouds, whose finest detail is below the noise, permit little gain and do not reveal
     overestimated blur."""
-    told = small if times == 1 else Restorer(small.camera, told=small.known.scaled(times).sizes)
+    told = (
+        small if times == 1 else Restorer(small.camera, specified=small.known.scaled(times).sizes)
+    )
     found = gains(told, clouds(1024))
     assert found.tenths_db.min() > -0.1
     assert found.gain_db[1] > 0.5
@@ -123,7 +125,9 @@ def test_restoration_gains_at_rim_with_saturation(small: Restorer, shared_data: 
     """They reveal all errors of the blur; very bright points with black gaps would be another
     solution."""
     photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
-    told = small if times == 1 else Restorer(small.camera, told=small.known.scaled(times).sizes)
+    told = (
+        small if times == 1 else Restorer(small.camera, specified=small.known.scaled(times).sizes)
+    )
     found = gains(told, exposed(photograph))
     assert found.tenths_db.min() > -0.1
     assert found.gain_db[1] > 0.3
@@ -253,7 +257,7 @@ def test_specified_blur_restores_other_cameras(smaller: Restorer, scene: om.Envi
         (ball, smaller.known.sizes),
         (smaller.camera, table),
     ):
-        found = Restorer(camera, told=told)(picture, 0.01, 1.0)
+        found = Restorer(camera, specified=told)(picture, 0.01, 1.0)
         assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain, camera
 
 
@@ -265,7 +269,7 @@ def test_overestimated_blur_is_reduced(small: Restorer, scene: om.Environment, t
     ) + 2.55 * np.random.default_rng(1).standard_normal(3)
     picture = np.clip(noisy, 0, 255).astype(np.uint8)
     assert small.shown_share(picture, 0.01) == 1
-    told = Restorer(small.camera, told=small.known.scaled(times).sizes)
+    told = Restorer(small.camera, specified=small.known.scaled(times).sizes)
     assert told.shown_share(picture, 0.01) * times == pytest.approx(1.0, abs=0.25)
 
 
@@ -287,7 +291,7 @@ def test_large_blur_on_small_image_is_reduced(name: str, world):
     picture = np.rint(np.clip(taken, 0, 255)).astype(np.uint8)
     known = Restorer(sensor).known
     for times in (1, 1.5, 1.9, 2):
-        removed = times * Restorer(sensor, told=known.scaled(times).sizes).shown_share(
+        removed = times * Restorer(sensor, specified=known.scaled(times).sizes).shown_share(
             picture, 0.01
         )
         assert removed < 1.15, times
@@ -406,7 +410,7 @@ def test_uniform_blur_that_is_specified_too_large_does_no_harm(
     light = cv2.filter2D(sharp, -1, _disk(actual)) if actual else sharp
     noise = 0.01 * np.random.default_rng(1).standard_normal(light.shape)
     image = np.rint(255 * np.clip(srgb_from_linear(light) + noise, 0, 1)).astype(np.uint8)
-    restorer = Restorer(ball, told=specified)
+    restorer = Restorer(ball, specified=specified)
     share = restorer.decide(image, 0.01).share
     found = _tenths(restorer, sharp, image, restorer(image, 0.01, share))
     assert found.min() > -0.3

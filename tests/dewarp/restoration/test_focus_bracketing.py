@@ -11,8 +11,8 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.restoration.focus_bracketing import (
     focused_at,
+    image_weights,
     merge_bracket,
-    picture_weights,
     plan_bracket,
 )
 
@@ -119,7 +119,7 @@ def test_merged_points_match_projection():
 def test_weights_are_smooth_and_sum_to_one():
     sensor = om.load_sensor("paper-spherical")
     radius = np.linspace(0, 520, 2000)
-    weights = picture_weights(sensor, plan_bracket(sensor).focus_mm, radius)
+    weights = image_weights(sensor, plan_bracket(sensor).focus_mm, radius)
     np.testing.assert_allclose(weights.sum(axis=0), 1)
     assert np.abs(np.diff(weights, axis=1)).max() < 0.05
 

@@ -70,7 +70,7 @@ def required(sensor, names, values, **field):
 
 @pytest.mark.parametrize("kind", few([*SENSORS, *OTHERS], *SENSORS, "telecentric"))
 def test_nominal_values_match_the_design_evaluation(kind):
-    """Compare with ``om.judge`` at the same field angles."""
+    """Compare with ``om.check_requirements`` at the same field angles."""
     sensor = OTHERS[kind] if kind in OTHERS else om.load_sensor(kind)
     names = list(names_of_all(sensor))
     low = max(PART[0], sensor.clear_field_deg[0] + 1)
@@ -334,7 +334,7 @@ def test_merit_names_round_trip():
 
 @pytest.mark.parametrize("distance_mm", [400.0, 2000.0])
 def test_object_sizes_refer_to_the_object_distance_of_the_requirements(distance_mm):
-    """Sizes of the nominal sensor agree with those of ``om.judge``, which traces the meridian."""
+    """Sizes of the nominal sensor agree with those of ``om.check_requirements``, which traces the meridian."""
     limits = [
         om.Limit("plane_mm_per_px", at_most=1.0, omega_deg=(20, 60)),
         om.Limit("cylinder_mm_per_px", at_most=1.0, omega_deg=(60, 120)),
@@ -345,7 +345,7 @@ def test_object_sizes_refer_to_the_object_distance_of_the_requirements(distance_
         lens=om.LensRequirements(theta_max_deg=(5.0, 20.0)),
         limits=limits,
     )
-    expected = {row.label: row.reached for row in om.judge(requirements, SPH).limits}
+    expected = {row.label: row.reached for row in om.check_requirements(requirements, SPH).limits}
     tolerances = om.Tolerances(SPH, {"imager.rotation_deg": om.Tolerance(0.0)})
     report = om.tolerance(SPH, tolerances, limits=requirements, trials=1)
     assert report.plan.objects == {"object_distance_mm": distance_mm}

@@ -68,7 +68,7 @@ def test_saved_trial_reproduces_its_images(name, tmp_path):
     om.save_sensor(perturbed(sensor, one(values)), tmp_path / "built.toml")
     built, field = om.load_sensor(tmp_path / "built.toml"), field_of(sensor)
     found = built.project_directions(field.targets @ sensor._axes.T)
-    shown = field.picture(values).offsets_px[0] + sensor.imager.centre
+    shown = field.images(values).offsets_px[0] + sensor.imager.centre
     assert found.valid.sum() > 80
     np.testing.assert_allclose(found.pixels[found.valid], shown[found.valid], atol=1e-8)
     rays = built.backproject(found.pixels[found.valid])
@@ -109,7 +109,7 @@ def test_blur_on_a_tilted_imager_matches_a_thin_lens():
     """A ray through p with slope a is at ``b (a + p/f) - p`` at depth b behind a thin lens."""
     values = {"imager.tilt_x_deg": np.array([1.5]), "imager.tilt_y_deg": np.array([-0.7])}
     field, lens = field_of(SPH, angles=4, azimuths=5), SPH.lens
-    blur = field.picture(values).blur_px[0]
+    blur = field.images(values).blur_px[0]
     plane = ImagerPose(1.5, -0.7)._plane()
     targets, small = RayEndpoints(field.targets, True), 0.01
     places = []
@@ -125,7 +125,7 @@ def test_blur_on_a_tilted_imager_matches_a_thin_lens():
         places.append(np.linalg.solve(system, right[..., None])[..., 0] / SPH.imager.pitch_mm)
     expected = np.stack([places[0] - places[1], places[2] - places[3]], axis=-1) / small
     np.testing.assert_allclose(np.abs(blur), np.abs(expected), atol=2e-4)
-    square = field.picture({}, 1).blur_px[0]
+    square = field.images({}, 1).blur_px[0]
     assert np.abs(blur - square).max() > 1.0  # different from that of a square one
 
 
@@ -145,7 +145,7 @@ def test_other_sensors_match_forward_projection(kind):
     assert not lost.any()
     np.testing.assert_allclose(found.pixels, shown.offsets_px[0] + sensor.imager.centre, atol=1e-7)
     nominal = om.evaluate(sensor, omega_deg=field.omega_deg[::5])
-    plain = field.picture({}, 1).blur_px[0, ::5]
+    plain = field.images({}, 1).blur_px[0, ::5]
     worst = np.maximum(np.abs(nominal.blur_t_px), np.abs(nominal.blur_s_px))
     np.testing.assert_allclose(
         np.linalg.svd(plain, compute_uv=False)[:, 0], worst, rtol=2e-3, atol=2e-3

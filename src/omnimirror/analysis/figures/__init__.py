@@ -143,7 +143,7 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
     Raises
     ------
     InvalidParameter
-        Unknown figure, or too few or too many sensors.
+        If the figure is unknown, or there are too few or too many sensors.
 
     Examples
     --------
@@ -182,9 +182,9 @@ def save_all(
     Raises
     ------
     InvalidParameter
-        Unknown figure or format, or too few or too many sensors; raised before any file is written.
+        If the figure or the format is unknown, or the number of sensors is wrong; raised before any file is written.
     OmnimirrorError
-        File that cannot be written.
+        If the file cannot be written.
     """
     selected = list(FIGURES) if names is None else list(dict.fromkeys(names))
     for valid, requested, noun in ((FIGURES, selected, "figure"), (FORMATS, formats, "format")):

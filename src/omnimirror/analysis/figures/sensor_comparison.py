@@ -55,7 +55,7 @@ def side_by_side(sensors: Sequence[Sensor]) -> Figure:
     Raises
     ------
     InvalidParameter
-        Too few or too many sensors.
+        If there are too few or too many sensors.
     """
     with styled():
         subjects = subjects_of(sensors, EXACT)

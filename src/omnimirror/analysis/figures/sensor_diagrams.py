@@ -61,7 +61,7 @@ class PanelLimits(NamedTuple):
 
     @property
     def shape(self) -> float:
-        """Return the ratio of height to width."""
+        """Ratio of height to width."""
         return (self.top - self.bottom) / (self.right - self.left)
 
     def apply(self, ax: Axes, M: float) -> None:
@@ -259,7 +259,7 @@ def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str,
 
 # -- Diagrams drawn to scale from traced rays ------------------------------------------------------
 
-Picture = NDArray[Any]
+ImageArray = NDArray[Any]
 
 RAY, OTHER, WALL = PALETTE[0], PALETTE[1], PALETTE[5]
 ABOVE_MM = 4.0  # extension of a tube above its mirror
@@ -275,7 +275,7 @@ class Ray(NamedTuple):
 
     @property
     def towards(self) -> Array:
-        """Return the unit vector (2,) from the mirror to the object."""
+        """Unit vector (2,) from the mirror to the object."""
         return np.array([np.sin(self.omega), -np.cos(self.omega)])
 
     def at(self, distance: float) -> tuple[float, float]:
@@ -298,7 +298,7 @@ def chief_ray(sensor: Sensor, omega_deg: float) -> Ray:
 # -- Figs. 1 and 2: sensor -------------------------------------------------------------------------
 
 
-def principle(sensor: Sensor, circle: Picture) -> Figure:
+def principle(sensor: Sensor, circle: ImageArray) -> Figure:
     """Draw Fig. 1: optical paths via mirror and lens, and the circular image (n, n, 3)."""
     M = sensor.mirror.rim_radius_mm
     with styled():
@@ -394,7 +394,7 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
 # -- Figs. 13 and 14: dewarping --------------------------------------------------------------------
 
 
-def virtual_screens(sensor: Sensor, images: Sequence[Picture]) -> Figure:
+def virtual_screens(sensor: Sensor, images: Sequence[ImageArray]) -> Figure:
     """Draw Fig. 13: a virtual projector with a cylindrical and a spherical screen."""
     M = sensor.mirror.rim_radius_mm
     with styled():
@@ -549,7 +549,7 @@ class Prototype(NamedTuple):
 
     sensor: Sensor
     title: str
-    picture: Picture
+    image: ImageArray
     housing: Housing
 
 
@@ -564,7 +564,7 @@ def prototypes(items: Sequence[Prototype]) -> Figure:
             _draw_prototype(above, p)
             panel_title(above, i, p.title, len(items))
             below.set_axis_off()
-            below.imshow(p.picture, interpolation="antialiased")
+            below.imshow(p.image, interpolation="antialiased")
             below.set_title("simulated", fontsize=6, fontweight="normal", loc="center", pad=2)
     return figure
 

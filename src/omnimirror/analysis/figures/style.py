@@ -273,7 +273,7 @@ def render(figure: Figure, kind: str = "svg") -> bytes:
     Raises
     ------
     InvalidParameter
-        Unknown format.
+        If the format is unknown.
     """
     if kind not in FORMATS:
         raise InvalidParameter(
@@ -316,9 +316,9 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     Raises
     ------
     InvalidParameter
-        Unknown format.
+        If the format is unknown.
     OmnimirrorError
-        File that cannot be written.
+        If the file cannot be written.
     """
     path = Path(path)
     data = render(figure, path.suffix.lstrip(".").lower())

@@ -65,38 +65,38 @@ class Subject:
 
     @property
     def name(self) -> str:
-        """Return the name of the sensor for labels."""
+        """Name of the sensor for labels."""
         return plot_text(self.sensor.name)
 
     @property
     def objects(self) -> str:
-        """Return a title suffix for finite object distances."""
+        """Title suffix for finite object distances."""
         p = self.conditions.object_distance_mm
         return "" if np.isinf(p) else f", objects at {p:g} mm"
 
     @property
     def rim_mm(self) -> float:
-        """Return the rim radius M."""
+        """Rim radius M."""
         return self.sensor.mirror.rim_radius_mm
 
     @property
     def radius_px(self) -> float:
-        """Return the radius of the image circle."""
+        """Radius of the image circle."""
         return self.conditions.image_radius_px or self.sensor.rim_radius_px
 
     @cached_property
     def curve(self) -> Evaluation:
-        """Return the evaluation of the whole field at :data:`NODES` angles."""
+        """Evaluation of the whole field at :data:`NODES` angles."""
         return self.at(np.linspace(*self.sensor.field_deg, NODES))
 
     @cached_property
     def marks(self) -> Evaluation:
-        """Return the evaluation at every 15 deg of the field."""
+        """Evaluation at every 15 deg of the field."""
         return self.at(field_angles(self.sensor, 15.0))
 
     @property
     def hidden_deg(self) -> tuple[tuple[float, float], ...]:
-        """Return the angular ranges of the field obscured by the housing."""
+        """Angular ranges of the field obscured by the housing."""
         return tuple(ring.omega_deg for ring in self.sensor.obscured)
 
     def at(self, omega_deg: ArrayLike) -> Evaluation:
@@ -126,7 +126,7 @@ def subjects_of(sensors: Sequence[Sensor], conditions: Conditions) -> list[Subje
     Raises
     ------
     InvalidParameter
-        No sensor, or more sensors than colours.
+        If there is no sensor, or more sensors than colours.
     """
     if not 1 <= len(sensors) <= len(PALETTE):
         raise InvalidParameter(

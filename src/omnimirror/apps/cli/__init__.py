@@ -132,7 +132,7 @@ def main(args: list[str] | None = None) -> None:
     Raises
     ------
     SystemExit
-        The command failed, or a signal stopped it.
+        If the command fails, or a signal stops it.
     """
     start = time.perf_counter()
     is_debugged, is_verbose, words = _split_global_options(

@@ -245,10 +245,10 @@ def _tilt_ambiguity(rim: MirrorOutline, mirror: str) -> str:
     from ...calibration.rim import PRESETS, sensors_from_rim
     from ...optics.sensor_files import load_sensor
 
-    if mirror in PRESETS or len(found := sensors_from_rim(rim, load_sensor(mirror))) == 1:
+    if mirror in PRESETS or len(sensors := sensors_from_rim(rim, load_sensor(mirror))) == 1:
         return ""
     assumed, other = (
-        f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in found
+        f"{one.mirror_pose.tilt_x_deg:.1f}, {one.mirror_pose.tilt_y_deg:.1f}" for one in sensors
     )
     return f"; tilt {assumed} deg about x and y assumed; {other} deg has the same outline"
 
@@ -257,15 +257,15 @@ def _level_ball(ball: MirrorBall, image: NDArray[np.uint8]) -> tuple[MirrorBall,
     """Return the ball levelled from vertical edges of its image, if reliable, and a report."""
     from ...calibration.levelling import level_from_image
 
-    looks = {"up": "up", "down": "down", "forward": "forward"}[ball.mount.camera_looks]
+    orientations = {"up": "up", "down": "down", "forward": "forward"}[ball.mount.camera_looks]
     level = level_from_image(image, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
     if level is None or not level.is_reliable:
         return (
             ball,
-            f"; the camera is assumed to look {looks} without tilt (--camera-looks, --set camera.level)",
+            f"; the camera is assumed to look {orientations} without tilt (--camera-looks, --set camera.level)",
         )
     tilt = f"{level.pitch_deg:.1f},{level.roll_deg:.1f} deg, from {level.upright} vertical edges"
-    report = f"; the camera is assumed to look {looks} (--camera-looks); tilt {tilt}"
+    report = f"; the camera is assumed to look {orientations} (--camera-looks); tilt {tilt}"
     return replace(ball, mount=level.on(ball.mount)), report
 
 

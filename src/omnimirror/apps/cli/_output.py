@@ -75,7 +75,7 @@ def take_standard_output(
     Raises
     ------
     click.UsageError
-        Standard output is already reserved, or it is a terminal and the output an image.
+        If standard output is already reserved, or it is a terminal and the output an image.
     """
     meta = (ctx or click.get_current_context()).meta
     if meta.setdefault(_RESERVED, option) != option:
@@ -95,7 +95,7 @@ def check_output_files(ctx: click.Context) -> None:
     Raises
     ------
     click.UsageError
-        A file would be written twice, or an input overwritten.
+        If a file would be written twice, or an input overwritten.
     """
     written: dict[Path, str] = {}
     read: list[Path] = []

@@ -50,7 +50,7 @@ class Closed(io.TextIOBase):
 
 @contextmanager
 def prepared(is_quiet: bool) -> Iterator[None]:
-    """Make the streams usable within the block: open, with any character, and free of library
+    """Provide usable streams within the block: open, with any character, and free of library
     output.
 
     Parameters
@@ -261,7 +261,7 @@ class _Stop:
         self._send_again = send_again
         self._is_raised: Any = lambda: None
         self.is_lost = False
-        """Whether Python reported the exception as unraisable; it may still exist when the signal is sent again."""
+        """True if Python reported the exception as unraisable; it may still exist when the signal is sent again."""
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         global _number

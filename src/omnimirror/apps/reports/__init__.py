@@ -90,7 +90,7 @@ def write_demo(
     Raises
     ------
     OmnimirrorError
-        Unsupported sensor, or a folder that cannot be written.
+        If the sensor is not supported, or the folder cannot be written.
 
     Examples
     --------
@@ -169,19 +169,19 @@ def _numbers(result: Evaluation) -> str:
 
 
 def _images(folder: Path) -> str:
-    panorama = _picture(
+    panorama = _image(
         folder / "panorama.png",
         "Panorama of the whole field: 360° by the elevation range of the mirror.",
     )
-    circle = _picture(
+    circle = _image(
         folder / "circle.png",
         "Image on the imager, of a room with signs on its walls; text is mirrored.",
     )
-    view = _picture(folder / "view.png", "Perspective view of the forward direction, 90° wide.")
+    view = _image(folder / "view.png", "Perspective view of the forward direction, 90° wide.")
     return f'{panorama}<div class="pair">{circle}{view}</div>'
 
 
-def _picture(path: Path, caption: str) -> str:
+def _image(path: Path, caption: str) -> str:
     return figure_html(path.read_bytes(), "png", caption)
 
 

@@ -59,7 +59,7 @@ def write_calibration_report(calibration: Calibration, path: str | Path, command
     Raises
     ------
     OmnimirrorError
-        The file cannot be written.
+        If the file cannot be written.
 
     Examples
     --------

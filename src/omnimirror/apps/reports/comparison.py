@@ -59,9 +59,9 @@ def write_comparison(comparison: Comparison, path: str | Path, scene: Scene | No
     Raises
     ------
     InvalidParameter
-        Other suffix; raised before any computation.
+        If the suffix is not supported; raised before any computation.
     OmnimirrorError
-        Unsupported sensor, or a file that cannot be written.
+        If the sensor is not supported, or the file cannot be written.
 
     Examples
     --------

@@ -106,9 +106,9 @@ def write_tolerances(report: ToleranceReport, path: str | Path) -> Path:
     Raises
     ------
     InvalidParameter
-        Other suffix.
+        If the suffix is not supported.
     OmnimirrorError
-        The file cannot be written.
+        If the file cannot be written.
 
     Examples
     --------

@@ -68,9 +68,9 @@ def draw_figures(
     Raises
     ------
     InvalidParameter
-        An unknown figure.
+        If the figure is unknown.
     OmnimirrorError
-        A file cannot be written.
+        If a file cannot be written.
     """
     names = _figure_names(which)
     curves = [n for n in names if n in FIGURES]
@@ -121,9 +121,9 @@ def reproduce_paper(
     Raises
     ------
     InvalidParameter
-        Unknown figure; raised before any file is written.
+        If the figure is unknown; raised before any file is written.
     OmnimirrorError
-        A file cannot be written.
+        If a file cannot be written.
 
     Examples
     --------

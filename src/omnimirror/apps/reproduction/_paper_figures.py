@@ -13,7 +13,7 @@ from functools import cache
 from matplotlib.figure import Figure
 
 from ...analysis.figures import image_and_views, sensor_diagrams
-from ...analysis.figures.sensor_diagrams import Picture, Prototype
+from ...analysis.figures.sensor_diagrams import ImageArray, Prototype
 from ...analysis.viewpoints import best_viewpoint
 from ...dewarp import Dewarper, views
 from ...optics.housing import CameraBody, Dome, Housing, Rod, Tube
@@ -33,7 +33,7 @@ def _sphere() -> Sensor:
 
 
 @cache
-def _circle() -> Picture:
+def _circle() -> ImageArray:
     """Render the room with the spherical sensor through its whole aperture, as recorded by its
     camera."""
     return render_image(_sphere(), Room(), samples=SHOWN_SAMPLES, blur=True, low_pass=True)

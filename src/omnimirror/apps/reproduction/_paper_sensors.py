@@ -171,30 +171,30 @@ class Paper:
 
     @cached_property
     def telecentric_sphere(self) -> Evaluation:
-        """Evaluate a sphere with a field of 135 deg under an orthographic lens."""
+        """Evaluation of a sphere with a field of 135 deg under an orthographic lens."""
         sensor = sphere_for(self.sensors["SPH"], 135.0, 0.0, RADIUS_PX)
         return evaluate(sensor, np.arange(0, 135.0, 0.5), image_radius_px=RADIUS_PX)
 
     @cached_property
     def telecentric_paraboloid(self) -> Evaluation:
-        """Evaluate the bundled paraboloid under an orthographic lens."""
+        """Evaluation of the bundled paraboloid under an orthographic lens."""
         sensor = load_sensor("paraboloid-telecentric")
         assert isinstance(sensor.lens, Orthographic)
         return evaluate(sensor, np.arange(0, 105.0, 0.5))
 
     @property
     def coverage(self) -> float:
-        """Return the fraction of the viewing sphere between 0 and 135 deg."""
+        """Fraction of the viewing sphere between 0 and 135 deg."""
         return float(1 - np.cos(OMEGA_MAX)) / 2
 
     @property
     def square_degrees(self) -> float:
-        """Return the solid angle of the whole sphere."""
+        """Solid angle of the whole sphere."""
         return float(4 * np.pi * np.degrees(1.0) ** 2)
 
     @property
     def mean_pixel_deg2(self) -> float:
-        """Return the mean solid angle of a pixel in the image circle."""
+        """Mean solid angle of a pixel in the image circle."""
         return self.square_degrees * self.coverage / (np.pi * RADIUS_PX**2)
 
 

@@ -63,7 +63,7 @@ TURNS = 12  # meridians with traced rays
 SPACE_PROFILE_NODES = 37  # samples of a mirror profile, axis to rim
 ARC = 33  # samples of a dome profile
 BARREL = 1.2  # drawn length of the lens, in half-widths
-AWAY = 12.0  # length of rays if the sensor is outside the room, in rim radii
+OUTER_RAY_LENGTH = 12.0  # length of rays if the sensor is outside the room, in rim radii
 FRAME_SHARE = 0.3  # drawn width of the opaque frame of a window, in window radii
 RAY_NODES = ("lens", "second", "mirror", "wall", "end")
 """Nodes of a ray, from the lens outwards; non-finite if the ray skips a node."""
@@ -261,7 +261,7 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
     bare = replace(sensor, housing=Housing())  # the tube is traced afterwards
     mirror = bare.optical_train.posed_mirror
     lens, towards = bare.lens_rays(pixels, np.zeros(2))
-    found = mirror.trace(lens, towards)
+    reflection = mirror.trace(lens, towards)
     second, before = np.full_like(lens, np.nan), towards
     if isinstance(mirror, FoldedMirror):
         second, before = mirror.off_secondary(lens, towards)
@@ -272,9 +272,9 @@ def _legs(sensor: Sensor, pixels: Array) -> _Legs:
             + ((lens_height(aligned_sensor(sensor)) - lens[:, 2]) / towards[:, 2])[:, None]
             * towards
         )
-    lens = np.where(found.valid[:, None], lens, np.nan)
+    lens = np.where(reflection.valid[:, None], lens, np.nan)
     unit = before / np.linalg.norm(before, axis=1, keepdims=True)
-    return _Legs(lens, second, found.points, unit, found.directions, found.normals)
+    return _Legs(lens, second, reflection.points, unit, reflection.directions, reflection.normals)
 
 
 def _exit_points(
@@ -288,15 +288,15 @@ def _exit_points(
     is_hidden = np.any([np.zeros(len(points), dtype=bool), *masks], axis=0)
     wall = np.full_like(points, np.nan)
     if shell is not None:
-        seen = np.isfinite(points[:, 0]) & ~is_hidden
-        left = transmit_rays(shell, points[seen], towards[seen])
-        wall[seen], towards = left.points, towards.copy()
-        towards[seen] = left.directions
+        visible = np.isfinite(points[:, 0]) & ~is_hidden
+        left = transmit_rays(shell, points[visible], towards[visible])
+        wall[visible], towards = left.points, towards.copy()
+        towards[visible] = left.directions
     start, direction = (
         rotate_vectors(np.where(np.isfinite(wall), wall, points), world.T),
         rotate_vectors(towards, world.T),
     )
-    far = np.full(len(points), AWAY * sensor.mirror.rim_radius_mm)
+    far = np.full(len(points), OUTER_RAY_LENGTH * sensor.mirror.rim_radius_mm)
     inside = ((start >= ROOM.low) & (start <= ROOM.high)).all(axis=1)
     far[inside] = intersect_boxes(ROOM, SOLIDS, start[inside], direction[inside]).distance
     stopped = _distance_to_disc(standing, points, towards)
@@ -362,45 +362,45 @@ class EvaluatedSensor:
     """Evaluation for distant objects, regardless of the requested object distance."""
 
 
-def answer(ask: DesignRequest) -> bytes:
+def answer(message: DesignRequest) -> bytes:
     """Evaluate the design of a request; an invalid design yields a message with the error."""
     try:
-        stands = sensor_on_bench(ask.tables, ask.follows)
-        if ask.bend is not None:
-            stands = bent(stands, ask.bend)
-        sensor = aligned_sensor(stands)
-        design = _evaluated(sensor, distance_of(ask.object_distance_mm))
-        facts = _facts(design, why_not_optimised(stands))
+        current = sensor_on_bench(message.tables, message.follows)
+        if message.bend is not None:
+            current = bent(current, message.bend)
+        sensor = aligned_sensor(current)
+        design = _evaluated(sensor, distance_of(message.object_distance_mm))
+        facts = _facts(design, why_not_optimised(current))
         blocks = [_block("curves", CURVES, design.curve)]
-        blocks += _section(design) if ask.section else []
-        blocks += [_block("squares", SQUARES, design.marks)] if ask.squares else []
-        blocks += space_blocks(stands, design.marks.h_px) if ask.space else []
+        blocks += _section(design) if message.section else []
+        blocks += [_block("squares", SQUARES, design.marks)] if message.squares else []
+        blocks += space_blocks(current, design.marks.h_px) if message.space else []
     except OmnimirrorError as e:
-        return framed(_answer(ask, trouble=api_error_of(e)))
-    judged = (
-        check_evaluation(ask.requirements, design.curve)
-        if ask.requirements is not None
+        return framed(_answer(message, trouble=api_error_of(e)))
+    checked = (
+        check_evaluation(message.requirements, design.curve)
+        if message.requirements is not None
         else CheckResult()
     )
-    blocks += judged.curves
-    told = _answer(
-        ask,
-        remark=remark_on(stands),
+    blocks += checked.curves
+    response = _answer(
+        message,
+        remark=remark_on(current),
         facts=facts,
-        rows=judged.rows,
-        requirements_trouble=judged.trouble,
+        rows=checked.rows,
+        requirements_trouble=checked.trouble,
         blocks=tuple(values.block for values in blocks),
-        bent=on_bench(stands) if ask.bend is not None else None,
+        bent=on_bench(current) if message.bend is not None else None,
     )
-    return framed(told, *(b.values.astype("<f4").tobytes() for b in blocks))
+    return framed(response, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
-def _answer(ask: DesignRequest, **told: object) -> DesignResponse:
+def _answer(message: DesignRequest, **fields: object) -> DesignResponse:
     empty = dict.fromkeys(("trouble", "remark", "facts", "requirements_trouble", "bent")) | {
         "rows": (),
         "blocks": (),
     }
-    return DesignResponse(slot=ask.slot, number=ask.number, **{**empty, **told})  # type: ignore[arg-type]
+    return DesignResponse(slot=message.slot, number=message.number, **{**empty, **fields})  # type: ignore[arg-type]
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:
@@ -451,17 +451,19 @@ def _section(design: EvaluatedSensor) -> list[BlockValues]:
     """Return the cross-section: mirrors, lens, chief rays in the sensor plane, virtual images,
     depth of field."""
     sensor = design.curve.sensor
-    found = [_lines("mirror", mirror_curve(sensor, 2 * SECTION_PROFILE_NODES - 1))]
+    curves = [_lines("mirror", mirror_curve(sensor, 2 * SECTION_PROFILE_NODES - 1))]
     if (second := secondary_curve(sensor, SECTION_PROFILE_NODES)) is not None:
-        found.append(_lines("secondary", second))
+        curves.append(_lines("secondary", second))
     half, lens = lens_half_width(sensor), lens_height(sensor)
-    found.append(_lines("lens", SectionCurve(np.array([-half, half]), np.array([lens, lens]))))
-    found += _chief_rays(design.marks)
+    curves.append(_lines("lens", SectionCurve(np.array([-half, half]), np.array([lens, lens]))))
+    curves += _chief_rays(design.marks)
     if is_undistorted(sensor):
         for name, curve in _virtual_images(design.far):
-            found.append(_lines(name, SectionCurve(curve.x[::IMAGE_NODES], curve.z[::IMAGE_NODES])))
-        found.append(_lines("focus", SectionCurve(np.zeros(3), np.array(focus_band(design.far)))))
-    return found
+            curves.append(
+                _lines(name, SectionCurve(curve.x[::IMAGE_NODES], curve.z[::IMAGE_NODES]))
+            )
+        curves.append(_lines("focus", SectionCurve(np.zeros(3), np.array(focus_band(design.far)))))
+    return curves
 
 
 def _virtual_images(far: Evaluation) -> list[tuple[str, SectionCurve]]:

@@ -47,7 +47,7 @@ def opened(name: str, data: bytes) -> ImportedFile:
     Raises
     ------
     OmnimirrorError
-        Invalid or unknown file; the message contains the position.
+        If the file is unknown or invalid; the message contains the position.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -86,7 +86,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
     Raises
     ------
     SpecError
-        Invalid requirements.
+        If the requirements are invalid.
     """
     sensor = aligned_sensor(sensor)
     requirements = requirements_for(tables, sensor)
@@ -100,45 +100,49 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 
 
 def downloaded(
-    asked: FileRequest, tell: Callable[[str, float], None] = lambda what, share: None
+    requested: FileRequest, on_progress: Callable[[str, float], None] = lambda what, share: None
 ) -> File:
     """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
 
-    For reports, ``tell`` receives the current step and the completed fraction.
+    For reports, ``on_progress`` receives the current step and the completed fraction.
 
     Raises
     ------
     OmnimirrorError
-        Invalid sensor, or a sensor without such a file.
+        If the sensor is invalid or has no such file.
     """
-    sensor = sensor_on_bench(asked.tables)
-    if asked.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
-        what = OF_ONE_MERIDIAN[asked.kind]
+    sensor = sensor_on_bench(requested.tables)
+    if requested.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
+        what = OF_ONE_MERIDIAN[requested.kind]
         raise InvalidParameter(
             f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first"
         )
-    return _report(sensor, tell) if asked.kind == "report" else KINDS[asked.kind](sensor, asked)
+    return (
+        _report(sensor, on_progress)
+        if requested.kind == "report"
+        else KINDS[requested.kind](sensor, requested)
+    )
 
 
-def _sensor_file(sensor: Sensor, asked: FileRequest) -> File:
+def _sensor_file(sensor: Sensor, requested: FileRequest) -> File:
     return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
 
 
-def _table(sensor: Sensor, asked: FileRequest) -> File:
-    distance = distance_of(asked.object_distance_mm)
+def _table(sensor: Sensor, requested: FileRequest) -> File:
+    distance = distance_of(requested.object_distance_mm)
     result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
     return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
 
 
-def _sag(sensor: Sensor, asked: FileRequest) -> File:
+def _sag(sensor: Sensor, requested: FileRequest) -> File:
     return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
 
 
-def _drawing(sensor: Sensor, asked: FileRequest) -> File:
+def _drawing(sensor: Sensor, requested: FileRequest) -> File:
     return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
 
 
-def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
+def _report(sensor: Sensor, on_progress: Callable[[str, float], None]) -> File:
     from ..reports import write_demo
 
     width, height = sensor.imager.size
@@ -148,7 +152,7 @@ def _report(sensor: Sensor, tell: Callable[[str, float], None]) -> File:
             f"{width} x {height} px; omnimirror demo supports larger imagers"
         )
     with tempfile.TemporaryDirectory() as folder:
-        data = write_demo(sensor, folder, on_progress=tell).read_bytes()
+        data = write_demo(sensor, folder, on_progress=on_progress).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
@@ -186,25 +190,25 @@ def _stem(sensor: Sensor) -> str:
 # -- images ----------------------------------------------------------------------------------------
 
 
-def taken(ask: RenderRequest) -> bytes:
+def taken(message: RenderRequest) -> bytes:
     """Render the image of the room and its panorama at a reduced imager resolution.
 
     Raises
     ------
     OmnimirrorError
-        Invalid sensor.
+        If the sensor is invalid.
     """
     from ...dewarp import Dewarper, views
     from ...simulation.rendering import render_image
     from ...simulation.scenes.room import Room
 
-    sensor = coarser(sensor_on_bench(ask.tables), ask.width_px)
-    picture = render_image(sensor, Room(), samples=ask.samples)
+    sensor = coarser(sensor_on_bench(message.tables), message.width_px)
+    rendered = render_image(sensor, Room(), samples=message.samples)
     view = views.panorama(sensor)
     if view.size[0] > MAX_SIDE_PX:  # narrow vertical field
         view = views.panorama(sensor, (MAX_SIDE_PX, None))
-    panorama = Dewarper(sensor, view)(picture)
-    files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (picture, panorama)]
+    panorama = Dewarper(sensor, view)(rendered)
+    files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (rendered, panorama)]
     return framed(RenderHeader(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...analysis.evaluation import Evaluation
 from ...base.errors import OmnimirrorError
 from ...design.merits import values_of_evaluation
-from ...design.requirement_check import Judgement, evaluations, judge
+from ...design.requirement_check import RequirementCheck, check_requirements, evaluations
 from ...design.requirement_files import lens_like, requirements_of
 from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
@@ -41,7 +41,7 @@ def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
     Raises
     ------
     SpecError
-        Invalid tables; the message contains the position and the valid values.
+        If the tables are invalid; the message contains the position and the valid values.
     """
     data = dict(tables)
     data.setdefault("mirror", {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm})
@@ -80,16 +80,18 @@ def check_evaluation(tables: dict[str, Any], curve: Evaluation) -> CheckResult:
     except OmnimirrorError as e:
         return CheckResult(trouble=str(e))
     first = len(rows) - len(requirements.limits)
-    return CheckResult(tuple(_told(row, i - first) for i, row in enumerate(rows)), None, (curves,))
+    return CheckResult(
+        tuple(_result_row(row, i - first) for i, row in enumerate(rows)), None, (curves,)
+    )
 
 
 def rows_of(
     tables: dict[str, Any], requirements: Requirements, sensor: Sensor, angles: int
-) -> list[Judgement]:
+) -> list[RequirementCheck]:
     """Return the checked requirements of the tables; limits last, in their order."""
-    asked = {*tables.get("mirror", {}), *tables.get("lens", {})}
-    rows = judge(requirements, sensor, angles=angles).rows
-    return [row for row in rows if row.name not in OWN or row.name in asked]
+    requested = {*tables.get("mirror", {}), *tables.get("lens", {})}
+    rows = check_requirements(requirements, sensor, angles=angles).rows
+    return [row for row in rows if row.name not in OWN or row.name in requested]
 
 
 def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
@@ -108,7 +110,7 @@ def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
     return columns_of("limits", tuple(columns), np.stack(list(columns.values())))
 
 
-def _told(row: Judgement, limit: int) -> RequirementResult:
+def _result_row(row: RequirementCheck, limit: int) -> RequirementResult:
     reached = float(row.reached) if np.isfinite(row.reached) else None
     return RequirementResult(
         name=row.name,
@@ -130,35 +132,41 @@ SLIDER_ANGLES = 61
 """Field angles at which limits are evaluated; slider tracks are only a few hundred pixels long."""
 
 
-def slider_violations(asked: SliderRequest) -> SliderViolations:
+def slider_violations(requested: SliderRequest) -> SliderViolations:
     """Return the relative violation of each requirement for every value of each number, one number
     at a time.
 
     Raises
     ------
     OmnimirrorError
-        Invalid requirements.
+        If the requirements are invalid.
     """
     requirements_for(
-        asked.requirements, aligned_sensor(sensor_on_bench(asked.tables, asked.follows))
+        requested.requirements, aligned_sensor(sensor_on_bench(requested.tables, requested.follows))
     )
     return SliderViolations(
         missed=tuple(
-            tuple(_missed(asked, slide, value) for value in slide.values) for slide in asked.slides
+            tuple(_missed(requested, slide, value) for value in slide.values)
+            for slide in requested.slides
         )
     )
 
 
-def _missed(asked: SliderRequest, slide: SliderValues, value: float) -> tuple[float, ...] | None:
+def _missed(
+    requested: SliderRequest, slide: SliderValues, value: float
+) -> tuple[float, ...] | None:
     is_distance = slide.path == ("mount", "mirror_distance_mm")
     try:
         sensor = aligned_sensor(
             sensor_on_bench(
-                _with(asked.tables, slide.path, value), asked.follows and not is_distance
+                _with(requested.tables, slide.path, value), requested.follows and not is_distance
             )
         )
         rows = rows_of(
-            asked.requirements, requirements_for(asked.requirements, sensor), sensor, SLIDER_ANGLES
+            requested.requirements,
+            requirements_for(requested.requirements, sensor),
+            sensor,
+            SLIDER_ANGLES,
         )
     except OmnimirrorError:
         return None

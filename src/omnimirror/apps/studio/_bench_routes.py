@@ -70,16 +70,16 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
         return on_bench(load_sensor(name))
 
     @app.post("/api/bench/slides")
-    async def slides(asked: SliderRequest) -> SliderViolations:
+    async def slides(requested: SliderRequest) -> SliderViolations:
         """Return the relative violation of the requirements along all sliders."""
         return await studio.slider_violations.run(
-            asked.model_dump_json(), lambda: slider_violations(asked)
+            requested.model_dump_json(), lambda: slider_violations(requested)
         )
 
     @app.post("/api/bench/change")
-    def change(asked: DesignChange) -> BenchSensor:
+    def change(requested: DesignChange) -> BenchSensor:
         """Return the sensor with another kind of mirror or lens, or at its best focus."""
-        return on_bench(changed(asked))
+        return on_bench(changed(requested))
 
     @app.post("/api/bench/open", openapi_extra=FILE_BODY)
     async def open_file(request: Request, name: FileName = "sensor.toml") -> ImportedFile:
@@ -91,68 +91,70 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
 def _add_files(app: FastAPI, studio: Studio) -> None:
     under_way: dict[str, FileProgress] = {}
 
-    def made_slowly(asked: FileRequest, key: str) -> File:
-        def tell(sentence: str, share: float) -> None:
+    def made_slowly(requested: FileRequest, key: str) -> File:
+        def on_progress(sentence: str, share: float) -> None:
             under_way[key] = FileProgress(sentence=sentence, share=share)
 
         try:
-            return downloaded(asked, tell)
+            return downloaded(requested, on_progress)
         finally:
             under_way.pop(key, None)
 
     @app.post("/api/bench/making")
-    async def making(asked: FileRequest) -> FileProgress | None:
+    async def making(requested: FileRequest) -> FileProgress | None:
         """Return the progress of a requested file."""
-        return under_way.get(asked.model_dump_json())
+        return under_way.get(requested.model_dump_json())
 
     @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
-    async def file(asked: FileRequest) -> Response:
+    async def file(requested: FileRequest) -> Response:
         """Return a file of a design: sensor file, tables, drawing or report."""
-        if asked.kind in SLOW_KINDS:
-            key = asked.model_dump_json()
-            made = await studio.reported.run(key, lambda: made_slowly(asked, key))
+        if requested.kind in SLOW_KINDS:
+            key = requested.model_dump_json()
+            content = await studio.reported.run(key, lambda: made_slowly(requested, key))
         else:
-            made = await asyncio.to_thread(downloaded, asked)
-        headers = {"content-disposition": http_attachment(made.name)}
-        return Response(made.data, media_type=made.kind, headers=headers)
+            content = await asyncio.to_thread(downloaded, requested)
+        headers = {"content-disposition": http_attachment(content.name)}
+        return Response(content.data, media_type=content.kind, headers=headers)
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)
-    def requirements(asked: RequirementFileRequest) -> str:
+    def requirements(requested: RequirementFileRequest) -> str:
         """Return the text of a requirement file."""
-        return requirement_file(asked.requirements, sensor_on_bench(asked.tables))
+        return requirement_file(requested.requirements, sensor_on_bench(requested.tables))
 
     @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
-    async def picture(ask: RenderRequest) -> Response:
+    async def rendered_image(message: RenderRequest) -> Response:
         """Return the rendered image of a room and its panorama: two JPEG files after a header with
         their lengths."""
-        pictures = await studio.simulated.run(ask.model_dump_json(), lambda: taken(ask))
-        return Response(pictures, media_type="application/octet-stream")
+        images = await studio.simulated.run(message.model_dump_json(), lambda: taken(message))
+        return Response(images, media_type="application/octet-stream")
 
 
 def _add_tolerances(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/errors")
-    def errors(asked: ErrorSourcesRequest) -> ErrorSourceList:
+    def errors(requested: ErrorSourcesRequest) -> ErrorSourceList:
         """Return the error sources of a sensor."""
         from ._bench_tolerances import (
             list_error_sources,
         )  # deferred import: requires the tolerancing modules
 
-        return list_error_sources(asked)
+        return list_error_sources(requested)
 
     @app.post("/api/bench/built", response_class=Response, responses={200: BYTES})
-    async def as_built(asked: AsBuiltRequest) -> Response:
+    async def as_built(requested: AsBuiltRequest) -> Response:
         """Return the image motion of a sensor with errors, as numbers after a header."""
         from ._bench_tolerances import built
 
-        found = await studio.built.run(asked.model_dump_json(), lambda: built(asked))
-        return Response(found, media_type="application/octet-stream")
+        content = await studio.built.run(requested.model_dump_json(), lambda: built(requested))
+        return Response(content, media_type="application/octet-stream")
 
     @app.post("/api/bench/yield")
-    async def yields(asked: YieldRequest) -> YieldResult:
+    async def yields(requested: YieldRequest) -> YieldResult:
         """Return the predicted yield and the effect of each error source."""
         from ._bench_tolerances import predict_yield
 
-        return await studio.toleranced.run(asked.model_dump_json(), lambda: predict_yield(asked))
+        return await studio.toleranced.run(
+            requested.model_dump_json(), lambda: predict_yield(requested)
+        )
 
 
 def _add_sockets(app: FastAPI, workers: Workers) -> None:
@@ -186,10 +188,10 @@ async def _answer_newest(socket: WebSocket) -> None:
         listening.cancel()
 
 
-def _answered(ask: DesignRequest) -> bytes:
+def _answered(message: DesignRequest) -> bytes:
     from ._bench_evaluation import answer  # deferred import: requires the analysis modules
 
-    return answer(ask)
+    return answer(message)
 
 
 async def _listen(
@@ -198,8 +200,8 @@ async def _listen(
     """Queue incoming requests; a newer request replaces an older one of the same slot."""
     try:
         while True:
-            asked = await receive_message(socket, DesignRequest)
-            waiting[asked.slot] = asked
+            requested = await receive_message(socket, DesignRequest)
+            waiting[requested.slot] = requested
             news.set()
     except InvalidMessage as e:
         await close_invalid(socket, e)
@@ -213,7 +215,7 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
         task = await receive_message(socket, SearchTask)
         async with workers.one() as worker:
-            worker.tell(task.model_dump_json())
+            worker.send(task.model_dump_json())
             await relay(worker, socket, asyncio.create_task(socket.receive()))
     except InvalidMessage as e:
         await close_invalid(socket, e)

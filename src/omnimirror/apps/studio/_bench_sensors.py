@@ -116,10 +116,10 @@ def part_of(kind: str, cls: type[Any]) -> PartInfo:
     hints = typing.get_type_hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
     parameters: dict[str, Parameter] = cls.PARAMETERS
-    found = [
+    matches = [
         _parameter(name, p, hints[name], fields[name].default) for name, p in parameters.items()
     ]
-    return PartInfo(kind=kind, parameters=tuple(found))
+    return PartInfo(kind=kind, parameters=tuple(matches))
 
 
 def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterInfo:
@@ -143,8 +143,8 @@ def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterInf
 NODES = 25  # samples of a profile, spline or table derived from another mirror
 SLOPES = 13
 ELLIPSOID_CONIC = -0.4
-NARROWER = 15.0  # deg below the field angle that a mapping cannot reach
-AROUND = 10.0  # distance from the mirror to a plane or cylinder, in rim radii
+FIELD_REDUCTION_DEG = 15.0  # deg below the field angle that a mapping cannot reach
+SURFACE_DISTANCE = 10.0  # distance from the mirror to a plane or cylinder, in rim radii
 FOCUS_DIGITS = 3  # decimals of the focus distance in mm, finer than lenses can be set
 TABLE_ROWS = 9
 THETA_DEG = 12.0  # default viewing angle of the lens, deg
@@ -172,7 +172,7 @@ def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
     Raises
     ------
     EntryError
-        Invalid sensor; the error contains the entry.
+        If the sensor is invalid; the error contains the entry.
     """
     form = Form()
     mount = tables.get("mount", {})
@@ -217,7 +217,7 @@ def remark_on(sensor: Sensor) -> str | None:
 
 
 def why_not_optimised(sensor: Sensor) -> str | None:
-    """Return the reason for which the mirror cannot be optimised; None if it can."""
+    """Return the reason why the mirror cannot be optimised; None if it can."""
     if sensor.secondary is not None:
         return "Optimisation requires a sensor with one mirror; this sensor has two."
     if not sensor.mirror_pose.is_axial:
@@ -250,22 +250,22 @@ def changed(change: DesignChange) -> Sensor:
     Raises
     ------
     OmnimirrorError
-        Unknown kind, or a kind that does not support this field.
+        If the kind is unknown, or does not support this field.
     """
-    stands, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
-    sensor = aligned_sensor(stands)
+    current, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
+    sensor = aligned_sensor(current)
     if change.what == "focus":
         best = best_focus(sensor, change.to, object_distance_mm=distance)
-        made = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
+        focused = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
     else:
         changed_part = (
             _with_lens(sensor, change.to)
             if change.what == "lens"
             else _with_mirror(sensor, change.to)
         )
-        made = _focused(changed_part, distance)
+        focused = _focused(changed_part, distance)
     return replace(
-        made, mirror_pose=stands.mirror_pose, housing=stands.housing, thermal=stands.thermal
+        focused, mirror_pose=current.mirror_pose, housing=current.housing, thermal=current.thermal
     )
 
 
@@ -289,7 +289,7 @@ def recast(sensor: Sensor, kind: str) -> MountedMirror:
 
     >>> import omnimirror as om
     >>> mounted = recast(om.load_sensor("paper-spherical"), "hyperboloid")
-    >>> round(mounted.mirror.a_mm / 43.9, 3), round(mounted.distance_mm / 43.9, 3)  # Table 1: .7407, 3.550
+    >>> round(mounted.mirror.a_mm / 43.9, 3), round(mounted.distance_mm / 43.9, 3)  # Table 1: 0.7407, 3.550
     (0.741, 3.55)
     """
     rim = rim_of(sensor)
@@ -314,11 +314,15 @@ def rim_of(sensor: Sensor) -> RimRay:
 
 def _mapped(cls: type[Any], rim: RimRay) -> MappingMirror:
     """Return a prescribed-mapping mirror over the part of the field that its mapping reaches."""
-    M, most = rim.rim_radius_mm, cls.MAX_OMEGA_DEG
-    omega = rim.omega_max_deg if rim.omega_max_deg < most else most - NARROWER
+    M, max_omega_deg = rim.rim_radius_mm, cls.MAX_OMEGA_DEG
+    omega = (
+        rim.omega_max_deg
+        if rim.omega_max_deg < max_omega_deg
+        else max_omega_deg - FIELD_REDUCTION_DEG
+    )
     own = {
-        "plane_distance_mm": AROUND * M,
-        "cylinder_radius_mm": AROUND * M,
+        "plane_distance_mm": SURFACE_DISTANCE * M,
+        "cylinder_radius_mm": SURFACE_DISTANCE * M,
         "omega_min_deg": omega / 3,
     }
     needed = [
@@ -326,10 +330,10 @@ def _mapped(cls: type[Any], rim: RimRay) -> MappingMirror:
     ]
     if "cylinder_radius_mm" in needed:
         needed.append("omega_min_deg")
-    made: MappingMirror = cls(
+    mapped: MappingMirror = cls(
         omega, rim.theta_max_deg, rim_radius_mm=M, **{name: own[name] for name in needed}
     )
-    return made
+    return mapped
 
 
 def _sampled(sensor: Sensor, rim: RimRay) -> Mirror:
@@ -508,9 +512,9 @@ def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
     omega, tau = np.array(table.omega_deg), np.array(table.height) / table.height[-1]
     beam = _beam(omega - low, omega_deg - low, high - low)
     x = [evaluate(sensor, [omega_deg]).x_mm[0], sensor.x_from_height_px(np.array([height_px]))[0]]
-    now, wanted = _shares(sensor, np.array(x))
-    _check_grows(np.diff(tau), np.diff(beam), wanted - now, omega_deg)
-    mirror = replace(table, height=tuple(tau + (wanted - now) * beam))
+    now, target = _shares(sensor, np.array(x))
+    _check_grows(np.diff(tau), np.diff(beam), target - now, omega_deg)
+    mirror = replace(table, height=tuple(tau + (target - now) * beam))
     return replace(sensor, mirror=mirror, mirror_distance_mm=mirror.design_distance)
 
 
@@ -540,9 +544,9 @@ def _check_grows(steps: Array, beam: Array, pulled: float, omega_deg: float) -> 
         return
     side = np.sign(pulled)
     against = side * beam < 0
-    most = float(np.min(steps[against] / np.abs(beam[against])))
+    maximum = float(np.min(steps[against] / np.abs(beam[against])))
     raise InvalidParameter(
         f"the image height must increase with the field angle; a change of {pulled:+.3g} "
         f"times the image height of the rim at {omega_deg:.4g} deg violates this; the "
-        f"limit is {side * most:+.3g}"
+        f"limit is {side * maximum:+.3g}"
     )

@@ -51,9 +51,9 @@ STRAIGHTNESS = tuple(after("straightness_deg", depth) for depth in CALIBRATIONS)
 MAX_EVALUATORS = 8  # cached evaluators, one per sensor and set of requirements
 
 
-def list_error_sources(ask: ErrorSourcesRequest) -> ErrorSourceList:
+def list_error_sources(message: ErrorSourcesRequest) -> ErrorSourceList:
     """Return the error sources of the sensor of given tables."""
-    sensor = aligned_sensor(sensor_on_bench(ask.tables))
+    sensor = aligned_sensor(sensor_on_bench(message.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
     known = tuple(
         ErrorSourceInfo(
@@ -73,22 +73,22 @@ def _has_slider(name: str) -> bool:
     return start != "mirror.zernike" or int(number) <= LAST_ZERNIKE
 
 
-def built(ask: AsBuiltRequest) -> bytes:
+def built(message: AsBuiltRequest) -> bytes:
     """Return the image motion of a sensor with errors and its residuals after calibrations.
 
     Raises
     ------
     OmnimirrorError
-        Invalid sensor, or an error source that does not apply to it.
+        If the sensor is invalid, or an error source does not apply to it.
     """
-    meant = aligned_sensor(sensor_on_bench(ask.tables))
-    check_error_names(meant, ask.values)
-    values = {name: value for name, value in ask.values.items() if value} or {
+    nominal = aligned_sensor(sensor_on_bench(message.tables))
+    check_error_names(nominal, message.values)
+    values = {name: value for name, value in message.values.items() if value} or {
         "imager.shift_x_px": 0.0
     }
-    is_quick = is_vectorised(meant, values)
+    is_quick = is_vectorised(nominal, values)
     evaluator = _cached_evaluator(
-        _cache_key(ask.tables), ask.refocus, STRAIGHTNESS if is_quick else ()
+        _cache_key(message.tables), message.refocus, STRAIGHTNESS if is_quick else ()
     )
     merits, moved = evaluator.evaluate_with_motions(
         {name: np.array([0.0, value]) for name, value in values.items()}
@@ -106,7 +106,7 @@ def built(ask: AsBuiltRequest) -> bytes:
     header = AsBuiltResult(
         objects=len(evaluator.field),
         lost=int(merits[1, -1]),
-        radius_px=meant.rim_radius_px,
+        radius_px=nominal.rim_radius_px,
         motion_px=tuple(of[after("motion_px", depth)][1] for depth in CALIBRATIONS),
         direction_error_deg=tuple(
             of[after("direction_error_deg", depth)][1] for depth in CALIBRATIONS
@@ -114,40 +114,40 @@ def built(ask: AsBuiltRequest) -> bytes:
         straightness_deg=tuple(straight),
         blur_px=(of["blur_px"][0], of["blur_px"][1]),
         focus_mm=(of["focus_distance_mm"][0], of["focus_distance_mm"][1]),
-        tables=_tables_of_built(meant, ask.values),
+        tables=_tables_of_built(nominal, message.values),
     )
     return framed(
         header, evaluator.reference_px.T.astype("<f4").tobytes(), left.astype("<f4").tobytes()
     )
 
 
-def _tables_of_built(meant: Sensor, values: Mapping[str, float]) -> dict[str, Any] | None:
+def _tables_of_built(nominal: Sensor, values: Mapping[str, float]) -> dict[str, Any] | None:
     try:
-        return tables_of(perturbed(meant, values))
+        return tables_of(perturbed(nominal, values))
     except OmnimirrorError:  # infeasible combination of values
         return None
 
 
-def predict_yield(ask: YieldRequest) -> YieldResult:
+def predict_yield(message: YieldRequest) -> YieldResult:
     """Return the effect of each error and the predicted yield.
 
     Raises
     ------
     OmnimirrorError
-        Invalid sensor, inapplicable error source, or invalid limit.
+        If the sensor or a limit is invalid, or an error source does not apply.
     """
-    check_limits({ask.merit: ask.limit})
-    sensor = aligned_sensor(sensor_on_bench(ask.tables))
-    errors = {error.name: Tolerance(error.tolerance) for error in ask.errors}
+    check_limits({message.merit: message.limit})
+    sensor = aligned_sensor(sensor_on_bench(message.tables))
+    errors = {error.name: Tolerance(error.tolerance) for error in message.errors}
     tolerances = Tolerances(sensor, errors)
     evaluator = _cached_evaluator(
-        _cache_key(ask.tables), ask.refocus, select_requirement_merits([ask.merit])
+        _cache_key(message.tables), message.refocus, select_requirement_merits([message.merit])
     )
-    trials = ask.trials if is_vectorised(sensor, errors) else min(ask.trials, SLOW_TRIALS)
+    trials = message.trials if is_vectorised(sensor, errors) else min(message.trials, SLOW_TRIALS)
     statistics = simulate_trials(
-        evaluator, tolerances, {ask.merit: ask.limit}, trials=trials, seed=ask.seed
+        evaluator, tolerances, {message.merit: message.limit}, trials=trials, seed=message.seed
     )
-    return _yield_result(statistics, ask.merit, _alone(evaluator, tolerances, ask.merit))
+    return _yield_result(statistics, message.merit, _alone(evaluator, tolerances, message.merit))
 
 
 def _alone(
@@ -190,7 +190,7 @@ def _yield_result(
     statistics: YieldStatistics, merit: str, rows: tuple[SingleErrorEffect, ...]
 ) -> YieldResult:
     of = statistics.yields
-    median, most = (finite(statistics.quantile(merit, share)) for share in (0.5, 0.95))
+    median, upper = (finite(statistics.quantile(merit, share)) for share in (0.5, 0.95))
     return YieldResult(
         trials=statistics.trials,
         lost=statistics.lost,
@@ -198,7 +198,7 @@ def _yield_result(
         low=of.low,
         high=of.high,
         median=median,
-        most=most,
+        most=upper,
         rows=rows,
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...base.errors import OmnimirrorError
 from ...calibration.targets import Board, Detection, find_board
-from ._uploads import picture_in
+from ._uploads import image_in
 from .calibration_messages import BoardDetection, BoardDetectionRequest, BoardSpec
 from .messages import Problem
 
@@ -23,47 +23,52 @@ PLACES = 4
 """Transferred decimals of a pixel, 0.01 of the corner uncertainty."""
 
 
-def board_of(asked: BoardSpec) -> Board:
+def board_of(requested: BoardSpec) -> Board:
     """Return the board of a request.
 
     Raises
     ------
     InvalidParameter
-        Invalid board parameters.
+        If the board parameters are invalid.
     """
-    a = asked
+    a = requested
     return Board(a.kind, a.columns, a.rows, a.square_mm, a.marker_mm, a.spacing, a.family, a.legacy)
 
 
-def told(found: Detection) -> BoardDetection:
+def detection_message(detection: Detection) -> BoardDetection:
     """Convert a detection to a message."""
     return BoardDetection(
-        name=found.name,
-        image_size=found.image_size,
-        ids=tuple(int(i) for i in found.ids),
-        corners_px=tuple((float(u), float(v)) for u, v in np.round(found.corners_px, PLACES)),
+        name=detection.name,
+        image_size=detection.image_size,
+        ids=tuple(int(i) for i in detection.ids),
+        corners_px=tuple((float(u), float(v)) for u, v in np.round(detection.corners_px, PLACES)),
         sigma_px=None
-        if found.sigma_px is None
-        else tuple(float(s) for s in np.round(found.sigma_px, PLACES)),
-        reason=found.reason,
-        blur_px=found.blur_px if math.isfinite(found.blur_px) else None,
-        is_reversed=found.is_reversed,
-        begins_white=found.begins_white,
-        is_part=found.is_part,
-        time_s=found.time_s,
+        if detection.sigma_px is None
+        else tuple(float(s) for s in np.round(detection.sigma_px, PLACES)),
+        reason=detection.reason,
+        blur_px=detection.blur_px if math.isfinite(detection.blur_px) else None,
+        is_reversed=detection.is_reversed,
+        begins_white=detection.begins_white,
+        is_part=detection.is_part,
+        time_s=detection.time_s,
     )
 
 
-def look(ask: BoardDetectionRequest, data: bytes) -> BoardDetection | Problem:
+def look(message: BoardDetectionRequest, data: bytes) -> BoardDetection | Problem:
     """Detect the board in an image; return the detection or a problem."""
     try:
-        return told(
-            find_board(picture_in(data, ask.name), board_of(ask), name=ask.name, quick=ask.quick)
+        return detection_message(
+            find_board(
+                image_in(data, message.name),
+                board_of(message),
+                name=message.name,
+                quick=message.quick,
+            )
         )
     except OmnimirrorError as e:
         return Problem(detail=str(e))
     except MemoryError:
-        return Problem(detail=f"{ask.name} requires more memory than the server has")
+        return Problem(detail=f"{message.name} requires more memory than the server has")
 
 
 def answer_all(questions: BinaryIO) -> None:

@@ -23,7 +23,7 @@ from ...cameras.models.camera_model import CameraModel
 from ...dewarp import Dewarper
 from ...optics.sensor_files import parse_camera
 from ._board_detection_process import board_of
-from ._uploads import eight_bits, encoded, picture_in
+from ._uploads import eight_bits, encoded, image_in
 from .calibration_messages import (
     BoardDetection,
     BoardPose,
@@ -36,72 +36,72 @@ from .calibration_messages import (
 # -- Conversion and joint analysis of detections ---------------------------------------------------
 
 
-def taken(seen: BoardDetection, board: Board) -> Detection:
+def taken(detected: BoardDetection, board: Board) -> Detection:
     """Convert the message of one image to a detection, if usable.
 
     Raises
     ------
     InvalidParameter
-        Corners outside the board or outside the image.
+        If the corners are outside the board or outside the image.
     """
     ids, corners = (
-        np.asarray(seen.ids, dtype=int),
-        np.asarray(seen.corners_px, dtype=float).reshape(-1, 2),
+        np.asarray(detected.ids, dtype=int),
+        np.asarray(detected.corners_px, dtype=float).reshape(-1, 2),
     )
-    sigma = None if seen.sigma_px is None else np.asarray(seen.sigma_px, dtype=float)
-    size = np.array(seen.image_size)
-    good = len(ids) == len(corners) == len(set(seen.ids)) and (
+    sigma = None if detected.sigma_px is None else np.asarray(detected.sigma_px, dtype=float)
+    size = np.array(detected.image_size)
+    good = len(ids) == len(corners) == len(set(detected.ids)) and (
         sigma is None or len(sigma) == len(ids)
     )
     good = good and bool(np.all((ids >= 0) & (ids < board.corner_count)))
     if not (good and np.all((corners >= -0.5) & (corners <= size - 0.5))):
         raise InvalidParameter(
-            f"the detection in {seen.name} is invalid: its corners do not match a board of {board}"
+            f"the detection in {detected.name} is invalid: its corners do not match a board of {board}"
         )
-    blur = math.nan if seen.blur_px is None else seen.blur_px
+    blur = math.nan if detected.blur_px is None else detected.blur_px
     return Detection(
-        seen.name,
-        seen.image_size,
+        detected.name,
+        detected.image_size,
         ids,
         corners,
-        seen.reason,
+        detected.reason,
         sigma,
         blur,
-        seen.is_reversed,
-        seen.begins_white,
-        seen.is_part,
-        seen.time_s,
+        detected.is_reversed,
+        detected.begins_white,
+        detected.is_part,
+        detected.time_s,
     )
 
 
-def together(ask: MultiImageRequest) -> MultiImageSummary:
+def together(message: MultiImageRequest) -> MultiImageSummary:
     """Analyse images of one camera together: consistency, field coverage and the recommended next
     image.
 
     Raises
     ------
     InvalidParameter
-        Invalid board, or a board that does not match the detections.
+        If the board is invalid or does not match the detections.
     """
-    board = board_of(ask.board)
-    detections = compared([taken(seen, board) for seen in ask.pictures], board)
+    board = board_of(message.board)
+    detections = compared([taken(detected, board) for detected in message.pictures], board)
     used = [d for d in detections if d.used]
-    spread = _coverage(used, ask) if used else None
+    spread = _coverage(used, message) if used else None
     return MultiImageSummary(
         reasons=tuple(d.reason for d in detections),
         coverage=coverage_shown(spread) if spread else None,
         advice=recommendations(spread, len(used)) if spread else (),
         not_new=None
-        if ask.candidate is None
-        else redundancy_reason(taken(ask.candidate, board), used, board),
+        if message.candidate is None
+        else redundancy_reason(taken(message.candidate, board), used, board),
     )
 
 
-def _coverage(used: list[Detection], ask: MultiImageRequest) -> Coverage:
+def _coverage(used: list[Detection], message: MultiImageRequest) -> Coverage:
     width, height = used[0].image_size
-    centre = ((width - 1) / 2, (height - 1) / 2) if ask.centre_px is None else ask.centre_px
+    centre = ((width - 1) / 2, (height - 1) / 2) if message.centre_px is None else message.centre_px
     observations = [Observation(d.name, d.corners_px, np.zeros((len(d.ids), 3))) for d in used]
-    return coverage(observations, centre, ask.radius_px)
+    return coverage(observations, centre, message.radius_px)
 
 
 def coverage_shown(spread: Coverage) -> CoverageInfo:
@@ -117,7 +117,7 @@ def coverage_shown(spread: Coverage) -> CoverageInfo:
 # -- Dewarped frontal view -------------------------------------------------------------------------
 
 MARGIN = 1.5  # margin around the board, squares
-FINER = 2.5  # pixels of the view per pixel of the image
+VIEW_OVERSAMPLING = 2.5  # pixels of the view per pixel of the image
 MAX_VIEW_PX = 1200
 MAX_BOARD_MM = 1e5
 MIN_LINE_CORNERS = 3  # minimum number of corners for a straightness residual
@@ -188,7 +188,7 @@ def place_of(observation: Observation, model: CameraModel, board: Board) -> Boar
         low_mm=(float(low[0]), float(low[1])),
         high_mm=(float(high[0]), float(high[1])),
         margin_mm=MARGIN * board.square_mm,
-        px_per_mm=FINER * _px_per_mm(observation),
+        px_per_mm=VIEW_OVERSAMPLING * _px_per_mm(observation),
         is_upwards=board.kind == "aprilgrid",
     )
 
@@ -233,7 +233,7 @@ def line_deviation_px(observation: Observation, model: CameraModel, board: Board
     return worst
 
 
-def render_board_view(ask: BoardViewRequest, data: bytes) -> bytes:
+def render_board_view(message: BoardViewRequest, data: bytes) -> bytes:
     """Render the frontal view of a board as JPEG.
 
     Raises
@@ -241,13 +241,13 @@ def render_board_view(ask: BoardViewRequest, data: bytes) -> bytes:
     OmnimirrorError
         Unreadable image, invalid camera or board, or an image of another size than the camera's.
     """
-    screen = BoardScreen(ask.place)
+    screen = BoardScreen(message.place)
     if not np.all((screen.sides_mm > 0) & (screen.sides_mm < MAX_BOARD_MM)):
         raise InvalidParameter(
-            f"the board in {ask.place.picture} must be larger than 0 and smaller than "
-            f"{MAX_BOARD_MM:g} mm; its corners extend from {ask.place.low_mm} to "
-            f"{ask.place.high_mm} mm"
+            f"the board in {message.place.picture} must be larger than 0 and smaller than "
+            f"{MAX_BOARD_MM:g} mm; its corners extend from {message.place.low_mm} to "
+            f"{message.place.high_mm} mm"
         )
-    picture = eight_bits(picture_in(data, ask.name))
-    camera = parse_camera(ask.camera_file, source="the camera")
-    return encoded(Dewarper(camera, screen)(picture), ".jpg")
+    pixels = eight_bits(image_in(data, message.name))
+    camera = parse_camera(message.camera_file, source="the camera")
+    return encoded(Dewarper(camera, screen)(pixels), ".jpg")

@@ -35,7 +35,7 @@ from .calibration_messages import (
     ParameterEstimate,
 )
 
-Tell = Callable[[CalibrationStatus], None]
+OnProgress = Callable[[CalibrationStatus], None]
 LABELS = {
     "use --set camera.image_flipped=true": 'select "Camera driver flips images left to right"',
     "camera.image_flipped": '"Camera driver flips images left to right"',
@@ -45,51 +45,60 @@ LABELS = {
 
 
 def perform(
-    ask: CalibrationRequest,
-    pictures: Iterable[BoardDetection],
-    tell: Tell,
+    message: CalibrationRequest,
+    images: Iterable[BoardDetection],
+    on_progress: OnProgress,
     stop: Callable[[], bool],
 ) -> None:
     """Calibrate a camera and send progress, camera and report, or an error."""
     try:
-        board = board_of(ask.board)
-        found = _calibrated(
-            ask, _usable([taken(seen, board) for seen in pictures], board), board, tell, stop
+        board = board_of(message.board)
+        calibration = _calibrated(
+            message,
+            _usable([taken(detected, board) for detected in images], board),
+            board,
+            on_progress,
+            stop,
         )
-        tell(
+        on_progress(
             CalibrationStatus(
-                state="done", sentence=found.summary, share=1.0, found=found_message(found)
+                state="done",
+                sentence=calibration.summary,
+                share=1.0,
+                found=found_message(calibration),
             )
         )
-        tell(
+        on_progress(
             CalibrationStatus(
-                state="reported", sentence="Report complete.", report=_report(found, ask.command)
+                state="reported",
+                sentence="Report complete.",
+                report=_report(calibration, message.command),
             )
         )
     except OmnimirrorError as e:
-        tell(CalibrationStatus(state="failed", sentence=_plain(str(e))))
+        on_progress(CalibrationStatus(state="failed", sentence=_plain(str(e))))
 
 
 def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
     """Mark inconsistent detections; select the distinct frames of a video."""
-    judged = compared(detections, board)
-    frames = [d for d in judged if d.time_s is not None]
-    told = {
+    checked = compared(detections, board)
+    frames = [d for d in checked if d.time_s is not None]
+    replies = {
         id(before): after
         for before, after in zip(frames, select_distinct_frames(frames, board), strict=True)
     }
-    return [told.get(id(d), d) for d in judged]
+    return [replies.get(id(d), d) for d in checked]
 
 
 def _calibrated(
-    ask: CalibrationRequest,
+    message: CalibrationRequest,
     detections: Sequence[Detection],
     board: Board,
-    tell: Tell,
+    on_progress: OnProgress,
     stop: Callable[[], bool],
 ) -> Calibration:
     def progress(what: str, share: float) -> None:
-        tell(
+        on_progress(
             CalibrationStatus(
                 state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share
             )
@@ -98,12 +107,12 @@ def _calibrated(
     return calibrate_camera(
         detections,
         board,
-        model=ask.model,
-        optics=ask.optics,
-        mount=Mount(ask.camera_looks, image_flipped=ask.image_flipped),
-        centre_px=ask.centre_px,
-        rim_radius_px=ask.rim_radius_px,
-        board_shape=not ask.flat_board,
+        model=message.model,
+        optics=message.optics,
+        mount=Mount(message.camera_looks, image_flipped=message.image_flipped),
+        centre_px=message.centre_px,
+        rim_radius_px=message.rim_radius_px,
+        board_shape=not message.flat_board,
         on_progress=progress,
         should_stop=stop,
     )
@@ -116,82 +125,88 @@ def _plain(sentence: str) -> str:
     return sentence
 
 
-def _report(found: Calibration, command: str) -> str:
+def _report(calibration: Calibration, command: str) -> str:
     from ..reports.calibration import calibration_html
 
-    return calibration_html(found, command)
+    return calibration_html(calibration, command)
 
 
 # -- messages --------------------------------------------------------------------------------------
 
 
-def found_message(found: Calibration) -> CalibrationResult:
+def found_message(calibration: Calibration) -> CalibrationResult:
     """Convert a calibration to a message."""
-    fit = found.adjustment
-    used = {p.name for p in found.images if p.used}
+    fit = calibration.adjustment
+    used = {p.name for p in calibration.images if p.used}
     return CalibrationResult(
-        kind=found.model.KIND,
-        summary=found.summary,
-        rms_px=found.rms_px,
-        held_out_rms_px=finite(found.held_out_rms_px),
-        corners=found.corners,
-        seconds=found.seconds,
-        is_complete=found.is_complete,
+        kind=calibration.model.KIND,
+        summary=calibration.summary,
+        rms_px=calibration.rms_px,
+        held_out_rms_px=finite(calibration.held_out_rms_px),
+        corners=calibration.corners,
+        seconds=calibration.seconds,
+        is_complete=calibration.is_complete,
         image_size=fit.model.image_size,
-        pictures=_pictures(found),
+        pictures=_image_entries(calibration),
         parameters=tuple(
             ParameterEstimate(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit)
-            for p in found.parameters
+            for p in calibration.parameters
         ),
         models=tuple(
             ModelComparisonRow(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
-            for c in sorted(found.candidates, key=lambda c: c.rms_px)
+            for c in sorted(calibration.candidates, key=lambda c: c.rms_px)
         ),
         outliers=tuple(
             OutlierCorner(picture=o.image, corner=o.corner, residual_px=o.residual_px)
-            for o in found.outliers
+            for o in calibration.outliers
         ),
-        notes=found.notes,
-        advice=found.advice,
-        coverage=coverage_shown(found.coverage),
+        notes=calibration.notes,
+        advice=calibration.advice,
+        coverage=coverage_shown(calibration.coverage),
         places=tuple(
-            place_of(s, found.model, found.board) for s in fit.observations if s.name in used
+            place_of(s, calibration.model, calibration.board)
+            for s in fit.observations
+            if s.name in used
         ),
-        camera_file=format_camera(found.camera, found.summary),  # type: ignore[arg-type]
+        camera_file=format_camera(calibration.camera, calibration.summary),  # type: ignore[arg-type]
     )
 
 
-def _pictures(found: Calibration) -> tuple[CalibrationImage, ...]:
-    fit = found.adjustment
+def _image_entries(calibration: Calibration) -> tuple[CalibrationImage, ...]:
+    fit = calibration.adjustment
     slices = dict(zip((s.name for s in fit.observations), fit.problem.stack.slices, strict=True))
     observations = {s.name: s for s in fit.observations}
-    pixels, seen = fit.problem.stack.pixels, fit.visible
-    told = []
-    for picture in found.images:
+    pixels, visible = fit.problem.stack.pixels, fit.visible
+    images = []
+    for entry in calibration.images:
         rows: tuple[tuple[float, float, float, float], ...] = ()
         held = off = None
-        if picture.used:
-            where = slices[picture.name]
-            both = np.hstack([pixels[where], fit.residuals[where]])[seen[where]]
+        if entry.used:
+            where = slices[entry.name]
+            both = np.hstack([pixels[where], fit.residuals[where]])[visible[where]]
             rows = tuple(tuple(row) for row in np.round(both, 4).tolist())
-            off = finite(line_deviation_px(observations[picture.name], found.model, found.board))
-            if found.held_out is not None:
+            off = finite(
+                line_deviation_px(observations[entry.name], calibration.model, calibration.board)
+            )
+            if calibration.held_out is not None:
                 held = finite(
-                    float(np.sqrt(np.mean(np.sum(found.held_out.residuals[where] ** 2, axis=1))))
+                    float(
+                        np.sqrt(np.mean(np.sum(calibration.held_out.residuals[where] ** 2, axis=1)))
+                    )
                 )
-        told.append(
+        images.append(
             CalibrationImage(
-                name=picture.name,
-                found=picture.found,
-                used=picture.used,
-                reason=picture.reason,
-                rms_px=picture.rms_px,
+                name=entry.name,
+                found=entry.found,
+                used=entry.used,
+                reason=entry.reason,
+                rms_px=entry.rms_px,
                 held_out_rms_px=held,
                 line_deviation_px=off,
                 residuals=rows,
             )
         )
-    return tuple(told)
+    return tuple(images)
 
 
 def finite(value: float) -> float | None:
@@ -199,18 +214,22 @@ def finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def main(given: TextIO) -> None:
+def main(stream: TextIO) -> None:
     """Run the calibration of the input."""
-    ask = CalibrationRequest.model_validate_json(given.readline())
-    pictures = [BoardDetection.model_validate_json(given.readline()) for _ in range(ask.pictures)]
+    message = CalibrationRequest.model_validate_json(stream.readline())
+    images = [
+        BoardDetection.model_validate_json(stream.readline()) for _ in range(message.pictures)
+    ]
     stopping = threading.Event()
 
     def listen() -> None:
-        if given.readline().strip() == STOP:
+        if stream.readline().strip() == STOP:
             stopping.set()
 
     threading.Thread(target=listen, daemon=True).start()
-    perform(ask, pictures, lambda news: print(news.model_dump_json(), flush=True), stopping.is_set)
+    perform(
+        message, images, lambda news: print(news.model_dump_json(), flush=True), stopping.is_set
+    )
 
 
 if __name__ == "__main__":

@@ -58,16 +58,16 @@ def _add_questions(app: FastAPI, board_detectors: BoardDetectorPool) -> None:
 
     @app.post("/api/calibrate/look", openapi_extra=FILE_BODY)
     async def look(
-        request: Request, ask: Annotated[BoardDetectionRequest, Query()]
+        request: Request, message: Annotated[BoardDetectionRequest, Query()]
     ) -> BoardDetection:
         """Return the corners of a board in an image, or the reason for the failed detection."""
         data = await collected(request)
-        return await board_detectors.look(ask, data, request)
+        return await board_detectors.look(message, data, request)
 
     @app.post("/api/calibrate/together")
-    def pictures_together(ask: MultiImageRequest) -> MultiImageSummary:
+    def images_together(message: MultiImageRequest) -> MultiImageSummary:
         """Return the consistency and field coverage of images, and the recommended next image."""
-        return together(ask)
+        return together(message)
 
 
 def _add_straight(app: FastAPI, studio: Studio) -> None:
@@ -81,9 +81,9 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
         """Return a dewarped board as JPEG; the request header precedes the image."""
         from ._calibration_boards import render_board_view  # deferred import: requires the dewarper
 
-        ask, picture = unframed(await collected(request), BoardViewRequest)
-        made = await studio.unpacked.run(request, lambda: render_board_view(ask, picture))
-        return Response(made, media_type="image/jpeg")
+        message, data = unframed(await collected(request), BoardViewRequest)
+        board_view = await studio.unpacked.run(request, lambda: render_board_view(message, data))
+        return Response(board_view, media_type="image/jpeg")
 
 
 def _add_socket(app: FastAPI, workers: Workers) -> None:
@@ -96,12 +96,12 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
-        ask = await receive_message(socket, CalibrationRequest)
+        message = await receive_message(socket, CalibrationRequest)
         async with workers.one() as worker:
-            worker.tell(ask.model_dump_json())
-            for _ in range(ask.pictures):
-                seen = await receive_message(socket, BoardDetection)
-                await asyncio.to_thread(worker.tell, seen.model_dump_json())
+            worker.send(message.model_dump_json())
+            for _ in range(message.pictures):
+                detected = await receive_message(socket, BoardDetection)
+                await asyncio.to_thread(worker.tell, detected.model_dump_json())
             await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
     except InvalidMessage as e:
         await close_invalid(socket, e)
@@ -115,4 +115,4 @@ async def _stopped(socket: WebSocket, worker: Worker) -> None:
     """Forward stop requests until the page disconnects."""
     while (message := await socket.receive())["type"] != "websocket.disconnect":
         if message.get("text") == STOP:
-            worker.tell(STOP)
+            worker.send(STOP)

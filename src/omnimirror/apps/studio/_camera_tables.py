@@ -35,10 +35,10 @@ OFF_MIDDLE = (2, 1)  # test point of a cell, off centre, where errors of both ax
 TAPS = 10  # taps of the interpolation in each direction
 TAPS_BEFORE_CELL = TAPS // 2 - 1  # taps before the cell
 CLOSE = 0.5  # accepted error in float32 roundings at the test point; errors elsewhere in the cell remain below 1
-TOGETHER = 64  # cells per matrix product
-ALONG = [(1, 0), (-1, 0), (0, 1), (0, -1)]
-AROUND = [*ALONG, (1, 1), (-1, -1), (1, -1), (-1, 1)]
-BEYOND = 4  # extrapolated nodes beyond the boundary, for cubic interpolation
+CELLS_PER_PRODUCT = 64  # cells per matrix product
+EDGE_NEIGHBOURS = [(1, 0), (-1, 0), (0, 1), (0, -1)]
+NEIGHBOURS = [*EDGE_NEIGHBOURS, (1, 1), (-1, -1), (1, -1), (-1, 1)]
+EXTRAPOLATED_NODES = 4  # extrapolated nodes beyond the boundary, for cubic interpolation
 
 
 def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Array:
@@ -60,14 +60,14 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
 
     Examples
     --------
-    >>> asked = []
+    >>> counts = []
     >>> def waves(at):
-    ...     asked.append(len(at))
+    ...     counts.append(len(at))
     ...     return np.where(np.hypot(*at.T) < 1, np.sin(at.sum(axis=1)), np.nan)[:, None]
     >>> found = lattice_of(waves, np.linspace(-1.1, 1.1, 257))
     >>> found.shape, bool(abs(found[100, 130, 0] - np.sin((230 - 256) * 2.2 / 256)) < 1e-8)
     ((257, 257, 1), True)
-    >>> sum(asked) < 257**2 / 4
+    >>> sum(counts) < 257**2 / 4
     True
     """
 
@@ -102,15 +102,15 @@ def _interpolated(
 ) -> tuple[Index, Index, Array]:
     """Return rows and columns (c,) of smooth cells, from the mask of known coarse values (k, k, m),
     and interpolated values (c, STEP, STEP, m) of their nodes."""
-    filled = _filled(np.where(known[..., None], coarse, np.nan), TAPS, ALONG, TAPS - 2)
+    filled = _filled(np.where(known[..., None], coarse, np.nan), TAPS, EDGE_NEIGHBOURS, TAPS - 2)
     inside, smooth = (
         np.pad(_windows(np.logical_and, mask, TAPS), TAPS_BEFORE_CELL)
         for mask in (known, np.isfinite(filled[..., 0]))
     )
     row, column = np.nonzero(smooth & _windows(np.logical_and, known, 2))
     between = _between(filled, row, column)
-    kept = _agree(row, column, between, inside, at)[row, column]
-    return row[kept], column[kept], between[kept]
+    retained = _agree(row, column, between, inside, at)[row, column]
+    return row[retained], column[retained], between[retained]
 
 
 def _agree(
@@ -126,12 +126,12 @@ def _agree(
     answers = np.zeros((2, len(inside) + 2, len(inside) + 2), np.bool_)
     is_inside = inside[row, column]
     for k, (down, right) in enumerate((OFF_MIDDLE, OFF_MIDDLE[::-1])):
-        (tried,) = np.nonzero(~is_inside | ((row % 2 == k) & ((row + column) % 2 == 0)))
-        if not tried.size:
+        (trials,) = np.nonzero(~is_inside | ((row % 2 == k) & ((row + column) % 2 == 0)))
+        if not trials.size:
             continue
-        true = at(LATTICE_STEP * row[tried] + down, LATTICE_STEP * column[tried] + right)
-        agrees = (np.abs(between[tried, down, right] - true) <= close).all(axis=1)
-        answers[agrees.astype(int), row[tried] + 1, column[tried] + 1] = True
+        true = at(LATTICE_STEP * row[trials] + down, LATTICE_STEP * column[trials] + right)
+        agrees = (np.abs(between[trials, down, right] - true) <= close).all(axis=1)
+        answers[agrees.astype(int), row[trials] + 1, column[trials] + 1] = True
     refuted, confirmed = (_windows(np.logical_or, answer, 3) for answer in answers)
     return np.asarray(confirmed & ~refuted)
 
@@ -163,8 +163,8 @@ def _between(exact: Array, row: Index, column: Index) -> Array:
     weights = np.kron(along, along).T
     windows = np.lib.stride_tricks.sliding_window_view(exact, (TAPS, TAPS), axis=(0, 1))
     values = np.empty((len(row), exact.shape[2], LATTICE_STEP**2))
-    for first in range(0, len(row), TOGETHER):
-        part = slice(first, first + TOGETHER)
+    for first in range(0, len(row), CELLS_PER_PRODUCT):
+        part = slice(first, first + CELLS_PER_PRODUCT)
         about = windows[row[part] - TAPS_BEFORE_CELL, column[part] - TAPS_BEFORE_CELL].reshape(
             -1, TAPS**2
         )
@@ -195,7 +195,7 @@ def _windows(combine: np.ufunc, values: Mask, side: int) -> Mask:
 def continued(values: Array) -> Array:
     """Extrapolate a lattice (n, n, m) by several nodes beyond its known values, with third
     differences."""
-    return _filled(values, 4, AROUND, BEYOND)
+    return _filled(values, 4, NEIGHBOURS, EXTRAPOLATED_NODES)
 
 
 def _filled(values: Array, terms: int, ways: list[tuple[int, int]], layers: int) -> Array:
@@ -205,8 +205,8 @@ def _filled(values: Array, terms: int, ways: list[tuple[int, int]], layers: int)
     for _ in range(layers):
         beside = _windows(np.logical_or, np.pad(known, 1), 3)
         row, column = np.nonzero(beside & ~known)
-        values[row, column] = found = _next(values, known, row, column, terms, ways)
-        known[row, column] = np.isfinite(found).all(axis=1)
+        values[row, column] = added = _next(values, known, row, column, terms, ways)
+        known[row, column] = np.isfinite(added).all(axis=1)
     return values
 
 
@@ -215,7 +215,7 @@ def _next(
 ) -> Array:
     """Return values (k, m) of nodes: the known values, or the mean extrapolation along the given
     directions."""
-    total, told = np.zeros((len(row), values.shape[2])), np.zeros((len(row), values.shape[2]))
+    total, weights = np.zeros((len(row), values.shape[2])), np.zeros((len(row), values.shape[2]))
     ahead = [
         -comb(terms, k) * (-1) ** k for k in range(1, terms + 1)
     ]  # finite differences of order ``terms`` vanish
@@ -227,12 +227,12 @@ def _next(
             & around[line[-1][0] + terms, line[-1][1] + terms]
         )
         guess = sum(a * values[y[inside], x[inside]] for a, (y, x) in zip(ahead, line, strict=True))
-        is_told = np.isfinite(guess)
-        total[inside] += np.where(is_told, guess, 0.0)
-        told[inside] += is_told
+        is_known = np.isfinite(guess)
+        total[inside] += np.where(is_known, guess, 0.0)
+        weights[inside] += is_known
     old = values[row, column]
     with np.errstate(invalid="ignore"):
-        return np.where(np.isnan(old), total / told, old)
+        return np.where(np.isnan(old), total / weights, old)
 
 
 # -- Camera tables ---------------------------------------------------------------------------------
@@ -246,9 +246,9 @@ ENTRIES = 2048  # texture width that every WebGL2 implementation supports
 LATTICE = 513
 LIMITS = 1024
 BOUNDARY_ACCURACY = 2e-7  # accuracy of the field boundary in sin(Omega/2)
-FEW = 64  # azimuths of the initial boundary search
+BOUNDARY_AZIMUTHS = 64  # azimuths of the initial boundary search
 CALL = 1024  # number of points whose evaluation takes as long as the overhead of a call
-NEAR = (
+BRACKET_HALF_WIDTHS = (
     BOUNDARY_ACCURACY / 2,
     2.0**-12,
 )  # half-widths of the bracket around the interpolated boundary
@@ -312,7 +312,7 @@ def camera_model(
     id: str, name: str, title: str, options: tuple[str, ...], camera: AnyCamera
 ) -> CameraInfo:
     """Return the description of a camera for the page, without its tables."""
-    seen, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
+    field, frame, layout = field_of(camera), frame_of(camera), camera_tables(camera).layout
     centre, radius = _circle(camera)
     return CameraInfo(
         id=id,
@@ -328,10 +328,10 @@ def camera_model(
         axis=_vector(frame.axis),
         right=_vector(frame.right),
         down=_vector(frame.down),
-        tilt_min_deg=seen.tilt_min_deg,
-        tilt_max_deg=seen.tilt_max_deg,
-        pixels_per_degree=seen.pixels_per_degree,
-        pole=seen.pole,
+        tilt_min_deg=field.tilt_min_deg,
+        tilt_max_deg=field.tilt_max_deg,
+        pixels_per_degree=field.pixels_per_degree,
+        pole=field.pole,
         is_image_reversed=camera.is_image_reversed,
         is_adjustable=camera.symmetry is not None and isinstance(camera, Sensor | MirrorBall),
         tables=layout,
@@ -378,10 +378,12 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
     project = _projection(camera)
     limits = _limits(project)
     end = min(1.0, FIELD_MARGIN * float(limits.max()))
-    ask = _with_starts(camera, project) if isinstance(camera, Sensor | ViewpointSpline) else project
-    ask = _within(limits, 2 * end / (LATTICE - 1), ask)
-    found = continued(lattice_of(ask, np.linspace(-end, end, LATTICE), _sides_of_tube(camera)))
-    pixels, starts = np.nan_to_num(found[..., :2], nan=-1e6), np.nan_to_num(found[..., 2:])
+    message = (
+        _with_starts(camera, project) if isinstance(camera, Sensor | ViewpointSpline) else project
+    )
+    message = _within(limits, 2 * end / (LATTICE - 1), message)
+    tables = continued(lattice_of(message, np.linspace(-end, end, LATTICE), _sides_of_tube(camera)))
+    pixels, starts = np.nan_to_num(tables[..., :2], nan=-1e6), np.nan_to_num(tables[..., 2:])
     layout = TableLayout(
         first=0.0,
         last=end,
@@ -397,20 +399,20 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
     )
 
 
-def _within(limits: Array, margin: float, ask: Exact) -> Exact:
+def _within(limits: Array, margin: float, message: Exact) -> Exact:
     """Wrap a function to skip points (n, 2) farther than a margin outside the field boundary."""
 
-    def asked(places: Array) -> Array:
+    def evaluated(places: Array) -> Array:
         end = np.interp(
             np.arctan2(*places.T[::-1]) % (2 * np.pi), _azimuths(), np.append(limits, limits[0])
         )
         near = np.hypot(*places.T) <= end + margin
-        found = ask(places[near])
-        values = np.full((len(places), found.shape[1]), np.nan)
-        values[near] = found
+        answers = message(places[near])
+        values = np.full((len(places), answers.shape[1]), np.nan)
+        values[near] = answers
         return values
 
-    return asked
+    return evaluated
 
 
 def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
@@ -422,9 +424,9 @@ def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
 
     def traced(places: Array) -> Array:
         pixels = project(places)
-        seen = np.isfinite(pixels[:, 0])
+        visible = np.isfinite(pixels[:, 0])
         starts = np.full((len(places), 3), np.nan)
-        starts[seen] = rotate_vectors(camera.backproject(pixels[seen]).origins, axes)
+        starts[visible] = rotate_vectors(camera.backproject(pixels[visible]).origins, axes)
         return np.concatenate([pixels, starts], axis=1)
 
     return traced
@@ -442,9 +444,9 @@ def _traced_once(sensor: Sensor, axes: Array) -> Exact:
             RayEndpoints.of(rotate_vectors(directions, rotation), distant=True)
         )
         pixels = sensor.image_plane.pixels(image)
-        found = np.concatenate([pixels, rotate_vectors(start, rotation.T @ axes)], axis=1)
-        found[~inside_image(pixels, sensor.image_size)] = np.nan
-        values[inside] = found
+        rows = np.concatenate([pixels, rotate_vectors(start, rotation.T @ axes)], axis=1)
+        rows[~inside_image(pixels, sensor.image_size)] = np.nan
+        values[inside] = rows
         return values
 
     return traced
@@ -457,7 +459,7 @@ def _sides_of_tube(camera: AnyCamera) -> PartOf | None:
     if not isinstance(camera, Sensor) or not isinstance(shell, Tube):
         return None
     between = (camera.mirror.rim_radius_mm + shell.radii_mm[1]) / 2
-    return lambda found: (np.hypot(found[..., 3], found[..., 4]) > between).astype(np.intp)
+    return lambda rows: (np.hypot(rows[..., 3], rows[..., 4]) > between).astype(np.intp)
 
 
 def _projection(camera: AnyCamera) -> Exact:
@@ -489,16 +491,16 @@ def _limits(project: Exact) -> Array:
     is widened, and finally the whole range is searched.
     """
     phi = _azimuths()[:-1]
-    few = _narrowed(project, phi[:: LIMITS // FEW], np.zeros(FEW), 1.0)
-    places = TAPS // 2 - 1 + np.arange(0.0, 1.0, FEW / LIMITS)
+    few = _narrowed(project, phi[:: LIMITS // BOUNDARY_AZIMUTHS], np.zeros(BOUNDARY_AZIMUTHS), 1.0)
+    places = TAPS // 2 - 1 + np.arange(0.0, 1.0, BOUNDARY_AZIMUTHS / LIMITS)
     beside = np.stack([np.roll(few, TAPS // 2 - 1 - k) for k in range(TAPS)], axis=1)
-    told = (beside @ weights_between(places, np.zeros(len(places), int)).T).ravel()
+    estimate = (beside @ weights_between(places, np.zeros(len(places), int)).T).ravel()
     ends, unknown = np.zeros(LIMITS), np.arange(LIMITS)
-    for near in NEAR:
-        inner, outer = told[unknown] - near, np.minimum(told[unknown] + near, 1.0)
+    for near in BRACKET_HALF_WIDTHS:
+        inner, outer = estimate[unknown] - near, np.minimum(estimate[unknown] + near, 1.0)
         is_there = _seen(project, phi[unknown], inner) & ~_seen(project, phi[unknown], outer)
-        found, unknown = unknown[is_there], unknown[~is_there]
-        ends[found] = _narrowed(project, phi[found], inner[is_there], 2 * near)
+        settled, unknown = unknown[is_there], unknown[~is_there]
+        ends[settled] = _narrowed(project, phi[settled], inner[is_there], 2 * near)
     ends[unknown] = _narrowed(project, phi[unknown], ends[unknown], 1.0)
     return ends
 
@@ -508,11 +510,11 @@ def _narrowed(project: Exact, phi: Array, low: Array, width: float) -> Array:
     parts = min(max(CALL // max(len(phi), 1), 2), 16)  # simultaneous subdivisions of the bracket
     while width > BOUNDARY_ACCURACY and len(phi):
         width /= parts
-        tried = low + width * np.arange(1, parts)[:, None]
-        seen = _seen(project, np.broadcast_to(phi, tried.shape).ravel(), tried.ravel()).reshape(
-            tried.shape
-        )
-        low = low + width * np.where(seen.all(axis=0), parts - 1, seen.argmin(axis=0))
+        trials = low + width * np.arange(1, parts)[:, None]
+        visible = _seen(
+            project, np.broadcast_to(phi, trials.shape).ravel(), trials.ravel()
+        ).reshape(trials.shape)
+        low = low + width * np.where(visible.all(axis=0), parts - 1, visible.argmin(axis=0))
     return low
 
 

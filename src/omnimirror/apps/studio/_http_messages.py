@@ -36,7 +36,7 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
     Raises
     ------
     InvalidMessage
-        Invalid message.
+        If the message is invalid.
 
     >>> from .bench_messages import ApiError
     >>> unframed(framed(ApiError(path=(), sentence="no"), b"abcd"), ApiError)

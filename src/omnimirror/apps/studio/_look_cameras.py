@@ -69,11 +69,11 @@ class Cameras:
     """Cameras by name; uploaded cameras are kept while the server runs, and the oldest are removed
     first."""
 
-    def __init__(self, given: NamedCamera | None = None) -> None:
+    def __init__(self, camera: NamedCamera | None = None) -> None:
         self._bundled = {
             name: _of_sensor(name, load_sensor(name), name) for name in bundled_sensors()
         }
-        self._given = {given.id: given} if given else {}
+        self._given = {camera.id: camera} if camera else {}
         self._uploaded: OrderedDict[str, NamedCamera] = OrderedDict()
 
     def entries(self) -> list[SensorEntry]:
@@ -88,9 +88,9 @@ class Cameras:
         Raises
         ------
         KeyError
-            Unknown name.
+            If the name is unknown.
         InvalidParameter
-            Invalid field of a mirror ball.
+            If the field of a mirror ball is invalid.
         """
         for shelf in (self._given, self._bundled, self._uploaded):
             if id in shelf:
@@ -105,7 +105,8 @@ class Cameras:
         Raises
         ------
         OmnimirrorError
-            Unknown or invalid file; the message contains the position and the valid values.
+            If the file is unknown or invalid; the message contains the position and the valid
+            values.
         """
         known = read_calibration(name, data, optics)
         self._uploaded[known.id] = known
@@ -114,55 +115,55 @@ class Cameras:
             self._uploaded.popitem(last=False)
         return known
 
-    def file_of(self, wanted: SensorFileRequest) -> str:
+    def file_of(self, requested: SensorFileRequest) -> str:
         """Return the sensor file of a sensor with its image circle fitted to an image.
 
         Raises
         ------
         KeyError
-            Unknown sensor.
+            If the sensor is unknown.
         InvalidParameter
-            A camera without a sensor file, or with a fixed image circle.
+            If the camera has no sensor file, or a fixed image circle.
         """
-        return format_sensor(self.fitted(wanted))
+        return format_sensor(self.fitted(requested))
 
-    def with_circle(self, wanted: SensorFileRequest) -> Sensor | MirrorBall:
+    def with_circle(self, requested: SensorFileRequest) -> Sensor | MirrorBall:
         """Return the sensor or mirror ball with its image circle fitted to an image."""
-        camera = self.find(wanted.id).camera
+        camera = self.find(requested.id).camera
         if isinstance(camera, MirrorBall):
-            mount = Mount(**wanted.mount.model_dump())
+            mount = Mount(**requested.mount.model_dump())
             return MirrorBall(
-                centre_px=wanted.centre_px,
-                rim_radius_px=wanted.rim_radius_px,
+                centre_px=requested.centre_px,
+                rim_radius_px=requested.rim_radius_px,
                 field_deg=camera.field_deg,
-                image_size=wanted.image_size,
+                image_size=requested.image_size,
                 mount=mount,
             )
-        return self.fitted(wanted)
+        return self.fitted(requested)
 
-    def fitted(self, wanted: SensorFileRequest) -> Sensor:
+    def fitted(self, requested: SensorFileRequest) -> Sensor:
         """Return the sensor with its image circle fitted to an image; raises the errors of
         ``file_of``."""
-        camera = self.find(wanted.id).camera
+        camera = self.find(requested.id).camera
         if not isinstance(camera, Sensor) or camera.symmetry is None:
             raise InvalidParameter(
-                f"the image circle can be fitted for aligned mirror sensors only; got {wanted.id!r}"
+                f"the image circle can be fitted for aligned mirror sensors only; got {requested.id!r}"
             )
-        return fitted(camera, wanted)
+        return fitted(camera, requested)
 
 
-def fitted(sensor: Sensor, wanted: SensorFileRequest) -> Sensor:
+def fitted(sensor: Sensor, requested: SensorFileRequest) -> Sensor:
     """Return the sensor with its rim imaged on a given circle, by a change of the pixel pitch."""
-    if not np.isfinite([*wanted.centre_px, wanted.rim_radius_px]).all():
+    if not np.isfinite([*requested.centre_px, requested.rim_radius_px]).all():
         raise InvalidParameter(
-            f"centre and radius of the circle must be finite; got {wanted.centre_px}, {wanted.rim_radius_px}"
+            f"centre and radius of the circle must be finite; got {requested.centre_px}, {requested.rim_radius_px}"
         )
-    width, height = wanted.image_size
-    u, v = wanted.centre_px
-    if wanted.mount.image_flipped:
+    width, height = requested.image_size
+    u, v = requested.centre_px
+    if requested.mount.image_flipped:
         u = width - 1 - u
-    pitch_um = sensor.imager.pixel_pitch_um * sensor.rim_radius_px / wanted.rim_radius_px
-    mount = Mount(**wanted.mount.model_dump())
+    pitch_um = sensor.imager.pixel_pitch_um * sensor.rim_radius_px / requested.rim_radius_px
+    mount = Mount(**requested.mount.model_dump())
     return replace(sensor, imager=Imager(width, height, pitch_um, (u, v)), mount=mount)
 
 
@@ -185,10 +186,10 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> NamedCam
         camera = parse_ocam(text, name, kind)
         options = ("--sensor", name, "--set", f"camera.optics={kind}")
         return NamedCamera(id, name, title_of(camera), options, camera)
-    given = parse_camera(text, source=name)
-    if isinstance(given, Sensor):
-        return _of_sensor(id, given, name)
-    return NamedCamera(id, name, title_of(given), ("--sensor", name), given)
+    parsed = parse_camera(text, source=name)
+    if isinstance(parsed, Sensor):
+        return _of_sensor(id, parsed, name)
+    return NamedCamera(id, name, title_of(parsed), ("--sensor", name), parsed)
 
 
 def ball_of(field_deg: float) -> NamedCamera:

@@ -25,11 +25,11 @@ from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
 from ._look_cameras import Cameras, NamedCamera
 from ._server_state import Stream
 from ._uploads import (
-    browser_picture,
+    browser_image,
     collected,
     eight_bits,
     encoded,
-    picture_in,
+    image_in,
     png_of,
     safe_name,
     uploaded,
@@ -75,10 +75,10 @@ def detect_outline(data: bytes, name: str) -> DetectedOutline:
     from ...calibration.rim import detect_mirror_outline
 
     key = sha256(data).digest()
-    found = _rims.get(key)
-    if found is None:
-        rim = detect_mirror_outline(eight_bits(picture_in(data, name)))
-        found = DetectedOutline(
+    outline = _rims.get(key)
+    if outline is None:
+        rim = detect_mirror_outline(eight_bits(image_in(data, name)))
+        outline = DetectedOutline(
             centre_px=rim.centre_px,
             radius_px=rim.radius_px,
             confidence=rim.confidence,
@@ -86,18 +86,18 @@ def detect_outline(data: bytes, name: str) -> DetectedOutline:
         )
         if len(_rims) >= MAX_CACHED_OUTLINES:
             _rims.clear()
-        _rims[key] = found
-    return found
+        _rims[key] = outline
+    return outline
 
 
 def estimate_tilt(
-    camera: Sensor | MirrorBall, ask: LevelRequest, data: bytes
+    camera: Sensor | MirrorBall, message: LevelRequest, data: bytes
 ) -> EstimatedTilt | None:
     """Estimate the camera tilt of an uploaded image; None if it has too few vertical edges."""
     from ...calibration.levelling import level_from_image
 
-    picture = eight_bits(picture_in(data, safe_name(ask.name)))
-    level = level_from_image(picture, camera, camera.mount, ask.centre_px, ask.rim_radius_px)
+    pixels = eight_bits(image_in(data, safe_name(message.name)))
+    level = level_from_image(pixels, camera, camera.mount, message.centre_px, message.rim_radius_px)
     if level is None:
         return None
     return EstimatedTilt(
@@ -110,21 +110,21 @@ def estimate_tilt(
 
 
 def restore_image(
-    sensor: Sensor, ask: RestoreRequest, data: bytes, stored_orientation: bool = False
+    sensor: Sensor, message: RestoreRequest, data: bytes, stored_orientation: bool = False
 ) -> tuple[bytes, str]:
     """Restore an uploaded image, and report the removed blur and the effect of EXIF data.
 
     Raises
     ------
     OmnimirrorError
-        Unreadable image, or an image of another sensor.
+        If the image is unreadable or belongs to another sensor.
     """
     from ...dewarp.restoration.deblurring import Restorer
 
-    picture, carried = uploaded(data, safe_name(ask.name), stored_orientation=stored_orientation)
-    distance = np.inf if ask.object_distance_mm is None else ask.object_distance_mm
+    pixels, carried = uploaded(data, safe_name(message.name), stored_orientation=stored_orientation)
+    distance = np.inf if message.object_distance_mm is None else message.object_distance_mm
     restorer = Restorer.of_exposure(sensor, exposure_of(carried.exif), distance)
-    restored, words = restorer.reported(eight_bits(picture))
+    restored, words = restorer.reported(eight_bits(pixels))
     return encoded(restored, ".png"), words
 
 
@@ -135,7 +135,7 @@ def render_room(known: NamedCamera) -> bytes:
     Raises
     ------
     OmnimirrorError
-        Image too large.
+        If the image is too large.
     """
     from ...simulation.rendering import SHOWN_SAMPLES, render_image
     from ...simulation.scenes.room import Room
@@ -160,7 +160,7 @@ def add_look(app: FastAPI, studio: Studio) -> None:
     _add_start(app, studio)
     _add_cameras(app, studio.cameras)
     _add_files(app, studio.cameras)
-    _add_pictures(app, studio)
+    _add_images(app, studio)
     _add_streams(app, studio)
 
 
@@ -180,20 +180,22 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
 
 def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
     @app.get("/api/camera")
-    def camera(ask: Annotated[CameraRequest, Query()]) -> CameraInfo:
+    def camera(message: Annotated[CameraRequest, Query()]) -> CameraInfo:
         """Return a camera with its own or the requested mount."""
-        known = _known(cameras, ask.id)
-        stands = known.entry.mount.model_dump() | ask.model_dump(exclude={"id"}, exclude_none=True)
-        return known.model(Mount(**stands))
+        known = _known(cameras, message.id)
+        mount = known.entry.mount.model_dump() | message.model_dump(
+            exclude={"id"}, exclude_none=True
+        )
+        return known.model(Mount(**mount))
 
     @app.get("/api/camera/tables", response_class=Response, responses={200: BYTES})
     def tables(id: str, image_flipped: bool | None = None) -> Response:
         """Return the tables of a camera as little-endian float32; they do not depend on the mount."""
         known = _known(cameras, id)
         flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
-        stands = known.standing(Mount(image_flipped=flipped))
+        standing = known.standing(Mount(image_flipped=flipped))
         return Response(
-            camera_tables(stands).values.astype("<f4").tobytes(),
+            camera_tables(standing).values.astype("<f4").tobytes(),
             media_type="application/octet-stream",
         )
 
@@ -208,13 +210,13 @@ def _add_files(app: FastAPI, cameras: Cameras) -> None:
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
 
     @app.post("/api/sensor-file", response_class=PlainTextResponse)
-    def sensor_file(wanted: SensorFileRequest) -> str:
+    def sensor_file(requested: SensorFileRequest) -> str:
         """Return the file of a sensor with its image circle fitted to an image."""
-        _known(cameras, wanted.id)
-        return cameras.file_of(wanted)
+        _known(cameras, requested.id)
+        return cameras.file_of(requested)
 
 
-def _add_pictures(app: FastAPI, studio: Studio) -> None:
+def _add_images(app: FastAPI, studio: Studio) -> None:
     is_stored = studio.stored_orientation
 
     @app.get("/api/room", response_class=Response, responses={200: PNG})
@@ -224,7 +226,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         return _png(await studio.simulated.run(known, lambda: render_room(known)))
 
     @app.get("/api/picture", response_class=Response, responses={200: PNG})
-    async def picture(id: str) -> Response:
+    async def source_image(id: str) -> Response:
         """Return an image of the server as 8-bit PNG."""
         try:
             shown = await asyncio.to_thread(studio.sources.find, id)
@@ -248,7 +250,7 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
         return _png(
             await studio.unpacked.run(
                 request,
-                lambda: browser_picture(data, safe_name(name), stored_orientation=is_stored),
+                lambda: browser_image(data, safe_name(name), stored_orientation=is_stored),
             )
         )
 
@@ -261,21 +263,21 @@ def _add_pictures(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/level", openapi_extra=FILE_BODY)
     async def level(request: Request) -> EstimatedTilt | None:
         """Estimate the camera tilt of an image; the request header precedes the image."""
-        ask, picture = unframed(await collected(request), LevelRequest)
-        _known(studio.cameras, ask.id)
-        camera = studio.cameras.with_circle(ask)
-        return await studio.unpacked.run(request, lambda: estimate_tilt(camera, ask, picture))
+        message, image = unframed(await collected(request), LevelRequest)
+        _known(studio.cameras, message.id)
+        camera = studio.cameras.with_circle(message)
+        return await studio.unpacked.run(request, lambda: estimate_tilt(camera, message, image))
 
     @app.post(
         "/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
     )
     async def restore(request: Request) -> Response:
         """Restore an image; the request header precedes the image."""
-        ask, picture = unframed(await collected(request), RestoreRequest)
-        _known(studio.cameras, ask.id)
-        sensor = studio.cameras.fitted(ask)
+        message, image = unframed(await collected(request), RestoreRequest)
+        _known(studio.cameras, message.id)
+        sensor = studio.cameras.fitted(message)
         data, words = await studio.simulated.run(
-            request, lambda: restore_image(sensor, ask, picture, is_stored)
+            request, lambda: restore_image(sensor, message, image, is_stored)
         )
         return Response(data, media_type="image/png", headers={NOTE: words})
 
@@ -313,17 +315,19 @@ def _png(data: bytes) -> Response:
 async def _serve(socket: WebSocket, watched: Stream) -> None:
     """Serve one page: state changes, and the newest frame after each request."""
     count, state = 0, None
-    asked = asyncio.create_task(socket.receive())
-    wants = False
+    message = asyncio.create_task(socket.receive())
+    is_requested = False
     try:
         while True:
-            news = asyncio.create_task(watched.after(count if wants else watched.count, state))
-            done, _ = await asyncio.wait({asked, news}, return_when=asyncio.FIRST_COMPLETED)
-            if asked in done:
-                if asked.result()["type"] == "websocket.disconnect":
+            news = asyncio.create_task(
+                watched.after(count if is_requested else watched.count, state)
+            )
+            done, _ = await asyncio.wait({message, news}, return_when=asyncio.FIRST_COMPLETED)
+            if message in done:
+                if message.result()["type"] == "websocket.disconnect":
                     news.cancel()
                     return
-                wants, asked = True, asyncio.create_task(socket.receive())
+                is_requested, message = True, asyncio.create_task(socket.receive())
             if news not in done:
                 news.cancel()
                 continue
@@ -331,10 +335,10 @@ async def _serve(socket: WebSocket, watched: Stream) -> None:
             if now != state:
                 state = now
                 await socket.send_text(now.model_dump_json())
-            if wants and jpeg is not None:
-                count, wants = number, False
+            if is_requested and jpeg is not None:
+                count, is_requested = number, False
                 await socket.send_bytes(jpeg)
     except (WebSocketDisconnect, RuntimeError, OSError):
         return
     finally:
-        asked.cancel()
+        message.cancel()

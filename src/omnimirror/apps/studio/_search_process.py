@@ -24,16 +24,16 @@ from ._bench_requirements import requirements_for
 from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench, why_not_optimised
 from .bench_messages import SearchTask, TaskStatus, distance_of
 
-Tell = Callable[[TaskStatus], None]
+OnProgress = Callable[[TaskStatus], None]
 
 
-def perform(task: SearchTask, tell: Tell) -> None:
+def perform(task: SearchTask, on_progress: OnProgress) -> None:
     """Run a task and report its progress; the last message contains the sensor or an error."""
     try:
         sensor = sensor_on_bench(task.tables)
-        (_optimise if task.what == "optimise" else _design)(task, sensor, tell)
+        (_optimise if task.what == "optimise" else _design)(task, sensor, on_progress)
     except OmnimirrorError as e:
-        tell(_news("failed", str(e)))
+        on_progress(_news("failed", str(e)))
 
 
 def optimisable(sensor: Sensor, task: SearchTask) -> Requirements:
@@ -45,21 +45,21 @@ def optimisable(sensor: Sensor, task: SearchTask) -> Requirements:
     Raises
     ------
     InvalidParameter
-        A sensor with two mirrors or a misaligned mirror.
+        If the sensor has two mirrors or a misaligned mirror.
     """
     if (reason := why_not_optimised(sensor)) is not None:
         raise InvalidParameter(reason)
     bare = replace(sensor, housing=Housing())
     like = requirements_like(bare, optimise=task.merit, shape=f"{task.shape}:{task.terms}")
     distance = distance_of(task.object_distance_mm)
-    asked = like.changed(omega_min_deg=0.0, object_distance_mm=distance)
+    requested = like.changed(omega_min_deg=0.0, object_distance_mm=distance)
     limits = (
         requirements_for(task.requirements, sensor).limits
         if task.requirements and task.keeps_limits
         else ()
     )
     name = f"optimised-{task.merit.replace('_', '-')}"
-    return replace(asked, imager=_filled(sensor), limits=limits, name=name)
+    return replace(requested, imager=_filled(sensor), limits=limits, name=name)
 
 
 def _filled(sensor: Sensor) -> Imager:
@@ -70,33 +70,35 @@ def _filled(sensor: Sensor) -> Imager:
     return Imager(side, side, sensor.imager.pixel_pitch_um, (radius - 0.5, radius - 0.5))
 
 
-def _optimise(task: SearchTask, sensor: Sensor, tell: Tell) -> None:
+def _optimise(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
     steps = 0
 
-    def said(progress: Progress) -> None:
+    def on_run(progress: Progress) -> None:
         nonlocal steps
         steps += 1
         words = f"start {progress.run + 1} of {progress.runs}, step {steps}"
-        tell(_news("running", words, progress.run / progress.runs, progress.value))
+        on_progress(_news("running", words, progress.run / progress.runs, progress.value))
 
-    made = design_sensor(
-        optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=said)
+    solution = design_sensor(
+        optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=on_run)
     )
-    if made.optimum is None:
-        missed = ", ".join(made.verdict.missed)
-        raise InvalidParameter(f"{made.notes[0]}; missed: {missed}" if missed else made.notes[0])
-    found = replace(made.sensor, imager=sensor.imager, housing=sensor.housing)
-    tell(_news("done", found.notes, 1.0, made.optimum.value, found))
+    if solution.optimum is None:
+        missed = ", ".join(solution.verdict.missed)
+        raise InvalidParameter(
+            f"{solution.notes[0]}; missed: {missed}" if missed else solution.notes[0]
+        )
+    optimum = replace(solution.sensor, imager=sensor.imager, housing=sensor.housing)
+    on_progress(_news("done", optimum.notes, 1.0, solution.optimum.value, optimum))
 
 
-def _design(task: SearchTask, sensor: Sensor, tell: Tell) -> None:
+def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
     if task.requirements is None:
         raise InvalidParameter("requirements must be given for a design from requirements")
-    asked = requirements_for(task.requirements, aligned_sensor(sensor))
-    made = design_sensor(asked, lambda words: tell(_news("running", words)))
-    missed = [row.label for row in made.rows if not row.is_met]
+    requested = requirements_for(task.requirements, aligned_sensor(sensor))
+    solution = design_sensor(requested, lambda words: on_progress(_news("running", words)))
+    missed = [row.label for row in solution.rows if not row.is_met]
     words = f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."
-    tell(_news("done", words, 1.0, None, made.sensor))
+    on_progress(_news("done", words, 1.0, None, solution.sensor))
 
 
 def _news(

@@ -59,13 +59,13 @@ class Sources:
     Raises
     ------
     MediaError
-        Invalid address of a live camera or stream.
+        If the address of a live camera is invalid or stream.
     """
 
     def __init__(
-        self, given: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()
+        self, names: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()
     ) -> None:
-        places = list(dict.fromkeys(given))
+        places = list(dict.fromkeys(names))
         ids = ["source", *(f"source-{number}" for number in range(2, len(places) + 1))]
         self.given = [
             _listed(id, place, place in live) for id, place in zip(ids, places, strict=False)
@@ -74,16 +74,16 @@ class Sources:
 
     def list(self) -> list[ListedSource]:
         """Return all currently available sources."""
-        found = list(self.given)
+        names = list(self.given)
         for number, folder in enumerate(self._folders):
             for path in sorted(folder.iterdir()):
                 inside = path.resolve().is_relative_to(
                     folder
                 )  # symbolic links can point outside the folder
-                if inside and path.is_file() and kind_of_file(path) and len(found) < MAX_LISTED:
+                if inside and path.is_file() and kind_of_file(path) and len(names) < MAX_LISTED:
                     shown = _listed(f"{number}/{path.name}", str(path), False)
-                    found.append(shown)
-        return found
+                    names.append(shown)
+        return names
 
     def find(self, id: str) -> ListedSource:
         """Return a source by id.
@@ -91,7 +91,7 @@ class Sources:
         Raises
         ------
         KeyError
-            Unknown id.
+            If the id is unknown.
         """
         for shown in self.list():
             if shown.id == id:
@@ -186,19 +186,19 @@ class Stream:
                     has_reported = True
                     for note in self._playing.notes:
                         self._on_note(note)
-                self._tell(
+                self._notify(
                     encoded(image_of_frame(frame), ".jpg"),
                     "playing",
                     f"{self.shown.name} is playing",
                 )
-            self._tell(None, "ended", f"{self.shown.name} has ended")
+            self._notify(None, "ended", f"{self.shown.name} has ended")
         except OmnimirrorError as e:
-            self._tell(None, "ended", str(e))
+            self._notify(None, "ended", str(e))
 
     def _report(self, sentence: str) -> None:
-        self._tell(None, "playing" if " is reconnected " in sentence else "lost", sentence)
+        self._notify(None, "playing" if " is reconnected " in sentence else "lost", sentence)
 
-    def _tell(self, jpeg: bytes | None, state: State, sentence: str) -> None:
+    def _notify(self, jpeg: bytes | None, state: State, sentence: str) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(
                 self._publish, jpeg, StreamState(state=state, sentence=sentence)

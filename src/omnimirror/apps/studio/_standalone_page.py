@@ -126,7 +126,7 @@ def standalone_page(
     Raises
     ------
     InvalidParameter
-        Unknown sensor name.
+        If the sensor name is unknown.
 
     Examples
     --------
@@ -170,7 +170,9 @@ def _standalone_camera(known: NamedCamera) -> StandaloneCamera:
     )
     return StandaloneCamera(
         entry=known.entry,
-        standing=tuple(known.model(Mount(looks, image_flipped=flipped)) for looks, flipped in ways),
+        standing=tuple(
+            known.model(Mount(orientation, image_flipped=flipped)) for orientation, flipped in ways
+        ),
         tables=base64_of(camera_tables(known.camera).values.astype("<f4").tobytes()),
         room=inside(room, "image/jpeg") if room else "",
     )

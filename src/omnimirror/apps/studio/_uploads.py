@@ -44,7 +44,7 @@ async def collected(request: Request) -> bytes:
     Raises
     ------
     MediaError
-        Empty request.
+        If the request is empty.
     """
     data = await request.body()
     if not data:
@@ -63,19 +63,19 @@ def safe_name(name: str) -> str:
     return re.sub(r"[^\w.-]", "_", last).strip("._-")[:80] or "file"
 
 
-def browser_picture(data: bytes, name: str, *, stored_orientation: bool = False) -> bytes:
+def browser_image(data: bytes, name: str, *, stored_orientation: bool = False) -> bytes:
     """Convert an image that browsers cannot read (TIFF, 16 bits, ...) to 8-bit PNG with its EXIF
     data.
 
     Raises
     ------
     MediaError
-        Unknown format, damaged image, or decoded size too large.
+        If the format is unknown, or the image damaged or too large after decoding.
     """
     return png_of(*uploaded(data, name, stored_orientation=stored_orientation))
 
 
-def picture_in(data: bytes, name: str, *, stored_orientation: bool = False) -> NDArray[Any]:
+def image_in(data: bytes, name: str, *, stored_orientation: bool = False) -> NDArray[Any]:
     """Decode an uploaded image of any format, as :func:`uploaded` without its metadata."""
     return uploaded(data, name, stored_orientation=stored_orientation)[0]
 
@@ -91,7 +91,7 @@ def uploaded(
     Raises
     ------
     MediaError
-        Unknown format, damaged image, or decoded size too large.
+        If the format is unknown, or the image damaged or too large after decoding.
     """
     suffix = _checked_kind(data, name)
     with tempfile.TemporaryDirectory() as folder:
@@ -144,8 +144,8 @@ def _checked_kind(data: bytes, name: str) -> str:
             warnings.simplefilter(
                 "ignore"
             )  # Pillow warns of large or damaged images; both are rejected below
-            with Image.open(io.BytesIO(data), formats=list(KINDS)) as picture:
-                kind, unpacked = str(picture.format), _unpacked_bytes(picture, data)
+            with Image.open(io.BytesIO(data), formats=list(KINDS)) as image:
+                kind, unpacked = str(image.format), _unpacked_bytes(image, data)
         is_huge = unpacked > MAX_DECODED_BYTES
     except Image.DecompressionBombError:
         is_huge = True
@@ -160,17 +160,17 @@ def _checked_kind(data: bytes, name: str) -> str:
     return KINDS[kind]
 
 
-def _unpacked_bytes(picture: ImageFile, data: bytes) -> int:
+def _unpacked_bytes(file: ImageFile, data: bytes) -> int:
     """Return the decoded size of an image in bytes, from its header."""
-    width, height = picture.size
+    width, height = file.size
     channels = (
-        4 if picture.mode in ("P", "PA") else len(picture.getbands())
+        4 if file.mode in ("P", "PA") else len(file.getbands())
     )  # palettes are expanded to colours
     depth = 8
-    if picture.format == "PNG":
+    if file.format == "PNG":
         depth = data[24]
-    elif picture.format == "TIFF":
-        depth = max(picture.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
-    elif picture.format == "PPM":
+    elif file.format == "TIFF":
+        depth = max(file.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
+    elif file.format == "PPM":
         depth = 16  # maximum value up to 65535
     return width * height * channels * -(-depth // 8)

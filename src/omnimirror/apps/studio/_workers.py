@@ -36,7 +36,7 @@ class Worker:
     def __init__(self, process: Popen[bytes]) -> None:
         self._process = process
 
-    def tell(self, line: str) -> None:
+    def send(self, line: str) -> None:
         """Send a line to the process; ignored after its end."""
         stdin: IO[bytes] | None = self._process.stdin
         assert stdin is not None
@@ -59,14 +59,14 @@ class Workers:
     ----------
     module
         Module to run.
-    most
+    max_workers
         Maximum number of simultaneous processes.
     what
         Plural noun for their tasks, used in the error message.
     """
 
-    def __init__(self, module: str, most: int, what: str) -> None:
-        self.module, self.most, self.what = module, most, what
+    def __init__(self, module: str, max_workers: int, what: str) -> None:
+        self.module, self.most, self.what = module, max_workers, what
         self._running = 0
 
     @asynccontextmanager
@@ -76,7 +76,7 @@ class Workers:
         Raises
         ------
         InvalidParameter
-            Too many active workers.
+            If there are too many active workers.
         """
         if self._running >= self.most:
             raise InvalidParameter(
@@ -122,32 +122,32 @@ class BoardDetectorPool:
     def __init__(self) -> None:
         self._turn = asyncio.Semaphore(MAX_SIMULTANEOUS)
         self._idle: list[Popen[bytes]] = []
-        self._asked = 0
+        self._pending = 0
         self._letting_go: asyncio.TimerHandle | None = None
 
     async def look(
-        self, ask: BoardDetectionRequest, data: bytes, request: Request
+        self, message: BoardDetectionRequest, data: bytes, request: Request
     ) -> BoardDetection:
         """Detect the board in an image; a disconnect of the client cancels the search.
 
         Raises
         ------
         ServerBusy
-            Too many queued requests.
+            If there are too many queued requests.
         OmnimirrorError
-            Unreadable image or invalid board.
+            If the image is unreadable or invalid board.
         """
-        if self._asked >= MAX_QUEUED_JOBS:
+        if self._pending >= MAX_QUEUED_JOBS:
             raise ServerBusy("too many board detections are queued; try again later")
-        self._asked += 1
+        self._pending += 1
         if self._letting_go is not None:
             self._letting_go.cancel()
         try:
             async with self._turn:
-                answer = await self._answer(ask, data, request)
+                answer = await self._answer(message, data, request)
         finally:
-            self._asked -= 1
-            if not self._asked:
+            self._pending -= 1
+            if not self._pending:
                 self._letting_go = asyncio.get_running_loop().call_later(IDLE_S, self.close)
         if answer.startswith(b'{"detail"'):
             raise InvalidParameter(Problem.model_validate_json(answer).detail)
@@ -158,35 +158,37 @@ class BoardDetectorPool:
         while self._idle:
             terminate_process(self._idle.pop())
 
-    async def _answer(self, ask: BoardDetectionRequest, data: bytes, request: Request) -> bytes:
-        looker = (
+    async def _answer(self, message: BoardDetectionRequest, data: bytes, request: Request) -> bytes:
+        process = (
             self._idle.pop() if self._idle else start_process(_board_detection_process.__name__)
         )
-        asked = asyncio.create_task(asyncio.to_thread(_asked, looker, ask, data))
-        gone = asyncio.create_task(_disconnected(request))
+        detection = asyncio.create_task(asyncio.to_thread(_detected, process, message, data))
+        disconnection = asyncio.create_task(_disconnected(request))
         answer = b""
         try:
-            await asyncio.wait({asked, gone}, return_when=asyncio.FIRST_COMPLETED)
-            answer = asked.result() if asked.done() else b""
+            await asyncio.wait({detection, disconnection}, return_when=asyncio.FIRST_COMPLETED)
+            answer = detection.result() if detection.done() else b""
         finally:
-            gone.cancel()
+            disconnection.cancel()
             if answer:
-                self._idle.append(looker)
+                self._idle.append(process)
             else:
-                terminate_process(looker)  # also ends the thread that waits for its answer
+                terminate_process(process)  # also ends the thread that waits for its answer
         if not answer:
-            raise InvalidParameter(f"the board detection in {ask.name} was interrupted; try again")
+            raise InvalidParameter(
+                f"the board detection in {message.name} was interrupted; try again"
+            )
         return answer
 
 
-def _asked(looker: Popen[bytes], ask: BoardDetectionRequest, data: bytes) -> bytes:
-    assert looker.stdin is not None
-    assert looker.stdout is not None
+def _detected(process: Popen[bytes], message: BoardDetectionRequest, data: bytes) -> bytes:
+    assert process.stdin is not None
+    assert process.stdout is not None
     with suppress(OSError, ValueError):  # terminated in the meantime
-        looker.stdin.write(b"%s\n%d\n" % (ask.model_dump_json().encode(), len(data)))
-        looker.stdin.write(data)
-        looker.stdin.flush()
-        return looker.stdout.readline()
+        process.stdin.write(b"%s\n%d\n" % (message.model_dump_json().encode(), len(data)))
+        process.stdin.write(data)
+        process.stdin.flush()
+        return process.stdout.readline()
     return b""
 
 

@@ -34,7 +34,7 @@ from .pages import SCRIPTS, PageFile, page_text, script_text
 
 # -- ASGI application ------------------------------------------------------------------------------
 
-PICTURES = (
+IMAGE_ROUTES = (
     "/api/pictures",
     "/api/rim",
     "/api/restore",
@@ -48,7 +48,7 @@ PICTURES = (
 def create_app(studio: Studio | None = None) -> ASGIApp:
     """Return the guarded ASGI application; :func:`api` builds the routes behind the guard."""
     studio = studio or Studio()
-    larger = dict.fromkeys(PICTURES, MAX_IMAGE_BYTES) | {
+    larger = dict.fromkeys(IMAGE_ROUTES, MAX_IMAGE_BYTES) | {
         "/api/calibrate/together": MAX_DETECTIONS_BYTES
     }
     limited = RequestLimits(api(studio), larger)
@@ -138,7 +138,7 @@ def _add_script(app: FastAPI, name: str) -> None:
 
 
 def serve(
-    studio: Studio, host: str, port: int, open_browser: bool, tell: Callable[[str], None]
+    studio: Studio, host: str, port: int, open_browser: bool, on_progress: Callable[[str], None]
 ) -> None:
     """Serve the studio, print its address, and open it.
 
@@ -151,15 +151,15 @@ def serve(
         Network address; port 0 selects a free port.
     open_browser
         Whether to open the page.
-    tell
+    on_progress
         Callback for the message with the address.
 
     Raises
     ------
     OmnimirrorError
-        The address is not available.
+        If the address is not available.
     KeyboardInterrupt
-        Ended by Ctrl-C.
+        After Ctrl-C.
     """
     if not is_loopback(host):
         studio.token = secrets.token_urlsafe(16)
@@ -167,7 +167,7 @@ def serve(
     bound = listening.getsockname()[1]
     query = f"?token={studio.token}" if studio.token else ""
     addresses = [f"http://{name}:{bound}/{query}" for name in server_addresses(host)]
-    tell(f"omnimirror studio at {' or '.join(addresses)} (press Ctrl-C to stop)")
+    on_progress(f"omnimirror studio at {' or '.join(addresses)} (press Ctrl-C to stop)")
     if open_browser:
         threading.Timer(0.3, webbrowser.open, (addresses[-1],)).start()
     run_server(create_app(studio), listening)

@@ -15,7 +15,7 @@ from .messages import ClientMessage, Message
 Pixel = tuple[float, float]
 STOP = "stop"
 """Message that ends a calibration early with its best result."""
-MAX_PICTURES = 200
+MAX_IMAGES = 200
 """Maximum number of images of a calibration, including video frames."""
 
 
@@ -59,7 +59,7 @@ class MultiImageRequest(ClientMessage):
     """Analysis request for several images of one camera."""
 
     board: BoardSpec
-    pictures: tuple[BoardDetection, ...] = Field(max_length=MAX_PICTURES)
+    pictures: tuple[BoardDetection, ...] = Field(max_length=MAX_IMAGES)
     centre_px: Pixel | None = Field(description="centre of the field; null: image centre")
     radius_px: float | None = Field(
         gt=0, description="radius of the field; null: distance of the farthest corner"
@@ -96,7 +96,7 @@ class CalibrationRequest(ClientMessage):
     """Calibration request; followed by one message per image with its detection."""
 
     board: BoardSpec
-    pictures: int = Field(ge=1, le=MAX_PICTURES)
+    pictures: int = Field(ge=1, le=MAX_IMAGES)
     model: str = Field(max_length=60)
     optics: Literal["mirror", "fisheye"]
     camera_looks: Literal["up", "down", "forward"]

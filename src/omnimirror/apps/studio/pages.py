@@ -80,8 +80,8 @@ class PageFile:
         from starlette.responses import Response  # not required by pages without a server
 
         headers = {"etag": self.tag, "cache-control": "no-cache", "vary": "accept-encoding"}
-        kept = request.headers.get("if-none-match", "")
-        if self.tag in [tag.strip() for tag in kept.split(",")]:
+        etags = request.headers.get("if-none-match", "")
+        if self.tag in [tag.strip() for tag in etags.split(",")]:
             return Response(status_code=304, headers=headers)
         if not _accepts_gzip(request.headers.get("accept-encoding", "")):
             return Response(self.data, media_type=self.kind, headers=headers)
@@ -141,7 +141,7 @@ def image_viewer(
     Raises
     ------
     InvalidParameter
-        The image size differs from that of the camera.
+        If the image size differs from that of the camera.
     """
     _check_size(camera, (image.shape[1], image.shape[0]), "image")
     kind = KINDS.get(path.suffix.lower()) if path is not None else None
@@ -189,9 +189,9 @@ def video_viewer(
     Raises
     ------
     MediaError
-        Video format not supported by browsers.
+        If browsers do not support the format of the video.
     InvalidParameter
-        The frame size differs from that of the camera.
+        If the frame size differs from that of the camera.
     """
     from ...io.video_reader import VideoReader
 

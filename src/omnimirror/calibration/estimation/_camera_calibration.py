@@ -174,12 +174,12 @@ def _parallax_at(
 
 # -- Camera calibration ----------------------------------------------------------------------------
 
-Picture = NDArray[Any]
+ImageArray = NDArray[Any]
 
-FEW_PICTURES = 6
+RECOMMENDED_IMAGES = 6
 OVERFIT = 1.25  # ratio of held-out error to fit error that indicates overfitting
 COSTLY = 2.0  # ratio to the corner noise; smaller single-viewpoint errors are not reported
-TOGETHER = (
+JOINT_PARAMETERS_ADVICE = (
     "Do not use such parameters individually: many cameras fit these images equally well. The "
     "directions of the pixels are well determined. A measured or specified value separates the "
     "parameters: --prior NAME=VALUE+-SIGMA."
@@ -189,7 +189,7 @@ OWN_RIM = "The sensor model has its own rim radius; rim_radius_px = {rim:g} is n
 
 @validate_arguments
 def calibrate_camera(
-    images: Sequence[Detection] | Sequence[Picture | str | Path] = (),
+    images: Sequence[Detection] | Sequence[ImageArray | str | Path] = (),
     board: Board | None = None,
     *,
     surveys: Sequence[Observation] = (),
@@ -315,7 +315,7 @@ def calibrate_camera(
             optics=optics,  # type: ignore[arg-type]  # checked by the model
             mount=mount,
         ),
-        wanted=_models_to_fit(
+        models_to_fit=_models_to_fit(
             model,
             size,
             optics,
@@ -607,7 +607,9 @@ def _notes(
     notes = []
     if not is_complete:
         notes.append("The calibration was stopped early: this is the best fit so far.")
-    if len(fit.observations) < FEW_PICTURES and not any(s.is_surveyed for s in fit.observations):
+    if len(fit.observations) < RECOMMENDED_IMAGES and not any(
+        s.is_surveyed for s in fit.observations
+    ):
         notes.append(
             f"The fit error of {len(fit.observations)} images is not representative of "
             "other images: check the error in held-out images, and take more images."
@@ -619,7 +621,7 @@ def _notes(
         for free in covariance.free
     ]
     if covariance.free:
-        notes.append(TOGETHER)
+        notes.append(JOINT_PARAMETERS_ADVICE)
     notes += _remaining_notes(remaining_outliers(fit), fit)
     held_out_rms_px = state.held.rms_px if state.held else float("nan")
     moving_part = "lens" if getattr(fit.model, "optics", "mirror") == "fisheye" else "mirror"

@@ -30,7 +30,7 @@ Parameters are free if each may move the image by more than this, but not all of
 """
 FOLLOWED_PX = 1.0  # image motion by the weakest combination above which its valley is followed
 FOLLOWED_TO = 9.0  # chi-square above that of the estimate at the end of a valley
-MOST_FITS = 14  # in each direction of a valley
+MAX_FITS = 14  # in each direction of a valley
 FIT_STEPS, FIT_SETTLED = 12, 1e-6  # per fit along a valley
 GROWTH, SHRINKAGE = 1.6, 0.4  # factors of the step along a valley
 OTHER_XIS = (0.5, 0.7, 0.85, 1.0, 1.15, 1.3, 1.5, 1.8)  # initial values for other minima
@@ -39,7 +39,7 @@ HELD_STEPS, FREE_STEPS, ROUGHLY = 8, 20, 1e-4  # steps of these fits, xi held an
 HOPELESS = 500.0  # chi-square above that of the estimate, with xi held
 GRID = 400  # samples of the likelihood along a valley
 NAMED_ABOVE = 0.25  # fraction of the largest component of a combination
-LEAST_EIGENVALUE = 1e-13  # relative to the largest; smaller eigenvalues are rounding errors
+MIN_EIGENVALUE = 1e-13  # relative to the largest; smaller eigenvalues are rounding errors
 
 
 class UndeterminedCombination(NamedTuple):
@@ -159,7 +159,7 @@ def _paraboloid(adjustment: BundleAdjustment) -> _Paraboloid:
     prior = problem.prior(shared_values(adjustment.estimate))
     matrix, _ = reduced_system(with_priors(blocks, prior.information, prior.pull))
     values, vectors = np.linalg.eigh(matrix * scales[:, None] * scales)
-    values = np.maximum(values, max(LEAST_EIGENVALUE * float(values.max(initial=0.0)), 1e-300))
+    values = np.maximum(values, max(MIN_EIGENVALUE * float(values.max(initial=0.0)), 1e-300))
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = (vectors / values) @ vectors.T * scales[:, None] * scales
     return _Paraboloid(covariance, scales, values**-0.5, vectors)
@@ -285,7 +285,7 @@ class _State(NamedTuple):
 def _follow_valley(start: _State, number: int, step: float) -> list[_State]:
     """Return fits along a valley in one direction, up to a limit of chi-square."""
     states = [start]
-    for _ in range(MOST_FITS):
+    for _ in range(MAX_FITS):
         state = _fit_with_fixed(states, number, step, start.fit.noise_px)
         if state is None or state.chi_square > start.chi_square + 2 * FOLLOWED_TO:
             step *= SHRINKAGE

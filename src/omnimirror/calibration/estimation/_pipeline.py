@@ -51,10 +51,12 @@ from .observations import Observation, from_the_front
 
 THINNED, TRIAL_STEPS = 3, 25  # thinning factor and steps for the comparison of initial values
 TERMS = "mirror.coefficients"
-ENOUGH = 200  # minimum number of points after thinning
+MIN_THINNED_POINTS = 200  # minimum number of points after thinning
 AXIS = ("imager.centre_px[0]", "imager.centre_px[1]")
 HOPELESS = 1.1  # ratio to the best held-out error above which a model is not compared
-FAR = 1.5  # ratio to the noise of the best model above which full convergence is not required
+MAX_NOISE_RATIO = (
+    1.5  # ratio to the noise of the best model above which full convergence is not required
+)
 FREEDOM = 0.5  # maximum number of unknowns per measurement; more would fit outliers
 MIN_IMAGES_FOR_REFERENCE = 5  # minimum number of images; with fewer, flexible models fit any data
 
@@ -124,7 +126,7 @@ class FitState:
     failures: dict[str, str] = field(default_factory=dict)
     """Reasons for failed fits by model."""
     edges: StraightEdges | None = None
-    """Edges that the best model straightens."""
+    """Edges that are straight in images undistorted with the best model."""
 
 
 @dataclass(frozen=True)
@@ -136,12 +138,12 @@ class CalibrationPlan:
     centre_px: tuple[float, float] | None
     empty: Unified
     """Empty model that holds optics and mount."""
-    wanted: tuple[str | CameraModel, ...]
+    models_to_fit: tuple[str | CameraModel, ...]
     """Model names, or a camera model as the initial value."""
     known: ParameterPriors
     shape: BoardShape | None
     is_mirror_symmetric: bool
-    """Whether the board equals its mirror image and a detector may number its corners in reverse.
+    """True if the board equals its mirror image and a detector may number its corners in reverse.
     """
     seed: int
     edges: StraightEdges | None = None
@@ -150,7 +152,7 @@ class CalibrationPlan:
 def run(plan: CalibrationPlan, reporter: ProgressReporter, state: FitState) -> None:
     """Run all steps: initial fit, model sequence, outlier rejection, comparison, selection."""
     with WorkerPool() as pool:
-        if SensorModel.KIND in map(_kind_of, plan.wanted):
+        if SensorModel.KIND in map(_kind_of, plan.models_to_fit):
             pool.begin()
         reporter.at("estimating board poses", 0.0)
         base = _first_fit(plan, state)
@@ -161,7 +163,9 @@ def run(plan: CalibrationPlan, reporter: ProgressReporter, state: FitState) -> N
 def _first_fit(plan: CalibrationPlan, state: FitState) -> BundleAdjustment:
     """Return a unified model fitted to images with different board poses."""
     fixed, priors = (
-        plan.known.of(plan.empty, None) if Unified.KIND in map(_kind_of, plan.wanted) else ((), ())
+        plan.known.of(plan.empty, None)
+        if Unified.KIND in map(_kind_of, plan.models_to_fit)
+        else ((), ())
     )
     initial = fit_first_model(
         plan.observations,
@@ -201,7 +205,7 @@ def _fit_and_select(
         state.edges = plan.edges.select_straight(
             reference.refit(reference.observations, edges=plan.edges).model
         )
-    names = {_kind_of(w) for w in plan.wanted}
+    names = {_kind_of(w) for w in plan.models_to_fit}
     multi_viewpoint = [fit for fit in fits.values() if not is_central(fit.model)]
     if multi_viewpoint:
         state.multi_viewpoint = _least_squares_fit(
@@ -246,7 +250,7 @@ def _all_fits(
     pool: WorkerPool,
 ) -> dict[str, BundleAdjustment]:
     """Return robust fits of the requested models and of the reference models for outliers."""
-    models: list[str | CameraModel] = list(plan.wanted)
+    models: list[str | CameraModel] = list(plan.models_to_fit)
     if len(base.observations) >= MIN_IMAGES_FOR_REFERENCE:
         models += [kind for kind in REFERENCE_MODELS if kind not in map(_kind_of, models)]
     fits: dict[str, BundleAdjustment] = {}
@@ -268,9 +272,11 @@ def _all_fits(
         if state.fit is None or fits[kind].problem.noise_px < state.fit.problem.noise_px:
             state.fit = fits[kind]
     failed = [
-        f"{k}: {reason}" for k, reason in state.failures.items() if k in map(_kind_of, plan.wanted)
+        f"{k}: {reason}"
+        for k, reason in state.failures.items()
+        if k in map(_kind_of, plan.models_to_fit)
     ]
-    if len(failed) == len(plan.wanted):
+    if len(failed) == len(plan.models_to_fit):
         raise InvalidParameter("; ".join(failed))
     return fits
 
@@ -317,7 +323,7 @@ def _best_fit(
 
     if len(starts) == 1:
         return fit_next_model(base, starts[0], **options_of(starts[0]))
-    every = min(THINNED, max(1, sum(map(len, base.observations)) // ENOUGH))
+    every = min(THINNED, max(1, sum(map(len, base.observations)) // MIN_THINNED_POINTS))
     thinned = replace(
         base, observations=tuple(s.subset(np.arange(0, len(s), every)) for s in base.observations)
     )
@@ -454,7 +460,7 @@ def _least_squares_fit(
     retained = without_rejected(
         tuple(s for s in fit.observations if s.name in names), state.outliers
     )
-    is_far = fit.problem.noise_px > FAR * reference.problem.noise_px
+    is_far = fit.problem.noise_px > MAX_NOISE_RATIO * reference.problem.noise_px
     return fit.refit(
         retained,
         relative_tolerance=ROUGH_TOLERANCE if is_far else RELATIVE_TOLERANCE,

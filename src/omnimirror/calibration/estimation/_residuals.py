@@ -1,4 +1,6 @@
-"""Residuals of a bundle adjustment and their derivatives by camera, poses and board shape."""
+"""Residuals of a bundle adjustment and their derivatives with respect to camera, poses and board
+shape.
+"""
 
 from __future__ import annotations
 
@@ -167,7 +169,7 @@ def linearise(estimate: Estimate, stack: Stack) -> Linearised:
     shifts = np.array([m.translation_mm for m in estimate.poses])[stack.owner]
     rotated = np.einsum("nij,nj->ni", rotations, targets(estimate, stack))
     points = rotated + np.where(stack.distant[:, None], 0.0, shifts)
-    pixels, seen, d_points, d_parameters = _images(estimate.model, points, stack.distant)
+    pixels, visible, d_points, d_parameters = _images(estimate.model, points, stack.distant)
     residuals = pixels - stack.pixels
     d_shared = d_parameters
     if estimate.shape is not None:
@@ -190,8 +192,8 @@ def linearise(estimate: Estimate, stack: Stack) -> Linearised:
     d_slide = None
     if stack.along is not None:
         d_slide = np.einsum("nki,nij,nj->nk", d_points, rotations, stack.along)
-    residuals[~seen] = 0.0
-    return Linearised(residuals, seen, d_shared, d_pose, d_slide)
+    residuals[~visible] = 0.0
+    return Linearised(residuals, visible, d_shared, d_pose, d_slide)
 
 
 def residuals_at_poses(model: CameraModel, observations: Sequence[Observation]) -> Linearised:

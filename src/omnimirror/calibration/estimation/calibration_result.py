@@ -73,7 +73,7 @@ class EdgeResult(NamedTuple):
     """Number in its image, from 1."""
     points: int
     used: bool
-    """Whether the camera straightens it."""
+    """True if the edge is straight after undistortion."""
     rms_px: float
     """Deviation of its points from the image of a straight line."""
 

@@ -110,7 +110,7 @@ def is_used(detection: Any) -> bool:
 
 
 def reason_of(detection: Any) -> str:
-    """Return the reason for which an image is not used, with its name."""
+    """Return the reason why an image is not used, with its name."""
     if detection.reason is None:
         return f"{detection.name}: at least {MIN_CORNERS_PER_IMAGE} corners are required; got {len(detection.ids)}"
     return (
@@ -183,7 +183,9 @@ def inconsistent_images(adjustment: BundleAdjustment) -> dict[str, str]:
 
 MAX_REJECTED, MAX_GROSS = 0.01, 0.05  # fraction of all corners
 GROSS = 3.0  # multiple of the noise limit
-ALIKE = 0.5  # fraction of the largest gross error above which others are rejected together with it
+SIMILAR_FRACTION = (
+    0.5  # fraction of the largest gross error above which others are rejected together with it
+)
 MAX_ABSORBED = 0.75  # maximum fraction of the noise absorbed by estimated parameters
 DOUBT = 1.44  # two relative standard errors of the Rayleigh median, times sqrt(n)
 CHANCE = 0.02  # probability that data without gross errors lose a corner
@@ -249,7 +251,9 @@ def without_outliers(
             break
         rejected = np.array([index])
         if lengths[index] > GROSS * limit:
-            similar = np.flatnonzero(lengths > max(GROSS * limit, ALIKE * lengths[index]))
+            similar = np.flatnonzero(
+                lengths > max(GROSS * limit, SIMILAR_FRACTION * lengths[index])
+            )
             rejected = _removable(
                 fit, similar[np.argsort(-lengths[similar])][: remaining_gross - len(outliers)]
             )

@@ -557,7 +557,7 @@ class Layout:
         Field angle below which programs that read the file project points, independent of the
         formula.
     restriction
-        Further reason for which it cannot store a camera of this kind, in words that follow "it";
+        Further reason why it cannot store a camera of this kind, in words that follow "it";
         "" for none.
     is_panorama
         Whether it describes a panorama that must be rendered from the images first; selected by its
@@ -578,7 +578,7 @@ class Layout:
     restriction: Callable[[Any], str] = lambda camera: ""
 
     def unsupported(self, camera: Camera) -> str:
-        """Return the reason for which it cannot store a camera exactly, in words that follow "it".
+        """Return the reason why it cannot store a camera exactly, in words that follow "it".
 
         Empty if it can.
         """

@@ -175,7 +175,7 @@ def _recognise(file: CameraFile) -> str:
     Raises
     ------
     SpecError
-        If none or several do.
+        If no format, or more than one, recognises it.
     """
     matching = [name for name, kind in FORMATS.items() if kind.recognises(file)]
     if len(matching) == 1:

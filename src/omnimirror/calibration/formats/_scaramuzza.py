@@ -77,8 +77,8 @@ def inverse_polynomial(camera: OCam, start: float) -> tuple[Array, float]:
     camera
         Camera to approximate.
     start : radians
-        Field angle of the origin: OCamCalib counts from the plane across the axis, py-OCamCalib
-        from the axis.
+        Field angle of the origin: OCamCalib counts from the plane perpendicular to the axis,
+        py-OCamCalib from the axis.
 
     Returns
     -------

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..edge_detection import FINER_PX, EdgePoints, WorkingImage, at_working_size, edges_of, turns
-from ._ellipses import FLATTEST, NORMAL_SLACK, Ellipse, Shift, fit_ellipse, shifted
+from ._ellipses import MAX_STRETCH, NORMAL_SLACK, Ellipse, Shift, fit_ellipse, shifted
 from ._features import FAMILY_OFFSET, SAME_RING, SECTORS, Finer, Ring, ring_of
 
 # -- Hough transform for circles -------------------------------------------------------------------
 
-LEAST_RADIUS, LARGEST_RADIUS = 0.18, 0.75  # relative to the short image side
+MIN_RADIUS, LARGEST_RADIUS = 0.18, 0.75  # relative to the short image side
 RADIUS_STEP = 1.016
 CELL_PX = 2
 BLUR_PX, BLUR_SHARE = 1.5, 0.016  # px, and error of the centre relative to the radius
@@ -29,7 +29,7 @@ def hough_circles(edges: EdgePoints, size: tuple[int, int]) -> list[Ellipse]:
     """Return the circles with the most votes relative to their size, best first."""
     short = min(size)
     largest = max(LARGEST_RADIUS * short, 0.52 * max(size))
-    circles = hough_circles_between(edges, size, (LEAST_RADIUS * short, largest), RADIUS_STEP)
+    circles = hough_circles_between(edges, size, (MIN_RADIUS * short, largest), RADIUS_STEP)
     return list(islice(circles, PEAKS))
 
 
@@ -108,7 +108,10 @@ AGAIN_PX, MOVED_PX, NARROW_PX = (1.0, 0.7), (2.0, 1.0, 0.7), (2.0, 1.5, 0.8)
 SHIFT = Shift(6.0, 2.0, turns=72, stretch_px=4.0)  # for voted circles, displaced by other edges
 FAMILIES, FINER_FAMILIES = 10, 3  # number of rings around which concentric rings are searched
 PROFILE_PX = 0.5
-BESIDE, FINER = (0.5, 1.7), (0.8, 1.25)  # fractions of a ring's radius for that search
+SEARCH_RANGE, FINE_SEARCH_RANGE = (
+    (0.5, 1.7),
+    (0.8, 1.25),
+)  # fractions of a ring's radius for that search
 SAME_FINER, SAME_FIT = 0.003, 0.0005
 SAME_FAMILY = 0.01  # fraction of the radius between centres of distinct families
 SAME_START = 0.005  # fraction of the radius within which a search leads to a known ring
@@ -154,7 +157,7 @@ def add_finer(
     working, edges = coarse
     scale = working.scale / fine[0].scale
     for ring in _clearest(rings, FINER_FAMILIES, FAMILY_OFFSET):
-        for ellipse in concentric_rings(fine[1], ring.ellipse.scaled(scale), FINER):
+        for ellipse in concentric_rings(fine[1], ring.ellipse.scaled(scale), FINE_SEARCH_RANGE):
             refined = fit_ellipse(fine[1], ellipse, AGAIN_PX)
             _add(
                 rings,
@@ -190,10 +193,10 @@ def _add(
     u, v = ellipse.centre
     if (
         not (0 <= u < working.size[0] and 0 <= v < working.size[1])
-        or ellipse.radius < 0.9 * LEAST_RADIUS * short
+        or ellipse.radius < 0.9 * MIN_RADIUS * short
     ):
         return
-    if np.hypot(*ellipse.stretch) > FLATTEST:
+    if np.hypot(*ellipse.stretch) > MAX_STRETCH:
         return
     equal = _twins(rings, ellipse, tolerance)
     if len(_twins([rings[i] for i in equal], ellipse, SAME_FIT)):
@@ -241,7 +244,7 @@ def _twins(rings: list[Ring], ellipse: Ellipse, tolerance: float) -> NDArray[np.
 
 
 def concentric_rings(
-    edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = BESIDE
+    edges: EdgePoints, ellipse: Ellipse, within: tuple[float, float] = SEARCH_RANGE
 ) -> list[Ellipse]:
     """Return ellipses of the same shape and centre that edges with matching direction support."""
     low, high = within

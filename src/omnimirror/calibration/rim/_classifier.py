@@ -19,15 +19,15 @@ from ._features import Ring, RingFeatures, relations, ring_features, surrounding
 CLASSIFIER_FILE = Path(__file__).with_name("committee.json")
 SHORT = 16  # rings on the short list
 UNLISTED = -12.0  # log odds of the other rings
-WIDEST = 3.0  # clipping of features in standard deviations; there are no training data beyond
+MAX_SCORE = 3.0  # clipping of features in standard deviations; there are no training data beyond
 FLAT = -4.0  # logarithm of the texture below which there is no structure
 FIRST_WEIGHTS = np.array([
     -4.618, -13.802, 37.574, 6.644, 2.612, -0.735, 2.376, 3.336, 15.435, -0.627, -8.214, 0.571, 3.825, -0.427,
     -0.112, -0.330, -8.023, 4.366, -1.375, 5.955, -7.839, -3.630,
 ])  # fmt: skip
 FIRST_NONE = 19.886
-SAME_RANK, LEAST_MARGIN, LEAST_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # centres and widths
-PARALLEL_WEIGHT, USUAL_PARALLEL, MOST_PARALLEL = 30.0, 0.1, 0.2  # of the parallel fraction
+SAME_RANK, MIN_MARGIN, MIN_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # centres and widths
+PARALLEL_WEIGHT, USUAL_PARALLEL, MAX_PARALLEL = 30.0, 0.1, 0.2  # of the parallel fraction
 FAINT_RING, CLEAR_RING, HOUSING_COST = 0.6, 0.75, 6.0  # fractions of an inner ring, and log odds
 FIRST = -2  # index of the first classifier's result among the features
 
@@ -87,10 +87,12 @@ class RimClassifier:
 
     def scaled(self, rows: Array) -> Array:
         """Return features (n, count) as standard scores; 0 for unknown values."""
-        scores: Array = np.clip(np.nan_to_num((rows - self.middle) / self.spread), -WIDEST, WIDEST)
+        scores: Array = np.clip(
+            np.nan_to_num((rows - self.middle) / self.spread), -MAX_SCORE, MAX_SCORE
+        )
         return scores
 
-    def judged(self, rows: Array) -> Array:
+    def decision(self, rows: Array) -> Array:
         """Return the log odds (members, n) of each member for features (n, count)."""
         features = self.scaled(rows)
         return np.stack([member.odds(features) for member in self.members])
@@ -100,7 +102,7 @@ class RimClassifier:
 
         The result of the first classifier is included.
         """
-        return self.trust * self.judged(rows) + self.first_share * np.maximum(
+        return self.trust * self.decision(rows) + self.first_share * np.maximum(
             rows[:, FIRST], UNLISTED
         )
 
@@ -199,11 +201,11 @@ def confidence(
     """
     margin = odds - rivals
     agreement = float(np.mean(_share(margin, SAME_RANK)))
-    parallel = PARALLEL_WEIGHT * (min(chance, MOST_PARALLEL) - USUAL_PARALLEL)
+    parallel = PARALLEL_WEIGHT * (min(chance, MAX_PARALLEL) - USUAL_PARALLEL)
     housing = min(max((within - FAINT_RING) / (CLEAR_RING - FAINT_RING), 0.0), 1.0)
     mirror = evidence * float(np.mean(odds)) + (1 - housing) * parallel - housing * HOUSING_COST
-    ranked = float(_share(np.float64(np.mean(margin)), LEAST_MARGIN))
-    return max(0.0, 2 * agreement - 1) * ranked * float(_share(np.float64(mirror), LEAST_ODDS))
+    ranked = float(_share(np.float64(np.mean(margin)), MIN_MARGIN))
+    return max(0.0, 2 * agreement - 1) * ranked * float(_share(np.float64(mirror), MIN_ODDS))
 
 
 def _share(values: Array | np.float64, middle: tuple[float, float]) -> Array:

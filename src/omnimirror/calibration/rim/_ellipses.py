@@ -14,7 +14,7 @@ from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, turns
 
 # -- Ellipses and their fit to edges ---------------------------------------------------------------
 
-FLATTEST = 0.16  # limit of the stretch parameters; ratio of axes 0.73
+MAX_STRETCH = 0.16  # limit of the stretch parameters; ratio of axes 0.73
 USUAL_STRETCH = 0.03  # typical stretch by tilt; prior for partially visible rims
 NORMAL_SLACK = 0.26  # radians; maximum angle between an edge and the ellipse
 PARAMETERS = 5
@@ -241,7 +241,7 @@ def fit_ellipse(edges: EdgePoints, first: Ellipse, reaches: tuple[float, ...]) -
             return ellipse
         u, v = ellipse.centre
         p, q = (
-            min(max(s + float(d), -FLATTEST), FLATTEST)
+            min(max(s + float(d), -MAX_STRETCH), MAX_STRETCH)
             for s, d in zip(ellipse.stretch, step[3:], strict=True)
         )
         radius = ellipse.radius * math.exp(min(max(float(step[2]), -0.1), 0.1))

@@ -349,17 +349,29 @@ BANDS = (
     (1.02, 1.055), (1.05, 1.1), (1.1, 1.2), (1.2, 1.4),
 )  # fmt: skip
 """Fractions of the radius."""
-CAMERA, MIDDLE, WITHIN_RIM, INNER, OUTER, BEYOND, FAR = 0, 2, 3, 5, 6, 7, 8
-CONTRASTS = ((INNER, OUTER), (MIDDLE, INNER), (OUTER, FAR), (MIDDLE, FAR), (CAMERA, 1), (4, BEYOND))
+CAMERA, MIDDLE, WITHIN_RIM, INNER, OUTER, OUTSIDE_RIM, SURROUNDINGS = 0, 2, 3, 5, 6, 7, 8
+CONTRASTS = (
+    (INNER, OUTER),
+    (MIDDLE, INNER),
+    (OUTER, SURROUNDINGS),
+    (MIDDLE, SURROUNDINGS),
+    (CAMERA, 1),
+    (4, OUTSIDE_RIM),
+)
 CALMS = BANDS[2:9]  # bands for which the fraction of calm parts is computed
 RINGS = (
     (0.55, 0.8), (0.8, 0.92), (0.92, 0.965), (0.965, 0.99), (1.01, 1.035), (1.035, 1.08), (1.08, 1.2), (1.2, 1.4),
 )  # fmt: skip
 """Fractions of the radius between which another ring is searched."""
 SIDES = ((0.94, 0.97), (0.965, 0.985), (0.86, 0.89), (1.03, 1.06), (1.015, 1.035), (1.1, 1.13))
-ALIKE = ((0, 3), (1, 4), (0, 2), (3, 5))  # pairs of sides: across at two distances, inside, outside
+CORRELATED_SIDES = (
+    (0, 3),
+    (1, 4),
+    (0, 2),
+    (3, 5),
+)  # pairs of sides: across at two distances, inside, outside
 CALM_BAND_TEXTURE, FAINT_BAND_TEXTURE, FAINT_LEVELS = 0.03, 0.004, 2.0
-LEAST_TURNS = 5  # minimum number of samples around the ring for a mean
+MIN_TURNS = 5  # minimum number of samples around the ring for a mean
 
 
 def surrounding_statistics(working: WorkingImage, ellipse: Ellipse) -> Array:
@@ -396,8 +408,8 @@ def surrounding_statistics(working: WorkingImage, ellipse: Ellipse) -> Array:
             ring_clarity,
             [_maximum(crossing[between(1 - RADIUS_FRACTION_STEP, 1 + 1.5 * RADIUS_FRACTION_STEP)])],
             differences,
-            [(grey[INNER] - grey[OUTER]) / 64, (grey[WITHIN_RIM] - grey[FAR]) / 64],
-            grey[[INNER, OUTER, FAR, CAMERA]] / 128,
+            [(grey[INNER] - grey[OUTER]) / 64, (grey[WITHIN_RIM] - grey[SURROUNDINGS]) / 64],
+            grey[[INNER, OUTER, SURROUNDINGS, CAMERA]] / 128,
             np.array(_edge_statistics(polar, inside)),
             np.array(_calm_fractions(along, is_visible)),
         ]
@@ -433,7 +445,7 @@ def _significance(steps: Image, min_step: float) -> Image:
 def _mean(values: Image, is_visible: Mask, count: NDArray[np.int_]) -> Array:
     """Return means (shares, channels) along the ring, over its visible part."""
     sums = np.einsum("tsc,ts->sc", values, is_visible.astype(np.float32))
-    return np.where((count >= LEAST_TURNS)[:, None], sums / np.maximum(count, 1)[:, None], np.nan)
+    return np.where((count >= MIN_TURNS)[:, None], sums / np.maximum(count, 1)[:, None], np.nan)
 
 
 def _banded(values: Array) -> Array:
@@ -469,9 +481,11 @@ def _edge_statistics(polar: Image, inside: Mask) -> list[float]:
         return [np.nan] * 9
     sides = [polar[:, between(*side)].mean(axis=1) for side in SIDES]
     details = [detail(side)[is_visible] for side in sides]
-    correlations = [_correlation(details[a], details[b]) for a, b in ALIKE]
+    correlations = [_correlation(details[a], details[b]) for a, b in CORRELATED_SIDES]
     centred_sides = [side[is_visible] - side[is_visible].mean(axis=0) for side in sides]
-    correlations += [_correlation(centred_sides[a], centred_sides[b]) for a, b in ALIKE[:2]]
+    correlations += [
+        _correlation(centred_sides[a], centred_sides[b]) for a, b in CORRELATED_SIDES[:2]
+    ]
     step = (sides[1] - sides[4])[is_visible]
     sizes = strongest(np.abs(step))
     steps = [float(np.log(np.percentile(sizes, share) + 1)) for share in (50, 20)]
@@ -516,7 +530,7 @@ INNER_NEIGHBOURS, OUTER_NEIGHBOURS = (
     (0.6, 0.988),
     (1.012, 1.5),
 )  # fractions of the radius for the next ring
-LEAST, CLEAR, NEXT = 0.4, 0.7, 0.55  # fraction of the circumference with a close edge
+MIN_CLEARNESS, CLEAR, NEXT = 0.4, 0.7, 0.55  # fraction of the circumference with a close edge
 
 
 def relations(rings: Sequence[Ring], chosen: Sequence[int]) -> Array:
@@ -533,7 +547,10 @@ def relations(rings: Sequence[Ring], chosen: Sequence[int]) -> Array:
         )
         radius_ratios = np.where(family, radii / radii[i], np.nan)
         clearest = [
-            max(0.0, float(close[_between_ratios(radius_ratios, part)].max(initial=0.0)) - LEAST)
+            max(
+                0.0,
+                float(close[_between_ratios(radius_ratios, part)].max(initial=0.0)) - MIN_CLEARNESS,
+            )
             for part in NEIGHBOUR_INTERVALS
         ]
         clear = close > CLEAR

@@ -177,7 +177,7 @@ def sensor_from_rim(rim: MirrorOutline, sensor: Sensor) -> Sensor:
     centre from the axis, and its tilt. To first order the major semi-axis a gives the scale, the
     offset of the centre the position, and ``b / a = cos t`` the tilt t about the major axis. Off
     the axis, perspective has an effect of similar size; therefore the five equations are solved
-    exactly. Two opposite tilts give the same ellipse (Hartley and Zisserman, Multiple View
+    exactly. Two opposite tilts result in the same ellipse (Hartley and Zisserman, Multiple View
     Geometry, 8.3, describe the cone of rays); this is the first result of :func:`sensors_from_rim`.
 
     Parameters

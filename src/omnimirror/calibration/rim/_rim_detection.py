@@ -29,7 +29,7 @@ from ._features import Ring, ring_of
 
 # -- Image of the camera ---------------------------------------------------------------------------
 
-LEAST, LARGEST = 0.04, 0.6  # fractions of the rim's radius
+MIN_CAMERA_RADIUS, MAX_CAMERA_RADIUS = 0.04, 0.6  # fractions of the rim's radius
 MIN_RADIUS_PX = 5.0
 RADIUS_STEP = 1.06
 OFFSET, VOTED_OFFSET = 0.12, 0.15  # fractions of the rim's radius, for disc and circle
@@ -43,10 +43,10 @@ REACHES_PX = (2.0, 1.2)
 def find_camera_image(working: WorkingImage, edges: EdgePoints, rim: Ellipse) -> Ellipse | None:
     """Return the clearest disc at the centre of a rim, both at working size; None if there is none."""
     distances = np.linalg.norm(edges.points - np.asarray(rim.centre), axis=1) / rim.radius
-    inner = edges.subset(distances < LARGEST + OFFSET)
+    inner = edges.subset(distances < MAX_CAMERA_RADIUS + OFFSET)
     if not len(inner.points):
         return None
-    radii = max(LEAST * rim.radius, MIN_RADIUS_PX), LARGEST * rim.radius
+    radii = max(MIN_CAMERA_RADIUS * rim.radius, MIN_RADIUS_PX), MAX_CAMERA_RADIUS * rim.radius
     voted = hough_circles_between(inner, working.size, radii, RADIUS_STEP)
     best, best_clarity = None, SUPPORT
     for circle in islice(
@@ -77,7 +77,7 @@ def _disc_clarity(working: WorkingImage, edges: EdgePoints, disc: Ellipse) -> fl
 
 # -- Mirror outline --------------------------------------------------------------------------------
 
-Picture = NDArray[Any]
+ImageArray = NDArray[Any]
 
 MIN_CONFIDENCE = 0.6
 """Minimum confidence of an accepted rim."""
@@ -223,7 +223,7 @@ class MirrorOutline:
 class _AnalysedImage:
     """Rings of one image at one working resolution."""
 
-    image: Picture
+    image: ImageArray
     working: WorkingImage
     edges: EdgePoints
     rings: list[Ring]
@@ -319,7 +319,7 @@ class _AnalysedImage:
                 break
         return selected
 
-    def alike(self, k: int) -> NDArray[np.intp]:
+    def similar(self, k: int) -> NDArray[np.intp]:
         """Return the rings equal to a given one with similar odds.
 
         Subpixel refinement selects among them.
@@ -329,7 +329,7 @@ class _AnalysedImage:
 
 
 @validate_arguments
-def detect_mirror_outline(images: Picture | Sequence[Picture]) -> MirrorOutline:
+def detect_mirror_outline(images: ImageArray | Sequence[ImageArray]) -> MirrorOutline:
     """Detect the mirror's rim in one or several images of a sensor, with subpixel accuracy.
 
     Edges vote for circles, and an ellipse is fitted to the edges of each. A classifier evaluates
@@ -376,7 +376,7 @@ def detect_mirror_outline(images: Picture | Sequence[Picture]) -> MirrorOutline:
     outlines = []
     for item in analysed:
         k = item.like(ellipse)
-        starts = [ellipse] if k is None else [item.rings[i].ellipse for i in item.alike(k)]
+        starts = [ellipse] if k is None else [item.rings[i].ellipse for i in item.similar(k)]
         own_confidence = (
             joint_confidence
             if len(analysed) == 1
@@ -413,7 +413,7 @@ def _candidate(
     )
 
 
-def _check(images: list[Picture]) -> None:
+def _check(images: list[ImageArray]) -> None:
     if not images:
         raise InvalidParameter("images must contain at least one image; got none")
     for image in images:
@@ -425,7 +425,7 @@ def _check(images: list[Picture]) -> None:
     check_image_sizes(images, [f"image {number}" for number in range(len(images))])
 
 
-def check_image_sizes(images: Sequence[Picture], names: Sequence[str]) -> None:
+def check_image_sizes(images: Sequence[ImageArray], names: Sequence[str]) -> None:
     """Raise an error for images of different sizes, which are not from one sensor.
 
     The message names the images whose size differs from most.
@@ -447,7 +447,7 @@ def check_image_sizes(images: Sequence[Picture], names: Sequence[str]) -> None:
         )
 
 
-def _analyse(image: Picture) -> _AnalysedImage:
+def _analyse(image: ImageArray) -> _AnalysedImage:
     """Detect the rings of an image at the main working resolution and at the others.
 
     Resolutions above that of the image are omitted.
@@ -463,7 +463,7 @@ def _analyse(image: Picture) -> _AnalysedImage:
     return _AnalysedImage(image, working, edges, rings, odds(rings, working), others)
 
 
-def _at_resolution(image: Picture, side: int) -> _AnalysedImage:
+def _at_resolution(image: ImageArray, side: int) -> _AnalysedImage:
     """Detect the rings of an image at another working resolution."""
     working = at_working_size(image, side)
     edges = edges_of(working)

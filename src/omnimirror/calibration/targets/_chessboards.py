@@ -29,12 +29,12 @@ from .boards import Board
 Grey = NDArray[np.float32]
 
 BLUR_PX = 1.5  # of the derivatives
-MOST = 1500  # maximum number of corner candidates
-LEAST_RESPONSE = 0.02  # relative to the strong responses
+MAX_CANDIDATES = 1500  # maximum number of corner candidates
+MIN_RESPONSE = 0.02  # relative to the strong responses
 RING_PX = 4.5
-LEAST_RING = 0.6  # minimum correlation of the ring with four alternating quarters
+MIN_RING = 0.6  # minimum correlation of the ring with four alternating quarters
 MAX_SEEDS_FOUND = 200
-LEAST_OF_SEED = 7  # minimum number of the nine corners that the image confirms
+MIN_OF_SEED = 7  # minimum number of the nine corners that the image confirms
 
 
 class Crossings(NamedTuple):
@@ -62,12 +62,12 @@ def crossings(image: Grey) -> Crossings:
     v, u = np.nonzero(peak)
     if not len(u):
         return Crossings(np.empty((0, 2)), np.empty(0))
-    order = np.argsort(-strength[v, u], kind="stable")[:MOST]
+    order = np.argsort(-strength[v, u], kind="stable")[:MAX_CANDIDATES]
     strongest = strength[v, u][order[min(len(order) - 1, 20)]]
-    order = order[strength[v, u][order] > LEAST_RESPONSE * strongest]
+    order = order[strength[v, u][order] > MIN_RESPONSE * strongest]
     pixels = np.stack([u[order], v[order]], axis=1).astype(float)
     angles, likeness = _ring(smooth, pixels)
-    is_corner = likeness > LEAST_RING
+    is_corner = likeness > MIN_RING
     return Crossings(pixels[is_corner], angles[is_corner])
 
 
@@ -110,7 +110,7 @@ def find_seeds(image: Grey) -> list[LatticePart]:
         used_indices |= set(indices.tolist())
         places = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2]), axis=-1).reshape(-1, 2)
         part = coloured(image, places, corners.pixels[indices])
-        if len(part.places) >= LEAST_OF_SEED:
+        if len(part.places) >= MIN_OF_SEED:
             seeds.append(part)
         if len(seeds) == MAX_SEEDS_FOUND:
             break
@@ -167,7 +167,7 @@ MAX_SEEDS_ONE_BOARD, MAX_SEEDS_SEVERAL_BOARDS = (
     12,
     200,
 )  # maximum number of seeds to grow, for one board and for several
-MOST_REFLECTED = 2  # maximum number of columns or rows that reflections add
+MAX_REFLECTED = 2  # maximum number of columns or rows that reflections add
 LARGEST_FOR_OPENCV = 2_500_000  # px; OpenCV's detectors are slow on larger images
 
 
@@ -210,7 +210,7 @@ def inner_grids(part: LatticePart, board: Board) -> Iterator[LatticePart]:
     low, size = part.places.min(axis=0), np.array(part.size)
     for grid_size in {board.lattice_size, board.lattice_size[::-1]}:
         excess = size - grid_size
-        if not (excess.min() >= 0 and 0 < excess.max() <= MOST_REFLECTED):
+        if not (excess.min() >= 0 and 0 < excess.max() <= MAX_REFLECTED):
             continue
         for column, row in np.ndindex(excess[0] + 1, excess[1] + 1):
             first = low + np.array([column, row])

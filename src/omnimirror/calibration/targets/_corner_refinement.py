@@ -445,7 +445,7 @@ MAX_REFINEMENT_PASSES = 100
 """Number of passes; edge curvature is more accurate in the second."""
 MAX_DISPLACEMENT = 0.3  # maximum motion of a corner, in squares
 WORST_FIT = 0.9  # maximum rms residual in contrasts
-ODD_FIT, LEAST_ODD_FIT = 4.0, 0.15
+ODD_FIT, MIN_ODD_FIT = 4.0, 0.15
 """Limit on the residual relative to its median over the board.
 
 Larger values indicate occlusion or highlights.
@@ -526,7 +526,7 @@ def refine_corners(
         maps = maps_about(places[ids], pixels, places[ids])
         fit = fit_saddles(values, maps._replace(pixels=pixels), board.surroundings)
         displacement = np.linalg.norm(fit.pixels - pixels, axis=1)
-        worst_fit = min(WORST_FIT, max(ODD_FIT * float(np.median(fit.misfit)), LEAST_ODD_FIT))
+        worst_fit = min(WORST_FIT, max(ODD_FIT * float(np.median(fit.misfit)), MIN_ODD_FIT))
         is_valid = (
             (displacement < MAX_DISPLACEMENT * maps.spacing() + 0.3)
             & (fit.misfit < worst_fit)

@@ -18,7 +18,7 @@ Grey = NDArray[np.float32]
 
 USUAL_PX = 900
 """Longer side of the first image size of the search, at which most squares have 10 px or more."""
-MOST_PIXELS = 128_000_000
+MAX_PIXELS = 128_000_000
 """Maximum number of pixels; the search needs up to 13 bytes of memory per pixel."""
 SMALLEST_PX, LARGEST_PX = 200, 6000
 LARGEST_ENLARGED_PX = 3000  # for images enlarged by 2, to detect small squares
@@ -31,7 +31,7 @@ def grey(image: NDArray[Any]) -> Grey:
     Raises
     ------
     InvalidParameter
-        If the image is invalid or has more than :data:`MOST_PIXELS` pixels.
+        If the image is invalid or has more than :data:`MAX_PIXELS` pixels.
     """
     image = np.asarray(image)
     if image.ndim not in (2, 3) or image.dtype.kind not in "uf" or min(image.shape[:2]) < 16:
@@ -40,9 +40,9 @@ def grey(image: NDArray[Any]) -> Grey:
             f"least 16 px per side; got shape {image.shape} of {image.dtype}"
         )
     height, width = image.shape[:2]
-    if height * width > MOST_PIXELS:
+    if height * width > MAX_PIXELS:
         raise InvalidParameter(
-            f"images for board detection must have at most {MOST_PIXELS / 1e6:.0f} megapixels; "
+            f"images for board detection must have at most {MAX_PIXELS / 1e6:.0f} megapixels; "
             f"got {width} x {height} px; reduce the image size"
         )
     white_level = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype).max)

@@ -33,7 +33,7 @@ CLEARANCE = 0.25
 
 It is smaller at the boundary of a board.
 """
-AWAY = 0.35
+MAX_OFFSET = 0.35
 """Maximum distance from the prediction, in squares."""
 MISFIT = 0.75
 GOES_ON = 0.2
@@ -70,9 +70,9 @@ class LatticePart(NamedTuple):
         extent = np.ptp(self.places, axis=0) + 1
         return int(extent[0]), int(extent[1])
 
-    def subset(self, kept: NDArray[np.bool_]) -> LatticePart:
+    def subset(self, retained: NDArray[np.bool_]) -> LatticePart:
         """Return a subset of the corners."""
-        return LatticePart(self.places[kept], self.pixels[kept], self.polarity)
+        return LatticePart(self.places[retained], self.pixels[retained], self.polarity)
 
 
 class Likeness(NamedTuple):
@@ -182,7 +182,7 @@ def grown(
     largest: tuple[int, int] = (200, 200),
     rings: int = MAX_RINGS,
 ) -> LatticePart:
-    """Grow a lattice by all adjacent corners.
+    """Extend a lattice by all adjacent corners.
 
     Parameters
     ----------
@@ -273,7 +273,11 @@ def _verified_neighbours(
         & (similarity.clearance > CLEARANCE)
         & (fit.contrast * polarity > 0)
     )
-    is_accepted &= (prediction_error < AWAY * 1.5) & (correction < AWAY / 2) & (fit.misfit < MISFIT)
+    is_accepted &= (
+        (prediction_error < MAX_OFFSET * 1.5)
+        & (correction < MAX_OFFSET / 2)
+        & (fit.misfit < MISFIT)
+    )
     is_confirmed[is_plausible], pixels[is_plausible] = is_accepted, fit.pixels
     return is_confirmed, pixels
 
@@ -534,7 +538,7 @@ def _verified_corners(
         is_inside
         & (similarity.correlation > LIKENESS)
         & (fit.contrast * polarity > 0)
-        & (prediction_error < AWAY)
+        & (prediction_error < MAX_OFFSET)
     )
     if not board.has_markers:
         is_confirmed &= similarity.clearance > CLEARANCE

@@ -14,8 +14,8 @@ from .boards import Board, dictionary
 
 Ids = NDArray[np.int_]
 
-LEAST_MARKERS = 2
-ENOUGH = 0.6
+MIN_MARKERS = 2
+SUFFICIENT_FRACTION = 0.6
 """Fraction of a board's markers above which larger image sizes are skipped."""
 KALIBR_CORNERS = ((1, 0), (0, 0), (0, 1), (1, 1))
 """Column and row, on an April grid tag, of OpenCV's four corners; Kalibr rotates tags by 180 deg.
@@ -27,7 +27,7 @@ KALIBR_RIGHT = -1
 
 For the tag below, the difference is the number of columns.
 """
-BESIDE, FARTHEST, FEWEST_BESIDE = 0.3, 2.2, 3
+MAX_LATERAL_OFFSET, MAX_DISTANCE, MIN_NEIGHBOUR_PAIRS = 0.3, 2.2, 3
 """Criteria for neighbouring tags.
 
 They are the maximum lateral offset relative to the distance, the maximum distance in tag sides,
@@ -47,7 +47,7 @@ class Markers(NamedTuple):
     corners_px: Array
     """Corners (k, 4, 2): clockwise from the upper left of the marker as drawn."""
     is_reversed: bool
-    """Whether they were detected in the mirror image."""
+    """True if they were detected in the mirror image."""
 
 
 def read_markers(image: Grey, board: Board, *, is_quick: bool = False) -> Markers:
@@ -80,9 +80,9 @@ def read_markers(image: Grey, board: Board, *, is_quick: bool = False) -> Marker
                     pixels[:, 0] = values.shape[1] - 1 - pixels[:, 0]
                 if number < board.marker_count:
                     markers[int(number)] = unscaled_px(pixels, scale)
-            if len(markers) > ENOUGH * board.marker_count:
+            if len(markers) > SUFFICIENT_FRACTION * board.marker_count:
                 break
-        if max(map(len, marker_sets)) > ENOUGH * board.marker_count:
+        if max(map(len, marker_sets)) > SUFFICIENT_FRACTION * board.marker_count:
             break
     markers = max(marker_sets, key=len)
     ids = np.array(sorted(markers), dtype=int)
@@ -104,7 +104,7 @@ def find_by_markers(image: Grey, board: Board, markers: Markers) -> tuple[Ids, A
     markers
         Result of :func:`read_markers`.
     """
-    if len(markers.ids) < LEAST_MARKERS:
+    if len(markers.ids) < MIN_MARKERS:
         return np.empty(0, dtype=int), np.empty((0, 2))
     if board.kind == "aprilgrid":
         ids, pixels = _tag_corners(board, markers)
@@ -134,13 +134,13 @@ def layout_difference(
     is_quick
         Skip the search for tags with another frame if few tags of the board are detected.
     """
-    if len(markers.ids) <= LEAST_MARKERS:
+    if len(markers.ids) <= MIN_MARKERS:
         if is_quick:
             return None
         count = max(
             len(_detector(board, 1).detectMarkers(bytes_of(p))[0]) for p in (image, image[:, ::-1])
         )
-        return FRAME.format(count) if count > 2 * LEAST_MARKERS else None
+        return FRAME.format(count) if count > 2 * MIN_MARKERS else None
     first, second, third, fourth = markers.corners_px.transpose(1, 0, 2)
     axes = np.stack([second - first + third - fourth, fourth - first + third - second], axis=2) / 2
     centres = markers.corners_px.mean(axis=1)
@@ -178,7 +178,7 @@ def _typical_neighbour(
     distances = relative_positions @ direction
     lateral = np.abs(relative_positions @ direction[::-1])
     distances = np.where(
-        (distances > 0.5) & (distances < FARTHEST) & (lateral < BESIDE * distances),
+        (distances > 0.5) & (distances < MAX_DISTANCE) & (lateral < MAX_LATERAL_OFFSET * distances),
         distances,
         np.inf,
     )
@@ -186,7 +186,7 @@ def _typical_neighbour(
     nearest = distances[np.arange(len(ids)), neighbours]
     has_neighbour = np.isfinite(nearest)
     steps, counts = np.unique((ids[neighbours] - ids)[has_neighbour], return_counts=True)
-    if not len(steps) or counts.max() < max(FEWEST_BESIDE, has_neighbour.sum() / 2):
+    if not len(steps) or counts.max() < max(MIN_NEIGHBOUR_PAIRS, has_neighbour.sum() / 2):
         return None
     return int(steps[np.argmax(counts)]), float(np.median(nearest[has_neighbour]))
 

@@ -24,14 +24,14 @@ from ._lattice_growth import LatticePart, coloured, completed, goes_on, grown, t
 from ._markers import find_by_markers, layout_difference, read_markers
 from .boards import Board, Detection
 
-Picture = NDArray[Any]
+ImageArray = NDArray[Any]
 
 BLURRED_PX = 2.5
 """Edge blur above which an image without a board is reported as blurred."""
 TINY_PX = 4.0
 MIN_PART = 12
 """Minimum number of corners of a part of a board."""
-LEAST_OF_MARKED = 4
+MIN_OF_MARKED = 4
 WHOLE_SHARE = 0.8
 """Minimum fraction of a chessboard's corners after refinement."""
 NO_BOARD = "no board was found"
@@ -42,7 +42,7 @@ STOPPED = "the search was stopped before this image"
 
 @validate_arguments
 def find_board(
-    image: Picture,
+    image: ImageArray,
     board: Board,
     *,
     name: str = "",
@@ -74,7 +74,7 @@ def find_board(
     Detection
         Corners (k, 2) with an accuracy of a few 0.01 px, or the reason for the failure. The corners
         of a partially visible chessboard are numbered as if they were its centre, and the reason
-        says so.
+        states it.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def _in_full_image(
 
 @validate_arguments
 def find_boards(
-    images: Iterable[Picture | str | Path],
+    images: Iterable[ImageArray | str | Path],
     board: Board,
     *,
     names: Sequence[str] | None = None,
@@ -219,7 +219,7 @@ def _search_images(jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, list[
 
 
 def _boards_in(
-    source: Picture | str | Path,
+    source: ImageArray | str | Path,
     board: Board,
     name: str,
     camera: Camera | None,
@@ -303,7 +303,7 @@ def _names(images: Sequence[Any]) -> list[str]:
     return names
 
 
-def _all_boards(image: Picture, board: Board, name: str) -> list[Detection]:
+def _all_boards(image: ImageArray, board: Board, name: str) -> list[Detection]:
     """Return all complete boards in an image."""
     values = grey(image)
     size = (values.shape[1], values.shape[0])
@@ -348,7 +348,7 @@ def _detect_markers(values: Grey, board: Board, name: str, *, is_quick: bool = F
     ):
         return Detection(name, size, reason=difference, blur_px=edge_blur_px(values))
     ids, pixels = find_by_markers(values, board, markers)
-    if len(ids) >= LEAST_OF_MARKED:
+    if len(ids) >= MIN_OF_MARKED:
         return Detection(name, size, ids, pixels, is_reversed=markers.is_reversed)
     if len(markers.ids):
         marker_count = "1 marker" if len(markers.ids) == 1 else f"{len(markers.ids)} markers"
@@ -392,7 +392,7 @@ def _refined(values: Grey, detection: Detection, board: Board) -> Detection:
     min_corners = (
         WHOLE_SHARE * board.corner_count
         if not (board.has_markers or detection.is_part)
-        else LEAST_OF_MARKED
+        else MIN_OF_MARKED
     )
     if refined.used and len(refined.ids) < min_corners:
         reason = (

@@ -17,7 +17,7 @@ from ...base.typing import Array
 Kind = Literal["chessboard", "charuco", "aprilgrid"]
 
 KINDS: tuple[str, ...] = get_args(Kind)
-LARGEST = 200
+MAX_COUNT = 200
 """Maximum number of corners, squares or tags along a side."""
 MARKER_SHARE = 0.75
 """Default ratio of the marker side to the ChArUco square."""
@@ -92,8 +92,8 @@ class Board:
     def __post_init__(self) -> None:
         check_fields(self)
         choice("kind", self.kind, KINDS)
-        integer("columns", self.columns, 2, LARGEST)
-        integer("rows", self.rows, 2, LARGEST)
+        integer("columns", self.columns, 2, MAX_COUNT)
+        integer("rows", self.rows, 2, MAX_COUNT)
         number("square_mm", self.square_mm, above=0, unit="mm")
         number("spacing", self.spacing, above=0, high=1)
         if self.marker_mm is not None:

@@ -24,7 +24,7 @@ CELLS = 16
 SCALES = (0.12, 0.25, 0.25)
 """Scales of a new view: motion relative to the longer image side, relative size, tilt and rotation.
 """
-ENOUGH_NEW = 0.5
+MIN_NEW_FRACTION = 0.5
 """Minimum gain of a frame: 0.5 new views, or ten new cells."""
 CELL_GAIN = 0.05
 BLUR_LOSS = 0.5
@@ -171,7 +171,7 @@ def select_distinct_frames(
         gain = np.minimum(distances, 2.0) + CELL_GAIN * np.array([len(c - covered) for c in cells])
         gain[selected] = -np.inf
         best = int(np.argmax(gain + sharpness))
-        if gain[best] < ENOUGH_NEW:
+        if gain[best] < MIN_NEW_FRACTION:
             break
         selected.append(best)
         covered |= cells[best]
@@ -189,7 +189,7 @@ def select_distinct_frames(
 def redundancy_reason(
     candidate: Detection, selected: Sequence[Detection], board: Board
 ) -> str | None:
-    """Return the reason for which an image adds no new view, None if it does.
+    """Return the reason why an image adds no new view, None if it does.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def redundancy_reason(
     covered: set[tuple[int, int]] = set().union(*map(_cells, earlier))
     if (
         min(float(distances.min()), 2.0) + CELL_GAIN * len(_cells(candidate) - covered)
-        >= ENOUGH_NEW
+        >= MIN_NEW_FRACTION
     ):
         return None
     return f"its view of the board is similar to {earlier[int(np.argmin(distances))].name}"

@@ -23,7 +23,7 @@ PAPERS_MM = {
     "A0": (1189, 841), "A1": (841, 594), "A2": (594, 420), "A3": (420, 297), "A4": (297, 210), "letter": (279.4, 215.9),
 }  # fmt: skip
 """Longer and shorter side."""
-MOST_PX = 30_000
+MAX_PX = 30_000
 RULER_MM, TEXT_MM, LINE_MM = 100.0, 3.0, 0.3
 POINTS_PER_MM = 72 / 25.4
 WHITE_MARGIN = 1.0  # in squares; detectors require a white border around a board
@@ -45,7 +45,7 @@ class BoardSheet(NamedTuple):
 def sheet_of(
     board: Board, *, margin_mm: float | None = None, paper: str | None = None
 ) -> BoardSheet:
-    """Lay out a board on paper.
+    """Arrange a board on paper.
 
     Parameters
     ----------
@@ -279,9 +279,9 @@ def _cells(
 
 def _raster(sheet: BoardSheet, px_per_mm: float) -> NDArray[np.uint8]:
     width, height = (round(min(length * px_per_mm, 1e9)) for length in sheet.size_mm)
-    if not 1 <= min(width, height) <= max(width, height) <= MOST_PX:
+    if not 1 <= min(width, height) <= max(width, height) <= MAX_PX:
         raise InvalidParameter(
-            f"the image must have 1 to {MOST_PX} px per side; got {width} x {height} px"
+            f"the image must have 1 to {MAX_PX} px per side; got {width} x {height} px"
         )
     image = np.full((height, width), 255, np.uint8)
     corners = np.concatenate(

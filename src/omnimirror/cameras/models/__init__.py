@@ -22,7 +22,7 @@ CalibratedCamera: TypeAlias = (
     | MirrorBall
 )
 CAMERAS: dict[str, type[CalibratedCamera]] = {cls.KIND: cls for cls in get_args(CalibratedCamera)}
-"""Camera models by their kinds in files."""
+"""Camera models by their names in files."""
 
 __all__ = [
     "CAMERAS",

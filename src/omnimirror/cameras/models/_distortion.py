@@ -20,7 +20,9 @@ NEWTON_TOLERANCE = 1e-9  # relative Newton step; the remaining error is about it
 
 
 class DistortedPoints(NamedTuple):
-    """Point of the distorted image, and its matrix of derivatives by the undistorted one."""
+    """Point of the distorted image, and its matrix of derivatives with respect to the undistorted
+    one.
+    """
 
     x: Array
     y: Array
@@ -63,7 +65,7 @@ class DistortionModel(Protocol):
         ...
 
     def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by the fields, (of x, of y) each."""
+        """Return derivatives of x and of y of the distorted point with respect to the fields."""
         ...
 
 
@@ -118,7 +120,7 @@ class Distortion(NamedTuple):
         return _distort_radial_tangential(x, y, factor, growth, p1, p2)
 
     def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by k1 to k3, p1 and p2."""
+        """Return derivatives of the distorted point with respect to k1 to k3, p1 and p2."""
         s = x * x + y * y
         radial = tuple((x * power, y * power) for power in (s, s * s, s**3))
         return (*radial, *_tangential_terms(x, y, s))
@@ -185,7 +187,7 @@ class Rational(NamedTuple):
         return _distort_radial_tangential(x, y, numerator / denominator, growth, self.p1, self.p2)
 
     def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by k1 to k6, p1 and p2."""
+        """Return derivatives of the distorted point with respect to k1 to k6, p1 and p2."""
         s = x * x + y * y
         numerator, denominator, _, _ = self._parts(s)
         factors = [power / denominator for power in (s, s * s, s**3)]  # by k1, k2, k3
@@ -193,7 +195,7 @@ class Rational(NamedTuple):
         return (*((x * factor, y * factor) for factor in factors), *_tangential_terms(x, y, s))
 
     def _parts(self, s: Array) -> tuple[Array, Array, Array, Array]:
-        """Return numerator and denominator, and their derivatives by r^2."""
+        """Return numerator and denominator, and their derivatives with respect to r^2."""
         k1, k2, k3, k4, k5, k6, *_ = self
         return (
             1 + s * (k1 + s * (k2 + s * k3)),
@@ -253,7 +255,7 @@ class ThinPrism(NamedTuple):
         )
 
     def parameter_derivatives(self, x: Array, y: Array) -> tuple[Rows, ...]:
-        """Return derivatives of the distorted point by p1, p2 and s1 to s4."""
+        """Return derivatives of the distorted point with respect to p1, p2 and s1 to s4."""
         s = x * x + y * y
         zero = np.zeros_like(s)
         return (*_tangential_terms(x, y, s), (s, zero), (s * s, zero), (zero, s), (zero, s * s))
@@ -262,7 +264,9 @@ class ThinPrism(NamedTuple):
 def _distort_radial_tangential(
     x: Array, y: Array, factor: Array, growth: Array, p1: float, p2: float
 ) -> DistortedPoints:
-    """Apply a radial factor, whose derivative by x is ``growth x``, and tangential distortion."""
+    """Apply a radial factor, whose derivative with respect to x is ``growth x``, and tangential
+    distortion.
+    """
     s, xy = x * x + y * y, x * y
     across = growth * xy + 2 * (p1 * x + p2 * y)
     return DistortedPoints(
@@ -276,7 +280,7 @@ def _distort_radial_tangential(
 
 
 def _tangential_terms(x: Array, y: Array, s: Array) -> tuple[Rows, Rows]:
-    """Return derivatives of the distorted point by p1 and p2."""
+    """Return derivatives of the distorted point with respect to p1 and p2."""
     return (2 * x * y, s + 2 * y * y), (s + 2 * x * x, 2 * x * y)
 
 

@@ -42,9 +42,9 @@ class PointImages(NamedTuple):
     valid: Mask
     """(n,) False beyond the end of the model's field, or at its viewpoint."""
     d_points: Array
-    """(n, 2, 3) derivatives by the points, px/mm, or by the given directions, px."""
+    """(n, 2, 3) derivatives with respect to the points, px/mm, or to the given directions, px."""
     d_parameters: Array
-    """(n, 2, p) derivatives by :attr:`CameraModel.parameters`, px per unit of each."""
+    """(n, 2, p) derivatives with respect to :attr:`CameraModel.parameters`, px per unit of each."""
 
 
 class CameraModel(ABC):
@@ -131,7 +131,7 @@ class CameraModel(ABC):
 
     @abstractmethod
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Return the pixels of world directions (n, 3) of any non-zero length."""
+        """Return the pixels of world directions (n, 3), non-zero vectors of any length."""
 
     # -- Orientation -------------------------------------------------------------------------------
 

@@ -160,7 +160,7 @@ class OCam(RadialModel):
 
     @cached_property
     def _table(self) -> tuple[Array, Array]:
-        max_radius = MAX_RADIUS_RATIO * self._farthest_corner(np.linalg.inv(self.matrix))
+        max_radius = MAX_RADIUS_RATIO * self._max_corner_radius(np.linalg.inv(self.matrix))
         nodes = np.linspace(
             0.0, min(_max_valid_radius(np.array(self.polynomial)), max_radius), NODES
         )
@@ -210,14 +210,14 @@ def load_ocam(
     Raises
     ------
     SpecError
-        If the file is missing or invalid; the message gives the line and the expected contents.
+        If the file is missing or invalid; the message states the line and the expected contents.
     InvalidParameter
         If ``optics`` is unknown or the rim radius is invalid.
 
     Warns
     -----
     OmnimirrorWarning
-        If the values of the file are inconsistent; the message gives the magnitude.
+        If the values of the file are inconsistent; the message states the magnitude.
 
     Examples
     --------

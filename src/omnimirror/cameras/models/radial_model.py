@@ -64,20 +64,22 @@ class RadialProjection(NamedTuple):
     radius: Array
     """(n,) in the unit of the model: px, or focal lengths."""
     rate: Array
-    """(n,) derivative by the field angle."""
+    """(n,) derivative with respect to the field angle."""
     terms: Array
-    """(n, q) derivatives by the parameters of the projection function."""
+    """(n, q) derivatives with respect to the parameters of the projection function."""
 
 
 class AngleRates(NamedTuple):
     """Derivatives of the field angles of points."""
 
     rho: Array
-    """(n,) by the distance from the axis."""
+    """(n,) derivative with respect to the distance from the axis."""
     z: Array
-    """(n,) by the position along the axis."""
+    """(n,) derivative with respect to the position along the axis."""
     terms: Array | None = None
-    """(n, q) by the parameters of the viewpoint; None for a central model."""
+    """(n, q) derivatives with respect to the parameters of the viewpoint; None for a central
+    model.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,8 +284,9 @@ class RadialModel(CameraModel):
             if is_clamped:
                 projection = projection._replace(rate=np.where(inside, projection.rate, 0.0))
             angle = self._angle_rates(omega, rho, z, distant)
-            # With r(Omega) at the unit vector u of the azimuth, the derivative by the point across
-            # the axis is (dr/drho) u u^T + (r / rho) (1 - u u^T); on the axis r / rho = dr/drho.
+            # With r(Omega) at the unit vector u of the azimuth, the derivative with respect to the
+            # point across the axis is (dr/drho) u u^T + (r / rho) (1 - u u^T); on the axis r / rho
+            # = dr/drho.
             meridional = projection.rate * angle.rho
             across = np.where(rho > ROUNDING * np.abs(z), projection.radius / rho, meridional)
             rx, ry = projection.radius * ux, projection.radius * uy
@@ -388,7 +391,7 @@ class RadialModel(CameraModel):
         width, height = self.image_size
         return np.array([[u, v] for u in (-0.5, width - 0.5) for v in (-0.5, height - 0.5)])
 
-    def _farthest_corner(self, into_plane: NDArray[np.floating]) -> float:
+    def _max_corner_radius(self, into_plane: NDArray[np.floating]) -> float:
         """Return the largest corner distance from the centre, after a matrix (2, 2)."""
         return float(np.hypot(*((self._corners - self.centre_px) @ into_plane.T).T).max())
 
@@ -556,7 +559,7 @@ class RadialModel(CameraModel):
         return self._project_world(vectors("points_mm", points_mm, 3), distant=False)
 
     def project_directions(self, directions: ArrayLike) -> Projection:
-        """Project directions (n, 3) of any non-zero length.
+        """Project directions (n, 3), non-zero vectors of any length.
 
         Parameters
         ----------
@@ -623,7 +626,7 @@ class RadialModel(CameraModel):
 
 
 class _PixelDerivatives:
-    """Derivatives of pixels by their positions in the undistorted circular image."""
+    """Derivatives of pixels with respect to their positions in the undistorted circular image."""
 
     def __init__(self, matrix: Array, at: DistortedPoints) -> None:
         self.matrix = matrix

@@ -11,12 +11,12 @@ from ...base.typing import Array
 from ._deconvolution import (
     BLUR_PX,
     DARK,
-    LARGE,
+    LARGE_BLUR_EFFORT,
     LARGE_PX,
     SATURATED,
-    SMALL,
-    UNEVEN,
+    SMALL_BLUR_EFFORT,
     UNEVEN_PX,
+    VARYING_BLUR_EFFORT,
     Deblurring,
     Effort,
     SharpImage,
@@ -87,8 +87,12 @@ class BlurProblem:
     def effort(self) -> Effort:
         """Effective number of rounds, and of steps per round."""
         if not self.is_large_anywhere:
-            return SMALL
-        return LARGE if np.median(self.widening[self.known_pixels]) > LARGE_PX else UNEVEN
+            return SMALL_BLUR_EFFORT
+        return (
+            LARGE_BLUR_EFFORT
+            if np.median(self.widening[self.known_pixels]) > LARGE_PX
+            else VARYING_BLUR_EFFORT
+        )
 
     @cached_property
     def is_large_anywhere(self) -> bool:
@@ -107,13 +111,13 @@ class BlurProblem:
     def sharp_roots(self, roots: Values, noise: Noise) -> Values:
         """Return square roots (h, w, channels) of the light of the sharp image."""
         roots = self.within(roots)
-        found = self.solved(roots, noise, self.effort)
-        sharp = np.sqrt(found.light())
-        left = self.left_over(roots, found)
+        solution = self.solved(roots, noise, self.effort)
+        sharp = np.sqrt(solution.light())
+        left = self.left_over(roots, solution)
         share = self._texture(left, noise) / (1 + self.widening)
         restored = np.maximum(sharp + share[..., None] * left, 0)
         counts = (1 - _saturated(roots)) * (
-            1 - self._given_share(found, sharp - roots + left, left, noise)
+            1 - self._given_share(solution, sharp - roots + left, left, noise)
         )
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
@@ -149,11 +153,11 @@ class BlurProblem:
         it.
         """
         beyond, mirrored = self._mirrored
-        found = roots.copy().reshape(-1, roots.shape[2])
-        found[beyond] = found[mirrored]
-        smooth = cv2.blur(found.reshape(roots.shape), (BEYOND_PX, BEYOND_PX))
-        found[beyond] = smooth.reshape(found.shape)[beyond]
-        return found.reshape(roots.shape)
+        limited = roots.copy().reshape(-1, roots.shape[2])
+        limited[beyond] = limited[mirrored]
+        smooth = cv2.blur(limited.reshape(roots.shape), (BEYOND_PX, BEYOND_PX))
+        limited[beyond] = smooth.reshape(limited.shape)[beyond]
+        return limited.reshape(roots.shape)
 
     def _given_share(
         self, sharp: SharpImage, removed: Values, left: Values, noise: Noise
@@ -249,7 +253,7 @@ MARGIN, MARGIN_OF_CODED = (
 )  # relative to the expected growth; the noise of coded images is less certain
 SLACK = 0.004  # tolerance of the log residual between consecutive fractions
 STEEPER = 0.015  # excess growth of real textures over that of noise, near the full blur
-STEEPEST = 1.6  # growth of real textures relative to the simulated one, for small fractions
+MAX_GROWTH_RATIO = 1.6  # growth of real textures relative to the simulated one, for small fractions
 # Residual of the smallest fraction, from that of noise (0) to that of the simulated texture (1)
 PLAIN, TEXTURED = 0.5, 0.8
 # Factor for fractions below 1: excessive blur harms, insufficient blur has little effect
@@ -289,18 +293,18 @@ class BlurLimit:
         if not self.is_blurred_both_ways:
             return 1.0
         parts = [(roots[strip], noise.window(*strip)) for strip in self._strips]
-        least, most = (self._residual(share, parts) for share in (TOP, 1.0))
-        if least <= 0 or most <= 0:
+        lower, upper = (self._residual(share, parts) for share in (TOP, 1.0))
+        if lower <= 0 or upper <= 0:
             return 1.0
         of_noise, of_texture = self._simulated
         steps = len(LIMIT_FRACTIONS) - 1 - LIMIT_FRACTIONS.index(TOP)
         is_coded = noise.kind == "JPEG"
-        textured = 1.0 if is_coded else float(np.clip(1 - (of_noise[-1] / most) ** 2, 0, 1))
+        textured = 1.0 if is_coded else float(np.clip(1 - (of_noise[-1] / upper) ** 2, 0, 1))
         by_noise, by_texture = (float(np.log(of[-1] / of[-1 - steps])) for of in self._simulated)
         expected = by_noise + textured * (max(by_texture - by_noise, 0.0) + STEEPER * steps)
-        if np.log(most / least) <= (
+        if np.log(upper / lower) <= (
             MARGIN_OF_CODED if is_coded else MARGIN
-        ) * expected + SLACK * steps and (most <= MAX_RESIDUAL_OF_ALL * of_noise[-1]):
+        ) * expected + SLACK * steps and (upper <= MAX_RESIDUAL_OF_ALL * of_noise[-1]):
             return 1.0
         residuals = np.array([self._residual(share, parts) for share in LIMIT_FRACTIONS])
         if residuals[0] > MAX_RESIDUAL * of_noise[0]:
@@ -309,7 +313,8 @@ class BlurLimit:
         textured = np.clip((textured - PLAIN) / (TEXTURED - PLAIN), 0, 1)
         noise_growth, texture_growth = (np.diff(np.log(of)) for of in self._simulated)
         limits = (
-            MARGIN * (noise_growth + textured * (STEEPEST * texture_growth - noise_growth)) + SLACK
+            MARGIN * (noise_growth + textured * (MAX_GROWTH_RATIO * texture_growth - noise_growth))
+            + SLACK
         )
         share = (
             CAUTION
@@ -334,7 +339,7 @@ class BlurLimit:
     def _simulated(self) -> tuple[Array, Array]:
         """Residuals (fractions,) of pure noise and of a blurred texture."""
         rng = np.random.default_rng(7)
-        found = []
+        samples = []
         for contrast in (0.0, CONTRAST):
             parts = []
             for problem in self._problems_of(1.0):
@@ -352,8 +357,8 @@ class BlurLimit:
                 parts.append(
                     (np.clip(noisy, 0, 0.99).astype(np.float32), specified_noise(NOISE, shape))
                 )
-            found.append(np.array([self._residual(share, parts) for share in LIMIT_FRACTIONS]))
-        return found[0], found[1]
+            samples.append(np.array([self._residual(share, parts) for share in LIMIT_FRACTIONS]))
+        return samples[0], samples[1]
 
     def _residual(self, share: float, parts: list[tuple[Values, Noise]]) -> float:
         """Return the RMS residual relative to the noise; 0 without valid pixels."""
@@ -405,7 +410,7 @@ def _texture(shape: tuple[int, ...], rng: np.random.Generator) -> Values:
 # as if it were too large: the median bend over the radii is used if the mean over all radii indicates
 # one. If all tested fractions are too large, the residual grows uniformly again, but strongly.
 #
-# If the residual hardly grows and exceeds the noise, the image contains little more than noise and
+# If the residual grows little and exceeds the noise, the image contains little more than noise and
 # equally faint texture. Such an image would not reveal an excessive blur, gains little from the
 # correct blur and is harmed by more; less is removed. A uniform image does not reveal it either, but
 # its residual is its noise, and no texture could be harmed.
@@ -485,11 +490,11 @@ class BlurScale:
             left = np.array(
                 [self._left_over(share * part, roots, noise) for part in TESTED_FRACTIONS]
             )
-            seen = (left > 0).all(axis=0)
-            if not seen.any():
+            is_positive = (left > 0).all(axis=0)
+            if not is_positive.any():
                 return share
-            grown = (left / np.maximum(left[:1], 1e-9))[:, seen]
-            is_explained = left[0, seen].mean() <= EXPLAINED
+            grown = (left / np.maximum(left[:1], 1e-9))[:, is_positive]
+            is_explained = left[0, is_positive].mean() <= EXPLAINED
             much = MUCH_OF_EXPLAINED if is_explained else MUCH
             bend = self._bend(grown, limit, much, is_lowered=share < 1)
             if bend is None:
@@ -505,15 +510,15 @@ class BlurScale:
         """Return the index of the middle fraction at the bend of the residual, (fractions, bands);
         None without bend.
         """
-        mean, most = grown.mean(axis=1), np.median(grown, axis=1)
+        mean, median = grown.mean(axis=1), np.median(grown, axis=1)
         if not self._is_large:
             return _bend_of(mean, limit, is_lowered)
         if is_lowered:
-            first, second = np.diff(most, 2)
+            first, second = np.diff(median, 2)
             is_undone = second < -first / 2  # the median alternates between radii
-            bend = None if is_undone else _bend_of(most, limit, is_lowered)
-            return 0 if bend is None and most[-1] > much else bend
-        of_mean, of_most = (_bend_of(of, limit, is_lowered) for of in (mean, most))
+            bend = None if is_undone else _bend_of(median, limit, is_lowered)
+            return 0 if bend is None and median[-1] > much else bend
+        of_mean, of_most = (_bend_of(of, limit, is_lowered) for of in (mean, median))
         if of_mean is None:
             return 0 if mean[-1] > much else None
         return len(TESTED_FRACTIONS) - 2 if of_most is None else max(of_mean, of_most)
@@ -548,14 +553,14 @@ class BlurScale:
 
     def _problems(self, share: float) -> list[BlurProblem]:
         """Return one problem per strip; those used for every image are cached."""
-        found = self._prepared.get(share)
-        if found is None:
-            found = [
+        problems = self._prepared.get(share)
+        if problems is None:
+            problems = [
                 BlurProblem(self._known.window(*strip).scaled(share)) for strip in self._strips
             ]
             if share in TESTED_FRACTIONS:
-                self._prepared[share] = found
-        return found
+                self._prepared[share] = problems
+        return problems
 
 
 def _bend_of(grown: Array, limit: float, is_lowered: bool) -> int | None:

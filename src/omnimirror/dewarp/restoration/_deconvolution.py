@@ -24,7 +24,7 @@ EDGE = np.float32(
 DARK = np.float32(1e-4)  # lower bound of light for the weights
 # Square root of light relative to white: brighter points would explain white surfaces with black
 # gaps
-BRIGHTEST = np.float32(2)
+MAX_VALUE = np.float32(2)
 SATURATED = np.float32(0.995)  # such a pixel may be clipped
 
 
@@ -140,7 +140,7 @@ class Tile(NamedTuple):
     """Transpose of the matrix."""
 
 
-def _tile(blur: Blur, matrix: Any, kept: IndexArray, explained: IndexArray) -> Tile:
+def _tile(blur: Blur, matrix: Any, retained: IndexArray, explained: IndexArray) -> Tile:
     f, reach = blur.fineness, (blur.reach, whole_groups(blur.reach))
     sides = blur.size[::-1]
     reached = [
@@ -149,13 +149,15 @@ def _tile(blur: Blur, matrix: Any, kept: IndexArray, explained: IndexArray) -> T
     ]
     inner = [
         (max(begin, first), min(end, last))
-        for (begin, end), (first, last) in zip(kept.reshape(2, 2), reached, strict=True)
+        for (begin, end), (first, last) in zip(retained.reshape(2, 2), reached, strict=True)
     ]
     rows, columns = np.divmod(blur.pixels, blur.size[0])
     top, bottom, left, right = explained
-    seen = np.flatnonzero((top <= rows) & (rows < bottom) & (left <= columns) & (columns < right))
+    visible = np.flatnonzero(
+        (top <= rows) & (rows < bottom) & (left <= columns) & (columns < right)
+    )
     fine_rows, fine_columns = (np.arange(f * begin, f * end) for begin, end in reached)
-    part = matrix[seen][:, np.add.outer(fine_rows * f * blur.size[0], fine_columns).ravel()]
+    part = matrix[visible][:, np.add.outer(fine_rows * f * blur.size[0], fine_columns).ravel()]
     return Tile(
         _slices(reached, 1),
         _slices(reached, f),
@@ -163,7 +165,7 @@ def _tile(blur: Blur, matrix: Any, kept: IndexArray, explained: IndexArray) -> T
         _slices(
             [(b - first, e - first) for (b, e), (first, _) in zip(inner, reached, strict=True)], f
         ),
-        seen,
+        visible,
         part,
         part.T.tocsr(),
     )
@@ -213,10 +215,13 @@ class SparseImage:
         for tile, own_steps in zip(self._tiles, steps, strict=True):
             if own_steps == 0:
                 continue
-            fine, seen = self._fine[tile.values], self._seen[tile.seen]
+            fine, visible = self._fine[tile.values], self._seen[tile.seen]
             of_pixels = costs[tile.pixels], self._concentration[tile.pixels]
             own = _Quadratic(
-                tile, fine, seen, *(_repeated(values, self._blur.fineness) for values in of_pixels)
+                tile,
+                fine,
+                visible,
+                *(_repeated(values, self._blur.fineness) for values in of_pixels),
             )
             improved[tile.kept] = own.improved(own_steps)[tile.kept_of_values]
         self._fine = improved
@@ -239,7 +244,7 @@ class _Quadratic:
     """Quadratic approximation of both terms for the values of a tile."""
 
     def __init__(
-        self, tile: Tile, fine: Values, seen: Values, costs: Values, concentration: Values
+        self, tile: Tile, fine: Values, visible: Values, costs: Values, concentration: Values
     ) -> None:
         self._tile, self._fine = tile, fine
         steepness = np.exp(_log_steepness(fine))
@@ -247,12 +252,14 @@ class _Quadratic:
         # With s = sqrt(A u^2), ds = A (u du) / s. The negative gradient is u A^T((y - s) / s) minus the
         # variation term; the Gauss-Newton second derivative is u A^T(s^-2 A (u d)) plus its smoothness
         level = np.sqrt(np.maximum(self._blurred(fine**2), DARK))
-        counted = (seen < SATURATED) | (level < seen)
+        counted = (visible < SATURATED) | (level < visible)
         slope = (counted / level).astype(
             np.float32
         )  # derivative of sqrt(A u^2), without the factors A and u
         self._slope2 = slope**2
-        self._pull = fine * self._spread(slope * (seen - level)) - smoothness(fine, self._stiffness)
+        self._pull = fine * self._spread(slope * (visible - level)) - smoothness(
+            fine, self._stiffness
+        )
         self._scale = np.reciprocal(4 * self._stiffness + concentration)[
             ..., None
         ]  # see Blur.concentration
@@ -272,7 +279,7 @@ class _Quadratic:
             residual = residual - step * product
             power, before = np.vdot(residual, self._scale * residual), power
             d = self._scale * residual + power / before * d
-        return np.clip(self._fine + x, 0, BRIGHTEST)
+        return np.clip(self._fine + x, 0, MAX_VALUE)
 
     def _times(self, d: Values) -> Values:
         """Return the product of the second derivative with d."""
@@ -384,7 +391,11 @@ class Effort(NamedTuple):
 
 
 # By blur. An initial estimate on the pixel grid costs the equidistant sensor 0.5 dB for small blur.
-SMALL, UNEVEN, LARGE = Effort(0, 4, 4), Effort(0, 5, 5), Effort(coarse_rounds=6, rounds=2, steps=6)
+SMALL_BLUR_EFFORT, VARYING_BLUR_EFFORT, LARGE_BLUR_EFFORT = (
+    Effort(0, 4, 4),
+    Effort(0, 5, 5),
+    Effort(coarse_rounds=6, rounds=2, steps=6),
+)
 
 
 def solve(
@@ -422,10 +433,10 @@ def solve(
     sharp = fine.start(roots, guess)
     steps = np.full(len(fine.tiles), effort.steps, np.int32)
     for n in range(effort.rounds):
-        is_judged = n > 0 or coarse is not None
+        is_evaluated = n > 0 or coarse is not None
         if coarse is not None and n == effort.rounds - 1:
             steps[_least(fine.tiles, widening_px) > SPARED_PX] = 0
-        sharp.improve(costs * (_plain(sharp, visible) if is_judged else INITIAL_TEXTURE), steps)
+        sharp.improve(costs * (_plain(sharp, visible) if is_evaluated else INITIAL_TEXTURE), steps)
     return sharp
 
 

@@ -21,8 +21,8 @@ Values = NDArray[np.float32]
 
 MIN_STEP, MIN_STEP_OF_NOISE = 0.08, 8.0  # between adjacent pixels: of full scale, and of the noise
 FLATNESS = 0.08  # range of the values beyond an isolated edge, relative to the step
-NEAREST, FARTHEST = 4, 7  # px from the edge in which they are compared
-FAR = slice(NEAREST - 1, FARTHEST)
+MIN_EDGE_DISTANCE_PX, MAX_EDGE_DISTANCE_PX = 4, 7  # px from the edge in which they are compared
+COMPARED_SAMPLES = slice(MIN_EDGE_DISTANCE_PX - 1, MAX_EDGE_DISTANCE_PX)
 
 
 class IsolatedEdges(NamedTuple):
@@ -51,9 +51,11 @@ class IsolatedEdges(NamedTuple):
 
     def sides(self, image: Values) -> tuple[Values, Values]:
         """Return the values (n, 7) of an image before and beyond the edges, as above."""
-        places = self.column[:, None] + np.arange(1 - FARTHEST, FARTHEST + 1)
+        places = self.column[:, None] + np.arange(
+            1 - MAX_EDGE_DISTANCE_PX, MAX_EDGE_DISTANCE_PX + 1
+        )
         profile = self.sign[:, None] * image[self.row[:, None], places]
-        return profile[:, :FARTHEST][:, ::-1], profile[:, FARTHEST:]
+        return profile[:, :MAX_EDGE_DISTANCE_PX][:, ::-1], profile[:, MAX_EDGE_DISTANCE_PX:]
 
 
 def isolated_edges(image: Values, inside: Mask, noise: float = 0.0) -> IsolatedEdges:
@@ -75,17 +77,17 @@ def isolated_edges(image: Values, inside: Mask, noise: float = 0.0) -> IsolatedE
     >>> len(edges.row), int(edges.column[0]), round(float(edges.step[0]), 2)
     (60, 9, 0.3)
     """
-    reach = FARTHEST + 1
+    reach = MAX_EDGE_DISTANCE_PX + 1
     rise = np.ascontiguousarray(np.diff(image, axis=1))
     steep = np.abs(rise)
     is_edge = (steep > max(MIN_STEP, MIN_STEP_OF_NOISE * noise)) & inside[:, 1:]
     is_edge &= steep >= cv2.dilate(steep, np.ones((1, 7), np.uint8))
     is_edge[:, :reach] = is_edge[:, -reach:] = False
     row, column = np.nonzero(is_edge)
-    none = np.zeros((0, FARTHEST), np.float32)
+    none = np.zeros((0, MAX_EDGE_DISTANCE_PX), np.float32)
     edges = IsolatedEdges(row, column, np.sign(rise[row, column]), none, none)
     edges = IsolatedEdges(*edges[:3], *edges.sides(image))
-    ranges = [np.ptp(side[:, FAR], axis=1) for side in (edges.before, edges.beyond)]
+    ranges = [np.ptp(side[:, COMPARED_SAMPLES], axis=1) for side in (edges.before, edges.beyond)]
     return edges.select(np.maximum(*ranges) < FLATNESS * edges.step)
 
 
@@ -212,7 +214,7 @@ def _edge_rises(
     """
     radial = known.offsets / (known.radius[..., None] + 1e-9)
     slopes = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=5) for order in ((1, 0), (0, 1))]
-    found: list[list[Array]] = []
+    selected_edges: list[list[Array]] = []
     radius = known.radius / known.whole_radius_px
     for axis in (1, 0):
 
@@ -221,7 +223,7 @@ def _edge_rises(
 
         edges = isolated_edges(turned(grey), turned(inside), noise)
         before, beyond = edges.sides(np.asarray(turned(light), np.float32))
-        step = beyond[:, FAR].mean(axis=1) - before[:, FAR].mean(axis=1)
+        step = beyond[:, COMPARED_SAMPLES].mean(axis=1) - before[:, COMPARED_SAMPLES].mean(axis=1)
         rise = (beyond[:, 0] - before[:, 0]) / np.maximum(step, 1e-4)
         at = edges.row, edges.column
         beside = edges.row, edges.column + 1
@@ -233,7 +235,9 @@ def _edge_rises(
         tangential, sagittal = (turned(size)[at] for size in sizes)
         cosine = np.abs(normal[0 if axis else 1])
         width = np.hypot(tangential * along, sagittal * across) / np.maximum(cosine, 0.1)
-        high = edges.beyond[:, FAR].mean(axis=1) - edges.before[:, FAR].mean(axis=1)
+        high = edges.beyond[:, COMPARED_SAMPLES].mean(axis=1) - edges.before[
+            :, COMPARED_SAMPLES
+        ].mean(axis=1)
         bright = np.maximum(np.abs(edges.before).max(axis=1), np.abs(edges.beyond).max(axis=1))
         usable = (
             (cosine > MIN_COSINE)
@@ -241,8 +245,8 @@ def _edge_rises(
             & (bright < SATURATED)
             & (high >= max(MIN_STEP, MIN_STEP_OF_NOISE * noise))
         )
-        found.append([a[usable] for a in (rise, width, turned(radius)[at])])
-    rises, widths, radii = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        selected_edges.append([a[usable] for a in (rise, width, turned(radius)[at])])
+    rises, widths, radii = (np.concatenate(parts) for parts in zip(*selected_edges, strict=True))
     return rises, widths, radii
 
 

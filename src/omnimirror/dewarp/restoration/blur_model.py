@@ -84,7 +84,7 @@ class Blur(NamedTuple):
     pixel.
     """
     weights: NDArray[np.float32]
-    """Weights (m,), with sum 1 in every kernel."""
+    """Weights (m,), normalised to the sum 1 in every kernel."""
     block_px: int
     """Number of adjacent pixels in a row with one kernel: 1, 2, 4 or 8."""
 
@@ -98,10 +98,10 @@ class Blur(NamedTuple):
     @property
     def reach(self) -> int:
         """Maximum number of pixels that kernels extend beyond their own pixel."""
-        least, most = (
+        minimum, maximum = (
             int(extreme) // self.fineness for extreme in (self.offsets.min(), self.offsets.max())
         )
-        return max(-least, most, 1)
+        return max(-minimum, maximum, 1)
 
     @property
     def tiles(self) -> IndexArray:
@@ -111,7 +111,7 @@ class Blur(NamedTuple):
         of the known pixels that it explains, including some of adjacent tiles. Its values extend
         beyond these by the reach of the kernels, in whole groups of columns.
         """
-        known, found = self.known, []
+        known, created = self.known, []
         beyond = whole_groups(self.reach)
         width, height = self.size
         for top, bottom in pairwise(_parts(height)):
@@ -122,13 +122,13 @@ class Blur(NamedTuple):
                     rows = first_row + np.flatnonzero(near.any(axis=1))
                     columns = first_column + np.flatnonzero(near.any(axis=0))
                     begin = columns[0] // GROUP_PX * GROUP_PX
-                    found.append(
+                    created.append(
                         [
                             (top, bottom, left, right),
                             (rows[0], rows[-1] + 1, begin, columns[-1] + 1),
                         ]
                     )
-        return _whole(np.array(found).reshape(-1, 2, 4))
+        return _whole(np.array(created).reshape(-1, 2, 4))
 
     @property
     def concentration(self) -> NDArray[np.float32]:
@@ -176,8 +176,8 @@ def blur_sizes(
     array([1. , 7.3])
     """
     radius = np.minimum(np.asarray(radius_px, dtype=float), sensor.rim_radius_px * ROUNDED)
-    found = evaluate(sensor, h_px=radius, object_distance_mm=object_distance_mm)
-    return BlurSize(np.abs(found.blur_t_px), np.abs(found.blur_s_px))
+    result = evaluate(sensor, h_px=radius, object_distance_mm=object_distance_mm)
+    return BlurSize(np.abs(result.blur_t_px), np.abs(result.blur_s_px))
 
 
 def offsets_from_axis(sensor: Sensor) -> Array:
@@ -236,13 +236,13 @@ def blur_kernels(
     kernels = np.full((len(known), whole_groups(known.shape[1]) // block), -1)
     kernels[:, : len(firsts)][blocks] = of_block
     rings, turns = np.divmod(groups, TURNS)
-    found = [
+    spectra = [
         _kernels(
             of_ring.tangential[r], of_ring.sagittal[r], np.pi / TURNS * turns[rings == r], fineness
         )
         for r in np.unique(rings)
     ]
-    counts, reached, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    counts, reached, weights = (np.concatenate(parts) for parts in zip(*spectra, strict=True))
     size, pixels, bounds = known.shape[::-1], np.flatnonzero(known), np.r_[0, np.cumsum(counts)]
     return Blur(
         size,
@@ -368,7 +368,7 @@ class RadialBlur:
 def radial_blur_of(
     camera: Camera,
     object_distance_mm: float = np.inf,
-    told: BlurDiameters | None = None,
+    specified: BlurDiameters | None = None,
     *,
     f_number: float | None = None,
     focus_mm: float | None = None,
@@ -381,7 +381,7 @@ def radial_blur_of(
         Sensor, whose blur follows from its optics, or any camera with a specified blur.
     object_distance_mm
         Object distance from the mirror of a sensor.
-    told
+    specified
         Blur diameters in px: one number, a pair (tangential, sagittal), a table (n, 3) of radius,
         tangential and sagittal diameters, or a function of radii (n,) that returns both.
     f_number, focus_mm
@@ -396,25 +396,25 @@ def radial_blur_of(
     """
     if isinstance(camera, Sensor):
         offsets = offsets_from_axis(camera)
-        if told is None:
+        if specified is None:
             share = 1.0 if f_number is None else min(1.0, camera.lens.stop_number / f_number)
 
             def sizes(radius: Array) -> BlurSize:
-                found = blur_sizes(camera, radius, object_distance_mm)
+                result = blur_sizes(camera, radius, object_distance_mm)
                 if focus_mm is not None:
                     # Focusing changes the image scale: compared at equal fractions of the rim
                     # radius
                     focused = replace(camera, lens=camera.lens.focused_at(focus_mm))
                     scale = focused.rim_radius_px / camera.rim_radius_px
                     other = blur_sizes(focused, scale * radius, object_distance_mm)
-                    found = BlurSize(
-                        *(np.minimum(*pair) for pair in zip(found, other, strict=True))
+                    result = BlurSize(
+                        *(np.minimum(*pair) for pair in zip(result, other, strict=True))
                     )
-                return BlurSize(*(share * size for size in found))
+                return BlurSize(*(share * size for size in result))
 
             return RadialBlur(offsets, whole_radius_px(camera), sizes)
-        return _specified_blur(offsets, camera.rim_radius_px, told)
-    if told is None:
+        return _specified_blur(offsets, camera.rim_radius_px, specified)
+    if specified is None:
         raise InvalidParameter(
             f"blur must be specified for a {type(camera).__name__}; alternatively use a sensor with lens and mirror"
         )
@@ -425,32 +425,34 @@ def radial_blur_of(
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     offsets = (pixels - np.asarray(camera.centre_px)) @ np.linalg.inv(camera.stretch).T
-    return _specified_blur(offsets, camera.field_radius_px, told)
+    return _specified_blur(offsets, camera.field_radius_px, specified)
 
 
-def _specified_blur(offsets: Array, rim_px: float, told: BlurDiameters) -> RadialBlur:
-    sizes = _sizes_of(told)
+def _specified_blur(offsets: Array, rim_px: float, specified: BlurDiameters) -> RadialBlur:
+    sizes = _sizes_of(specified)
     blur = float(sizes(np.array([rim_px])).larger[0])
     return RadialBlur(offsets, rim_px - 1.0 - blur / 2, sizes)
 
 
-def _sizes_of(told: BlurDiameters) -> Callable[[Array], BlurSize]:
+def _sizes_of(specified: BlurDiameters) -> Callable[[Array], BlurSize]:
     """Return the blur as a function of the radius, after validation."""
-    if callable(told):
-        function = told
+    if callable(specified):
+        function = specified
 
         def sizes(radius: Array) -> BlurSize:
-            found = function(radius)
-            if not isinstance(found, Sequence | np.ndarray) or len(found) != 2:
+            diameters = function(radius)
+            if not isinstance(diameters, Sequence | np.ndarray) or len(diameters) != 2:
                 raise InvalidParameter(
-                    f"the blur function must return two diameters; got {format_value(found)}"
+                    f"the blur function must return two diameters; got {format_value(diameters)}"
                 )
             return _checked(
-                BlurSize(*(np.broadcast_to(numbers("blur", size), radius.shape) for size in found))
+                BlurSize(
+                    *(np.broadcast_to(numbers("blur", size), radius.shape) for size in diameters)
+                )
             )
 
         return sizes
-    table = numbers("blur", told, "one number, two numbers or a table (n, 3)")
+    table = numbers("blur", specified, "one number, two numbers or a table (n, 3)")
     if table.ndim < 2 and table.size in (1, 2):
         tangential, sagittal = np.broadcast_to(table.ravel(), 2)
         _checked(BlurSize(tangential, sagittal))

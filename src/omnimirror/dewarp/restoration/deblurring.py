@@ -26,7 +26,7 @@ from .noise import FULL, Noise, check_restorable, estimate_noise, specified_nois
 
 # -- Deblurring of images with known blur ----------------------------------------------------------
 
-Picture = NDArray[Any]
+ImageArray = NDArray[Any]
 Values = NDArray[np.float32]
 
 
@@ -44,7 +44,7 @@ SLIGHTLY_SHARPENED = "its edges overshoot slightly as in weakly sharpened images
 MAX_SHARE_OF_DOUBTFUL = 0.45  # less than half of the blur does no harm to weakly sharpened images
 FEW_EDGES = "it has too few isolated edges to detect sharpening"
 MAX_SHARE_OF_CODED = 0.5  # if edges do not reveal whether a coded image was sharpened
-SMALL = "errors of this small blur would be amplified at the low noise"
+SMALL_BLUR_REASON = "errors of this small blur would be amplified at the low noise"
 MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter everywhere
 SHARPER = "it is sharper than the assumed blur"
 UNSEEN = "its blur cannot be estimated"
@@ -64,14 +64,14 @@ MAX_FOCUS_MM = 1e7
 @validate_arguments
 def restore(
     camera: Camera,
-    image: Picture | str | Path,
+    image: ImageArray | str | Path,
     *,
     noise: float | Noise | None = None,
     object_distance_mm: float = np.inf,
     blur: BlurDiameters | None = None,
     stored_orientation: bool = False,
     on_note: Callable[[str], None] | None = None,
-) -> Picture:
+) -> ImageArray:
     """Remove the blur of the optics from an image of a camera.
 
     For several images of one camera use a :class:`Restorer`.
@@ -156,7 +156,7 @@ class Restorer:
 
     camera: Camera
     object_distance_mm: float = np.inf
-    told: BlurDiameters | None = None
+    specified: BlurDiameters | None = None
     f_number: float | None = None
     """F-number of the exposure if it differs from that of the sensor: a smaller aperture reduces
     the blur.
@@ -167,28 +167,28 @@ class Restorer:
     """
 
     def __call__(
-        self, image: Picture, noise: float | Noise | None = None, share: float | None = None
-    ) -> Picture:
+        self, image: ImageArray, noise: float | Noise | None = None, share: float | None = None
+    ) -> ImageArray:
         """Restore an image as :func:`restore`, removing ``share`` of the blur; by default that of
         :meth:`decide`.
         """
-        found = self._noise_of(image, noise)
+        estimate = self._noise_of(image, noise)
         if share is None:
-            share = self.decide(image, found).share
+            share = self.decide(image, estimate).share
         if share == 0:
             return image.copy()
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
         light = _light(colours)
         problem = self._problem(share)
-        sharp = problem.sharp_roots(np.sqrt(light), found) ** 2
+        sharp = problem.sharp_roots(np.sqrt(light), estimate) ** 2
         mixing = problem.share[..., None]
         full = FULL[image.dtype.name]
         if image.dtype == np.float32:
             mixed = light + mixing * (sharp - light)
         else:
-            given = (colours / np.float32(full)).astype(np.float32)
+            values = (colours / np.float32(full)).astype(np.float32)
             mixed = np.rint(
-                full * np.clip(given + mixing * (srgb_from_linear(sharp) - given), 0, 1)
+                full * np.clip(values + mixing * (srgb_from_linear(sharp) - values), 0, 1)
             )
         restored = image.copy()
         restored.reshape(*image.shape[:2], -1)[..., : mixed.shape[2]] = mixed
@@ -200,15 +200,15 @@ class Restorer:
         camera: Camera,
         exposure: Exposure,
         object_distance_mm: float = np.inf,
-        told: BlurDiameters | None = None,
+        specified: BlurDiameters | None = None,
     ) -> Restorer:
         """Return the restorer for images with given lens settings.
 
         Settings that differ from those of a sensor by more than their rounding in EXIF data reduce
         its blur. A specified blur is used for all settings.
         """
-        if told is not None or not isinstance(camera, Sensor):
-            return cls(camera, object_distance_mm, told)
+        if specified is not None or not isinstance(camera, Sensor):
+            return cls(camera, object_distance_mm, specified)
         lens = camera.lens
         f_number = (
             exposure.f_number
@@ -253,48 +253,50 @@ class Restorer:
         return "; ".join(words)
 
     def reported(
-        self, image: Picture, noise: float | Noise | None = None, file: str | Path | None = None
-    ) -> tuple[Picture, str]:
+        self, image: ImageArray, noise: float | Noise | None = None, file: str | Path | None = None
+    ) -> tuple[ImageArray, str]:
         """Restore an image and describe its noise, the removed fraction of the blur and the effect
         of lens settings.
 
         ``file``, the source of the image, determines the coding noise of JPEG files.
         """
-        found = self.estimate_noise(image, file) if noise is None else self._noise_of(image, noise)
-        decision = self.decide(image, found)
+        estimate = (
+            self.estimate_noise(image, file) if noise is None else self._noise_of(image, noise)
+        )
+        decision = self.decide(image, estimate)
         described = f"; {words}" if (words := self.exposure_words) else ""
         if decision.share == 0:
             return image.copy(), f"not restored because {decision.reason}{described}"
-        text = f"restored with noise of {100 * found.share:.2g} % ({found.kind}){described}"
+        text = f"restored with noise of {100 * estimate.share:.2g} % ({estimate.kind}){described}"
         if decision.share < 1:
             text += f", and {100 * decision.share:.0f} % of the blur is removed because {decision.reason}"
-        return self(image, found, decision.share), text
+        return self(image, estimate, decision.share), text
 
-    def estimate_noise(self, image: Picture, file: str | Path | None = None) -> Noise:
+    def estimate_noise(self, image: ImageArray, file: str | Path | None = None) -> Noise:
         """Estimate the noise of an image inside the rim; see :func:`~omnimirror.estimate_noise`."""
         self._check(image)
         return estimate_noise(image, file, where=self.radius < self.known.whole_radius_px)
 
-    def decide(self, image: Picture, noise: float | Noise | None = None) -> Decision:
+    def decide(self, image: ImageArray, noise: float | Noise | None = None) -> Decision:
         """Return the detectable fraction of the known blur in an image.
 
         The image is unchanged if its edges overshoot, or if it is sharper than 0.25 of the known
         blur.
         """
-        found = self._noise_of(image, noise)
+        estimate = self._noise_of(image, noise)
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
         light = _light(colours)
         grey = srgb_from_linear(light.mean(axis=2))
-        is_coded = found.kind == "JPEG"
-        visible = 0.0 if is_coded else found.share
+        is_coded = estimate.kind == "JPEG"
+        visible = 0.0 if is_coded else estimate.share
         inside = self.radius < self.known.whole_radius_px
         beyond = overshoot(np.asarray(grey, np.float32), inside, visible)
-        doubtful, sharpened = overshoot_limits(found.share, is_coded=is_coded)
+        doubtful, sharpened = overshoot_limits(estimate.share, is_coded=is_coded)
         if beyond > sharpened:
             return Decision(0.0, SHARPENED)
-        limits = blur_limit(srgb_from_linear(light), self.known, self.problem.sizes, found)
+        limits = blur_limit(srgb_from_linear(light), self.known, self.problem.sizes, estimate)
         share = self._scale.shown_share(
-            np.sqrt(light), found, may_be_sharper=not np.fmin(*limits) >= CERTAIN_LIMIT
+            np.sqrt(light), estimate, may_be_sharper=not np.fmin(*limits) >= CERTAIN_LIMIT
         )
         if share > 0:
             share = min(share, self._sharpness_limit(*limits, is_coded=is_coded))
@@ -304,8 +306,8 @@ class Restorer:
             return Decision(0.0, SHARPER)
         if is_coded and np.isnan(beyond) and share > MAX_SHARE_OF_CODED:
             return Decision(MAX_SHARE_OF_CODED, FEW_EDGES)
-        if found.share < MIN_ASSUMED_NOISE and self._is_small and share > MAX_SHARE_OF_SMALL:
-            return Decision(MAX_SHARE_OF_SMALL, SMALL)
+        if estimate.share < MIN_ASSUMED_NOISE and self._is_small and share > MAX_SHARE_OF_SMALL:
+            return Decision(MAX_SHARE_OF_SMALL, SMALL_BLUR_REASON)
         return Decision(share, "" if share == 1 else UNSEEN if share == UNSEEN_SHARE else NO_MORE)
 
     def _sharpness_limit(self, edges: float, texture: float, *, is_coded: bool) -> float:
@@ -340,7 +342,7 @@ class Restorer:
             < SMALL_PX
         )
 
-    def shown_share(self, image: Picture, noise: float | Noise | None = None) -> float:
+    def shown_share(self, image: ImageArray, noise: float | Noise | None = None) -> float:
         """Return the fraction of the known blur that is removed from an image."""
         return self.decide(image, noise).share
 
@@ -350,7 +352,7 @@ class Restorer:
         return radial_blur_of(
             self.camera,
             self.object_distance_mm,
-            self.told,
+            self.specified,
             f_number=self.f_number,
             focus_mm=self.focus_distance_mm,
         )
@@ -379,13 +381,13 @@ class Restorer:
     def _problem(self, share: float) -> BlurProblem:
         return self.problem if share == 1 else BlurProblem(self.known.scaled(share))
 
-    def _noise_of(self, image: Picture, noise: float | Noise | None) -> Noise:
+    def _noise_of(self, image: ImageArray, noise: float | Noise | None) -> Noise:
         self._check(image)
         if noise is None:
             return self.estimate_noise(image)
         return noise if isinstance(noise, Noise) else specified_noise(noise, image.shape)
 
-    def _check(self, image: Picture) -> None:
+    def _check(self, image: ImageArray) -> None:
         check_restorable(image)
         width, height = self.camera.image_size
         if image.shape[:2] != (height, width):
@@ -399,7 +401,7 @@ def _differs(value: float | None, known: float, tolerance: float) -> TypeGuard[f
     return value is not None and abs(np.log(value / known)) > np.log1p(tolerance)
 
 
-def _light(colours: Picture) -> Light:
+def _light(colours: ImageArray) -> Light:
     """Return the linear light of an image; negative values are noise."""
     if colours.dtype == np.float32:
         return np.maximum(colours, 0)

@@ -105,14 +105,14 @@ def plan_bracket(
     study = _study(sensor, np.radians(omega), _distance(object_distance_mm))
     candidates = _candidates(sensor, study)
     blur = np.stack([_worst(study, focus) for focus in candidates])  # (focus, angle)
-    least = blur.min(axis=0)
-    chosen = _stab(blur <= np.maximum(limit_px, SLACK * least))
+    minimum = blur.min(axis=0)
+    chosen = _stab(blur <= np.maximum(limit_px, SLACK * minimum))
     if len(chosen) > MAX_BRACKET_IMAGES:
         raise InvalidParameter(
             f"the focus bracket must have at most {MAX_BRACKET_IMAGES} images; got "
             f"{len(chosen)} with limit_px = {limit_px:g}"
         )
-    return Bracket(candidates[chosen], omega, blur[chosen].min(axis=0), least, limit_px)
+    return Bracket(candidates[chosen], omega, blur[chosen].min(axis=0), minimum, limit_px)
 
 
 def _distance(object_distance_mm: float) -> float:
@@ -228,7 +228,7 @@ def merge_bracket(
     height, width = offsets.shape[:2]
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     radius = np.hypot(offsets[..., 0], offsets[..., 1])
-    weights = picture_weights(sensor, focuses, radius, _distance(object_distance_mm))
+    weights = image_weights(sensor, focuses, radius, _distance(object_distance_mm))
     merged = np.zeros(images[0].shape, np.float32)
     for image, focus, weight in zip(images, focuses, weights, strict=True):
         scale = focused_at(sensor, focus).rim_radius_px / sensor.rim_radius_px
@@ -240,10 +240,12 @@ def merge_bracket(
     return result
 
 
-def picture_weights(
+def image_weights(
     sensor: Sensor, focus_mm: Array, radius_px: Array, object_distance_mm: float = np.inf
 ) -> Array:
-    """Return weights (k, ...) of images at distances (...) px from the optical axis, with sum 1."""
+    """Return weights (k, ...) of images at distances (...) px from the optical axis, normalised to
+    the sum 1.
+    """
     h = np.linspace(0, sensor.rim_radius_px * ROUNDED, ANGLES)
     rays = sensor.meridian.trace(sensor.x_from_height_px(h))
     study = FocusStudy(sensor, rays, virtual_images(rays, object_distance_mm), "exact", None, 550.0)

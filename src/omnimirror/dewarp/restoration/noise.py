@@ -40,7 +40,10 @@ HELD = (
 )
 WHOLE = 0.999  # mean of a mask that is entirely valid
 
-STEPS, LOWEST = np.arange(2, 121), 9  # candidate steps, and maximum frequency for their detection
+STEPS, MAX_FREQUENCY = (
+    np.arange(2, 121),
+    9,
+)  # candidate steps, and maximum frequency for their detection
 STEPPED, MIN_COUNT, MIN_FOUND, MAX_BLOCKS = 0.7, 20, 4, 2000
 STANDARD = np.array(
     [
@@ -62,13 +65,13 @@ def _cosines() -> Array:
 
 
 def _frequencies(side: int) -> Array:
-    found = np.hypot(*np.meshgrid(np.arange(side), np.arange(side)))
-    found[0, 0] = 0.5
-    return np.asarray(found)
+    frequencies = np.hypot(*np.meshgrid(np.arange(side), np.arange(side)))
+    frequencies[0, 0] = 0.5
+    return np.asarray(frequencies)
 
 
-COSINES, FREQUENCY, FINER = _cosines(), _frequencies(BLOCK), _frequencies(2 * BLOCK)
-FINER = FINER[np.maximum(*np.indices(FINER.shape)) >= BLOCK]
+COSINES, FREQUENCY, FINE_FREQUENCY = _cosines(), _frequencies(BLOCK), _frequencies(2 * BLOCK)
+FINE_FREQUENCY = FINE_FREQUENCY[np.maximum(*np.indices(FINE_FREQUENCY.shape)) >= BLOCK]
 
 
 def error_of(colours: Array, coding: JpegCoding, inside: Mask) -> float:
@@ -131,8 +134,8 @@ def max_noise(colours: Array, coding: JpegCoding, inside: Mask) -> float:
     likelihood = (counts * np.log(likely) + (len(plainest) - counts) * np.log1p(-likely)).sum(
         axis=1
     )
-    most = DEVIATIONS[likelihood > likelihood.max() - UNLIKELY].max()
-    return float(most**2 * held.mean())
+    maximum = DEVIATIONS[likelihood > likelihood.max() - UNLIKELY].max()
+    return float(maximum**2 * held.mean())
 
 
 def detected_coding(image: NDArray[np.uint8], inside: Mask) -> JpegCoding | None:
@@ -148,15 +151,15 @@ def detected_coding(image: NDArray[np.uint8], inside: Mask) -> JpegCoding | None
         return None
     blocks = coefficients_of(y)[blocks_of(inside).all(axis=(2, 3))]
     blocks = blocks[:: max(1, len(blocks) // MAX_BLOCKS)]
-    found = {}
+    matches = {}
     for row, column in zip(
-        *np.nonzero(np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) <= LOWEST), strict=True
+        *np.nonzero(np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) <= MAX_FREQUENCY), strict=True
     ):
         if row + column and (step := _step_of(np.abs(blocks[:, row, column]))):
-            found[row, column] = step
-    if len(found) < MIN_FOUND:
+            matches[row, column] = step
+    if len(matches) < MIN_FOUND:
         return None
-    places, steps = tuple(np.array(list(found)).T), np.array(list(found.values()))
+    places, steps = tuple(np.array(list(matches)).T), np.array(list(matches.values()))
     misses = [np.abs(np.log(standard_tables(q)[0][places] / steps)).mean() for q in range(1, 101)]
     tables = standard_tables(1 + int(np.argmin(misses)))
     return (
@@ -254,7 +257,9 @@ def _error_of_plane(coefficients: Array, table: Array) -> tuple[float, float]:
         law = WIDTHS[width] * FREQUENCY ** -POWERS[power]
         total += _error_of_zeros(group.mean(axis=0), len(group), law, table).mean() * len(group)
         # A mean of four has 1/4 of the power; the Laplace variance is twice the squared width
-        of_finer = ((WIDTHS[width] * FINER ** -POWERS[power]) ** 2).sum() / (2 * BLOCK) ** 2
+        of_finer = ((WIDTHS[width] * FINE_FREQUENCY ** -POWERS[power]) ** 2).sum() / (
+            2 * BLOCK
+        ) ** 2
         finer += FOLDED * 4 * 2 * of_finer * len(group)
     return float(total / len(zero)), float(finer / len(zero))
 
@@ -263,11 +268,11 @@ def _likelihoods(zero: Mask, table: Array) -> Array:
     """Return log-likelihoods (powers, widths) of the zeros (n, 8, 8) of blocks, excluding the mean."""
     counted = FREQUENCY >= 1
     zeros = zero.sum(axis=0)[counted]
-    found = np.empty((len(POWERS), len(WIDTHS)))
+    likelihoods = np.empty((len(POWERS), len(WIDTHS)))
     for i, power in enumerate(POWERS):
         half = np.maximum(table[counted] / 2 * FREQUENCY[counted] ** power / WIDTHS[:, None], 1e-9)
-        found[i] = (zeros * np.log(-np.expm1(-half)) - (len(zero) - zeros) * half).sum(axis=1)
-    return found
+        likelihoods[i] = (zeros * np.log(-np.expm1(-half)) - (len(zero) - zeros) * half).sum(axis=1)
+    return likelihoods
 
 
 def _error_of_zeros(share: Array, count: int, law: Array, table: Array) -> Array:
@@ -294,13 +299,13 @@ def _error_of_zeros(share: Array, count: int, law: Array, table: Array) -> Array
 # noise in these blocks but contain coding errors, which are estimated above. The noise of
 # linear light increases with the light.
 
-Picture = NDArray[Any]
+ImageArray = NDArray[Any]
 
 FULL = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
 MIN_NOISE, MAX_NOISE = 1e-3, 0.2
 MIN_NOISE_OF_CODED = 5e-3  # JPEG images were often coded or scaled before
 BLACK, WHITE = 0.03, 0.97  # levels beyond them have clipped noise
-UNIFORM_FRACTION, FINEST = (
+UNIFORM_FRACTION, PURE_NOISE_FRACTION = (
     0.05,
     0.02,
 )  # fraction of uniform blocks, and fraction with pure noise in fine detail
@@ -343,7 +348,7 @@ class Noise(NamedTuple):
 
 @validate_arguments
 def estimate_noise(
-    image: Picture, file: str | Path | None = None, *, where: Mask | None = None
+    image: ImageArray, file: str | Path | None = None, *, where: Mask | None = None
 ) -> Noise:
     """Estimate the noise of an image, or its coding error if that is larger.
 
@@ -397,12 +402,12 @@ def estimate_noise(
             values = 255 * colours.astype(float)
             like_noise = SURVIVING**2 * _white(colours, inside, True)
             left = min(like_noise, max_noise(values, coding, inside) / 255**2)
-            found = error_of(values, coding, inside) / 255**2 + left
+            level = error_of(values, coding, inside) / 255**2 + left
             # If most of the apparent noise is texture, the remainder may be texture, too
             visible = left * (left / max(like_noise, MIN_NOISE**2)) ** 2
-            variance = max(found, MIN_NOISE_OF_CODED**2)
+            variance = max(level, MIN_NOISE_OF_CODED**2)
             return _even(variance, inside.shape, "JPEG")._replace(
-                missing_share=(found - visible) / variance
+                missing_share=(level - visible) / variance
             )
     demosaiced = _is_demosaiced(colours, inside)
     return _even(
@@ -410,7 +415,7 @@ def estimate_noise(
     )
 
 
-def check_restorable(image: Picture) -> None:
+def check_restorable(image: ImageArray) -> None:
     """Raise an error unless an image can be restored."""
     if not isinstance(image, np.ndarray) or image.dtype.name not in FULL:
         kind = getattr(image, "dtype", type(image).__name__)
@@ -467,8 +472,8 @@ def _of_light(light: Light, inside: Mask) -> Noise:
     bright = light.mean(axis=2, dtype=float)
     even, growing = MIN_NOISE**2, 0.0
     if points:
-        at, found = np.array(points).T
-        weighed = np.stack([np.ones_like(at), at], axis=-1) / np.maximum(found, 1e-12)[:, None]
+        at, variances = np.array(points).T
+        weighed = np.stack([np.ones_like(at), at], axis=-1) / np.maximum(variances, 1e-12)[:, None]
         (even, growing), _ = nnls(weighed, np.ones_like(at))
     spread = np.sqrt(even + growing * bright)
     # Standard deviation of the square root
@@ -494,17 +499,17 @@ def _variances(colours: Light, inside: Mask) -> tuple[Array, Array, Array]:
     """Return level, variance without slope, and variance of fine detail for all blocks and colours
     in the mask.
     """
-    found = []
+    variances = []
     whole = blocks_of(inside).all(axis=(2, 3))
     for plane in np.moveaxis(colours, -1, 0):
         blocks = blocks_of(plane.astype(float))[whole]
         fine = (coefficients_of(plane.astype(float))[whole][:, FINE] ** 2).mean(axis=1)
         squares = (blocks**2).sum(axis=(1, 2)) - blocks.sum(axis=(1, 2)) ** 2 / BLOCK**2
         slopes = (blocks * RAMP).sum(axis=(1, 2)) ** 2 + (blocks * RAMP.T).sum(axis=(1, 2)) ** 2
-        found.append(
+        variances.append(
             (blocks.mean(axis=(1, 2)), np.maximum(squares - slopes, 0) / PLANE_FREEDOM, fine)
         )
-    level, plane, fine = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    level, plane, fine = (np.concatenate(parts) for parts in zip(*variances, strict=True))
     return level, plane, fine
 
 
@@ -512,13 +517,13 @@ def _smallest(plane: Array, fine: Array | float, plainest: float) -> float:
     """Return the variance of white noise that has the variances of the most uniform blocks."""
     from scipy.stats import chi2
 
-    found = np.quantile(plane, plainest) * PLANE_FREEDOM / chi2.ppf(plainest, PLANE_FREEDOM)
+    variance = np.quantile(plane, plainest) * PLANE_FREEDOM / chi2.ppf(plainest, PLANE_FREEDOM)
     if isinstance(fine, np.ndarray):
-        finest = plainest * FINEST / UNIFORM_FRACTION
-        found = min(
-            found, np.quantile(fine, finest) * FINE_FREEDOM / chi2.ppf(finest, FINE_FREEDOM)
+        finest = plainest * PURE_NOISE_FRACTION / UNIFORM_FRACTION
+        variance = min(
+            variance, np.quantile(fine, finest) * FINE_FREEDOM / chi2.ppf(finest, FINE_FREEDOM)
         )
-    return float(found)
+    return float(variance)
 
 
 def _is_demosaiced(colours: Light, inside: Mask) -> bool:

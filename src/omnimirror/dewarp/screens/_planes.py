@@ -109,8 +109,8 @@ class Plane(CentredScreen):
 
     def __str__(self) -> str:
         roll = f", roll {self.roll_deg:g}" if self.roll_deg else ""
-        looks = f"pan {self.pan_deg:g}, tilt {self.tilt_deg:g}{roll}, hfov {self.hfov_deg:.6g} deg"
-        return f"perspective view ({looks}{self._placement})"
+        text = f"pan {self.pan_deg:g}, tilt {self.tilt_deg:g}{roll}, hfov {self.hfov_deg:.6g} deg"
+        return f"perspective view ({text}{self._placement})"
 
 
 @dataclass(frozen=True)

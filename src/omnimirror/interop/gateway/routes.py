@@ -60,7 +60,7 @@ class Steering(BaseModel):
     hfov_deg: float | None = Field(None, gt=-180, lt=180)
     zoom: float | None = Field(None, gt=0, le=MAX_ZOOM)
     relative: bool = False
-    """Add angles to the current values and multiply the current zoom."""
+    """True to add angles to the current values and multiply the current zoom."""
 
 
 def create_app(gateway: Gateway, token: str | None, publish_to: str | None = None) -> ASGIApp:

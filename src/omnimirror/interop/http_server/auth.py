@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 PAGE = "/"
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 FORBIDDEN_CLOSE_CODE = 4403
-"""Close code of refused WebSockets (application range of RFC 6455)."""
+"""Close code of rejected WebSockets (application range of RFC 6455)."""
 TOKEN_REQUIRED = "a token is required; it is part of the link that the server printed at start"
 HOST = re.compile(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(?::(\d{1,5}))?", re.I)
 OWN_SITES = ("same-origin", "none")
@@ -39,7 +39,7 @@ def is_loopback(host: str) -> bool:
 
 
 class AccessGuard:
-    """ASGI middleware that refuses foreign hosts, foreign origins and requests without the token.
+    """ASGI middleware that rejects foreign hosts, foreign origins and requests without the token.
 
     A host name outside ``hosts`` that resolves to this machine indicates DNS rebinding. With a
     ``token``, all host names are accepted. A link with the token is answered with a cookie and a
@@ -229,7 +229,7 @@ def _authorization_token(headers: dict[str, str]) -> str | None:
 
 
 async def _refuse(reason: str, scope: Scope, receive: Receive, send: Send, challenge: bool) -> None:
-    """Refuse a request; with ``challenge``, clients are prompted for a password (401)."""
+    """Reject a request; with ``challenge``, clients are prompted for a password (401)."""
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": FORBIDDEN_CLOSE_CODE, "reason": reason})

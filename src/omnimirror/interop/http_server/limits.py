@@ -40,7 +40,7 @@ class _Refusal(Exception):
 
 
 class RequestLimits:
-    """ASGI middleware that refuses requests that are too large or too slow.
+    """ASGI middleware that rejects requests that are too large or too slow.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class _LimitedBody:
         return message
 
     def check_size(self, size: int) -> None:
-        """Refuse a body of a size in bytes that is above the limit."""
+        """Reject a body whose size in bytes is above the limit."""
         if size > self.max_bytes:
             sentence = f"the body must be at most {self.max_bytes >> 20} MB; got {size} bytes"
             raise self._refuse(413, sentence)

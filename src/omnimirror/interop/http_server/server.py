@@ -196,7 +196,7 @@ class Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Also stop at SIGHUP unless it is ignored; the signal is raised again afterwards."""
+        """Stop also at SIGHUP unless it is ignored; the signal is raised again afterwards."""
         previous = signal.getsignal(HANGUP) if HANGUP is not None else None
         is_main = threading.current_thread() is threading.main_thread()
         if not is_main or previous in (None, signal.SIG_IGN):

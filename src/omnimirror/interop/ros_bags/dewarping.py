@@ -219,12 +219,12 @@ def _copied_connections(
             )
         selected |= {_key(c): c for c in matches}
     if selected and reader.is2 == is_ros1(output):
-        written, kept, suffix = "ROS 2", "ROS 1", ".bag"
+        written, retained, suffix = "ROS 2", "ROS 1", ".bag"
         if is_ros1(output):
-            written, kept, suffix = "ROS 1", "ROS 2", ".mcap or .db3"
+            written, retained, suffix = "ROS 1", "ROS 2", ".mcap or .db3"
         raise InvalidParameter(
             f"topics to keep must be of the ROS version of the output; {output} is a "
-            f"{written} bag and the topics are {kept} messages; write {suffix}, keep no "
+            f"{written} bag and the topics are {retained} messages; write {suffix}, keep no "
             f"topics, or convert {source} with rosbags-convert"
         )
     return list(selected.values())

@@ -231,7 +231,7 @@ def _jacobian(x: Tensor, y: Tensor, coefficients: list[float]) -> tuple[Tensor, 
     k1, k2, k3, p1, p2 = coefficients
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = k1 + r2 * (2 * k2 + r2 * 3 * k3)  # derivative of radial by r2
+    slope = k1 + r2 * (2 * k2 + r2 * 3 * k3)  # derivative of radial with respect to r2
     return (
         radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x,
         2 * x * y * slope + 2 * p1 * x + 2 * p2 * y,

@@ -76,8 +76,8 @@ class SurfaceTable:
     meridian: PiecewiseCubic
     """Sag and slope by distance from the axis."""
     depth: PiecewiseCubic | None
-    """Distance (mm) from the lens to the aligned mirror along the axis by tangent; None if
-    telecentric."""
+    """Distance (mm) from the lens to the aligned mirror along the axis, indexed by the tangent;
+    None if telecentric."""
     by_omega: PiecewiseCubic
     """Distance from the axis (mm) of the aligned mirror by field angle."""
     free: tuple[FreeShapeParameter, ...] = ()
@@ -220,7 +220,7 @@ def _initial_distance(surface: SurfaceTable, start: Components, direction: Compo
 # -- reflection of targets -----------------------------------------------------------------------
 
 Endpoints = tuple[tuple[Components, bool], tuple[Components, bool]]
-"""Both ends of the optical path, each with whether it is at infinity."""
+"""Both ends of the optical path, each with True if it is at infinity."""
 Solution = tuple[Tensor, Tensor, Components]
 """x and y of reflection points and the inverse Hessian (xx, xy, yy) of the path length."""
 

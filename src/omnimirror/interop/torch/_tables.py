@@ -29,7 +29,9 @@ Vector = tuple[Tensor, Tensor, Tensor]
 
 
 def shape_derivative_table(mirror: Mirror, parameter: ParameterLocation) -> Array:
-    """Return cubic coefficients (n, 8) of the derivatives of sag and slope by a parameter."""
+    """Return cubic coefficients (n, 8) of the derivatives of sag and slope with respect to a
+    parameter.
+    """
     sag, slope, curvature = profile_derivatives(mirror, radii(mirror), (parameter,))[..., 0]
     step = mirror.rim_radius_mm / CELLS
     pieces = [cubic_pieces(sag, slope * step), cubic_pieces(slope, curvature * step)]
@@ -101,7 +103,7 @@ class CompiledReflections(NamedTuple):
     """(xx, xy, yy) of the inverse second derivatives of the optical path length."""
     valid: Tensor
     is_open: Tensor
-    """Whether the search did not converge."""
+    """True if the search did not converge."""
 
 
 def compiled_reflections(

@@ -164,7 +164,9 @@ def _newton_step(
     """Return a Newton step (n, 2) and whether the targets are in front of the ray origins."""
 
     def residual(places: Array) -> tuple[Array, Array]:
-        """Return the components (n, 2) of target directions across the rays and (n,) along."""
+        """Return the components (n, 2) of target directions perpendicular to the rays and (n,)
+        along.
+        """
         heading = _targets(screen, places)
         if not screen.is_distant:
             heading = heading - origins

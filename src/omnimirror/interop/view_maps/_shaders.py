@@ -53,7 +53,7 @@ OBS_ROUNDING_PX = float(np.hypot(1, 1)) / (2 * OBS_STEPS_PER_PX)
 
 
 def map_image(pixels: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Code pixel coordinates as an 8-bit RGB image for shaders without float textures.
+    """Encode pixel coordinates as an 8-bit RGB image for shaders without float textures.
 
     Each coordinate is a 24-bit number in 1/256 px with the most significant byte in red. The left
     half of the image holds u, the right half v.

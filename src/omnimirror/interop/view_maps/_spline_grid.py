@@ -1,4 +1,4 @@
-"""Coarse node grids with cubic interpolation, for shaders and devices without room for full maps.
+"""Coarse node grids with cubic interpolation, for shaders and devices without memory for full maps.
 
 The interpolation is separable and uses Catmull-Rom cubics. Nodes outside the data are chosen by
 least squares so that the curves fit the data up to its border.

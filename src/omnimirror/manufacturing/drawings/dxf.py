@@ -140,7 +140,7 @@ def _draw_curve(page: Any, curve: ProfileCurve, side: float) -> None:
     if curve.kind == "line":
         page.add_line((z0, side * x0), (z1, side * x1), dxfattribs=_on(MIRROR))
     elif curve.kind == "arc":
-        # angles of the arc about (R, 0), counterclockwise from +X; the vertex lies at 180 degrees
+        # angles of the arc about (R, 0), counterclockwise from +X; the vertex is at 180 deg
         R = curve.radius_mm
         angles = sorted(180.0 - side * np.degrees(np.arctan2(x, R - z)) for x, z in curve.ends)
         page.add_arc((R, 0.0), R, *map(float, angles), dxfattribs=_on(MIRROR))

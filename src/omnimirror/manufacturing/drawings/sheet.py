@@ -38,7 +38,7 @@ FRAME, THICK, THIN, FINE = 0.7, 0.5, 0.25, 0.18
 CHAIN, DASHED, PHANTOM = (20, 4, 2, 4), (8, 4), (20, 4, 2, 4, 2, 4)
 """Dash patterns in line widths: centre lines, hidden edges, neighbouring parts."""
 ARROW = 2.5
-"""Arrow length, mm; the width is a third of it."""
+"""Arrow length, mm; the width is 1/3 of it."""
 TABLE_ROW, GUTTER = 4.8, 3.0
 """Row height of tables and gap between columns, mm."""
 CLEAR = 0.5

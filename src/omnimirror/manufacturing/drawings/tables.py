@@ -40,7 +40,7 @@ FORMULAS = {
     "sphere": ("z = R - √(R² - x²)",),
 }
 WITHOUT_N = (("N Σ", "Σ"), ("(x/N)^", "x^"))
-"""Simplification of the formulas for a normalization radius N of 1 mm, which is not printed."""
+"""Simplification of the formulas for a normalisation radius N of 1 mm, which is not printed."""
 SYMBOLS = {
     "radius_mm": "radius R",
     "vertex_radius_mm": "vertex radius R",
@@ -117,7 +117,7 @@ def mirror_rows(
                 )
             )
     radius = float(mirror.radius_t(0.0))
-    if not mirror.is_pointed and np.isfinite(radius) and not _is_said(radius, mirror):
+    if not mirror.is_pointed and np.isfinite(radius) and not _is_specified(radius, mirror):
         rows.append(
             (
                 "vertex radius R",
@@ -165,7 +165,7 @@ def _listed(
     ]
 
 
-def _is_said(radius_mm: float, mirror: Mirror) -> bool:
+def _is_specified(radius_mm: float, mirror: Mirror) -> bool:
     """Return whether the vertex radius is a parameter of the mirror."""
     own = (
         getattr(mirror, name)

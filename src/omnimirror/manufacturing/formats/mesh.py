@@ -57,11 +57,11 @@ def _segments(mirror: Mirror, tolerance_um: float) -> int:
     slope = np.abs(mirror.slope(x))
     reach = float((x * slope / np.sqrt(1 + slope**2)).max())  # r sin(beta)
     # the tolerance does not apply to cylinders: a flange may be coarser than the mirror
-    least = 64
+    minimum = 64
     if reach <= 1e-3 * tolerance_um:
-        return least
+        return minimum
     return max(
-        least, 4 * int(np.ceil(np.pi / np.arccos(max(1 - 1e-3 * tolerance_um / reach, 0.0)) / 4))
+        minimum, 4 * int(np.ceil(np.pi / np.arccos(max(1 - 1e-3 * tolerance_um / reach, 0.0)) / 4))
     )
 
 

@@ -6,7 +6,7 @@ paraxial surface), 2 the mirror, and 3 a dummy surface of the same shape, after 
 directions are the viewing directions of the sensor. A secondary mirror is inserted between 1 and
 2, and the primary mirror is then traversed in the opposite direction. z points from the lens to
 the mirror in both conventions, so that convex mirrors have positive radii. Mirrors that eight
-terms do not represent are extended aspheres with extra data: number of terms, normalization
+terms do not represent are extended aspheres with extra data: number of terms, normalisation
 radius, and coefficients in mm.
 """
 

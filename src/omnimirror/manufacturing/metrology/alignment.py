@@ -24,7 +24,7 @@ MIN_WIDTH = 0.2  # minimum extent, in rim radii
 CENTRINGS = 3  # iterations of centring by the outline
 DONE = 1e-10  # convergence limit, in rim radii
 UNDETERMINED = 1e-4  # singular values below this ratio are undetermined motions
-FAR = 3.0  # scale of the robust weights, in standard deviations
+ROBUST_SCALE = 3.0  # scale of the robust weights, in standard deviations
 OUTLIER = 6.0  # outlier limit, in standard deviations
 UNLIKE = 0.02  # maximum median distance, in rim radii
 SPHERICAL = 1e-7  # maximum relative departure of a sphere
@@ -366,9 +366,9 @@ def _scatter(residuals: Array) -> float:
     return MAD_TO_SIGMA * float(np.median(np.abs(residuals - np.median(residuals))))
 
 
-def _weights(residuals: Array, least: float) -> Array:
+def _weights(residuals: Array, minimum: float) -> Array:
     """Return square roots of weights (n,) that decrease with the distance of outliers."""
-    return 1 / np.sqrt(1 + (residuals / (FAR * max(_scatter(residuals), least))) ** 2)
+    return 1 / np.sqrt(1 + (residuals / (ROBUST_SCALE * max(_scatter(residuals), minimum))) ** 2)
 
 
 def _settled(mirror: Mirror, pose: _Pose, allowed: list[int]) -> tuple[_Pose, Array]:

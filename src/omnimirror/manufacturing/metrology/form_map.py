@@ -68,8 +68,8 @@ def plot_form_error(form: FormError) -> Figure:
 
 
 def _limits(values: Array) -> dict[str, float]:
-    most = float(np.percentile(np.abs(values), 99.5)) or 1e-6
-    return {"vmin": -most, "vmax": most}
+    limit = float(np.percentile(np.abs(values), 99.5)) or 1e-6
+    return {"vmin": -limit, "vmax": limit}
 
 
 def _draw_meridian(ax: Axes, form: FormError) -> None:

@@ -28,7 +28,7 @@ SOFT = 0.08  # softening width, relative to a limit
 DAMPING = 1 / 3  # effects typically grow with the square of the tolerance
 ROUNDS = 8
 MIN_PREFIX = 1e-3  # noise level, relative to the largest effect
-NEAR = 0.95
+MAXIMUM_FRACTION = 0.95
 """Fraction of the maximum from which a tolerance counts as being at its maximum."""
 HALVINGS = 12
 MAX_FACTOR = 1e6
@@ -108,14 +108,14 @@ def allocate(
     check_target_yield(target_yield, limits)
     names = [name for name, bound in tolerances.errors.items() if bound.value > 0]
     requested = np.array([tolerances.errors[name].value for name in names])
-    most = np.array(
+    maximum = np.array(
         [
             (max_tolerances or {}).get(name)
             or default_max_tolerance(evaluator.field.sensor, name, a)
             for name, a in zip(names, requested, strict=True)
         ]
     )
-    case = _Case(evaluator, tolerances, limits, seed, names, most)
+    case = _Case(evaluator, tolerances, limits, seed, names, maximum)
     cost = np.array([(costs or {}).get(name, 1.0) for name in case.names])
     if not np.isfinite(case.excess(1e-6 * requested)).all() or case.good(1e-6 * requested) < 1:
         raise InvalidParameter(
@@ -128,7 +128,7 @@ def allocate(
         effect = case.effects(sizes)
         effect = np.maximum(effect, MIN_PREFIX * effect.max())
         ratio = cost * requested / sizes / effect
-        sizes = np.minimum(sizes * (ratio / np.exp(np.log(ratio).mean())) ** DAMPING, most)
+        sizes = np.minimum(sizes * (ratio / np.exp(np.log(ratio).mean())) ** DAMPING, maximum)
         sizes = case.scaled(sizes, target_yield)
     if (cost * requested / sizes).sum() > (cost * requested / equal).sum():
         sizes = equal
@@ -146,7 +146,9 @@ def allocate(
         confirmed.yields,
         confirmed.trials,
         tuple(
-            name for name, size, end in zip(names, sizes, most, strict=True) if size >= NEAR * end
+            name
+            for name, size, end in zip(names, sizes, maximum, strict=True)
+            if size >= MAXIMUM_FRACTION * end
         ),
     )
 
@@ -207,7 +209,9 @@ class _Case:
         return float((self.excess(sizes) <= 1).mean())
 
     def effects(self, sizes: Array) -> Array:
-        """Return the derivatives (n,) of the softened yield by the logarithm of each tolerance."""
+        """Return the derivatives (n,) of the softened yield with respect to the logarithm of each
+        tolerance.
+        """
         effect = np.empty(len(sizes))
         for i in range(len(sizes)):
             step = np.ones(len(sizes))

@@ -22,7 +22,7 @@ MAX_BARS = 24
 ROW = 0.19  # height of a bar, inches
 MAX_SHARES = 12
 HEIGHT, ACROSS, NAME_LETTERS = 2.9, 3, 30
-SMALLEST = 1e-4
+MIN_BAR_FRACTION = 1e-4
 """Minimum bar length as a fraction of the longest bar on the logarithmic scale."""
 
 
@@ -52,11 +52,15 @@ def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
         sizes = [min(row.merits[name], 2 * max_tolerances) for row in ranked]
         words = "as built" if depth == "none" else f"after calibration: {depth}"
         ax.barh(
-            places, np.maximum(sizes, SMALLEST * max_tolerances), height, color=colour, label=words
+            places,
+            np.maximum(sizes, MIN_BAR_FRACTION * max_tolerances),
+            height,
+            color=colour,
+            label=words,
         )
     ax.set_yticks(places, [f"{plot_text(row.name)}  ±{row.tolerance:.3g}" for row in ranked])
     ax.set(xscale="log", xlabel="maximum image motion, px")
-    ax.set_xlim(SMALLEST * max_tolerances, 1.3 * max_tolerances)
+    ax.set_xlim(MIN_BAR_FRACTION * max_tolerances, 1.3 * max_tolerances)
     ax.invert_yaxis()
     ax.grid(visible=False, axis="y")
     ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3)
@@ -160,7 +164,7 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
             error_kw={"ecolor": GREY, "elinewidth": 0.8},
         )
         ax.barh(places, np.maximum(first, 0.0), 0.35, color=PALETTE[0], label="max_tolerance")
-        ax.set_yticks(places, [_told(name, result) for name, _ in ranked])
+        ax.set_yticks(places, [_label(name, result) for name, _ in ranked])
         for label, (name, _) in zip(ax.get_yticklabels(), ranked, strict=True):
             label.set_fontweight("bold" if name in result.groups else "normal")
         ax.set_xlim(0.0, None)
@@ -173,6 +177,6 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
     return figure
 
 
-def _told(name: str, result: VarianceDecomposition) -> str:
+def _label(name: str, result: VarianceDecomposition) -> str:
     words = plot_text(name)
     return f"{words} ({len(result.groups[name])})" if name in result.groups else words

@@ -16,7 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...base.typing import Array
-from .object_field import BEYOND, Field
+from .object_field import RIM_MARGIN, Field
 from .perturbation import error_sources
 from .perturbed_states import Values
 from .trial_images import Refocus, TrialImages, largest_diameter
@@ -153,7 +153,9 @@ def _outside(rows: Array, vector: Array) -> Array:
 
 
 def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
-    """Compute first derivatives of motion by each pose parameter, and second-order terms of pairs."""
+    """Compute first derivatives of motion with respect to each pose parameter, and second-order
+    terms of pairs.
+    """
     pose = [
         name for name in POSE if name in error_sources(field.sensor)
     ]  # folded sensors: axial displacement only
@@ -167,7 +169,7 @@ def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
             steps.append(step)
     poses = np.array(steps)
     moved = motion(
-        field.picture(dict(zip(pose, poses.T, strict=True)), rim_slack=BEYOND).offsets_px,
+        field.images(dict(zip(pose, poses.T, strict=True)), rim_slack=RIM_MARGIN).offsets_px,
         field.offsets_px,
     )
     bent: dict[tuple[int, int], Array] = {}

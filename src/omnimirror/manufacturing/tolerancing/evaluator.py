@@ -183,7 +183,7 @@ class TrialEvaluator(Reference):
         tuple of arrays
             Merits (t, m) and motions (t, 2 n) in px, x of all objects, then y; NaN if rays are lost.
         """
-        merits, displaced = _judged(self, values)
+        merits, displaced = _evaluated(self, values)
         if self.required is None:
             return merits, displaced
         more, lost = self.required.evaluate(values, image_motions)
@@ -196,15 +196,15 @@ class TrialEvaluator(Reference):
 
 def image_motions(reference: Reference, values: Values) -> Array:
     """Return motions (t, 2 n) in px of the objects of a reference; NaN if rays are lost."""
-    return _judged(reference, values)[1]
+    return _evaluated(reference, values)[1]
 
 
-def _judged(reference: Reference, values: Values) -> tuple[Array, Array]:
+def _evaluated(reference: Reference, values: Values) -> tuple[Array, Array]:
     count = len(next(iter(values.values())))
     chunk = COMPILED_CHUNK if backend.is_compiled else CHUNK
     parts = [slice(k, k + chunk) for k in range(0, count, chunk)]
     both = [
-        _judged_at_once(reference, {name: of[part] for name, of in values.items()})
+        _evaluated_together(reference, {name: of[part] for name, of in values.items()})
         for part in parts
     ]
     return np.concatenate([merits for merits, _ in both]), np.concatenate(
@@ -212,7 +212,7 @@ def _judged(reference: Reference, values: Values) -> tuple[Array, Array]:
     )
 
 
-def _judged_at_once(reference: Reference, values: Values) -> tuple[Array, Array]:
+def _evaluated_together(reference: Reference, values: Values) -> tuple[Array, Array]:
     sensor = reference.field.sensor
     if backend.is_compiled and is_vectorised(sensor, values):
         states = states_of(sensor, values)

@@ -264,12 +264,12 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     values = {
         f"mirror.zernike_{j}_um": np.array([0.0, amounts.get(j, 0.0)]) for j in range(1, TERMS + 1)
     }
-    meant, made = (
+    nominal, as_built = (
         dict(zip(names, row.tolist(), strict=True)) for row in evaluator.evaluate(values)
     )
-    lost, _ = int(made.pop("lost_rays")), meant.pop("lost_rays")
+    lost, _ = int(as_built.pop("lost_rays")), nominal.pop("lost_rays")
     beyond = float(np.sqrt(sum(um**2 for j, um in amounts.items() if j > TERMS)))
-    return FormEffect(meant, made, lost, beyond)
+    return FormEffect(nominal, as_built, lost, beyond)
 
 
 @validate_arguments

@@ -21,7 +21,7 @@ Progress = Callable[[int, int], None]
 
 CONFIDENCE = 0.95
 MAX_TRIALS = 10**10
-LOWEST, HIGHEST, BINS = 1e-9, 1e9, 36 * 256
+MIN_BIN, MAX_BIN, BINS = 1e-9, 1e9, 36 * 256
 """Range of the logarithmic histogram and number of bins; quantiles are accurate to 0.23 %.
 
 Merits that limits require are counted by their distance from the limit on either side, because many
@@ -71,8 +71,8 @@ def satisfies_limit(merits: Array, name: str, limit: float) -> NDArray[np.bool_]
     >>> satisfies_limit(np.array([1.0, 3.0, np.nan]), "min aspect", 2.0)
     array([False,  True, False])
     """
-    kept: NDArray[np.bool_] = merits >= limit if is_lower_limit(name) else merits <= limit
-    return kept
+    is_satisfied: NDArray[np.bool_] = merits >= limit if is_lower_limit(name) else merits <= limit
+    return is_satisfied
 
 
 def format_limit(name: str, limit: float) -> str:
@@ -146,17 +146,17 @@ class YieldStatistics:
         whole = merits[:, -1] == 0
         good = np.asarray(whole)
         for name, limit in self.limits.items():
-            kept = whole & satisfies_limit(merits[:, self.names.index(name)], name, limit)
-            self.passed_each[name] = self.passed_each.get(name, 0) + int(kept.sum())
-            good = good & kept
+            is_satisfied = whole & satisfies_limit(merits[:, self.names.index(name)], name, limit)
+            self.passed_each[name] = self.passed_each.get(name, 0) + int(is_satisfied.sum())
+            good = good & is_satisfied
         self.trials += len(merits)
         self.lost += int((~whole).sum())
         self.passed += int(good.sum())
         of_whole = merits[whole]
         self.sums += of_whole.sum(axis=0)
-        scale = BINS / np.log(HIGHEST / LOWEST)
+        scale = BINS / np.log(MAX_BIN / MIN_BIN)
         away = of_whole - np.array([self._origin(name) for name in self.names])
-        place = (np.log(np.clip(np.abs(away), LOWEST, HIGHEST * 0.999) / LOWEST) * scale).astype(
+        place = (np.log(np.clip(np.abs(away), MIN_BIN, MAX_BIN * 0.999) / MIN_BIN) * scale).astype(
             np.intp
         )
         place = np.where(away < 0, BINS - 1 - place, BINS + place)
@@ -187,7 +187,7 @@ class YieldStatistics:
         above = places >= BINS
         steps = np.where(above, places - BINS + share, BINS - places - share)
         away = np.where(
-            np.isin(places, (BINS - 1, BINS)), 0.0, LOWEST * (HIGHEST / LOWEST) ** (steps / BINS)
+            np.isin(places, (BINS - 1, BINS)), 0.0, MIN_BIN * (MAX_BIN / MIN_BIN) ** (steps / BINS)
         )
         values: Array = self._origin(merit) + np.where(above, away, -away)
         return values
@@ -203,8 +203,8 @@ class YieldStatistics:
 
     def mean(self, merit: str) -> float:
         """Return the mean of trials without lost rays."""
-        kept = self.trials - self.lost
-        return float(self.sums[self.names.index(merit)] / kept) if kept else np.nan
+        valid = self.trials - self.lost
+        return float(self.sums[self.names.index(merit)] / valid) if valid else np.nan
 
 
 def simulate_trials(

@@ -130,7 +130,7 @@ def sensor_images(
         )
         at, sides = _on_imager(sensor, flat), _on_imager(sensor, round_about)
         blur = np.stack([sides[:, 0] - sides[:, 1], sides[:, 2] - sides[:, 3]], axis=-1) / EDGE_PX
-        return at, blur + _by_leaning(sensor, flat, result.to_pupils)
+        return at, blur + _tilt_blur(sensor, flat, result.to_pupils)
 
     with np.errstate(all="ignore"):
         if refocus != "none":
@@ -155,7 +155,7 @@ def _on_imager(sensor: Sensor, flat_mm: Array) -> Array:
     return sensor.imager_pose.tilted(flat_mm, distance) / pitch
 
 
-def _by_leaning(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
+def _tilt_blur(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
     """Return the additional blur (n, 2, 2) in px due to the imager tilt."""
     lens, pose = sensor.lens, sensor.imager_pose
     if pose.is_perpendicular or not isinstance(lens, Perspective):
@@ -201,7 +201,7 @@ EDGE = 0.97
 rays."""
 ANGLES, AZIMUTHS = 8, 12
 STEP_DEG = 1e-3  # step of differences of object directions
-BEYOND = 0.05  # of the rim radius: differences at the rim extend beyond it
+RIM_MARGIN = 0.05  # of the rim radius: differences at the rim extend beyond it
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ class Field:
     def __len__(self) -> int:
         return len(self.targets)
 
-    def picture(
+    def images(
         self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK
     ) -> TrialImages:
         """Compute the images of sensors with errors; see :func:`.states_of`."""
@@ -388,7 +388,9 @@ def _px_per_deg(field: Field, points: Array, distance: float, turned: Array) -> 
             moved = field.targets + sign * step * (1.0 if field.distant else distance)
             unit = np.linalg.norm(moved, axis=1, keepdims=True) if field.distant else 1.0
             ends.append(
-                replace(field, targets=moved / unit).picture({}, 1, rim_slack=BEYOND).offsets_px[0]
+                replace(field, targets=moved / unit)
+                .images({}, 1, rim_slack=RIM_MARGIN)
+                .offsets_px[0]
             )
         columns.append((ends[0] - ends[1]) / (2 * STEP_DEG))
     return np.stack(columns, axis=-1)

@@ -246,7 +246,7 @@ def states_of(sensor: Sensor, values: Values, count: int | None = None) -> State
     Raises
     ------
     InvalidParameter
-        If the sensor cannot be traced vectorised; see :func:`is_vectorised`.
+        If the vectorised solver does not support the sensor; see :func:`is_vectorised`.
     """
     if not is_vectorised(sensor, values):
         raise InvalidParameter(
@@ -311,7 +311,8 @@ class _Errors:
 
 
 def is_vectorised(sensor: Sensor, values: Collection[str] = ()) -> bool:
-    """Return whether trials can be traced vectorised: perspective lens, one mirror, no cover.
+    """Return whether the vectorised solver supports a sensor: perspective lens, one mirror, no
+    cover.
 
     The thermal expansion of tabulated mirrors requires sequential trials.
 

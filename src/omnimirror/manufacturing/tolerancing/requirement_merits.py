@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...base.arguments import format_value
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
-from ...design.limits import LIMITABLE, Limit, told_part
+from ...design.limits import LIMITABLE, Limit, format_part
 from ...design.merits import OF_THE_WHOLE
 from ...optics.sensor import Sensor
 from .compensation import CALIBRATIONS, after, merit_names
@@ -86,13 +86,13 @@ class MeritName:
         'min resolution_px_per_deg, 20 to 100 deg'
         """
         frequency = "" if self.cycles_per_px is None else f" at {self.cycles_per_px:g} cycles/px"
-        words = f"{MIN_PREFIX if self.is_lower_limit else ''}{self.quantity}{frequency}{told_part(self.omega_deg)}"
+        words = f"{MIN_PREFIX if self.is_lower_limit else ''}{self.quantity}{frequency}{format_part(self.omega_deg)}"
         return after(words, self.after)  # type: ignore[arg-type]  # _check rejects other words
 
     def limit(self, value: float) -> Limit:
         """Convert to a limit of a requirement file."""
-        most, least = (None, value) if self.is_lower_limit else (value, None)
-        return Limit(self.quantity, most, least, self.omega_deg, self.cycles_per_px)
+        maximum, minimum = (None, value) if self.is_lower_limit else (value, None)
+        return Limit(self.quantity, maximum, minimum, self.omega_deg, self.cycles_per_px)
 
 
 @lru_cache(maxsize=1024)
@@ -318,7 +318,7 @@ class RequiredMerits:
         self, values: Values, motions: Motions
     ) -> tuple[dict[str, MeritRows], NDArray[np.intp]]:
         """Return the values of each merit and the number of lost objects (t,)."""
-        with np.errstate(all="ignore"):  # NaN of lost rays
+        with np.errstate(all="ignore"):  # NaN for lost rays
             view, rim = self._view(values)
             departures = (
                 None

@@ -26,7 +26,7 @@ from ...optics.lenses.lens import cos4
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import RayEndpoints
 from .compensation import Reference, fit_compensators
-from .object_field import BEYOND, STEP_DEG, Field, directions_of, field_at, images_within_rim
+from .object_field import RIM_MARGIN, STEP_DEG, Field, directions_of, field_at, images_within_rim
 from .perturbation import perturbed
 from .perturbed_states import States, Values, states_of
 from .trial_images import Refocus, TracedObjects, form_images, imaged_at, trace_objects
@@ -304,7 +304,7 @@ def sequential_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
     optics = Optics(
         *(np.array(numbers) for numbers in zip(*(one.optics for one in visible), strict=True))
     )
-    with np.errstate(all="ignore"):  # NaN of lost rays
+    with np.errstate(all="ignore"):  # NaN for lost rays
         heights, middle = viewpoint_heights(ExitRays(origins, out), field.omega_deg)
         view = field_values(scale, blur, optics, heights, field, origins)
     return TrialView(view, middle, np.array([one.lost for one in visible])), np.array(
@@ -357,7 +357,10 @@ def _px_per_deg(built: Sensor, field: Field) -> Array:
             )
             ends.append(
                 images_within_rim(
-                    built, field.sensor, RayEndpoints(displaced, field.distant), rim_slack=BEYOND
+                    built,
+                    field.sensor,
+                    RayEndpoints(displaced, field.distant),
+                    rim_slack=RIM_MARGIN,
                 ).offsets_px
             )
         columns.append((ends[0] - ends[1]) / (2 * STEP_DEG))
@@ -414,7 +417,7 @@ class StraightLines:
     reference
         Reference of all points, line by line.
     across : (l, p, 2)
-        Unit vectors across the lines, in field angle and azimuth.
+        Unit vectors perpendicular to the lines, in field angle and azimuth.
     rest : (p, p)
         Residual projection of a great-circle fit.
     """

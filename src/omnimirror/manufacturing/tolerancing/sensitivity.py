@@ -44,7 +44,7 @@ TIED = 1e-6
 
 
 class Rates(NamedTuple):
-    """First and second derivative of a merit by an error."""
+    """First and second derivative of a merit with respect to an error."""
 
     first: float
     second: float
@@ -53,7 +53,7 @@ class Rates(NamedTuple):
 def merit_rates(
     evaluator: TrialEvaluator, name: str, step: float, tolerances: Tolerances | None = None
 ) -> dict[str, Rates]:
-    """Compute derivatives of all merits by an error increasing from 0.
+    """Compute derivatives of all merits with respect to an error increasing from 0.
 
     Parameters
     ----------
@@ -178,10 +178,10 @@ def _largest(value: Array, first: Array, second: Array) -> Rates:
     """Return derivatives of the maximum (n,): of tied values, those with the largest derivatives."""
     if not np.isfinite(value + first + second).all():
         return Rates(np.nan, np.nan)
-    most = value >= value.max() - TIED * abs(value.max())
-    rate = first[most].max()
-    most &= first >= rate - TIED * np.abs(first[most]).max()
-    return Rates(float(rate), float(second[most].max()))
+    is_largest = value >= value.max() - TIED * abs(value.max())
+    rate = first[is_largest].max()
+    is_largest &= first >= rate - TIED * np.abs(first[is_largest]).max()
+    return Rates(float(rate), float(second[is_largest].max()))
 
 
 def _of_blur(evaluator: TrialEvaluator, shown: TrialImages, step: float) -> dict[str, Rates]:

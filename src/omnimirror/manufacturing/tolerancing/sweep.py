@@ -87,7 +87,7 @@ class SweepPlan:
         return (*merit_names()[:-1], *self.required, LOST)
 
     @cached_property
-    def asked(self) -> dict[str, Any]:
+    def requested(self) -> dict[str, Any]:
         """Plan as stored in the manifest."""
         errors = {
             name: [bound.value, bound.distribution]
@@ -116,13 +116,13 @@ class SweepPlan:
     @cached_property
     def digest(self) -> str:
         """Digest of the plan, stored in each shard."""
-        return hashlib.blake2b(json.dumps(self.asked).encode(), digest_size=16).hexdigest()
+        return hashlib.blake2b(json.dumps(self.requested).encode(), digest_size=16).hexdigest()
 
 
 def is_claimed(folder: Path, plan: SweepPlan) -> bool:
     """Return whether the manifest of a folder matches a plan."""
     path = folder / MANIFEST
-    return path.exists() and _asked_in(path) == plan.asked
+    return path.exists() and _requested_in(path) == plan.requested
 
 
 def claim(folder: Path, plan: SweepPlan) -> None:
@@ -136,9 +136,11 @@ def claim(folder: Path, plan: SweepPlan) -> None:
     path = folder / MANIFEST
     if not path.exists():
         return write_manifest(folder, plan, {})
-    matches = _asked_in(path)
-    if matches != plan.asked:
-        changed = ", ".join(name for name in plan.asked if matches.get(name) != plan.asked[name])
+    matches = _requested_in(path)
+    if matches != plan.requested:
+        changed = ", ".join(
+            name for name in plan.requested if matches.get(name) != plan.requested[name]
+        )
         raise OmnimirrorError(
             f"{folder} contains trials of another sweep (different: {changed}); use another folder"
         )
@@ -148,13 +150,13 @@ def write_manifest(folder: Path, plan: SweepPlan, checksums: Mapping[str, str]) 
     """Write the plan and, once complete, the checksums of all shards."""
     write_text(
         folder / MANIFEST,
-        json.dumps({"asked": plan.asked, "shards": dict(checksums)}, indent=1) + "\n",
+        json.dumps({"requested": plan.requested, "shards": dict(checksums)}, indent=1) + "\n",
     )
 
 
-def _asked_in(path: Path) -> dict[str, Any]:
+def _requested_in(path: Path) -> dict[str, Any]:
     try:
-        return dict(parse_json(read_text(path, "manifest"))["asked"])
+        return dict(parse_json(read_text(path, "manifest"))["requested"])
     except (ValueError, KeyError, TypeError):
         raise OmnimirrorError(
             f"{path} is not a manifest of omnimirror; use another folder"
@@ -300,7 +302,7 @@ class Shard:
 
     @property
     def _about(self) -> dict[str, Any]:
-        return {"asked": self.plan.digest, "shard": self.number, "trials": self.count}
+        return {"requested": self.plan.digest, "shard": self.number, "trials": self.count}
 
 
 def _bytes_of(numbers: NDArray[np.int64], rows: Rows) -> bytes:
@@ -494,7 +496,7 @@ class Sweep:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all shards are computed."""
+        """True if all shards are computed."""
         return self.part == FULL_SWEEP
 
 

@@ -79,7 +79,7 @@ class ToleranceReport:
             ``trials``, ``yield``, ``yield_low``, ``yield_high``, ``merits`` with quantiles,
             ``sensitivities``, ``allocation``, ``variance`` and ``seconds``.
         """
-        statistics, found = self.statistics, self.allocation
+        statistics, allocation = self.statistics, self.allocation
         merits = {
             name: {"mean": statistics.mean(name)}
             | {f"q{round(100 * q):02}": statistics.quantile(name, q) for q in QUANTILES}
@@ -87,16 +87,16 @@ class ToleranceReport:
         }
         cheapest = (
             None
-            if found is None
+            if allocation is None
             else {
-                "tolerances": dict(found.tolerances),
-                "cost": found.cost,
-                "uniform_cost": found.uniform_cost,
-                "yield": found.confirmed_yield.value,
-                "yield_low": found.confirmed_yield.low,
-                "yield_high": found.confirmed_yield.high,
-                "trials": found.trials,
-                "at_maximum": list(found.at_maximum),
+                "tolerances": dict(allocation.tolerances),
+                "cost": allocation.cost,
+                "uniform_cost": allocation.uniform_cost,
+                "yield": allocation.confirmed_yield.value,
+                "yield_low": allocation.confirmed_yield.low,
+                "yield_high": allocation.confirmed_yield.high,
+                "trials": allocation.trials,
+                "at_maximum": list(allocation.at_maximum),
             }
         )
         return {
@@ -271,10 +271,10 @@ def limits_of(limits: Sequence[Limit]) -> dict[str, float]:
     >>> limits_of([om.Limit("resolution_px_per_deg", at_least=4.0, omega_deg=(20.0, 100.0))])
     {'min resolution_px_per_deg, 20 to 100 deg': 4.0}
     """
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for limit in limits:
-        found |= merit_limits(instance("limits", limit, Limit, "limits of requirements"))
-    return found
+        values |= merit_limits(instance("limits", limit, Limit, "limits of requirements"))
+    return values
 
 
 def with_requirements(plan: TolerancePlan, requirements: Requirements) -> TolerancePlan:
@@ -334,15 +334,15 @@ def _side(name: str) -> str:
     return "at_least" if is_lower_limit(name) else "at_most"
 
 
-def _variance_table(found: VarianceDecomposition) -> dict[str, Any]:
+def _variance_table(decomposition: VarianceDecomposition) -> dict[str, Any]:
     indices = {
         merit: {name: index._asdict() for name, index in of.items()}
-        for merit, of in found.indices.items()
+        for merit, of in decomposition.indices.items()
     }
     return {
-        "groups": {name: list(members) for name, members in found.groups.items()},
+        "groups": {name: list(members) for name, members in decomposition.groups.items()},
         "indices": indices,
-        "lost": found.lost,
+        "lost": decomposition.lost,
     }
 
 
@@ -434,7 +434,7 @@ def typical_sensors(
     drawn = plan.tolerances.drawn(seed, 0, min(trials, BLOCK))
     merits = evaluator.evaluate(drawn)[:, evaluator.names.index(merit)]
     ranked = np.argsort(-merits if is_lower_limit(merit) else merits)  # NaN last
-    found = []
+    sensors = []
     for quantile in quantiles:
         if not 0 <= quantile <= 1:
             raise InvalidParameter(f"quantiles must be between 0 and 1; got {quantile:g}")
@@ -445,5 +445,5 @@ def typical_sensors(
             )
         values = {name: float(of[trial]) for name, of in drawn.items()}
         built = replace(perturbed(sensor, values), name=f"{sensor.name}-{100 * quantile:g}")
-        found.append(TypicalSensor(quantile, trial, values, built, float(merits[trial])))
-    return found
+        sensors.append(TypicalSensor(quantile, trial, values, built, float(merits[trial])))
+    return sensors

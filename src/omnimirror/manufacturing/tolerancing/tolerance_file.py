@@ -402,8 +402,8 @@ def _limit_of_trials(bound: BoundTable, section: str, where: SourceLocator) -> d
             )
     sides = {True: bound.at_least, False: bound.at_most}
     result = {
-        MeritName(bound.quantity, least, after=bound.after).text: v
-        for least, v in sides.items()
+        MeritName(bound.quantity, is_lower, after=bound.after).text: v
+        for is_lower, v in sides.items()
         if v is not None
     }
     if not result:

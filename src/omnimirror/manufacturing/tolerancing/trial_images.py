@@ -66,7 +66,7 @@ def trace_objects(
     TracedObjects
         Reflection points, tangents and vergences.
     """
-    with np.errstate(all="ignore"):  # NaN of lost rays
+    with np.errstate(all="ignore"):  # NaN for lost rays
         pupil = np.einsum("tji,tj->ti", states.rotation, states.pupil - states.shift)
         towards = targets if distant else targets - states.shift[:, None, :]
         towards = np.einsum(

@@ -235,8 +235,9 @@ class RealAreas:
         (t, dt), (s, ds), (own_t, down_t), (own_s, down_s), (dh, ddh), (dw, ddw) = (
             (focus_powers(c, q), c[1] + 2 * q * c[2]) for c in there
         )
-        # A^2 = (t^2 + own_t^2 + floor)(s^2 + own_s^2 + floor)/(Dh Dw)^2; its logarithmic derivative by q is
-        # the sum of those of its factors, and dq/dv is applied at the end
+        # A^2 = (t^2 + own_t^2 + floor)(s^2 + own_s^2 + floor)/(Dh Dw)^2; its logarithmic
+        # derivative with respect to q is the sum of those of its factors, and dq/dv is applied at
+        # the end
         side_t, side_s = t * t + own_t * own_t + floor, s * s + own_s * own_s + floor
         rate = (2 * (t * dt + own_t * down_t) + dfloor) / side_t + (
             2 * (s * ds + own_s * down_s) + dfloor
@@ -322,7 +323,7 @@ def _range(vergence_t: Array, vergence_s: Array, bounds: tuple[Any, Any]) -> tup
 def _maximum(
     v: Array, vergence_t: Array, vergence_s: Array, density: Array, model: AreaModel
 ) -> tuple[Array, Array, Array]:
-    """Return the largest A^2, its derivative by v, and its angle; (n, 1) each."""
+    """Return the largest A^2, its derivative with respect to v, and its angle; (n, 1) each."""
     r, dr, D, d_log_D = model.at(v)
     areas = _areas(v, r, vergence_t, vergence_s, density)
     j = areas.argmax(axis=1)

@@ -79,7 +79,7 @@ class MirrorPointOptics(NamedTuple):
 
 
 class FocusedImage(NamedTuple):
-    """Images of mirror points by a focused camera; arrays (.., k), or (.., 1) if constant."""
+    """Images of mirror points by a focused camera; arrays (..., k), or (..., 1) if constant."""
 
     t_px: Array
     """Signed tangential blur (Eq. 28)."""
@@ -134,7 +134,7 @@ def node_optics(
     return MirrorPointOptics(
         omega=omega,
         ray=x / w,
-        # object motion across the ray: p domega_dx + cos(gamma)/cos(beta);
+        # object motion perpendicular to the ray: p domega_dx + cos(gamma)/cos(beta);
         # around the axis: x + p sin(Omega)
         magnification_t=front / (w * w * (domega_dx + near * front / rho)),
         magnification_s=rho * steep / (w * (sine + near * rho * steep)),
@@ -188,7 +188,7 @@ class FocusedCamera(Protocol):
         ...
 
     def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
-        """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
+        """Compute the images of mirror points (..., k) at focus vergences (..., 1)."""
         ...
 
     def focus_mm(self, v: float) -> float:
@@ -358,20 +358,20 @@ AIM_STEPS = 6  # Newton steps for a moving pupil
 
 
 class LensColumns(NamedTuple):
-    """Lens properties at viewing angles; first axis (3, ..): powers 0, 1, 2 of q."""
+    """Lens properties at viewing angles; first axis (3, ...): powers 0, 1, 2 of q."""
 
     pupil_position: Array
-    """(..) position of the entrance pupil, mm towards the mirror from the reference point."""
+    """(...) position of the entrance pupil, mm towards the mirror from the reference point."""
     motion: Array
-    """(..) its derivative by the tangent."""
+    """(...) its derivative with respect to the tangent."""
     light: Array
-    """(..) relative illumination of the imager, at the middle focus."""
+    """(...) relative illumination of the imager, at the middle focus."""
     height: Array
-    """(3, ..) image height, mm."""
+    """(3, ...) image height, mm."""
     rate: Array
-    """(3, ..) its derivative by the tangent."""
+    """(3, ...) its derivative with respect to the tangent."""
     focused_t: Array
-    """(3, ..) blur (mm) of a distant tangential image per radius of the pupil.
+    """(3, ...) blur (mm) of a distant tangential image per radius of the pupil.
 
     The blur of an image of vergence V is this minus :attr:`spread_t` V, times two radii.
     """
@@ -379,7 +379,7 @@ class LensColumns(NamedTuple):
     focused_s: Array
     spread_s: Array
     own_t: Array
-    """(3, ..) blur of the lens itself, mm."""
+    """(3, ...) blur of the lens itself, mm."""
     own_s: Array
 
 
@@ -427,7 +427,7 @@ class LensTables:
         return 1 / (MAX_DISTANCE_MM - self.pupil_mm), self.max_vergence
 
     def at(self, tangent: Array) -> LensColumns:
-        """Evaluate the columns (..) at tangents (..), with linear extrapolation."""
+        """Evaluate the columns (...) at tangents (...), with linear extrapolation."""
         cell = np.clip((tangent.real / self.step).astype(int), 0, CELLS - 1)
         u = (tangent / self.step - cell)[..., None]
         (a, da), (b, db) = (np.moveaxis(self.values[cell + i], -2, 0) for i in (0, 1))
@@ -437,7 +437,7 @@ class LensTables:
         return LensColumns(*rows[:3], *powers)
 
     def aimed(self, x: Array, depth: Array) -> Array:
-        """Return tangents (..) of the chief rays to points at x from the axis and a depth.
+        """Return tangents (...) of the chief rays to points at x from the axis and a depth.
 
         Solves ``w t = x`` for ``w = depth - place(t)`` by Newton's method.
         """
@@ -454,13 +454,13 @@ class LensTables:
         return f * v / (1 - (f - self.pupil_from_principal_mm) * v)
 
     def defocus_rate(self, v: Any) -> Any:
-        """Compute its derivative by v."""
+        """Compute its derivative with respect to v."""
         f = self.focal_length_mm
         return f / (1 - (f - self.pupil_from_principal_mm) * v) ** 2
 
 
 def focus_powers(columns: Array, q: Any) -> Any:
-    """Evaluate focus-dependent columns (3, ..) at q."""
+    """Evaluate focus-dependent columns (3, ...) at q."""
     return columns[0] + q * (columns[1] + q * columns[2])
 
 
@@ -680,7 +680,8 @@ def built_optics(
     ray, dray = (x + 0 * slope, 1.0) if telecentric else (t, dtheta / cosine**2)
     on_axis = np.real(x) == 0
     sine = np.where(on_axis, 1.0, np.sin(foot.omega))
-    # displacement of the object across the ray and around the axis, divided by its distance
+    # displacement of the object perpendicular to the ray and around the axis, divided by its
+    # distance
     across = (1 - near * inside) * foot.rate + near * foot.spread
     around = sine + near * (foot.x - sine * inside)
     magnification_t = dray / across
@@ -792,13 +793,13 @@ class RealCamera:
         return airy
 
     def floor(self, q: Array) -> tuple[Array, Array]:
-        """Return the squared pixel and Airy disk, px^2, and the derivative by q."""
+        """Return the squared pixel and Airy disk, px^2, and the derivative with respect to q."""
         axis, slope = self.airy_line
         airy = axis + slope * q
         return 1 + airy * airy, 2 * airy * slope
 
     def resolution(self, o: MirrorPointOptics, columns: LensColumns) -> tuple[Array, Array]:
-        """Return Dh and Dw (3, ..), px/deg, by powers of q, at mirror points."""
+        """Return Dh and Dw (3, ...), px/deg, by powers of q, at mirror points."""
         centre = np.real(o.ray) == 0
         over_ray = np.where(centre, columns.rate, columns.height / np.where(centre, 1.0, o.ray))
         scale = DEGREE / self.pitch_mm
@@ -817,7 +818,7 @@ class RealCamera:
         return height
 
     def at(self, o: MirrorPointOptics, v: Array) -> FocusedImage:
-        """Compute the images of mirror points (.., k) at focus vergences (.., 1)."""
+        """Compute the images of mirror points (..., k) at focus vergences (..., 1)."""
         columns, q = self.tables.at(o.ray), self.tables.defocus(v)
         far_t, spread_t, far_s, spread_s, own_t, own_s = (
             focus_powers(c, q) / self.pitch_mm for c in columns[5:]

@@ -49,7 +49,7 @@ class FieldNodes(NamedTuple):
     """(n,) vergence in focus of the tangential fan, at the pupil, along the axis."""
     vergence_s: Array
     scale_t: Array
-    """(n,) derivative of the image point by the slope, through a fixed pupil point."""
+    """(n,) derivative of the image point with respect to the slope, through a fixed pupil point."""
     scale_s: Array
     width_t: Array
     """(n,) half width of the vignetted pupil in the meridian, relative to the axis."""
@@ -212,7 +212,7 @@ class LensField:
         return dict(zip(ODD, np.moveaxis(values, -1, 0), strict=True))
 
     def height(self, tangent: Array) -> tuple[Array, Array]:
-        """Return image heights (k,), mm, and derivatives by the tangent."""
+        """Return image heights (k,), mm, and derivatives with respect to the tangent."""
         inside = np.minimum(tangent, self.end)
         rate = self._rate(inside)[..., 0]
         height = self._odd(inside)[..., 0] + rate * (tangent - inside)
@@ -390,7 +390,7 @@ class FieldLens(GaussianLens):
         return self.distorted(self.principal_distance * chief).reshape(directions[..., :2].shape)
 
     def image_cosines(self, points: Array, directions: Array) -> Array:
-        """Return direction cosines (.., 2) of rays at the imager, for an upright image.
+        """Return direction cosines (..., 2) of rays at the imager, for an upright image.
 
         Chief rays have 0. To first order in the aperture, by the Lagrange invariant:
         ``dy cos^3(theta) du = dh dL`` in the meridian and ``dy cos(theta) du = dh dL`` in the
@@ -407,7 +407,7 @@ class FieldLens(GaussianLens):
         return cosines.reshape(directions[..., :2].shape)
 
     def stop_points(self, points: Array, directions: Array) -> Array:
-        """Return the stop points (.., 2) of rays, in stop radii and as in the upright image.
+        """Return the stop points (..., 2) of rays, in stop radii and as in the upright image.
 
         The inverse of :meth:`entrance_pupil_points`.
         """

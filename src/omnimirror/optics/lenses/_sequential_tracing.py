@@ -46,7 +46,7 @@ class Landed(NamedTuple):
     radii: Array
     """(surfaces, n), mm: distances from the axis on the surfaces."""
     cosines: Array
-    """(n, 2) direction cosines across the axis, at the imager."""
+    """(n, 2) direction cosines perpendicular to the axis, at the imager."""
 
     def upright(self) -> Landed:
         """Convert to an upright image."""
@@ -357,7 +357,9 @@ def _height_at(traced: Traced, index: Array, tangent: Array, pupil_position: Arr
 def _adjacent_ray_derivatives(
     traced: Traced, t: Array, pupil_position: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Return derivatives (n,) of the image by pupil position and slope, tangential and sagittal."""
+    """Return derivatives (n,) of the image with respect to pupil position and slope, tangential
+    and sagittal.
+    """
     y = ADJACENT_OFFSET * traced.pupil_radius
     u = y / 100.0
 

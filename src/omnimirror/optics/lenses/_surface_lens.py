@@ -176,7 +176,7 @@ class SurfaceLens(FieldLens):
         Raises
         ------
         OmnimirrorError
-            If the file is missing or not a supported lens; the message gives the reason.
+            If the file is missing or not a supported lens; the message states the reason.
 
         Examples
         --------

@@ -381,16 +381,16 @@ def _opening_of_barrel(
     distance = np.abs(centre)
     unvignetted = distance <= radius - 1
     d = np.where(unvignetted, 1.0, distance)
-    ours = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord
-    theirs = np.clip((d - ours) / radius, -1.0, 1.0)
-    chord = np.sqrt(1 - ours**2)
+    own = np.clip((1 + d**2 - radius**2) / (2 * d), -1.0, 1.0)  # chord
+    theirs = np.clip((d - own) / radius, -1.0, 1.0)
+    chord = np.sqrt(1 - own**2)
     common = (
-        np.arccos(ours)
-        - ours * chord
+        np.arccos(own)
+        - own * chord
         + radius**2 * (np.arccos(theirs) - theirs * np.sqrt(1 - theirs**2))
     )
     # sagittal width: the full circle if its centre is open, else the corners
-    across = np.where(ours <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
+    across = np.where(own <= 0, 1.0, np.where(theirs <= 0, np.minimum(radius, 1.0), chord))
     return _Opening(
         (high - low) / 2,
         np.where(unvignetted, 1.0, across),
@@ -413,6 +413,8 @@ def _of_defocus(
 
 
 def _rate(tangent: Array, values: Array, even: bool) -> Array:
-    """Return the derivative (n,) by the tangent of values that are even or odd about the axis."""
+    """Return the derivative (n,) with respect to the tangent of values that are even or odd about
+    the axis.
+    """
     spline = (even_spline if even else odd_spline)(tangent, values)
     return np.asarray(spline.derivative()(tangent))

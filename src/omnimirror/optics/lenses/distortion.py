@@ -24,7 +24,7 @@ CLOSE = 1e-14  # relative; convergence of Newton's method is quadratic
 
 
 def distorted(ideal: Array, brown: Coefficients) -> Array:
-    """Apply distortion to ideal image points (.., 2); NaN beyond the fold of the image.
+    """Apply distortion to ideal image points (..., 2); NaN beyond the fold of the image.
 
     >>> distorted(np.array([[0.3, 0.4]]), (-0.1, 0.0, 0.0, 0.0, 0.0))
     array([[0.2925, 0.39  ]])
@@ -36,7 +36,8 @@ def distorted(ideal: Array, brown: Coefficients) -> Array:
 
 
 def distorted_rates(ideal: Array, brown: Coefficients) -> tuple[Array, Array, Array]:
-    """Distort points (n, 2), with derivatives (n, 2, 2) by these and (n, 2, 5) by the coefficients.
+    """Distort points (n, 2), with derivatives (n, 2, 2) with respect to these and (n, 2, 5) by the
+    coefficients.
 
     >>> distorted_rates(np.array([[0.3, 0.4]]), (-0.1, 0.0, 0.0, 0.0, 0.0))[2][0, :, 0]  # x r^2, y r^2
     array([0.075, 0.1  ])
@@ -50,7 +51,7 @@ def distorted_rates(ideal: Array, brown: Coefficients) -> tuple[Array, Array, Ar
 
 
 def undistorted(image: Array, brown: Coefficients) -> Array:
-    """Remove distortion from image points (.., 2); NaN if no ideal point exists.
+    """Remove distortion from image points (..., 2); NaN if no ideal point exists.
 
     >>> undistorted(np.array([[0.2925, 0.39]]), (-0.1, 0.0, 0.0, 0.0, 0.0))
     array([[0.3, 0.4]])

@@ -131,7 +131,9 @@ class Lens(ABC):
     def ideal_height_rate(
         self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
     ) -> Array:
-        """Compute its derivative by x; ``drift`` is the pupil's motion, mm per radian."""
+        """Compute its derivative with respect to x; ``drift`` is the pupil's motion, mm per
+        radian.
+        """
 
     def image_height(self, x: Array, w: Array) -> Array:
         """Compute the image height (mm) of a mirror point: Eq. 7 with distortion."""
@@ -149,11 +151,11 @@ class Lens(ABC):
         return True
 
     def distorted(self, ideal: Array) -> Array:
-        """Apply distortion to image points (.., 2), mm; NaN outside the image."""
+        """Apply distortion to image points (..., 2), mm; NaN outside the image."""
         return ideal
 
     def undistorted(self, image: Array) -> Array:
-        """Remove distortion from image points (.., 2), mm; NaN if no undistorted point exists."""
+        """Remove distortion from image points (..., 2), mm; NaN if no undistorted point exists."""
         return image
 
     def distorted_height(self, ideal: Array) -> Array:

@@ -33,7 +33,7 @@ SMOOTHING_DEGREE = 5  # quintic: the curvature is a smooth cubic spline
 ORDERS = (6, 8, 10)  # neighbours that predict a point
 MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute value of normal numbers
 ALTERNATING = 0.6  # minimum fraction of sign changes of noise (expected 0.83)
-ALIKE = 3.0  # maximum ratio of noise estimates of different orders (1 for noise)
+MAX_NOISE_RATIO = 3.0  # maximum ratio of noise estimates of different orders (1 for noise)
 MIN_NOISE_POINTS = 12  # points with neighbours on both sides, required for a noise estimate
 ROUNDING = 1e-13  # of the profile height: smaller noise is rounding
 OUTLIER_THRESHOLD = 7.0  # outlier threshold, in local standard deviations
@@ -167,7 +167,7 @@ def _scatter(x: Array, z: Array) -> Scatter:
     is_noise = (
         len(inner) >= MIN_NOISE_POINTS
         and changes.mean() > ALTERNATING
-        and max(sizes) < ALIKE * min(sizes)
+        and max(sizes) < MAX_NOISE_RATIO * min(sizes)
     )
     return Scatter(residuals, bool(is_noise))
 
@@ -354,7 +354,7 @@ def parsed_points(text: str, path: Path, unit: str | None = None) -> Array:
     ------
     OmnimirrorError
         If there are no numeric rows, a row differs from the others, or the separators are
-        ambiguous; the message gives the line.
+        ambiguous; the message states the line.
 
     Examples
     --------
@@ -696,7 +696,7 @@ def check_distance(points: Array, source: str) -> None:
     if max_coordinate > MAX_COORDINATE_MM:
         raise OmnimirrorError(
             f"{source} must lie within {MAX_COORDINATE_MM:g} mm of the machine's origin; "
-            f"got {max_coordinate:.4g} mm; check the unit and remove wrong points"
+            f"got {max_coordinate:.4g} mm; check the unit and remove outliers"
         )
 
 

@@ -562,7 +562,7 @@ class ChiefRays:
         return self.beta + self.gamma
 
     def dreflected_dx(self) -> Array:
-        """Compute the derivative of :attr:`reflected` by x, 1/mm."""
+        """Compute the derivative of :attr:`reflected` with respect to x, 1/mm."""
         return 2 * self.curvature / (1 + self.slope**2) + self._dtheta_dx()
 
     def _dtheta_dx(self) -> Array:

@@ -18,8 +18,8 @@ from ._ray_intersection import LIFT, hollowness, intersect
 from .meridian import trace_chief_rays
 
 __all__ = [
-    "BEYOND",
     "CELLS",
+    "CELLS_BEYOND_RIM",
     "MAX_STEPS",
     "MAX_STEP_LENGTH",
     "REFLECTION_TOLERANCE",
@@ -147,7 +147,7 @@ class MirrorSurface:
 
     @property
     def tangents(self) -> Array:
-        """Derivatives (n, 2, 3) of the points by x and by y."""
+        """Derivatives (n, 2, 3) of the points with respect to x and y."""
         tangents = np.zeros((len(self.points), 2, 3))
         tangents[:, 0, 0] = tangents[:, 1, 1] = 1.0
         tangents[:, :, 2] = self.slopes
@@ -170,7 +170,7 @@ class MirrorSurface:
 # -- Lookup tables ---------------------------------------------------------------------------------
 
 CELLS = 1024  # from vertex to rim: cubic pieces of sag and slope are accurate to 1e-9 mm and 1e-9
-BEYOND = 256  # cells of the same width beyond the rim, for iterates outside the mirror
+CELLS_BEYOND_RIM = 256  # cells of the same width beyond the rim, for iterates outside the mirror
 TIP = 1e-3  # of the rim radius: initial points keep this distance from an apex
 
 
@@ -235,7 +235,7 @@ class MirrorTables:
 
 def radii(mirror: Mirror, cells: int = CELLS) -> Array:
     """Return the nodes (n,), mm, of the tables, one of them at the rim."""
-    beyond = cells * BEYOND // CELLS
+    beyond = cells * CELLS_BEYOND_RIM // CELLS
     return np.linspace(0.0, (cells + beyond) / cells * mirror.rim_radius_mm, cells + beyond + 1)
 
 
@@ -244,7 +244,7 @@ def meridian_table(mirror: Mirror, cells: int = CELLS) -> Array:
 
     >>> from omnimirror.optics.mirrors import Sphere
     >>> table = meridian_table(Sphere(50.0, 40.0))
-    >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope .75
+    >>> table.shape, table[768, [0, 4]]  # at 30 mm: sag 10 mm, slope 0.75
     ((1280, 8), array([10.  ,  0.75]))
     """
     sag, slope, curvature = continued_profile(mirror, radii(mirror, cells))
@@ -291,9 +291,9 @@ SETTLED = 1e-7  # relative to the rim radius: convergence is quadratic from here
 SEEN, NOT_SETTLED = 1, 2  # states returned by the kernel
 STEPS, FIRST_STEPS = 24, 6
 FIRST_CLOSE = 3e-5  # relative to the rim radius: limit of the first search
-REACH = (CELLS + BEYOND) / CELLS
+REACH = (CELLS + CELLS_BEYOND_RIM) / CELLS
 MIN_PAIRS = 200  # pairs below which the tables do not pay off
-NEAREST = 1e-3  # minimum lens distance from the vertex, relative to the rim radius
+MIN_LENS_DISTANCE = 1e-3  # minimum lens distance from the vertex, relative to the rim radius
 
 
 class Search(NamedTuple):
@@ -336,7 +336,9 @@ def compiled_reflection_points(
     ):
         return None
     x, y, z = (float(part) for part in xyz[0])
-    tables = _tables(mirror, np.inf if pupils.distant else max(-z, NEAREST * mirror.rim_radius_mm))
+    tables = _tables(
+        mirror, np.inf if pupils.distant else max(-z, MIN_LENS_DISTANCE * mirror.rim_radius_mm)
+    )
     if tables is None or z == 0:
         return None
     count = len(targets.xyz)

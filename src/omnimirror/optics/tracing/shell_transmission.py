@@ -245,7 +245,7 @@ def through_window(
     refractive_index: float,
     medium_index: float,
 ) -> ShellExit:
-    """Refract descending rays at both surfaces of a pane across the axis.
+    """Refract descending rays at both surfaces of a pane perpendicular to the axis.
 
     Parameters
     ----------

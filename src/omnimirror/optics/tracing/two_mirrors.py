@@ -66,7 +66,7 @@ def clearances(
     bore, lens = secondary.bore_radius_mm, secondary.lens_height(mirror_distance_mm)
     share = (np.minimum(first[:, 2], lens) - second[:, 2]) / (first[:, 2] - second[:, 2])
     at_camera = (second + share[:, None] * (first - second))[:, :2]
-    found = {
+    values = {
         "mirror": -circle_clearance(first[:, :2], mirror.rim_radius_mm * (1 + slack)),
         "secondary mirror": -circle_clearance(
             second[:, :2], secondary.mirror.rim_radius_mm * (1 + slack)
@@ -77,10 +77,10 @@ def clearances(
     edge = float(mirror.sag(min(bore, mirror.rim_radius_mm)))
     if lens > edge:
         at_bore = (second + ((edge - second[:, 2]) / from_lens[:, 2])[:, None] * from_lens)[:, :2]
-        found["bore"] = (
+        values["bore"] = (
             -circle_clearance(at_bore, bore * (1 + slack)) if bore else -np.hypot(*at_bore.T)
         )
-    return found
+    return values
 
 
 def _past_secondary(secondary: Secondary, points: Array, outgoing: Array, slack: float) -> Array:

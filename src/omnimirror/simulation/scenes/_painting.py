@@ -269,7 +269,7 @@ RIDGES = (
 
 
 def landscape_light(directions: Array) -> Light:
-    """Return linear RGB (n, 3) of the landscape in directions (n, 3) of any length but 0.
+    """Return linear RGB (n, 3) of the landscape in non-zero directions (n, 3).
 
     >>> blue_sky, meadow = landscape_light(np.array([[0.0, 1.0, 2.0], [0.0, 1.0, -0.2]]))
     >>> bool(blue_sky[2] > blue_sky[0]), bool(meadow[1] > meadow[2])

@@ -147,7 +147,7 @@ class Hall:
     Parameters
     ----------
     texel_mm : mm
-        Texel size of the boards. The hall is painted and lit at the first use, once for all equal
+        Texel size of the boards. The hall is painted and lit on first use, once for all equal
         halls.
 
     Raises
@@ -207,7 +207,7 @@ class Hall:
         origins_mm : (n, 3)
             Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Directions of the rays, of any length but 0.
+            Directions of the rays, non-zero vectors of any length.
 
         Returns
         -------
@@ -254,7 +254,7 @@ class Hall:
         origins_mm : (n, 3)
             Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Directions of the rays, of any length but 0.
+            Directions of the rays, non-zero vectors of any length.
 
         Returns
         -------

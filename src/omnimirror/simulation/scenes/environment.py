@@ -108,7 +108,7 @@ class Environment:
         return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
-        """Return linear RGB (n, 3) in directions (n, 3) of any length but 0, independent of the
+        """Return linear RGB (n, 3) in non-zero directions (n, 3), independent of the
         origins.
 
         Parameters

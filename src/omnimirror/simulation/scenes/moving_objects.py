@@ -42,7 +42,7 @@ class LabelledScene(Protocol):
         ...
 
     def labels(self, origins_mm: Array, directions: Array) -> NDArray[np.int64]:
-        """Return labels (n,) of rays from 1 on; 0 without a surface."""
+        """Return labels (n,) of rays, starting at 1; 0 without a surface."""
         ...
 
 

@@ -305,7 +305,9 @@ LABELS = np.array(
     ],
     np.int64,
 )
-"""Label of each face, from 1 on: the sides of the room individually, then one label per solid."""
+"""Label of each face, starting at 1: the sides of the room individually, then one label per
+solid.
+"""
 
 
 @dataclass(frozen=True)
@@ -320,7 +322,7 @@ class Room:
     Parameters
     ----------
     texel_mm : mm
-        Texel size of the walls. The room is painted and lit at the first use, once for all equal
+        Texel size of the walls. The room is painted and lit on first use, once for all equal
         rooms.
     other_texel_mm : mm
         Texel size of all faces except the wall ahead; ``texel_mm`` if None. At 2 mm the whole room
@@ -442,8 +444,8 @@ class Room:
 
     @property
     def label_names(self) -> tuple[str, ...]:
-        """Names of the labels of :meth:`labels`, from 1 on: the sides of the room, and the objects
-        in it.
+        """Names of the labels of :meth:`labels`, starting at 1: the sides of the room, and the
+        objects in it.
         """
         return SIDES + FURNITURE
 
@@ -460,7 +462,7 @@ class Room:
         Returns
         -------
         (n,) array
-            Indices in :attr:`label_names`, from 1 on.
+            Indices in `label_names`, starting at 1.
 
         Raises
         ------

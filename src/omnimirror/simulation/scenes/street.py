@@ -275,7 +275,7 @@ class Street:
     Parameters
     ----------
     texel_mm : mm
-        Texel size of nearby faces. The street is painted and lit at the first use, once for all
+        Texel size of nearby faces. The street is painted and lit on first use, once for all
         equal streets.
 
     Raises
@@ -304,7 +304,7 @@ class Street:
         origins_mm : (n, 3)
             Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Directions of the rays, of any length but 0.
+            Directions of the rays, non-zero vectors of any length.
 
         Returns
         -------
@@ -354,7 +354,7 @@ class Street:
         origins_mm : (n, 3)
             Origins of rays that are traced backwards, mm.
         directions : (n, 3)
-            Directions of the rays, of any length but 0.
+            Directions of the rays, non-zero vectors of any length.
 
         Returns
         -------

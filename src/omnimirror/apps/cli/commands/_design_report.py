@@ -15,7 +15,7 @@ from ....design.merits import DESIGN_MERITS
 from ....design.optimiser import Optimum
 from ....design.reference_mirrors import known_sensors, merit_values
 from ....design.relaxation import Conflict, Relaxation
-from ....design.requirement_check import ROUNDING, Judgement, Verdict
+from ....design.requirement_check import ROUNDING, RequirementCheck, Verdict
 from ....optics.tracing.obscuration import obscuration_summary
 from .._output import column_head, plain_table, print_line
 
@@ -76,7 +76,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         console.print(f"  obscured: {obscurations}", highlight=False, soft_wrap=True)
 
 
-def _elevation_and_label(verdict: Verdict, row: Judgement) -> tuple[float | None, str]:
+def _elevation_and_label(verdict: Verdict, row: RequirementCheck) -> tuple[float | None, str]:
     """Return the elevation of the worst value of a row, or of a limit on the field itself; and its
     label.
     """
@@ -112,7 +112,7 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
         } | OF_ELEVATIONS
     missed = "; ".join(labels.get(label, label) for label in conflict.missed)
     console.print(f"\nInfeasible requirements: {missed}.", highlight=False, soft_wrap=True)
-    helpful = [r for r in conflict.alone if r.needed is not None and r.needed != r.asked]
+    helpful = [r for r in conflict.alone if r.needed is not None and r.needed != r.requested]
     if helpful:
         console.print("All requirements are met if one of these is relaxed:", highlight=False)
         for r in helpful:
@@ -147,7 +147,7 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
             if counts[a.entry] > MAX_ALTERNATIVES:
                 continue
             violation = "" if a.is_met else f" ({a.worst:.2%})"
-            text = f"  {a.entry}: {a.value} instead of {a.asked}{violation}"
+            text = f"  {a.entry}: {a.value} instead of {a.requested}{violation}"
             console.print(text, highlight=False, soft_wrap=True)
     if not conflict.is_complete:
         console.print("The search for relaxations was interrupted.", highlight=False)
@@ -157,7 +157,7 @@ def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
     """Format the relaxed value of a requirement, with labels as in the table of requirements."""
     unit, name = f" {r.unit}" if r.unit else "", labels.get(r.name, r.name)
     share = f" ({r.share:.2%})" if r.share is not None else ""
-    relaxed, required = r.needed, r.asked
+    relaxed, required = r.needed, r.requested
     if name in OF_ELEVATIONS.values() and relaxed is not None:
         (required, relaxed), share = (
             (

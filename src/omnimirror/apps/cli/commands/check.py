@@ -11,7 +11,7 @@ import click
 
 from ....base.arguments import format_value, parse_float
 from ....base.files import write_json
-from ....design.requirement_check import TemperatureRange, judge, temperature_range
+from ....design.requirement_check import TemperatureRange, check_requirements, temperature_range
 from ....design.requirement_files import REQUIREMENT_ENTRIES, load_requirements
 from ....optics.sensor_files import load_sensor
 from .._declarations import DocumentedCommand, file_entries
@@ -66,7 +66,7 @@ def command(
     """
     loaded = load_requirements(requirements, changes)
     camera = load_sensor(sensor, {k: v for k, v in changes.items() if k == "housing"})
-    verdict = judge(loaded, camera)
+    verdict = check_requirements(loaded, camera)
     numbers = verdict.to_dict()
     console = output_console()
     print_verdict(console, verdict)

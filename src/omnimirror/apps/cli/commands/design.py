@@ -21,7 +21,7 @@ from ....base.quantities import QUANTITIES
 from ....design.catalogue import Component
 from ....design.designer import Design, design_sensor
 from ....design.freeform import SHAPE
-from ....design.off_the_shelf import BoughtDesign, PartsSearch, design_from_parts
+from ....design.off_the_shelf import PartsDesign, PartsSearch, design_from_parts
 from ....design.optimiser import Progress
 from ....design.pareto_front import Front, pareto
 from ....design.reference_mirrors import EXACTLY, known_sensors, merit_values
@@ -100,7 +100,7 @@ def design_with_catalogue(
     sys.exit(0 if search.is_met else EXIT_MISSED)
 
 
-def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
+def _parts_table(designs: tuple[PartsDesign, ...]) -> Table:
     area = QUANTITIES["worst_floored_area_deg2"]
     kinds = [
         kind for kind in ("lens", "imager", "ball", "dome") if _component_name(designs[0], kind)
@@ -132,7 +132,7 @@ def _parts_table(designs: tuple[BoughtDesign, ...]) -> Table:
     return table
 
 
-def _component_name(design: BoughtDesign, kind: str) -> str:
+def _component_name(design: PartsDesign, kind: str) -> str:
     parts: tuple[Component, ...] = design.combination.parts
     return next((part.name for part in parts if kind == part.KIND), "")
 
