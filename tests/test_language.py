@@ -36,7 +36,6 @@ EXCEPTIONS = {
     "apps/studio/bench_messages.py: picture_bytes": COLUMN,
     "apps/studio/calibration_messages.py: picture": COLUMN,
     "apps/studio/calibration_messages.py: pictures": COLUMN,
-    "apps/cli/commands/calibrate.py: x_mm,y_mm,z_mm, and picture for several images": COLUMN,
     "apps/cli/commands/lines.py: line,u_px,v_px, and picture for several images": COLUMN,
     "base/native.py: judge_trials": "name of the function of the compiled kernels",
 }

@@ -146,7 +146,7 @@ def test_links_replace_design_unless_invalid(browser, server):
     page.context.close()
 
 
-def test_a_change_and_a_reload_at_once_keep_it_and_what_can_be_undone(browser, server):
+def test_immediate_reload_keeps_change_and_undo_history(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
     page.wait_for_function("location.hash.includes('design')")
     page.get_by_label("Focal length", exact=True).fill("12.5")
@@ -163,7 +163,7 @@ def test_a_change_and_a_reload_at_once_keep_it_and_what_can_be_undone(browser, s
 
 
 @pytest.mark.full
-def test_two_tabs_keep_their_own_designs_and_what_each_can_undo(browser, server):
+def test_two_tabs_have_independent_designs_and_undo_histories(browser, server):
     first = bench_at(browser, f"{server}#tab=design")
     enter(first, "F-number", "5.6")
     second = bench_at(browser, f"{server}#tab=design", first.context)
@@ -250,7 +250,7 @@ def test_link_displays_its_own_image_only(page, browser, server, pictures):
 
 
 @pytest.mark.long
-def test_another_link_in_the_same_page_is_followed(browser, rooms, pictures):
+def test_second_link_in_same_page_is_opened(browser, rooms, pictures):
     page = open_page(browser, rooms)
     drop(page, pictures / "one.png")
     page.wait_for_function("location.hash.includes('kept')")
@@ -262,7 +262,7 @@ def test_another_link_in_the_same_page_is_followed(browser, rooms, pictures):
     page.context.close()
 
 
-def test_what_cannot_be_in_an_address_is_named_and_the_rest_is_shown(browser, server):
+def test_invalid_parts_of_address_are_reported_and_rest_is_displayed(browser, server):
     page = open_page(browser, f"{server}#mode=cube&forward=1e9&tilt=high&pan=20&rim=1,2")
     said = banner(page)
     for entry in (
@@ -299,7 +299,7 @@ def test_page_with_unknown_sensor_works(browser, server):
 
 
 @pytest.mark.full
-def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(browser, pictures):
+def test_link_to_sensor_and_view_works_without_server(browser, pictures):
     with serving(Studio()) as address:
         page = open_page(browser, address)
         drop(page, pictures / "one.png")
@@ -330,7 +330,7 @@ def test_a_sensor_and_its_view_have_one_name_also_while_the_server_is_away(brows
 
 
 @pytest.mark.full
-def test_the_demo_room_of_another_sensor_comes_with_it(browser, rooms):
+def test_link_restores_demo_room_of_sensor(browser, rooms):
     page = open_page(browser, f"{rooms}#source=room")
     page.wait_for_function("window.omnimirror.look.feed")
     same = """() => {
@@ -351,7 +351,7 @@ def test_the_demo_room_of_another_sensor_comes_with_it(browser, rooms):
     page.context.close()
 
 
-def test_the_first_page_of_a_telephone_has_its_buttons_in_reach(browser, server):
+def test_first_page_on_phone_shows_buttons(browser, server):
     page = open_page(browser, server, 360, 740, device_scale_factor=1)
     for name in ("Try the demo room", "Choose a file…"):
         button = page.get_by_role("button", name=name)
@@ -366,7 +366,7 @@ def test_the_first_page_of_a_telephone_has_its_buttons_in_reach(browser, server)
 
 
 @pytest.mark.full
-def test_images_that_differ_in_one_pixel_have_different_identities(page, tmp_path):
+def test_images_differing_in_one_pixel_have_different_identifiers(page, tmp_path):
     picture = np.full((64, 64, 3), 90, np.uint8)
     found = set()
     for i in range(3):

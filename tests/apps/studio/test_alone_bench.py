@@ -115,7 +115,7 @@ def served(asked: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]
 
 @pytest.mark.parametrize("distance", [None, 700.0])
 @pytest.mark.parametrize("design", DESIGNS)
-def test_its_numbers_are_those_of_the_evaluation(bench, design, distance):
+def test_values_match_evaluation(bench, design, distance):
     asked = question(sensor_of(design), object_distance_mm=distance)
     found, (facts, blocks) = answered(bench, asked), served(asked)
     assert found["trouble"] is None
@@ -140,7 +140,7 @@ def test_its_numbers_are_those_of_the_evaluation(bench, design, distance):
 
 
 @pytest.mark.parametrize("design", DESIGNS)
-def test_best_focus_is_that_of_the_evaluation(bench, design):
+def test_best_focus_matches_evaluation(bench, design):
     sensor = sensor_of(design)
     find = "([tables, object]) => window.omnimirror.tabs.bench.answers.answerer.bestFocus(tables, object)"
     found = bench.evaluate(find, [tables_of(sensor), 900.0])
@@ -189,7 +189,7 @@ def test_error_is_displayed_next_to_its_field(bench, section, entry, value, word
     assert found["trouble"]["path"][0] == section
 
 
-def test_a_slider_a_pin_and_the_best_focus_without_a_server(browser, address):
+def test_slider_pin_and_best_focus_without_server(browser, address):
     page = open_page(browser, address, 1280, 900)
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_function(f"{BENCH}?.found?.[0]")
@@ -237,7 +237,7 @@ def test_accessibility_without_server(browser, address, width):
     page.context.close()
 
 
-def test_the_evaluator_has_no_way_out_of_the_page():
+def test_evaluator_has_no_network_access():
     """The evaluator can write to its own memory only: imports of its library are stubs."""
     data = KERNEL.read_bytes()
     assert data[:4] == b"\0asm"

@@ -84,7 +84,7 @@ def post(client, place: str, **body):
 
 
 @pytest.mark.parametrize("name", bundled_sensors())
-def test_curves_are_those_of_the_evaluation(name, client):
+def test_curves_match_evaluation(name, client):
     sensor = om.load_sensor(name)
     asked = question(sensor, object_distance_mm=900.0, section=True, squares=True)
     (header, blocks), *_ = ask(client, asked)
@@ -102,7 +102,7 @@ def test_curves_are_those_of_the_evaluation(name, client):
     np.testing.assert_allclose(mirror["z_mm"][inside], sensor.mirror.sag(x), atol=1e-4)
 
 
-def test_rays_of_the_section_obey_the_law_of_reflection(client):
+def test_section_rays_satisfy_reflection_law(client):
     """Incident at Omega, reflected to the lens: both directions make the same angle with the mirror
     normal."""
     sensor = om.load_sensor("paper-spherical")
@@ -137,7 +137,7 @@ def test_error_contains_entry(client):
         assert blocks == {}
 
 
-def test_the_newest_of_the_questions_that_wait_is_answered(client):
+def test_newest_waiting_request_is_answered(client):
     sensor = om.load_sensor("exact-equidistant")
     with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
         for number in range(1, 41):
@@ -158,7 +158,7 @@ def test_lens_position_follows_mapping(client):
     np.testing.assert_allclose(rate, rate[0], rtol=1e-6)
 
 
-def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
+def test_requirements_are_evaluated_at_worst_angle_and_distance(client):
     sensor = om.load_sensor("paper-spherical")
     (header, _), *_ = ask(client, question(sensor, requirements=WANTED))
     rows = {row["name"]: row for row in header["rows"]}
@@ -184,7 +184,7 @@ def test_requirements_are_judged_by_their_worst_angle_and_distance(client):
 
 
 @pytest.mark.parametrize("kind", list(MIRRORS))
-def test_another_kind_of_mirror_keeps_the_rim(kind, client):
+def test_changing_mirror_type_keeps_rim(kind, client):
     sensor = om.load_sensor("paper-spherical")
     made = post(
         client, "change", tables=tables_of(sensor), what="mirror", to=kind, object_distance_mm=None
@@ -200,7 +200,7 @@ def test_another_kind_of_mirror_keeps_the_rim(kind, client):
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric", "exact-equidistant"])
-def test_another_lens_keeps_the_size_of_the_image(name, client):
+def test_changing_lens_keeps_image_size(name, client):
     sensor = om.load_sensor(name)
     to = "perspective" if sensor.lens.TELECENTRIC else "orthographic"
     made = post(
@@ -211,7 +211,7 @@ def test_another_lens_keeps_the_size_of_the_image(name, client):
     assert new.rim_radius_px == pytest.approx(sensor.rim_radius_px, rel=0.05)
 
 
-def test_a_lens_becomes_a_table_of_itself_and_one_of_surfaces_needs_its_file(client):
+def test_lens_is_tabulated_and_surface_lens_requires_file(client):
     sensor, omega = om.load_sensor("paper-spherical"), [30.0, 90.0, 130.0]
     asked = {"tables": tables_of(sensor), "what": "lens", "object_distance_mm": None}
     made = parse_sensor(toml(post(client, "change", to="table", **asked).json()["tables"]))
@@ -224,7 +224,7 @@ def test_a_lens_becomes_a_table_of_itself_and_one_of_surfaces_needs_its_file(cli
     assert "requires a .zmx file" in refused.json()["detail"]
 
 
-def test_the_best_focus_is_that_of_the_evaluation(client):
+def test_best_focus_matches_library(client):
     sensor = om.load_sensor("paper-spherical")
     asked = {"what": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}
     made = post(client, "change", tables=tables_of(sensor), **asked).json()
@@ -252,7 +252,7 @@ def toml(tables: dict) -> str:
 # ---------------------------------------------------------------------------------------------
 
 
-def test_a_sensor_file_is_written_and_opened_without_loss(client):
+def test_sensor_file_round_trip(client):
     sensor = om.load_sensor("folded-spherical")
     text = post(
         client, "file", tables=tables_of(sensor), kind="sensor", object_distance_mm=None
@@ -262,7 +262,7 @@ def test_a_sensor_file_is_written_and_opened_without_loss(client):
     assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
 
 
-def test_a_requirement_file_is_opened_and_written_without_loss(client):
+def test_requirement_file_round_trip(client):
     own = {
         "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0},
         "lens": {"theta_max_deg": [10, 14]},
@@ -284,7 +284,7 @@ def test_a_requirement_file_is_opened_and_written_without_loss(client):
     )
 
 
-def test_tables_and_drawings_are_those_of_the_command_line(client, tmp_path):
+def test_tables_and_drawings_match_command_line(client, tmp_path):
     sensor = om.load_sensor("paper-spherical")
     table = post(client, "file", tables=tables_of(sensor), kind="table", object_distance_mm=800.0)
     om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=800.0).to_csv(
@@ -311,7 +311,7 @@ def test_invalid_files_are_rejected(text, client):
     assert "root:" not in answer.text
 
 
-def test_no_question_makes_the_server_read_a_file(client):
+def test_no_request_makes_server_read_a_file(client):
     sensor = om.load_sensor("paper-spherical")
     tables = {**tables_of(sensor), "mirror": {"kind": "sampled", "profile_csv": "/etc/passwd"}}
     (header, _), *_ = ask(client, question(sensor, tables=tables))
@@ -389,7 +389,7 @@ def task(**changes) -> dict:
 
 
 @pytest.mark.full
-def test_an_optimised_mirror_comes_with_news_on_the_way(client):
+def test_optimisation_reports_progress(client):
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(object_distance_mm=400.0))
         news = [socket.receive_json()]
@@ -416,7 +416,7 @@ def test_reason_against_optimisation_is_reported_in_advance(client):
 
 
 @pytest.mark.full
-def test_the_mirror_of_a_telecentric_lens_is_optimised_and_its_image_stays_as_large(client):
+def test_optimisation_under_telecentric_lens_keeps_image_size(client):
     sensor = om.load_sensor("paraboloid-telecentric")
     ((header, _),) = ask(client, question(sensor))
     assert header["facts"]["not_optimised"] is None
@@ -442,7 +442,7 @@ def test_the_mirror_of_a_telecentric_lens_is_optimised_and_its_image_stays_as_la
 @pytest.mark.parametrize(
     "name", ["paraboloid-telecentric", "paper-hyperboloidal", "folded-hyperboloidal"]
 )
-def test_a_requirement_file_carries_the_lens_of_its_sensor(name, client):
+def test_requirement_file_contains_lens_of_sensor(name, client):
     sensor = om.load_sensor(name)
     lens = parse_requirements(
         post(client, "requirements", requirements=WANTED, tables=tables_of(sensor)).text
@@ -506,7 +506,7 @@ def test_rendered_image_includes_misalignment(client):
     assert pictures[0] != pictures[1]
 
 
-def test_a_sensor_is_designed_from_requirements(client):
+def test_sensor_is_designed_from_requirements(client):
     wanted = {
         **WANTED,
         "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0},
@@ -523,7 +523,7 @@ def test_a_sensor_is_designed_from_requirements(client):
     assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
 
 
-def test_report_progress(client, monkeypatch):
+def test_progress_is_reported(client, monkeypatch):
     reached, go_on = threading.Event(), threading.Event()
 
     def slowly(sensor, folder, on_progress):

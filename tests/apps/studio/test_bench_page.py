@@ -112,7 +112,7 @@ def enter(page, name: str, value: str) -> None:
         *(pytest.param(kind, marks=pytest.mark.full) for kind in ("sphere", "even polynomial")),
     ],
 )
-def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
+def test_slider_updates_curves_to_evaluation(mirror, bench):
     if mirror != "sphere":
         bench.get_by_label("Type of mirror").select_option(mirror)
         bench.wait_for_function(f"{NOW}.tables.mirror.kind === '{mirror.replace(' ', '-')}'")
@@ -137,7 +137,7 @@ def test_a_slider_moves_the_curves_to_those_of_the_evaluation(mirror, bench):
         assert np.ptp(expected.dh_domega_px_per_deg) < 1e-9  # the lens is adapted to the mirror
 
 
-def test_reading_a_plot_reads_them_all_at_the_same_angle(bench):
+def test_cursor_is_shared_by_all_plots(bench):
     chart = bench.get_by_label(re.compile("^Image height against"))
     chart.wait_for()
     chart.hover(position={"x": 120, "y": 70})
@@ -236,7 +236,7 @@ def test_pinned_designs_are_compared_loaded_and_unpinned(bench):
     assert len(plotted(bench, "Image height")) == 2
 
 
-def test_a_saved_sensor_reads_back_and_opens_again(bench, tmp_path):
+def test_saved_sensor_round_trip(bench, tmp_path):
     slide(bench, "Radius", 0.58)
     enter(bench, "Name", "mine")
     mine = sensor_on(bench)
@@ -258,7 +258,7 @@ def test_a_saved_sensor_reads_back_and_opens_again(bench, tmp_path):
     assert sensor_on(bench) == mine
 
 
-def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
+def test_unbounded_square_is_omitted(bench, tmp_path):
     """The centre of this mirror images the forward direction on a ring: 1 deg about the axis has
     unbounded width."""
     sphere = om.load_sensor("paper-spherical")
@@ -278,7 +278,7 @@ def test_a_square_that_has_no_end_is_left_out(bench, tmp_path):
 
 
 @pytest.mark.long
-def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path):
+def test_requirements_display_verdict_and_margin(bench, tmp_path):
     sensor = sensor_on(bench)
     e = om.evaluate(sensor, np.linspace(0, 135, 2001))
     blur = np.hypot(
@@ -323,7 +323,7 @@ def test_requirements_are_shown_met_or_missed_with_their_margin(bench, tmp_path)
     assert sensor_on(bench).field_deg[1] == pytest.approx(90)
 
 
-def test_a_mirror_is_optimised_cancelled_and_undone(bench):
+def test_optimisation_is_cancelled_and_undone(bench):
     first = sensor_on(bench)
     bench.get_by_label("Minimise").select_option("worst_blur_deg")
     bench.get_by_label("Terms", exact=True).fill("24")
@@ -377,7 +377,7 @@ def test_misaligned_sensor_is_opened_reported_and_aligned(bench, tmp_path):
 
 
 @pytest.mark.full
-def test_what_cannot_be_optimised_is_not_offered(bench):
+def test_unavailable_optimisations_are_not_offered(bench):
     bench.get_by_label("Start from a bundled sensor").select_option("folded-spherical")
     optimise = bench.get_by_role("button", name="Optimise")
     bench.get_by_text("this sensor has two").wait_for()
@@ -389,7 +389,7 @@ def test_what_cannot_be_optimised_is_not_offered(bench):
 
 
 @pytest.mark.parametrize("width", [1280, pytest.param(360, marks=pytest.mark.full)])
-def test_labels_of_the_section_do_not_lie_on_each_other(width, bench):
+def test_section_labels_do_not_overlap(width, bench):
     bench.set_viewport_size({"width": width, "height": 800})
     bench.wait_for_function(
         "(w) => Math.abs(document.querySelector('svg.section').getBoundingClientRect().width - "
@@ -424,7 +424,7 @@ def test_designs_are_distinguishable_without_colour(bench):
     assert sorted(drawn_with) == sorted(styles)
 
 
-def test_a_design_is_looked_through(bench, monkeypatch):
+def test_view_through_design_is_displayed(bench, monkeypatch):
     monkeypatch.setattr(
         _look_routes,
         "render_room",
@@ -443,7 +443,7 @@ def test_a_design_is_looked_through(bench, monkeypatch):
     assert sensor_on(bench) == mine
 
 
-def test_the_bench_goes_on_when_the_server_is_back(browser):
+def test_bench_reconnects_to_server(browser):
     with serving(Studio()) as address:
         page = browser.new_context(bypass_csp=True).new_page()
         page.add_init_script(WITHOUT_PICTURES)
@@ -462,7 +462,7 @@ def test_the_bench_goes_on_when_the_server_is_back(browser):
     page.context.close()
 
 
-def test_the_bench_keeps_the_policy_of_the_page(browser, server):
+def test_bench_respects_content_security_policy(browser, server):
     context = browser.new_context()
     page = context.new_page()
     said = []

@@ -132,7 +132,7 @@ COVERED = """() => {
 
 
 @pytest.mark.full
-def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies_over_it(bench):  # noqa: F811
+def test_search_result_is_compared_with_previous_design_without_overlap(bench):  # noqa: F811
     first = sensor_on(bench)
     bench.get_by_label("Minimise").select_option("worst_blur_deg")
     bench.get_by_label("Freeform").select_option("polynomial")
@@ -155,7 +155,7 @@ def test_what_a_search_found_is_plotted_against_what_was_before_and_no_word_lies
     assert np.abs(differs).max() > 1
 
 
-def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
+def test_slider_marks_and_restores_initial_value(bench):  # noqa: F811
     field = bench.locator(".field").filter(has=bench.get_by_label("Focal length", exact=True))
     back = field.locator(".back")
     assert back.is_hidden()
@@ -177,7 +177,7 @@ def test_a_slider_marks_where_it_began_and_leads_back(bench):  # noqa: F811
 @pytest.mark.parametrize(
     "pins", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))]
 )
-def test_all_curves_stand_on_the_first_screen(pins, bench):  # noqa: F811
+def test_all_curves_fit_on_first_screen(pins, bench):  # noqa: F811
     for number in range(pins):
         bench.get_by_role("button", name="Pin", exact=True).click()
         enter(bench, "Focal length", str(12 + number))
@@ -205,7 +205,7 @@ MOVED = """async (count) => {
 
 
 @pytest.mark.full
-def test_the_page_is_laid_out_once_for_a_slider_and_once_for_all_plots(bench):  # noqa: F811
+def test_slider_and_plots_cause_one_layout_each(bench):  # noqa: F811
     """A size query between two plots forces a layout, five times per change."""
     told = bench.context.new_cdp_session(bench)
     told.send("Performance.enable")

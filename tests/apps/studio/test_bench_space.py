@@ -59,7 +59,7 @@ def places(rays: dict[str, np.ndarray], node: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_rays_lead_where_their_pixels_look(name):
+def test_rays_have_directions_of_their_pixels(name):
     sensor = SENSORS[name]
     rays = rays_of(sensor)
     pixels = np.stack([rays["u_px"], rays["v_px"]], axis=-1)
@@ -108,7 +108,7 @@ def test_obscuration_matches_sensor():
     assert 0 < hidden.sum() < len(hidden)
 
 
-def test_parts_stand_where_they_are():
+def test_parts_have_their_positions():
     pose = MirrorPose(1.5, -0.5, 0.2, 0.5, 1.0)
     found = blocks_of(replace(SPHERE, mirror_pose=pose))
     radius, height = found["part mirror"]
@@ -149,7 +149,7 @@ def test_3d_view_is_returned_on_request(wanted):
     assert len(values) == 4 * sum(block.rows * len(block.columns) for block in told.blocks)
 
 
-def test_a_sensor_too_large_for_the_room_has_rays_all_the_same():
+def test_oversized_sensor_has_rays():
     big = replace(SPHERE, mirror=Sphere(5996.0, 5269.0), mirror_distance_mm=21_651.0)
     rays = rays_of(big)
     assert np.isfinite(places(rays, "end")).all()

@@ -43,7 +43,7 @@ def asked(path, client, **body):
     return client.post(f"/api/bench/{path}", json={"tables": tables_of(SPH), **body})
 
 
-def test_errors_are_those_of_the_sensor_but_for_the_finest_forms(client):
+def test_errors_match_sensor_except_finest_form(client):
     found = asked("errors", client).json()
     names = [error["name"] for error in found["errors"]]
     assert names == [
@@ -78,7 +78,7 @@ def test_as_built_sensor_matches_trial(client):
     assert header.tables == tables_of(perturbed(SPH, VALUES))
 
 
-def test_the_yield_is_that_of_tolerances(client):
+def test_yield_matches_tolerance_analysis(client):
     errors = {"mirror.decentre_x_mm": 0.3, "mirror.tilt_x_deg": 0.1, "lens.k1": 0.0}
     body = {
         "errors": [{"name": n, "tolerance": t} for n, t in errors.items()],
@@ -187,7 +187,7 @@ def test_tolerances_display_yield_and_tornado_chart(bench):  # noqa: F811
 
 
 @pytest.mark.full
-def test_errors_follow_the_design_and_leave_with_the_panel(bench):  # noqa: F811
+def test_errors_follow_design_and_end_with_panel(bench):  # noqa: F811
     opened(bench)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 1
     bench.get_by_label("Start from a bundled sensor").select_option("paper-equidistant")
@@ -212,7 +212,7 @@ def tried(page):
 
 
 @pytest.mark.full
-def test_a_link_holds_the_errors_that_are_tried(bench, browser):  # noqa: F811
+def test_link_contains_displayed_errors(bench, browser):  # noqa: F811
     opened(bench)
     at_first = tried(bench)
     for title, choice in (("Tolerance grade", "fine"), ("Calibration", "affine"), ("Focus", "rms")):

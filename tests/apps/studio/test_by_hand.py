@@ -26,7 +26,7 @@ ASKED = {
 
 
 @pytest.mark.parametrize("name", STRAIGHT)
-def test_a_profile_goes_through_the_point_to_which_it_is_pulled(name):
+def test_dragged_profile_passes_through_point(name):
     sensor = om.load_sensor(name)
     rim = sensor.mirror.rim_radius_mm
     for share in (0.3, 0.75, 1.0):
@@ -42,7 +42,7 @@ def test_a_profile_goes_through_the_point_to_which_it_is_pulled(name):
 
 
 @pytest.mark.parametrize("name", STRAIGHT)
-def test_a_mapping_goes_through_the_point_to_which_it_is_pulled(name):
+def test_dragged_mapping_passes_through_point(name):
     sensor = om.load_sensor(name)
     low, high = sensor.field_deg
     for share in (0.2, 0.5, 0.8):
@@ -64,7 +64,7 @@ def test_infeasible_deformations_are_rejected():
         bent(om.load_sensor("folded-spherical"), CurveEdit(of="profile", at=10.0, to=1.0))
 
 
-def test_sliders_are_met_where_the_requirements_are_judged_so():
+def test_slider_range_agrees_with_verdicts():
     sphere = om.load_sensor("paper-spherical")
     values = tuple(np.linspace(2.0, 9.0, 9))
     slide = SliderValues(path=("lens", "f_number"), values=values)
@@ -97,7 +97,7 @@ def drag(page, handle, right: float, down: float) -> tuple[float, float]:
     return there["x"] - box["x"] - right, there["y"] - box["y"] - down
 
 
-def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa: F811
+def test_dragging_profile_updates_plots(bench):  # noqa: F811
     before = sensor_on(bench)
     off = drag(bench, bench.locator(".handle.profile").first, 3, 0)
     assert np.hypot(*off) < 1
@@ -114,7 +114,7 @@ def test_the_mirror_is_bent_on_its_profile_and_the_plots_follow(bench):  # noqa:
 
 
 @pytest.mark.full
-def test_the_mapping_is_bent_on_its_plot(bench):  # noqa: F811
+def test_dragging_mapping_changes_mirror(bench):  # noqa: F811
     handle = bench.locator(".handle.point").nth(1)
     assert np.hypot(*drag(bench, handle, 0, -8)) < 1
     sensor = sensor_on(bench)
@@ -129,7 +129,7 @@ def test_the_mapping_is_bent_on_its_plot(bench):  # noqa: F811
     bench.wait_for_function(f"Number(document.activeElement.getAttribute('aria-valuenow')) < {at}")
 
 
-def test_limits_stand_in_the_plots_and_are_dragged(bench):  # noqa: F811
+def test_limits_are_plotted_and_draggable(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)
     line = bench.locator(".handle.limit-line")

@@ -84,7 +84,7 @@ def look(client, data: bytes, **more):
     )
 
 
-def test_a_process_that_looks_for_boards_imports_no_more_than_that_takes():
+def test_board_detection_process_imports_few_modules():
     code = "import sys, omnimirror.apps.studio._board_detection_process; print(*sys.modules)"
     loaded = set(
         subprocess.run(
@@ -219,7 +219,7 @@ def test_joint_analysis_of_images(seen):
         {"sigma_px": (1.0,)},
     ],
 )
-def test_corners_that_cannot_be_are_refused(wrong, client, seen):
+def test_invalid_corners_are_rejected(wrong, client, seen):
     short = seen[0].model_copy(
         update={"ids": (0, 1), "corners_px": ((1.0, 1.0), (2.0, 2.0)), "sigma_px": (0.1, 0.1)}
     )
@@ -235,7 +235,7 @@ def test_corners_that_cannot_be_are_refused(wrong, client, seen):
     assert answer.json()["detail"].startswith("the detection in 0.png is invalid")
 
 
-def test_a_calibration_tells_how_far_it_is_and_finds_the_camera(news, seen):
+def test_calibration_reports_progress_and_camera(news, seen):
     assert [n["state"] for n in news[-2:]] == ["done", "reported"]
     shares = [n["share"] for n in news[:-1]]
     assert all(n["state"] == "running" and n["sentence"] for n in news[:-2])
@@ -302,7 +302,7 @@ def test_invalid_framed_requests_are_rejected(client):
         assert answer.json()["detail"].startswith(sentence)
 
 
-def test_a_board_without_an_extent_is_refused(client, news):
+def test_board_without_extent_is_rejected(client, news):
     found = news[-2]["found"]
     for high in ([-900.0, 10.0], [1e308, 1e308]):
         place = found["places"][0] | {"high_mm": high}
@@ -323,7 +323,7 @@ def performed(ask: dict, seen: list[BoardDetection], steps: int = 10**6) -> list
     return said
 
 
-def test_one_that_is_stopped_keeps_what_it_found(seen):
+def test_stopped_calibration_keeps_result(seen):
     *_, done, reported = performed(ASK, seen, 2)
     assert (done.state, reported.state) == ("done", "reported")
     assert not done.found.is_complete
@@ -344,7 +344,7 @@ def test_failed_calibration_reports_image_names(seen):
 
 
 @pytest.mark.full
-def test_frames_of_a_video_that_show_the_same_are_not_used_twice(seen):
+def test_similar_video_frames_are_used_once(seen):
     frames = [
         s.model_copy(update={"name": f"{n} {s.name}", "time_s": n + i})
         for n in (0, 9)

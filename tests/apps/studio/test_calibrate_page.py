@@ -159,9 +159,7 @@ SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });""" 
 
 
 @pytest.mark.full
-def test_a_reload_that_comes_before_the_browser_has_kept_a_change_finds_it_all_the_same(
-    page, files
-):
+def test_reload_before_storage_keeps_change(page, files):
     add(page, files[:3])
     kept = page.evaluate(f"{TAB}.shots.all.map((s) => s.key)")
     page.reload()
@@ -230,9 +228,7 @@ def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_p
 
 
 @pytest.mark.full
-def test_one_that_is_cancelled_leaves_what_was_there_and_one_that_is_stopped_what_it_found(
-    page, files
-):
+def test_cancel_keeps_previous_and_stop_keeps_current_result(page, files):
     add(page, files)
     press = """(name) => new MutationObserver((_, observer) => {
       const words = [...document.querySelectorAll("#calibrate aside .words")].map((e) => e.textContent);
@@ -313,7 +309,7 @@ def test_video_frames_are_added(page, tmp_path):
 
 @pytest.mark.full
 @pytest.mark.skipif(not KAIDAN.is_dir(), reason=f"the photographs are not in {SHARED}")
-def test_the_rim_of_a_photographed_mirror_is_found_and_begun_at(page):
+def test_outline_of_photograph_is_initial_value(page):
     for name, value in (("Columns", 11), ("Rows", 7), ("Square, mm", 30)):
         page.get_by_label(name, exact=True).fill(str(value))
     add(page, [KAIDAN / "KaidanOmni12.jpg"])

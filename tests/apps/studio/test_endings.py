@@ -38,7 +38,7 @@ def until_it_listens(port: int) -> None:
         pytest.param(signal.SIG_IGN, id="as a job of a script"),
     ],
 )
-def test_ctrl_c_ends_the_server_at_once_whatever_is_open(before, tmp_path):
+def test_ctrl_c_ends_server_with_open_connections(before, tmp_path):
     from websockets.sync.client import connect
 
     video = video_of(tmp_path / "ride.mp4", 100)
@@ -83,7 +83,7 @@ def is_running(pid: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
-def test_sigterm_ends_the_server_and_its_searches():
+def test_sigterm_ends_server_and_its_searches():
     from websockets.sync.client import connect
 
     task = {
@@ -114,7 +114,7 @@ def test_sigterm_ends_the_server_and_its_searches():
 
 
 @pytest.mark.full
-def test_what_does_not_end_is_cut_off_and_leaves_no_socket_open():
+def test_unresponsive_tasks_are_cancelled_and_sockets_closed():
     """A client that does not read a long response keeps its connection open beyond the shutdown
     timeout."""
 

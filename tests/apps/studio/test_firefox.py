@@ -35,7 +35,7 @@ def page(tmp_path_factory):
         pytest.param("dome", "c.png", marks=pytest.mark.full),
     ],
 )
-def test_views_are_those_of_the_command_line(page, server, tmp_path, mode, name):
+def test_views_match_command_line(page, server, tmp_path, mode, name):
     sensor = om.load_sensor("paper-spherical")
     write_image(tmp_path / name, pattern(sensor.image_size))
     page.go("about:blank")  # a change of the fragment alone does not load the page
@@ -50,7 +50,7 @@ def test_views_are_those_of_the_command_line(page, server, tmp_path, mode, name)
     assert psnr(seen[..., :3], wanted, both) > 40
 
 
-def test_a_slider_of_the_bench_moves_its_plots(page, server):
+def test_slider_updates_plots(page, server):
     page.go("about:blank")
     page.go(f"{server}#tab=design")
     page.wait(f"{BENCH}.found[0].facts")
@@ -73,14 +73,14 @@ def test_a_slider_of_the_bench_moves_its_plots(page, server):
     assert page.evaluate(drawn_curves) >= 8
 
 
-def test_the_calibrate_tab_opens(page, server):
+def test_calibrate_tab_opens(page, server):
     page.go("about:blank")
     page.go(f"{server}#tab=calibrate")
     page.wait("document.querySelector('#calibrate .desk')")
     assert page.evaluate("document.querySelector('#banner').hidden")
 
 
-def test_a_page_without_a_server_looks_and_designs(page, tmp_path):
+def test_page_without_server_displays_views_and_designs(page, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
         patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=40.0))

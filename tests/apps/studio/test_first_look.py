@@ -62,7 +62,7 @@ def test_mirror_is_detected_and_camera_type_requested_once(page, folder):
 
 
 @pytest.mark.full
-def test_another_camera_keeps_the_circle_that_was_found(page, folder):
+def test_changing_camera_keeps_detected_circle(page, folder):
     drop(page, folder / "ball.png")
     page.wait_for_function("window.omnimirror.store.state.rim")
     page.locator("#sensor").select_option("ball:340")

@@ -51,7 +51,7 @@ def phone(browser, server, folder):  # noqa: F811
         page.context.close()
 
 
-def test_the_view_turns_with_the_phone_until_it_is_pressed_again(phone):
+def test_view_follows_phone_until_switched_off(phone):
     page = phone()
     button = page.get_by_role("button", name=NAME)
     assert turned(page, 0, 100, 0) == [30, 0]  # not before permission
@@ -109,7 +109,7 @@ def test_device_without_orientation_events(phone):
     assert page.evaluate(PAN_TILT) == [30, 0]
 
 
-def test_without_fingers_it_is_not_offered(browser, server):
+def test_gyroscope_is_not_offered_without_touch(browser, server):
     page = open_page(browser, server)
     assert page.get_by_role("button", name=NAME).is_hidden()
     page.context.close()

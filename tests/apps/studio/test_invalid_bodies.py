@@ -259,7 +259,7 @@ def check_refusal(answer: Any) -> None:
     assert "\n" not in detail
 
 
-def test_every_route_with_a_body_is_tried():
+def test_every_route_with_body_is_tested():
     routes = [route for route in api(Studio()).routes if isinstance(route, APIRoute)]
     posts = {route.path for route in routes if "POST" in route.methods}
     assert posts == set(ALL) | FILES
@@ -268,7 +268,7 @@ def test_every_route_with_a_body_is_tried():
 
 
 @pytest.mark.parametrize("path", ALL)
-def test_invalid_json_is_refused(path, client):
+def test_invalid_json_is_rejected(path, client):
     sample = ALL[path]
     for body in broken(sample):
         check_refusal(posted(client, path, frame(path, body)))
@@ -279,7 +279,7 @@ def test_invalid_json_is_refused(path, client):
 
 @pytest.mark.full
 @pytest.mark.parametrize("path", ALL)
-def test_invalid_json_is_refused_wherever_it_stands(path, client):
+def test_invalid_json_is_rejected_at_any_position(path, client):
     for where in paths(ALL[path]):
         for raw in NOT_JSON.values():
             check_refusal(
@@ -297,7 +297,7 @@ def test_invalid_json_is_refused_wherever_it_stands(path, client):
         "/api/calibrate/together",
     ),
 )
-def test_unexpected_values_are_refused_or_answered(path, client, request):
+def test_unexpected_values_are_rejected_or_processed(path, client, request):
     sample = ALL[path]
     is_full = request.node.get_closest_marker("full") is not None
     for where in paths(sample):
@@ -309,7 +309,7 @@ def test_unexpected_values_are_refused_or_answered(path, client, request):
 @pytest.mark.parametrize(
     "kind", ["text/plain", "application/octet-stream", "application/x-www-form-urlencoded", ""]
 )
-def test_bodies_of_other_types_are_refused(kind, client):
+def test_bodies_of_other_types_are_rejected(kind, client):
     for path in BODIES:
         for body in (b"\xff\xfe", json.dumps(BODIES[path]).encode(), b"a=b"):
             check_refusal(posted(client, path, body, kind))
@@ -318,7 +318,7 @@ def test_bodies_of_other_types_are_refused(kind, client):
 @pytest.mark.parametrize(
     "value", ["nan", "inf", "-Infinity", "1e999", "9" * 5000, "", b"\xed\xa0\x80"]
 )
-def test_parameters_that_are_no_finite_numbers_are_refused(value, client):
+def test_non_finite_parameters_are_rejected(value, client):
     for name in ("forward_azimuth_deg", "pitch_deg", "roll_deg"):
         check_refusal(client.get("/api/camera", params={"id": "paper-spherical", name: value}))
     for name in ("columns", "square_mm", "spacing"):
@@ -328,7 +328,7 @@ def test_parameters_that_are_no_finite_numbers_are_refused(value, client):
 
 
 @pytest.mark.parametrize("path", SOCKETS)
-def test_invalid_messages_close_a_socket(path, client):
+def test_invalid_messages_close_socket(path, client):
     sample = SOCKETS[path]
     texts = [
         with_raw(sample, where, raw)
@@ -369,7 +369,7 @@ def nested(levels: int) -> str:
         nested(MAX_NESTING),
     ],
 )
-def test_json_is_parsed_as_python_parses_it(text):
+def test_json_is_parsed_as_by_python(text):
     assert (
         request_bodies.parse_body(text)
         == request_bodies.parse_body(text.encode())
@@ -399,7 +399,7 @@ def test_json_is_parsed_as_python_parses_it(text):
         ('{"a": 1, "a": 1}', "the body must hold every name once; got 'a' again"),
     ],
 )
-def test_what_is_not_json_is_refused_with_its_reason(body, sentence):
+def test_invalid_json_is_rejected_with_reason(body, sentence):
     with pytest.raises(request_bodies.InvalidMessage) as refused:
         request_bodies.parse_body(body)
     assert str(refused.value) == sentence
@@ -414,13 +414,13 @@ def test_what_is_not_json_is_refused_with_its_reason(body, sentence):
         ([], "the body must be a valid dictionary or instance of ApiError; got []"),
     ],
 )
-def test_an_entry_that_is_not_valid_is_named(message, sentence):
+def test_invalid_entry_is_named(message, sentence):
     with pytest.raises(request_bodies.InvalidMessage) as refused:
         request_bodies.parse_message(json.dumps(message), ApiError)
     assert str(refused.value) == sentence
 
 
-def test_the_first_invalid_entry_is_named_without_the_part_of_the_request():
+def test_first_invalid_entry_is_named_without_location():
     entry = {
         "type": "value_error",
         "loc": ("body", "lens", 2, "kind"),
@@ -456,7 +456,7 @@ class Socket:
         self.closed = code, reason
 
 
-def test_a_message_of_a_socket_is_text_or_the_end():
+def test_socket_message_is_text_or_disconnect():
     text = '{"path": [], "sentence": "no"}'
     received = in_a_loop(
         request_bodies.receive_message(
@@ -480,7 +480,7 @@ def test_a_message_of_a_socket_is_text_or_the_end():
         assert (ended.value.code, ended.value.reason) == (code, message.get("reason") or "")
 
 
-def test_the_reason_of_a_closed_socket_fits_a_frame_and_ends_with_a_whole_character():
+def test_close_reason_fits_frame_and_ends_with_complete_character():
     """123 bytes: 61 two-byte letters; half of the next one is omitted."""
     socket = Socket({})
     in_a_loop(request_bodies.close_invalid(socket, request_bodies.InvalidMessage("ö" * 90)))
@@ -488,7 +488,7 @@ def test_the_reason_of_a_closed_socket_fits_a_frame_and_ends_with_a_whole_charac
 
 
 @pytest.mark.parametrize("sentence", ["", "a", "ab", "abc", "ö" * 300])
-def test_a_framed_message_is_read_by_the_documented_layout(sentence):
+def test_framed_message_has_documented_layout(sentence):
     message, parts = ApiError(path=("lens",), sentence=sentence), (b"\x00\x01", b"", b"file")
     data = _http_messages.framed(message, *parts)
     (length,) = struct.unpack("<I", data[:4])
@@ -500,7 +500,7 @@ def test_a_framed_message_is_read_by_the_documented_layout(sentence):
 
 
 @pytest.mark.parametrize("size", range(5))
-def test_a_frame_without_a_message_is_refused(size):
+def test_frame_without_message_is_rejected(size):
     with pytest.raises(
         request_bodies.InvalidMessage,
         match="length of a JSON message" if size < 4 else "must be JSON",

@@ -64,7 +64,7 @@ def place_of(page, pan: float, tilt: float) -> list[float]:
 
 @pytest.mark.full
 @pytest.mark.parametrize("mode", ["panorama", "perspective"])
-def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, tmp_path):
+def test_views_of_tilted_sensor_match_command_line(mode, page, tmp_path):
     look(page, mode=mode, pan=40.0, hfov=70.0, **LEAN)
     settled(page)
     line = command(page, *SIZE)
@@ -76,7 +76,7 @@ def test_views_of_a_sensor_that_leans_are_those_of_the_command_line(mode, page, 
 
 
 @pytest.mark.long
-def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
+def test_dragging_horizon_levels_tilted_sensor(page):
     """Points on the horizon of a tilted image are dragged to the line, twice ahead and to the
     right."""
     button = page.get_by_role("button", name="Drag horizon")
@@ -113,7 +113,7 @@ def test_the_horizon_of_a_sensor_that_leaned_is_dragged_level(page):
     page.wait_for_selector("#horizon", state="hidden")
 
 
-def test_the_line_of_the_horizon_lies_where_the_horizon_is(page):
+def test_horizon_line_is_at_horizon(page):
     page.get_by_role("button", name="Drag horizon").click()
     look(page, mode="perspective", tilt=10.0, hfov=60.0)
     page.wait_for_function("""() => {

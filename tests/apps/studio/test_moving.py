@@ -62,9 +62,7 @@ def shade(page) -> float:
     return float(np.median(drawn(page, 40, 30)[8:22, 10:30, :3]))
 
 
-def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(
-    browser, server, film, tmp_path
-):
+def test_video_is_paused_and_its_command_writes_a_video(browser, server, film, tmp_path):
     page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40")
     page.set_input_files("#file", film)
     shows(page, "ride.mp4")
@@ -96,7 +94,7 @@ def test_a_video_is_stopped_and_shown_at_any_time_and_its_command_makes_a_video(
     page.context.close()
 
 
-def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
+def test_standalone_viewer_plays_embedded_video(browser, film, tmp_path):
     page_file = tmp_path / "ride.html"
     run = omnimirror("dewarp", film, "--ball", BALL, "-o", page_file)
     assert run.returncode == 0, run.stderr
@@ -107,9 +105,7 @@ def test_a_viewer_holds_a_video_and_plays_it_from_disk(browser, film, tmp_path):
 
 
 @pytest.mark.full
-def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(
-    browser, film, tmp_path, monkeypatch
-):
+def test_standalone_viewer_requests_large_video_once(browser, film, tmp_path, monkeypatch):
     monkeypatch.setattr(pages, "MAX_EMBEDDED_BYTES", 100)
     beside = tmp_path / "my rides" / film.name
     beside.parent.mkdir()
@@ -131,7 +127,7 @@ def test_a_viewer_of_a_large_video_asks_for_the_file_beside_it_once(
     page.context.close()
 
 
-def test_videos_that_browsers_do_not_play_are_refused(film, tmp_path):
+def test_unsupported_videos_are_rejected(film, tmp_path):
     old = video_of(tmp_path / "old.mp4")
     assert "got mpeg4" in fails("dewarp", old, "--ball", BALL, "-o", tmp_path / "v.html")
     assert "must have 1024 x 1024 px" in fails(
@@ -151,7 +147,7 @@ MediaDevices.prototype.getUserMedia = function ({ video }) {
 """  # software rendering is slow for full-size images
 
 
-def test_a_webcam_is_chosen_among_several_and_found_again_on_reload(browser, server):
+def test_selected_webcam_is_restored_on_reload(browser, server):
     page = open_page(
         browser, f"{server}#sensor=ball:280", script=SMALL_CAMERA, permissions=["camera"]
     )
@@ -215,7 +211,7 @@ def test_recording_is_video_of_view(browser, server, film, tmp_path):
     page.context.close()
 
 
-def test_two_fingers_enlarge_the_view_and_one_turns_it(browser, server, film):
+def test_touch_gestures_zoom_and_pan(browser, server, film):
     page = open_page(
         browser,
         f"{server}#sensor=ball:280&mode=perspective",
@@ -275,7 +271,7 @@ def test_lost_stream_is_reported_and_reopened(browser, tmp_path):
 
 
 @pytest.mark.full
-def test_a_video_of_the_server_plays_and_comes_back_when_the_server_does(browser, tmp_path):
+def test_video_of_server_resumes_after_restart(browser, tmp_path):
     studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4", 100))]))
     with serving(studio) as address:
         page = open_page(browser, address)

@@ -15,7 +15,7 @@ from tests.apps.studio.pictures import psnr
 SENSOR = replace(om.load_sensor("paper-spherical"), imager=Imager(256, 256, 20.8))
 
 
-def test_a_frame_of_a_notebook_shows_the_view(browser, tmp_path):
+def test_notebook_frame_displays_view(browser, tmp_path):
     """Embedding as in Jupyter: HTML in HTML, from another origin."""
     picture = om.render_image(SENSOR, om.Room(texel_mm=20), samples=1)
     shown = om.show(picture, SENSOR, height_px=300)
@@ -36,7 +36,7 @@ def test_a_frame_of_a_notebook_shows_the_view(browser, tmp_path):
     context.close()
 
 
-def test_it_is_a_page_of_its_own_too(tmp_path):
+def test_notebook_view_is_a_standalone_page(tmp_path):
     shown = om.show(np.zeros((256, 256), np.uint8), SENSOR)
     shown.save(tmp_path / "look.html")
     assert (tmp_path / "look.html").read_text() == shown.page
@@ -59,6 +59,6 @@ def test_show_accepts_files(tmp_path):
         ({"height_px": 5}, "height_px must be between 120 and 4000; got 5"),
     ],
 )
-def test_what_cannot_be_shown_is_refused(words, sentence):
+def test_unsupported_objects_are_rejected(words, sentence):
     with pytest.raises(om.base.errors.InvalidParameter, match=sentence):
         om.show(**{"image": np.zeros((256, 256), np.uint8), "camera": SENSOR} | words)

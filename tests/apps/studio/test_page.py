@@ -54,9 +54,7 @@ def state(page) -> dict:
     return page.evaluate("window.omnimirror.store.state")
 
 
-def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(
-    browser, server, room, coarse_room
-):
+def test_empty_page_offers_demo_room_with_correct_handedness(browser, server, room, coarse_room):
     page = open_page(browser, server)
     assert page.get_by_text("Drop an image or video here").is_visible()
     page.get_by_role("button", name="Try the demo room").click()
@@ -77,9 +75,7 @@ def test_an_empty_page_invites_and_the_demo_room_is_drawn_the_right_way_round(
     page.context.close()
 
 
-def test_dragging_wheel_keys_and_the_circle_move_the_view_and_a_reload_keeps_it(
-    browser, server, room
-):
+def test_view_controls_work_and_survive_reload(browser, server, room):
     page = open_page(browser, f"{server}#mode=perspective", reduced_motion="reduce")
     drop(page, room)
     page.wait_for_selector("#view:visible")
@@ -135,7 +131,7 @@ def in_the_loupe(page, x: int, y: int) -> np.ndarray:
     return np.array(page.evaluate(script, [x, y]), float)
 
 
-def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path):
+def test_circle_is_fitted_by_dragging_handles(browser, server, tmp_path):
     write_image(tmp_path / "other.png", pattern((500, 400)))
     page = open_page(browser, server, 1000, 900, device_scale_factor=1)
     drop(page, tmp_path / "other.png")
@@ -158,7 +154,7 @@ def test_the_circle_is_fitted_by_dragging_its_handles(browser, server, tmp_path)
 
 
 @pytest.mark.full
-def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
+def test_circle_is_detected_with_one_click(browser, server, tmp_path):
     """Image of another size than the sensor's, off its centre."""
     v, u = np.mgrid[:480, :700]
     turn = np.arctan2(v - 215, u - 390)
@@ -181,7 +177,7 @@ def test_the_circle_is_found_with_one_click(browser, server, tmp_path):
 
 
 @pytest.mark.full
-def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server, tmp_path):
+def test_circle_is_fitted_by_keyboard(browser, server, tmp_path):
     write_image(tmp_path / "other.png", pattern((500, 400)))
     page = open_page(browser, server, 1000, 900)
     drop(page, tmp_path / "other.png")
@@ -203,7 +199,7 @@ def test_the_circle_is_fitted_by_the_keyboard_in_the_large_pane(browser, server,
     page.context.close()
 
 
-def test_the_first_key_leads_past_the_header(browser, server, room):
+def test_first_tab_key_skips_header(browser, server, room):
     page = open_page(browser, server)
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
@@ -213,9 +209,7 @@ def test_the_first_key_leads_past_the_header(browser, server, room):
 
 
 @pytest.mark.full
-def test_the_files_that_a_command_names_are_there_or_offered(
-    browser, server, coarse_room, tmp_path
-):
+def test_files_named_by_command_exist_or_are_offered(browser, server, coarse_room, tmp_path):
     page = open_page(browser, f"{server}#source=room")
     page.wait_for_selector("#command:visible")
     assert "save circle.png first" in page.locator("#command-title").inner_text()
@@ -254,9 +248,7 @@ def test_server_images_have_relative_paths(browser, tmp_path, monkeypatch):
         page.context.close()
 
 
-def test_several_cameras_of_a_server_are_looked_at_in_turn_and_one_that_is_shown_is_linked_to(
-    browser, tmp_path
-):
+def test_cameras_of_server_are_selectable_and_linked(browser, tmp_path):
     pictures = [str(tmp_path / f"{name}.png") for name in ("door", "yard", "hall")]
     for grey, path in zip((60, 120, 180), pictures, strict=True):
         write_image(path, np.full((300, 300, 3), grey, np.uint8))
@@ -353,7 +345,7 @@ def test_invalid_files_are_reported_and_image_remains(browser, server, room, tmp
     page.context.close()
 
 
-def test_a_viewer_from_disk_shows_what_the_command_line_does(browser, room, tmp_path):
+def test_standalone_viewer_matches_command_line(browser, room, tmp_path):
     viewer = tmp_path / "look.html"
     run = omnimirror(
         "dewarp", room, "--sensor", "paper-spherical", "--camera-looks", "down", "-o", viewer
@@ -390,7 +382,7 @@ def test_viewer_rejects_invalid_image(tmp_path):
     assert not (tmp_path / "v.html").exists()
 
 
-def test_the_page_keeps_its_own_policy(browser, server):
+def test_page_respects_content_security_policy(browser, server):
     """Under the content security policy, no function of the page is blocked."""
     context = browser.new_context()
     page = context.new_page()

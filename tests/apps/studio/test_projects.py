@@ -56,7 +56,7 @@ def project(browser, server, tmp_path_factory):
     return folder / "hall.omnimirror", pixels, state
 
 
-def test_a_project_shows_the_same_pixels_elsewhere(project, browser, server):
+def test_project_reproduces_pixels_on_another_page(project, browser, server):
     path, pixels, state = project
     page = open_page(browser, server, 900, 700)
     page.set_input_files("#file", path)  # opened or dropped like an image

@@ -47,7 +47,7 @@ def restored(picture) -> np.ndarray:
 
 
 @pytest.mark.full
-def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
+def test_server_restoration_matches_library(picture, restored, tmp_path):
     save_sensor(SMALL, tmp_path / "small.toml")
     with TestClient(create_app(), base_url="http://127.0.0.1") as client:
         entry = client.post("/api/sensors", content=(tmp_path / "small.toml").read_bytes()).json()
@@ -96,7 +96,9 @@ def test_the_server_restores_as_the_library_does(picture, restored, tmp_path):
         assert asked(id="nope").status_code == 404
 
 
-def test_given_and_restored_stand_beside_each_other(browser, server, picture, restored, tmp_path):
+def test_given_and_restored_image_are_shown_side_by_side(
+    browser, server, picture, restored, tmp_path
+):
     save_sensor(SMALL, tmp_path / "small.toml")
     write_image(tmp_path / "p.png", picture)
     page = open_page(browser, server, 1000, 800, reduced_motion="reduce")

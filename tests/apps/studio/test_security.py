@@ -122,13 +122,13 @@ def answers(client: TestClient, tables: dict) -> list[str]:
     return said
 
 
-def test_what_may_name_a_file_is_tried():
+def test_every_entry_that_names_a_file_is_tested():
     assert {"sampled", "tabulated-mapping"} <= {kind for kind, _ in FILES}
     assert set(MIRRORS) <= set(SECONDARIES)
 
 
 @pytest.mark.parametrize("number", range(len(spies(""))))
-def test_the_server_opens_no_file_that_an_upload_names(number, client, tmp_path):
+def test_server_opens_no_file_named_by_an_upload(number, client, tmp_path):
     """Responses are equal for a file with columns, an invalid file, a missing file, a folder, and a
     pipe."""
     (tmp_path / "columns").write_text(f"{SECRET}\n" * 9)
@@ -145,7 +145,7 @@ def test_the_server_opens_no_file_that_an_upload_names(number, client, tmp_path)
     assert not any("1.25" in text for text in same[0])
 
 
-def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
+def test_command_line_reads_files_beside_sensor_file(tmp_path):
     """A profile in a separate file, relative to the folder of the sensor file."""
     profile = [f"{x},{x * x / 100}" for x in range(30)]
     (tmp_path / "profile.csv").write_text("\n".join(profile))
@@ -159,7 +159,7 @@ def test_the_command_line_still_follows_files_beside_its_own(tmp_path):
 # ----------------------------------------------------------------------------------------
 
 
-def test_no_question_is_larger_than_what_is_taken(client):
+def test_no_question_exceeds_accepted_size(client):
     """Limit of the announced length."""
     huge = b" " * (MAX_MESSAGE_BYTES + 1)
     for path in (
@@ -187,7 +187,7 @@ async def status_of(bounded: limits.RequestLimits, receive, name: str = "") -> i
     return said[0]["status"]
 
 
-def test_the_bounds_are_those_of_the_documentation():
+def test_bounds_agree_with_documentation():
     """Bytes and seconds, written explicitly."""
     sizes = (
         limits.MAX_MESSAGE_BYTES,
@@ -213,7 +213,7 @@ def test_the_bounds_are_those_of_the_documentation():
         ([], False),
     ],
 )
-def test_the_announced_length_is_refused_unread(headers, is_refused):
+def test_excessive_announced_length_is_rejected_unread(headers, is_refused):
     """Exact to the byte, for the header of that name only; without a valid length the chunks are
     counted."""
     said, reads = [], []
@@ -237,7 +237,7 @@ def test_the_announced_length_is_refused_unread(headers, is_refused):
 @pytest.mark.parametrize(
     ("pieces", "status"), [((600, 400), 200), ((600, 401), 413), ((1001,), 413)]
 )
-def test_pieces_are_counted_to_the_byte(pieces, status):
+def test_size_of_pieces_is_exact(pieces, status):
     left = list(pieces)
 
     async def receive():
@@ -250,7 +250,7 @@ def test_pieces_are_counted_to_the_byte(pieces, status):
 
 
 @pytest.mark.parametrize(("held", "status"), [(1000, 200), (999, 503)])
-def test_the_room_of_the_server_is_used_to_the_byte(held, status, monkeypatch):
+def test_room_of_server_is_exact(held, status, monkeypatch):
     monkeypatch.setattr(limits, "MAX_PENDING_BYTES", held)
 
     async def receive():
@@ -259,7 +259,7 @@ def test_the_room_of_the_server_is_used_to_the_byte(held, status, monkeypatch):
     assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), receive)) == status
 
 
-def test_the_end_of_a_complete_request_may_take_any_time(monkeypatch):
+def test_end_of_complete_request_has_no_time_limit(monkeypatch):
     """A client that has sent everything waits for its response without a timeout."""
     monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.02)
     messages = [{"type": "http.request", "body": b"x"}, {"type": "http.disconnect"}]
@@ -277,7 +277,7 @@ def test_the_end_of_a_complete_request_may_take_any_time(monkeypatch):
     assert in_a_loop(status_of(limits.RequestLimits(app, {}), receive)) == 200
 
 
-def test_what_is_fast_enough_may_take_longer_than_the_grace(monkeypatch):
+def test_fast_uploads_may_exceed_grace_period(monkeypatch):
     """Received bytes extend the time: 0.05 s and 1 s per 1024 bytes."""
     monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.05)
     pieces = [4096, 1, 1]
@@ -291,7 +291,7 @@ def test_what_is_fast_enough_may_take_longer_than_the_grace(monkeypatch):
     assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), receive)) == 200
 
 
-def test_other_connections_than_requests_pass_untouched():
+def test_other_connections_are_unchanged():
     passed = []
 
     async def app(*connection):
@@ -312,14 +312,14 @@ async def reads_all(scope, receive, send):
         pass
 
 
-def test_pieces_without_end_are_stopped():
+def test_endless_pieces_are_stopped():
     async def endless():
         return {"type": "http.request", "body": bytes(1 << 16), "more_body": True}
 
     assert in_a_loop(status_of(limits.RequestLimits(reads_all, {}), endless)) == 413
 
 
-def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch):
+def test_requests_together_stay_within_memory_limit(monkeypatch):
     """Two images that are allowed individually but not together; the first is accepted after the
     second has ended."""
     monkeypatch.setattr(limits, "MAX_PENDING_BYTES", 1500)
@@ -347,7 +347,7 @@ def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch
     assert in_a_loop(both()) == (503, 200, 200)
 
 
-def test_what_comes_too_slowly_is_given_up(monkeypatch):
+def test_slowly_sent_requests_are_abandoned(monkeypatch):
     monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.05)
 
     async def dribble():
@@ -365,7 +365,7 @@ def test_what_comes_too_slowly_is_given_up(monkeypatch):
         (".png", np.zeros(4, "u1")),
     ],
 )
-def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatch):
+def test_images_are_limited_by_bytes_in_memory(suffix, pixel, monkeypatch):
     """Exact to the byte: an image of maximum size is read, and one with another row is rejected
     beforehand."""
     monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", 40 * 30 * pixel.nbytes)
@@ -378,7 +378,7 @@ def test_pictures_are_bounded_by_their_bytes_in_memory(suffix, pixel, monkeypatc
         _uploads.browser_image(file(31), "large")
 
 
-def test_a_small_file_of_a_huge_picture_takes_little_memory():
+def test_small_file_of_huge_image_needs_little_memory():
     """9990 x 9990 x 3 of 16 bits, 600 MB, in a TIFF of 1 MB."""
     side, row = 9990, zlib.compress(bytes(9990 * 6), 9)
     head = struct.pack("<2sHI", b"II", 42, 8)
@@ -399,7 +399,7 @@ def test_a_small_file_of_a_huge_picture_takes_little_memory():
         _uploads.browser_image(head + tags + tables + row, "bomb.tif")
 
 
-def test_strips_are_converted_like_the_whole():
+def test_strips_are_converted_like_whole_image():
     deep = np.random.default_rng(0).integers(0, 65536, (700, 9, 3), np.uint16)
     assert np.array_equal(_uploads.eight_bits(deep), np.round(deep / 257).astype(np.uint8))
     light = np.array([[-1.0, 0.0, 0.25, 0.5, 1.0, 7.0, np.nan, np.inf]], np.float32)
@@ -422,13 +422,13 @@ def test_strips_are_converted_like_the_whole():
         ("", "file"),
     ],
 )
-def test_names_of_uploads_are_harmless(name, safe):
+def test_names_of_uploads_are_escaped(name, safe):
     assert _uploads.safe_name(name) == safe
 
 
 @pytest.mark.parametrize("kind", list(_uploads.KINDS))
 @pytest.mark.parametrize("mode", ["L", "RGB", "P"])
-def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkeypatch):
+def test_images_of_every_kind_are_limited_by_pillow_header(kind, mode, monkeypatch):
     """Files written by Pillow: a palette counts as four channels, PPM as 16 bits, all others as
     stored."""
     if kind in ("JPEG", "WEBP", "PPM") and mode == "P":
@@ -446,7 +446,7 @@ def test_pictures_of_every_kind_are_bounded_by_pillows_header(kind, mode, monkey
         _uploads.image_in(data, "a")
 
 
-def test_what_is_no_picture_is_named_with_the_kinds():
+def test_invalid_images_are_reported_with_valid_kinds():
     with pytest.raises(
         MediaError, match=r"a must be an image in a supported format \(PNG, JPEG, TIFF, WEBP, BMP"
     ):
@@ -455,7 +455,7 @@ def test_what_is_no_picture_is_named_with_the_kinds():
         _uploads.image_in(b"P6\nabc 2\n255\n", "a")
 
 
-def test_uploads_of_huge_sides_are_refused_by_their_header():
+def test_uploads_of_huge_sides_are_rejected_by_header():
     """30000 x 30000 px exceed the limit of Pillow, which raises an exception."""
     header = struct.pack(">II5B", 30000, 30000, 8, 0, 0, 0, 0)
     chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")]
@@ -483,7 +483,7 @@ def test_uploads_without_bits_per_sample_have_one_bit(monkeypatch):
     ]
 
 
-def test_uploads_are_turned_upright_unless_their_stored_orientation_is_kept():
+def test_orientation_of_uploads_is_applied_unless_stored():
     """EXIF orientation 6: rows of the stored image are columns."""
     file, exif = BytesIO(), Image.Exif()
     exif[0x0112], exif[0x010F] = 6, "maker"
@@ -498,7 +498,7 @@ def test_uploads_are_turned_upright_unless_their_stored_orientation_is_kept():
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
-def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
+def test_truncated_uploads_are_reported_by_their_name(suffix):
     """The internal file name of the upload is not disclosed."""
     data = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 256, (40, 50, 3), np.uint8))[
         1
@@ -510,7 +510,7 @@ def test_uploads_that_are_cut_short_are_named_as_they_were_sent(suffix):
     assert "/" not in str(refused.value)
 
 
-def test_encoded_pictures_keep_their_pixels_and_their_quality():
+def test_encoded_images_preserve_pixels_and_quality():
     picture = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
     with Image.open(BytesIO(_uploads.encoded(picture, ".png"))) as png:
         assert np.array_equal(np.asarray(png), picture)
@@ -522,7 +522,7 @@ def test_encoded_pictures_keep_their_pixels_and_their_quality():
     assert len(_uploads.encoded(picture, ".jpg", 30)) < len(_uploads.encoded(picture, ".jpg"))
 
 
-def test_a_request_without_a_file_is_refused():
+def test_request_without_file_is_rejected():
     async def of(data: bytes) -> bytes:
         async def receive():
             return {"type": "http.request", "body": data, "more_body": False}
@@ -535,7 +535,7 @@ def test_a_request_without_a_file_is_refused():
 
 
 @pytest.mark.parametrize("size", [(40_000, 40_000), (1, 100_000), (100_000, 1)])
-def test_imagers_of_any_size_take_no_more_than_a_picture_of_the_page(size, client):
+def test_image_size_of_page_limits_memory(size, client):
     """The room of a camera and its report are refused; the preview is reduced for any aspect ratio."""
     width, height = size
     imager = {"width_px": width, "height_px": height, "pixel_pitch_um": 4000 / max(size)}
@@ -555,7 +555,7 @@ def test_imagers_of_any_size_take_no_more_than_a_picture_of_the_page(size, clien
     assert max(coarser(replace(small, imager=Imager(*size, 1.0)), 64).imager.size) == 64
 
 
-def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
+def test_equal_work_is_shared_and_queue_is_limited(monkeypatch):
     monkeypatch.setattr(limits, "MAX_QUEUED_JOBS", 2)
     runs: list[str] = []
 
@@ -582,7 +582,7 @@ def test_equal_work_is_done_once_and_few_may_wait(monkeypatch):
     assert runs == ["room", "other"]
 
 
-def test_work_is_done_one_after_the_other_and_again_when_asked_again():
+def test_work_is_sequential_and_repeatable():
     runs: list[str] = []
 
     def make(name: str) -> str:
@@ -606,7 +606,7 @@ def test_work_is_done_one_after_the_other_and_again_when_asked_again():
     assert runs == ["begin a", "end a", "begin b", "end b"] * 2
 
 
-def test_a_full_disk_is_a_sentence(client, monkeypatch):
+def test_full_disk_is_reported(client, monkeypatch):
     def full(*args, **kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -629,7 +629,7 @@ def fetch(client: TestClient, path: str, site: str, mode: str = "no-cors") -> in
     return client.get(path, headers=headers, follow_redirects=False).status_code
 
 
-def test_what_other_sites_embed_is_refused(client):
+def test_requests_that_other_sites_embed_are_rejected(client):
     """An image, script or frame of the studio in a foreign page; links to the page may be followed."""
     for site in ("cross-site", "same-site"):
         assert fetch(client, "/api/room?id=ball:123.4", site) == 403
@@ -641,7 +641,7 @@ def test_what_other_sites_embed_is_refused(client):
     assert fetch(client, "/api/start", "none", "navigate") == 200
 
 
-def test_the_token_leaves_the_address_and_has_a_cookie_of_its_port():
+def test_token_moves_from_address_to_cookie_of_port():
     with TestClient(
         create_app(Studio(token="secret")), base_url="http://192.168.1.7:8080"
     ) as client:
@@ -665,7 +665,7 @@ def test_the_token_leaves_the_address_and_has_a_cookie_of_its_port():
         assert client.get("/?token=wrong").status_code == 403
 
 
-def test_a_token_does_not_let_hosts_in_that_are_none(client):
+def test_token_does_not_admit_invalid_hosts(client):
     with TestClient(create_app(Studio(token="secret")), base_url="http://door") as client:
         for host in ("user@door", "door:80@evil.example", "a b", "door:123456"):
             assert client.get("/?token=secret", headers={"host": host}).status_code == 403
@@ -687,7 +687,7 @@ def test_a_token_does_not_let_hosts_in_that_are_none(client):
         ("", False),
     ],
 )
-def test_loopback_addresses_need_no_token(host, expected):
+def test_loopback_addresses_require_no_token(host, expected):
     """RFC 1122, 3.2.1.3, and RFC 4291, 2.5.3; other names may resolve to any address."""
     assert is_loopback(host) is expected
 
@@ -776,7 +776,7 @@ GUARDED = [
 
 
 @pytest.mark.parametrize(("path", "headers", "public", "token", "programs"), GUARDED)
-def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
+def test_guard_admits_known_clients(path, headers, public, token, programs):
     """The guard alone, in front of an application that accepts everything."""
     for status, secret, for_programs in (
         (public, None, False),
@@ -794,7 +794,7 @@ def test_a_guard_lets_in_whom_it_knows(path, headers, public, token, programs):
         )
 
 
-def test_a_guard_adds_headers_to_answers():
+def test_guard_adds_headers_to_responses():
     """Responses of the application keep their own headers; refusals have none of the page."""
 
     async def app(scope, receive, send):
@@ -843,7 +843,7 @@ def test_a_guard_adds_headers_to_answers():
         ("ws", {}, "token=a", None),
     ],
 )
-def test_a_guard_closes_sockets_with_a_reason(scheme, headers, query, reason):
+def test_guard_closes_sockets_with_reason(scheme, headers, query, reason):
     """Close code 4403 after the handshake message; other connections pass unchanged."""
     passed, said, heard = [], [], []
 
@@ -875,7 +875,7 @@ def test_a_guard_closes_sockets_with_a_reason(scheme, headers, query, reason):
     assert passed[-1] is other
 
 
-def test_a_guard_requires_the_token_for_sockets_of_programs():
+def test_guard_requires_token_for_sockets_of_programs():
     """Without the challenge of HTTP, which browsers would show as a password dialogue."""
     guard = AccessGuard(Response("inside"), [], "secret", "", accept_passwords=True)
     with (
@@ -889,7 +889,7 @@ def test_a_guard_requires_the_token_for_sockets_of_programs():
     )
 
 
-def test_the_policy_of_a_page_admits_its_own_scripts_and_styles_by_guard():
+def test_policy_by_guard_admits_scripts_and_styles_of_page():
     """SHA-256 digests in Base64 of each inline script and style, over several lines."""
 
     digests = [
@@ -911,7 +911,7 @@ def test_the_policy_of_a_page_admits_its_own_scripts_and_styles_by_guard():
     }
 
 
-def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_opened():
+def test_server_on_all_interfaces_prints_reachable_addresses():
     names = server_addresses("0.0.0.0")
     assert names[-1] == "127.0.0.1"  # for the local browser
     assert all(not is_loopback(name) for name in names[:-1])
@@ -921,7 +921,7 @@ def test_a_server_that_listens_everywhere_is_named_by_addresses_that_can_be_open
     assert server_addresses("door.local") == ["door.local"]
 
 
-def test_a_browser_is_led_to_an_address_without_the_token(browser):
+def test_browser_is_redirected_to_address_without_token(browser):
     """The fragment is preserved, and page, requests and sockets are authorised by the cookie."""
     with serving(Studio(token="secret")) as address:
         page = open_page(browser, f"{address}?token=secret#tab=design", 900, 700, WITHOUT_PICTURES)
@@ -943,7 +943,7 @@ def test_a_browser_is_led_to_an_address_without_the_token(browser):
 
 
 @pytest.mark.parametrize("path", ["/", "/bench.js", "/space.js", "/calibrate.js"])
-def test_the_page_is_sent_once_and_squeezed(path, client):
+def test_page_is_compressed_and_cached(path, client):
     whole = client.get(path, headers={"accept-encoding": "identity"})
     compressed = client.get(path, headers={"accept-encoding": "gzip"})
     assert "content-encoding" not in whole.headers
@@ -958,7 +958,7 @@ def test_the_page_is_sent_once_and_squeezed(path, client):
     assert client.get(path, headers={"if-none-match": '"other"'}).status_code == 200
 
 
-def test_answers_are_not_kept(client):
+def test_responses_are_not_cached(client):
     for path in ("/api/start", "/api/camera/tables?id=paper-spherical", "/api/bench"):
         assert client.get(path).headers["cache-control"] == "no-store"
 
@@ -967,7 +967,7 @@ def test_answers_are_not_kept(client):
 # ----------------------------------------------------------------------------------------
 
 
-def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
+def test_incomplete_requests_do_not_block_other_clients(monkeypatch):
     """Enough to fill the server; it still responds, and closes the oldest of them."""
     monkeypatch.setattr(server, "connection_limit", lambda: 20)
     monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 3600)
@@ -986,7 +986,7 @@ def test_half_requests_are_given_up_and_keep_nobody_out(monkeypatch):
                 assert half.recv(1) == b""
 
 
-def test_idle_sockets_keep_nobody_out(monkeypatch):
+def test_idle_sockets_do_not_block_other_clients(monkeypatch):
     """More than the server accepts: those idle for longest are closed, and the newest is served."""
     monkeypatch.setattr(server, "connection_limit", lambda: 20)
     with serving(Studio()) as address, ExitStack() as open_ones:
@@ -1002,7 +1002,7 @@ def test_idle_sockets_keep_nobody_out(monkeypatch):
         assert closed.value.rcvd.code == 1003
 
 
-def test_an_idle_socket_is_closed(monkeypatch):
+def test_idle_socket_is_closed(monkeypatch):
     monkeypatch.setattr(server, "IDLE_TIMEOUT_S", 0.2)
     with (
         serving(Studio()) as address,
@@ -1014,7 +1014,7 @@ def test_an_idle_socket_is_closed(monkeypatch):
 
 
 @pytest.mark.parametrize("pieces", [[b"\xff{}"], [b'{"a": "\xc3', b'\x28"}']])
-def test_text_that_is_not_utf_8_closes_a_socket_without_a_traceback(pieces, caplog):
+def test_invalid_utf_8_closes_socket_without_traceback(pieces, caplog):
     with (
         serving(Studio()) as address,
         connect(address.replace("http", "ws") + "api/bench/ask") as bad,
@@ -1026,7 +1026,7 @@ def test_text_that_is_not_utf_8_closes_a_socket_without_a_traceback(pieces, capl
     assert not caplog.records
 
 
-def test_a_head_that_does_not_end_is_given_up(monkeypatch):
+def test_endless_header_is_abandoned(monkeypatch):
     monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 0.2)
     with (
         serving(Studio()) as address,
@@ -1042,7 +1042,7 @@ def test_a_head_that_does_not_end_is_given_up(monkeypatch):
 
 
 @pytest.mark.parametrize("files", [100, 1024, resource.RLIM_INFINITY])
-def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch):
+def test_connection_limit_leaves_file_descriptors(files, monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda which: (files, files))
     most = server.connection_limit.__wrapped__()
     assert 8 <= most <= 256
@@ -1062,12 +1062,12 @@ def test_the_number_of_connections_leaves_files_to_be_opened(files, monkeypatch)
         ("file:///no/such.ts", "must be the address of an existing file"),
     ],
 )
-def test_what_can_be_no_stream_is_refused_before_a_page_opens(source, words):
+def test_invalid_streams_are_rejected_before_page_opens(source, words):
     with pytest.raises(MediaError, match=words):
         Sources([source], live=[source])
 
 
-def test_pages_are_told_no_password_of_a_stream():
+def test_passwords_of_streams_are_not_sent_to_pages():
     studio = Studio(
         Sources(["rtsp://me:secret@127.0.0.1:9/live"], live=["rtsp://me:secret@127.0.0.1:9/live"])
     )
@@ -1075,7 +1075,7 @@ def test_pages_are_told_no_password_of_a_stream():
         assert client.get("/api/start").json()["sources"][0]["name"] == "rtsp://127.0.0.1:9/live"
 
 
-def test_a_stream_that_never_answers_ends_with_a_sentence(monkeypatch):
+def test_unresponsive_stream_ends_with_message(monkeypatch):
     monkeypatch.setattr(_server_state, "OPENING_S", 0.3)
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))  # and does not listen

@@ -90,14 +90,14 @@ def test_outline_detection_is_cached(client, monkeypatch):
     assert len(looked) == 2
 
 
-def test_health_and_the_page(client):
+def test_health_and_page_are_served(client):
     assert client.get("/health").json() == {"status": "ok", "version": om.__version__}
     page = client.get("/")
     assert "<title>omnimirror studio</title>" in page.text
     assert "default-src 'none'" in page.headers["content-security-policy"]
 
 
-def test_tables_give_the_pixels_of_the_camera(client):
+def test_tables_reproduce_pixels_of_camera(client):
     """Compared with the projection of the sensor; interpolation here is that of the shader."""
     sensor = om.load_sensor("paper-spherical")
     model = client.get("/api/camera", params={"id": "paper-spherical"}).json()
@@ -163,11 +163,11 @@ def test_camera_has_requested_tilt(client):
         ("128.0.0.1", False),
     ],
 )
-def test_only_addresses_of_this_machine_do_without_a_token(host, expected):
+def test_only_loopback_addresses_require_no_token(host, expected):
     assert is_loopback(host) is expected
 
 
-def test_the_policy_of_the_page_names_every_directive(client):
+def test_content_security_policy_names_every_directive(client):
     """Parsed as by a browser; a missing directive would default to no restriction."""
     policy = client.get("/").headers["content-security-policy"]
     directives = {name: sources for name, *sources in map(str.split, policy.split(";"))}
@@ -181,7 +181,7 @@ def test_the_policy_of_the_page_names_every_directive(client):
     assert all(source.startswith("'sha256-") for source in hashes)
 
 
-def test_other_names_and_other_pages_are_refused(client):
+def test_foreign_hosts_and_origins_are_rejected(client):
     assert "evil.example" in sentence(client.get("/health", headers={"host": "evil.example"}))
     answer = client.post("/api/sensors", content=b"x", headers={"origin": "https://evil.example"})
     assert answer.status_code == 403
@@ -233,7 +233,7 @@ def test_remote_access_requires_token():
         {"origin": "http://127.0.0.1.evil.example"},
     ],
 )
-def test_names_and_origins_that_only_look_like_ours_are_refused(headers, client):
+def test_similar_hosts_and_origins_are_rejected(headers, client):
     answer = client.post("/api/sensors", content=b"x", headers=headers)
     assert answer.status_code == 403
     assert sentence(answer)
@@ -338,7 +338,7 @@ def test_deep_images_are_converted_to_8_bits():
 # ---------------------------------------------------------------------------------------------
 
 
-def test_only_files_of_the_folders_given_are_shown(tmp_path):
+def test_only_files_of_given_folders_are_served(tmp_path):
     inside, outside = tmp_path / "in", tmp_path / "secret.png"
     inside.mkdir()
     for path in (inside / "a.png", outside):
@@ -352,7 +352,7 @@ def test_only_files_of_the_folders_given_are_shown(tmp_path):
             assert client.get("/api/picture", params={"id": id}).status_code == 404
 
 
-def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, monkeypatch):
+def test_slow_pages_do_not_delay_shared_stream(tmp_path, monkeypatch):
     """Pages that request continuously, one that requests once, and one that never does."""
     shown = Sources([str(video_of(tmp_path / "ride.mp4"))]).given[0]
     coded = []
@@ -389,7 +389,7 @@ def test_twenty_pages_share_one_stream_and_the_slow_ones_slow_nobody(tmp_path, m
     assert later > first + 1  # intermediate frames are skipped
 
 
-def test_a_page_gets_the_state_of_a_stream_and_its_frames(tmp_path):
+def test_page_receives_state_and_frames_of_stream(tmp_path):
     studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4"))]))
     with (
         TestClient(create_app(studio), base_url=LOCAL) as client,
@@ -479,7 +479,7 @@ def test_damaged_video_ends_with_message(tmp_path):
 @pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize("phases", ["fuzzing", "coverage,fuzzing"])
-def test_no_request_that_schemathesis_makes_of_the_schema_breaks_the_server(phases, tmp_path):
+def test_generated_requests_cause_no_server_error(phases, tmp_path):
     program = Path(sys.executable).with_name("schemathesis")
     if not program.exists():
         pytest.skip("schemathesis is not here")
@@ -524,7 +524,7 @@ def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool
         (b"Transfer-Encoding: chunked\r\nContent-Length: 1\r\n", b"0\r\n\r\n", 400),
     ],
 )
-def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, status, wire):
+def test_uploads_with_wrong_length_are_rejected_or_dropped(lines, body, status, wire):
     answer = answer_to(
         wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None
     )
@@ -545,13 +545,13 @@ def test_uploads_whose_length_is_a_lie_are_refused_or_dropped(lines, body, statu
         "/api/picture?id=../../etc/passwd",
     ],
 )
-def test_paths_lead_nowhere(path, wire):
+def test_path_traversal_is_rejected(path, wire):
     answer = answer_to(wire, b"GET " + path.encode())
     assert answer.startswith(b"HTTP/1.1 404 ")
     assert b"root:" not in answer
 
 
-def test_no_part_of_an_answer_waits_until_the_part_before_it_is_acknowledged():
+def test_responses_are_sent_without_delayed_acknowledgement():
     async def made() -> int:
         sent: asyncio.Future[int] = asyncio.get_running_loop().create_future()
 

@@ -35,12 +35,12 @@ def tool(name: str, *words: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_types_of_the_page_are_those_of_the_server():
+def test_types_of_page_match_server():
     written = (WEB / "src" / "shared" / "messages.ts").read_text()
     assert runpy.run_path(str(WEB / "message_types.py"))["typescript"]() == written
 
 
-def test_the_page_is_built_from_its_sources(tmp_path):
+def test_page_is_built_from_its_sources(tmp_path):
     for words in (
         (),
         *(("--mode", name, "--emptyOutDir", "false") for name in ("bench", "space", "calibrate")),
@@ -60,12 +60,12 @@ def test_the_page_is_built_from_its_sources(tmp_path):
     )
 
 
-def test_the_types_of_the_sources_hold():
+def test_type_check_of_page_passes():
     checked = tool("tsc", "--noEmit")
     assert checked.returncode == 0, checked.stdout
 
 
-def test_the_unit_tests_of_the_page_pass():
+def test_unit_tests_of_page_pass():
     run = tool("vitest", "run")
     assert run.returncode == 0, run.stdout + run.stderr
 
@@ -93,7 +93,7 @@ def close(here: str, there: str) -> bool:
 
 
 @pytest.mark.parametrize("name", ["cameras", "views"])
-def test_the_numbers_that_the_unit_tests_compare_with_are_those_of_python(name):
+def test_reference_values_of_unit_tests_match_python(name):
     kept = json.loads((WEB / "tests" / "fixtures" / f"{name}.json").read_text())
     assert alike(json.loads(MADE["written"](MADE[name]())), kept), (
         "python web/tests/fixtures/make.py writes them anew"

@@ -79,7 +79,7 @@ def place_on(page, node: str) -> tuple[float, float]:
     )
 
 
-def test_it_is_fetched_when_it_is_opened_and_kept_open(bench):
+def test_3d_view_is_loaded_on_demand_and_stays_open(bench):
     assert not any("space" in url for url in bench.fetched)
     opened(bench)
     assert sum(url.endswith("/space.js") for url in bench.fetched) == 1
@@ -94,7 +94,7 @@ def test_it_is_fetched_when_it_is_opened_and_kept_open(bench):
 
 
 @pytest.mark.full
-def test_parts_rays_and_ground_have_their_colours(bench):
+def test_colours_of_parts_rays_and_ground(bench):
     bench.emulate_media(color_scheme="light")
     opened(bench)
     light = pixels(bench)
@@ -115,7 +115,7 @@ def test_parts_rays_and_ground_have_their_colours(bench):
     np.testing.assert_array_equal(pixels(bench)[2, 2], [0x1C, 0x1F, 0x20])
 
 
-def test_a_ray_is_clicked_and_read_in_all_plots(bench):
+def test_selected_ray_is_marked_in_all_plots(bench):
     opened(bench)
     index = bench.evaluate(f"{VIEW}.rays.findIndex((r) => Math.abs(r.omega - 75) < 1e-3)")
     x, y = place_on(
@@ -164,7 +164,7 @@ def test_3d_view_follows_sliders_and_keeps_selected_ray(bench):
     assert bench.evaluate(ORBIT) != orbit  # new default camera
 
 
-def test_it_turns_moves_and_enlarges_by_mouse_fingers_and_keys(bench):
+def test_3d_view_responds_to_mouse_touch_and_keys(bench):
     opened(bench)
     canvas = bench.locator(".space canvas")
     canvas.scroll_into_view_if_needed()
@@ -253,7 +253,7 @@ def test_missing_webgl2_is_reported(browser, server):
     context.close()
 
 
-def test_the_page_is_light_without_it():
+def test_page_loads_no_3d_code_by_default():
     import gzip
 
     parts = [path for path in PAGE.iterdir() if path.name != "space.js"]

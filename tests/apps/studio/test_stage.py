@@ -91,7 +91,7 @@ WIDE, UPRIGHT = (150, 80), (60, 110)
         ("ground", WIDE),
     ],
 )
-def test_a_view_that_fills_the_stage_is_that_of_its_command(mode, size, page, folder):
+def test_view_that_fills_stage_matches_its_command(mode, size, page, folder):
     look(page, mode=mode, fit="fill", pan=35, tilt=-12, zoom=1.2)
     line = command(page, *size)
     assert f"--size {size[0]}x{size[1]}" in line

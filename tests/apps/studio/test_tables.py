@@ -38,7 +38,7 @@ SENSORS = {
 @pytest.mark.parametrize(
     "name", few(SENSORS, "sphere", "even polynomial", "in a picture that cuts the field")
 )
-def test_every_node_is_right_to_its_rounding_and_few_rays_are_traced(name, monkeypatch):
+def test_nodes_are_exact_and_few_rays_are_traced(name, monkeypatch):
     sensor, traced = SENSORS[name], []
     project = om.Sensor.project_directions
     monkeypatch.setattr(
@@ -80,7 +80,7 @@ def test_every_node_is_right_to_its_rounding_and_few_rays_are_traced(name, monke
 @pytest.mark.parametrize(
     "name", few(SENSORS, "sphere", "even polynomial", "in a picture that cuts the field")
 )
-def test_the_field_ends_where_halving_finds_its_end(name):
+def test_field_limit_agrees_with_bisection(name):
     sensor = SENSORS[name]
     layout, values = camera_tables(sensor)
     limits = values[2 * layout.lattice**2 :][: layout.limits].astype(float)
@@ -100,7 +100,7 @@ def test_the_field_ends_where_halving_finds_its_end(name):
     assert np.abs(limits[::7] - low).max() < 3e-7
 
 
-def test_a_bend_between_two_exact_values_is_found():
+def test_kink_between_nodes_is_resolved():
     """A kink of the interpolated function is computed exactly."""
     side = np.linspace(-1.0, 1.0, 65)
 
@@ -112,7 +112,7 @@ def test_a_bend_between_two_exact_values_is_found():
     assert np.abs(found[..., 1] - side[:, None]).max() < 1e-7
 
 
-def test_a_step_between_two_parts_costs_only_what_lies_along_it():
+def test_step_adds_nodes_only_along_its_edge():
     side, asked = np.linspace(-1.1, 1.1, 257), []
 
     def stepped(at):
@@ -138,7 +138,7 @@ def test_a_step_between_two_parts_costs_only_what_lies_along_it():
     assert costs[1] < 0.75 * costs[0]
 
 
-def test_what_ends_goes_on_for_a_few_nodes():
+def test_tables_extend_beyond_field_limit_by_few_nodes():
     x, y = np.meshgrid(np.arange(30.0), np.arange(30.0))
     cubic = np.stack([x**3 - 2 * x * y, y**2 + x], axis=-1)
     cut = np.where((np.hypot(x - 15, y - 15) < 8)[..., None], cubic, np.nan)

@@ -121,7 +121,7 @@ def check(
     ],
 )
 @pytest.mark.parametrize("states", [some("panorama", "near wall"), ALL])
-def test_views_of_bundled_sensors_are_those_of_the_command_line(sensor, states, page, tmp_path):
+def test_views_of_bundled_sensors_match_command_line(sensor, states, page, tmp_path):
     """Mirrors of all kinds, one or two of them, with lenses of both kinds."""
     choose(page, sensor)
     check(page, tmp_path, om.load_sensor(sensor).image_size, states)
@@ -136,9 +136,7 @@ def test_flipped_and_rotated_camera_matches_command_line(looks, page, tmp_path):
 
 @pytest.mark.parametrize("optics", [pytest.param("mirror", marks=pytest.mark.full), "fisheye"])
 @pytest.mark.parametrize("states", [some("planet", "mosaic"), ALL])
-def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(
-    optics, states, page, tmp_path
-):
+def test_views_of_ocamcalib_cameras_match_command_line(optics, states, page, tmp_path):
     path = tmp_path / f"calib_results_{optics}.txt"
     path.write_text(OCAM)
     load(page, path)
@@ -197,7 +195,7 @@ CALIBRATED = {
     ],
 )
 @pytest.mark.parametrize("states", [some("ground", "near dome"), ALL])
-def test_views_of_calibrated_cameras_are_those_of_the_command_line(name, states, page, tmp_path):
+def test_views_of_calibrated_cameras_match_command_line(name, states, page, tmp_path):
     camera, path = CALIBRATED[name], tmp_path / f"{tmp_path.name}.toml"
     om.save_camera(camera, path)
     load(page, path)
@@ -213,7 +211,7 @@ POSES = {
 
 @pytest.mark.full
 @pytest.mark.parametrize("pose", POSES.values(), ids=POSES)
-def test_views_of_misaligned_sensors_are_those_of_the_command_line(pose, page, tmp_path):
+def test_views_of_misaligned_sensors_match_command_line(pose, page, tmp_path):
     sensor = replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose)
     path = tmp_path / f"{tmp_path.name}.toml"
     save_sensor(sensor, path)
@@ -264,7 +262,7 @@ def test_fitted_sensor_file_reproduces_view(browser, server, tmp_path):
     page.context.close()
 
 
-def test_fine_detail_is_averaged_where_the_view_shrinks_it(browser, server, tmp_path):
+def test_minified_detail_is_averaged(browser, server, tmp_path):
     """Compared with a Python view of eight times the size, averaged by OpenCV."""
     picture = np.random.default_rng(4).integers(0, 256, (1024, 1024, 3)).astype(np.uint8)
     picture = cv2.GaussianBlur(picture, (0, 0), 0.8)

@@ -136,7 +136,7 @@ def everything(model=TRUTH, steps=None):
     return Estimate(model, ways, shape, rng.uniform(-5, 5, 26) + slides, marks), observations
 
 
-def test_derivatives_are_those_of_central_differences():
+def test_derivatives_match_central_differences():
     """By model, board shape, marks, poses and positions along lines."""
     estimate, observations = everything()
     stack = stacked(observations)
@@ -361,7 +361,7 @@ def test_gross_errors_do_not_move_the_camera():
     assert errors[0] < 0.15 < 1.0 < errors[1]
 
 
-def test_fixed_parameters_stay_and_priors_pull():
+def test_fixed_parameters_and_priors():
     points = room()
     seen = known(
         TRUTH.image(points).pixels + np.random.default_rng(1).normal(0, 0.1, (len(points), 2)),
@@ -414,7 +414,7 @@ def test_undetermined_combinations_are_reported():
 
 @pytest.mark.full
 @pytest.mark.long
-def test_the_shape_of_a_board_is_found():
+def test_board_shape_is_estimated():
     bent = BoardShape.flat(BOARD.points_mm).with_values([0.002, -0.001, 1.5, 0.8, -0.7])
     seen = detections(count=8, noise_px=0.05, points_mm=bent.deformed(BOARD.points_mm))
     found = om.calibrate_camera(seen, BOARD, model="unified")

@@ -83,13 +83,13 @@ def test_field_ends_at_specified_rim():
 
 @pytest.mark.full
 @pytest.mark.parametrize("shift", [(90.0, 0.0), (-60.0, 50.0)])
-def test_an_axis_far_from_the_middle_of_the_picture_is_found(shift):
+def test_axis_far_from_image_centre_is_estimated(shift):
     centre = (319.5 + shift[0], 239.5 + shift[1])
     found = calibrated(detections(replace(TRUTH, centre_px=centre), 6), board_shape=False)
     assert found.model.centre_px == pytest.approx(centre, abs=1.0)
 
 
-def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
+def test_fisheye_and_flipped_image_are_calibrated():
     for camera in (
         replace(TRUTH, optics="fisheye"),
         replace(TRUTH, mount=Mount("down", 30.0, image_flipped=True)),
@@ -102,7 +102,7 @@ def test_a_fisheye_and_a_flipped_picture_are_calibrated_as_such():
 
 
 @pytest.mark.full
-def test_a_fisheye_is_chosen_among_models_without_a_mirror():
+def test_fisheye_model_is_selected_without_mirror():
     truth = om.KannalaBrandt(
         focal_px=(150.0, 150.0), centre_px=(322.0, 238.0), image_size=SIZE, k1=0.02, k2=-0.004
     )
@@ -163,7 +163,7 @@ def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
 @pytest.mark.parametrize(
     ("xi", "seeds"), [(0.95, 4), pytest.param(0.95, 30, marks=[pytest.mark.full, pytest.mark.long])]
 )
-def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seeds):
+def test_reported_deviations_match_scatter_over_seeds(xi, seeds):
     """Free unified model, with a curved valley of xi, focal length and radial terms.
 
     With the curvature at the estimate, RMS errors of xi were 3 standard deviations, and a
@@ -194,7 +194,7 @@ def test_reported_deviations_of_parameters_are_their_scatter_over_seeds(xi, seed
     assert max(rms.values()) < 1.5 + 0.7 * few
 
 
-def test_another_minimum_of_the_same_depth_counts_in_the_deviations():
+def test_equal_minimum_contributes_to_deviations():
     """A model with three radial terms and xi = 1.14 fits the corners of a camera with 1.3 equally
     well."""
     truth = replace(TRUTH, xi=1.3, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
@@ -354,7 +354,7 @@ def test_result_file_has_documented_entries(tmp_path):
 
 
 @pytest.mark.full
-def test_the_same_pictures_give_the_same_camera():
+def test_calibration_is_reproducible():
     first, second = (calibrated(detections(count=4), seed=3) for _ in range(2))
     assert replace(first, seconds=0.0).to_json() == replace(second, seconds=0.0).to_json()
 

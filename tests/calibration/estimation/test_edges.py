@@ -135,7 +135,7 @@ def test_curved_edge_is_rejected():
 
 
 @pytest.mark.full
-def test_edges_of_three_points_count():
+def test_edges_of_three_points_contribute():
     """Three points determine the distance of the middle one from the image of a line through the
     others."""
     lines = {"room.jpg": [edge[[0, len(edge) // 2, -1]] for edge in edges(40, noise_px=0.1)]}

@@ -97,7 +97,7 @@ def test_mirror_size_is_estimated(scale):
 
 
 @pytest.mark.full  # test_surveys covers the same mirror with fewer points
-def test_a_mirror_whose_viewpoint_hardly_moves_shows_no_size_and_is_found_all_the_same():
+def test_mirror_with_nearly_single_viewpoint_is_estimated_without_size():
     seen = om.simulate_detections(
         om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1
     )
@@ -136,7 +136,7 @@ def test_unknown_mirror_has_consistent_uncertainty():
 
 
 @pytest.mark.full  # test_surveys covers an unknown mirror with fewer points
-def test_an_unknown_mirror_under_a_telecentric_lens_is_predicted_too():
+def test_unknown_mirror_under_telecentric_lens_has_consistent_uncertainty():
     pose = MirrorPose(1.0, -1.2, 0.0, 1.5, -0.8)
     truth = replace(om.load_sensor("paraboloid-telecentric"), mirror_pose=pose)
     seen = om.simulate_detections(truth, BOARD, 14, noise_px=NOISE_PX, seed=3)
@@ -144,7 +144,7 @@ def test_an_unknown_mirror_under_a_telecentric_lens_is_predicted_too():
     assert found.held_out_rms_px < 1.1 * np.sqrt(2) * NOISE_PX
 
 
-def test_splines_follow_a_mirror_that_packs_little_along_its_rim():
+def test_spline_models_follow_mirror_with_low_rim_resolution():
     seen = om.simulate_detections(
         om.load_sensor("paper-hyperboloidal"), BOARD, 12, noise_px=NOISE_PX, seed=1
     )
@@ -208,7 +208,7 @@ def shares_laid_over(model, covariance, truth: om.Sensor, random) -> tuple[float
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
 @pytest.mark.parametrize("part", range(3))
-def test_truth_lies_within_3_sigma_of_a_mirror_of_which_nothing_is_known(part, name):
+def test_truth_lies_within_3_sigma_of_unknown_mirror(part, name):
     """Unknown kind and size, with an estimated principal point."""
     shares = []
     for seed in range(4 * part, 4 * part + 4):
@@ -236,7 +236,7 @@ def test_truth_lies_within_3_sigma_over_50_seeds(name, free):
 
 
 @pytest.mark.full
-def test_a_misaligned_mirror_is_more_than_tangential_distortion():
+def test_tangential_distortion_does_not_replace_mirror_pose():
     truth, found, _ = calibrated(om.load_sensor("paper-hyperboloidal"), SHAPED, 4)
     seen = om.simulate_detections(truth, BOARD, 12, noise_px=NOISE_PX, seed=4)
     for substitute in ("unified", "radial-spline", "viewpoint-spline"):

@@ -60,14 +60,14 @@ EVERY_DAY = ("enhanced-unified",)  # the one with skew
         for t in TRUTHS
     ],
 )
-def test_a_model_ends_at_the_truth_of_its_own_kind(truth):
+def test_model_sequence_ends_at_true_model(truth):
     """Parameters are inside their bounds and are not blocked by different magnitudes."""
     seen = om.simulate_detections(truth, BOARD, 8, noise_px=NOISE_PX, seed=2)
     found = om.calibrate_camera(seen, BOARD, model=truth.KIND, board_shape=False)
     assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.06)
 
 
-def test_what_lies_past_the_end_of_a_field_is_shown_at_its_end_and_nothing_jumps():
+def test_points_beyond_field_are_projected_continuously():
     """An estimate with too small an initial field can therefore recover."""
     camera = TRUTHS[0]
     end = camera.model_end

@@ -68,7 +68,7 @@ def test_model_errors_are_not_reported_as_motion(seed):
     assert check_mount_stability(found.adjustment) == {}
 
 
-def test_the_group_that_explains_most_is_found():
+def test_group_with_largest_contribution_is_selected():
     """Six images by exhaustive search; their centres scatter, some of them much less than others."""
     together = np.kron(
         np.eye(6) - 1 / 6, np.eye(2)

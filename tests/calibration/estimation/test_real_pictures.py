@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(not PICTURES, reason=f"the photographs are not i
 
 
 @pytest.mark.full
-def test_all_pictures_are_used_at_the_noise_of_their_corners(tmp_path):
+def test_all_images_are_used_with_realistic_noise(tmp_path):
     """OpenCV omnidir rejects one image with a residual of 0.465 px; here 99 % of all corners are
     within the targets."""
     file = tmp_path / "calibration.json"
@@ -100,7 +100,7 @@ def test_small_or_late_mirror_motion_is_detected():
 
 
 @pytest.mark.long
-def test_a_few_pictures_on_the_command_line(tmp_path):
+def test_command_line_calibrates_few_images(tmp_path):
     run = omnimirror(
         "calibrate",
         *map(str, PICTURES[:4]),

@@ -51,7 +51,7 @@ def off_deg(found, camera) -> float:
 @pytest.mark.parametrize(
     ("near", "far", "draws"), few([(40, 0, 5), (0, 40, 5), (25, 25, 1)], (25, 25, 1))
 )
-def test_a_camera_is_found_from_points_stars_or_both(near, far, draws):
+def test_points_or_stars_recover_camera(near, far, draws):
     """The centre of some draws is excluded: with few points, the outermost one alone can determine
     the lens there."""
     fits = [
@@ -92,7 +92,7 @@ def test_camera_position_among_points_is_reported():
 @pytest.mark.parametrize(
     "model", ["viewpoint-spline", pytest.param("auto", marks=pytest.mark.full)]
 )
-def test_a_mirror_of_several_viewpoints_is_found_from_a_room_and_its_model_chosen_by_points_left_out(
+def test_room_points_recover_noncentral_mirror_and_select_model(
     model,
 ):
     camera = om.load_sensor("paper-spherical")
@@ -104,7 +104,7 @@ def test_a_mirror_of_several_viewpoints_is_found_from_a_room_and_its_model_chose
     assert off_deg(found, camera) < 0.05
 
 
-def test_boards_and_stars_are_one_calibration_and_a_wrong_star_is_named():
+def test_boards_and_stars_are_adjusted_jointly_and_wrong_star_is_named():
     sky = seen(TRUTH, 0, 30, seed=2)
     sky.pixels[7] += [12.0, -9.0]
     found = om.calibrate_camera(detections(count=4), BOARD, surveys=[sky], model="unified")
@@ -117,7 +117,7 @@ def test_boards_and_stars_are_one_calibration_and_a_wrong_star_is_named():
     assert off_deg(found, TRUTH) < off_deg(alone, TRUTH)
 
 
-def test_the_boards_shape_is_not_that_of_the_room():
+def test_board_shape_does_not_affect_surveyed_points():
     """Points of a board bent by 3 mm; surveyed points of a room keep their positions."""
     bent = BOARD.points_mm.copy()
     bent[:, 2] = 3.0 * ((bent[:, 0] - bent[:, 0].mean()) / 150.0) ** 2
@@ -129,7 +129,7 @@ def test_the_boards_shape_is_not_that_of_the_room():
 
 @pytest.mark.full
 @pytest.mark.long
-def test_few_points_are_fitted_by_a_mirror_from_all_of_them():
+def test_few_points_are_fitted_with_mirror_model():
     """Any mirror fits 9 of the 28 points; the others then keep residuals of 26 px."""
     camera, random = om.load_sensor("paper-hyperboloidal"), np.random.default_rng(2)
     points = random.normal(0, 1500, (30, 3)) * [1, 1, 0.5]

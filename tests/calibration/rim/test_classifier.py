@@ -34,7 +34,7 @@ def by_hand(odds: list[float], rivals: list[float], parallel: float, within: flo
         ([5.0], [-1.0], 0.0, 0.8),
     ],
 )
-def test_confidence_is_the_product_of_three_shares(odds, rivals, parallel, within):
+def test_confidence_is_product_of_three_factors(odds, rivals, parallel, within):
     found = confidence(np.array(odds), np.array(rivals), parallel, within)
     assert found == pytest.approx(by_hand(odds, rivals, parallel, within), abs=1e-12)
 

@@ -21,7 +21,7 @@ def edges_on(
 
 @pytest.mark.parametrize("angle_deg", [0.0, 35.0, 90.0, 140.0])
 @pytest.mark.parametrize("b", [100.0, 97.0, 94.0])
-def test_the_ellipse_of_the_edges_is_found_from_a_circle_beside_it(angle_deg, b):
+def test_ellipse_is_fitted_from_offset_circle(angle_deg, b):
     edges = edges_on(100.0, b, angle_deg, (200.0, 150.0))
     found = fit_ellipse(edges, Ellipse((202.0, 149.0), 98.0), (6.0, 3.0, 1.5, 0.8))
     assert found.centre == (pytest.approx(200, abs=0.05), pytest.approx(150, abs=0.05))

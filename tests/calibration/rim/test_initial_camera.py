@@ -35,7 +35,7 @@ def large(name: str, pose: MirrorPose | None = None) -> om.Sensor:
         ("prototype-hyperboloidal", MirrorPose(0.5, 1.0, 0.0, -5.0, 2.0)),
     ],
 )
-def test_a_misaligned_mirror_is_measured_from_one_picture(name, pose):
+def test_mirror_pose_is_estimated_from_one_image(name, pose):
     taken = om.render_image(large(name, pose), sky(), samples=2)
     found = om.sensor_from_rim(om.detect_mirror_outline(taken), large(name)).mirror_pose
     assert found.shift[:2] == pytest.approx(pose.shift[:2], abs=0.3)
@@ -110,7 +110,7 @@ RIM = om.MirrorOutline((420.0, 290.0), (250.0, 249.9), 0.0, 0.99, (800, 600))
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_preset_has_its_field_inside_the_rim(preset):
+def test_field_of_preset_is_inside_rim(preset):
     camera = om.camera_from_rim(RIM, preset)
     ends = np.array([[420.0 + 249.8, 290.0], [420.0, 290.0 - 249.8], [420.0 + 251, 290.0]])
     assert list(camera.backproject(ends).valid) == [True, True, False]
@@ -118,7 +118,7 @@ def test_a_preset_has_its_field_inside_the_rim(preset):
 
 
 @pytest.mark.parametrize(("radii", "most_deg"), [(30.0, 1.0), (12.0, 3.3), (6.0, 7.5)])
-def test_a_whole_ball_from_afar_is_nearly_the_preset(radii, most_deg):
+def test_distant_mirror_ball_agrees_with_preset(radii, most_deg):
     """Finite ray: its angle of incidence on the ball is i, ``sin i = D / A sin a``, and it leaves
     at 2 i - a."""
     ball = om.camera_from_rim(RIM, "ball")
@@ -130,7 +130,7 @@ def test_a_whole_ball_from_afar_is_nearly_the_preset(radii, most_deg):
     assert away.max() > 0.8 * most_deg  # the number on the page is correct
 
 
-def test_a_cropped_picture_keeps_the_mirror_aligned():
+def test_cropped_image_keeps_mirror_aligned():
     sensor = om.sensor_from_rim(RIM, om.load_sensor("paper-spherical"))
     assert sensor.mirror_pose == MirrorPose()
     assert sensor.imager.centre == pytest.approx((420.0, 290.0))

@@ -43,7 +43,7 @@ def is_rim_of_kaidan(rim: om.MirrorOutline) -> bool:
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", KAIDAN)
-def test_the_mirror_in_its_housing(shared_data, name):
+def test_outline_of_mirror_in_housing(shared_data, name):
     rim = found_in_kaidan(name)
     assert is_rim_of_kaidan(rim)
     assert rim.is_accepted
@@ -51,7 +51,7 @@ def test_the_mirror_in_its_housing(shared_data, name):
 
 @pytest.mark.full
 @pytest.mark.long
-def test_several_pictures_of_one_sensor_agree(shared_data):
+def test_outlines_of_several_images_of_one_sensor_agree(shared_data):
     pictures = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 13)]
     rim = om.detect_mirror_outline(pictures)
     assert is_rim_of_kaidan(rim)
@@ -59,7 +59,7 @@ def test_several_pictures_of_one_sensor_agree(shared_data):
     assert len(rim.images) == 2
 
 
-def test_the_camera_is_found_in_the_middle(shared_data):
+def test_camera_is_detected_at_centre(shared_data):
     """It is black there, with a radius of 53 px about (325, 246), measured manually."""
     rim = found_in_kaidan("KaidanOmni7.jpg")
     assert rim.camera_image is not None
@@ -132,7 +132,7 @@ def test_outline_of_a_ladle_is_accepted(shared_data):
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", NO_BALLS)
-def test_reflections_that_resolutions_disagree_on_are_candidates(name, shared_data):
+def test_inconsistent_reflections_are_candidates(name, shared_data):
     rim, _ = found_in_ball(name, 1400)
     assert not rim.is_accepted
     assert rim.candidates[0].centre_px == rim.centre_px
@@ -170,7 +170,7 @@ def test_image_without_rim_has_low_confidence(shared_data):
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(2000, 2008))
-def test_composed_pictures(seed):
+def test_outlines_of_composed_images(seed):
     """No wrong confident result; the success rate is measured by the benchmark over 200 images."""
     photograph = composed(seed)
     rim = om.detect_mirror_outline(photograph.image)
@@ -186,7 +186,7 @@ def test_background_is_not_detected_as_rim(seed):
 
 @pytest.mark.full
 @pytest.mark.parametrize("way", ["bare", "ball", "enclosed", "outdoors"])
-def test_mirrors_in_surroundings_of_other_kinds(way):
+def test_outlines_in_various_surroundings(way):
     """No wrong confident result; seeds are not part of the training."""
     photograph = SURROUNDINGS[way](3000, ENVIRONMENTS)
     rim = om.detect_mirror_outline(photograph.image)
@@ -226,7 +226,7 @@ def test_detection_rate_on_200_composed_images(first):
 
 
 @pytest.mark.parametrize("size", few([720], [600, 720, 1080]))
-def test_a_frame_as_thin_as_the_edges_of_a_small_picture(size):
+def test_thin_frame_of_small_image(size):
     """A bright band of 2 % of the radius in front of a dark room, with a uniform sky in the mirror:
     the outer edge of the band is the clearest, and both coincide at the initial working size."""
     v, u = np.mgrid[:size, :size] / size
@@ -272,6 +272,6 @@ def test_invalid_images_raise():
         om.detect_mirror_outline([np.zeros((50, 60), np.uint8), np.zeros((60, 60), np.uint8)])
 
 
-def test_an_empty_picture_has_no_rim():
+def test_empty_image_has_no_outline():
     rim = om.detect_mirror_outline(np.full((200, 300, 3), 90, np.uint8))
     assert rim.confidence == 0

@@ -28,7 +28,7 @@ from ..surface_approximation import step_density
 
 FINE = 8193  # samples of the meridian for step selection
 SHARE = 0.8  # share of the tolerance for steps; the rest is for rounding and curvature variation
-ALONG = np.linspace(0.0, 1.0, 9)[:, None]  # positions of distance checks along each step
+STEP_FRACTIONS = np.linspace(0.0, 1.0, 9)[:, None]  # positions of distance checks along each step
 MIN_STEPS = 8
 
 
@@ -233,8 +233,8 @@ def _worst_nm(mirror: Mirror, radius: float, contact: Array, x: Array, z: Array)
     interpolated along each step are therefore sufficient: within 2e-5 of the result for a tolerance
     of 1 um, and within 0.2 % for the largest one.
     """
-    at_x, at_z = x[:-1] + ALONG * np.diff(x), z[:-1] + ALONG * np.diff(z) + radius
-    t = contact[:-1] + ALONG * np.diff(contact)
+    at_x, at_z = x[:-1] + STEP_FRACTIONS * np.diff(x), z[:-1] + ALONG * np.diff(z) + radius
+    t = contact[:-1] + STEP_FRACTIONS * np.diff(contact)
     sag, slope, _ = mirror.profile(t)
     up = 1 / np.sqrt(1 + slope**2)
     return 1e6 * float(np.abs((at_x - t) * slope * up + (at_z + sag) * up - radius).max())
