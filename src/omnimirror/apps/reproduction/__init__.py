@@ -9,6 +9,7 @@ from pathlib import Path
 from ...analysis.figures import FIGURES, PAPER, save_all, save_figure
 from ...base.arguments import validate_arguments
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result
 from . import _claims, _paper_claims
 from ._claims import CheckedClaim, Claim, check_claims
 from ._paper_sensors import Paper, paper_sensors
@@ -30,11 +31,14 @@ ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
 
 
 @dataclass(frozen=True)
-class Reproduction:
+class Reproduction(Result):
     """Result of :func:`reproduce_paper`: rows of the table and written files."""
 
     rows: list[CheckedClaim]
     files: list[Path]
+
+    def _table(self) -> Columns:
+        return _claims.columns(self.rows)
 
     @property
     def unexpected(self) -> list[CheckedClaim]:

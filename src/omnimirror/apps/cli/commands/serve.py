@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ....base.errors import OmnimirrorError
+from ....base.errors import OmnimirrorError, extra_remedy
 from ....base.native import MAX_THREADS
 from ....dewarp.interfaces import INTERPOLATIONS, Interpolation
 from ....interop.named_views import load_views
@@ -85,7 +85,7 @@ def command(
         if e.name not in ("fastapi", "starlette", "uvicorn", "av"):
             raise
         raise OmnimirrorError(
-            "serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'"
+            f"serving views requires FastAPI and PyAV: {extra_remedy('studio')}"
         ) from None
     check_source(source)
     views = load_views(views_file)
