@@ -341,7 +341,7 @@ def test_end_labels_at_last_visible_point():
     labels.at(ax, 1.0, 2.0, "again", "green")
     figure.draw_without_rendering()
     levels = [Text.get_window_extent(t).y0 for t in ax.texts[1:]]
-    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * 6.5 * 2, rel=0.01)
+    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * text_size(6.5) * 2, rel=0.01)
 
 
 def test_end_labels_follow_layout():
