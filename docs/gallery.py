@@ -30,6 +30,7 @@ SECTIONS = {
     "measure": "Measurement, calibration and tolerancing",
 }
 PROPER_NAMES = {"mtf": "MTF", "opencv": "OpenCV"}
+COLUMNS = 4  # thumbnails in a row
 WIDTH, QUALITY = 600, 80  # images on the page: width in px, WebP quality
 INTRODUCTION = """# Gallery
 
@@ -55,9 +56,26 @@ def heading(stem: str) -> str:
     return " ".join([PROPER_NAMES.get(first, first.capitalize()), *others])
 
 
+def thumbnails() -> str:
+    """Return tables of linked images, one per section."""
+    parts = []
+    for folder, title in SECTIONS.items():
+        cells = [
+            f"[![{heading(path.stem)}](images/gallery/{path.stem}.webp)<br>{heading(path.stem)}]"
+            f"(#{heading(path.stem).lower().replace(' ', '-')})"
+            for path in examples()
+            if path.parent.name == folder
+        ]
+        rows = [cells[i : i + COLUMNS] for i in range(0, len(cells), COLUMNS)]
+        table = [[title, *[""] * (COLUMNS - 1)], ["---"] * COLUMNS, *rows]
+        lines = [f"| {' | '.join([*row, *[''] * (COLUMNS - len(row))])} |" for row in table]
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts) + "\n"
+
+
 def page() -> str:
     """Return the text of the page."""
-    parts, folder = [INTRODUCTION], ""
+    parts, folder = [INTRODUCTION, thumbnails()], ""
     for path in examples():
         if path.parent.name != folder:
             folder = path.parent.name

@@ -9,12 +9,15 @@ mkdocs.yml defines their order.
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import shutil
 import textwrap
+import typing
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -73,64 +76,211 @@ def relinked(text: str, folder: Path) -> str:
 # -- Python ------------------------------------------------------------------------------------------
 
 
-def rooms() -> dict[str, list[str]]:
+def package_of(thing: Any) -> str:
+    """Return the package of a module, class or function: the page of the reference."""
+    module = thing.__name__ if inspect.ismodule(thing) else thing.__module__
+    return module.split(".")[1] if "." in module else "omnimirror"
+
+
+def public_names() -> dict[str, list[str]]:
     """Return the public names by package."""
-    found = defaultdict(list)
-    for name in sorted(om.__all__):
-        module = (
-            getattr(om, name)
-            if inspect.ismodule(getattr(om, name))
-            else inspect.getmodule(getattr(om, name))
-        )
-        if module is not None:
-            found[module.__name__.split(".")[1]].append(name)
-    return dict(sorted(found.items()))
+    names = defaultdict(list)
+    for name in sorted(n for n in om.__all__ if not n.startswith("_")):
+        names[package_of(getattr(om, name))].append(name)
+    return dict(sorted(names.items()))
+
+
+def classes_in(annotation: Any) -> Iterator[type]:
+    """Yield the classes of the package in a type annotation."""
+    if inspect.isclass(annotation) and annotation.__module__.startswith("omnimirror."):
+        yield annotation
+    for part in typing.get_args(annotation):
+        yield from classes_in(part)
+
+
+def hints(thing: Any) -> dict[str, Any]:
+    """Return the type hints of a function or class; empty if a name is known to type checkers only."""
+    try:
+        return typing.get_type_hints(thing)
+    except (NameError, TypeError):
+        return {}
+
+
+def function_of(member: Any) -> Any:
+    """Return the function of a method, class method or property; None for other members."""
+    if isinstance(member, FunctionType):
+        return member
+    for attribute in ("__func__", "fget", "_compute"):
+        if isinstance(function := getattr(member, attribute, None), FunctionType):
+            return function
+    return None
+
+
+def members(cls: type) -> dict[str, Any]:
+    """Return the public methods and properties that a class itself defines."""
+    return {
+        name: member
+        for name, member in vars(cls).items()
+        if not name.startswith("_") and function_of(member) is not None
+    }
+
+
+def fields(cls: type) -> dict[str, str]:
+    """Return the types of the public annotated attributes that a class itself defines."""
+    annotations = inspect.get_annotations(cls)
+    return {name: str(kind) for name, kind in annotations.items() if not name.startswith("_")}
+
+
+def bases(cls: type) -> list[type]:
+    """Return the base classes of the package."""
+    return [base for base in cls.__mro__[1:] if base.__module__.startswith("omnimirror.")]
+
+
+def reached(thing: Any) -> Iterator[type]:
+    """Yield the classes in the results of a function, or in the attributes of a class."""
+    if inspect.isclass(thing):
+        own = hints(thing)
+        for name in fields(thing):
+            yield from classes_in(own.get(name))
+        for member in members(thing).values():
+            yield from classes_in(hints(function_of(member)).get("return"))
+        yield from bases(thing)
+    elif inspect.isfunction(thing):
+        yield from classes_in(hints(thing).get("return"))
+
+
+@cache
+def public_objects() -> dict[str, Any]:
+    """Return classes, functions and modules by the names under which they are documented."""
+    objects = {}
+    for name in (n for names in public_names().values() for n in names):
+        objects[f"om.{name}"] = thing = getattr(om, name)
+        if inspect.ismodule(thing):
+            objects |= {f"om.{name}.{k}": member for k, member in module_members(thing).items()}
+    return objects
+
+
+def module_members(module: Any) -> dict[str, Any]:
+    """Return the public classes and functions of a module or package."""
+    return {
+        name: member
+        for name, member in vars(module).items()
+        if not name.startswith("_")
+        and (inspect.isclass(member) or inspect.isfunction(member))
+        and member.__module__.startswith(module.__name__)
+    }
+
+
+def reachable_types() -> dict[type, str]:
+    """Return the types of results and attributes that have no public name, each with its origin."""
+    named = public_objects()
+    origin: dict[type, str] = {}
+    waiting = [(name, thing) for name, thing in named.items()]
+    known = set(map(id, named.values()))
+    while waiting:
+        name, thing = waiting.pop(0)
+        for cls in reached(thing):
+            if id(cls) not in known:
+                known.add(id(cls))
+                origin[cls] = name
+                waiting.append((cls.__name__, cls))
+    return origin
 
 
 def reference() -> None:
-    """Write one reference page per package."""
+    """Write one reference page per package: public names, then the types that they lead to."""
     folder = PAGES / "reference"
     folder.mkdir()
+    names, types = public_names(), defaultdict(list)
+    for cls, origin in sorted(reachable_types().items(), key=lambda item: item[0].__name__):
+        types[package_of(cls)].append((cls, origin))
     lines = [
         "# Reference",
         "",
-        "Every public name, from its docstring. `import omnimirror as om` opens them all.",
+        "Every public name, and the types of results and attributes, from their docstrings. "
+        "`import omnimirror as om` provides all names with the prefix `om`.",
         "",
     ]
-    for room, names in rooms().items():
-        lines += [
-            f"- [{room}]({room}.md): "
-            + ", ".join(f"[`{n}`]({room}.md#om{n.lower()})" for n in names)
-        ]
-        documented = [part for name in names for part in entry(f"om.{name}", getattr(om, name), 2)]
-        (folder / f"{room}.md").write_text("\n".join([f"# {room}", "", *documented]))
+    for package in sorted({*names, *types}):
+        links = [f"[`om.{n}`]({package}.md#om{n.lower()})" for n in names.get(package, [])]
+        lines += [f"## [{package}]({package}.md)", "", ", ".join(links), ""]
+        links = [f"[`{c.__name__}`]({package}.md#{c.__name__.lower()})" for c, _ in types[package]]
+        lines += ["Types: " + ", ".join(links), ""] if links else []
+        text = [f"# {package}", ""]
+        for name in names.get(package, []):
+            text += entry(f"om.{name}", getattr(om, name), 2)
+        for cls, origin in types[package]:
+            text += entry(cls.__name__, cls, 2, f"Type in `{cls.__module__}`, from `{origin}`.")
+        (folder / f"{package}.md").write_text("\n".join(text))
     (folder / "index.md").write_text("\n".join(lines) + "\n")
 
 
-def entry(title: str, thing: Any, level: int) -> Iterator[str]:
-    """Yield the documentation of one name: heading, signature, docstring, and methods of a class."""
-    anchor = re.sub(r"\W", "", title.lower())
-    yield f"{'#' * level} {title} {{ #{anchor} }}\n"
+def anchor_of(title: str) -> str:
+    """Return the anchor of a documented name."""
+    return re.sub(r"\W", "", title.lower())
+
+
+def entry(title: str, thing: Any, level: int, note: str = "") -> Iterator[str]:
+    """Yield the documentation of one name: heading, signature, docstring, and members of a class."""
+    yield f"{'#' * level} {title} {{ #{anchor_of(title)} }}\n"
     if callable(thing):
         yield f"```python\n{signature(title, thing)}\n```\n"
-    yield markdown(inspect.getdoc(thing) or "")
+    doc = inspect.getdoc(thing) or ""
+    yield markdown(doc)
+    if note:
+        yield f"{note}\n"
     if inspect.ismodule(thing):
-        for name, member in vars(thing).items():
-            is_own = getattr(member, "__module__", "").startswith(thing.__name__)
-            if (
-                is_own
-                and not name.startswith("_")
-                and inspect.isclass(member) | inspect.isfunction(member)
-            ):
-                yield from entry(f"{title}.{name}", member, level + 1)
+        for name, member in module_members(thing).items():
+            yield from entry(f"{title}.{name}", member, level + 1)
     if inspect.isclass(thing):
-        for name, member in vars(thing).items():
-            documented = (
-                isinstance(member, FunctionType | property | classmethod | staticmethod)
-                and member.__doc__
-            )
-            if documented and not name.startswith("_"):
-                yield from entry(f"{title}.{name}", inspect.getattr_static(thing, name), level + 1)
+        yield from attributes(thing, doc)
+        for name, member in members(thing).items():
+            yield from entry(f"{title}.{name}", member, level + 1)
+        yield from inherited(thing)
+
+
+def attributes(cls: type, doc: str) -> Iterator[str]:
+    """Yield the annotated attributes that the docstring of a class does not describe."""
+    described = set(
+        re.findall(r"\w+", " ".join(re.findall(r"^[\w, *]+$|^[\w, ]+(?= : )", doc, re.M)))
+    )
+    explained = attribute_docs(cls)
+    rows = [
+        f"- **{name}** (*{kind}*)" + (f": {explained[name]}" if name in explained else "")
+        for name, kind in fields(cls).items()
+        if name not in described
+    ]
+    if rows:
+        yield "**Attributes**\n\n" + "\n".join(rows) + "\n"
+
+
+def attribute_docs(cls: type) -> dict[str, str]:
+    """Return the docstrings below the annotated attributes of a class."""
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    except (OSError, TypeError):
+        return {}
+    assert isinstance(tree, ast.ClassDef)
+    docs = {}
+    for field, below in zip(tree.body, tree.body[1:], strict=False):
+        is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and is_text:
+            text = " ".join(str(below.value.value).split())
+            docs[field.target.id] = ROLE.sub(r"`\1`", text).replace("``", "`")
+    return docs
+
+
+def inherited(cls: type) -> Iterator[str]:
+    """Yield the members of base classes, with links to their documentation."""
+    known = {*members(cls), *fields(cls)}
+    public = {id(thing): name for name, thing in public_objects().items()}
+    for base in bases(cls):
+        names = [n for n in (*fields(base), *members(base)) if n not in known]
+        known |= set(names)
+        title = public.get(id(base), base.__name__)
+        target = f"{package_of(base)}.md#{anchor_of(title)}"
+        if names:
+            yield f"Inherited from [`{title}`]({target}): {', '.join(f'`{n}`' for n in names)}.\n"
 
 
 class Bare(str):

@@ -35,6 +35,8 @@ EXTRAS = {
     "interop": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
     "ros": "import omnimirror.interop.ros_bags.dewarping, rosbags",
     "webrtc": "import omnimirror.interop.gateway.serving, aiortc",
+    "tables": "import omnimirror as om; "
+    "om.best_focus(om.load_sensor('paper-spherical')).to_dataframe()",
     "torch": "import omnimirror as om; from omnimirror.interop.torch import differentiable; "
     "differentiable(om.load_sensor('paper-spherical'))",
     "studio": "from omnimirror.apps.studio.app import create_app; create_app()",

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import importlib.util
+import inspect
 import re
 import shlex
 import tomllib
+import typing
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
@@ -17,6 +20,7 @@ import click
 import numpy as np
 import pytest
 import tomli_w
+import yaml
 
 import omnimirror as om
 from omnimirror.apps.cli import app
@@ -329,14 +333,20 @@ def test_links_between_pages_are_valid():
                 assert anchor in headings(there), f"{page.name} links to {target}#{anchor}"
 
 
-def test_site_contains_every_page_and_public_name(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Module docs/site_pages.py after it has generated all pages."""
     spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site_pages.py")
     site = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(site)
-    monkeypatch.setattr(site, "PAGES", tmp_path / "pages")
+    site.PAGES = tmp_path_factory.mktemp("site") / "pages"
     site.copied()
     site.reference()
     site.command_line()
+    return site
+
+
+def test_site_contains_every_page_and_public_name(site):
     order = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = {p.relative_to(site.PAGES).as_posix() for p in site.PAGES.rglob("*.md")}
     assert set(re.findall(r": (\S+\.md)$", order, flags=re.M)) == {
@@ -352,3 +362,107 @@ def test_site_contains_every_page_and_public_name(tmp_path, monkeypatch):
             r"\]\(([^)#:\s]+\.md)(?:#[^)\s]*)?\)", page.read_text(encoding="utf-8")
         ):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def sections_of(site: Any) -> dict[str, str]:
+    """Return the text of each documented name of the reference, including its members."""
+    found = {}
+    for page in (site.PAGES / "reference").glob("*.md"):
+        parts = re.split(r"(?m)^(#{2,5}) (\S+) \{.*$", page.read_text(encoding="utf-8"))
+        levels, names, texts = parts[1::3], parts[2::3], parts[3::3]
+        for i, (level, name) in enumerate(zip(levels, names, strict=True)):
+            end = next((j for j in range(i + 1, len(names)) if len(levels[j]) <= len(level)), None)
+            found[name] = " ".join([*names[i:end], *texts[i:end]])
+    return found
+
+
+def returned_classes(annotation: Any) -> list[type]:
+    """Return the classes of the package in a type annotation."""
+    own = [annotation] if getattr(annotation, "__module__", "").startswith("omnimirror.") else []
+    parts = [c for part in typing.get_args(annotation) for c in returned_classes(part)]
+    return [c for c in own + parts if inspect.isclass(c)]
+
+
+def test_reference_contains_members_of_public_classes_and_of_returned_types(site):
+    documented = sections_of(site)
+    names = {n: getattr(om, n) for n in om.__all__ if not n.startswith("_")}
+    classes = {cls: f"om.{name}" for name, cls in names.items() if inspect.isclass(cls)}
+    functions = [f for f in names.values() if inspect.isfunction(f)]
+    functions += [
+        f
+        for cls in classes
+        for name, f in inspect.getmembers(cls, inspect.isfunction)
+        if not name.startswith("_")
+    ]
+    for function in functions:
+        try:
+            annotation = typing.get_type_hints(function).get("return")
+        except NameError:  # a name for type checkers only
+            continue
+        for cls in returned_classes(annotation):
+            classes.setdefault(cls, cls.__name__)
+    lacking = []
+    for cls, title in classes.items():
+        public = f"om.{cls.__module__.rpartition('.')[2].strip('_')}"
+        text = documented.get(title) or next(
+            (t for n, t in documented.items() if n.endswith(f".{title}") and n.startswith("om.")),
+            "",
+        )
+        members = {n for n in dir(cls) if not n.startswith("_")}
+        members |= (
+            {f.name for f in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
+        )
+        outside = {
+            n
+            for base in cls.__mro__
+            if base.__module__.split(".")[0] != "omnimirror"
+            for n in vars(base)
+        }
+        lacking += [f"{title}.{n}" for n in members - outside if not re.search(rf"\b{n}\b", text)]
+        lacking += [f"{title} ({public})"] * (not text)
+    assert len(classes) > 100
+    assert not lacking, sorted(lacking)
+
+
+SEARCHED = (
+    "undistort",
+    "camera matrix",
+    "reprojection error",
+    "Monte Carlo",
+    "Zemax",
+    "unwrap",
+    "rectify",
+    "FOV",
+    "EFL",
+    "RMS spot size",
+    "as-built",
+    "CRA",
+)
+
+
+@pytest.mark.parametrize("term", SEARCHED)
+def test_search_terms_are_in_the_glossary_and_on_another_page(site, term):
+    pattern = re.compile(rf"(?<!\w){term}(?!\w)", re.IGNORECASE)
+    pages = {p.name: p.read_text(encoding="utf-8") for p in site.PAGES.glob("*.md")}
+    hits = {name for name, text in pages.items() if pattern.search(text)}
+    assert "glossary.md" in hits
+    assert hits - {"glossary.md", "changelog.md"}
+
+
+def test_site_navigation():
+    site = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    assert "navigation.footer" in site["theme"]["features"]  # previous and next page
+    assert "navigation.sections" not in site["theme"]["features"]  # not collapsible
+    assert om.__version__ in site["copyright"].split()
+    assert all((ROOT / "docs" / sheet).is_file() for sheet in site["extra_css"])
+
+
+def test_gallery_thumbnails_lead_to_examples():
+    page = ROOT / "docs" / "gallery.md"
+    text = page.read_text(encoding="utf-8")
+    thumbnails = re.findall(r"\[!\[[^]]+\]\((\S+)\)<br>([^]]+)\]\(#(\S+)\)", text)
+    assert len(thumbnails) == len(re.findall("^### ", text, re.M))
+    for image, name, anchor in thumbnails:
+        assert (page.parent / image).is_file()
+        assert anchor in headings(page)
+        assert f"### {name}\n" in text

@@ -191,7 +191,7 @@ def test_decoded_size_equals_size_of_image(name, tmp_path, monkeypatch):
 
 
 def test_decoded_size_of_exr_includes_all_channels(tmp_path):
-    pytest.importorskip("OpenEXR", reason="pip install 'omnimirror[exr]'")
+    pytest.importorskip("OpenEXR", reason="pip install '.[exr]'")
     om.write_image(tmp_path / "a.exr", picture("float32", 4, (20, 30)))
     data = (tmp_path / "a.exr").read_bytes()
     assert images.decoded_bytes(data) == 4 * 4 * 20 * 30

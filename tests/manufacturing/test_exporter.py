@@ -177,13 +177,13 @@ def test_missing_package_message(tmp_path, monkeypatch):
     )
     sensor = om.load_sensor("paper-spherical")
     said = (
-        "step, dxf require OCP, ezdxf; install with pip install 'omnimirror[cad]', or select "
+        "step, dxf require OCP, ezdxf: run pip install '.[cad]' in the repository, or select "
         "stl, 3mf, zmx, gridsag, csv, pdf"
     )
     with pytest.raises(OmnimirrorError, match=f"^{re.escape(said)}$"):
         om.export(sensor, tmp_path)
     with pytest.raises(
-        OmnimirrorError, match=r"^step requires OCP; install with pip install 'omnimirror\[cad\]'$"
+        OmnimirrorError, match=r"^step requires OCP: run pip install '\.\[cad\]' in the repository$"
     ):
         om.export(sensor, tmp_path / "mirror.step")
     assert len(om.export(sensor, tmp_path, formats=["csv", "zmx"])) == 2

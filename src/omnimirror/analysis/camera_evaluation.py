@@ -14,6 +14,7 @@ from ..base.arguments import instance, row
 from ..base.errors import OutsideField
 from ..base.files import write_text
 from ..base.quantities import QUANTITIES
+from ..base.results import Columns, Result, write_columns
 from ..base.typing import Array
 from ..cameras.camera import inside_image
 from ..cameras.frames import rotate_vectors
@@ -32,7 +33,7 @@ MAPPING_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class CameraMapping:
+class CameraMapping(Result):
     """Mapping of a calibrated camera, computed by :func:`evaluate_camera`.
 
     Attributes
@@ -78,6 +79,9 @@ class CameraMapping:
     rim_radius_px: float
     azimuthal_variation_percent: float = 0.0
 
+    def _table(self) -> Columns:
+        return self.columns()
+
     def __len__(self) -> int:
         return len(self.omega_deg)
 
@@ -117,9 +121,7 @@ class CameraMapping:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table as CSV with 17 significant digits, exact for double precision."""
-        columns = self.columns()
-        rows = (",".join(f"{v:.17g}" for v in row) for row in zip(*columns.values(), strict=True))
-        write_text(path, "\n".join([",".join(columns), *rows]) + "\n")
+        write_columns(path, self.columns())
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns as JSON; unknown values become null."""

@@ -19,6 +19,7 @@ from ..base.errors import InvalidParameter
 from ..base.escaping import csv_cell, json_text
 from ..base.files import write_text
 from ..base.quantities import QUANTITIES, Quantity
+from ..base.results import Columns, Result
 from ..base.typing import Array
 from ..optics.image_sensor import ImagerPose
 from ..optics.lenses import GaussianLens
@@ -66,13 +67,18 @@ class ComparedQuantity:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Result):
     """Comparison of one to six sensors, computed by :func:`compare`."""
 
     sensors: tuple[Sensor, ...]
     rows: tuple[ComparedQuantity, ...]
     notes: tuple[str, ...] = ()
     """Notes on sensors with limitations of the comparison."""
+
+    def _table(self) -> Columns:
+        names = [row.name for row in self.rows]
+        columns = zip(*(row.values for row in self.rows), strict=True)
+        return {"quantity": names} | dict(zip(self.names, map(list, columns), strict=True))
 
     @property
     def names(self) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..base import quantities
 from ..base.arguments import choice, image_radius, number, numbers, validate_arguments
 from ..base.errors import InvalidParameter
-from ..base.files import write_json, write_text
+from ..base.files import write_text
 from ..base.quantities import QUANTITIES, document_attributes
+from ..base.results import Columns, Result, write_columns
 from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
 from ..optics.mirrors import Mirror, SampledProfile
@@ -48,30 +48,6 @@ def standard_deviations(
             name: np.sqrt(sum((m[name] - nominal[name]) ** 2 for m in moved)) / PERTURBATION
             for name in nominal
         }
-
-
-# -- Tabular results -------------------------------------------------------------------------------
-
-
-class TabularResult(ABC):
-    """Result that consists of uniform records."""
-
-    @abstractmethod
-    def records(self) -> list[dict[str, float]]:
-        """Return the records, with quantity names as keys."""
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write one CSV line per record, with ten significant digits."""
-        records = self.records()
-        lines = [
-            ",".join(records[0]),
-            *(",".join(f"{v:.10g}" for v in record.values()) for record in records),
-        ]
-        write_text(path, "\n".join(lines) + "\n")
-
-    def to_json(self, path: str | Path) -> None:
-        """Write a JSON list of objects; unknown values are null."""
-        write_json(path, self.records())
 
 
 # -- Evaluation of a sensor ------------------------------------------------------------------------
@@ -104,7 +80,7 @@ READ_COLUMNS = (
 
 @document_attributes(quantities.FIELD_QUANTITIES)
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Result):
     """Results of a sensor at n field angles; each column is an array (n,) named with its unit.
 
     Lengths are measured from the mirror vertex (``z``) and the axis (``x``), except ``distance_*``,
@@ -152,6 +128,9 @@ class Evaluation:
     wavelength_nm: float
     image_radius_px: float | None
     tolerance_px: float
+
+    def _table(self) -> Columns:
+        return self.columns()
 
     def __len__(self) -> int:
         return len(self.omega_deg)
@@ -266,8 +245,7 @@ class Evaluation:
         columns = self.columns()
         if deviations:
             columns |= {f"{k}_sd": v for k, v in self.standard_deviations().items() if k in columns}
-        rows = (",".join(f"{v:.17g}" for v in row) for row in zip(*columns.values(), strict=True))
-        write_text(path, "\n".join([",".join(columns), *rows]) + "\n")
+        write_columns(path, columns)
 
     def to_json(self, path: str | Path) -> None:
         """Write summary and columns as JSON; non-finite numbers become "inf", "-inf" and "nan"."""

@@ -17,6 +17,7 @@ from ..base.arguments import choice, distances, image_radius, row
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.optimisation import minimise_with_derivative
+from ..base.results import Result
 from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, Lens
 from ..optics.sensor import Sensor, check_sensor
@@ -448,7 +449,8 @@ class FocusStudy:
         return FocusedBlur(t, s, imaging, self.rays.omega, airy, *self.lens_blur_px(lens))
 
 
-class BestFocus(NamedTuple):
+@dataclass(frozen=True)
+class BestFocus(Result):
     """Optimal focus and value of the merit."""
 
     focus_mm: float

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import row, validate_arguments
 from ..base.errors import InvalidParameter
+from ..base.results import Columns, Result
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.shell_transmission import transmit_rays
@@ -18,7 +19,7 @@ ORIGIN_OFFSET_MM = 1e-6  # offset of a ray start from the surface
 
 
 @dataclass(frozen=True)
-class Ghosts:
+class Ghosts(Result):
     """First ghost image at n field angles; each array (n,).
 
     A pixel with the field angle ``omega_deg`` also receives weaker light from ``ghost_omega_deg``
@@ -35,6 +36,9 @@ class Ghosts:
     """Brightness relative to the direct image of an equally bright object; 0 for a blocked path."""
     by_mirror: NDArray[np.bool_]
     """True if the ghost path includes another reflection by the mirror."""
+
+    def _table(self) -> Columns:
+        return self.columns()
 
     def __len__(self) -> int:
         return len(self.omega_deg)

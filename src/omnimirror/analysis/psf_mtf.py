@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import choice, distances, finite, format_value, number, row
 from ..base.errors import InvalidParameter, OutsideField
+from ..base.results import Columns, Result, TabularResult
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
 from ._wavefront import EDGE_SOFTNESS, FITTED, Wavefront, wavefronts
-from .evaluation import TabularResult, field_angles
+from .evaluation import field_angles
 from .ray_bundles import Bundles, fibonacci, gaussian, trace_bundles
 
 # -- Point-spread function -------------------------------------------------------------------------
@@ -28,7 +29,7 @@ MAX_INTEGRATION_SAMPLES = 2400  # maximum samples per side of the radial integra
 
 
 @dataclass(frozen=True)
-class Psf:
+class Psf(Result):
     """Point-spread function, sampled on a square about the chief ray.
 
     Columns are tangential (radially outwards), rows sagittal; at azimuth 0 these are the columns
@@ -45,6 +46,10 @@ class Psf:
     kind: Kind
     ideal_peak: float
     """Peak density of an aberration-free wavefront through the same aperture."""
+
+    def _table(self) -> Columns:
+        t, s = np.meshgrid(self.offset_px, self.offset_px)
+        return {"t_px": t.ravel(), "s_px": s.ravel(), "density": self.density.ravel()}
 
     @property
     def strehl(self) -> float:

@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import number
 from ..base.errors import InvalidParameter
+from ..base.results import TabularResult
 from ..base.typing import Array
 from ..optics.materials import Reflectivity, reflectance
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.shell_transmission import transmit_rays
-from .evaluation import TabularResult, field_angles
+from .evaluation import field_angles
 from .ray_bundles import Pupil, gaussian, trace_bundles
 
 RINGS = 24

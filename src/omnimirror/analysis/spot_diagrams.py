@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 from ..base.arguments import row
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
+from ..base.results import Columns, Result, TabularResult
 from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
-from .evaluation import TabularResult, evaluate, field_angles
+from .evaluation import evaluate, field_angles
 from .ray_bundles import Bundles, Pupil, hexapolar, open_share, trace_bundles
 
 # -- Spot diagrams ---------------------------------------------------------------------------------
@@ -210,7 +211,7 @@ RIM_CLEARANCE_DEG = (
 
 
 @dataclass(frozen=True)
-class BlurCheck:
+class BlurCheck(Result):
     """Blur of real rays minus the evaluation, k field angles, j F-numbers; arrays (j, k), px."""
 
     f_number: Array
@@ -226,6 +227,12 @@ class BlurCheck:
     extent_t_px: Array
     """Full width of the tangential fan minus the blur."""
     extent_s_px: Array
+
+    def _table(self) -> Columns:
+        shape = self.blur_t_px.shape
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        columns["f_number"] = self.f_number[:, None]
+        return {name: np.broadcast_to(c, shape).ravel() for name, c in columns.items()}
 
     def max_abs(self, name: str) -> Array:
         """Return the largest magnitude (j,) of a column over the field."""

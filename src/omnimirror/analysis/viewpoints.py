@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import image_radius, number, row
+from ..base.results import Result
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.meridian import ChiefRays
@@ -49,7 +50,8 @@ def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike
     return np.where(np.isinf(d), 0.0, error)
 
 
-class SingleViewpoint(NamedTuple):
+@dataclass(frozen=True)
+class SingleViewpoint(Result):
     """Best single viewpoint for one object distance, and its error."""
 
     z_mm: float

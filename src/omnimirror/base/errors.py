@@ -99,6 +99,17 @@ class ReproductionError(OmnimirrorError):
     """Number of the paper without its expected verdict; the message names the row."""
 
 
+def extra_remedy(*extras: str) -> str:
+    """Return the command that installs extras of the package, for messages.
+
+    Examples
+    --------
+    >>> extra_remedy("video")
+    "run pip install '.[video]' in the repository"
+    """
+    return f"run pip install '.[{','.join(extras)}]' in the repository"
+
+
 OPENCV_REMEDY = "pip install --force-reinstall --no-deps opencv-python-headless"
 
 

@@ -21,6 +21,7 @@ from ..base.arguments import (
 )
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import atomic_output
+from ..base.results import Columns, Result, record_of, table_of
 from ..cameras.camera import Camera
 from ..cameras.frames import Mount
 from ..cameras.models import CameraModel, RadialModel
@@ -120,7 +121,7 @@ _Field: TypeAlias = tuple[float | None, float | None]  # maximum and minimum fie
 
 
 @dataclass(frozen=True)
-class Conversion:
+class Conversion(Result):
     """Written camera file and the error of the conversion.
 
     Attributes
@@ -153,6 +154,9 @@ class Conversion:
     costs: tuple[Cost, ...]
     viewpoint_mm: tuple[float, float, float]
     notes: tuple[str, ...]
+
+    def _table(self) -> Columns:
+        return table_of(record_of(cost) for cost in self.costs)
 
     @property
     def rms_px(self) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..base.arguments import finite, instance, number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
+from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
 from ..cameras.frames import Mount
 from ..cameras.models import Unified
@@ -69,7 +70,7 @@ FREE_PX = 5.0
 
 
 @dataclass(frozen=True)
-class PlumbLineCalibration:
+class PlumbLineCalibration(Result):
     """Result of a plumb-line calibration.
 
     Parameters
@@ -112,6 +113,13 @@ class PlumbLineCalibration:
     free: tuple[str, ...]
     levels: tuple[Level | None, ...]
     distance_mm: float
+
+    def _table(self) -> Columns:
+        return table_of(
+            {"image": image, "edge": edge, "points": len(points), "used": used}
+            for image, (chains, is_used) in enumerate(zip(self.chains, self.used, strict=True), 1)
+            for edge, (points, used) in enumerate(zip(chains, is_used, strict=True), 1)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Convert to plain data for files.

@@ -19,6 +19,7 @@ from ..base.arguments import (
 )
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
+from ..base.results import Columns, Result, pixel_grid
 from ..base.typing import Array
 from ..cameras.camera import Rays
 from ..cameras.frames import rotate_vectors
@@ -165,7 +166,7 @@ def floor_uncertainty(
 
 
 @dataclass(frozen=True)
-class UncertaintyMap:
+class UncertaintyMap(Result):
     """Standard deviations over the image, on a grid of pixels.
 
     Parameters
@@ -188,6 +189,10 @@ class UncertaintyMap:
     unit: str
     field_deg: float | None = None
     is_restricted: bool = False
+
+    def _table(self) -> Columns:
+        sigma = {f"sigma_{self.unit}": self.sigma.ravel()}
+        return pixel_grid(self.columns, self.rows) | sigma
 
     def summary(self) -> dict[str, float]:
         """Return the median, the 95th percentile and the maximum of all finite values."""

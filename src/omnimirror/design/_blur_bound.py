@@ -23,6 +23,7 @@ import numpy as np
 
 from ..base.arguments import choice, distances, image_radius, validate_arguments
 from ..base.errors import InvalidParameter
+from ..base.results import Result
 from ..base.root_finding import sign_change
 from ..base.typing import Array
 from ..optics.batch.closed_forms import PerspectiveCamera, TelecentricCamera
@@ -35,7 +36,7 @@ TOLERANCE = 1e-11  # relative, of the integration
 
 
 @dataclass(frozen=True)
-class BlurBound:
+class BlurBound(Result):
     """Lower bound of the blur for a field, rim and lens, with the extremal mirror.
 
     Attributes

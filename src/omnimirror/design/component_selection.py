@@ -14,6 +14,7 @@ from ..analysis.meridional_imaging import virtual_images
 from ..base.arguments import distances, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.optimisation import minimise_scalar
+from ..base.results import Result
 from ..base.typing import Array
 from ..optics.batch.best_focus import AreaModel, IdealAreas, best_vergences
 from ..optics.batch.closed_forms import PerspectiveCamera, node_optics
@@ -35,7 +36,7 @@ FIELD_ANGLES = 1001
 
 
 @dataclass(frozen=True)
-class BestAperture:
+class BestAperture(Result):
     """Optimal F-number and focus, with the remaining blur.
 
     Attributes
@@ -180,7 +181,7 @@ MIRROR_POINTS = 181
 
 
 @dataclass(frozen=True)
-class Combination:
+class Combination(Result):
     """Combination of a lens and an imager for a given mirror.
 
     Attributes

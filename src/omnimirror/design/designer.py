@@ -9,6 +9,7 @@ from typing import Any
 
 from ..base.arguments import check_fields, instance, integer, validate_arguments
 from ..base.files import json_plain
+from ..base.results import Columns, Result
 from ..optics.lenses import BlurMode
 from ..optics.sensor import Sensor
 from . import _parameter_search, freeform
@@ -20,7 +21,7 @@ from .requirements import Requirements
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(Result):
     """Result of :func:`design_sensor`.
 
     Attributes
@@ -42,6 +43,9 @@ class Design:
     conflict: Conflict | None
     notes: tuple[str, ...]
     optimum: Optimum | None = None
+
+    def _table(self) -> Columns:
+        return self.verdict._table()
 
     @property
     def requirements(self) -> Requirements:

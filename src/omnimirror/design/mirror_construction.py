@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.results import Columns, Result, record_of, table_of
 from ..base.typing import Array
 from ..optics.housing import Housing, Tube
 from ..optics.lenses import Lens
@@ -86,12 +87,15 @@ class RimRay:
 
 
 @dataclass(frozen=True)
-class MountedMirror:
+class MountedMirror(Result):
     """Mirror with its lens distance from the vertex (mm; infinite if orthographic) and notes."""
 
     mirror: Mirror
     distance_mm: float
     notes: tuple[str, ...] = ()
+
+    def _table(self) -> Columns:
+        return table_of([{"mirror": self.mirror.KIND, **record_of(self)}])
 
 
 # -- Mirror families in closed form, for given field, viewing angle and rim radius -----------------

@@ -13,6 +13,7 @@ import numpy as np
 from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
+from ..base.results import Columns, Result, record_of, table_of
 from ..base.worker_processes import WorkerPool
 from ..optics.sensor import Sensor
 from ._candidates import Candidate, focusing, make, sketched, viewing
@@ -41,7 +42,7 @@ SETTLED, ROUNDS = (
 
 
 @dataclass(frozen=True)
-class PartsDesign:
+class PartsDesign(Result):
     """Combination of parts with its sensor design.
 
     Attributes
@@ -63,6 +64,14 @@ class PartsDesign:
     price: float | None
     mass_g: float | None
     worst_floored_area_deg2: float
+
+    def _table(self) -> Columns:
+        return table_of([self._record()])
+
+    def _record(self) -> dict[str, Any]:
+        """Return parts and properties of the whole as a row of the table."""
+        parts = {part.KIND: part.name for part in self.combination.parts}
+        return {**parts, **record_of(self), "is_met": self.is_met}
 
     @property
     def is_met(self) -> bool:
@@ -277,7 +286,7 @@ MAX_SERIAL_COMBINATIONS = 64  # up to this number, no other processes are used
 
 
 @dataclass(frozen=True)
-class PartsSearch:
+class PartsSearch(Result):
     """Result of :func:`omnimirror.design_from_parts`.
 
     Attributes
@@ -303,6 +312,10 @@ class PartsSearch:
     cut: dict[str, int]
     missed: dict[str, int]
     left: int
+
+    def _table(self) -> Columns:
+        nearest = () if self.nearest is None else (self.nearest,)
+        return table_of(design._record() for design in self.found or nearest)
 
     @property
     def is_met(self) -> bool:
@@ -371,15 +384,15 @@ def design_from_parts(
     --------
     >>> import omnimirror as om
     >>> requirements = om.Requirements(
-    ...     field=om.FieldRequirements(omega_max_deg=120),
+    ...     field=om.FieldRequirements(omega_max_deg=100),
     ...     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=30),
     ...     lens=om.LensRequirements(f_number=(1, 16)),
-    ...     limits=[om.Limit("total_blur_deg", at_most=0.6)],
-    ...     parts=om.PartsRequirements(max_price=150),
+    ...     limits=[om.Limit("total_blur_deg", at_most=1.0)],
+    ...     parts=om.PartsRequirements(max_price=300),
     ... )
     >>> search = om.design_from_parts(requirements, max_designs=2)
-    >>> [round(design.price) for design in search.found] == sorted(round(design.price) for design in search.found)
-    True
+    >>> [round(design.price) for design in search.found]
+    [33, 33]
     """
     instance("requirements", requirements, Requirements, "requirements")
     if requirements.parts is None:

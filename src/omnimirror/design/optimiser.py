@@ -22,6 +22,7 @@ from ..base.optimisation import (
     minimise_mean,
     solve_minimax,
 )
+from ..base.results import Columns, Result, record_of, table_of
 from ..base.typing import Array
 from ..optics.batch.families import Basis
 from ..optics.image_sensor import Imager
@@ -227,7 +228,7 @@ REFOCUSED = 3  # refocusing iterations for merits independent of sharpness
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Result):
     """Result of one start.
 
     Attributes
@@ -261,7 +262,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Optimum:
+class Optimum(Result):
     """Best design, with the results of all starts.
 
     Attributes
@@ -296,6 +297,9 @@ class Optimum:
     y: Array
     runs: tuple[Run, ...]
     is_complete: bool = True
+
+    def _table(self) -> Columns:
+        return table_of(record_of(run) for run in self.runs)
 
     @cached_property
     def bound(self) -> BlurBound:

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from ..base.arguments import file_name, instance, validate_arguments
-from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.errors import InvalidParameter, OmnimirrorError, extra_remedy
 from ..base.files import atomic_output, check_file, parse_json
+from ..base.results import Columns, Result
 from ..base.typing import Array
 from ..optics.batch.closed_forms import DEGREE
 from ..optics.lenses import BlurMode
@@ -158,7 +159,7 @@ MAX_FRONT_VALUES = 20_000_000  # a small file may declare more values than fit i
 
 
 @dataclass(frozen=True)
-class Front:
+class Front(Result):
     """Non-dominated designs for several merits, computed by :func:`omnimirror.pareto`.
 
     Attributes
@@ -192,6 +193,13 @@ class Front:
     y: Array
     values: Array
     is_complete: bool = True
+
+    def _table(self) -> Columns:
+        columns = {name: self.values[:, i] for i, name in enumerate(self.merits)}
+        coordinates = {
+            f"y{i} {name}": self.y[:, i] for i, name in enumerate(self.space.designs.names)
+        }
+        return {**columns, "focus_mm": self.focus_mm, **coordinates}
 
     def __len__(self) -> int:
         return len(self.y)
@@ -468,5 +476,5 @@ def _needs(package: str) -> None:
         import_module(package)
     except ImportError:
         raise OmnimirrorError(
-            f"Pareto fronts require {package}: pip install 'omnimirror[design]'"
+            f"Pareto fronts require {package}: {extra_remedy('design')}"
         ) from None

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.errors import OmnimirrorError
+from ..base.results import Columns, Result, record_of, table_of
 from ..optics.image_sensor import Imager
 from ..optics.mirrors.mappings import MAPPINGS
 from ._design_space import BestDesign, OnProgress, Point, Space
@@ -233,7 +234,7 @@ class Relaxation:
 
 
 @dataclass(frozen=True)
-class Conflict:
+class Conflict(Result):
     """Requirements that cannot all be met.
 
     Attributes
@@ -258,6 +259,13 @@ class Conflict:
     joint_share: float | None
     is_complete: bool = True
     alternatives: tuple[Alternative, ...] = ()
+
+    def _table(self) -> Columns:
+        return table_of(
+            {"group": group, **record_of(row), "share": row.share}
+            for group, rows in (("alone", self.alone), ("joint", self.joint))
+            for row in rows
+        )
 
 
 Holds = Callable[[Sequence[Relaxation]], bool | None]

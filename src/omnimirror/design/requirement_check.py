@@ -15,6 +15,7 @@ from ..analysis.operating_conditions import at_temperature
 from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
+from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
@@ -101,7 +102,7 @@ class RequirementCheck:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Result):
     """Requirement check of a sensor.
 
     Attributes
@@ -113,6 +114,13 @@ class Verdict:
     requirements: Requirements
     sensor: Sensor
     rows: tuple[RequirementCheck, ...]
+
+    def _table(self) -> Columns:
+        rows = self.to_dict()["requirements"]
+        return table_of(
+            {name: value for name, value in row.items() if not isinstance(value, list)}
+            for row in rows
+        )
 
     @property
     def is_met(self) -> bool:
@@ -371,7 +379,7 @@ CLOSE_K = 0.1
 
 
 @dataclass(frozen=True)
-class TemperatureRange:
+class TemperatureRange(Result):
     """Temperature range about the reference with all requirements met.
 
     Attributes

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..base.colour import linear_from_srgb, srgb_from_linear
 from ..base.errors import InvalidParameter
 from ..base.files import display_name, is_same_file
+from ..base.results import Columns, Result
 from ..cameras.camera import Camera
 from ..io import GPano, write_image
 from ..io.batch import (
@@ -113,7 +114,7 @@ def _in_depth(image: ImageArray, depth: str) -> ImageArray:
 
 
 @dataclass(frozen=True)
-class DewarpedImages:
+class DewarpedImages(Result):
     """Result of dewarping several images."""
 
     results: BatchResult
@@ -124,6 +125,9 @@ class DewarpedImages:
     """Metadata that the output formats cannot store, with the number of images."""
     oriented: Counter[str] = field(default_factory=Counter)
     """Orientations other than that of the stored pixels, in words, with the number of images."""
+
+    def _table(self) -> Columns:
+        return self.results._table()
 
 
 class ImageDewarper:

@@ -15,6 +15,7 @@ import av
 from ..base.arguments import validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.files import is_same_file
+from ..base.results import Columns, Result, record_of, table_of
 from ..cameras.camera import Camera
 from ..io import video_processing
 from ..io.image_sequences import is_sequence, may_share_a_name, numbered, numbers_of, standard_input
@@ -104,7 +105,7 @@ UNKNOWN_RATE = Fraction(25)
 
 
 @dataclass(frozen=True)
-class DewarpedVideo:
+class DewarpedVideo(Result):
     """Result of dewarping a video."""
 
     view: View
@@ -112,6 +113,9 @@ class DewarpedVideo:
     """Number of frames written, frame rate, and whether the run was cancelled."""
     summary: str = ""
     """Received and dropped frames of a live source."""
+
+    def _table(self) -> Columns:
+        return table_of([{**record_of(self.outcome), "summary": self.summary}])
 
 
 @dataclass(frozen=True)

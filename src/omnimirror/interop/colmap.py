@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from ..base.arguments import file_name, integer, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.files import atomic_output, write_text
+from ..base.results import Columns, Result, table_of
 from ..cameras.camera import Camera
 from ..dewarp import Dewarper
 from ..dewarp.request import is_video
@@ -61,7 +62,7 @@ PRAGMA user_version = 4020100;
 
 
 @dataclass(frozen=True)
-class ColmapProject:
+class ColmapProject(Result):
     """Result of :func:`write_colmap`.
 
     Attributes
@@ -86,6 +87,17 @@ class ColmapProject:
     folder: Path
     rig: tuple[RigCamera, ...]
     images: int
+
+    def _table(self) -> Columns:
+        return table_of(
+            {
+                "name": camera.name,
+                "model": camera.model,
+                **dict(zip(("x_mm", "y_mm", "z_mm"), camera.position_mm.tolist(), strict=True)),
+                **{f"error_at_{d:g}_mm_px": error for d, error in camera.errors_px.items()},
+            }
+            for camera in self.rig
+        )
 
 
 @validate_arguments

@@ -17,10 +17,11 @@ from tempfile import TemporaryDirectory
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from ..base.arguments import InvalidType, file_name, format_value
-from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.errors import InvalidParameter, OmnimirrorError, extra_remedy
 from ..base.escaping import c_comment, escape_invisible, file_stem, line_comment, python_docstring
 from ..base.files import atomic_output, is_stream
 from ..base.registry import Registry
+from ..base.results import Columns, Result, table_of
 
 T = TypeVar("T")
 Unit: TypeAlias = Literal["px", "deg"]
@@ -51,7 +52,7 @@ class Deviation:
 
 
 @dataclass(frozen=True)
-class ExportedFiles:
+class ExportedFiles(Result):
     """Files written in one export format.
 
     Attributes
@@ -67,6 +68,10 @@ class ExportedFiles:
     paths: tuple[Path, ...]
     description: str
     deviation: Deviation
+
+    def _table(self) -> Columns:
+        common = {"description": self.description, "deviation": str(self.deviation)}
+        return table_of({"path": path, **common} for path in self.paths)
 
 
 @dataclass(frozen=True)
@@ -256,7 +261,7 @@ def _check_packages(packages: dict[str, Collection[str]]) -> None:
     for name, required in packages.items():
         if missing := [package for package in required if find_spec(package) is None]:
             raise OmnimirrorError(
-                f"{name} requires {', '.join(missing)}: pip install 'omnimirror[interop]', or choose another format"
+                f"{name} requires {', '.join(missing)}: {extra_remedy('interop')}, or choose another format"
             )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import OutsideField
 from ..base.escaping import c_string, escape_invisible, python_string
+from ..base.results import Columns, Result, axis_columns, pixel_grid
 from ..base.typing import Array
 from ..cameras.camera import Camera, Rays
 from ..io.exr import write_channels, write_exr
@@ -43,7 +44,7 @@ OpenGL)."""
 
 
 @dataclass(frozen=True, repr=False)
-class RayTable:
+class RayTable(Result):
     """Origin, direction and weight of the rays of a pixel grid.
 
     The frame is the world frame of the camera mount: x forward, y left, z up, in mm, with the
@@ -82,6 +83,14 @@ class RayTable:
     image_size: tuple[int, int]
     step: int = 1
     name: str = "camera"
+
+    def _table(self) -> Columns:
+        width, height = self.size
+        pixels = pixel_grid(self.step * np.arange(width), self.step * np.arange(height))
+        rays = axis_columns("origin", self.origins, "_mm") | axis_columns(
+            "direction", self.directions
+        )
+        return {**pixels, **rays, "weight": self.weights.ravel()}
 
     @property
     def size(self) -> tuple[int, int]:

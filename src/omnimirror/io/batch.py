@@ -14,6 +14,7 @@ from ..base.arguments import file_name
 from ..base.errors import MediaError, OmnimirrorError
 from ..base.files import is_same_file
 from ..base.native import usable_cores
+from ..base.results import Columns, Result, table_of
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".hdr", ".exr")
 """Suffixes of the images in a folder that are processed."""
@@ -34,7 +35,7 @@ class Job(NamedTuple):
 
 
 @dataclass
-class BatchResult:
+class BatchResult(Result):
     """Results of several jobs; each job is in exactly one of the lists."""
 
     done: list[str] = field(default_factory=list)
@@ -44,6 +45,14 @@ class BatchResult:
     """Jobs that were not started because of an interruption."""
     stopped_by: int = 0
     """Exit code of the interruption, as from :func:`omnimirror.base.interrupts.exit_code`."""
+
+    def _table(self) -> Columns:
+        groups = (("done", self.done), ("failed", self.failed), ("not started", self.not_started))
+        return table_of(
+            {"name": name, "status": status, "error": self.failed.get(name)}
+            for status, names in groups
+            for name in names
+        )
 
     @property
     def exit_code(self) -> int:

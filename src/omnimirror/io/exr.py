@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import MediaError
+from ..base.errors import MediaError, extra_remedy
 
 Image = NDArray[Any]
 
@@ -167,6 +167,6 @@ def _library(path: Path) -> Any:
         import OpenEXR
     except ImportError:
         raise MediaError(
-            f"OpenEXR must be installed for {path.name}: pip install 'omnimirror[exr]'"
+            f"OpenEXR must be installed for {path.name}: {extra_remedy('exr')}"
         ) from None
     return OpenEXR

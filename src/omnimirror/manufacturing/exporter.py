@@ -21,10 +21,11 @@ from ..base.arguments import (
     optional_number,
     validate_arguments,
 )
-from ..base.errors import InvalidParameter, OmnimirrorError
+from ..base.errors import InvalidParameter, OmnimirrorError, extra_remedy
 from ..base.escaping import file_stem
 from ..base.files import atomic_output
 from ..base.registry import Registry
+from ..base.results import Result
 from ..design.requirement_check import check_requirements
 from ..design.requirement_files import load_requirements
 from ..design.requirements import Requirements
@@ -45,7 +46,7 @@ ACCURATE_RAY_DEG = 0.01  # maximum ray deviation of an accurate lens file
 
 
 @dataclass(frozen=True)
-class ExportedFile:
+class ExportedFile(Result):
     """File that :func:`export` wrote.
 
     Attributes
@@ -342,8 +343,8 @@ def _check_packages(names: list[str]) -> None:
     others = [name for name, packages in lacking.items() if not packages]
     rest = f", or select {', '.join(others)}" if others else ""
     raise OmnimirrorError(
-        f"{', '.join(without)} require{'s' * (len(without) == 1)} {', '.join(missing)}; install with "
-        f"pip install 'omnimirror[cad]'{rest}"
+        f"{', '.join(without)} require{'s' * (len(without) == 1)} {', '.join(missing)}: "
+        f"{extra_remedy('cad')}{rest}"
     )
 
 

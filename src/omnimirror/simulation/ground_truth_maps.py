@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import validate_arguments
 from ..base.colour import Light
+from ..base.results import Columns, Result, axis_columns, pixel_grid
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
 from .pixel_rays import trace_pixels
@@ -21,7 +23,8 @@ from .scenes.scene import Pose, PosedScene, Scene, distances_mm
 ROWS_AT_ONCE = 64
 
 
-class GroundTruth(NamedTuple):
+@dataclass(frozen=True)
+class GroundTruth(Result):
     """Scene points of the chief rays of pixel centres (rows, columns); NaN for pixels without
     scene.
 
@@ -44,6 +47,15 @@ class GroundTruth(NamedTuple):
     """Mask (h, w) of pixels that image camera, rod, rim or a lid, or a part of two mirrors
     themselves.
     """
+
+    def _table(self) -> Columns:
+        height, width = self.depth_mm.shape
+        rays = axis_columns("origin", self.origins_mm, "_mm") | axis_columns(
+            "direction", self.directions
+        )
+        pixels = pixel_grid(np.arange(width), np.arange(height))
+        depth = {"depth_mm": self.depth_mm.ravel(), "hidden": self.hidden.ravel()}
+        return {**pixels, **rays, **depth}
 
     @property
     def points_mm(self) -> Array:

@@ -12,6 +12,7 @@ from ..analysis.viewpoints import best_viewpoint, viewpoint_angle_error
 from ..base.arguments import validate_arguments
 from ..base.colour import srgb_from_linear
 from ..base.errors import OutsideField
+from ..base.results import Result
 from ..base.typing import Array
 from ..dewarp import Dewarper
 from ..dewarp.screens import Plane
@@ -34,7 +35,7 @@ LETTERS = slice(72, 252)  # rows of the view with features for measuring shifts
 
 
 @dataclass(frozen=True)
-class RoundTrip:
+class RoundTrip(Result):
     """Deviation of dewarped images from the reference: decibels in sRGB, and shifts in source
     pixels.
 

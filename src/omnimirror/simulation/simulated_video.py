@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import number, validate_arguments
 from ..base.colour import Light
-from ..base.errors import InvalidParameter, MediaError
+from ..base.errors import InvalidParameter, MediaError, extra_remedy
 from ..cameras.camera import Camera
 from ..io.keyframes import Keyframes
 from .detector import Detector
@@ -239,6 +239,4 @@ def encode(
 def check_video_can_be_written(output: str | Path) -> None:
     """Raise MediaError unless PyAV is installed."""
     if find_spec("av") is None:
-        raise MediaError(
-            f"writing the video {output} requires PyAV: pip install 'omnimirror[video]'"
-        )
+        raise MediaError(f"writing the video {output} requires PyAV: {extra_remedy('video')}")

@@ -9,6 +9,7 @@ from io import BytesIO
 from itertools import pairwise
 
 import cv2
+import matplotlib as mpl
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -43,6 +44,7 @@ from omnimirror.analysis.figures.style import (
     save_figure,
     separated_positions,
     styled,
+    text_size,
     zero_line,
 )
 from omnimirror.analysis.figures.subjects import subjects_of
@@ -338,7 +340,7 @@ def test_end_labels_at_last_visible_point():
         level = ax.transData.transform(text.xy)[1]
         assert (box.y0 + box.y1) / 2 == pytest.approx(level, abs=box.height / 4)
         assert box.x0 - ax.get_window_extent().x1 == pytest.approx(14.0, abs=0.5)
-        assert text.get_fontsize() == 6.5
+        assert text.get_fontsize() == text_size(6.5)
         # the leader line starts at the centre of the left edge of the label, with Matplotlib's
         # padding of 2 pt and 0.5 pt, and ends 1 pt before the point; 1 pt is 2 px
         start, end = text.arrow_patch.get_path().vertices[[0, -1]]
@@ -351,7 +353,7 @@ def test_end_labels_at_last_visible_point():
     labels.at(ax, 1.0, 2.0, "again", "green")
     figure.draw_without_rendering()
     levels = [Text.get_window_extent(t).y0 for t in ax.texts[1:]]
-    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * 6.5 * 2, rel=0.01)
+    assert abs(levels[1] - levels[0]) == pytest.approx(1.18 * text_size(6.5) * 2, rel=0.01)
 
 
 def test_end_labels_follow_layout():
@@ -616,3 +618,55 @@ def test_ray_trace_labels_not_clipped(names):
         boxes = [ax.get_tightbbox(figure.canvas.get_renderer()) for ax in figure.axes]
     assert min(box.x0 for box in boxes) >= 0
     assert max(box.x1 for box in boxes) <= figure.bbox.width
+
+
+# -- Axes and settings of the caller ---------------------------------------------------------------
+
+PANELS = {"fig3": 2, "fig4": 2, "fig5": 2, "fig7": 2, "fig9": 3}
+
+
+@pytest.mark.parametrize("name", figures.FIGURES)
+def test_figures_in_axes_of_the_caller(name):
+    sensors = [om.load_sensor("paper-spherical")]
+    own = figures.draw(name, sensors)
+    count = PANELS.get(name, 1)
+    assert len(own.axes) == count
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    cells = figure.subplots(2, count, squeeze=False)
+    layout = figure.get_layout_engine()
+    target = cells[1] if count > 1 else cells[1, 0]
+    assert figures.draw(name, sensors, ax=target) is figure
+    assert figure.get_layout_engine() is layout
+    assert len(figure.axes) == 2 * count
+    for ax, reference in zip(cells[1], own.axes, strict=True):
+        lines = [line.get_xydata() for line in ax.get_lines()]
+        for ours, expected in zip(lines, reference.get_lines(), strict=True):
+            np.testing.assert_array_equal(ours, expected.get_xydata())
+        assert [t.get_text() for t in ax.texts] == [t.get_text() for t in reference.texts]
+    assert not any(ax.lines or ax.texts for ax in cells[0])
+    with pytest.raises(om.OmnimirrorError, match=rf"ax must be .*{count} ax.*; got {count + 1}"):
+        figures.draw(name, sensors, ax=Figure().subplots(1, count + 1))
+
+
+def test_figures_retain_settings_of_the_caller():
+    sensors = [om.load_sensor("paper-spherical")]
+    with mpl.rc_context({"font.size": 14, "lines.linewidth": 3.0}):
+        figure = figures.draw("fig6", sensors)
+    (ax,) = figure.axes
+    (line, *_) = ax.get_lines()
+    assert line.get_linewidth() == 3.0
+    assert ax.xaxis.label.get_size() == 14.0  # twice that of the style
+    assert ax.texts[0].get_size() == 13.0
+    assert ax.spines["left"].get_linewidth() == STYLE["axes.linewidth"]
+
+
+def test_slides_have_larger_text_and_lines():
+    sensors = [om.load_sensor("paper-spherical")]
+    paper, slides = (figures.draw("fig5", sensors, style=style) for style in figures.STYLES)
+    for small, large in zip(paper.axes, slides.axes, strict=True):
+        ratio = large.xaxis.label.get_size() / small.xaxis.label.get_size()
+        assert ratio == pytest.approx(10 / 7)
+        assert large.texts[-1].get_size() / small.texts[-1].get_size() == pytest.approx(10 / 7)
+        assert large.get_lines()[0].get_linewidth() > small.get_lines()[0].get_linewidth()
+    with pytest.raises(om.OmnimirrorError, match="style must be one of paper, slides; got 'web'"):
+        figures.draw("fig5", sensors, style="web")

@@ -439,7 +439,7 @@ def in_an_import():
         except KeyboardInterrupt as e:
             raise ImportError("initialization failed") from e  # as pybind11 does
     except ImportError:
-        raise OmnimirrorError("one more package is needed: pip install 'omnimirror[exr]'") from None
+        raise OmnimirrorError("one more package is needed: pip install '.[exr]'") from None
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,7 @@ def test_missing_package_message(tmp_path, monkeypatch):
     (tmp_path / "a.dat").write_bytes(b"\x88\x1b\x03\x6f" + bytes(900))
     with pytest.raises(
         OmnimirrorError,
-        match=r"\.dat files require SurfaceTopography; install with pip install 'omnimirror\[metrology\]'",
+        match=r"\.dat files require SurfaceTopography: run pip install '\.\[metrology\]' in the repository",
     ):
         om.read_points(tmp_path / "a.dat")
 
@@ -291,7 +291,7 @@ X3P = """<?xml version="1.0" encoding="UTF-8"?>
 
 @pytest.mark.full
 def test_instrument_file_is_converted_to_valid_points_in_mm(tmp_path, monkeypatch):
-    pytest.importorskip("SurfaceTopography", reason="pip install 'omnimirror[metrology]'")
+    pytest.importorskip("SurfaceTopography", reason="pip install '.[metrology]'")
     heights = np.arange(12.0).reshape(4, 3) * 1e-6  # m
     heights[0, 0] = np.nan
     with zipfile.ZipFile(tmp_path / "a.x3p", "w") as file:

@@ -5,21 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
 from ...optics.sensor import Sensor
 from . import curves, image_plane, sensor_diagrams
 from .image_plane import image_and_views
 from .sensor_comparison import image_sheet, side_by_side, table_sheet
-from .style import FORMATS, render, save_figure, styled
+from .style import FORMATS, STYLES, render, save_figure, styled
 from .subjects import EXACT, PAPER, Conditions, Subject, subjects_of
 
 __all__ = [
     "EXACT",
     "FIGURES",
     "PAPER",
+    "STYLES",
     "Conditions",
     "FigureSpec",
     "draw",
@@ -40,7 +45,7 @@ class FigureSpec:
     name: str
     title: str
     caption: str
-    function: Callable[[Sequence[Subject]], Figure]
+    function: Callable[[Sequence[Subject], Sequence[Axes] | None], Figure]
 
 
 FIGURES: dict[str, FigureSpec] = {
@@ -128,8 +133,18 @@ FIGURES: dict[str, FigureSpec] = {
 """Figures by name, in the order of the paper."""
 
 
-def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -> Figure:
+def draw(
+    name: str,
+    sensors: Sequence[Sensor],
+    conditions: Conditions = EXACT,
+    *,
+    ax: Axes | Sequence[Axes] | NDArray[Any] | None = None,
+    style: str = "paper",
+) -> Figure:
     """Draw one figure.
+
+    Settings in ``matplotlib.rcParams`` that differ from the defaults of Matplotlib take precedence
+    over the style.
 
     Parameters
     ----------
@@ -139,11 +154,20 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
         One to six sensors; their names are used as labels, their order determines the colours.
     conditions
         :data:`EXACT`, or :data:`PAPER` for the method of the paper.
+    ax
+        Axes for the panels of the figure, in reading order; by default those of a new figure.
+    style
+        ``"paper"`` for a journal, or ``"slides"`` with larger text and lines.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        New figure, or the figure of ``ax``.
 
     Raises
     ------
     InvalidParameter
-        If the figure is unknown, or there are too few or too many sensors.
+        If the figure or style is unknown, or the number of sensors or axes is wrong.
 
     Examples
     --------
@@ -151,11 +175,25 @@ def draw(name: str, sensors: Sequence[Sensor], conditions: Conditions = EXACT) -
     >>> figure = draw("fig6", [load_sensor("paper-spherical")])
     >>> figure.axes[0].get_xlabel()
     'Field angle Ω (deg)'
+
+    A panel of a larger figure:
+
+    >>> from matplotlib.figure import Figure
+    >>> left, right = Figure(figsize=(8, 3), layout="constrained").subplots(1, 2)
+    >>> draw("fig6", [load_sensor("paper-spherical")], ax=right) is right.figure
+    True
     """
     if name not in FIGURES:
         raise InvalidParameter(f"the figure must be one of {', '.join(FIGURES)}; got {name!r}")
-    with styled():
-        return FIGURES[name].function(subjects_of(sensors, conditions))
+    axes = (
+        None
+        if ax is None
+        else [ax]
+        if isinstance(ax, Axes)
+        else list(np.asarray(ax, dtype=object).ravel())
+    )
+    with styled(style):
+        return FIGURES[name].function(subjects_of(sensors, conditions), axes)
 
 
 def save_all(
@@ -165,6 +203,7 @@ def save_all(
     names: Iterable[str] | None = None,
     conditions: Conditions = EXACT,
     on_progress: Callable[[str], None] | None = None,
+    style: str = "paper",
 ) -> list[Path]:
     """Draw figures and write each in every format, as ``out_dir/fig5.svg`` and so on.
 
@@ -174,6 +213,8 @@ def save_all(
         Names of figures; by default all of them.
     on_progress
         Callback with the name of each figure, called before it is drawn.
+    style
+        Style as in :func:`draw`.
 
     Returns
     -------
@@ -182,12 +223,16 @@ def save_all(
     Raises
     ------
     InvalidParameter
-        If the figure or the format is unknown, or the number of sensors is wrong; raised before any file is written.
+        If a figure, format or style is unknown, or the number of sensors is wrong; raised before any file is written.
     OmnimirrorError
         If the file cannot be written.
     """
     selected = list(FIGURES) if names is None else list(dict.fromkeys(names))
-    for valid, requested, noun in ((FIGURES, selected, "figure"), (FORMATS, formats, "format")):
+    for valid, requested, noun in (
+        (FIGURES, selected, "figure"),
+        (FORMATS, formats, "format"),
+        (STYLES, [style], "style"),
+    ):
         if unknown := [a for a in requested if a not in valid]:
             raise InvalidParameter(
                 f"the {noun} must be one of {', '.join(valid)}; got {unknown[0]!r}"
@@ -196,6 +241,6 @@ def save_all(
     for name in selected:
         if on_progress is not None:
             on_progress(name)
-        figure = draw(name, sensors, conditions)
+        figure = draw(name, sensors, conditions, style=style)
         files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
     return files

@@ -27,6 +27,7 @@ from .style import (
     grid_of_axes,
     new_figure,
     styled,
+    text_size,
 )
 
 RMS = QUANTITIES["rms_radius_px"]
@@ -49,10 +50,10 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
             _spot(ax, spots, i, j, airy_px)
             ax.set(xlim=(-half, half), ylim=(half, -half), aspect="equal", xticks=[], yticks=[])
             name = f"{spots.omega_deg[i]:.4g}°" if focuses == 1 or j == 0 else ""
-            ax.set_title(name, fontsize=6.5, pad=2)
+            ax.set_title(name, fontsize=text_size(6.5), pad=2)
             ax.set_title(
                 f"{RMS.symbol} {spots.rms_radius_px()[i, j]:.2f} {RMS.unit}",
-                fontsize=6,
+                fontsize=text_size(6),
                 fontweight="normal",
                 loc="right",
                 pad=2,
@@ -60,7 +61,9 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
             if focuses > 1 and i == objects - 1:
                 ax.set_xlabel(f"L$_0$ = {spots.focus_mm[j]:.5g} mm")
         grid = "squares are pixels, " if half <= MAX_GRID_PX else f"side {2 * half:.3g} px, "
-        figure.supxlabel(f"tangential → right; {grid}circle: Airy disk", fontsize=6, color=GREY)
+        figure.supxlabel(
+            f"tangential → right; {grid}circle: Airy disk", fontsize=text_size(6), color=GREY
+        )
     return figure
 
 
@@ -118,7 +121,10 @@ def mtf_curves(mtf: Mtf) -> Figure:
         for look, name in (("-", "tangential"), ("--", "sagittal")):
             ax.plot([], [], look, color=INK, label=name)
         ax.legend(
-            loc="upper right", frameon=False, fontsize=6.5, ncols=2 if len(mtf.omega_deg) > 6 else 1
+            loc="upper right",
+            frameon=False,
+            fontsize=text_size(6.5),
+            ncols=2 if len(mtf.omega_deg) > 6 else 1,
         )
         ax.set(
             xlim=(0, mtf.cycles_per_px[-1]),
@@ -127,7 +133,7 @@ def mtf_curves(mtf: Mtf) -> Figure:
             ylabel="MTF",
         )
         ax.axvline(0.5, color=GREY, linewidth=0.6)
-        ax.text(0.5, 0.01, " Nyquist", size=6, color=GREY, va="bottom")
+        ax.text(0.5, 0.01, " Nyquist", size=text_size(6), color=GREY, va="bottom")
         per_px = mtf.pixel_pitch_um * 1e-3
 
         def line_pairs(cycles: ArrayLike) -> Array:

@@ -31,7 +31,9 @@ from .style import (
     grid_of_axes,
     new_figure,
     panel_title,
+    panels,
     styled,
+    text_size,
     zero_line,
 )
 from .subjects import Subject, widest
@@ -45,29 +47,30 @@ SINGLE_VIEWPOINT_PX = (
 )
 
 
-def mapping(subjects: Sequence[Subject]) -> Figure:
+def mapping(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 5: image height and its derivative."""
-    return _column_panels(subjects, "h_px", "dh_domega_px_per_deg")
+    return _column_panels(subjects, axes, "h_px", "dh_domega_px_per_deg")
 
 
-def viewpoints(subjects: Sequence[Subject]) -> Figure:
+def viewpoints(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 6: intersections of the chief rays with the axis."""
-    return _column_panels(subjects, "viewpoint_z_mm")
+    return _column_panels(subjects, axes, "viewpoint_z_mm")
 
 
-def area_and_aspect(subjects: Sequence[Subject]) -> Figure:
+def area_and_aspect(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 7: image area and aspect of one square degree."""
-    return _column_panels(subjects, "area_px2", "aspect")
+    return _column_panels(subjects, axes, "area_px2", "aspect")
 
 
-def _column_panels(subjects: Sequence[Subject], *columns: str) -> Figure:
+def _column_panels(
+    subjects: Sequence[Subject], axes: Sequence[Axes] | None, *columns: str
+) -> Figure:
     """Draw one panel per column of the evaluation table, one line per sensor."""
     count = len(columns)
-    figure = new_figure(COLUMN if count == 1 else PAGE, 2.5)
-    labels = EndLabels(figure)
-    for i, (ax, column) in enumerate(
-        zip(grid_of_axes(figure, 1, count, count), columns, strict=True)
-    ):
+    size = (COLUMN if count == 1 else PAGE, 2.5)
+    figure, panel_axes = panels(size, (1, count), count, axes)
+    labels = EndLabels(figure, follows_layout=axes is None)
+    for i, (ax, column) in enumerate(zip(panel_axes, columns, strict=True)):
         panel_title(ax, i, QUANTITIES[column].title if count > 1 else "", count)
         ax.set_ylabel(axis_label(column, titled=count == 1))
         angle_axis(ax, widest(subjects))
@@ -94,7 +97,7 @@ def obscured_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
                     " hidden",
                     transform=ax.get_xaxis_transform(),
                     rotation=90,
-                    size=5,
+                    size=text_size(5),
                     color=GREY,
                     va="top",
                 )
@@ -132,23 +135,22 @@ def value_limits(ax: Axes, values: Sequence[Array], from_zero: bool = True) -> N
 # -- Fig. 9: blur ----------------------------------------------------------------------------------
 
 
-def blur(subjects: Sequence[Subject]) -> Figure:
+def blur(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 9: blur in pixels, in degrees, and its area in square degrees."""
-    figure = new_figure(
-        COLUMN if max(len(_prefix(s, subjects)) for s in subjects) < 10 else 0.7 * PAGE, 6.6
-    )
-    axes = grid_of_axes(figure, 3, 1, 3, sharex=True)
-    labels = EndLabels(figure)
-    _blur_panel(axes[0], subjects, "px", labels)
-    _blur_panel(axes[1], subjects, "deg", labels)
-    _blur_area_panel(axes[2], subjects, labels)
+    is_narrow = max(len(_prefix(s, subjects)) for s in subjects) < 10
+    size = (COLUMN if is_narrow else 0.7 * PAGE, 6.6)
+    figure, panel_axes = panels(size, (3, 1), 3, axes, sharex=True)
+    labels = EndLabels(figure, follows_layout=axes is None)
+    _blur_panel(panel_axes[0], subjects, "px", labels)
+    _blur_panel(panel_axes[1], subjects, "deg", labels)
+    _blur_area_panel(panel_axes[2], subjects, labels)
     for i, title in enumerate(
         ("Blur in the image", "Blur in object space", "Blur area in object space")
     ):
-        panel_title(axes[i], i, title if i else title + subjects[0].objects, 3)
-        angle_axis(axes[i], widest(subjects))
-        obscured_bands(axes[i], subjects)
-        axes[i].set_xlabel("" if i < 2 else axes[i].get_xlabel())
+        panel_title(panel_axes[i], i, title if i else title + subjects[0].objects, 3)
+        angle_axis(panel_axes[i], widest(subjects))
+        obscured_bands(panel_axes[i], subjects)
+        panel_axes[i].set_xlabel("" if i < 2 else panel_axes[i].get_xlabel())
     return labels.settle()
 
 
@@ -174,7 +176,7 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
             tolerance + 0.1,
             f"±{tolerance:g} px",
             transform=ax.get_yaxis_transform(),
-            size=6,
+            size=text_size(6),
             color=GREY,
             va="bottom",
         )
@@ -223,7 +225,7 @@ def _blur_area_panel(ax: Axes, subjects: Sequence[Subject], labels: EndLabels) -
 # -- Fig. 12: lens of a spherical mirror -----------------------------------------------------------
 
 
-def viewing_angle(subjects: Sequence[Subject]) -> Figure:
+def viewing_angle(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 12: image area of spherical mirrors at different viewing angles.
 
     The family has the rim, field and image circle of the first sensor with a spherical mirror, or
@@ -231,8 +233,8 @@ def viewing_angle(subjects: Sequence[Subject]) -> Figure:
     """
     subject = next((s for s in subjects if isinstance(s.sensor.mirror, Sphere)), subjects[0])
     field = round(subject.sensor.field_deg[1], 1)
-    figure = new_figure(COLUMN, 2.6)
-    ax, labels = figure.subplots(), EndLabels(figure)
+    figure, (ax,) = panels((COLUMN, 2.6), (1, 1), 1, axes)
+    labels = EndLabels(figure, follows_layout=axes is None)
     lines = []
     angles = [a for a in VIEWING_ANGLES if a < min(field, 180 - field)]
     for shade, theta in zip(np.linspace(1.0, 0.35, len(angles)), angles, strict=True):
@@ -292,18 +294,18 @@ def sphere_for(sensor: Sensor, omega_max_deg: float, theta_deg: float, radius_px
 # -- Fig. 15: single viewpoint ---------------------------------------------------------------------
 
 
-def viewpoint_error(subjects: Sequence[Subject]) -> Figure:
+def viewpoint_error(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 15: error of the best single viewpoint, for objects at 7 to 40 rim radii."""
     columns = min(len(subjects), 3)
     rows = -(-len(subjects) // columns)
-    figure = new_figure(COLUMN if columns == 1 else PAGE, 2.5 * rows)
-    axes = grid_of_axes(figure, rows, columns, len(subjects), sharey=True)
-    labels = EndLabels(figure)
-    max_error = max(_viewpoint_panel(ax, s) for ax, s in zip(axes, subjects, strict=True))
-    axes[0].set_ylim(
+    size = (COLUMN if columns == 1 else PAGE, 2.5 * rows)
+    figure, panel_axes = panels(size, (rows, columns), len(subjects), axes, sharey=True)
+    labels = EndLabels(figure, follows_layout=axes is None)
+    max_error = max(_viewpoint_panel(ax, s) for ax, s in zip(panel_axes, subjects, strict=True))
+    panel_axes[0].set_ylim(
         -1.1 * max(max_error, 0.5), 1.5 * max(max_error, 0.5)
     )  # space for the viewpoint values
-    for i, (ax, s) in enumerate(zip(axes, subjects, strict=True)):
+    for i, (ax, s) in enumerate(zip(panel_axes, subjects, strict=True)):
         panel_title(ax, i, s.name, len(subjects))
         angle_axis(ax, widest(subjects), max_ticks=10 if columns == 1 else 4)
         obscured_bands(ax, [s])
@@ -343,7 +345,7 @@ def _viewpoint_panel(ax: Axes, subject: Subject) -> float:
         "\n".join(texts),
         transform=ax.transAxes,
         va="top",
-        size=6,
+        size=text_size(6),
         color=subject.colour,
     )
     return max_error

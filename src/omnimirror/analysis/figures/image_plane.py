@@ -22,10 +22,11 @@ from .style import (
     PALE,
     axis_label,
     bare,
-    grid_of_axes,
     new_figure,
     panel_title,
+    panels,
     styled,
+    text_size,
 )
 from .subjects import Subject, widest
 
@@ -39,16 +40,16 @@ SPOT = "#B2182B"
 # -- Fig. 3: viewing sphere ------------------------------------------------------------------------
 
 
-def viewing_sphere(subjects: Sequence[Subject]) -> Figure:
+def viewing_sphere(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 3: objects of 15 x 15 deg on the viewing sphere, and their images."""
     count = len(subjects) + 1
     columns = min(count, 4)
     rows = -(-count // columns)
-    figure = new_figure(PAGE * columns / 4, rows * PAGE / 4 * 1.12)
-    axes = grid_of_axes(figure, rows, columns, count)
-    _draw_sphere(axes[0], subjects)
-    panel_title(axes[0], 0, "Viewing sphere", count)
-    for i, (ax, s) in enumerate(zip(axes[1:], subjects, strict=True), start=1):
+    size = (PAGE * columns / 4, rows * PAGE / 4 * 1.12)
+    figure, panel_axes = panels(size, (rows, columns), count, axes)
+    _draw_sphere(panel_axes[0], subjects)
+    panel_title(panel_axes[0], 0, "Viewing sphere", count)
+    for i, (ax, s) in enumerate(zip(panel_axes[1:], subjects, strict=True), start=1):
         _draw_image_circle(ax, s)
         panel_title(ax, i, s.name, count)
     return figure
@@ -119,15 +120,24 @@ def _draw_sphere(ax: Axes, subjects: Sequence[Subject]) -> None:
             beside = np.radians(phi - 9 / np.sin(np.radians(omega)))
             x, y = flat(camera_direction(np.radians(omega), beside))
             paper = {"facecolor": "#FAFAFA", "edgecolor": "none", "pad": 0.6}
-            ax.text(x, y, f"{omega:g}°", size=5.5, ha="right", va="center", zorder=5, bbox=paper)
+            ax.text(
+                x,
+                y,
+                f"{omega:g}°",
+                size=text_size(5.5),
+                ha="right",
+                va="center",
+                zorder=5,
+                bbox=paper,
+            )
     ax.annotate(
         "",
         (0, 1.22),
         (0, 0.99 * up[2]),
         arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.6},
     )
-    ax.text(0.05, 1.16, "mirror axis", size=6, va="center")
-    ax.text(0, -1.13, f"field ends at Ω = {field:g}°", size=6, ha="center", va="center")
+    ax.text(0.05, 1.16, "mirror axis", size=text_size(6), va="center")
+    ax.text(0, -1.13, f"field ends at Ω = {field:g}°", size=text_size(6), ha="center", va="center")
     ax.set_xlim(-1.12, 1.12)
     ax.set_ylim(-1.22, 1.25)
 
@@ -152,7 +162,7 @@ def _draw_image_circle(ax: Axes, subject: Subject) -> None:
     if not objects:
         low, high = subject.sensor.field_deg
         note = f"no object fits into\nthe field of {low:.3g}° to {high:.3g}°"
-        ax.text(0, 0, note, size=6, ha="center", va="center", color=subject.colour)
+        ax.text(0, 0, note, size=text_size(6), ha="center", va="center", color=subject.colour)
     for omega, phi, outline in objects:
         omegas = np.arccos(np.clip(-outline[:, 2], -1, 1))
         h = subject.at(np.degrees(omegas)).h_px
@@ -176,7 +186,9 @@ def _draw_image_circle(ax: Axes, subject: Subject) -> None:
             gid=f"{subject.name}:hidden",
         )
         ax.add_patch(ring)
-        ax.text(0, -outside, "hidden", size=5, ha="center", va="bottom", color=INK, zorder=6)
+        ax.text(
+            0, -outside, "hidden", size=text_size(5), ha="center", va="bottom", color=INK, zorder=6
+        )
     _scale_bar(ax, -0.71 * N, -1.17 * N, 0.2 * N)
     ax.set_xlim(-1.12 * N, 1.12 * N)
     ax.set_ylim(-1.22 * N, 1.25 * N)
@@ -197,18 +209,18 @@ def _scale_bar(ax: Axes, x: float, y: float, about: float) -> None:
     step = 10.0 ** np.floor(np.log10(about))
     length = float(step * max(m for m in (1, 2, 5) if m * step <= about))
     ax.plot([x - length, x], [y, y], color=INK, linewidth=1.2, solid_capstyle="butt")
-    ax.text(x + 0.1 * about, y, f"{length:g} px", size=6, va="center")
+    ax.text(x + 0.1 * about, y, f"{length:g} px", size=text_size(6), va="center")
 
 
 # -- Figs. 8 and 10: image radius ------------------------------------------------------------------
 
 
-def image_forming(subjects: Sequence[Subject]) -> Figure:
+def image_forming(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 8: the image of one square degree, magnified 15 times, along the image radius."""
-    return _strips(subjects, _draw_rectangles)
+    return _strips(subjects, axes, _draw_rectangles)
 
 
-def blur_in_image(subjects: Sequence[Subject]) -> Figure:
+def blur_in_image(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 10: the image of one square degree with blur spots magnified ten times."""
 
     def draw(ax: Axes, subject: Subject) -> None:
@@ -223,11 +235,14 @@ def blur_in_image(subjects: Sequence[Subject]) -> Figure:
                 smallest=0.006 * subject.radius_px,
             )
 
-    return _strips(subjects, draw, "blur spots × 10")
+    return _strips(subjects, axes, draw, "blur spots × 10")
 
 
 def _strips(
-    subjects: Sequence[Subject], draw: Callable[[Axes, Subject], None], note: str = ""
+    subjects: Sequence[Subject],
+    axes: Sequence[Axes] | None,
+    draw: Callable[[Axes, Subject], None],
+    note: str = "",
 ) -> Figure:
     """Draw one strip per sensor, from the image centre on the left to the rim on the right."""
     half = [_half_width(s) / s.radius_px for s in subjects]
@@ -236,16 +251,19 @@ def _strips(
     inches = (width - 0.15) / (left + right)
     same_scale = len({round(s.radius_px, 3) for s in subjects}) == 1
     between = 0.22 if same_scale else 0.36
-    figure = new_figure(width, 0.45 + sum(2 * h * inches + between for h in half))
-    axes = figure.subplots(
-        len(subjects), 1, squeeze=False, gridspec_kw={"height_ratios": half}
-    ).ravel()
-    for i, (ax, s, h) in enumerate(zip(axes, subjects, half, strict=True)):
+    count = len(subjects)
+    size = (width, 0.45 + sum(2 * h * inches + between for h in half))
+    figure, panel_axes = panels(size, (count, 1), count, axes, height_ratios=half)
+    for i, (ax, s, h) in enumerate(zip(panel_axes, subjects, half, strict=True)):
         N = s.radius_px
         panel_title(ax, i, s.name, len(subjects))
         if note:
             ax.set_title(
-                note + s.objects, loc="right", fontweight="normal", fontsize=6.5, color=SPOT
+                note + s.objects,
+                loc="right",
+                fontweight="normal",
+                fontsize=text_size(6.5),
+                color=SPOT,
             )
         ax.set_aspect("equal")
         ax.set_xlim(-left * N, right * N)
@@ -270,9 +288,16 @@ def _strips(
                 gid=f"{s.name}:hidden",
             )
             ax.text(
-                outside, -h * N, "hidden ", size=5.5, ha="right", va="bottom", rotation=90, zorder=5
+                outside,
+                -h * N,
+                "hidden ",
+                size=text_size(5.5),
+                ha="right",
+                va="bottom",
+                rotation=90,
+                zorder=5,
             )
-    axes[-1].set_xlabel(axis_label("h_px", titled=True))
+    panel_axes[-1].set_xlabel(axis_label("h_px", titled=True))
     return figure
 
 
@@ -311,7 +336,13 @@ def _draw_rectangles(ax: Axes, subject: Subject) -> None:
         outline.set_gid(f"{subject.name}:rectangle:{omega:g}")
         ax.add_patch(outline)
         ax.text(
-            h, min(dw / 2, top * 0.86), f"{omega:g}°", size=6, ha="center", va="bottom", zorder=5
+            h,
+            min(dw / 2, top * 0.86),
+            f"{omega:g}°",
+            size=text_size(6),
+            ha="center",
+            va="bottom",
+            zorder=5,
         )
 
 
@@ -336,15 +367,16 @@ def _spot(
 # -- Fig. 11: blur in object space -----------------------------------------------------------------
 
 
-def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
+def blur_in_object_space(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 11: blur relative to squares of 15 x 15 deg, all drawn at the same size."""
     count = len(subjects)
     longest = max(len(s.marks) for s in subjects)
     pitch = 18.0
     span = pitch * (longest + 1.1)
     row = 26.0 / span * (PAGE - 0.2)
-    figure = new_figure(PAGE, count * (row + 0.2) + 0.15)
-    for i, (ax, s) in enumerate(zip(grid_of_axes(figure, count, 1, count), subjects, strict=True)):
+    size = (PAGE, count * (row + 0.2) + 0.15)
+    figure, panel_axes = panels(size, (count, 1), count, axes)
+    for i, (ax, s) in enumerate(zip(panel_axes, subjects, strict=True)):
         panel_title(ax, i, s.name + s.objects, count)
         bare(ax)
         for j, omega in enumerate(s.marks.omega_deg):
@@ -354,7 +386,7 @@ def blur_in_object_space(subjects: Sequence[Subject]) -> Figure:
                 pitch * j,
                 8.4,
                 f"{omega:g}°{', hidden' if hidden else ''}",
-                size=6,
+                size=text_size(6),
                 ha="center",
                 va="bottom",
             )
@@ -387,7 +419,7 @@ def _draw_square(ax: Axes, subject: Subject, j: int, centre: tuple[float, float]
         x,
         y - half - 0.9,
         f"{abs(t):.2f} × {abs(s):.2f}",
-        size=5.5,
+        size=text_size(5.5),
         ha="center",
         va="top",
         color=SPOT,
@@ -397,8 +429,10 @@ def _draw_square(ax: Axes, subject: Subject, j: int, centre: tuple[float, float]
 def _draw_mean_pixel(ax: Axes, side_deg: float, x: float) -> None:
     side = side_deg * BLUR_MAGNIFICATION
     ax.add_patch(Rectangle((x - side / 2, -side / 2), side, side, facecolor=INK))
-    ax.text(x, 8.4, "mean pixel", size=6, ha="center", va="bottom")
-    ax.text(x, -OBJECT_DEG / 2 - 0.9, f"({side_deg:.3f}°)²", size=5.5, ha="center", va="top")
+    ax.text(x, 8.4, "mean pixel", size=text_size(6), ha="center", va="bottom")
+    ax.text(
+        x, -OBJECT_DEG / 2 - 0.9, f"({side_deg:.3f}°)²", size=text_size(5.5), ha="center", va="top"
+    )
 
 
 # -- Fig. 17 and error maps ------------------------------------------------------------------------
@@ -451,7 +485,7 @@ def error_map(
             levels = _round_levels(low, high)
             if len(levels):
                 lines = ax.contour(columns, rows, error, levels=levels, colors=INK, linewidths=0.4)
-                ax.clabel(lines, fontsize=6, fmt="%g")
+                ax.clabel(lines, fontsize=text_size(6), fmt="%g")
             bar = figure.colorbar(contours, ax=ax, shrink=0.7, extend="max")
             bar.set_label(f"standard deviation ({unit})")
             bar.ax.minorticks_off()

@@ -41,7 +41,9 @@ from .style import (
     displayed_points,
     new_figure,
     panel_title,
+    panels,
     styled,
+    text_size,
 )
 from .subjects import Subject
 
@@ -70,7 +72,7 @@ class PanelLimits(NamedTuple):
         ax.set_ylim(self.bottom * M, self.top * M)
 
 
-def ray_traces(subjects: Sequence[Subject]) -> Figure:
+def ray_traces(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 4: for each sensor the cross-section, and the mirror with virtual images."""
     columns = min(len(subjects), 3)
     blocks = -(-len(subjects) // columns)
@@ -78,11 +80,19 @@ def ray_traces(subjects: Sequence[Subject]) -> Figure:
     width = (PAGE if columns > 1 else COLUMN) if columns != 2 else 0.7 * PAGE
     panel = width / columns - 0.9  # remaining width for labels
     heights = [panel * overview.shape, panel * close_up.shape]
-    figure = new_figure(width, blocks * (sum(heights) + 0.95))
-    grid = figure.subplots(2 * blocks, columns, squeeze=False, height_ratios=heights * blocks)
-    labels = EndLabels(figure, size=6)
+    cells = 2 * (blocks * columns if axes is None else len(subjects))
+    figure, panel_axes = panels(
+        (width, blocks * (sum(heights) + 0.95)),
+        (2 * blocks, columns),
+        cells,
+        axes,
+        height_ratios=heights * blocks,
+    )
+    labels = EndLabels(figure, size=text_size(6), follows_layout=axes is None)
+    across = columns if axes is None else len(subjects)
+    grid = np.array(panel_axes).reshape(-1, across)
     for i, s in enumerate(subjects):
-        block, column = divmod(i, columns)
+        block, column = divmod(i, across)
         above, below = grid[2 * block, column], grid[2 * block + 1, column]
         panel_title(above, i, s.name, len(subjects))
         overview.apply(above, s.rim_mm)
@@ -93,7 +103,7 @@ def ray_traces(subjects: Sequence[Subject]) -> Figure:
         if column == 0:
             above.set_ylabel("z (mm)")
             below.set_ylabel("z (mm)")
-    for spare in range(len(subjects), blocks * columns):
+    for spare in range(len(subjects), grid.size // 2):
         grid[-2, spare % columns].remove()
         grid[-1, spare % columns].remove()
     return labels.settle()
@@ -165,7 +175,7 @@ def _draw_overview(ax: Axes, subject: Subject, labels: EndLabels) -> None:
             labels.at(ax, right, zs, f"{omega:g}°", subject.colour)
         else:
             y, va = (bottom + 0.04 * M, "bottom") if omega < 90 else (top - 0.02 * M, "top")
-            ax.text(xs + 0.05 * M, y, f"{omega:g}°", size=6, va=va, color=subject.colour)
+            ax.text(xs + 0.05 * M, y, f"{omega:g}°", size=text_size(6), va=va, color=subject.colour)
 
 
 def _incoming(
@@ -193,7 +203,7 @@ def _draw_lens(ax: Axes, subject: Subject) -> None:
     }
     ax.annotate("", (half, z), (-half, z), arrowprops=arrow, zorder=5)
     if telecentric:
-        ax.text(-half, z - 0.08 * M, "telecentric lens", size=6, va="top")
+        ax.text(-half, z - 0.08 * M, "telecentric lens", size=text_size(6), va="top")
     else:
         beside = subject.sensor.secondary is None  # otherwise the mirror is there
         x, y, ha, va = (
@@ -201,7 +211,7 @@ def _draw_lens(ax: Axes, subject: Subject) -> None:
             if beside
             else (0.0, z + 0.08 * M, "center", "bottom")
         )
-        ax.text(x, y, "lens", size=6, ha=ha, va=va)
+        ax.text(x, y, "lens", size=text_size(6), ha=ha, va=va)
 
 
 def _draw_band(ax: Axes, subject: Subject) -> None:
@@ -233,11 +243,19 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
             beyond.append(label)
     if beyond:
         note = f"{', '.join(beyond)}\nbeyond {FAR_AWAY:g} M"
-        ax.text(0.98, 0.03, note, transform=ax.transAxes, ha="right", size=6, color=subject.colour)
+        ax.text(
+            0.98,
+            0.03,
+            note,
+            transform=ax.transAxes,
+            ha="right",
+            size=text_size(6),
+            color=subject.colour,
+        )
     f_number = getattr(subject.sensor.lens, "f_number", subject.sensor.lens.image_f_number())
     near, far = subject.curve.depth_of_field_mm
     text = f"DF$_{{{f_number:.3g}}}$ = {far - near:.1f} mm about L$_0$ = {subject.curve.focus_mm:.4g} mm"
-    ax.set_title(text, fontsize=6, fontweight="normal", color=BAND_INK, pad=3)
+    ax.set_title(text, fontsize=text_size(6), fontweight="normal", color=BAND_INK, pad=3)
 
 
 def _virtual_images(subject: Subject) -> list[tuple[str, SectionCurve, dict[str, object]]]:
@@ -314,7 +332,7 @@ def principle(sensor: Sensor, circle: ImageArray) -> Figure:
                     side * xs[0],
                     zs[0],
                     f"{omega:g}°",
-                    size=6,
+                    size=text_size(6),
                     color=colour,
                     ha="center",
                     va="center",
@@ -322,9 +340,15 @@ def principle(sensor: Sensor, circle: ImageArray) -> Figure:
                 )
         _mirror(left, sensor)
         _camera(left, sensor, 0.55 * M)
-        left.text(0.25 * M, -sensor.meridian.m, "lens", size=6.5, va="center")
-        left.text(0.42 * M, -sensor.meridian.m - 0.55 * M, "image sensor", size=6.5, va="center")
-        left.text(0, _top(sensor) + 0.12 * M, "curved mirror", size=6.5, ha="center")
+        left.text(0.25 * M, -sensor.meridian.m, "lens", size=text_size(6.5), va="center")
+        left.text(
+            0.42 * M,
+            -sensor.meridian.m - 0.55 * M,
+            "image sensor",
+            size=text_size(6.5),
+            va="center",
+        )
+        left.text(0, _top(sensor) + 0.12 * M, "curved mirror", size=text_size(6.5), ha="center")
         panel_title(left, 0, "Mirror sensor: all azimuths in one image")
         right.imshow(circle, interpolation="antialiased")
         right.set_axis_off()
@@ -365,7 +389,7 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
         }
         for name, (point, dx, dz) in beside.items():
             _dot(ax, point, name, dx * M, dz * M)
-        ax.text(0.22 * M, -m, "lens, (0, -m)", size=6.5, va="center")
+        ax.text(0.22 * M, -m, "lens, (0, -m)", size=text_size(6.5), va="center")
         to_lens = float(np.degrees(np.arctan2(*(lens - P)[::-1])))
         to_object = float(np.degrees(np.arctan2(*(T - P)[::-1])))
         along = float(np.degrees(np.arctan2(normal[1], normal[0])))
@@ -376,7 +400,7 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
         ax.annotate(
             "", (1.75 * M, -m), (1.75 * M, 0.0), arrowprops={"arrowstyle": "<->", "linewidth": 0.6}
         )
-        ax.text(1.8 * M, -m / 2, "m", size=7, va="center")
+        ax.text(1.8 * M, -m / 2, "m", size=text_size(7), va="center")
         for z in (-m, 0.0):
             ax.plot([1.65 * M, 1.82 * M], [z, z], color=GREY, linewidth=0.4)
         equations = (
@@ -384,7 +408,7 @@ def design(sensor: Sensor, omega_deg: float = 100.0) -> Figure:
         )
         ax.set_title(
             f"{plot_text(sensor.name)}, Ω = {omega_deg:g}°\n{equations}",
-            fontsize=6.5,
+            fontsize=text_size(6.5),
             fontweight="normal",
             loc="center",
         )
@@ -410,7 +434,7 @@ def virtual_screens(sensor: Sensor, images: Sequence[ImageArray]) -> Figure:
             below = figure.add_subplot(grid[1, i])
             below.set_axis_off()
             below.imshow(images[i], interpolation="antialiased")
-            below.set_title(flat[i], fontsize=6.5, fontweight="normal", loc="center")
+            below.set_title(flat[i], fontsize=text_size(6.5), fontweight="normal", loc="center")
     return figure
 
 
@@ -440,8 +464,8 @@ def _screen(ax: Axes, sensor: Sensor, radius: float, is_sphere: bool) -> None:
                 color=OTHER,
                 linewidth=0.6,
             )
-    ax.text(0, _top(sensor) + 0.1 * radius, "virtual projector", size=6.5, ha="center")
-    ax.text(1.06 * radius, centre, "virtual\nscreen", size=6.5, color=OTHER, va="center")
+    ax.text(0, _top(sensor) + 0.1 * radius, "virtual projector", size=text_size(6.5), ha="center")
+    ax.text(1.06 * radius, centre, "virtual\nscreen", size=text_size(6.5), color=OTHER, va="center")
 
 
 def _reach(ray: Ray, centre: float, radius: float, is_sphere: bool) -> float:
@@ -477,18 +501,24 @@ def single_viewpoint(
         _dot(ax, V0, "V$_0$", -0.17 * M, 0.05 * M)
         arrow = {"arrowstyle": "<->", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", (-0.45 * M, V0[1]), (-0.45 * M, V[1]), arrowprops=arrow)
-        ax.text(-0.5 * M, (V + V0)[1] / 2, "v", size=7, ha="right", va="center")
+        ax.text(-0.5 * M, (V + V0)[1] / 2, "v", size=text_size(7), ha="right", va="center")
         centre = 0.7 * P + 0.3 * T
-        ax.text(centre[0] + 0.08 * M, centre[1] + 0.1 * M, "n M", size=7, color=RAY)
+        ax.text(centre[0] + 0.08 * M, centre[1] + 0.1 * M, "n M", size=text_size(7), color=RAY)
         true, apparent = (float(np.degrees(np.arctan2(*(o - T)[::-1]))) for o in (V, V0))
         epsilon = (apparent - true + 180) % 360 - 180
         low, high = sorted((apparent, apparent - epsilon))
         _angle(ax, T, 1.2 * M, low, high, "ε")
-        ax.text(T[0] - 0.9 * M, T[1] - 0.05 * M, f"ε = {abs(epsilon):.2f}°", size=7, ha="right")
+        ax.text(
+            T[0] - 0.9 * M,
+            T[1] - 0.05 * M,
+            f"ε = {abs(epsilon):.2f}°",
+            size=text_size(7),
+            ha="right",
+        )
         _angle(ax, V, 0.5 * M, -90, -90 + omega_deg, "Ω")
         name = plot_text(sensor.name)
         text = f"{name}: V$_0$ = {viewpoint_z_mm / M:.3f} M, object at {distance:g} M, Ω = {omega_deg:g}°"
-        ax.set_title(text, fontsize=6.5, fontweight="normal")
+        ax.set_title(text, fontsize=text_size(6.5), fontweight="normal")
     return figure
 
 
@@ -520,9 +550,9 @@ def blur_geometry(
         )
         ax.plot([b0, b0], [-0.75, 0.75], color=INK, linewidth=1.6)
         ax.plot([b0, b0], [-blur / 2, blur / 2], color=RAY, linewidth=3.5, solid_capstyle="butt")
-        ax.text(b0 + 0.08, 0.08, "Δ", size=8, color=RAY)
-        ax.text(b0, 0.8, "image sensor", size=6.5, ha="center", va="bottom")
-        ax.text(0.0, 0.75, "lens f, D", size=6.5, ha="center", va="bottom")
+        ax.text(b0 + 0.08, 0.08, "Δ", size=text_size(8), color=RAY)
+        ax.text(b0, 0.8, "image sensor", size=text_size(6.5), ha="center", va="bottom")
+        ax.text(0.0, 0.75, "lens f, D", size=text_size(6.5), ha="center", va="bottom")
         for position, name, z in (
             (-focus, "L$_0$", -0.85),
             (-object_at, "L", -1.1),
@@ -531,13 +561,13 @@ def blur_geometry(
         ):
             arrow = {"arrowstyle": "<->", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
             ax.annotate("", (0, z), (position, z), arrowprops=arrow)
-            ax.text(position / 2, z + 0.02, name, size=7, ha="center", va="bottom")
+            ax.text(position / 2, z + 0.02, name, size=text_size(7), ha="center", va="bottom")
             ax.plot([position, position], [0, z - 0.05], color=GREY, linewidth=0.4)
         for position, name, colour in ((-focus, "in focus", OTHER), (-object_at, "object", RAY)):
             ax.plot(position, 0, "o", color=colour, markersize=3)
-            ax.text(position, 0.1, name, size=6.5, ha="center", color=colour)
+            ax.text(position, 0.1, name, size=text_size(6.5), ha="center", color=colour)
         text = "1/L$_0$ + 1/b$_0$ = 1/L + 1/b = 1/f     F = f/D     Δ/D = (b$_0$ - b)/b     Δ > 0 beyond the focus"
-        ax.set_title(text, fontsize=6.5, fontweight="normal")
+        ax.set_title(text, fontsize=text_size(6.5), fontweight="normal")
     return figure
 
 
@@ -565,7 +595,9 @@ def prototypes(items: Sequence[Prototype]) -> Figure:
             panel_title(above, i, p.title, len(items))
             below.set_axis_off()
             below.imshow(p.image, interpolation="antialiased")
-            below.set_title("simulated", fontsize=6, fontweight="normal", loc="center", pad=2)
+            below.set_title(
+                "simulated", fontsize=text_size(6), fontweight="normal", loc="center", pad=2
+            )
     return figure
 
 
@@ -668,7 +700,7 @@ def _dot(ax: Axes, at: Array, name: str, dx: float, dz: float) -> None:
         at[0] + dx,
         at[1] + dz,
         name,
-        size=8,
+        size=text_size(8),
         va="center",
         ha="left" if dx >= 0 else "right",
         zorder=6,
@@ -695,7 +727,7 @@ def _angle(ax: Axes, vertex: Array, radius: float, start: float, end: float, nam
         vertex[0] + label_radius * np.cos(mid_angle),
         vertex[1] + label_radius * np.sin(mid_angle),
         name,
-        size=7.5,
+        size=text_size(7.5),
         ha="center",
         va="center",
     )

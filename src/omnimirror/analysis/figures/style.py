@@ -7,7 +7,7 @@ global state is changed, and a server may draw in any thread.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -27,6 +27,7 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 
+from ...base.arguments import choice
 from ...base.errors import InvalidParameter
 from ...base.files import atomic_output
 from ...base.quantities import QUANTITIES
@@ -103,7 +104,9 @@ class EndLabels:
     """Labels to the right of the axes, one per line; call :meth:`settle` after drawing."""
 
     figure: Figure
-    size: float = 6.5
+    size: float = field(default_factory=lambda: text_size(6.5))
+    follows_layout: bool = True
+    """Place the labels at each layout, or once, in a figure of the caller."""
     _labels: dict[Axes, list[Annotation]] = field(default_factory=dict)
 
     def of_line(self, ax: Axes, line: Line2D, text: str) -> None:
@@ -142,8 +145,11 @@ class EndLabels:
 
     def settle(self) -> Figure:
         """Place all labels at each layout of the figure; call it last, with final limits."""
+        if self.follows_layout:
+            self.figure.set_layout_engine(_LayoutWithLabels(self))
+        elif (layout := self.figure.get_layout_engine()) is not None:
+            layout.execute(self.figure)
         self.place()
-        self.figure.set_layout_engine(_LayoutWithLabels(self))
         return self.figure
 
     def place(self) -> None:
@@ -220,6 +226,22 @@ STYLE: dict[str, Any] = {
     "axes.unicode_minus": True,
 }
 
+STYLES: dict[str, dict[str, Any]] = {
+    "paper": {},
+    "slides": {
+        "font.size": 10,
+        "axes.linewidth": 0.9,
+        "grid.linewidth": 0.7,
+        "xtick.major.width": 0.9,
+        "ytick.major.width": 0.9,
+        "lines.linewidth": 2.0,
+    },
+}
+"""Changes of :data:`STYLE` by name: for journals, and larger text and lines for slides."""
+
+TEXT_SIZES = ("axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
+"""Settings that are proportional to the font size."""
+
 FORMATS = {"svg": 72, "png": STYLE["savefig.dpi"], "pdf": 72}
 """Output formats with the resolution, in dpi, of text measurements."""
 
@@ -237,6 +259,31 @@ def grid_of_axes(figure: Figure, rows: int, columns: int, count: int, **options:
     for spare in axes[count:]:
         spare.remove()
     return axes[:count]
+
+
+def panels(
+    size: tuple[float, float],
+    shape: tuple[int, int],
+    count: int,
+    axes: Sequence[Axes] | None = None,
+    **options: Any,
+) -> tuple[Figure, list[Axes]]:
+    """Return figure and axes of ``count`` panels: those of the caller, or of a new figure.
+
+    Raises
+    ------
+    InvalidParameter
+        Wrong number of axes.
+    """
+    if axes is None:
+        figure = new_figure(*size)
+        return figure, grid_of_axes(figure, *shape, count, **options)
+    if len(axes) != count:
+        raise InvalidParameter(
+            f"ax must be {'an array of ' * (count > 1)}{count} axes, one for each panel of the "
+            f"figure; got {len(axes)}"
+        )
+    return axes[0].figure.figure, list(axes)
 
 
 def panel_title(ax: Axes, index: int, text: str, of: int = 2) -> None:
@@ -262,9 +309,31 @@ def bare(ax: Axes) -> None:
     ax.set_aspect("equal")
 
 
-def styled() -> AbstractContextManager[None]:
-    """Return a context with the figure style, without a permanent global change."""
-    return mpl.rc_context(cast(Any, STYLE))
+def styled(style: str = "paper") -> AbstractContextManager[None]:
+    """Return a context with a style of :data:`STYLES`, without a permanent global change.
+
+    Settings (``matplotlib.rcParams``) that differ from the defaults of Matplotlib are retained.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown style.
+    """
+    choice("style", style, STYLES)
+    settings = {**STYLE, **STYLES[style]}
+    retained = {
+        name: value
+        for name, value in mpl.rcParams.items()
+        if name in settings and value != mpl.rcParamsDefault[name]
+    }
+    scale = float(retained.get("font.size", settings["font.size"])) / STYLE["font.size"]
+    scaled = {name: scale * STYLE[name] for name in TEXT_SIZES}
+    return mpl.rc_context(cast(Any, {**settings, **scaled, **retained}))
+
+
+def text_size(points: float) -> float:
+    """Return a text size for the current font size, given the size for the default of 7 pt."""
+    return points * float(mpl.rcParams["font.size"]) / float(STYLE["font.size"])
 
 
 def render(figure: Figure, kind: str = "svg") -> bytes:

@@ -6,9 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...analysis.figures import FIGURES, PAPER, save_all, save_figure
-from ...base.arguments import validate_arguments
+from ...analysis.figures import FIGURES, PAPER, STYLES, save_all, save_figure
+from ...analysis.figures.style import FORMATS, styled
+from ...base.arguments import choice, validate_arguments
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result
 from . import _claims, _paper_claims
 from ._claims import CheckedClaim, Claim, check_claims
 from ._paper_sensors import Paper, paper_sensors
@@ -30,11 +32,14 @@ ALL_FIGURES = tuple(f"fig{number}" for number in range(1, 19))
 
 
 @dataclass(frozen=True)
-class Reproduction:
+class Reproduction(Result):
     """Result of :func:`reproduce_paper`: rows of the table and written files."""
 
     rows: list[CheckedClaim]
     files: list[Path]
+
+    def _table(self) -> Columns:
+        return _claims.columns(self.rows)
 
     @property
     def unexpected(self) -> list[CheckedClaim]:
@@ -62,8 +67,14 @@ def draw_figures(
     which: Iterable[str] | None = None,
     formats: Sequence[str] = ("svg", "png"),
     on_progress: Callable[[str], None] | None = None,
+    style: str = "paper",
 ) -> list[Path]:
     """Draw the figures of the paper, computed with its approximations.
+
+    Parameters
+    ----------
+    style
+        Style as in :func:`omnimirror.analysis.figures.draw`.
 
     Raises
     ------
@@ -74,13 +85,14 @@ def draw_figures(
     """
     names = _figure_names(which)
     curves = [n for n in names if n in FIGURES]
-    files = save_all(paper_sensors(), folder, formats, curves, PAPER, on_progress)
+    files = save_all(paper_sensors(), folder, formats, curves, PAPER, on_progress, style)
     for name in (n for n in names if n not in FIGURES):
         from ._paper_figures import DIAGRAMS
 
         if on_progress is not None:
             on_progress(name)
-        figure = DIAGRAMS[name]()
+        with styled(style):
+            figure = DIAGRAMS[name]()
         files += [save_figure(figure, Path(folder) / f"{name}.{kind}") for kind in formats]
     return files
 
@@ -98,6 +110,8 @@ def reproduce_paper(
     *,
     figures: bool = True,
     only: Iterable[str] | None = None,
+    formats: Sequence[str] = ("svg", "png"),
+    style: str = "paper",
     on_progress: Callable[[str], None] | None = None,
 ) -> Reproduction:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
@@ -110,6 +124,10 @@ def reproduce_paper(
         Whether to draw the figures.
     only
         Names of the figures to draw; all by default.
+    formats
+        Formats of the figures: ``"svg"``, ``"png"`` and ``"pdf"``.
+    style
+        ``"paper"`` for a journal, or ``"slides"`` with larger text and lines.
     on_progress
         Called with the name of each step before it starts.
 
@@ -121,7 +139,7 @@ def reproduce_paper(
     Raises
     ------
     InvalidParameter
-        If the figure is unknown; raised before any file is written.
+        If a figure, format or style is unknown; raised before any file is written.
     OmnimirrorError
         If a file cannot be written.
 
@@ -134,6 +152,9 @@ def reproduce_paper(
     (['numbers.csv', 'numbers.md'], [])
     """
     which = _figure_names(only)
+    choice("style", style, STYLES)
+    for name in formats:
+        choice("formats", name, FORMATS)
     if on_progress is not None:
         on_progress("numbers")
     rows, folder = check(), Path(folder)
@@ -141,5 +162,5 @@ def reproduce_paper(
     _claims.write_csv(rows, files[0])
     _claims.write_markdown(rows, files[1])
     if figures:
-        files += draw_figures(folder, which, on_progress=on_progress)
+        files += draw_figures(folder, which, formats, on_progress, style)
     return Reproduction(rows, files)

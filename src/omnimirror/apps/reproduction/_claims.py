@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ...base.files import write_text
+from ...base.results import table_of
 from ._paper_sensors import Paper
 
 # -- Claims and verdicts ---------------------------------------------------------------------------
@@ -302,6 +303,7 @@ HEADINGS = (
     "interpretation",
     "note",
 )
+NUMBERS = ("computed", "exact", "tolerance")
 STYLES = {AGREES: "green", AS_INTERPRETED: "green", COMPUTED: "dim", ASSUMED: "dim"}
 
 
@@ -334,31 +336,39 @@ def summary(rows: Sequence[CheckedClaim]) -> str:
     )
 
 
+def columns(rows: Sequence[CheckedClaim]) -> dict[str, list[Any]]:
+    """Return the columns of the table, :data:`HEADINGS`."""
+    records = (
+        (
+            r.number,
+            r.claim.place,
+            r.claim.quantity,
+            r.claim.statement,
+            r.computed,
+            r.exact,
+            r.claim.unit,
+            r.claim.tolerance,
+            r.claim.correct or "",
+            r.verdict,
+            r.claim.expected,
+            r.claim.method,
+            r.claim.interpretation,
+            r.claim.note,
+        )
+        for r in rows
+    )
+    return table_of(dict(zip(HEADINGS, record, strict=True)) for record in records)
+
+
 def write_csv(rows: Sequence[CheckedClaim], path: str | Path) -> None:
     """Write all columns as CSV, numbers with 12 significant digits."""
+    table = columns(rows)
+    for name in NUMBERS:
+        table[name] = [number(value, 12) for value in table[name]]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADINGS)
-    for r in rows:
-        c = r.claim
-        writer.writerow(
-            [
-                r.number,
-                c.place,
-                c.quantity,
-                c.statement,
-                number(r.computed, 12),
-                number(r.exact, 12),
-                c.unit,
-                number(c.tolerance, 12),
-                c.correct or "",
-                r.verdict,
-                c.expected,
-                c.method,
-                c.interpretation,
-                c.note,
-            ]
-        )
+    writer.writerows(zip(*table.values(), strict=True))
     write_text(path, text.getvalue())
 
 

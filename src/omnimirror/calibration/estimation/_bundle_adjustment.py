@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...base.arguments import choice, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.nonlinear_least_squares import levenberg_marquardt
+from ...base.results import Columns, Result, table_of
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
 from ..straight_edges import EdgeInformation, StraightEdges
@@ -510,7 +511,7 @@ class Prior(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BundleAdjustment:
+class BundleAdjustment(Result):
     """Result of a bundle adjustment.
 
     Parameters
@@ -540,6 +541,10 @@ class BundleAdjustment:
     fixed: tuple[str, ...] = ()
     priors: tuple[Prior, ...] = ()
     edges: StraightEdges | None = None
+
+    def _table(self) -> Columns:
+        parameters = self.model.parameters
+        return table_of({"name": p.name, "value": p.value, "unit": p.unit} for p in parameters)
 
     def refit(self, observations: Sequence[Observation], **options: Any) -> BundleAdjustment:
         """Adjust again from this solution with other observations; options as of :func:`bundle_adjust`."""

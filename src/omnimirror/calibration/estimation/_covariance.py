@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from ...base.errors import OmnimirrorError
+from ...base.results import Columns, Result
 from ...base.typing import Array
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.radial_model import RadialModel
@@ -69,7 +70,7 @@ def _change_text(name: str, part: float, unit: str) -> str:
 
 
 @dataclass(frozen=True)
-class ParameterCovariance:
+class ParameterCovariance(Result):
     """Covariance of the parameters.
 
     Parameters
@@ -89,6 +90,11 @@ class ParameterCovariance:
     covariance: Array
     free: tuple[UndeterminedCombination, ...]
     sigmas: Array
+
+    def _table(self) -> Columns:
+        return {"name": list(self.names), "sigma": self.sigmas} | {
+            name: self.covariance[:, i] for i, name in enumerate(self.names)
+        }
 
     @property
     def correlations(self) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ...base.caching import cached_property
 from ...base.files import json_plain, write_text
 from ...base.parameters import Uncertainty
+from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
 from ...cameras.models.camera_model import CameraModel, direction_sigma_deg
 from ...cameras.models.radial_model import RadialModel
@@ -79,7 +80,7 @@ class EdgeResult(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Result):
     """Result of a camera calibration.
 
     Attributes
@@ -152,6 +153,9 @@ class Calibration:
     seconds: float = 0.0
     is_complete: bool = True
     edges: tuple[EdgeResult, ...] = ()
+
+    def _table(self) -> Columns:
+        return table_of(parameter._asdict() for parameter in self.parameters)
 
     @property
     def held_out_rms_px(self) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...base.arguments import check_fields, validate_arguments
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result, record_of, table_of
 from ...base.typing import Array
 from ..edge_detection import (
     SHORT_SIDE_PX,
@@ -106,7 +107,7 @@ class CameraImage:
 
 
 @dataclass(frozen=True)
-class MirrorOutline:
+class MirrorOutline(Result):
     """Ellipse of the mirror's rim in pixels of the image, with integers at pixel centres.
 
     Examples
@@ -138,6 +139,16 @@ class MirrorOutline:
 
     The first is this one, if it is not accepted.
     """
+
+    def _table(self) -> Columns:
+        (u, v), (major, minor) = self.centre_px, self.semi_axes_px
+        ellipse = {
+            "centre_u_px": u,
+            "centre_v_px": v,
+            "semi_major_px": major,
+            "semi_minor_px": minor,
+        }
+        return table_of([{**ellipse, **record_of(self), "is_accepted": self.is_accepted}])
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...base.arguments import check_fields, choice, integer, number
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result
 from ...base.typing import Array
 
 # -- Boards ----------------------------------------------------------------------------------------
@@ -247,7 +248,7 @@ Ids = NDArray[np.int_]
 
 
 @dataclass(frozen=True, eq=False)
-class Detection:
+class Detection(Result):
     """Corners of a board in one image, or the reason for a failed detection.
 
     Parameters
@@ -296,6 +297,10 @@ class Detection:
     begins_white: bool | None = None
     is_part: bool = False
     time_s: float | None = None
+
+    def _table(self) -> Columns:
+        columns = {"id": self.ids, "u_px": self.corners_px[:, 0], "v_px": self.corners_px[:, 1]}
+        return columns if self.sigma_px is None else columns | {"sigma_px": self.sigma_px}
 
     @property
     def found(self) -> bool:

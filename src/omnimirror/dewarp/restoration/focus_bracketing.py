@@ -19,6 +19,7 @@ from ...analysis.focus import FocusStudy
 from ...analysis.meridional_imaging import virtual_images
 from ...base.arguments import distances, instance, number, row, validate_arguments
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result
 from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from ..maps import PixelMap
@@ -34,7 +35,7 @@ ROUNDED = 1 - 1e-9
 
 
 @dataclass(frozen=True)
-class Bracket:
+class Bracket(Result):
     """Focus distances and the residual blur at n field angles.
 
     Attributes
@@ -54,6 +55,10 @@ class Bracket:
     blur_px: Array = field(repr=False)
     least_px: Array = field(repr=False)
     limit_px: float
+
+    def _table(self) -> Columns:
+        names = ("omega_deg", "blur_px", "least_px")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def astigmatic(self) -> NDArray[np.bool_]:

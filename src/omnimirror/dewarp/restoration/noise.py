@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from ...base.arguments import validate_arguments
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
+from ...base.results import Result
 from ...base.typing import Array, Mask
 from ...io.jpeg import BLOCK, JpegCoding, read_jpeg_coding
 
@@ -319,7 +321,8 @@ VISIBLE_OF_CODED = 0.25  # visible fraction of the standard deviation due to cod
 SURVIVING = 0.8  # ratio of the noise that survives coding in uniform blocks to that in all blocks
 
 
-class Noise(NamedTuple):
+@dataclass(frozen=True)
+class Noise(Result):
     """Noise of an image."""
 
     share: float
@@ -339,11 +342,11 @@ class Noise(NamedTuple):
 
     def at_least(self, by_pixel: Light | np.float32) -> Noise:
         """Return the noise with a lower bound for each pixel (h, w)."""
-        return self._replace(by_pixel=np.maximum(self.by_pixel, by_pixel))
+        return replace(self, by_pixel=np.maximum(self.by_pixel, by_pixel))
 
     def window(self, rows: slice, columns: slice) -> Noise:
         """Return the noise of an image window."""
-        return self._replace(by_pixel=self.by_pixel[rows, columns])
+        return replace(self, by_pixel=self.by_pixel[rows, columns])
 
 
 @validate_arguments
@@ -406,8 +409,8 @@ def estimate_noise(
             # If most of the apparent noise is texture, the remainder may be texture, too
             visible = left * (left / max(like_noise, MIN_NOISE**2)) ** 2
             variance = max(level, MIN_NOISE_OF_CODED**2)
-            return _even(variance, inside.shape, "JPEG")._replace(
-                missing_share=(level - visible) / variance
+            return replace(
+                _even(variance, inside.shape, "JPEG"), missing_share=(level - visible) / variance
             )
     demosaiced = _is_demosaiced(colours, inside)
     return _even(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import av
 
-from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.errors import InvalidParameter, OmnimirrorError, extra_remedy
 from .live_views import LiveView
 
 MAX_PEERS = 8
@@ -99,7 +99,7 @@ def _import_aiortc() -> Any:
     except ModuleNotFoundError as e:
         if e.name is None or e.name.partition(".")[0] != "aiortc":
             raise
-        raise OmnimirrorError("WebRTC requires aiortc: pip install 'omnimirror[webrtc]'") from None
+        raise OmnimirrorError(f"WebRTC requires aiortc: {extra_remedy('webrtc')}") from None
     return aiortc
 
 

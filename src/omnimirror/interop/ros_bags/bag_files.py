@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ...base.errors import MediaError, OmnimirrorError
+from ...base.errors import MediaError, OmnimirrorError, extra_remedy
 from ...base.files import TEMPORARY_MARK, check_file, compose_yaml, read_text
 
 STORAGES = {".mcap": "MCAP", ".db3": "SQLITE3"}
@@ -54,7 +54,7 @@ def rosbags() -> Any:
     except ModuleNotFoundError as e:
         if e.name is None or e.name.partition(".")[0] != "rosbags":
             raise
-        raise OmnimirrorError("ROS bags require rosbags: pip install 'omnimirror[ros]'") from None
+        raise OmnimirrorError(f"ROS bags require rosbags: {extra_remedy('ros')}") from None
     return rosbags
 
 

@@ -12,6 +12,7 @@ from ...base import interrupts
 from ...base.arguments import file_name, validate_arguments
 from ...base.errors import InvalidParameter, MediaError
 from ...base.files import is_same_file
+from ...base.results import Result
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper
 from ...dewarp import views as view_functions
@@ -46,7 +47,7 @@ EXACT_PX = 0.005
 
 
 @dataclass(frozen=True)
-class DewarpedBag:
+class DewarpedBag(Result):
     """Result of :func:`dewarp_bag`.
 
     Examples

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from ...base.errors import OmnimirrorError
+from ...base.errors import OmnimirrorError, extra_remedy
 
 
 class _LazyTorch:
@@ -16,7 +16,7 @@ class _LazyTorch:
             value = getattr(import_module("torch"), name)
         except ImportError:
             raise OmnimirrorError(
-                "differentiable cameras require PyTorch: pip install 'omnimirror[torch]'"
+                f"differentiable cameras require PyTorch: {extra_remedy('torch')}"
             ) from None
         self.__dict__[name] = value
         return value

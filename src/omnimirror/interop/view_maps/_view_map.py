@@ -9,6 +9,7 @@ import numpy as np
 from ...base.arguments import instance
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result, pixel_grid
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper
@@ -21,7 +22,7 @@ MAX_SIDE_PX = 65534
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ViewMap:
+class ViewMap(Result):
     """Map between the pixels of a view and the pixels of the source image.
 
     Attributes
@@ -46,6 +47,12 @@ class ViewMap:
     view: View
     viewpoint: Viewpoint = "exact"
     name: str = "camera"
+
+    def _table(self) -> Columns:
+        width, height = self.size
+        view = {f"view_{k}": v for k, v in pixel_grid(np.arange(width), np.arange(height)).items()}
+        u, v = self.dewarp_map.reshape(-1, 2).T
+        return {**view, "source_u_px": u, "source_v_px": v}
 
     @property
     def size(self) -> tuple[int, int]:

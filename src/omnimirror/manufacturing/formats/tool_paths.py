@@ -233,7 +233,7 @@ def _worst_nm(mirror: Mirror, radius: float, contact: Array, x: Array, z: Array)
     interpolated along each step are therefore sufficient: within 2e-5 of the result for a tolerance
     of 1 um, and within 0.2 % for the largest one.
     """
-    at_x, at_z = x[:-1] + STEP_FRACTIONS * np.diff(x), z[:-1] + ALONG * np.diff(z) + radius
+    at_x, at_z = x[:-1] + STEP_FRACTIONS * np.diff(x), z[:-1] + STEP_FRACTIONS * np.diff(z) + radius
     t = contact[:-1] + STEP_FRACTIONS * np.diff(contact)
     sag, slope, _ = mirror.profile(t)
     up = 1 / np.sqrt(1 + slope**2)

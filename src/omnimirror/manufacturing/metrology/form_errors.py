@@ -20,6 +20,7 @@ from ...base.arguments import integer, number, row, validate_arguments, vectors
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.polynomials import noll, zernike_terms, zernike_values
+from ...base.results import Result
 from ...base.typing import Array
 from ...optics.mirrors import Mirror, SampledProfile
 from ...optics.mirrors.measured import MAD_TO_SIGMA, check_distance, check_spread
@@ -84,7 +85,7 @@ NAMES = {
 
 
 @dataclass(frozen=True)
-class FormError:
+class FormError(Result):
     """Form error of a measured mirror.
 
     Attributes

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from ...base.arguments import file_name, validate_arguments
-from ...base.errors import OmnimirrorError
+from ...base.errors import OmnimirrorError, extra_remedy
 from ...base.files import check_file, open_file, read_text
 from ...base.typing import Array
 from ...optics.mirrors.measured import grid_points, parsed_points
@@ -102,7 +102,7 @@ def _of_machine(path: Path) -> Array:
     """Read a grid of heights with SurfaceTopography after a check of its size."""
     if find_spec("SurfaceTopography") is None:
         raise OmnimirrorError(
-            f"{path.suffix} files require SurfaceTopography; install with pip install 'omnimirror[metrology]'"
+            f"{path.suffix} files require SurfaceTopography: {extra_remedy('metrology')}"
         )
     from SurfaceTopography.IO import open_topography
 

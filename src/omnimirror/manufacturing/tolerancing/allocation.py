@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result
 from ...base.typing import Array
 from ...optics.sensor import Sensor
 from .evaluator import TrialEvaluator
@@ -35,7 +36,7 @@ MAX_FACTOR = 1e6
 
 
 @dataclass(frozen=True)
-class Allocation:
+class Allocation(Result):
     """Allocated tolerances.
 
     Attributes
@@ -60,6 +61,9 @@ class Allocation:
     confirmed_yield: YieldEstimate
     trials: int
     at_maximum: tuple[str, ...] = ()
+
+    def _table(self) -> Columns:
+        return {"name": list(self.tolerances), "tolerance": list(self.tolerances.values())}
 
 
 def allocate(

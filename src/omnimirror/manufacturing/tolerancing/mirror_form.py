@@ -18,6 +18,7 @@ import numpy as np
 from ...base.arguments import check_fields, number, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.polynomials import noll, zernike_terms, zernike_values
+from ...base.results import Columns, Result
 from ...base.typing import Array
 from ...optics.mirrors import Mirror
 from ...optics.mirrors.as_built import MAX_ORDER, TERMS, MirrorForm
@@ -195,7 +196,7 @@ def load_measured_form(mirror: Mirror, path: str | Path, unit: Unit = "mm") -> M
 
 
 @dataclass(frozen=True)
-class FormEffect:
+class FormEffect(Result):
     """Effect of a form error on the images of a sensor.
 
     Attributes
@@ -213,6 +214,13 @@ class FormEffect:
     as_built: Mapping[str, float]
     lost_rays: int
     untraced_um: float
+
+    def _table(self) -> Columns:
+        return {
+            "merit": list(self.nominal),
+            "nominal": list(self.nominal.values()),
+            "as_built": [self.as_built[name] for name in self.nominal],
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Convert to a JSON-serialisable dictionary."""

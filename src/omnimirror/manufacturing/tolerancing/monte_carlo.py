@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
 from .compensation import merit_names
 from .evaluator import TrialEvaluator
@@ -104,7 +105,7 @@ def check_trials(trials: int) -> None:
 
 
 @dataclass
-class YieldStatistics:
+class YieldStatistics(Result):
     """Accumulated statistics of trials, independent of their order.
 
     Attributes
@@ -131,6 +132,12 @@ class YieldStatistics:
     passed_each: dict[str, int] = field(default_factory=dict)
     sums: Array = field(init=False)
     counts: NDArray[np.int64] = field(init=False)
+
+    def _table(self) -> Columns:
+        return table_of(
+            {"merit": name, "limit": limit, "passed": self.passed_each.get(name)}
+            for name, limit in self.limits.items()
+        )
 
     def __post_init__(self) -> None:
         self.sums = np.zeros(len(self.names))

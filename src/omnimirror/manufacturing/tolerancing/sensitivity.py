@@ -19,11 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
 from .compensation import CALIBRATIONS, OF_MOTION, after, motion
 from .evaluator import TrialEvaluator, image_motions
@@ -209,7 +210,7 @@ REACH = 1e4  # search range of the maximum tolerance, relative to the tolerance
 
 
 @dataclass(frozen=True)
-class ErrorSensitivity:
+class ErrorSensitivity(Result):
     """Effect of one error.
 
     Attributes
@@ -231,6 +232,16 @@ class ErrorSensitivity:
     merits: Mapping[str, float]
     rates: Mapping[str, Rates]
     max_tolerance: Mapping[str, float]
+
+    def _table(self) -> Columns:
+        return table_of([self.record()])
+
+    def record(self) -> dict[str, Any]:
+        """Return the row of the table: error, tolerance, and for each merit its value and the
+        largest tolerance.
+        """
+        largest = {f"max_tolerance_{name}": value for name, value in self.max_tolerance.items()}
+        return {"error": self.name, "tolerance": self.tolerance, **self.merits, **largest}
 
 
 def sensitivities(
@@ -358,7 +369,7 @@ class SobolIndex(NamedTuple):
 
 
 @dataclass(frozen=True)
-class VarianceDecomposition:
+class VarianceDecomposition(Result):
     """Sobol indices of all errors.
 
     Attributes
@@ -374,6 +385,13 @@ class VarianceDecomposition:
     groups: Mapping[str, tuple[str, ...]]
     indices: Mapping[str, Mapping[str, SobolIndex]]
     lost: float
+
+    def _table(self) -> Columns:
+        return table_of(
+            {"merit": merit, "error": error, **index._asdict()}
+            for merit, indices in self.indices.items()
+            for error, index in indices.items()
+        )
 
 
 def sobol_indices(

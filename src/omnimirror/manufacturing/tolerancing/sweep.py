@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from ...base import interrupts
 from ...base.arguments import check_fields
 from ...base.caching import cached_property
-from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.errors import InvalidParameter, OmnimirrorError, extra_remedy
 from ...base.files import atomic_output, check_file, json_plain, parse_json, read_text, write_text
 from ...base.native import backend
 from ...optics.sensor_files import tables_of
@@ -324,9 +324,7 @@ def _parquet() -> tuple[Any, Any]:
     try:
         return import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError:
-        raise OmnimirrorError(
-            "shards require pyarrow; install with pip install 'omnimirror[design]'"
-        ) from None
+        raise OmnimirrorError(f"shards require pyarrow: {extra_remedy('design')}") from None
 
 
 AHEAD = 3  # queued shards per worker
@@ -388,7 +386,7 @@ def _cluster(address: str) -> Iterator[Pool]:
         distributed: Any = import_module("distributed")
     except ImportError:
         raise OmnimirrorError(
-            "a scheduler requires distributed; install with pip install 'omnimirror[cluster]'"
+            f"a scheduler requires distributed: {extra_remedy('cluster')}"
         ) from None
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...base.arguments import instance, integer, validate_arguments
 from ...base.errors import InvalidParameter
+from ...base.results import Columns, Result, record_of, table_of
 from ...design.evaluated_field import distances_mm
 from ...design.limits import Limit
 from ...design.requirements import Requirements
@@ -30,7 +31,7 @@ QUANTILES = (0.05, 0.5, 0.95, 0.99)
 
 
 @dataclass(frozen=True)
-class ToleranceReport:
+class ToleranceReport(Result):
     """Result of :func:`tolerance`.
 
     Attributes
@@ -69,6 +70,9 @@ class ToleranceReport:
     allocation: Allocation | None
     variance: VarianceDecomposition | None
     seconds: float
+
+    def _table(self) -> Columns:
+        return table_of(row.record() for row in self.sensitivities)
 
     def to_dict(self) -> dict[str, Any]:
         """Convert to a JSON-serialisable dictionary.
@@ -350,7 +354,7 @@ DEFAULT_QUANTILES = (0.05, 0.5, 0.95)
 
 
 @dataclass(frozen=True)
-class TypicalSensor:
+class TypicalSensor(Result):
     """Trial at a given quantile, as a sensor.
 
     Attributes
@@ -380,6 +384,9 @@ class TypicalSensor:
     values: Mapping[str, float]
     sensor: Sensor
     merit: float
+
+    def _table(self) -> Columns:
+        return table_of([{**record_of(self), **self.values}])
 
 
 @validate_arguments

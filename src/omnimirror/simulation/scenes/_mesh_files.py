@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.colour import Light, linear_from_srgb
-from ...base.errors import InvalidParameter, MediaError
+from ...base.errors import InvalidParameter, MediaError, extra_remedy
 from ...base.files import check_file, open_file, parse_json, read_bytes
 from ...base.typing import Array
 from ...cameras.frames import rotate_vectors
@@ -226,7 +226,7 @@ def _meshes(path: Path) -> list[Any]:
         import trimesh
     except ImportError:
         raise MediaError(
-            f"reading the mesh {path.name} requires trimesh: pip install 'omnimirror[cad]'"
+            f"reading the mesh {path.name} requires trimesh: {extra_remedy('cad')}"
         ) from None
     if not path.exists():
         raise MediaError(f"cannot find the mesh {path}")

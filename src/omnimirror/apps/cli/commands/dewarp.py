@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from ....base.errors import OmnimirrorError
+from ....base.errors import OmnimirrorError, extra_remedy
 from ....base.files import write_text
 from ....base.native import backend
 from ....dewarp.image_files import DewarpedImages, ImageDewarper
@@ -153,9 +153,7 @@ def is_single_file(source: str) -> bool:
 
 def missing_pyav(source: str) -> OmnimirrorError:
     """Return the exception for a missing video reader."""
-    return OmnimirrorError(
-        f"reading the video {source} requires PyAV: pip install 'omnimirror[video]'"
-    )
+    return OmnimirrorError(f"reading the video {source} requires PyAV: {extra_remedy('video')}")
 
 
 def _size_of_video(source: str, is_stored: bool) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ....base.errors import OmnimirrorError
+from ....base.errors import OmnimirrorError, extra_remedy
 from ....base.native import MAX_THREADS
 from ....dewarp.interfaces import Interpolation
 from ....interop.named_views import load_views
@@ -75,7 +75,7 @@ def command(
         if e.name not in ("fastapi", "starlette", "uvicorn", "av"):
             raise
         raise OmnimirrorError(
-            "serving views requires FastAPI and PyAV: pip install 'omnimirror[studio]'"
+            f"serving views requires FastAPI and PyAV: {extra_remedy('studio')}"
         ) from None
     check_source(source)
     views = load_views(views_file, changes)

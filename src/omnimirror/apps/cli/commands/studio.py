@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ....base.errors import OmnimirrorError
+from ....base.errors import OmnimirrorError, extra_remedy
 from ....base.files import write_text
 from .._camera_options import OrientationOptions
 from .._declarations import DocumentedCommand, Options, add_options, option
@@ -76,7 +76,7 @@ def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:
         if e.name not in ("fastapi", "starlette", "uvicorn"):
             raise
         raise OmnimirrorError(
-            "the studio requires FastAPI and uvicorn: pip install 'omnimirror[studio]'"
+            f"the studio requires FastAPI and uvicorn: {extra_remedy('studio')}"
         ) from None
     serve(make(), server.host, server.port, server.open_browser, click.echo)
 

@@ -1,0 +1,161 @@
+"""Contract of results: short ``repr``, HTML for notebooks, and data frames."""
+
+from __future__ import annotations
+
+import csv
+import doctest
+import importlib
+import inspect
+import re
+import sys
+import typing
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import omnimirror as om
+from omnimirror.base.results import LINE_WIDTH, MAX_LINES, Result, short_text
+
+INPUTS = re.compile(r"^(load|read|parse)_|_like$|^show$")
+"""Public functions that return inputs of other functions, or a page."""
+
+
+def classes_in(annotation: Any) -> Iterator[type]:
+    """Yield the classes of the package in a type annotation."""
+    if inspect.isclass(annotation) and annotation.__module__.startswith("omnimirror"):
+        yield annotation
+    for part in typing.get_args(annotation):
+        yield from classes_in(part)
+
+
+def result_classes() -> dict[type, str]:
+    """Return the classes that public functions return, each with the first of these functions."""
+    found: dict[type, str] = {}
+    for name in om.__all__:
+        function = getattr(om, name)
+        if not inspect.isfunction(function) or INPUTS.search(name):
+            continue
+        for cls in classes_in(typing.get_type_hints(function).get("return")):
+            if not hasattr(cls, "backproject") and not issubclass(cls, Exception):  # no camera
+                found.setdefault(cls, name)
+    return found
+
+
+RESULTS = result_classes()
+
+
+def results_in(value: Any) -> Iterator[Result]:
+    """Yield the results in a return value."""
+    if isinstance(value, Result):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from results_in(list(value.values()))
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from results_in(part)
+
+
+def run_examples(docstring: str | None, names: dict[str, Any]) -> None:
+    """Run the examples of a docstring, except those that raise errors."""
+    for example in doctest.DocTestParser().get_examples(docstring or ""):
+        if example.exc_msg is None:
+            exec(compile(example.source, "example", "single"), names)
+
+
+def example_of(cls: type, monkeypatch: pytest.MonkeyPatch) -> Result:
+    """Return a result from the example of its class, or of the function that returns it."""
+    names = dict(vars(sys.modules[cls.__module__]))
+    run_examples(inspect.getdoc(cls), names)
+    if results := [value for value in names.values() if type(value) is cls]:
+        return results[-1]
+    name = RESULTS[cls]
+    function = getattr(om, name)
+    returned: list[Any] = []
+
+    def recorded(*args: Any, **kwargs: Any) -> Any:
+        returned.append(function(*args, **kwargs))
+        return returned[-1]
+
+    monkeypatch.setattr(importlib.import_module(f"omnimirror.{om._HOMES[name]}"), name, recorded)
+    module = inspect.unwrap(function).__module__
+    run_examples(inspect.getdoc(function), {**vars(sys.modules[module]), name: recorded})
+    results = [result for result in results_in(returned) if type(result) is cls]
+    assert results, f"the examples of {cls.__name__} and {name} contain no {cls.__name__}"
+    return results[-1]
+
+
+def test_return_types_are_results():
+    assert len(RESULTS) > 40
+    assert [cls for cls in RESULTS if not issubclass(cls, Result)] == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("cls", RESULTS, ids=lambda cls: cls.__name__)
+def test_results_of_examples(cls, monkeypatch, tmp_path):
+    pandas, polars = (pytest.importorskip(package) for package in ("pandas", "polars"))
+    monkeypatch.chdir(tmp_path)
+    result = example_of(cls, monkeypatch)
+
+    text = repr(result)
+    assert text.startswith(f"{type(result).__name__}(")
+    assert len(text.splitlines()) <= MAX_LINES
+    assert len(text) <= MAX_LINES * LINE_WIDTH
+    assert "array([" not in text
+
+    html = result._repr_html_()
+    card = ElementTree.fromstring(html)
+    assert card.find(".//b").text == type(result).__name__
+    assert len(html) < 40_000
+
+    frame = result.to_dataframe()
+    assert isinstance(frame, pandas.DataFrame)
+    assert len(frame.columns) == len(set(frame.columns)) >= 1
+    with monkeypatch.context() as without_pandas:
+        without_pandas.setitem(sys.modules, "pandas", None)
+        other = result.to_dataframe()
+    assert isinstance(other, polars.DataFrame)
+    assert (other.columns, other.height) == (list(frame.columns), len(frame))
+
+    if hasattr(result, "to_csv"):
+        result.to_csv(tmp_path / "table.csv")
+        header, *rows = csv.reader((tmp_path / "table.csv").read_text().splitlines())
+        assert header == list(frame.columns)
+        assert len(rows) == len(frame)
+        for column, cells in zip(frame.columns, zip(*rows, strict=True), strict=True):
+            if frame[column].dtype.kind == "f":
+                np.testing.assert_allclose(frame[column], np.array(cells, float), rtol=1e-9)
+
+
+def test_missing_data_frame_packages(monkeypatch):
+    result = om.best_focus(om.load_sensor("paper-spherical"))
+    for package in ("pandas", "polars"):
+        monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(om.OmnimirrorError, match=r"^data frames require .*'\.\[tables\]'"):
+        result.to_dataframe()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (np.array([[1.0, np.nan]]), "array (1, 2), 1 to 1, 1 not finite"),
+        (np.full(3, np.nan), "array (3,), not finite"),
+        (np.empty((0, 2)), "array (0, 2)"),
+        ("x" * 100, repr("x" * 57 + "...")),
+        ({"a": 1, "b": 2}, "2 entries"),
+        ([object()] * 5, "5 object"),
+        ((), "()"),
+        ((1.0,), "(1,)"),
+    ],
+)
+def test_short_text(value, text):
+    assert short_text(value) == text
+
+
+def test_long_reprs_are_abbreviated():
+    sensor = om.load_sensor("paper-spherical")
+    text = repr(om.evaluate(sensor, np.linspace(0.0, 130.0, 500)))
+    assert re.search(r"\.\.\. \d+ more\)$", text)
+    assert "omega_deg=array (500,), 0 to 130" in text
