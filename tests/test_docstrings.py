@@ -34,7 +34,7 @@ CHECKS = {
 """Functions that raise errors of arguments."""
 ARRAYS = re.compile(r"\b(Array|ArrayLike|NDArray|Image|ImageArray|Light|Mask|Planes)\b")
 SHAPE = re.compile(
-    r"\(([^)]*\b(n|m|k|h|w|height|width|rows|2|3)\b[^)]*|\.\., \w)\)|\bscalar\b|\bshape\b"
+    r"\(([^)]*\b(n|m|k|h|w|height|width|rows|2|3)\b[^)]*|\.\.\., \w)\)|\bscalar\b|\bshape\b"
 )
 
 

@@ -94,7 +94,7 @@ def test_shards_match_a_run_in_memory(plan, expected, tmp_path):
     table = pq.read_table(tmp_path)
     assert sorted(table["trial"].to_pylist()) == list(range(TRIALS))
     manifest = json.loads((tmp_path / "_manifest.json").read_text())
-    assert manifest["asked"]["trials"] == TRIALS
+    assert manifest["requested"]["trials"] == TRIALS
     assert sorted(manifest["shards"]) == sorted(stamps(tmp_path))
     block = table.filter((pc.field("trial") >= 3 * BLOCK) & (pc.field("trial") < 3 * BLOCK + 10))
     again = TrialEvaluator.of(plan.tolerances.sensor, **plan.objects).evaluate(

@@ -101,7 +101,7 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
             worker.send(message.model_dump_json())
             for _ in range(message.pictures):
                 detected = await receive_message(socket, BoardDetection)
-                await asyncio.to_thread(worker.tell, detected.model_dump_json())
+                await asyncio.to_thread(worker.send, detected.model_dump_json())
             await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
     except InvalidMessage as e:
         await close_invalid(socket, e)
