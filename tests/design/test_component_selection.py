@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ IMAGER_TABLE = "[[imager]]\nname = 'A'\nwidth_px = 640\nheight_px = 480\npixel_p
 BALL_TABLE = "[[ball]]\nname = 'A'\nball_diameter_mm = 60\n"
 
 
-def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
+def test_a_catalogue_holds_parts_of_all_kinds(tmp_path, monkeypatch):
     """One TOML file with kinds by table, and one CSV file with kinds by columns."""
     (tmp_path / "parts.toml").write_text(
         LENS_TABLE
@@ -173,6 +174,14 @@ def test_a_catalogue_holds_parts_of_all_kinds(tmp_path):
         read = read_catalogue(tmp_path / name)
         assert read == expected
         assert isinstance(read.imagers[0].width_px, int)
+    monkeypatch.chdir(tmp_path)
+    for name in (
+        "parts",
+        "zoo.TXT",
+    ):  # TOML unless the suffix is .csv; after "typical" in the alphabet
+        (tmp_path / name).write_text((tmp_path / "parts.toml").read_text())
+        assert read_catalogue(name) == expected
+    assert read_catalogue(Path("typical")) == read_catalogue()
     (tmp_path / "more.toml").write_text(BALL_TABLE.replace("'A'", "'B'"))
     assert [
         b.name
@@ -232,6 +241,17 @@ def test_ranges_of_a_catalogue_include_their_ends(part, name, low, high):
     for value in (low - 0.001 * (abs(low) or 1), high * 1.001):
         with pytest.raises(InvalidParameter, match=f"^a: {name} must be "):
             replace(part, **{name: value})
+
+
+def test_extension_rings_of_a_catalogue_are_within_their_range():
+    for value in (0.001, 1000.0):
+        assert replace(LENS, extension_rings_mm=(5.0, value)).extension_rings_mm == (5.0, value)
+    for value in (0.0009, 1000.1):
+        with pytest.raises(
+            InvalidParameter,
+            match=r"^a: extension_rings_mm\[1\] must be between 0\.001 and 1000 mm",
+        ):
+            replace(LENS, extension_rings_mm=(5.0, value))
 
 
 @pytest.mark.parametrize(
@@ -378,6 +398,10 @@ def test_catalogues_as_csv(tmp_path):
         (
             IMAGER_TABLE.replace("= 640", "= 640.5"),
             r"imager 1: width_px must be an integer number of pixels; got 640\.5",
+        ),
+        (
+            IMAGER_TABLE.replace("= 640", "= -640.5"),
+            r"imager 1: width_px must be an integer number of pixels; got -640\.5",
         ),
         (
             IMAGER_TABLE.replace("= 480", "= 480.5"),

@@ -368,7 +368,7 @@ def test_limits_of_lens_are_included():
     """First and last surface as stop, 1 and 80 deg (the default); not the focus itself."""
     lens = plano_convex()
     assert SurfaceLens.field_max_deg == 80.0
-    for stop in (1, 3):
+    for stop in (1, 3, 2.0):
         assert plano_convex(stop_surface=stop).stop_surface == stop
     assert np.degrees(np.arctan(plano_convex(field_max_deg=1.0).field.end)) == pytest.approx(1.0)
     with pytest.raises(InvalidParameter, match="focus_distance_mm must be greater than 40 mm"):
@@ -395,8 +395,10 @@ def test_other_wavelengths_require_three_indices(missing):
         plano_convex(
             **{name: value for name, value in known.items() if name != missing}
         ).at_wavelength(700.0)
-    with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
-        plano_convex(**{**known, "wavelengths_nm": (486.1, 656.3)}).at_wavelength(700.0)
+    for wavelengths in ((486.1, 656.3), (486.1, 546.1, 587.6, 656.3)):
+        lens = plano_convex(**{**known, "wavelengths_nm": wavelengths})
+        with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
+            lens.at_wavelength(700.0)
 
 
 def test_narrow_aperture_reduces_illumination(file, tmp_path):
