@@ -258,11 +258,11 @@ def test_extension_rings_of_a_catalogue_are_within_their_range():
     ("text", "sentence"),
     [
         (
-            "name,pixel_pitch\nA,3\n",
+            "name,pixel_pitch,sort\nA,3,4\n",
             r"parts\.csv line 1: unknown column 'pixel_pitch'; did you mean pixel_pitch_um",
         ),
         (
-            "name,use,mass_g,use\nA,arm\n",
+            "name,use,mass_g,use,mass_g\nA,arm\n",
             r"parts\.csv line 1: columns must be unique; use is repeated",
         ),
         (
@@ -353,7 +353,7 @@ def test_catalogues_as_csv(tmp_path):
     ("text", "sentence"),
     [
         ("[[lens]]\nname = 'A'\n", "focal_length_mm is missing"),
-        ("[[lens]]\nname = 'A'\nfocal = 3\n", "unknown entry focal"),
+        ("[[lens]]\nname = 'A'\nfocal = 3\nsort = 4\n", "unknown entry focal; valid"),
         ("[[camera]]\nname = 'A'\n", "got camera"),
         ("lens = 3\n", "got lens"),
         (
