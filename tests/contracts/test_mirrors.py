@@ -226,6 +226,8 @@ def test_conics_are_refused_outside_their_bounds(kind, name, low, high, unit):
 
 @pytest.mark.parametrize("kind", ["even-polynomial", "conic-asphere"])
 def test_coefficients_are_refused_outside_their_bounds(kind):
+    coefficients = EXAMPLES[kind][0].PARAMETERS["coefficients"]
+    assert (coefficients.low, coefficients.high) == (-1e9, 1e9)  # rounded in messages
     for value in (-1.001e9, 1.001e9):
         with pytest.raises(
             InvalidParameter,

@@ -340,6 +340,8 @@ BOUNDS = {
 @pytest.mark.parametrize("name", BOUNDS)
 def test_surface_columns_out_of_bounds_rejected(name):
     low, high = BOUNDS[name]
+    described = SurfaceLens.PARAMETERS[name]
+    assert (described.low, described.high) == (low, high)
     for value in (low - 1e-4, high + 0.1):
         with pytest.raises(
             InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")
@@ -365,8 +367,9 @@ def test_numbers_out_of_bounds_rejected(name, low, high):
 
 
 def test_limits_of_lens_are_included():
-    """First and last surface as stop, 1 and 80 deg (the default); not the focus itself."""
-    lens = plano_convex()
+    """Coefficients of 1e9, which messages round. First and last surface as stop, 1 and 80 deg (the default); not the focus itself."""
+    lens, coefficients = plano_convex(), SurfaceLens.PARAMETERS["aspheres"]
+    assert (coefficients.low, coefficients.high) == (-1e9, 1e9)
     assert SurfaceLens.field_max_deg == 80.0
     for stop in (1, 3, 2.0):
         assert plano_convex(stop_surface=stop).stop_surface == stop
