@@ -367,7 +367,8 @@ def test_numbers_out_of_bounds_rejected(name, low, high):
 
 
 def test_limits_of_lens_are_included():
-    """Coefficients of 1e9, which messages round. First and last surface as stop, 1 and 80 deg (the default); not the focus itself."""
+    """Coefficients to 1e9, which messages round; first and last surface as stop; 1 and 80 deg (the
+    default); not the focus itself."""
     lens, coefficients = plano_convex(), SurfaceLens.PARAMETERS["aspheres"]
     assert (coefficients.low, coefficients.high) == (-1e9, 1e9)
     assert SurfaceLens.field_max_deg == 80.0
