@@ -22,7 +22,7 @@ from omnimirror.base.quantities import Quantity
 from omnimirror.cameras.camera import Projection, Rays
 from omnimirror.design import Limitable
 from omnimirror.design.limits import LIMITABLE
-from omnimirror.optics.mirrors import MIRRORS, RIM_RADIUS, Flat, Mirror
+from omnimirror.optics.mirrors import MIRRORS, RIM_RADIUS, EvenPolynomial, Flat, Mirror
 from omnimirror.optics.sensor_files import load_sensor, save_sensor, tables_of
 from omnimirror.optics.testing import check_mirror
 from tests.commands import Forks
@@ -272,6 +272,11 @@ BREACHES = {
         {"radius_t": lambda self, x: np.full_like(np.asarray(x), 50.0)},
         r"the radii at the apex must be equal",
     ),
+    "radii of a curved apex": (
+        with_profile(lambda u, z, s, c: (z + 20 * u**2, s + u, c + 1 / 40))
+        | {"radius_t": lambda self, x, own=Mirror.radius_t: own(self, x) * (1 + 1e-9)},
+        r"the radii at the apex must be equal; got \(40\.0, 40\.00000004",
+    ),
     "bounds from the axis": ({"bounds": ((0.1, 40.0), (0.0, 20.0))}, r"got 0\.1 mm to 40 mm"),
     "bounds to the rim": ({"bounds": ((0.0, 40.1), (0.0, 20.0))}, r"got 0 mm to 40\.1 mm"),
     "bounds above the vertex": (
@@ -370,6 +375,14 @@ def test_contract_allows_minimum_between_vertex_and_rim(quartic, monkeypatch):
 def test_contract_allows_flat_mirrors():
     """With infinite radii; a wrong radius is found where the slope is not 0."""
     check_mirror(Flat(20.0))
+
+
+def test_contract_requires_units_in_names(monkeypatch):
+    known = EvenPolynomial.PARAMETERS
+    with_unit = replace(known["coefficients"], unit="mm")
+    monkeypatch.setattr(EvenPolynomial, "PARAMETERS", known | {"coefficients": with_unit})
+    with pytest.raises(AssertionError, match="coefficients must end with its unit"):
+        check_mirror(EvenPolynomial((0.01,), 5.0))
 
 
 def test_contract_rejects_objects_that_are_not_mirrors():

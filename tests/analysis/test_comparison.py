@@ -15,6 +15,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
 from omnimirror.optics.lenses import SurfaceLens
+from omnimirror.optics.mirrors import Sphere
 from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from tests.conftest import sensor_of
 
@@ -124,6 +125,18 @@ def test_rows_follow_their_definitions(distance, table):
             length = sensor.mirror_distance_mm + known["sag_mm"]
             assert compared["length_mm"].values[i] == pytest.approx(length, rel=1e-12)
         assert compared["secondary"].values[i] == ("–" if second is None else second.mirror.KIND)
+
+
+@pytest.mark.parametrize("radius_mm", [60.0, 200.0])
+def test_length_includes_second_mirror(radius_mm):
+    """A convex second mirror, whose rim is farther from the first one than its vertex."""
+    flat = SENSORS[3]
+    second = replace(flat.secondary, mirror=Sphere(radius_mm, 20.5))
+    folded = replace(flat, secondary=second)
+    lens = folded.mirror_distance_mm - 2 * 86.0
+    far = 86.0 + radius_mm - np.sqrt(radius_mm**2 - 20.5**2)
+    near = max(lens, float(flat.mirror.sag(flat.mirror.rim_radius_mm)))
+    assert om.compare([folded])["length_mm"].values[0] == pytest.approx(near + far, rel=1e-12)
 
 
 def test_best_values_marked(table):

@@ -122,6 +122,17 @@ def test_other_outputs_than_names_raise(path):
         write_text(path, "x")
 
 
+def test_names_of_files_and_streams():
+    """Names that precede and follow "-" are files; the same file has several names."""
+    names = ["-", "-.png", "!x.png", "+.png", ".png", "x", "a/-", "!/-", "/-"]
+    assert [files.is_standard_output(name) for name in names] == [True] * 2 + [False] * 7
+    assert files.display_name("-.png") == "standard output"
+    assert files.display_name("a/-") == "a/-"
+    assert files.is_same_file("a/../b", Path("b"))
+    assert not files.is_same_file("a", "b")
+    assert not files.is_same_file("b", "a")
+
+
 def test_json_values_are_plain():
     """NaN is null, infinity a word; integers, booleans and text are unchanged."""
     data = {"a": np.array([[1.5, np.nan], [np.inf, -np.inf]]), "b": (1, True, None, "x", [2.0])}
@@ -271,6 +282,7 @@ def test_archive_content_is_limited(tmp_path):
 
 def test_compressed_data_is_limited():
     packed = zlib.compress(bytes(1000))
+    assert decompress(packed, 2000) == bytes(1000)
     assert decompress(packed, 1000) == decompress(gzip.compress(bytes(1000)), 1000) == bytes(1000)
     for data, most, reason in [
         (packed, 999, "the content must be at most 999 bytes; reduce or split it"),

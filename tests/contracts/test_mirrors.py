@@ -226,6 +226,8 @@ def test_conic_constants_out_of_bounds_are_rejected(kind, name, low, high, unit)
 
 @pytest.mark.parametrize("kind", ["even-polynomial", "conic-asphere"])
 def test_coefficients_out_of_bounds_are_rejected(kind):
+    coefficients = EXAMPLES[kind][0].PARAMETERS["coefficients"]
+    assert (coefficients.low, coefficients.high) == (-1e9, 1e9)  # rounded in messages
     for value in (-1.001e9, 1.001e9):
         with pytest.raises(
             InvalidParameter,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ IMAGER_TABLE = "[[imager]]\nname = 'A'\nwidth_px = 640\nheight_px = 480\npixel_p
 BALL_TABLE = "[[ball]]\nname = 'A'\nball_diameter_mm = 60\n"
 
 
-def test_catalogue_contains_all_kinds_of_parts(tmp_path):
+def test_catalogue_contains_all_kinds_of_parts(tmp_path, monkeypatch):
     """One TOML file with kinds by table, and one CSV file with kinds by columns."""
     (tmp_path / "parts.toml").write_text(
         LENS_TABLE
@@ -173,6 +174,14 @@ def test_catalogue_contains_all_kinds_of_parts(tmp_path):
         read = read_catalogue(tmp_path / name)
         assert read == expected
         assert isinstance(read.imagers[0].width_px, int)
+    monkeypatch.chdir(tmp_path)
+    for name in (
+        "parts",
+        "zoo.TXT",
+    ):  # TOML unless the suffix is .csv; after "typical" in the alphabet
+        (tmp_path / name).write_text((tmp_path / "parts.toml").read_text())
+        assert read_catalogue(name) == expected
+    assert read_catalogue(Path("typical")) == read_catalogue()
     (tmp_path / "more.toml").write_text(BALL_TABLE.replace("'A'", "'B'"))
     assert [
         b.name
@@ -229,20 +238,31 @@ DOME = DomeComponent("a", 110.0, 3.0)
 def test_catalogue_ranges_include_their_ends(part, name, low, high):
     for value in (low, high):
         assert getattr(replace(part, **{name: value}), name) == value
-    for value in (low - 0.001 * (abs(low) or 1), high * 1.001):
+    for value in (low - 0.001 * (abs(low) or 1), high + min(0.001 * high, 0.5)):
         with pytest.raises(InvalidParameter, match=f"^a: {name} must be "):
             replace(part, **{name: value})
+
+
+def test_extension_rings_of_a_catalogue_are_within_their_range():
+    for value in (0.001, 1000.0):
+        assert replace(LENS, extension_rings_mm=(5.0, value)).extension_rings_mm == (5.0, value)
+    for value in (0.0009, 1000.1):
+        with pytest.raises(
+            InvalidParameter,
+            match=r"^a: extension_rings_mm\[1\] must be between 0\.001 and 1000 mm",
+        ):
+            replace(LENS, extension_rings_mm=(5.0, value))
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
         (
-            "name,pixel_pitch\nA,3\n",
+            "name,pixel_pitch,sort\nA,3,4\n",
             r"parts\.csv line 1: unknown column 'pixel_pitch'; did you mean pixel_pitch_um",
         ),
         (
-            "name,use,mass_g,use\nA,arm\n",
+            "name,use,mass_g,use,mass_g\nA,arm\n",
             r"parts\.csv line 1: columns must be unique; use is repeated",
         ),
         (
@@ -333,7 +353,7 @@ def test_catalogues_as_csv(tmp_path):
     ("text", "sentence"),
     [
         ("[[lens]]\nname = 'A'\n", "focal_length_mm is missing"),
-        ("[[lens]]\nname = 'A'\nfocal = 3\n", "unknown entry focal"),
+        ("[[lens]]\nname = 'A'\nfocal = 3\nsort = 4\n", "unknown entry focal; valid"),
         ("[[camera]]\nname = 'A'\n", "got camera"),
         ("lens = 3\n", "got lens"),
         (
@@ -378,6 +398,10 @@ def test_catalogues_as_csv(tmp_path):
         (
             IMAGER_TABLE.replace("= 640", "= 640.5"),
             r"imager 1: width_px must be an integer number of pixels; got 640\.5",
+        ),
+        (
+            IMAGER_TABLE.replace("= 640", "= -640.5"),
+            r"imager 1: width_px must be an integer number of pixels; got -640\.5",
         ),
         (
             IMAGER_TABLE.replace("= 480", "= 480.5"),

@@ -111,6 +111,7 @@ def test_csv_lines_may_start_with_spaces_and_quotes():
     """Only # starts a comment, and only at the start of a line; empty lines are counted."""
     text = '\n#,#\n"time_s",pan_deg\n"0",0\n\n 2 ,90\n#3,4\n'
     assert parse_csv(text) == parse_csv("time_s,pan_deg\n0,0\n2,90")
+    assert parse_csv(text + "3\n") == parse_csv(text)  # fewer cells than the header
     with pytest.raises(MediaError, match=r"^line 6 of moves: pan_deg must be a number; got '9x'$"):
         parse_csv(text.replace("90", "9x"), "moves")
 

@@ -184,7 +184,7 @@ def test_default_poses_omitted_from_file():
     plain = om.load_sensor("paper-spherical")
     moved = replace(
         plain,
-        mirror_pose=MirrorPose(0.1, -0.2),
+        mirror_pose=MirrorPose(0.1, -0.2, float("0"), float("0")),
         mirror_form=MirrorForm((5,), (2.0,)),
         imager_pose=ImagerPose(tilt_x_deg=0.5),
         mount=replace(plain.mount, pitch_deg=2.0, roll_deg=-1.0),
@@ -194,6 +194,7 @@ def test_default_poses_omitted_from_file():
         data = tomllib.loads(format_sensor(sensor))
         assert [name in data for name in tables] == [is_moved] * 3
         assert [name in data.get("mount", {}) for name in entries] == [is_moved] * 2
+        assert set(data.get("mirror_pose", ())) <= {"decentre_x_mm", "decentre_y_mm"}
         assert parse_sensor(format_sensor(sensor)) == sensor
 
 

@@ -295,7 +295,7 @@ class Study:
         m = self.evaluation.sensor.meridian.m
         heights = [*sensor.mirror.bounds[1], -m if second is None else second.lens_height(m)]
         if second is not None:
-            heights += list(second.height(np.linspace(0, second.mirror.rim_radius_mm, 129)))
+            heights += [-second.distance_mm - z for z in second.mirror.bounds[1]]
         return float(max(heights) - min(heights))
 
 
@@ -378,8 +378,8 @@ def _f_number(study: Study) -> float:
 
 
 def _sag(study: Study) -> float:
-    low, high = study.sensor.mirror.bounds[1]
-    return high - low
+    mirror = study.sensor.mirror
+    return float(mirror.sag(mirror.rim_radius_mm))
 
 
 Value = Callable[[Study], float | str]

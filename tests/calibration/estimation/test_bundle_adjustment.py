@@ -247,7 +247,7 @@ def test_shape_of_a_board_is_relative_to_its_centre_and_size():
 )
 def test_weights_are_derivatives_of_losses(kind, loss):
     """By r^2, for a scale of 2 px; all losses equal the squares of small residuals."""
-    radii, scaled = np.array([0.0, 1e-3, 0.5, 1.9, 2.1, 3.0, 40.0]), Loss(kind, 2.0)
+    radii, scaled = np.array([0.0, 1e-3, 0.5, 1.9, 2.1, 3.0, 40.0]), Loss("".join(kind), 2.0)
     residuals = radii[:, None] * [0.6, -0.8]
     assert scaled.sum(residuals) == pytest.approx(loss(radii).sum(), rel=1e-12)
     weights = scaled.weights(residuals)

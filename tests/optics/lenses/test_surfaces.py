@@ -340,6 +340,8 @@ BOUNDS = {
 @pytest.mark.parametrize("name", BOUNDS)
 def test_surface_columns_out_of_bounds_rejected(name):
     low, high = BOUNDS[name]
+    described = SurfaceLens.PARAMETERS[name]
+    assert (described.low, described.high) == (low, high)
     for value in (low - 1e-4, high + 0.1):
         with pytest.raises(
             InvalidParameter, match=re.escape(f"must be between {low:g} and {high:g}")
@@ -365,10 +367,12 @@ def test_numbers_out_of_bounds_rejected(name, low, high):
 
 
 def test_limits_of_lens_are_included():
-    """First and last surface as stop, 1 and 80 deg (the default); not the focus itself."""
-    lens = plano_convex()
+    """Coefficients to 1e9, which messages round; first and last surface as stop; 1 and 80 deg (the
+    default); not the focus itself."""
+    lens, coefficients = plano_convex(), SurfaceLens.PARAMETERS["aspheres"]
+    assert (coefficients.low, coefficients.high) == (-1e9, 1e9)
     assert SurfaceLens.field_max_deg == 80.0
-    for stop in (1, 3):
+    for stop in (1, 3, 2.0):
         assert plano_convex(stop_surface=stop).stop_surface == stop
     assert np.degrees(np.arctan(plano_convex(field_max_deg=1.0).field.end)) == pytest.approx(1.0)
     with pytest.raises(InvalidParameter, match="focus_distance_mm must be greater than 40 mm"):
@@ -395,8 +399,10 @@ def test_other_wavelengths_require_three_indices(missing):
         plano_convex(
             **{name: value for name, value in known.items() if name != missing}
         ).at_wavelength(700.0)
-    with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
-        plano_convex(**{**known, "wavelengths_nm": (486.1, 656.3)}).at_wavelength(700.0)
+    for wavelengths in ((486.1, 656.3), (486.1, 546.1, 587.6, 656.3)):
+        lens = plano_convex(**{**known, "wavelengths_nm": wavelengths})
+        with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
+            lens.at_wavelength(700.0)
 
 
 def test_narrow_aperture_reduces_illumination(file, tmp_path):
