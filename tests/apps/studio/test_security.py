@@ -341,14 +341,16 @@ def test_requests_together_hold_no_more_than_the_server_has_room_for(monkeypatch
     assert in_a_loop(both()) == (503, 200, 200)
 
 
-def test_what_comes_too_slowly_is_given_up(monkeypatch):
+@pytest.mark.parametrize("pause_s", [0.01, 1.0])
+def test_what_comes_too_slowly_is_given_up(pause_s, monkeypatch):
+    """Also before the first byte."""
     monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.05)
 
     async def dribble():
-        await asyncio.sleep(0.01)
-        return {"type": "http.request", "body": b"x", "more_body": True}
+        await asyncio.sleep(pause_s)
+        return {"type": "http.request", "body": b"x", "more_body": pause_s < 1}
 
-    assert in_a_loop(status_of(limits.RequestLimits(reads_all, {}), dribble)) == 408
+    assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), dribble)) == 408
 
 
 @pytest.mark.parametrize(
