@@ -298,3 +298,11 @@ def test_hollowness_margin():
         1.5 * (12 * 0.1 * 20.0**2 / 10.0**3 - 2 * 0.6 / 10.0), rel=1e-12
     )
     assert _ray_intersection.hollowness(EvenPolynomial((0.6, -0.1), 9.0, 10.0)) == 0.0
+    large = EvenPolynomial((0.6, -0.1), 2000.0, 1000.0)  # the same, 100 times as large
+    assert _ray_intersection.hollowness(large) == pytest.approx(
+        _ray_intersection.hollowness(bowl) / 100, rel=1e-12
+    )
+    rounded = EvenPolynomial(
+        (-1e-13, 1.0), 10.0, 10.0
+    )  # z'' = -2e-14 at the vertex, 1.2 at the rim
+    assert _ray_intersection.hollowness(rounded) == 0.0
