@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimirror.optics.mirrors import Cone, ConicAsphere, EvenPolynomial, Hyperboloid, Sphere
+from omnimirror.optics.mirrors import (
+    Cone,
+    ConicAsphere,
+    EvenPolynomial,
+    Hyperboloid,
+    Paraboloid,
+    Sphere,
+)
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.tracing import _ray_intersection
 from omnimirror.optics.tracing.meridian import Meridian
@@ -278,13 +285,19 @@ def test_chunked_rays_match_single_rays():
 
 @pytest.mark.parametrize("distance", [1e-3, 0.5, 1.0, 100.0, 1e4])
 @pytest.mark.parametrize(
-    "mirror", [Sphere(50.0, 44.0), ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0), Cone(50.0, 44.0)]
+    "mirror",
+    [
+        Sphere(50.0, 44.0),
+        Paraboloid(40.0, 44.0),
+        ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0),
+        Cone(50.0, 44.0),
+    ],
 )
 def test_distance_in_units_of_direction(mirror, distance):
     """The hit of rays parallel to the axis is the sag, for any start height and direction length."""
     x = np.array([-43.9, -10.0, 5.0, 30.0])
     origins = np.stack([x, 0 * x, mirror.sag(abs(x)) - distance], axis=-1)
-    for length in (1.0, 2.0):
+    for length in (1e-3, 1.0, 2.0):
         hits = _ray_intersection.intersect(mirror, origins, np.array([0.0, 0.0, length]))
         np.testing.assert_allclose(hits.distance, distance / length, rtol=1e-9, atol=1e-11)
         np.testing.assert_allclose(hits.points[:, 2], mirror.sag(abs(x)), atol=1e-9)
