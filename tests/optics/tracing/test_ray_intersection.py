@@ -160,6 +160,9 @@ def test_clearance_of_circles():
 def test_rays_from_the_surface(mirror):
     """A ray that starts on the surface meets it there; one that starts in the body does not."""
     origins = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, float(mirror.sag(30.0))]])
+    normals = _ray_intersection.normals_at(mirror, origins)
+    grid = _ray_intersection.normals_at(mirror, np.stack([origins] * 5))
+    np.testing.assert_array_equal(grid, np.stack([normals] * 5))
     up = np.array([0.0, 0.0, 1.0])
     hits = _ray_intersection.intersect(mirror, origins, up)
     np.testing.assert_allclose(hits.distance, 0.0, atol=1e-12)

@@ -237,7 +237,7 @@ def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
     b = o[0] * d[0] + o[1] * d[1]
     c = o[0] ** 2 + o[1] ** 2 - rim * rim
     root = np.sqrt(b * b - a * c)
-    enter = np.where(b < 0, c / (root - b), (-b - root) / a)
+    enter = np.where(b < 0, c / (root - b), 0.0)  # rays away from the axis start within, or miss
     leave = np.where(b < 0, (root - b) / a, -c / (root + b))
     along = a == 0
     enter = np.where(along, np.where(c <= 0, -np.inf, np.nan), enter)
