@@ -21,6 +21,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.optimisation import minimise_scalar
 from omnimirror.design import RimRay, generated_mirror
 from omnimirror.design.component_selection import best_apertures
+from omnimirror.optics.housing import Housing, Tube
 from omnimirror.optics.lenses import Orthographic, Perspective, SurfaceLens
 from omnimirror.optics.mirrors import EvenPolynomial
 from omnimirror.optics.mirrors.as_built import MirrorPose
@@ -109,6 +110,17 @@ def cap_shares(omega):
     return -np.diff(np.cos(borders)) / (np.cos(omega[0]) - np.cos(omega[-1]))
 
 
+def test_solid_angle_weights_are_exact_for_linear_functions():
+    """Integral of omega sin(omega), for any nodes; equal nodes share their weight."""
+    omega = np.array([2.0, 0.3, 1.1, 1.1])
+    weights = focus.solid_angle_weights(omega)
+    integral = np.sin(2.0) - 2.0 * np.cos(2.0) - np.sin(0.3) + 0.3 * np.cos(0.3)
+    assert weights.sum() == pytest.approx(1.0, rel=1e-12)
+    assert weights @ omega == pytest.approx(integral / (np.cos(0.3) - np.cos(2.0)), rel=1e-12)
+    assert weights[2] == weights[3]
+    assert focus.solid_angle_weights(np.array([1.2, 1.2])).tolist() == [0.5, 0.5]
+
+
 MEANS = [(SPH, 212.3896, 0.2436625), (EDI, 201.0575, 0.3048491), (SVP, 169.6890, 0.8185778)]
 """Best focus by the mean, with that mean: integrals of 200 Gauss nodes over the field."""
 
@@ -178,9 +190,53 @@ def test_focus_function_includes_lens_blur(merit):
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), "exact", None, 550.0)
     middle = float(sensor.lens.focus_coordinate(sensor.lens.focus_distance_mm))
+    blur = study.at(sensor.lens.focus_distance_mm)
+    own = sensor.lens.own_blur(study.ideal_height(sensor.lens))
+    np.testing.assert_allclose([blur.own_t_px, blur.own_s_px], np.array(own) / 5.2e-3, rtol=1e-12)
     (found,) = focus_function(study, FOCUS_MERITS[merit], middle, 1e-4)(np.zeros(1))[0]
     wanted = FOCUS_MERITS[merit].value(study.at(sensor.lens.focus_distance_mm))
     assert found == pytest.approx(wanted if merit.startswith("mean") else wanted**2, rel=1e-10)
+
+
+@pytest.mark.parametrize("distance", [100.0, 400.0])
+@pytest.mark.parametrize("shell", [None, Tube(110.0, 4.0)])
+def test_resolution_at_object_distance(shell, distance):
+    """Objects at a distance along the chief ray, through a wall of 51 to 55 mm by Snell's law: the image
+    of one degree, seen from the mirror point, by differences along and across the meridian."""
+    sensor = replace(SPH, housing=Housing(shell=shell))
+    step = 1e-3
+    angles = np.array([30.0, 60.0, 90.0, 110.0])
+    r, low, high = (
+        om.evaluate(sensor, angles + d, object_distance_mm=distance) for d in (0.0, -step, step)
+    )
+
+    def object_point(row, omega):
+        """Radius and distance past the lens, in the meridian."""
+        x, z, path = row.x_mm, -row.z_mm, distance
+        if shell is not None:
+            inside = (51.0 - x) / np.sin(omega)
+            across = np.cos(omega) / 1.49
+            wall = 4.0 / np.sqrt(1 - across**2)
+            x, z, path = 55.0, z + inside * np.cos(omega) + wall * across, path - inside - wall
+        return np.stack([x + path * np.sin(omega), z + path * np.cos(omega)])
+
+    omega = np.radians(angles)
+    radius = object_point(r, omega)[0]
+    np.testing.assert_allclose(
+        r.width_px_per_deg, r.h_px * np.radians(1.0) * distance / radius, rtol=1e-9
+    )
+    moved = object_point(high, omega + np.radians(step)) - object_point(
+        low, omega - np.radians(step)
+    )
+    across = moved[0] * np.cos(omega) - moved[1] * np.sin(omega)
+    np.testing.assert_allclose(
+        r.dh_domega_px_per_deg, (high.h_px - low.h_px) * np.radians(distance) / across, rtol=1e-6
+    )
+    if shell is None:
+        axis = om.evaluate(sensor, [0.0], object_distance_mm=distance)
+        near = om.evaluate(sensor, [1e-3], object_distance_mm=distance)
+        assert axis.width_px_per_deg == pytest.approx(near.width_px_per_deg, rel=1e-6)
+        assert axis.width_px_per_deg == pytest.approx(axis.dh_domega_px_per_deg, rel=1e-12)
 
 
 @pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])

@@ -56,6 +56,7 @@ def test_lattice_reproduces_cubic_maps(step, shift):
     expected = np.stack(cubic(*positions(size, shift)), axis=-1)
     np.testing.assert_allclose(grid.pixels(), expected, rtol=0, atol=2e-4)
     np.testing.assert_allclose(node_weights(step, shift[0]).sum(axis=0), 1.0, atol=1e-6)
+    assert node_weights(step)[:, 0].tolist() == [0.0, 1.0, 0.0, 0.0]  # at a node
     for component in (0, 1):
         nodes = grid.nodes.copy()
         nodes[component, 2, 4] = np.nan
@@ -192,11 +193,14 @@ def test_pixel_map_of_another_map():
     fixed = PixelMap.of(grid, ANNULUS)
     assert (fixed.size, fixed.source_size) == ((12, 9), (60, 50))
     np.testing.assert_array_equal(fixed.pixels(), grid.pixels())
-    assert fixed.averages("auto") is grid.averages("auto")
+    assert fixed.averages("auto") is grid.averages("auto") is not None
     assert fixed.averages("linear") is grid.averages("linear") is None
     circles = PolarMap((31.0, 30.0), np.array([3.0, 6.0]), np.array([0.0, 1.0]), (64, 64))
     assert PixelMap.of(circles).pixels().dtype == np.float32
     assert circles.averages("cubic") is None
+    assert PolarMap((31.0, 30.0), np.array([3.0, 6.0]), np.linspace(0, 6, 9), (64, 64)).averages(
+        "auto"
+    )
 
 
 @pytest.mark.parametrize(

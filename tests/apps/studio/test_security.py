@@ -347,14 +347,16 @@ def test_requests_together_stay_within_memory_limit(monkeypatch):
     assert in_a_loop(both()) == (503, 200, 200)
 
 
-def test_slowly_sent_requests_are_abandoned(monkeypatch):
+@pytest.mark.parametrize("pause_s", [0.01, 1.0])
+def test_slowly_sent_requests_are_abandoned(pause_s, monkeypatch):
+    """Also before the first byte."""
     monkeypatch.setattr(limits, "GRACE_PERIOD_S", 0.05)
 
     async def dribble():
-        await asyncio.sleep(0.01)
-        return {"type": "http.request", "body": b"x", "more_body": True}
+        await asyncio.sleep(pause_s)
+        return {"type": "http.request", "body": b"x", "more_body": pause_s < 1}
 
-    assert in_a_loop(status_of(limits.RequestLimits(reads_all, {}), dribble)) == 408
+    assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), dribble)) == 408
 
 
 @pytest.mark.parametrize(

@@ -201,6 +201,7 @@ def test_program_approaches_tangentially_and_retracts(mirror, x_is_diameter):
     assert all(re.fullmatch(r"%|\([^()]*\)|[GMXZFS0-9. -]+", line) for line in lines)
     low, high = path.edge_deg
     assert f"(edge used from {low:g} to {high:g} deg from Z)" in lines
+    assert f"X is a {'diameter' if x_is_diameter else 'radius'})" in lines[3]
     quick = [line for line in lines if line.startswith("G0")]
     assert quick[0] == quick[-1]
     assert {"G97 S1000 M3", "G95 F0.002000"} <= set(lines)

@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimirror.optics.mirrors import Cone, ConicAsphere, EvenPolynomial, Hyperboloid, Sphere
+from omnimirror.optics.mirrors import (
+    Cone,
+    ConicAsphere,
+    EvenPolynomial,
+    Hyperboloid,
+    Paraboloid,
+    Sphere,
+)
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.tracing import _ray_intersection
 from omnimirror.optics.tracing.meridian import Meridian
@@ -125,6 +132,51 @@ def test_concave_zone_first_intersection(coefficients, start):
     again = _ray_intersection.trace(ring, origins, aim - origins)
     assert (~again.valid & hits.valid).any()  # some end on the other side of the ring
     assert not (again.valid & ~hits.valid).any()
+    unit = (aim - origins) / np.linalg.norm(aim - origins, axis=1, keepdims=True)
+    outgoing = _ray_intersection.reflect(unit, hits.normals)
+    onward = hits.points[:, :, None] + outgoing[:, :, None] * np.linspace(2e-3, 25.0, 12500)
+    r = np.hypot(onward[:, 0], onward[:, 1])
+    height = np.where(r <= 10, onward[:, 2] - ring.sag(np.minimum(np.nan_to_num(r), 10.0)), -1.0)
+    is_met_again = (height > 0).any(axis=1)
+    assert ((again.valid == (hits.valid & ~is_met_again)) | ~hits.valid).all()
+
+
+def test_clearance_of_circles():
+    """Any shape of crossings; a circle without a radius blocks nothing."""
+    across = np.zeros((4, 2, 2))
+    across[..., 0] = 0.3
+    for radius in (0.0, -1.0):
+        clearance = _ray_intersection.circle_clearance(across, radius)
+        assert (clearance == np.inf).all()
+        assert clearance.shape == (4, 2)
+    # (r^2 - a^2) / (2 a)
+    np.testing.assert_allclose(_ray_intersection.circle_clearance(across, 0.5), -0.16, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "mirror",
+    [Sphere(50.0, 44.0), ConicAsphere(50.0, 0.0, 44.0), Hyperboloid(32.5, 74.5, 43.9), Cone(50.0, 44.0)],
+)  # fmt: skip
+def test_rays_from_the_surface(mirror):
+    """A ray that starts on the surface meets it there; one that starts in the body does not."""
+    origins = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, float(mirror.sag(30.0))]])
+    normals = _ray_intersection.normals_at(mirror, origins)
+    grid = _ray_intersection.normals_at(mirror, np.stack([origins] * 5))
+    np.testing.assert_array_equal(grid, np.stack([normals] * 5))
+    up = np.array([0.0, 0.0, 1.0])
+    hits = _ray_intersection.intersect(mirror, origins, up)
+    np.testing.assert_allclose(hits.distance, 0.0, atol=1e-12)
+    assert not _ray_intersection.intersect(mirror, origins + 0.5 * up, up).valid.any()
+
+
+def test_a_conic_ends_at_its_equator():
+    """A sphere whose rim is 1 um from it, with 50 - z = 0.7 mm at the first radius."""
+    mirror = Sphere(50.0, 49.999)
+    up = _ray_intersection.intersect(mirror, [49.995, 0.0, 0.0], [0.0, 0.0, 1.0])
+    assert up.distance == pytest.approx(50.0 - np.sqrt(50.0**2 - 49.995**2), rel=1e-9)
+    for height, is_valid in ((49.5, True), (50.5, False)):
+        hits = _ray_intersection.intersect(mirror, [100.0, 0.0, height], [-1.0, 0.0, 0.0])
+        assert hits.valid == is_valid
 
 
 def test_missing_rays_are_nan():
@@ -236,13 +288,19 @@ def test_chunked_rays_match_single_rays():
 
 @pytest.mark.parametrize("distance", [1e-3, 0.5, 1.0, 100.0, 1e4])
 @pytest.mark.parametrize(
-    "mirror", [Sphere(50.0, 44.0), ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0), Cone(50.0, 44.0)]
+    "mirror",
+    [
+        Sphere(50.0, 44.0),
+        Paraboloid(40.0, 44.0),
+        ConicAsphere(50.0, -0.3, 44.0, (0.01,), 44.0),
+        Cone(50.0, 44.0),
+    ],
 )
 def test_distance_in_units_of_direction(mirror, distance):
     """The hit of rays parallel to the axis is the sag, for any start height and direction length."""
     x = np.array([-43.9, -10.0, 5.0, 30.0])
     origins = np.stack([x, 0 * x, mirror.sag(abs(x)) - distance], axis=-1)
-    for length in (1.0, 2.0):
+    for length in (1e-3, 1.0, 2.0):
         hits = _ray_intersection.intersect(mirror, origins, np.array([0.0, 0.0, length]))
         np.testing.assert_allclose(hits.distance, distance / length, rtol=1e-9, atol=1e-11)
         np.testing.assert_allclose(hits.points[:, 2], mirror.sag(abs(x)), atol=1e-9)
@@ -256,3 +314,11 @@ def test_hollowness_margin():
         1.5 * (12 * 0.1 * 20.0**2 / 10.0**3 - 2 * 0.6 / 10.0), rel=1e-12
     )
     assert _ray_intersection.hollowness(EvenPolynomial((0.6, -0.1), 9.0, 10.0)) == 0.0
+    large = EvenPolynomial((0.6, -0.1), 2000.0, 1000.0)  # the same, 100 times as large
+    assert _ray_intersection.hollowness(large) == pytest.approx(
+        _ray_intersection.hollowness(bowl) / 100, rel=1e-12
+    )
+    rounded = EvenPolynomial(
+        (-1e-13, 1.0), 10.0, 10.0
+    )  # z'' = -2e-14 at the vertex, 1.2 at the rim
+    assert _ray_intersection.hollowness(rounded) == 0.0

@@ -47,7 +47,7 @@ def circle_clearance(across: Array, radius: float) -> Array:
 # parabola with the largest curvature bound replaces the tangent, with the same property. Pure conics
 # need no iteration: the root at the ray's entry into the convex body is unique.
 
-CHUNK = 1 << 14  # rays per chunk: their arrays fit in the cache
+CHUNK = 16384  # rays per chunk: their arrays fit in the cache
 MAX_STEPS = 100  # a grazing ray halves its distance with each step
 LIFT = 1e-6  # offset of reflected rays from the surface, relative to the rim radius
 CURVATURE_MARGIN = 1.5  # factor on the largest concave curvature sampled
@@ -237,12 +237,12 @@ def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
     b = o[0] * d[0] + o[1] * d[1]
     c = o[0] ** 2 + o[1] ** 2 - rim * rim
     root = np.sqrt(b * b - a * c)
-    enter = np.where(b < 0, c / (root - b), (-b - root) / a)
+    enter = np.where(b < 0, c / (root - b), 0.0)  # rays away from the axis start within, or miss
     leave = np.where(b < 0, (root - b) / a, -c / (root + b))
     along = a == 0
     enter = np.where(along, np.where(c <= 0, -np.inf, np.nan), enter)
     leave = np.where(along, np.inf, leave)
-    slab = np.where((d[2] > 0) & (o[2] < min_sag), (min_sag - o[2]) / d[2], 0.0)
+    slab = np.where(d[2] > 0, (min_sag - o[2]) / d[2], 0.0)  # to the height of the lowest point
     return np.maximum(np.maximum(enter, slab), 0.0), leave
 
 
