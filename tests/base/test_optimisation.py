@@ -259,6 +259,30 @@ def test_steps_to_non_finite_values_are_rejected():
     assert found.value == pytest.approx(-np.log(2), abs=1e-6)
 
 
+@pytest.mark.parametrize("offset", [1e6, 0.0, -1e6])
+def test_mean_is_minimised_next_to_non_finite_values(offset):
+    """The first step, of the length of the derivative, ends where the function is undefined: of a
+    value above that of the start, whatever its magnitude."""
+    evaluated = []
+
+    def values(y):
+        evaluated.append(float(y[0]))
+        value = offset + 10 * (y[0] - 1.9) ** 2 if y[0] < 2.5 else np.nan
+        return ObjectiveValues(np.array([value]), np.full(1, -1.0))
+
+    def rows(y):
+        return LinearisedValues(*values(y), 20 * (y - 1.9)[None], np.zeros((1, 1)))
+
+    told = []
+    found = minimise_mean(values, rows, np.zeros(1), bounds(1), on_step=told.append)
+    assert max(evaluated) > 2.5
+    assert found.y[0] == pytest.approx(1.9, abs=1e-4)
+    assert found.value == pytest.approx(offset, abs=1e-6)
+    assert found.history[0] == offset + 10 * 1.9**2
+    assert told == list(found.history[1:])
+    assert list(found.history) == sorted(found.history, reverse=True)
+
+
 # -- Scalar functions -------------------------------------------------------------------------------
 
 

@@ -187,7 +187,7 @@ class YieldStatistics(Result):
         if is_lower_limit(merit):
             target = counts[-1] - target
         place = int(np.searchsorted(counts, target))
-        return float(self._values(merit, np.array([place]), 0.5)[0])
+        return float(self._values(merit, np.array([place]), 0.5).item())
 
     def _values(self, merit: str, places: NDArray[np.intp], share: float) -> Array:
         """Return values (n,) within bins at a given fraction; values in the innermost bins are 0."""
