@@ -95,7 +95,7 @@ class CameraModelOptions(Options):
     model: str = option(
         default="auto",
         metavar="NAME|FILE",
-        help="auto, a camera model, or a sensor or camera as initial value.",
+        help=f"auto, {', '.join(KINDS)}; or a sensor or camera as initial value.",
     )
     camera_looks: CameraLooks = option(
         default="up",
