@@ -66,7 +66,7 @@ describe("the command that does the same", () => {
       flat_board: true,
     } as const;
     expect(calibrateCommand(["a.jpg"], other)).toBe(
-      "omnimirror calibrate a.jpg --board 11x7 --square-mm 30 --model unified --optics fisheye --camera-looks forward --image-flipped --centre-px 324.5,246 --rim-radius-px 223.5 --flat-board -o camera.toml --report calibration.html",
+      "omnimirror calibrate a.jpg --board 11x7 --square-mm 30 --model unified --set camera.optics=fisheye --camera-looks forward --set camera.image_flipped=true --set camera.centre_px=324.5,246 --set camera.rim_radius_px=223.5 --set estimation.board_shape=false -o camera.toml --report calibration.html",
     );
   });
   test("names a folder in the place of very many files", () =>
@@ -80,10 +80,10 @@ describe("the command that does the same", () => {
     expect(
       printCommand({ ...BOARD, kind: "charuco", marker_mm: 20, family: "4X4_50", legacy: true }),
     ).toBe(
-      "omnimirror board --board 11x7 --square-mm 30 --target charuco --marker-mm 20 --family 4X4_50 --legacy-board -o board.pdf",
+      "omnimirror board --board 11x7 --square-mm 30 --target charuco --set board.marker_mm=20 --set board.family=4X4_50 --set board.legacy=true -o board.pdf",
     );
     expect(printCommand({ ...BOARD, kind: "aprilgrid", spacing: 0.25 })).toContain(
-      "--target aprilgrid --spacing 0.25",
+      "--target aprilgrid --set board.spacing=0.25",
     );
   });
 });

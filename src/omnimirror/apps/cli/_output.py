@@ -54,17 +54,18 @@ class Output(click.Path):
         path = super().convert(value, param, ctx)
         if not str(value):
             self.fail("the file name must not be empty", param, ctx)
-        match = re.fullmatch(r"(\w+):-", str(path))
+        text = str(path)
+        match = re.fullmatch(r"(\w+):-", text)
         if match and match[1] not in self.formats:
             valid = ", ".join(["-", *(f"{kind}:-" for kind in self.formats)])
-            self.fail(f"standard output must be {valid}; got {path}", param, ctx)
-        if ctx is None or not (match or str(path) == "-" or str(path) == "/dev/stdout"):
+            self.fail(f"standard output must be {valid}; got {text}", param, ctx)
+        if ctx is None or not (match or text in ("-", "/dev/stdout")):
             return path
         option = max(param.opts, key=len) if param else "an output"
         if match:
             return take_standard_output(option, match[1], ctx=ctx)
-        kind = ctx.meta.get(_FORMAT, self.formats[0]) if self.formats and str(path) == "-" else ""
-        return take_standard_output(option, kind, Path(str(path)), ctx)
+        kind = ctx.meta.get(_FORMAT, self.formats[0]) if self.formats and text == "-" else ""
+        return take_standard_output(option, kind, Path(text), ctx)
 
 
 def take_standard_output(

@@ -95,7 +95,7 @@ class CameraModelOptions(Options):
     model: str = option(
         default="auto",
         metavar="NAME|FILE",
-        help="Camera model, or sensor or camera as initial value.",
+        help=f"Model: auto, {', '.join(KINDS)}; or a sensor or camera as initial value.",
     )
     camera_looks: CameraLooks = option(
         default="up",

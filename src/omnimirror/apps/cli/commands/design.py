@@ -217,9 +217,8 @@ def _print_front(console: Console, front: Front, known: dict[str, Any], rows: in
 
 
 def _draw_front(front: Front, known: dict[str, Any], folder: Path) -> None:
-    from ....analysis.figures import FORMATS
     from ....analysis.figures.sensor_comparison import front as drawing
-    from ....analysis.figures.style import axis_title, save_figure, styled
+    from ....analysis.figures.style import FORMATS, axis_title, save_figure, styled
 
     places = {name: (float(v[0]), float(v[1])) for name, v in known.items()}
     groups = [
