@@ -240,7 +240,7 @@ def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
     enter = np.where(b < 0, c / (root - b), 0.0)  # rays away from the axis start within, or miss
     leave = np.where(b < 0, (root - b) / a, -c / (root + b))
     along = a == 0
-    enter = np.where(along, np.where(c <= 0, -np.inf, np.nan), enter)
+    enter = np.where(along & (c > 0), np.nan, enter)
     leave = np.where(along, np.inf, leave)
     slab = np.where(d[2] > 0, (min_sag - o[2]) / d[2], 0.0)  # to the height of the lowest point
     return np.maximum(np.maximum(enter, slab), 0.0), leave
