@@ -125,7 +125,7 @@ def test_quantity_has_same_value_everywhere():
 )
 def test_pages_document_every_quantity(page, names):
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
-    shortened = "`image_t_x_mm` .. `image_s_z_mm`"
+    shortened = "`image_t_x_mm` to `image_s_z_mm`"
     assert [
         n
         for n in names
