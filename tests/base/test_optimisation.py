@@ -377,6 +377,24 @@ def test_minimum_with_derivative(pieces, low, high, expected):
         assert minimise_with_derivative(lambda x: pytest.fail("evaluated"), low, empty) == low
 
 
+@pytest.mark.parametrize("lower", [0, 1])
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+@pytest.mark.parametrize("steep", [0.3, 1.0, 3.0])
+def test_of_several_kinks_the_lowest_is_returned(lower, mirror, steep):
+    """Two valleys between grid points, with equal slopes or one steeper, that differ by 0.001."""
+    at, slopes = mirror * np.array([-0.7217, 0.9139]), np.array([1.0, steep])
+    depth = np.where(np.arange(2) == lower, 0.0, 1e-3)
+
+    def worst(x):
+        values = depth[:, None] + slopes[:, None] * np.abs(x - at[:, None])
+        valley = values.argmin(axis=0)
+        side = np.where(x > at[valley], 1.0, -1.0)
+        return values.min(axis=0), side * slopes[valley], 2.0 * valley + (side > 0)
+
+    found = minimise_with_derivative(worst, -2.0, 2.0)
+    assert found == pytest.approx(at[lower], abs=1e-10)
+
+
 def test_derivatives_are_sampled_at_65_points_and_used():
     """A parabola has its minimum at the zero of the secant; further steps close the bracket."""
     sizes, worst = [], worst_of((lambda x: (x - 0.123) ** 2, lambda x: 2 * (x - 0.123)))

@@ -136,6 +136,7 @@ FLAT = {
     ),
     "near": om.screens.Plane((60, 40), distance_mm=400.0, hfov_deg=80.0),
     "upright": om.screens.Plane((40, 60), pan_deg=-70.0, hfov_deg=50.0),
+    "smaller than the parallax": om.screens.Plane((60, 40), distance_mm=400.0, hfov_deg=4.0),
     "part of a cylinder": om.screens.Cylinder((60, 40), -20.0, 25.0, pan_deg=30.0, span_deg=120.0),
 }
 
