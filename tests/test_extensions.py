@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import ClassVar
 
@@ -295,7 +296,13 @@ BREACHES = {
         {"__repr__": lambda self: "Quartic(20.0, 41.0)"},
         r"Quartic\(.*\) from Quartic\(20\.0, 41\.0\)",
     ),
-    "hash": ({"__hash__": lambda self: id(self)}, r"equal hashes; those of Quartic\(.*\) differ"),
+    **{
+        f"hash by steps of {step}": (
+            {"__hash__": lambda self, numbers=numbers: next(numbers)},
+            r"equal hashes; those of Quartic\(.*\) differ",
+        )
+        for step, numbers in ((1, count()), (-1, count(0, -1)))
+    },
     "pickle": (
         {"__getstate__": lambda self: {"depth_mm": 21.0, "rim_radius_mm": 40.0}},
         r"must equal the original; got Quartic\(depth_mm=21\.0, .*\)",
