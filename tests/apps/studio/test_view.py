@@ -148,7 +148,7 @@ def test_views_of_cameras_by_ocamcalib_are_those_of_the_command_line(
         # the other is loaded.
         page.get_by_label("fisheye", exact=True).click()
         page.wait_for_function(
-            "window.omnimirror.look.sensor.camera.model.options.includes('fisheye')"
+            "window.omnimirror.look.sensor.camera.model.options.includes('camera.optics=fisheye')"
         )
         choose(page, page.evaluate("window.omnimirror.store.state.sensor"), looks="down")
     check(page, tmp_path, (800, 600), states)
