@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import fields
 from pathlib import Path
 
 import av
@@ -41,19 +40,17 @@ def video_of(path: Path, frames: int = 40) -> Path:
 def python_view(line: str, folder: Path) -> om.Dewarper:
     """Return the dewarper of a command line."""
     from omnimirror.apps.cli._camera_options import CameraOptions
+    from omnimirror.apps.cli._declarations import parsed_options
     from omnimirror.apps.cli._view_options import ViewOptions
 
     words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
-    given = dewarp.make_context(
+    context = dewarp.make_context(
         "dewarp", words, parent=click.Context(click.Command("omnimirror"))
-    ).params
-    height, width = read_image(given["sources"][0]).shape[:2]
-    options = [
-        kind(**{f.name: given[f.name] for f in fields(kind)})
-        for kind in (CameraOptions, ViewOptions)
-    ]
-    camera = options[0].camera((width, height))
-    return om.Dewarper(camera, options[1].of(camera), given["interpolation"])
+    )
+    height, width = read_image(context.params["sources"][0]).shape[:2]
+    camera = parsed_options(CameraOptions, context).camera((width, height))
+    view = parsed_options(ViewOptions, context).of(camera)
+    return om.Dewarper(camera, view, context.params["interpolation"])
 
 
 def psnr(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:

@@ -103,7 +103,7 @@ def test_dragging_horizon_levels_tilted_sensor(page):
     assert (state["pan"], state["tilt"]) == (0, 0)
     assert float(page.locator("#pitch").input_value()) == state["pitch"]
     words = shlex.split(command(page, *SIZE))
-    assert f"--set camera.level={state['pitch']:g},{state['roll']:g}" in words
+    assert f"camera.level={state['pitch']:g},{state['roll']:g}" in words
     page.wait_for_function("location.hash.includes('pitch=')")
     page.get_by_role("button", name="Reset tilt").click()
     page.wait_for_function("window.omnimirror.store.state.pitch === 0")

@@ -146,7 +146,7 @@ def test_views_of_ocamcalib_cameras_match_command_line(optics, states, page, tmp
         # the other is loaded.
         page.get_by_label("fisheye", exact=True).click()
         page.wait_for_function(
-            "window.omnimirror.look.sensor.camera.model.options.includes('fisheye')"
+            "window.omnimirror.look.sensor.camera.model.options.includes('camera.optics=fisheye')"
         )
         choose(page, page.evaluate("window.omnimirror.store.state.sensor"), looks="down")
     check(page, tmp_path, (800, 600), states)

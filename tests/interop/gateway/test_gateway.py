@@ -721,7 +721,11 @@ def test_publishing_resumes_after_a_server_restart(film, camera, tmp_path, rtsp_
         pytest.param(
             ["0", "--token", ""], "token must consist of ASCII letters", marks=pytest.mark.full
         ),
-        pytest.param(["0"], "there are no views 'views.toml'", marks=pytest.mark.full),
+        pytest.param(
+            ["0"],
+            "path must be an existing file of views; got 'views.toml'",
+            marks=pytest.mark.full,
+        ),
         (["cut.mp4"], "cannot read the video cut.mp4"),
     ],
 )

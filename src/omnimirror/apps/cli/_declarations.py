@@ -104,6 +104,9 @@ class Options:
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
+Group = TypeVar("Group", bound=Options)
+
+
 def option(*flags: str, default: Any = None, **attributes: Any) -> Any:
     """Declare a field of :class:`Options` with the arguments of :func:`click.option`; named after
     the field by default.
@@ -130,14 +133,10 @@ def add_options(
     def decorate(function: Command) -> Command:
         @wraps(function)
         def gathered(*args: Any, **values: Any) -> Any:
-            settings = click.get_current_context().meta.get(_SETTINGS, {})
-            own = {
-                f.name: _setting_value(kind, f, settings.get(f.name))
-                if "table" in f.metadata
-                else values.pop(f.name)
-                for f in fields(kind)
-            }
-            return function(*args, **{name: kind(**own)}, **values)
+            own = parsed_options(kind, click.get_current_context())
+            own_names = {f.name for f in fields(kind) if "table" not in f.metadata}
+            others = {key: value for key, value in values.items() if key not in own_names}
+            return function(*args, **{name: own}, **others)
 
         command: Any = gathered
         for f in reversed(fields(kind)):
@@ -159,6 +158,18 @@ def add_options(
         return command  # type: ignore[no-any-return]
 
     return decorate
+
+
+def parsed_options(kind: type[Group], context: click.Context) -> Group:
+    """Return the options and settings of a dataclass in a parsed command line."""
+    settings = context.meta.get(_SETTINGS, {})
+    values = {
+        f.name: _setting_value(kind, f, settings.get(f.name))
+        if "table" in f.metadata
+        else context.params[f.name]
+        for f in fields(kind)
+    }
+    return kind(**values)
 
 
 def _setting_value(kind: type[Options], f: Field[Any], value: Any) -> Any:

@@ -239,7 +239,7 @@ export class SensorPanel {
     const [kind, field] = model.id.split(":");
     byId("optics-row").hidden = model.kind !== "ocam" || !model.id.startsWith("file:");
     if (model.kind === "ocam")
-      this.showOptics(model.options.includes("fisheye") ? "fisheye" : "mirror");
+      this.showOptics(model.options.includes("camera.optics=fisheye") ? "fisheye" : "mirror");
     byId("ball-row").hidden = kind !== "ball" || supply.alone !== null;
     if (kind === "ball") byId<HTMLInputElement>("ball-field").value = field;
   }
