@@ -366,6 +366,8 @@ def test_invalid_comparisons_rejected(table):
         om.compare([SENSORS[0]] * 7)
     with pytest.raises(InvalidParameter, match="got 0"):
         om.compare([])
+    with pytest.raises(TypeError, match=r"^sensors\[1\] must be a sensor"):
+        om.compare([SENSORS[0], 3])
     with pytest.raises(
         InvalidParameter, match=r"the quantity must be one of mirror, .* got 'speed'"
     ):

@@ -353,7 +353,8 @@ def test_cone_tip_has_no_best_focus():
     inner = om.evaluate(cone, h_px=[0.1 * cone.rim_radius_px]).omega_deg[0]
     usual = om.best_focus(cone)
     expected = om.best_focus(cone, omega_deg=np.linspace(inner, high, 1001))
-    assert usual[:2] == pytest.approx(expected[:2], rel=1e-9)
+    assert usual.focus_mm == pytest.approx(expected.focus_mm, rel=1e-9)
+    assert usual.value == pytest.approx(expected.value, rel=1e-9)
     assert usual.merit == "worst_floored_area_deg2"
 
 
@@ -402,7 +403,8 @@ def test_blocks_do_not_change_the_focus(monkeypatch):
     best = om.best_focus(SPH)
     for limit in (100, 30_000):
         monkeypatch.setattr(focus, "MAX_SINGLE_THREAD_PRODUCTS", limit)
-        assert om.best_focus(SPH)[:2] == pytest.approx(best[:2], rel=1e-9)
+        found = om.best_focus(SPH)
+        assert (found.focus_mm, found.value) == pytest.approx((best.focus_mm, best.value), rel=1e-9)
 
 
 EVERY_DAY = ("paper-spherical", "paraboloid-telecentric")
