@@ -403,7 +403,7 @@ def test_exr_without_colour_channels_raises(tmp_path):
 def test_exr_without_package_raises_with_remedy(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     with pytest.raises(
-        MediaError, match=r"OpenEXR must be installed for .*: pip install 'omnimirror\[exr\]'"
+        MediaError, match=r"OpenEXR must be installed for .*: run pip install '\.\[exr\]'"
     ):
         om.write_image(tmp_path / "a.exr", picture("float32"))
     assert not list(tmp_path.iterdir())
