@@ -287,7 +287,7 @@ def test_video_dewarped_by_command_line(tmp_path, capfdbinary):
         "dewarp", film, *BALL_OPTIONS, *size, "--set", "video.crf=1", "-o", tmp_path / "ours.mp4"
     )
     assert_orange(frames_by_pyav(tmp_path / "ours.mp4")[1], 8)
-    omnimirror("dewarp", film, *BALL_OPTIONS, *size, "-o", "-", "--set", "output.format=rawvideo")
+    omnimirror("dewarp", film, *BALL_OPTIONS, *size, "-o", "rawvideo:-")
     assert_orange(np.frombuffer(capfdbinary.readouterr().out, np.uint8).reshape(3, 24, 32, 3)[1], 8)
 
 

@@ -277,7 +277,7 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
         ),
         (
             ["--set", "body.thickness_mm=nan"],
-            "body.thickness_mm must be a number or None; got nan",
+            "body.thickness_mm must be a number; got nan",
         ),
         (["--set", "file.digits=40"], "digits must be an integer between 0 and 15; got 40"),
     ],

@@ -51,7 +51,7 @@ def test_image_on_standard_output_equals_file(tmp_path):
     words = ["dewarp", source, "--ball", "31.5,31.5,30,300", "--size", "32x16"]
     run(*words, "-o", tmp_path / "out.tif")
     for kind, magic in ((None, b"\x89PNG"), ("tif", b"II*\0"), ("jpg", b"\xff\xd8\xff")):
-        piped = run(*words, "-o", "-", *(["--format", kind] if kind else []))
+        piped = run(*words, "-o", f"{kind}:-" if kind else "-")
         assert piped.stdout_bytes.startswith(magic)
         if kind != "jpg":
             picture = cv2.imdecode(

@@ -151,7 +151,7 @@ def test_y4m_pipe(video, tmp_path):
 
 
 def test_raw_video_pipe(video):
-    args = ["--size", "128x64", "-o", "-", "--set", "output.format=rawvideo"]
+    args = ["--size", "128x64", "-o", "rawvideo:-"]
     run = omnimirror("dewarp", video, *BALL, *args, text=False)
     assert run.returncode == 0, run.stderr
     pictures = np.frombuffer(run.stdout, np.uint8).reshape(20, 64, 128, 3)
@@ -301,8 +301,16 @@ def test_panorama_metadata(tmp_path):
         (["in.mp4", "-o", "gopher://x"], "got 'gopher://x'"),
         (["in.mp4", "-o", "o.mp4", "-o", "o.mp4"], "the outputs must differ; got o.mp4 twice"),
         (
-            ["in.mp4", "-o", "o.mp4", "--set", "output.format=rawvideo"],
-            "pipe_format must be omitted unless an output is '-'",
+            ["in.mp4", "-o", "tif:-"],
+            "standard output of a video must be -, y4m:-, rawvideo:-; got tif:-",
+        ),
+        (
+            ["a.png", "-o", "y4m:-"],
+            "standard output of an image must be -, png:-, jpg:-, tif:-",
+        ),
+        (
+            ["in.mp4", "-o", "y4m:-", "-o", "rawvideo:-"],
+            "standard output must have one format; got y4m, rawvideo",
         ),
         (
             ["in.mp4", "-o", "-", "--set", "video.pixel_format=gray"],
@@ -312,9 +320,7 @@ def test_panorama_metadata(tmp_path):
             [
                 "in.mp4",
                 "-o",
-                "-",
-                "--set",
-                "output.format=rawvideo",
+                "rawvideo:-",
                 "--set",
                 "video.pixel_format=no",
             ],

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -229,16 +231,8 @@ class VideoOptions(Options):
     def settings(self, kind: str | None) -> VideoSettings:
         """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
-            valid = ", ".join(PIPE_FORMATS)
-            raise click.UsageError(f"output.format must be one of {valid} for a video; got {kind}")
+            raise click.UsageError(_wrong_format("a video", PIPE_FORMATS, kind))
         return VideoSettings(**self.given, pipe_format=kind)  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True)
-class StandardOutputOptions(Options):
-    """Standard output."""
-
-    format: str | None = setting("output")
 
 
 @click.command(
@@ -266,7 +260,6 @@ class StandardOutputOptions(Options):
 @add_options(ImageFileOptions, "images", group="Files")
 @add_options(VideoOptions, "video", group="Files")
 @add_options(BagOptions, "bag", group="Files")
-@add_options(StandardOutputOptions, "standard_output")
 def command(
     sources: tuple[str, ...],
     outputs: tuple[str, ...],
@@ -279,12 +272,12 @@ def command(
     images: ImageFileOptions,
     video: VideoOptions,
     bag: BagOptions,
-    standard_output: StandardOutputOptions,
 ) -> None:
     """Dewarp (undistort) each SOURCE with the camera of --sensor, --ball or --auto.
 
     A SOURCE is an image, a folder, a pattern of files, a video, a stream, or a ROS bag.
     """
+    outputs, kind = _split_format(outputs)
     auto.check(camera)
     for options in (view, images):
         options.check()
@@ -308,14 +301,13 @@ def command(
     request = replace(
         dewarp_request(camera, view, sampling), stored_orientation=orientation.stored_orientation
     )
-    kind = standard_output.format
     if is_bag(sources[0]):
         if orientation.stored_orientation:
             raise click.UsageError(
                 "--set input.stored_orientation requires images or videos; recordings contain no "
                 "orientation"
             )
-        _check_recording_options(sources[0], auto, images, video, kind)
+        _check_recording_options(sources[0], auto, images, video)
         selection = bag.selection(view, request, changes)
         dewarp_recording(sources, outputs, request, selection)
         return
@@ -373,13 +365,9 @@ def _check_video_options(source: str, images: ImageFileOptions) -> None:
 
 
 def _check_recording_options(
-    source: str, auto: AutoOptions, images: ImageFileOptions, video: VideoOptions, kind: str | None
+    source: str, auto: AutoOptions, images: ImageFileOptions, video: VideoOptions
 ) -> None:
     auto.refuse_video(source)
-    if kind is not None:
-        raise click.UsageError(
-            f"--set output.format requires '-' as the output; the recording {source} is dewarped to a file"
-        )
     for options, kind_of_source in ((images, "images"), (video, "videos")):
         if options.changed:
             raise click.UsageError(
@@ -466,17 +454,26 @@ def _print_results(folder: Path, dewarped: DewarpedImages, skip_existing: bool) 
         click.echo(f"omnimirror: stopped; {folder} contains the completed images", err=True)
 
 
+def _split_format(outputs: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
+    """Return outputs with ``-`` instead of ``KIND:-``, and the format of standard output."""
+    kinds = [match[1] for output in outputs if (match := re.fullmatch(r"(\w+):-", output))]
+    if len(kinds) > 1:
+        raise click.UsageError(f"standard output must have one format; got {', '.join(kinds)}")
+    plain = tuple(re.sub(r"^\w+:-$", "-", output) for output in outputs)
+    return plain, kinds[0] if kinds else None
+
+
+def _wrong_format(noun: str, formats: Iterable[str], kind: str) -> str:
+    """Return the error message for an unknown format of standard output."""
+    valid = ", ".join(["-", *(f"{name}:-" for name in formats)])
+    return f"standard output of {noun} must be {valid}; got {kind}:-"
+
+
 def _named(output: str, kind: str | None) -> Path:
     """Return the file name of one image; ``-`` gets the suffix of its format."""
     if kind not in (None, *IMAGE_FORMATS):
-        raise click.UsageError(
-            f"output.format must be one of {', '.join(IMAGE_FORMATS)} for an image; got {kind}"
-        )
+        raise click.UsageError(_wrong_format("an image", IMAGE_FORMATS, kind))
     if output != "-":
-        if kind is not None:
-            raise click.UsageError(
-                "--set output.format requires '-' as the output; the suffix of a file specifies its format"
-            )
         format_of(output)  # raises before the image is read
         return Path(output)
     return take_standard_output("--output", kind or IMAGE_FORMATS[0])
