@@ -61,9 +61,13 @@ def test_iteration_matches_quadratic(kind, monkeypatch):
     mirror, _ = MIRRORS[kind]
     origins, directions = rays_from_anywhere(mirror, 4000)
     known = _ray_intersection.intersect(mirror, origins, directions)
+    short = _ray_intersection.intersect(mirror, origins, 1e-6 * directions)
     monkeypatch.setattr(_ray_intersection, "Conic", type(None))
     searched = _ray_intersection.intersect(mirror, origins, directions)
     np.testing.assert_array_equal(known.valid, searched.valid)
+    shortly = _ray_intersection.intersect(mirror, origins, 1e-6 * directions)
+    for hits in (short, shortly):
+        np.testing.assert_allclose(1e-6 * hits.distance, known.distance, rtol=1e-7)
     assert 0.1 < known.valid.mean() < 0.9
     np.testing.assert_allclose(
         known.distance, searched.distance, rtol=1e-7
@@ -167,6 +171,15 @@ def test_rays_from_the_surface(mirror):
     hits = _ray_intersection.intersect(mirror, origins, up)
     np.testing.assert_allclose(hits.distance, 0.0, atol=1e-12)
     assert not _ray_intersection.intersect(mirror, origins + 0.5 * up, up).valid.any()
+    assert not _ray_intersection.intersect(mirror, origins, -up).valid.any()
+    if isinstance(mirror, Cone):  # by iteration: beyond the surface by rounding
+        hits = _ray_intersection.intersect(mirror, origins + 1e-13 * up, up)
+        np.testing.assert_allclose(hits.distance, 0.0, atol=1e-12)
+
+
+def test_a_tangent_ray_from_the_surface_does_not_meet_it():
+    bowl = EvenPolynomial((0.5, 0.1), 10.0, 10.0)
+    assert not _ray_intersection.intersect(bowl, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).valid.any()
 
 
 def test_a_conic_ends_at_its_equator():
@@ -318,6 +331,8 @@ def test_hollowness_margin():
     assert _ray_intersection.hollowness(large) == pytest.approx(
         _ray_intersection.hollowness(bowl) / 100, rel=1e-12
     )
+    dimple = EvenPolynomial((-0.3, 1.0), 10.0, 10.0)  # z'' = -0.06 at the vertex
+    assert _ray_intersection.hollowness(dimple) == pytest.approx(1.5 * 0.06, rel=1e-12)
     rounded = EvenPolynomial(
         (-1e-13, 1.0), 10.0, 10.0
     )  # z'' = -2e-14 at the vertex, 1.2 at the rim

@@ -106,7 +106,7 @@ class EndLabels:
     figure: Figure
     size: float = field(default_factory=lambda: text_size(6.5))
     follows_layout: bool = True
-    """Place the labels at each layout, or once, in a figure of the caller."""
+    """True to place the labels at each layout; False for once, in a figure of the caller."""
     _labels: dict[Axes, list[Annotation]] = field(default_factory=dict)
 
     def of_line(self, ax: Axes, line: Line2D, text: str) -> None:

@@ -196,7 +196,7 @@ def _enter_conic(mirror: Conic, o: Array, d: Array) -> Array:
     t: Array = np.where(b < 0, c / (root - b), (-b - root) / a)
     x, y, z = o + t * d
     rim = mirror.rim_radius_mm * (1 + ROUNDING)
-    on_it = (t >= 0) & (R - k1 * z > 0) & (x * x + y * y <= rim * rim) & np.isfinite(t)
+    on_it = (t >= 0) & (R - k1 * z > 0) & (x * x + y * y <= rim * rim)
     return np.where(on_it, t, np.nan)
 
 
@@ -218,7 +218,7 @@ def _approach(mirror: Mirror, o: Array, d: Array) -> Array:
         g, rate = _height(mirror, o[:, active], d[:, active], s)
         if step == 0:
             inside = g > ROUNDING * rim  # enters behind the rim, or starts inside the body
-            g = np.where(inside, np.nan, np.minimum(g, 0.0))
+            g = np.where(inside, np.nan, g)
         forward = -2 * g / (rate + np.sqrt(rate * rate - 2 * bend[active] * g))
         forward = np.where(g >= 0, 0.0, forward)  # past the surface by rounding: converged
         s = s + forward
@@ -238,10 +238,7 @@ def _over_the_mirror(mirror: Mirror, o: Array, d: Array) -> tuple[Array, Array]:
     c = o[0] ** 2 + o[1] ** 2 - rim * rim
     root = np.sqrt(b * b - a * c)
     enter = np.where(b < 0, c / (root - b), 0.0)  # rays away from the axis start within, or miss
-    leave = np.where(b < 0, (root - b) / a, -c / (root + b))
-    along = a == 0
-    enter = np.where(along & (c > 0), np.nan, enter)
-    leave = np.where(along, np.inf, leave)
+    leave = np.where(b < 0, (root - b) / a, -c / (root + b))  # infinite along the axis
     slab = np.where(d[2] > 0, (min_sag - o[2]) / d[2], 0.0)  # to the height of the lowest point
     return np.maximum(np.maximum(enter, slab), 0.0), leave
 
