@@ -84,9 +84,13 @@ def test_mutation_table_names_existing_modules_and_tests():
     }
     assert {path for path in paths if not (CHECKOUT / path).exists()} == set()
     assert {entry["module"] for entry in table["equivalent"]} <= set(table["tests"])
-    assert all(
-        entry["reason"] and entry["before"] != entry["after"] for entry in table["equivalent"]
-    )
+    for entry in table["equivalent"]:
+        source = " ".join((CHECKOUT / entry["module"]).read_text().split())
+        assert entry["reason"]
+        assert entry["mutants"]
+        for before, after in entry["mutants"]:
+            assert before in source, f"{entry['module']}: {before}"
+            assert before != after
 
 
 def edit(file: Path, *changes: tuple[str, str]) -> None:

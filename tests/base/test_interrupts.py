@@ -7,6 +7,14 @@ import pytest
 from omnimirror.base import interrupts
 
 
+@pytest.fixture(autouse=True)
+def handler():
+    """Handler of Python for Ctrl-C, which jobs in the background ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_postponed_signal_is_raised_after_the_block():
     reached = []
 

@@ -192,7 +192,10 @@ def test_entries_of_camera_files_are_changed(tmp_path):
         polynomial=(-100.0, 0.0, 2.5e-3), centre_px=(319.5, 239.5), image_size=(640, 480)
     )
     om.convert(ocam, tmp_path / "b.txt", to="ocamcalib")
-    with pytest.raises(SpecError, match=r"b\.txt is an OCamCalib file, whose entries cannot be"):
+    with pytest.raises(
+        SpecError,
+        match=r"b\.txt , an OCamCalib file, must be from camera\.optics, camera\.rim_radius_px; got",
+    ):
         om.load_camera(tmp_path / "b.txt", changes)
     with pytest.raises(TypeError, match="notes must be text; got 3"):
         format_camera(expected, 3)

@@ -73,14 +73,14 @@ def test_trial_matches_the_perturbed_sensor(sensor, distance):
     targets = world(built, field.targets)
     found = built.project_directions(targets) if field.distant else built.project(targets)
     offsets = built.image_plane.flat_mm(found.pixels)[0] / built.imager.pitch_mm
-    shown = field.picture(columns(values)).offsets_px[0]
+    shown = field.images(columns(values)).offsets_px[0]
     assert found.valid.sum() > 80
     np.testing.assert_allclose(shown[found.valid], offsets[found.valid], atol=1e-8)
 
 
 def test_nominal_blur_matches_the_evaluation(sensor):
     field = field_of(sensor, azimuths=3)
-    blur = field.picture({}, count=1).blur_px[0]
+    blur = field.images({}, count=1).blur_px[0]
     first = field.azimuth_deg == 0
     table = om.evaluate(sensor, omega_deg=np.maximum(field.omega_deg[first], 1e-6))
     worst = np.maximum(np.abs(table.blur_t_px), np.abs(table.blur_s_px))
@@ -99,7 +99,7 @@ def test_blur_matches_finite_rays(sensor):
     narrow = replace(sensor, lens=replace(sensor.lens, f_number=small))
     values["lens.f_number"] = 0.0
     field, built = field_of(narrow, angles=4, azimuths=5), perturbed(narrow, values)
-    blur = field.picture(columns(values)).blur_px[0]
+    blur = field.images(columns(values)).blur_px[0]
     around = np.arange(16) * (2 * np.pi / 16)
     pupil = np.stack([np.cos(around), np.sin(around)], axis=-1)
     for target, matrix in zip(field.targets, blur, strict=True):
@@ -174,7 +174,7 @@ def test_imager_pose_is_a_plane_intersection():
     values = dict(
         zip((*names, "imager.pitch_ppm"), (12.0, -5.0, 1.5, 0.8, -0.6, 300.0), strict=True)
     )
-    shown = field.picture(columns(values)).offsets_px[0]
+    shown = field.images(columns(values)).offsets_px[0]
     pitch = sensor.imager.pitch_mm
     c = sensor.lens.principal_distance
     rays = np.concatenate([field.offsets_px * pitch / c, np.ones((len(field), 1))], axis=1)
@@ -211,7 +211,7 @@ def test_pose_residual_matches_a_full_fit(name):
 
     def residual(p):
         shown = (
-            evaluator.field.picture(columns(dict(zip(POSE, p, strict=True)))).offsets_px[0]
+            evaluator.field.images(columns(dict(zip(POSE, p, strict=True)))).offsets_px[0]
             - evaluator.reference_px
         )
         rest = moved[0] - shown.T.ravel()
@@ -265,7 +265,7 @@ def test_all_mirrors_are_supported(kind):
     built = perturbed(sensor, values)
     found = built.project_directions(world(built, field.targets))
     offsets = built.image_plane.flat_mm(found.pixels)[0] / built.imager.pitch_mm
-    shown = field.picture(columns(values)).offsets_px[0]
+    shown = field.images(columns(values)).offsets_px[0]
     assert np.abs(shown - offsets)[found.valid].max() < 1e-6
 
 
