@@ -194,7 +194,7 @@ def test_entries_of_camera_files_are_changed(tmp_path):
     om.convert(ocam, tmp_path / "b.txt", to="ocamcalib")
     with pytest.raises(
         SpecError,
-        match=r"b\.txt , an OCamCalib file, must be from camera\.optics, camera\.rim_radius_px; got",
+        match=r"b\.txt, an OCamCalib file, must be from camera\.optics, camera\.rim_radius_px; got",
     ):
         om.load_camera(tmp_path / "b.txt", changes)
     with pytest.raises(TypeError, match="notes must be text; got 3"):
