@@ -272,7 +272,7 @@ void improve_all(Sharpening& s, const float* costs, const int32_t* steps) {
     std::swap(s.fine, s.improved);
 }
 
-// -- what is asked of the picture --------------------------------------------------------------------------
+// -- evaluation of the image -------------------------------------------------------------------------------
 
 inline float logarithm(float x) {  // accurate to the last bits, in vectorised loops
     const auto bits = std::bit_cast<int32_t>(x);

@@ -19,7 +19,7 @@ struct CoveredJob {
     double ends[2];            // heights; of a tube
     double turn[9], shift[3];  // of the mirror
     int steps;
-    double longest, close;  // of the rim radius: a step, and one after which there is none
+    double longest, close;  // in rim radii: maximum step, and convergence tolerance
     const double *pupils, *targets;  // (count, 3): points, or directions to distant ones
     bool distant_pupils, distant_targets;
     long count;
