@@ -97,6 +97,6 @@ void add_exposure(nb::module_& m);     // exposure/module.cpp: omnimirror.simula
 void add_surfaces(nb::module_& m);     // exposure/surfaces_module.cpp: omnimirror.simulation.scenes
 void add_deblurring(nb::module_& m);   // deblur/module.cpp: omnimirror.dewarp.restoration
 void add_tolerancing(nb::module_& m);  // tolerancing/module.cpp: omnimirror.manufacturing.tolerancing
-void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.optics.tracing, omnimirror.torch
+void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.optics.tracing, interop.torch
 
 }  // namespace omnimirror

@@ -1,5 +1,5 @@
 // Deconvolution of an image with a known blur, with the formulas and steps of
-// omnimirror.dewarp.restoration.sharp_picture.
+// src/omnimirror/dewarp/restoration/_deconvolution.py.
 //
 // The sharp image is defined on a grid `fineness` times as fine as the pixels. Pixels are blurred in groups of eight
 // adjacent ones, in which all pixels of a block (up to the whole group) share one kernel. Columns of the fine grid are
@@ -24,7 +24,7 @@ struct Box {  // of pixels; bottom and right are exclusive
     Box moved(int down, int right_) const { return {top + down, bottom + down, left + right_, right + right_}; }
 };
 
-// A tile of the image, as in Blur.tiles of blurring.py.
+// A tile of the image, as in Blur.tiles of dewarp/restoration/blur_model.py.
 struct Part {
     Box kept, explained, values;
 };

@@ -14,7 +14,7 @@
 namespace omnimirror {
 namespace {
 
-// As in deconvolution.py
+// As in dewarp/restoration/_deconvolution.py.
 constexpr float EDGE2 = 0.005f * 0.005f, DARK = 1e-4f, BRIGHTEST = 2.0f, SATURATED = 0.995f;
 
 template <class F>

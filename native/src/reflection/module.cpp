@@ -1,5 +1,5 @@
 // Python interface of reflection and shell transmission, used by omnimirror.optics.tracing.reflection and
-// omnimirror.torch.compiled.
+// omnimirror.interop.torch.
 
 #include <nanobind/stl/tuple.h>
 

@@ -76,7 +76,7 @@ struct Workspace {
     }
 };
 
-// -- tracing.py --------------------------------------------------------------------------------------
+// -- ray tracing: trial_images.py --------------------------------------------------------------------
 
 // Optical path length via a mirror point, and its derivatives with respect to (x, y).
 struct Path {
@@ -182,7 +182,7 @@ int look(const TrialJob& job, const S& surface, const double* number, Workspace&
     return job.field.count - static_cast<int>(kept.total());
 }
 
-// -- picture.py --------------------------------------------------------------------------------------
+// -- images and blur: trial_images.py ----------------------------------------------------------------
 
 // Offsets in px, and their derivatives with respect to the tangents.
 struct Imaged {
@@ -395,7 +395,7 @@ inline void judge_motions(const TrialJob& job, Workspace& w, double* merits) {
     judge_motion(job, w, merits + 16);
 }
 
-// -- merits.py ---------------------------------------------------------------------------------------
+// -- merits: compensation.py -------------------------------------------------------------------------
 
 inline void judge_blur(const TrialJob& job, double aperture, double focus, const Workspace& w, double* merits) {
     const double square_mm = aperture * aperture, floor = job.floor;
