@@ -11,7 +11,7 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);
 #endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
-    m.attr("INTERFACE") = 16;  // increment if a name or an argument changes; omnimirror.base.native requires this number
+    m.attr("INTERFACE") = 16;  // increment with every change of names or arguments; checked by omnimirror.base.native
     add_sampling(m);
     add_designs(m);
     add_exposure(m);

@@ -91,7 +91,7 @@ class Sharpening {
 
 // Kernels of one instruction set, implemented in a separate translation unit.
 struct SharpeningKernel {
-    // One round of improvement. costs (height, width) are the weights of the gradients; steps (tiles) are the numbers of
+    // One round of improvement. costs (height, width) are the weights of the gradients; steps (tiles) are numbers of
     // steps, where 0 leaves a tile unchanged.
     void (*improve)(Sharpening&, const float* costs, const int32_t* steps);
     // Mean logarithms (height, width) of the gradient magnitude in each pixel.

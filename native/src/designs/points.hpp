@@ -38,7 +38,7 @@ void fill_profile(const DesignJob& job, int design, const Workspace& w) {
 // arctan, accurate to the last digit but one for all numbers: a rational approximation (S. Moshier, Cephes) of the
 // difference from 0, 45 or 90 deg. Branch-free, so that compilers vectorise it.
 inline double arctangent(double x) {
-    constexpr double QUARTER = 0.78539816339744830962, REST = 3.061616997868382943e-17;  // pi / 4, and its rounding error
+    constexpr double QUARTER = 0.78539816339744830962, REST = 3.061616997868382943e-17;  // pi / 4, and rounding error
     const double a = size_of(x);
     const bool is_steep = a > 2.41421356237309504880, is_middle = a > 0.66;
     const double above = is_steep ? -1.0 : is_middle ? a - 1 : a, below = is_steep ? a : is_middle ? a + 1 : 1.0;

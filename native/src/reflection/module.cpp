@@ -22,7 +22,7 @@ using WallSaid = std::tuple<int, Pair, Pair, double, double>;        // kind, pl
 using MirrorSaid = std::tuple<Doubles, double, double, Doubles, Doubles>;  // meridian, cell, rim, turn, shift
 using EndsSaid = std::tuple<Doubles, bool>;                                // points, or directions to distant ones
 
-constexpr int64_t MAX_PIECES = int64_t{1} << 24;  // kernels multiply the number of pieces by that of coefficients, as int
+constexpr int64_t MAX_PIECES = int64_t{1} << 24;  // pieces times coefficients must fit into int
 
 // Tables of cubic pieces: (pieces, 4), of a meridian (pieces, 8).
 CubicPieces pieces_of(const Doubles& table, const char* name, int columns) {

@@ -9,7 +9,7 @@
 namespace omnimirror {
 namespace {
 
-constexpr double ALONG = 1e-9;  // minimum direction component across a tube's axis; below it, rays never reach the shell
+constexpr double ALONG = 1e-9;  // minimum direction component across a tube's axis; below it, it never meets the shell
 constexpr double TINY = 1e-18;  // lower bound of squares, so that no division is by 0
 
 // A number and its derivatives with respect to two variables.

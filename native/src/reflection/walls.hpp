@@ -25,7 +25,7 @@ struct WallJob {
     long count;
     double* vectors[WALL_VECTORS];  // (count, 3): exit points and directions, points on the inner surface, directions
                                     // up to there, and its normals, pointing inwards
-    double* numbers[WALL_NUMBERS];  // (count,): distances to and within the shell, cosines to the normals before and behind
+    double* numbers[WALL_NUMBERS];  // (count,): distances to and within the shell, incidence cosines before and behind
     std::uint8_t *meets, *passes;   // (count,)
 };
 

@@ -1,4 +1,4 @@
-// Sag of a mirror with form errors over (x, y), with the formulas of perturbed_states.py. Everything has internal linkage.
+// Sag of a mirror with form errors over (x, y), as in perturbed_states.py. Everything has internal linkage.
 #pragma once
 
 #include "lanes.hpp"
