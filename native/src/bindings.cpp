@@ -1,4 +1,4 @@
-// The text of errors that checks of arguments raise.
+// Texts of the errors raised by argument checks.
 #include "bindings.hpp"
 
 #include <cstdio>
@@ -7,7 +7,7 @@
 namespace omnimirror {
 namespace {
 
-// As Python writes tuples; "any" stands for any length.
+// Format as a Python tuple; "any" represents any length.
 std::string text_of(const int64_t* lengths, size_t count) {
     std::string text = "(";
     for (size_t i = 0; i < count; ++i) {

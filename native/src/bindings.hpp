@@ -1,7 +1,7 @@
 // Shared by all bindings: array types, argument checks, and the functions that register the kernels of each folder.
 //
-// Every array passes through `checked` before its memory is used, whatever Python has checked before: no argument may
-// make a kernel read or write outside a buffer.
+// Every array passes through `checked` before its memory is used, independent of checks in Python: no argument may
+// cause a kernel to read or write outside a buffer.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -18,7 +18,7 @@ namespace omnimirror {
 namespace nb = nanobind;
 using namespace nb::literals;
 
-// Contiguous arrays of exactly this type: nothing is converted.
+// Contiguous arrays of exactly this type, without conversion.
 template <class T, class... More>
 using Array = nb::ndarray<T, More..., nb::c_contig, nb::device::cpu>;
 
@@ -34,21 +34,21 @@ inline void require(bool condition, const char* message) {
     if (!condition) throw nb::value_error(message);
 }
 
-constexpr int64_t ANY = -1;                        // stands for any length in an expected shape
-constexpr int64_t MAX_LENGTH = int64_t{1} << 40;   // of one dimension: products of three lengths of arrays fit 64 bits
-constexpr int64_t MAX_COUNT = (int64_t{1} << 30) - 1;  // of what kernels count with int
+constexpr int64_t ANY = -1;                        // any length in an expected shape
+constexpr int64_t MAX_LENGTH = int64_t{1} << 40;   // per dimension: products of three array lengths fit into 64 bits
+constexpr int64_t MAX_COUNT = (int64_t{1} << 30) - 1;  // limit of counts that kernels store as int
 
 enum class Values { any, finite };
 
-// Raise ValueError; in bindings.cpp, so that the text is formatted in one place.
+// Raise ValueError. Defined in bindings.cpp, so that the text is formatted in one place.
 [[noreturn]] void refuse_shape(const char* name, std::initializer_list<int64_t> expected, size_t ndim,
                                const int64_t* shape);
 [[noreturn]] void refuse(const char* name, const char* condition);
 [[noreturn]] void refuse_value(const char* name, double low, double high, double value);
 
-// Check dimensions, lengths, alignment and, where asked for, that all values are finite; return the first value.
-// Contiguity and type are checked by the types above; pictures and coordinates, whose rows may lie apart, check their
-// strides themselves.
+// Check dimensions, lengths, alignment and, optionally, that all values are finite; return a pointer to the first
+// value. The types above check contiguity and type; the functions for images and coordinates, whose rows may have gaps,
+// check strides.
 template <class A>
 auto checked(const A& array, const char* name, std::initializer_list<int64_t> shape, Values values = Values::any)
     -> decltype(array.data()) {
@@ -68,7 +68,7 @@ auto checked(const A& array, const char* name, std::initializer_list<int64_t> sh
     return array.data();
 }
 
-// Check a number; NaN is within no limits.
+// Check that a number is within limits; NaN is not.
 template <class T>
 T checked(T value, const char* name, T low, T high) {
     if (!(value >= low && value <= high))
@@ -76,16 +76,16 @@ T checked(T value, const char* name, T low, T high) {
     return value;
 }
 
-// A length as kernels count it.
+// Return a length as the int that kernels require.
 inline int count_of(size_t length, const char* name, int64_t limit = MAX_COUNT) {
     if (length > static_cast<size_t>(limit)) refuse_value(name, 0, static_cast<double>(limit), static_cast<double>(length));
     return static_cast<int>(length);
 }
 
-// Iterations of a search: enough for all that converge, and an end to those that do not.
+// Maximum iterations of a search: sufficient for all searches that converge.
 inline int iterations_of(int count, const char* name, int low = 0) { return checked(count, name, low, 1 << 14); }
 
-// A length along one dimension, or 0 where there is no such dimension: `checked` refuses the array afterwards.
+// Return the length along a dimension, or 0 if there is no such dimension: `checked` then rejects the array.
 template <class A>
 int64_t length_of(const A& array, size_t axis) {
     return axis < array.ndim() ? static_cast<int64_t>(array.shape(axis)) : 0;
@@ -97,6 +97,6 @@ void add_exposure(nb::module_& m);     // exposure/module.cpp: omnimirror.simula
 void add_surfaces(nb::module_& m);     // exposure/surfaces_module.cpp: omnimirror.simulation.scenes
 void add_deblurring(nb::module_& m);   // deblur/module.cpp: omnimirror.dewarp.restoration
 void add_tolerancing(nb::module_& m);  // tolerancing/module.cpp: omnimirror.manufacturing.tolerancing
-void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.optics.tracing, omnimirror.torch
+void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.optics.tracing, interop.torch
 
 }  // namespace omnimirror

@@ -1,11 +1,11 @@
-// Loops over many alike, a few beside each other, which compilers vectorise. Everything has internal linkage, since
-// kernels are compiled once per instruction set.
+// Loops over lanes, which compilers vectorise. Everything has internal linkage, because kernels are compiled once per
+// instruction set.
 #pragma once
 
 namespace omnimirror {
 namespace {
 
-constexpr int LANE = 8;  // arrays are padded to a multiple of it, and sums have so many parts
+constexpr int LANE = 8;  // arrays are padded to a multiple of it, and sums have this many partial sums
 
 #if defined(__GNUC__) && !defined(__clang__)
 #define OMNIMIRROR_LANES(i, k) _Pragma("GCC ivdep") _Pragma("GCC unroll 1") for (int i = (k); i < (k) + LANE; ++i)

@@ -1,4 +1,4 @@
-// Memory that is streamed through, in large pages where the system grants them.
+// Memory for large arrays that are read sequentially, in large pages where the operating system grants them.
 #pragma once
 
 #include <cstddef>
@@ -10,8 +10,8 @@
 
 namespace omnimirror {
 
-// An array of many megabytes is read once for every picture: in pages of 4 kB the processor looks up thousands of
-// addresses each time, which costs more than the reading where the system is a virtual one.
+// An array of many megabytes is read once per image. With 4 kB pages, this causes thousands of address translations,
+// which cost more than the reads on virtual machines.
 template <class T>
 struct LargePages {
     using value_type = T;
@@ -27,7 +27,7 @@ struct LargePages {
         const size_t whole = (bytes + PAGE - 1) / PAGE * PAGE;
         void* memory = ::operator new(whole, std::align_val_t{PAGE});
 #ifdef MADV_HUGEPAGE
-        madvise(memory, whole, MADV_HUGEPAGE);  // where it is refused, all works as without
+        madvise(memory, whole, MADV_HUGEPAGE);  // if refused, everything works without large pages
 #endif
         return static_cast<T*>(memory);
     }

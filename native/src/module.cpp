@@ -1,15 +1,17 @@
-// omnimirror.base._native, as omnimirror.base.native opens it: what each room brings, and the threads of all.
+// The Python module omnimirror.base._native, loaded by omnimirror.base.native: functions of all folders, and the number
+// of threads.
 #include "bindings.hpp"
 #include "pool.hpp"
 
 NB_MODULE(_native, m) {
     using namespace omnimirror;
 #ifdef NDEBUG
-    // What a process keeps when an exception ends it is not lost, and its list would hide the sentence that says why.
+    // Objects alive when an exception ends the process are not leaks, and a report of them would hide the error
+    // message.
     nb::set_leak_warnings(false);
 #endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
-    m.attr("INTERFACE") = 16;  // one more when a name or an argument changes; omnimirror.base.native asks for the same
+    m.attr("INTERFACE") = 16;  // increment with every change of names or arguments; checked by omnimirror.base.native
     add_sampling(m);
     add_designs(m);
     add_exposure(m);

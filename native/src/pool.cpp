@@ -17,7 +17,7 @@ namespace {
 class Pool {
   public:
     void run(int count, int helpers, Task task, void* context) {
-        // No mutex: a task that calls this again does so on a thread that may be the owner already.
+        // No mutex: a task that calls this function may run on the thread that already owns it.
         if (busy_.exchange(true, std::memory_order_acquire)) return run_alone(count, task, context);
         const Release release{busy_};
         helpers = start(helpers);
@@ -26,10 +26,10 @@ class Pool {
             task_ = task, context_ = context, count_ = count, next_ = 0;
             wanted_ = helpers;
         }
-        wake_.notify_one();  // who wakes, wakes the next: this thread has better things to do
+        wake_.notify_one();  // each thread wakes the next one, so that this thread starts to work immediately
         work();
         {
-            // Helpers that have not woken by now are not waited for: there is nothing left for them.
+            // Do not wait for helpers that have not woken yet: no tasks are left for them.
             std::lock_guard lock(mutex_);
             wanted_ = 0;
         }
@@ -47,8 +47,8 @@ class Pool {
         ~Release() { busy.store(false, std::memory_order_release); }
     };
 
-    // Threads are started when they are first needed. Where the system gives no more, by its limit of threads or of
-    // memory, fewer do the work.
+    // Start threads on first use. If the operating system refuses, by its limit of threads or memory, fewer threads
+    // work.
     int start(int helpers) {
         while (started_ < helpers) {
             try {
@@ -62,8 +62,8 @@ class Pool {
     }
 
     void serve() {
-        // The library allocates the state of a thread's exceptions at first use, and ends the process where it cannot:
-        // now rather than when memory has run out.
+        // The library allocates the exception state of a thread at first use, and aborts if it cannot: allocate it now,
+        // before memory runs out.
         (void)std::uncaught_exceptions();
         std::unique_lock lock(mutex_);
         for (;;) {
@@ -78,7 +78,7 @@ class Pool {
         }
     }
 
-    // They are at their last piece of work: asleep, this thread would take longer to wake than they to finish.
+    // The helpers are finishing their last tasks: spin first, because sleeping would take longer than they need.
     void wait_for_helpers() {
         for (int i = 0; i < SPINS && inside_ != 0; ++i) pause();
         std::unique_lock lock(mutex_);
@@ -93,22 +93,22 @@ class Pool {
 #endif
     }
 
-    static constexpr int SPINS = 2000;  // some 30 us
+    static constexpr int SPINS = 2000;  // about 30 us
 
-    // Take tasks until there are none, or one has failed. Nothing may leave a thread of the pool, nor the calling one
-    // before the helpers have finished: they use its stack.
+    // Run tasks until none are left or one has failed. Exceptions must not leave a thread of the pool, nor leave the
+    // calling thread before the helpers have finished, because they use its stack.
     void work() noexcept {
         try {
             for (int i; (i = next_.fetch_add(1, std::memory_order_relaxed)) < count_;) task_(context_, i);
         } catch (...) {
-            next_.store(count_, std::memory_order_relaxed);  // what has not begun is left out
+            next_.store(count_, std::memory_order_relaxed);  // skip tasks that have not started
             std::lock_guard lock(mutex_);
             if (!error_) error_ = std::current_exception();
         }
     }
 
-    std::atomic<bool> busy_{false};  // set by the caller whose work is done
-    std::mutex mutex_;               // guards all below; the atomic ones are read without it
+    std::atomic<bool> busy_{false};  // set by the caller whose tasks are running
+    std::mutex mutex_;               // guards all members below; the atomic ones are read without it
     std::condition_variable wake_, done_;
     int started_ = 0, wanted_ = 0;
     std::atomic<int> inside_{0};
@@ -116,18 +116,18 @@ class Pool {
     void* context_ = nullptr;
     int count_ = 0;
     std::atomic<int> next_{0};
-    std::exception_ptr error_;  // the first that a task has thrown
+    std::exception_ptr error_;  // first exception thrown by a task
 };
 
 int cores() {
-    const unsigned count = std::thread::hardware_concurrency();  // of the machine; who loads the module knows better
+    const unsigned count = std::thread::hardware_concurrency();  // of the machine; the importer may set another number
     return count ? static_cast<int>(count) : 1;
 }
 
 std::atomic<int> threads{0};  // 0: one per core
 
-// Never destroyed: its threads sleep until the process ends. A child process has none of them, so it forgets
-// the parent's pool, whatever state that was in, and makes its own.
+// Never destroyed: its threads sleep until the process ends. A forked child process has none of these threads, so it
+// discards the parent's pool, in whatever state, and creates its own.
 std::atomic<Pool*> current{nullptr};
 
 Pool& pool() {

@@ -1,18 +1,19 @@
-// Threads that sleep until there is work.
+// Thread pool; idle threads sleep.
 #pragma once
 
 namespace omnimirror {
 
 using Task = void (*)(void* context, int index);
 
-// Call task(context, i) for i in [0, count) on the threads of the pool and this one; return when all are done.
+// Call task(context, i) for i in [0, count) on the threads of the pool and the calling thread; return when all are
+// done.
 //
-// A task may throw: tasks that have not begun are then left out, those that have are waited for, and the first exception
-// is thrown here. While the pool works for another caller, or where a task calls this again, the calling thread does all
-// of its work alone.
+// Tasks may throw: no further tasks are started, running ones are awaited, and the first exception is rethrown here. If
+// the pool is busy with another caller, or if a task calls this function, the calling thread does all of its work
+// alone.
 void parallel_for(int count, Task task, void* context);
 
-// The number of threads that work, the calling one included.
+// The number of worker threads, including the calling one.
 void set_threads(int count);
 int get_threads();
 

@@ -1,5 +1,6 @@
-// All vector kernels that the machine has against the plain ones, without Python: for cross-compiled builds under an
-// emulator, and for the sanitizers. Buffers are allocated exactly, so that any access beyond one is seen.
+// Comparison of all vector kernels that the machine supports with the plain ones, without Python: for cross-compiled
+// builds under an emulator, and for the sanitizers. Buffers are allocated exactly, so that accesses outside them are
+// detected.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -25,14 +26,14 @@ struct Case {
     Depth depth;
     Interpolation interpolation;
     int gap;             // pixels between the rows of the source
-    bool is_averaged;  // over footprints, where the interpolation is cubic
+    bool is_averaged;  // over footprints, with cubic interpolation
 };
 
-// Coordinates that are computed with other instructions differ in their last bits. So does what is seen there; and rarely
-// rounding decides otherwise which pixel is the nearest, or whether a place lies on the picture.
+// Coordinates computed with other instruction sets differ in their last bits, and so do the samples. In rare cases,
+// rounding changes which pixel is the nearest, or whether a position is inside the image.
 struct Difference {
     double most = 0;                 // in units of the tolerance, of values that do not jump
-    long count = 0, jumps = 0, of = 0, lost = 0;  // values that differ, that jump, all, and those that are NaN
+    long count = 0, jumps = 0, of = 0, lost = 0;  // numbers of values that differ, that jump, of all values, and of NaN
 
     void add(const Difference& other) {
         most = std::max(most, other.most);
@@ -40,21 +41,21 @@ struct Difference {
     }
 };
 
-constexpr double JUMPING = 1e-3;  // share of values, at most
+constexpr double JUMPING = 1e-3;  // maximum share of values that jump
 
 float smaller_side(const Case& c) { return static_cast<float>(std::min(c.width, c.height)); }
 
-// Values of every kind that a coordinate may have, most of them in the picture.
+// All kinds of values that a coordinate may have; most of them are inside the image.
 float odd_or(float ordinary, std::mt19937& random) {
     static const float odd[] = {NAN, INFINITY, -INFINITY, 1e30f, -1e30f, -0.5f, -0.50001f, 0.0f, 2147483648.0f};
     return random() % 16 ? ordinary : odd[random() % 9];
 }
 
-// Memory of a case, each array allocated exactly.
+// Memory of a case; each array is allocated exactly.
 struct Memory {
     std::unique_ptr<uint8_t[]> source, taps;
     std::unique_ptr<float[]> where, radii, cosines, sines;
-    std::vector<float> x, y, weights, patches;  // of nodes, longer by what may be read beyond their ends
+    std::vector<float> x, y, weights, patches;  // of nodes, with the readable values after their ends
     std::vector<int32_t> cells, states;
 };
 
@@ -82,7 +83,7 @@ Coordinates coordinates_of(const Case& c, Memory& m, std::mt19937& random) {
     return {reinterpret_cast<const uint8_t*>(m.where.get()), 8 * c.columns, false};
 }
 
-// Circles, most of them within the picture, where places are found by ways of their own.
+// Circles, most of them inside the image, for which there are dedicated kernels.
 Polar circles_of(const Case& c, Memory& m, std::mt19937& random) {
     const size_t columns = static_cast<size_t>(c.columns), rows = static_cast<size_t>(c.rows);
     m.radii.reset(new float[rows]);
@@ -97,8 +98,8 @@ Polar circles_of(const Case& c, Memory& m, std::mt19937& random) {
     return {m.radii.get(), m.cosines.get(), m.sines.get(), x, y, 1};
 }
 
-// A lattice, smooth and most of it within the picture; some cells have patches, of which any coordinate may be odd, some
-// nodes are no numbers.
+// A smooth lattice, most of it inside the image. Some cells have patches, whose coordinates may be of any kind; some
+// nodes are NaN.
 Nodes nodes_of(const Case& c, const Geometry& g, int step, Memory& m, std::mt19937& random) {
     const int rows = (c.rows + step - 1) / step, columns = (c.columns + step - 1) / step;
     const size_t count = static_cast<size_t>(rows + 3) * static_cast<size_t>(columns + 3);
@@ -149,7 +150,8 @@ std::unique_ptr<uint8_t[]> sampled_by(const char* name, Job job, Where where, si
     return out;
 }
 
-// Values of pictures: of 8 bits to 2 grey levels, of others to 1/2000 of the range. Where places are given, none may jump.
+// Compare image values, with tolerances of 2 grey levels for 8 bits and 1/2000 of the range otherwise. If coordinates
+// are given, no value may jump.
 Difference compare(Depth depth, bool are_given, size_t values, const uint8_t* expected, const uint8_t* found) {
     const double tolerance = depth == Depth::u8 ? 2 : depth == Depth::u16 ? 32 : 5e-4;
     const auto value = [&](const uint8_t* from, size_t i) -> double {
@@ -206,7 +208,7 @@ Difference run(const Case& c, const std::vector<const char*>& names, std::mt1993
     return difference;
 }
 
-// Values of jobs other than sampling.
+// Compare values of other kernels than the samplers.
 Difference compare(double tolerance, const Numbers& expected, const Numbers& found) {
     Difference d;
     d.of = static_cast<long>(expected.size());
@@ -220,7 +222,7 @@ Difference compare(double tolerance, const Numbers& expected, const Numbers& fou
         if (off <= 1)
             d.most = std::max(d.most, off);
         else
-            ++d.jumps;  // NaN too
+            ++d.jumps;  // also NaN
     }
     return d;
 }

@@ -1,7 +1,7 @@
-// Random jobs of all kernels but the samplers, as numbers that every instruction set must find alike.
+// Random jobs of all kernels except the samplers, with numeric results that must agree between instruction sets.
 //
-// A job is a function that computes with the instructions in use and returns what it found. Discrete results, such as
-// whether a ray meets the mirror, may differ where rounding decides: a small share of all values.
+// A job is a function that computes with the selected instruction set and returns its results. Discrete results, such
+// as whether a ray hits the mirror, may differ because of rounding, for a small share of all values.
 #pragma once
 
 #include <cmath>
@@ -57,7 +57,7 @@ struct Sphere {
 
 constexpr double RADIUS = 60, RIM = 40, DISTANCE = 180;
 
-// Of sag and slope in cubic pieces (8 numbers each), by Hermite's rule.
+// Sag and slope as cubic Hermite pieces (8 numbers each).
 Numbers meridian_of(const Sphere& sphere, int pieces, double cell) {
     Numbers table;
     const auto add = [&](double f0, double g0, double f1, double g1) {
@@ -72,7 +72,7 @@ Numbers meridian_of(const Sphere& sphere, int pieces, double cell) {
     return table;
 }
 
-// The direction (3) in which the lens sees the world by way of a point (x, y) of a sphere.
+// The direction (3) of the ray from the lens after reflection at a point (x, y) of a sphere.
 void see_by(const Sphere& sphere, double x, double y, double* towards) {
     const double r = std::hypot(x, y), z = sphere.sag(r), tilt = r > 0 ? sphere.slope(r) / r : 0;
     const double in[3] = {x, y, z + DISTANCE}, normal[3] = {tilt * x, tilt * y, -1};
@@ -153,7 +153,8 @@ OtherJob reflections(Random& random) {
     }
     return {"reflections", 1e-10, [=] {
                 const Numbers meridian = meridian_of(sphere, PIECES, cell);
-                // Linear initial values: distances from the axis by the field angle, depths by the tangent.
+                // Linear initial values: distances from the axis as a function of the field angle, depths as a function
+                // of the tangent.
                 const Numbers begin{0, RIM, 0, 0}, depth{DISTANCE, 0, 0, 0};
                 const ReflectionSurface surface{{meridian.data(), PIECES}, cell, RIM, 0, {0, 0, -DISTANCE}, false};
                 const ReflectionSearch search{40, 8, 1e-10, 1e-3, 0.3, 1.2, 1e-9};
@@ -239,7 +240,7 @@ OtherJob exposures(Random& random) {
         const double r = RIM * i / nodes;
         meridian.push_back({static_cast<float>(sphere.sag(r)), static_cast<float>(sphere.slope(r)), static_cast<float>(sphere.bend(r))});
     }
-    std::vector<Surface> walls;  // about the sensor, some of them triangles
+    std::vector<Surface> walls;  // around the sensor; some are triangles
     for (int i = 0; i < 60; ++i) {
         Surface s{};
         for (float& x : s.corner) x = static_cast<float>(between(random, -900, 900));
@@ -261,7 +262,7 @@ OtherJob exposures(Random& random) {
                     append(found, light);
                 } else if (kind == 1) {
                     expose(e, 0, rows, {origins.data(), directions.data(), weights.data(), fates.data()});
-                    for (size_t i = 0; i < rays; ++i) {  // what is lost has no ray
+                    for (size_t i = 0; i < rays; ++i) {  // lost rays are absent
                         const bool counts = fates[i] != 0;
                         found.push_back(fates[i]), found.push_back(counts ? weights[i] : 0);
                         double size = 0;

@@ -1,5 +1,5 @@
-// The pool under tasks that throw, call it again, or are given by several threads at once; run with the thread sanitizer
-// too. Ends with 1 where something differs from what pool.hpp says.
+// Test of the thread pool with tasks that throw, nested calls, and several calling threads; also run with the thread
+// sanitizer. Exits with 1 if the behaviour differs from the description in pool.hpp.
 #include "pool.hpp"
 
 #include <atomic>

@@ -1,5 +1,5 @@
-// One design with an ideal lens, for pages that do without a server: the kernel of designs.hpp as WebAssembly has it.
-// web/src/bench/alone/kernel.ts calls it.
+// Evaluation of one design with an ideal lens, for pages without a server: the kernel of designs.hpp as WebAssembly,
+// called by web/src/bench/alone/kernel.ts.
 #include "designs/kernel.hpp"
 
 #define OMNIMIRROR_EXPORTED(name) extern "C" __attribute__((export_name(name)))
@@ -8,7 +8,7 @@ namespace omnimirror {
 namespace {
 
 
-// What both sides write to and read from: all of them arrays of doubles that room() has made.
+// Shared buffers of page and kernel: arrays of doubles allocated by room().
 struct Arrays {
     const double *coefficients, *numbers, *basis, *fractions, *near, *search;
     double *columns, *results;
@@ -30,11 +30,11 @@ DesignJob job_of(const Arrays& a, int terms, int angles, bool has_conic, double 
 }  // namespace
 }  // namespace omnimirror
 
-// So many doubles, which the page keeps.
+// Allocate this many doubles, which the page owns.
 OMNIMIRROR_EXPORTED("room") double* room(int count) { return new double[count]; }
 
-// The columns (10, angles) of a design, then its sags (angles) in mm, and what holds for all of it. `focus` is the distance
-// in focus, from the lens or, of a telecentric one, from the vertex; not a number: where the worst floored area is least.
+// Compute the columns (10, angles) of a design, then its sags (angles) in mm, and its scalar results. `focus` is the
+// focused distance, from the lens or, if it is telecentric, from the vertex; NaN: at the smallest worst floored area.
 OMNIMIRROR_EXPORTED("design")
 void design(const double* coefficients, const double* numbers, const double* basis, const double* fractions,
             const double* near, const double* search, int terms, int angles, bool has_conic, double pitch,

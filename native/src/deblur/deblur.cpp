@@ -9,14 +9,14 @@ namespace {
 
 constexpr int LINE = 16;  // floats
 
-// Columns in memory: an odd number of cache lines, or the rows that a kernel reaches would push each other out.
+// Row stride: an odd number of cache lines; otherwise the rows within the reach of a kernel would evict each other.
 int64_t stride_of(int64_t columns) { return LINE * (((columns + LINE - 1) / LINE) | 1); }
 
-// The picture's own columns at the start, without the stairs of pixels, which would be taken for edges: each value is
-// the mean of the pixels that a square of a pixel's size about it touches.
+// Write the columns of the initial image, smoothed so that pixel boundaries do not appear as edges: each value is the
+// mean of the pixels that overlap a square of one pixel size centred on it.
 void refine(const Sharpening& s, const float* roots, float* fine) {
     const int f = s.blur.fineness, width = s.blur.width, deep = f * s.blur.height;
-    std::vector<float> means(static_cast<size_t>(width) + 2);  // down a column, which go on at both ends
+    std::vector<float> means(static_cast<size_t>(width) + 2);  // column means, replicated at both ends
     for (int row = 0; row < deep; ++row)
         for (int c = 0; c < s.channels; ++c) {
             std::fill(means.begin(), means.end(), 0.0f);
@@ -87,7 +87,7 @@ void Sharpening::give_back(Plane memory) {
     memory_.push_back(std::move(memory));
 }
 
-// The samplers choose the instructions; those without a kernel here take the plain one.
+// Uses the instruction set selected for the samplers, or the plain kernel if there is none for it.
 const SharpeningKernel& sharpening_kernel() {
 #if defined(OMNIMIRROR_AVX2)
     if (kernels().level >= Level::AVX2) return avx2_sharpening;

@@ -1,10 +1,11 @@
-// Taking a known blur out of a picture, as omnimirror.dewarp.restoration.sharp_picture has it: the same formulas and
-// steps.
+// Deconvolution of an image with a known blur, with the formulas and steps of
+// src/omnimirror/dewarp/restoration/_deconvolution.py.
 //
-// The sharp picture lies on a grid `fineness` times as fine as the pixels. Pixels are blurred in groups of eight beside
-// each other: as many as a block has, or all, have one kernel, and columns of the fine grid are kept apart by their
-// place within the pixel (a row of the first ones, a row of the next), so that their values lie together. A round
-// improves tile by tile, each as a picture of its own in memory that stays in the processor's caches.
+// The sharp image is defined on a grid `fineness` times as fine as the pixels. Pixels are blurred in groups of eight
+// adjacent ones, in which all pixels of a block (up to the whole group) share one kernel. Columns of the fine grid are
+// stored by their position within the pixel (a row of the first columns, then a row of the second ones), so that the
+// values of a group are contiguous. A round processes the image tile by tile; each tile is a separate image that fits
+// into the CPU caches.
 #pragma once
 
 #include <cstdint>
@@ -15,54 +16,55 @@
 
 namespace omnimirror {
 
-constexpr int GROUP = 8;  // adjoining pixels of a row that are blurred beside each other
+constexpr int GROUP = 8;  // adjacent pixels of a row that are blurred together
 
-struct Box {  // of pixels, without the last row and column
+struct Box {  // of pixels; bottom and right are exclusive
     int32_t top, bottom, left, right;
 
     Box moved(int down, int right_) const { return {top + down, bottom + down, left + right_, right + right_}; }
 };
 
-// A part of the picture, as Blur.tiles of blurring.py has them.
+// A tile of the image, as in Blur.tiles of dewarp/restoration/blur_model.py.
 struct Part {
     Box kept, explained, values;
 };
 
-// A value of the fine grid that counts in a pixel: where it lies from the first one of that.
+// A value of the fine grid that contributes to a pixel: its offset from the first value of that pixel.
 struct Tap {
     int32_t down, right;
     float weight;
 };
 
 struct BlurKernels {
-    int width, height, fineness;      // of the picture; values of the fine grid along the side of a pixel
-    std::vector<int32_t> first_taps;  // (kernels + 1), even: pairs are filled up with what weighs nothing
+    int width, height, fineness;      // of the image; fineness: values of the fine grid per pixel side
+    std::vector<int32_t> first_taps;  // (kernels + 1), even: padded with zero weights
     std::vector<Tap> taps;
-    int block;                     // adjoining pixels of a row that have one kernel: 1, 2, 4 or 8
-    std::vector<int32_t> kernels;  // (height, groups * GROUP / block), or -1 where nothing is known
+    int block;                     // adjacent pixels of a row that share one kernel: 1, 2, 4 or 8
+    std::vector<int32_t> kernels;  // (height, groups * GROUP / block); -1 without known pixels
     std::vector<uint8_t> known;    // (height, width)
     std::vector<Part> tiles;
-    std::vector<float> concentration;  // (height, width) of the weights in each pixel's kernel
-    int reach;                         // pixels that kernels go beyond their own, at most
+    std::vector<float> concentration;  // (height, width), of the weights in the kernel of each pixel
+    int reach;                         // maximum extent of kernels beyond their pixel, px
 
     int groups() const { return (width + GROUP - 1) / GROUP; }
 };
 
 using Plane = std::vector<float, LargePages<float>>;
 
-// A tap by the distance of its value in a tile's planes.
+// A tap, with the offset of its value in the planes of a tile.
 struct PlacedTap {
     int32_t place;
     float weight;
 };
 
-// A sharp picture that is looked for.
+// State of a deconvolution.
 class Sharpening {
   public:
-    // Of a blurred picture of such roots (height, width, channels), begun at a guess of the sharp one's.
+    // From a blurred image, given by its square roots (height, width, channels), and an initial guess of the roots of
+    // the sharp image.
     Sharpening(const BlurKernels& blur, int channels, const float* roots, const float* guess);
 
-    // Where values begin of a row of the fine grid, of a channel, and of one of the columns within the pixels.
+    // Index of the first value of a row of the fine grid, a channel, and a column position within the pixels.
     int64_t place(int row, int channel, int within) const {
         return ((int64_t{channels} * row + channel) * blur.fineness + within) * stride;
     }
@@ -70,11 +72,11 @@ class Sharpening {
     const BlurKernels& blur;
     const int channels;
     const int64_t stride;
-    Plane fine, improved;  // roots of its light, before and after a round; a column is repeated on the right
-    Plane seen;            // (height, channels, groups * GROUP) of the blurred one, below 0 where nothing is known
+    Plane fine, improved;  // square roots of radiance, before and after a round; one column is repeated on the right
+    Plane seen;            // (height, channels, groups * GROUP) of the blurred image; below 0: unknown
 
-    // Planes of tiles have as many columns of pixels on both sides of those that are explained, and of rows one more
-    // than kernels reach.
+    // The planes of tiles have margins around the explained pixels: the reach of the kernels on both sides in columns,
+    // and one more in rows.
     int64_t tile_stride;
     int tile_rows, tile_margin;
     std::vector<PlacedTap> taps;
@@ -84,25 +86,25 @@ class Sharpening {
 
   private:
     std::mutex mutex_;
-    std::vector<Plane> memory_;  // of tiles, for those who come next
+    std::vector<Plane> memory_;  // memory of tiles, for reuse
 };
 
-// What each instruction set implements, in a translation unit of its own.
+// Kernels of one instruction set, implemented in a separate translation unit.
 struct SharpeningKernel {
-    // A round of the picture's improvement, with costs (height, width) of steepness and so many steps (tiles); where
-    // they are 0 a tile stays as it is.
+    // One round of improvement. costs (height, width) are the weights of the gradients; steps (tiles) are numbers of
+    // steps, where 0 leaves a tile unchanged.
     void (*improve)(Sharpening&, const float* costs, const int32_t* steps);
-    // Mean logarithms (height, width) of the steepness in every pixel.
+    // Mean logarithms (height, width) of the gradient magnitude in each pixel.
     void (*log_steepness)(const Sharpening&, float* logarithms);
-    // Light (height, width, channels) of the blurred picture, where it is known.
+    // Radiance (height, width, channels) of the blurred image at known pixels.
     void (*blurred)(Sharpening&, float* light);
-    // Light (height, width, channels) of the sharp one.
+    // Radiance (height, width, channels) of the sharp image.
     void (*light)(const Sharpening&, float* light);
 };
 
 extern const SharpeningKernel plain_sharpening;
 extern const SharpeningKernel avx2_sharpening;
 
-const SharpeningKernel& sharpening_kernel();  // that of the instructions in use
+const SharpeningKernel& sharpening_kernel();  // the kernel of the selected instruction set
 
 }  // namespace omnimirror

@@ -1,4 +1,4 @@
-// The kernel of deblur.hpp. Compiled once per instruction set, so everything here has internal linkage.
+// Kernel of deblur.hpp. Compiled once per instruction set; therefore, everything has internal linkage.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 namespace omnimirror {
 namespace {
 
-// As in deconvolution.py
+// As in dewarp/restoration/_deconvolution.py.
 constexpr float EDGE2 = 0.005f * 0.005f, DARK = 1e-4f, BRIGHTEST = 2.0f, SATURATED = 0.995f;
 
 template <class F>
@@ -24,7 +24,7 @@ void in_parallel(int count, F f) {
 
 // -- the quadratic terms -----------------------------------------------------------------------------------
 
-// The square of the steepness of all channels together, of values in a row; `most` cuts off what is brighter.
+// Squared gradient magnitude over all channels, of values in a row; values are clipped at `most`.
 struct Steepness {
     const float *here[3], *right[3], *below[3];
 
@@ -40,8 +40,8 @@ struct Steepness {
     }
 };
 
-// Of a row of values in one channel and place within the pixel: the transpose of differences, times stiffness, times
-// differences.
+// D^T S D applied to a row of values in one channel and position within the pixel, with D the differences and S the
+// stiffness.
 struct Smoothness {
     const float *here, *left, *right, *above, *below, *stiffness, *stiffness_left, *stiffness_above;
 
@@ -64,7 +64,7 @@ Smoothness smoothness_of(const Work<C>& w, float* plane, int row, int c, int wit
             w.row_of(w.stiffness, row - 1, within)};
 }
 
-// Its values as they are before the round.
+// Load the values before the round.
 template <int C>
 void fetch(const Work<C>& w) {
     const Box& from = w.tile.values;
@@ -109,7 +109,7 @@ OMNIMIRROR_APART float pull_of_row(const Smoothness& of_fine, const float* produ
     return square;
 }
 
-// The residual of the quadratic terms about `fine`; returns its scaled square.
+// Compute the residual of the quadratic terms at `fine`; return its scaled square.
 template <int C>
 double begin_round(const Work<C>& w, const float* costs) {
     const int64_t columns = int64_t{GROUP} * w.s.blur.groups();
@@ -131,7 +131,7 @@ double begin_round(const Work<C>& w, const float* costs) {
                 OMNIMIRROR_LANES(i, 0) {
                     const float level = std::sqrt(values[i] > DARK ? values[i] : DARK);
                     const bool counts = seen[i] >= 0 && (seen[i] < SATURATED || level < seen[i]);
-                    const float slope = counts ? 1 / level : 0;  // of sqrt(A u^2), but for A and u
+                    const float slope = counts ? 1 / level : 0;  // of sqrt(A u^2), without the factors A and u
                     values[i] = slope * (seen[i] - level), slope2[i] = slope * slope;
                 }
             }
@@ -148,7 +148,7 @@ double begin_round(const Work<C>& w, const float* costs) {
     return sum;
 }
 
-// Scalar products with the second derivative's product with d: that of d, and its own scaled square.
+// Scalar products of H d (H the Hessian): with d, and its scaled square.
 struct Products {
     double with_d, square;
 };
@@ -176,8 +176,8 @@ OMNIMIRROR_APART Products products_of_row(const Smoothness& of_d, const float* f
     return {with_d, square};
 }
 
-// The last step is taken, the next direction keeps a share of the last one, and product = the second derivative times
-// it.
+// Take the last step, set the next direction, which contains a share of the last one, and compute product = Hessian
+// times direction.
 template <int C>
 Products go_on(const Work<C>& w, float step, float share) {
     Products sums{0, 0};
@@ -211,7 +211,7 @@ Products go_on(const Work<C>& w, float step, float share) {
     return sums;
 }
 
-// What was found, its last step included, goes into the picture, which stays within 0 and what is brightest.
+// Write the solution, including the last step, to the image, clipped to [0, BRIGHTEST].
 template <int C>
 void keep(const Work<C>& w, float step) {
     const Box &kept = w.tile.kept, &values = w.tile.values;
@@ -233,8 +233,8 @@ void keep(const Work<C>& w, float step) {
         }
 }
 
-// Conjugate gradients. The square of the next residual follows from this one's and that of the product: what both have
-// in common is what the step makes 0.
+// Conjugate gradients. Consecutive residuals r and r' = r - step product are orthogonal; therefore |r'|^2 = step^2
+// |product|^2 - |r|^2.
 template <int C>
 void improve_tile(const Work<C>& w, const float* costs, int steps) {
     fetch(w);
@@ -250,7 +250,7 @@ void improve_tile(const Work<C>& w, const float* costs, int steps) {
     keep(w, step);
 }
 
-// A tile stays as it is, with the column that is repeated on the right of the picture.
+// Copy a tile unchanged, including the repeated column at the right edge of the image.
 inline void leave_tile(Sharpening& s, const Box& kept) {
     const int f = s.blur.fineness, end = kept.right + (kept.right == s.blur.width);
     for (int row = f * kept.top; row < f * kept.bottom; ++row)
@@ -272,11 +272,11 @@ void improve_all(Sharpening& s, const float* costs, const int32_t* steps) {
     std::swap(s.fine, s.improved);
 }
 
-// -- what is asked of the picture --------------------------------------------------------------------------
+// -- evaluation of the image -------------------------------------------------------------------------------
 
-inline float logarithm(float x) {  // to the last bits, where loops are vectorised
+inline float logarithm(float x) {  // accurate to the last bits, in vectorised loops
     const auto bits = std::bit_cast<int32_t>(x);
-    const int32_t power = (bits - 0x3f3504f3) >> 23;  // of 2, so that the rest is root 1/2 to root 2
+    const int32_t power = (bits - 0x3f3504f3) >> 23;  // exponent of 2; the rest is sqrt(1/2) to sqrt(2)
     const float rest = std::bit_cast<float>(bits - power * (1 << 23));
     const float r = (rest - 1) / (rest + 1), r2 = r * r;
     return 0.6931472f * static_cast<float>(power) +

@@ -1,4 +1,4 @@
-// The part of omnimirror.base._native that omnimirror.dewarp.restoration._deconvolution calls.
+// Python interface of deconvolution, used by omnimirror.dewarp.restoration._deconvolution.
 
 #include <algorithm>
 #include <memory>
@@ -11,7 +11,7 @@ namespace {
 
 constexpr int MAX_OFFSET = (1 << 12) - 1, MAX_SIDE = 1 << 14, MAX_STEPS = 1 << 14;
 
-// The values of each kernel: offsets (n, 2) down and right, and weights (n,).
+// The taps of each kernel: offsets (n, 2) down and right, and weights (n,).
 void add_taps(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Floats& weights) {
     const float* weight = checked(weights, "weights", {ANY});
     const int values = count_of(weights.shape(0), "weights");
@@ -20,7 +20,7 @@ void add_taps(BlurKernels& k, const Ints& firsts, const Ints& offsets, const Flo
     const size_t count = firsts.shape(0);
     require(count > 0 && first[0] == 0 && first[count - 1] == values,
             "firsts must begin with 0 and end with the number of weights");
-    // All of them before any is used: one that is too large would be read before the next one gives it away.
+    // Check all of firsts before use: a value that is too large would otherwise be used before the next one reveals it.
     for (size_t i = 0; i + 1 < count; ++i) require(first[i] <= first[i + 1], "firsts must not decrease");
     k.reach = 1;
     for (size_t kernel = 0; kernel + 1 < count; ++kernel) {

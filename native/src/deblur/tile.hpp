@@ -1,4 +1,4 @@
-// A tile at work: its memory, and its blur. Everything has internal linkage, as in kernel.hpp.
+// Working memory and blur of a tile. Everything has internal linkage, as in kernel.hpp.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@ namespace omnimirror {
 namespace {
 
 template <int N>
-struct Vector {  // of which GCC loses the size where the type has a name of its own
+struct Vector {  // GCC loses the vector size if the type itself is an alias
     typedef float Lanes __attribute__((vector_size(4 * N)));
 };
 
@@ -33,23 +33,24 @@ inline void store(float* to, T lanes) {
 #define OMNIMIRROR_COLUMNS(x, box) for (int x = (box).left; x < (box).right; ++x)
 #endif
 
-// Inner loops are functions of their own, in which there is a register for each of their pointers.
+// Inner loops are separate functions, in which all pointers fit into registers.
 #define OMNIMIRROR_APART __attribute__((noinline))
 
 // -- a tile ------------------------------------------------------------------------------------------------
 
-// A tile at work: its planes, and its boxes in them. Rows are those of the fine grid, columns those of pixels; planes
-// of all channels have a row for each channel and place within the pixel, the others one for each place.
+// Working memory of a tile: its planes, and its boxes in them. Rows are those of the fine grid, columns those of
+// pixels. Planes of all channels have a row for each channel and position within the pixel; other planes have one for
+// each position.
 template <int C>
 struct Work {
     Sharpening& s;
     const Part& tile;
-    const int f, reach, top, left;  // the pixel of the picture where planes begin
+    const int f, reach, top, left;  // the pixel of the image at which the planes start
     const int64_t stride;
     const Box explained, values;
-    const bool cut_left, cut_right;  // edges of the picture, beyond which kernels reach
+    const bool cut_left, cut_right;  // the tile is at an edge of the image, and kernels extend beyond it
     Plane memory;
-    float *fine, *d, *product, *image, *x, *residual;  // the image is fine^2, or fine d
+    float *fine, *d, *product, *image, *x, *residual;  // image = fine^2, or fine d
     float *stiffness, *scale;
     float* slope2;  // (rows of pixels, C)
 
@@ -84,7 +85,7 @@ struct Work {
     int64_t row_size() const { return C * f * stride; }
 };
 
-// Differences to what lies beyond the values are 0: they are repeated once.
+// Repeat values once at the borders, so that differences across them are 0.
 template <int C>
 void lengthen(const Work<C>& w, float* plane, int row) {
     for (int c = 0; c < C; ++c) {
@@ -99,7 +100,7 @@ void lengthen(const Work<C>& w, float* plane, int row) {
     if (row == w.f * w.values.bottom - 1) copy_to(row + 1);
 }
 
-// What would lie beyond the picture is taken from its edge.
+// Replicate the edge of the image beyond it.
 template <int C>
 void extend(const Work<C>& w, int row) {
     for (int c = 0; c < C; ++c) {
@@ -120,7 +121,7 @@ void extend(const Work<C>& w, int row) {
     if (row == end - 1) copy_to(end, w.f * (w.explained.bottom + w.reach));
 }
 
-// The transpose: what was spread beyond the picture counts at its edge.
+// The transpose: values spread beyond the image are added at its edge.
 template <int C>
 void fold(const Work<C>& w, int row) {
     const auto add_from = [&](int begin, int end) {
@@ -144,7 +145,7 @@ void fold(const Work<C>& w, int row) {
 
 // -- the blur ----------------------------------------------------------------------------------------------
 
-// The kernels of the blocks of a group, and all taps.
+// Kernels of the blocks of a group, and all taps.
 struct Group {
     const int32_t *kernels, *first_taps;
     const PlacedTap* taps;
@@ -154,7 +155,7 @@ struct Group {
     const PlacedTap* end(int n) const { return taps + first_taps[kernels[n] + 1]; }
 };
 
-// b_i = sum_j A_ij f_j of a group of pixels i, N at a time: f the image from their first value on, A their kernels.
+// b_i = sum_j A_ij f_j of N pixels i of a group: f is the image from the first value of the pixels on, A their kernels.
 template <int C, int N>
 OMNIMIRROR_APART void blur_group(const Group& group, const float* image, int64_t channel, float* blurred) {
     using Some = typename Vector<N>::Lanes;
@@ -172,7 +173,7 @@ OMNIMIRROR_APART void blur_group(const Group& group, const float* image, int64_t
     }
 }
 
-// p_j += A_ij b_i, the transpose. Taps of a row do not follow each other: what was stored is on its way.
+// p_j += A_ij b_i, the transpose. Taps of one row are not consecutive: a load would wait for the previous store.
 template <int C, int N>
 OMNIMIRROR_APART void spread_group(const Group& group, float* product, int64_t channel, const float* blurred) {
     using Some = typename Vector<N>::Lanes;
@@ -207,7 +208,7 @@ inline void spread(const Group& group, float* product, int64_t channel, const fl
     }
 }
 
-// Calls f(group, place of its first value, column) for the groups of a row of pixels in which something is known.
+// Call f(group, index of its first value, column) for the groups of a row of pixels that contain known pixels.
 template <int C, class F>
 inline void for_groups(const Work<C>& w, int row, F f) {
     const BlurKernels& k = w.s.blur;
@@ -219,8 +220,8 @@ inline void for_groups(const Work<C>& w, int row, F f) {
             f(Group{kernels, k.first_taps.data(), w.s.taps.data(), k.block}, w.row_size() * w.f * row + x, x);
 }
 
-// product = A^T f(A image), from row to row as soon as each can be: prepare(row) of the image, explain(row of pixels,
-// column, blurred group) changes what comes of a group, finish(row) of the product.
+// product = A^T f(A image), row by row as soon as each is available: prepare(row) of the image; explain(row of pixels,
+// column, blurred group) modifies a group; finish(row) of the product.
 template <int C, class Prepare, class Explain, class Finish>
 void sweep(const Work<C>& w, Prepare prepare, Explain explain, Finish finish) {
     const int f = w.f, reach = w.reach;

@@ -1,5 +1,5 @@
-// Designs as they are built: a lens by tables whose pupil moves, and a clear wall that bends rays. The formulas are
-// those of batch/closed_forms.py, batch/closed_forms.py and tracing/meridian.py.
+// As-built designs: a tabulated lens with a moving pupil, and a transparent shell that refracts rays. Formulas:
+// batch/closed_forms.py and tracing/meridian.py.
 #pragma once
 
 #include <cmath>
@@ -19,10 +19,10 @@ public:
     bool known() const { return table_.values != nullptr; }
     const LensTable& table() const { return table_; }
 
-    // The first `count` rows at a tangent.
+    // Interpolate the first `count` rows at a tangent.
     void at(double tangent, int count, double* rows) const {
         const double place = tangent / step_, last = table_.cells - 1;
-        const int cell = static_cast<int>(place > 0 ? place < last ? place : last : 0.0);  // NaN is in the first
+        const int cell = static_cast<int>(place > 0 ? place < last ? place : last : 0.0);  // NaN: the first cell
         const double u = tangent / step_ - cell;
         const double* a = table_.values + static_cast<std::size_t>(cell) * 2 * LENS_ROWS;
         const double *da = a + LENS_ROWS, *b = da + LENS_ROWS, *db = b + LENS_ROWS;
@@ -32,7 +32,8 @@ public:
         }
     }
 
-    // The tangent of the chief ray to a point at x from the axis, so far from the reference point.
+    // Return the tangent of the chief ray to a point at distance x from the axis and distance depth from the reference
+    // point.
     double aimed(double x, double depth) const {
         double tangent = x / (depth - table_.pupil), rows[2];
         for (int i = 0; i < AIM_STEPS; ++i) {
@@ -55,7 +56,7 @@ private:
     double step_;
 };
 
-// What a mirror point does, as NodeOptics of batch/closed_forms.py.
+// Optics at a mirror point, as NodeOptics of batch/closed_forms.py.
 struct Node {
     double omega, ray, magnification_t, magnification_s, vergence_t, vergence_s, viewpoint;
     bool seen, usable;
@@ -69,7 +70,7 @@ struct Refraction {
     double way, before_t, after_t, power_t, before_s, after_s, power_s;
 };
 
-// A ray let through one side of a wall: tracing/meridian.py, _refracted.
+// A ray refracted at one surface of a shell: tracing/meridian.py, _refracted.
 inline Refraction refract(Pencil& ray, Wall::Kind kind, double radius, double height, double before, double after) {
     const double sin = std::sin(ray.omega), cos = std::cos(ray.omega);
     double way, normal, curvature_t = 0.0, curvature_s = 0.0;
@@ -100,20 +101,20 @@ inline Refraction refract(Pencil& ray, Wall::Kind kind, double radius, double he
             gain * curvature_s};
 }
 
-// 1/distance behind a side as it is before it.
+// 1/distance before a surface, from that behind it.
 inline double before_side(double after, double power, double before, double way, double vergence) {
     const double v = (after * vergence - power) / before;
     return v / (1 - way * v);
 }
 
-// An object at 1/near: as the mirror sees it, by how much it moves across the ray with the mirror point, over its
-// distance, and how much farther it is from the mirror than from the point of the ray that is told.
+// An object at 1/near, as imaged towards the mirror: its vergences; its movement across the ray with the mirror point,
+// divided by its distance; and the difference of its distances from the mirror and from the reference point of the ray.
 struct Object {
     double near_t, near_s, across, inside;
 };
 
-// A ray outside the wall, at the point of its line nearest to its mirror point, and what objects are as the mirror sees
-// them; batch/closed_forms.py, _outside. False where the wall does not let it out.
+// Trace a ray out of the shell, to the point of its line nearest to its mirror point, and image the object towards the
+// mirror; batch/closed_forms.py, _outside. Returns false if the ray does not leave the shell.
 inline bool let_out(const Wall& wall, Pencil& ray, double near, Object& object, bool& seen) {
     object = {near, near, ray.rate + near * ray.spread, 0.0};
     seen = true;
@@ -138,7 +139,7 @@ inline bool let_out(const Wall& wall, Pencil& ray, double near, Object& object, 
         s = before_side(r->after_s, r->power_s, r->before_s, r->way, s);
     }
     object = {-t, -s, (1 - near * inside) * ray.rate + near * ray.spread, inside};
-    const bool apart = ray.rate > 0 && ray.spread > 0;  // neighbours, where they leave the wall
+    const bool apart = ray.rate > 0 && ray.spread > 0;  // neighbouring rays diverge where they leave the shell
     const double sin = std::sin(ray.omega), cos = std::cos(ray.omega);
     const double reach = (ray.x - start.x) * sin - (ray.z - start.z) * cos;
     ray = {ray.x - reach * sin, ray.z + reach * cos, ray.omega, ray.spread - reach * ray.rate, ray.rate};
@@ -147,7 +148,7 @@ inline bool let_out(const Wall& wall, Pencil& ray, double near, Object& object, 
 }
 
 struct Aim {
-    double w, tangent, drift;  // w is infinite of a telecentric lens
+    double w, tangent, drift;  // w is infinite for a telecentric lens
 };
 
 // batch/closed_forms.py, built_optics.
@@ -165,7 +166,7 @@ inline Node built_point(double x, double z, double slope, double curvature, doub
     const double dray = telecentric ? 1.0 : dtheta * (1 + t * t), sine = std::sin(ray.omega);
     node.omega = ray.omega;
     node.ray = telecentric ? x : t;
-    // the object's distance from the axis over its distance p: sin(Omega), and x/p of where the ray begins
+    // distance of the object from the axis over its distance p: sin(Omega), plus x/p of the start of the ray
     const double around = sine + near * (ray.x - sine * object.inside);
     node.magnification_t = dray / object.across;
     node.magnification_s = x == 0 ? node.magnification_t : node.ray / around;

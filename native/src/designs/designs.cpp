@@ -9,7 +9,7 @@ namespace {
 
 constexpr int DESIGNS_A_PIECE = 32;
 
-// The samplers choose the instructions; those without a kernel here take the plain one.
+// Uses the instruction set selected for the samplers, or the plain kernel if there is none for it.
 DesignKernel design_kernel() {
 #if defined(OMNIMIRROR_AVX512)
     if (kernels().level >= Level::AVX512) return avx512_designs;

@@ -1,5 +1,5 @@
-// Designs by the thousand, as omnimirror.optics.batch.evaluate has them; the formulas are those of batch/closed_forms.py and
-// batch/best_focus.py, and so are the steps.
+// Evaluation of batches of designs, used by omnimirror.optics.batch.evaluate. Formulas and steps are those of
+// batch/closed_forms.py and batch/best_focus.py.
 #pragma once
 
 #include <cstddef>
@@ -8,18 +8,18 @@ namespace omnimirror {
 
 constexpr int DESIGN_COLUMNS = 10;
 constexpr int DESIGN_NUMBERS = 7;
-constexpr int LENS_ROWS = 27;    // of batch/closed_forms.py: place, motion, light, then eight by powers of the focus
-constexpr int MOST_SCAN = 64;    // places that a focus is looked for at
-constexpr int WALL_NUMBERS = 7;  // of one design: radii, heights, ends, whether it fits
+constexpr int LENS_ROWS = 27;    // batch/closed_forms.py: position, motion, light, then eight by powers of the focus
+constexpr int MOST_SCAN = 64;    // maximum samples of the initial focus scan
+constexpr int WALL_NUMBERS = 7;  // per design: radii, heights, ends, whether the shell fits
 
-// A real lens, tabulated: batch/closed_forms.py. Without values there is none.
+// A tabulated real lens: batch/closed_forms.py. values is nullptr without one.
 struct LensTable {
     const double* values;  // (cells + 1, 2, LENS_ROWS)
     int cells;
-    double end, f, f_number, e, pupil, least, most;  // least, most: vergences that it can be focused at
+    double end, f, f_number, e, pupil, least, most;  // least, most: limits of the focusable vergences
 };
 
-// The clear wall about one design: batch/closed_forms.py, Walls.
+// The transparent shell of one design: batch/closed_forms.py, Walls.
 struct Wall {
     enum Kind { NONE, PLANE, CYLINDER, SPHERE };
     Kind kind;
@@ -28,7 +28,7 @@ struct Wall {
     double index, medium_index;
 };
 
-// How the best focus is looked for: numbers of batch/best_focus.py and optimisation.py, who say what they are.
+// Parameters of the best-focus search, defined in batch/best_focus.py and optimisation.py.
 struct FocusSearch {
     int scan;
     double margin, close;
@@ -38,12 +38,12 @@ struct FocusSearch {
 };
 
 struct DesignJob {
-    // (designs, terms): what shapes each mirror; (designs, 7): distance, rim radius, focal length, F-number,
-    // vertex radius, conic constant, magnification (0 under a perspective lens)
+    // (designs, terms): coefficients of each mirror; (designs, 7): distance, rim radius, focal length, F-number, vertex
+    // radius, conic constant, magnification (0 with a perspective lens)
     const double* coefficients;
     const double* numbers;
-    // (terms, angles): sag over M, slope, curvature times M; (angles): fractions of the rim radius, 1 over the
-    // distance of the object
+    // (terms, angles): sag over M, slope, curvature times M; (angles): fractions of the rim radius, inverse object
+    // distance
     const double* sag;
     const double* slope;
     const double* curvature;
@@ -51,10 +51,10 @@ struct DesignJob {
     const double* inverse_distance;
     int designs, terms, angles;
     bool has_conic, paper;
-    double pitch, image_radius, wavelength, least_omega;  // image_radius 0: the real one
+    double pitch, image_radius, wavelength, least_omega;  // image_radius 0: from focal length and pitch
     FocusSearch search;
     LensTable lens;
-    // (designs, 7): walls, where there is one; which, and the indices of it and of what is outside
+    // (designs, 7): shells, if any; their kind, and the refractive indices of shell and surrounding medium
     const double* walls;
     Wall::Kind wall_kind;
     double wall_index, medium_index;
@@ -67,7 +67,7 @@ struct DesignJob {
 
 void evaluate_designs(const DesignJob& job);
 
-// Designs first to first + count.
+// Evaluate designs first to first + count.
 using DesignKernel = void (*)(const DesignJob& job, int first, int count);
 extern const DesignKernel plain_designs;
 #if defined(OMNIMIRROR_AVX2)

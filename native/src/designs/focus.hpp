@@ -1,9 +1,9 @@
-// The best focus of one design, in the steps of batch/best_focus.py.
+// Best focus of one design, with the steps of batch/best_focus.py.
 //
-// Over the vergence v in focus, the square of the floored area of a mirror point is
+// At the focused vergence v, the square of the floored area of a mirror point is
 //   A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (M_t M_s)^2,
-// v_t, v_s the vergences of its images, M_t, M_s its angular magnifications; with b = 1/f - v
-//   r = scale (b^2 + airy^2), over b^2 in the paper's mode, and D = delta b^(4 power).
+// with v_t, v_s the vergences of its images and M_t, M_s its angular magnifications; with b = 1/f - v
+//   r = scale (b^2 + airy^2), divided by b^2 in the paper's mode, and D = delta b^(4 power).
 #pragma once
 
 #include <limits>
@@ -17,12 +17,12 @@ namespace {
 constexpr double ENDLESS = std::numeric_limits<double>::infinity();
 constexpr double HOPE = 0.02;  // of batch/best_focus.py
 
-// The camera as a function of the vergence v that it is focused at: batch/best_focus.py, AreaModel.
+// The camera as a function of its focused vergence v: batch/best_focus.py, AreaModel.
 struct AreaModel {
     double inverse_f, airy2, scale, delta;
     bool paper;
     int power;
-    double least, most;  // vergences that the lens can be focused at
+    double least, most;  // limits of the focusable vergences
 
     struct At {
         double r, dr, D, d_log_D;
@@ -42,7 +42,7 @@ struct Worst {
     int angle;
 };
 
-// The largest of what is seen, lane by lane, and the first place where it is.
+// Running maximum of values, per lane, with the index of its first occurrence.
 struct Most {
     double value[LANE], from[LANE];
 
@@ -56,7 +56,7 @@ struct Most {
         value[l] = more ? seen : value[l];
     }
 
-    // NaN is never the largest.
+    // NaN is never the maximum.
     int place() const {
         double most = value[0];
         for (double v : value) most = larger(v, most);
@@ -66,7 +66,7 @@ struct Most {
     }
 };
 
-// Ends of the vergences worth a look: those of the images, with a margin, in front of the lens.
+// Limits of the scanned vergences: those of the images, with a margin, within the focusable range.
 struct Range {
     double low, high;
 };
@@ -86,7 +86,7 @@ inline Range range_of(const double* OMNIMIRROR_RESTRICT t, const double* OMNIMIR
     return {smaller(larger(low - more, least), most), smaller(larger(high + more, least), most)};
 }
 
-// The floored areas of a design with an ideal lens, wherever it is focused.
+// Floored areas of a design with an ideal lens, at any focus.
 class IdealAreas {
   public:
     IdealAreas(const AreaModel& model, const Workspace& w) : model_(model), w_(w) {}
@@ -95,7 +95,7 @@ class IdealAreas {
         return range_of(w_.vergence_t, w_.vergence_s, w_.lanes, margin, model_.least, model_.most);
     }
 
-    // The largest A^2, its derivative by v, and at which angle it is.
+    // The maximum A^2, its derivative with respect to v, and its angle index.
     Worst worst(double v) const {
         const AreaModel::At m = model_.at(v);
         const double r = m.r;
@@ -121,8 +121,8 @@ class IdealAreas {
     const Workspace& w_;
 };
 
-// The floored areas of a design with a real lens: signed and own blur (px) and resolution (px/deg) are parabolas of the
-// lens's q at each angle; batch/best_focus.py, RealAreas.
+// Floored areas of a design with a real lens. Signed blur, the lens's own blur (px) and the resolution (px/deg) are
+// parabolas in the lens's q at each angle; batch/best_focus.py, RealAreas.
 class RealAreas {
   public:
     enum Side { T, S, OWN_T, OWN_S, DH_OF, DW_OF };
@@ -138,7 +138,7 @@ class RealAreas {
 
     double airy(double q) const { return airy_ + airy_slope_ * q; }
 
-    // Of the vergences at which single blurs are 0, nearly: fill_parabolas leaves them in z and slope.
+    // Range of the vergences at which single blurs are approximately 0; fill_parabolas stores them in z and slope.
     Range range(double margin) const {
         return range_of(w_.z, w_.slope, w_.lanes, margin, lens_.table().least, lens_.table().most);
     }
@@ -170,7 +170,7 @@ class RealAreas {
         return {value, value * d * lens_.defocus_rate(v), j};
     }
 
-    // Blur, own blur and floor together, px^2.
+    // Sum of blur, the lens's own blur and floor, px^2.
     double side(int of, int j, double q, double floor) const {
         const double blur = at(of, j, q), own = at(of + 2, j, q);
         return blur * blur + own * own + floor;
@@ -188,14 +188,15 @@ class RealAreas {
     const Workspace& w_;
 };
 
-// A vergence with the worst area there.
+// A vergence, and the worst area there.
 struct End {
     double v;
     Worst worst;
 };
 
-// Where the worst area, which falls at a and rises at b, is least, to within `close`: the bracket is cut where the
-// tangents at both ends meet or, where one angle is the worst at both, at the zero of the chord of its derivatives.
+// Minimise the worst area, which decreases at a and increases at b, to within `close`. The bracket is divided where the
+// tangents at both ends intersect or, if the same angle is the worst at both ends, at the zero of the secant of its
+// derivative.
 template <class Areas>
 double bottom(End a, End b, double close, const FocusSearch& search, const Areas& areas) {
     for (int step = 1; step <= search.most_steps && b.v - a.v > close; ++step) {
@@ -211,8 +212,8 @@ double bottom(End a, End b, double close, const FocusSearch& search, const Areas
     return (a.v + b.v) / 2;
 }
 
-// The least of the worst areas between two places of the scan where tangents hint at a valley: _other_valleys.
-// `known` is the valley below place `best`, whose bottom is known.
+// Minimise the worst area between two scan positions whose tangents indicate another local minimum: _other_valleys.
+// `known` is the local minimum at position `best`, which is already computed.
 template <class Areas>
 End other_valley(const End& a, const End& b, bool is_known, double known, double close, const FocusSearch& search,
                  const Areas& areas) {
@@ -227,7 +228,7 @@ End other_valley(const End& a, const End& b, bool is_known, double known, double
     return {v, areas.worst(v)};
 }
 
-// The vergence in focus with the least worst area, and that area.
+// Return the focused vergence with the smallest worst area, and that area.
 template <class Areas>
 End best_vergence(const FocusSearch& search, const Areas& areas) {
     const auto [low, high] = areas.range(search.margin);

@@ -1,4 +1,4 @@
-// The kernel of designs.hpp. Compiled once per instruction set, so everything here has internal linkage.
+// Kernel of designs.hpp. Compiled once per instruction set; therefore, everything has internal linkage.
 #pragma once
 
 #include "focus.hpp"
@@ -8,9 +8,9 @@
 namespace omnimirror {
 namespace {
 
-// What an ideal lens and its pixels make of vergences and ray coordinates.
+// Conversion of vergences and ray coordinates by an ideal lens and its pixels.
 struct Camera {
-    double f, mu, blur, image, airy;  // airy: per mm of image distance; of a telecentric lens the disk itself
+    double f, mu, blur, image, airy;  // airy: per mm of image distance; with a telecentric lens, the disk itself
     bool telecentric, scaled, paper;
 
     Camera(const DesignJob& job, const double* number, double rim_ray)
@@ -28,7 +28,7 @@ struct Camera {
     }
 };
 
-// Columns of a design with an ideal lens focused at a vergence, from what its mirror points do.
+// Columns of a design with an ideal lens focused at a vergence, from the optics of its mirror points.
 inline void fill_ideal(const Camera camera, double v, const Workspace& w) {
     const double b = camera.telecentric ? 1.0 : 1 / (1 / camera.f - v);
     const double ray_px = camera.image * (camera.scaled ? 1.0 : b), field_px = ray_px * DEGREE;
@@ -52,7 +52,7 @@ inline void fill_ideal(const Camera camera, double v, const Workspace& w) {
     }
 }
 
-// The same at its best focus.
+// Columns of a design at its best focus.
 void finish_ideal(const DesignJob& job, int design, const Workspace& w) {
     const Camera camera(job, job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS, w.ray[job.angles - 1]);
     const End best = best_vergence(job.search, IdealAreas(camera.model(), w));
@@ -61,7 +61,7 @@ void finish_ideal(const DesignJob& job, int design, const Workspace& w) {
     job.worst[design] = root_of(best.worst.value);
 }
 
-// To where they are wanted, without the lanes beyond the last.
+// Copy to the output, without the padding lanes.
 void hand_over(const DesignJob& job, int design, const Workspace& w) {
     for (int c = 0; c < DESIGN_COLUMNS; ++c) {
         double* to = job.columns + (static_cast<std::size_t>(c) * job.designs + design) * job.angles;
@@ -69,7 +69,7 @@ void hand_over(const DesignJob& job, int design, const Workspace& w) {
     }
 }
 
-// What the mirror points of a design with an ideal lens do; whether it can be used.
+// Compute the mirror points of a design with an ideal lens; return whether the design is valid.
 inline bool fill_bare(const DesignJob& job, int design, const Workspace& w) {
     const double* number = job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS;
     const double m = number[0], M = number[1];

@@ -1,4 +1,4 @@
-// The part of omnimirror.base._native that omnimirror.optics.batch.evaluate calls.
+// Python interface of batch evaluation, used by omnimirror.optics.batch.evaluate.
 
 #include <nanobind/stl/tuple.h>
 
@@ -12,9 +12,9 @@ namespace {
 
 using Search = std::tuple<int, double, double, int, double, int>;  // as in FocusSearch
 using LensNumbers = std::tuple<double, double, double, double, double, double, double>;  // as in LensTable
-using WallNumbers = std::tuple<int, double, double>;  // which kind, index of the wall and of what is outside
+using WallNumbers = std::tuple<int, double, double>;  // kind of shell, refractive indices of shell and surroundings
 
-// Lengths whose products kernels compute with int, padded to whole lanes.
+// Limits of lengths, padded to whole lanes, whose products kernels compute as int.
 constexpr int64_t MAX_ANGLES = int64_t{1} << 24, MAX_BASIS = int64_t{1} << 28;
 
 LensTable lens_table(const Doubles& values, const LensNumbers& numbers) {

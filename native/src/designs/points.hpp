@@ -1,4 +1,4 @@
-// What the mirror points of one design do under an ideal lens: batch/closed_forms.py.
+// Optics at the mirror points of one design with an ideal lens: batch/closed_forms.py.
 #pragma once
 
 #include "workspace.hpp"
@@ -6,8 +6,8 @@
 namespace omnimirror {
 namespace {
 
-// z/M, z' and M z'' of z/M = sum c_k B_k(x/M), and of a conic with vertex curvature c and constant k:
-// z = c x^2 / (1 + w), z' = c x / w, z'' = c / w^3, w^2 = 1 - (1 + k) (c x)^2.
+// z/M, z' and M z'' of z/M = sum c_k B_k(x/M), and of a conic with vertex curvature c and conic constant k: z = c x^2 /
+// (1 + w), z' = c x / w, z'' = c / w^3, w^2 = 1 - (1 + k) (c x)^2.
 template <bool CONIC>
 void fill_profile(const DesignJob& job, int design, const Workspace& w) {
     const double* c = job.coefficients + static_cast<std::size_t>(design) * job.terms;
@@ -35,10 +35,10 @@ void fill_profile(const DesignJob& job, int design, const Workspace& w) {
     }
 }
 
-// To the last digit but one, over all numbers: a rational approximation (S. Moshier, Cephes) of the angle by which a
-// number differs from 0, 45 or 90 deg. Without branches, so that compilers vectorise it.
+// arctan, accurate to the last digit but one for all numbers: a rational approximation (S. Moshier, Cephes) of the
+// difference from 0, 45 or 90 deg. Branch-free, so that compilers vectorise it.
 inline double arctangent(double x) {
-    constexpr double QUARTER = 0.78539816339744830962, REST = 3.061616997868382943e-17;  // pi / 4, and what is lost of it
+    constexpr double QUARTER = 0.78539816339744830962, REST = 3.061616997868382943e-17;  // pi / 4, and rounding error
     const double a = size_of(x);
     const bool is_steep = a > 2.41421356237309504880, is_middle = a > 0.66;
     const double above = is_steep ? -1.0 : is_middle ? a - 1 : a, below = is_steep ? a : is_middle ? a + 1 : 1.0;
@@ -60,7 +60,7 @@ struct Perspective {
     double m;
 };
 
-// The limit of m without end: dOmega/dx = 2 z''/e, M_t = e / (2 z''), M_s = e x / (2 z'), v = -(z + q).
+// The limit m -> infinity: dOmega/dx = 2 z''/e, M_t = e / (2 z''), M_s = e x / (2 z'), v = -(z + q).
 struct Telecentric {
     static constexpr bool IS_TELECENTRIC = true;
 };
@@ -101,7 +101,7 @@ inline Point point_of(const Telecentric&, double x, double z, double slope, doub
             double_t > 0 && over_x > 0};
 }
 
-// Everything that does not depend on the focus; whether the design can be used.
+// Compute all values that do not depend on the focus; return whether the design is valid.
 template <class Lens>
 bool fill_points(const Lens& lens, double M, double least_omega, const Workspace& w) {
     const double inverse_M = 1 / M;

@@ -1,4 +1,4 @@
-// Designs with a real lens, or behind a wall: batch/closed_forms.py, batch/closed_forms.py.
+// Designs with a real lens, or behind a shell: batch/closed_forms.py.
 #pragma once
 
 #include "built.hpp"
@@ -24,7 +24,7 @@ void fill_parabolas(const DesignJob& job, const Lens& lens, const RealAreas& are
         const double *h = row + 3, *rate = row + 6, *far_t = row + 9, *spread_t = row + 12, *far_s = row + 15,
                      *spread_s = row + 18, *own = row + 21;
         const auto at = [q](const double* c) { return c[0] + q * (c[1] + q * c[2]); };
-        w.z[j] = w.vergence_t[j] - at(far_t) / at(spread_t) + guess;  // z and slope are done with
+        w.z[j] = w.vergence_t[j] - at(far_t) / at(spread_t) + guess;  // z and slope are no longer needed
         w.slope[j] = w.vergence_s[j] - at(far_s) / at(spread_s) + guess;
         w.place[j] = row[0];
         for (int i = 0; i < 3; ++i) {
@@ -70,7 +70,7 @@ Wall wall_of(const DesignJob& job, int design) {
     return {job.wall_kind, w[0], w[1], w[2], w[3], w[4], w[5], w[6] > 0, job.wall_index, job.medium_index};
 }
 
-// As fill_points, of a design with a real lens or behind a wall.
+// Equivalent of fill_points for a design with a real lens or behind a shell.
 bool fill_built(const DesignJob& job, int design, const Lens& lens, const Workspace& w) {
     const double* number = job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS;
     const double m = number[0], M = number[1];
@@ -103,14 +103,14 @@ bool fill_built(const DesignJob& job, int design, const Lens& lens, const Worksp
         w.column(VIEWPOINT)[j] = node.viewpoint;
     }
     const int rim = job.angles - 1;
-    for (int j = 0; j < rim; ++j) {  // what is not seen does as the rim does, and does not count
+    for (int j = 0; j < rim; ++j) {  // invisible points: copies of the rim, without weight
         if (w.seen[j] > 0) continue;
         for (double* values : {w.magnification_t, w.magnification_s, w.vergence_t, w.vergence_s}) values[j] = values[rim];
     }
     return valid;
 }
 
-// What is not seen has no columns.
+// Set the columns of invisible points to NaN.
 void blank_unseen(const Workspace& w) {
     for (int c = 0; c < DESIGN_COLUMNS; ++c)
         for (int j = 0; j < w.lanes; ++j)

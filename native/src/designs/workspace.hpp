@@ -1,4 +1,5 @@
-// Arrays that are worked on for one design after the other: angles in lanes, those beyond the last repeat it.
+// Working arrays, reused for one design after the other. Angles are stored in lanes; the padding lanes repeat the last
+// angle.
 #pragma once
 
 #include <memory>
@@ -15,14 +16,14 @@ constexpr int PARABOLAS = 18;  // of a real lens: see RealAreas
 struct Workspace {
     int lanes;
     double *sag, *rise, *bend;                             // the basis: (terms, lanes) each
-    double *fractions, *inverse_fractions, *near;          // near: 1 over the distance of the object
+    double *fractions, *inverse_fractions, *near;          // near: inverse object distance
     double *z, *slope, *curvature;                         // of the mirror: z in units of its rim radius M, slope, M z''
     double *ray, *vergence_t, *vergence_s, *magnification_t, *magnification_s;
     double *shrinking;  // 1 / (M_t M_s)
-    double *density;    // of ideal lenses its square, of real ones 1; 0 where angles do not count
-    double *seen;       // 1, or 0 inside the wall's foot
+    double *density;    // squared for ideal lenses, 1 for real ones; 0 for ignored angles
+    double *seen;       // 1, or 0 below the base of the shell
     double* columns;    // (10, lanes)
-    double *parabolas, *heights, *place;  // of real lenses: (18, lanes), (3, lanes), and where their pupils stand
+    double *parabolas, *heights, *place;  // of real lenses: (18, lanes), (3, lanes), and pupil positions
 
     explicit Workspace(const DesignJob& job) : lanes(padded(job.angles)) {
         double** const single[] = {&fractions, &inverse_fractions, &near,     &z,         &slope,           &curvature,
@@ -55,7 +56,7 @@ struct Workspace {
     std::unique_ptr<double[]> memory_;
 };
 
-// Which column is which: BATCH_COLUMNS of batch/evaluate.py.
+// Column indices: BATCH_COLUMNS of batch/evaluate.py.
 enum Column { OMEGA, HEIGHT, DH, DW, VIEWPOINT, DISTANCE_T, DISTANCE_S, BLUR_T, BLUR_S, AREA };
 
 }  // namespace

@@ -1,6 +1,6 @@
 // A ray is inside a box between the last of the three entries and the first of the three exits through its pairs of
-// planes. src/omnimirror/simulation/scenes/surfaces.py does the same without anything compiled, in the same order and with
-// the same roundings: nothing here may be contracted or reordered.
+// planes. src/omnimirror/simulation/scenes/surfaces.py contains the equivalent Python implementation, with the same
+// order of operations and the same rounding: do not contract or reorder operations here.
 #include "boxes.hpp"
 
 #include <algorithm>
@@ -11,16 +11,16 @@
 namespace omnimirror {
 namespace {
 
-constexpr int LANES = 64;            // rays that are done together, without branches: compilers make vectors of them
-constexpr int64_t AT_A_TIME = 4096;  // rays of a task
-constexpr double TINY = 1e-300;      // stands for zero in directions: 1/0 is infinite, and 0 * (1/0) no number
+constexpr int LANES = 64;            // rays processed together, without branches, so that compilers vectorise the loops
+constexpr int64_t AT_A_TIME = 4096;  // rays per task
+constexpr double TINY = 1e-300;      // replaces 0 in directions: 1/0 is infinite, and 0 * (1/0) is NaN
 
 using Lane = double[LANES];
 
 struct Bundle {
     Lane origin[3], inverse[3];
 
-    // Beyond the last ray it is repeated.
+    // The last ray is repeated in the remaining lanes.
     Bundle(const BoxRays& rays, int64_t first, int many) {
         for (int i = 0; i < LANES; ++i) {
             const int64_t at = 3 * (first + std::min(i, many - 1));
@@ -33,7 +33,7 @@ struct Bundle {
     }
 };
 
-// Where rays enter and leave a box; they miss it where they would leave before they enter.
+// Distances at which rays enter and leave a box; a ray misses if it would leave before it enters.
 void pass(const Bundle& rays, const double* low, const double* high, Lane& near, Lane& far) {
     for (int i = 0; i < LANES; ++i)
         near[i] = -std::numeric_limits<double>::infinity(), far[i] = std::numeric_limits<double>::infinity();
@@ -48,8 +48,8 @@ void pass(const Bundle& rays, const double* low, const double* high, Lane& near,
     }
 }
 
-// The axis across which a ray enters a box, through the last of the three near planes, or leaves it, through the first
-// of the three far ones.
+// The axis across which a ray enters a box (through the last of the three near planes) or leaves it (through the first
+// of the three far planes).
 int axis_of(const Bundle& rays, int i, const double* low, const double* high, bool entering) {
     int axis = 0;
     double distance = 0;

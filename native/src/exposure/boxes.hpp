@@ -1,4 +1,4 @@
-// Boxes along the world's axes, and the first of them that a ray meets: in double precision, for depth that is told.
+// Axis-aligned boxes in the world frame, and ray intersection in double precision, for ground-truth depth.
 #pragma once
 
 #include <cstdint>
@@ -11,15 +11,16 @@ struct Boxes {
 };
 
 struct BoxRays {
-    const double *origins, *directions;  // (count, 3); directions of any length but 0
+    const double *origins, *directions;  // (count, 3); directions are not normalised, but not zero
     int64_t count;
 };
 
-// The faces that rays from inside the first box meet: of another one, met from outside, or of the first itself.
-// Distances in lengths of the direction, at least 0; faces 6 box + 2 axis + side, side 0 being the low one.
+// Compute the first faces hit by rays that start inside the first box: a face of another box, hit from outside, or of
+// the first box itself. Distances are >= 0, in lengths of the direction; a face is 6 box + 2 axis + side, where side 0
+// is the lower one.
 void meet_boxes(const Boxes& boxes, const BoxRays& rays, double* distances, int32_t* faces);
 
-// Whether straight ways lead through a box: from origins, as far as directions are long.
+// Return whether line segments, from origins to origins + directions, pass through a box.
 void lead_through_boxes(const Boxes& boxes, const BoxRays& ways, uint8_t* through);
 
 }  // namespace omnimirror

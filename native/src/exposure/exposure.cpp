@@ -8,7 +8,7 @@
 namespace omnimirror {
 namespace {
 
-// The samplers choose the instructions; those without kernels here take the plain ones.
+// Uses the instruction set selected for the samplers, or the plain kernels if there are none for it.
 const ExposureKernels& exposure_kernels() {
 #if defined(OMNIMIRROR_AVX2)
     if (kernels().level >= Level::AVX2) return avx2_exposure;
@@ -29,7 +29,7 @@ struct RayWork {
     RayOut out;
 };
 
-// The light of a row's rays, summed by pixel, and those that see what is behind all surfaces.
+// Radiance of a row's rays, summed by pixel, and the rays that reach the background.
 class Painter {
   public:
     Painter(const Exposure& e, const SurfaceTree& tree, const OpenRays& open)
@@ -49,7 +49,7 @@ class Painter {
     int64_t opened = 0;
 
   private:
-    // Light of a packet, whose first ray has number `first` in the row.
+    // Radiance of a packet whose first ray has number `first` in the row.
     void add(const RayBlock& block, int k, int64_t first, int32_t first_pixel, float* light) {
         const Packet& rays = block.packets[k];
         Hits hits;

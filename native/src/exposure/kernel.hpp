@@ -1,6 +1,7 @@
-// The rays of exposure.hpp, from the imager into the world. Compiled once per instruction set, so everything here has internal linkage.
+// Ray tracing for exposure.hpp, from the image sensor into the scene. Compiled once per instruction set; therefore,
+// everything has internal linkage.
 //
-// Rays go through in blocks: each step is a loop over a block's lanes without branches, which compilers vectorise.
+// Rays are processed in blocks: each step is a branch-free loop over the lanes of a block, which compilers vectorise.
 #pragma once
 
 #include <cmath>
@@ -21,12 +22,12 @@ using Lane = float[LANES];
 #define OMNIMIRROR_EACH_LANE(i) OMNIMIRROR_SOME_LANES(i, 0, LANES)
 
 struct alignas(64) Bundle {
-    Lane u, v, a, b;                 // pixel, and place on the aperture in [0, 1)
+    Lane u, v, a, b;                 // pixel, and position on the aperture in [0, 1)
     Lane tx, ty;                     // tangents of the pixel
-    Lane ox, oy, oz, dx, dy, dz;     // the ray: in the camera frame, then the mirror's, and the camera's again
-    Lane px, py, pz, nx, ny;         // where it meets the mirror, and the normal (nx, ny, 1)
+    Lane ox, oy, oz, dx, dy, dz;     // the ray: in the camera frame, then the mirror frame, then the camera frame again
+    Lane px, py, pz, nx, ny;         // intersection with the mirror, and the normal (nx, ny, 1)
     Lane weight;
-    float fate[LANES];  // as a number, so that lanes are of one width
+    float fate[LANES];  // stored as float, so that all lanes have one width
 };
 
 inline float positive(float x) { return x > 0 ? x : 0; }
@@ -34,7 +35,7 @@ inline float absolute(float x) { return x < 0 ? -x : x; }
 inline float root(float x) { return __builtin_sqrtf(positive(x)); }
 inline float floor_of(float x) { return __builtin_floorf(x); }
 
-// atan2 in radians, to 3e-7.
+// atan2 in radians, with an error of 3e-7.
 inline float angle_of(float y, float x) {
     const float ax = absolute(x), ay = absolute(y);
     const float low = ax < ay ? ax : ay, high = ax < ay ? ay : ax;
@@ -47,7 +48,7 @@ inline float angle_of(float y, float x) {
     return y < 0 ? -a : a;
 }
 
-// sin and cos of t turns, t in [-.5, .5], to 3e-7.
+// sin and cos of t turns, t in [-0.5, 0.5], with an error of 3e-7.
 inline float sine_of(float t) {
     const float s = t * t;
     float a = -12.3700726f;
@@ -61,12 +62,12 @@ inline float cosine_of(float t) {
     return (a * s - 19.7392055f) * s + 0.999999992f;
 }
 
-inline uint32_t mixed(uint32_t h) {  // a 32-bit finaliser whose bits all depend on all (Wellons, "lowbias32")
+inline uint32_t mixed(uint32_t h) {  // 32-bit hash finaliser with full avalanche (Wellons, "lowbias32")
     h ^= h >> 16, h *= 0x7feb352du, h ^= h >> 15, h *= 0x846ca68bu, h ^= h >> 16;
     return h;
 }
 
-// A shift in [0, 1) per pixel and dimension.
+// Pseudo-random shift in [0, 1) per pixel and dimension.
 struct Shifts {
     float of[4];
 };
@@ -79,8 +80,9 @@ inline Shifts shifts_of(const Samples& samples, int column, int row) {
     return shifts;
 }
 
-// The whole part of a number from 0 to `last`, and 0 of all others: it is an index. The integer is compared, and kept from
-// conclusions that compilers draw from -ffast-math: NaN becomes the least integer, or 0.
+// Return the integer part of x if it is between 0 and `last`, otherwise 0: an index that is always valid. The
+// comparison uses the integer, shielded from the assumptions of -ffast-math: NaN converts to the minimum integer or to
+// 0.
 inline int index_of(float x, int last) {
     int whole = static_cast<int>(x);
     asm("" : "+r"(whole));
@@ -91,10 +93,10 @@ inline float wrapped(float x) { return x - (x >= 1 ? 1.f : 0.f); }
 
 // -- the steps of a ray ----------------------------------------------------------------------------
 //
-// Loops are vectorised where nothing that is fetched depends on a lane: optics come by value, since what lies in an
-// array of somebody else's could only be fetched where a branch asks for it.
+// Compilers vectorise loops in which no load depends on a lane. Optics are therefore passed by value: values in another
+// object's memory could be loaded only under the branch that uses them.
 
-// The lanes' samples: those from number `first` of the row's on, pixel by pixel.
+// Place the samples of the lanes, starting with number `first` of the row, pixel by pixel.
 void place(const Exposure& e, int row, int64_t first, Bundle& r) {
     const Samples& s = e.samples;
     int column = e.left + static_cast<int>(first / s.count), sample = static_cast<int>(first % s.count);
@@ -111,8 +113,9 @@ void place(const Exposure& e, int row, int64_t first, Bundle& r) {
     }
 }
 
-// Takes the lens's distortion away from tangents, and keeps how it crowds light: by Newton's rule, first along
-// the radius, where the fold bounds it, then in both coordinates. What no ray is sent to is put far away, dark.
+// Remove the lens distortion from tangents, and store its change of area as weight: Newton's method, first along the
+// radius, bounded by the fold, then in both coordinates. Tangents without a solution are set far outside, with weight
+// 0.
 void undistort(const Optics o, Bundle& r) {
     const float k1 = o.distortion[0], k2 = o.distortion[1], k3 = o.distortion[2];
     const float p1 = o.distortion[3], p2 = o.distortion[4];
@@ -144,8 +147,9 @@ void undistort(const Optics o, Bundle& r) {
     }
 }
 
-// From the pixel through the aperture towards the point in focus: with the tangents T of the chief ray and a place s on
-// the stop, origin s and direction (T focus - s, focus). Light falls with cos^4 of the chief ray's angle where wanted.
+// Trace from the pixel through the aperture towards the point in focus: with the tangents T of the chief ray and a
+// position s on the stop, the origin is s and the direction (T focus - s, focus). Natural vignetting is cos^4 of the
+// chief ray angle.
 void through_lens(const Optics o, Bundle& r) {
     const float perspective = o.telecentric ? 0.f : 1.f;
     OMNIMIRROR_EACH_LANE(i) {
@@ -170,7 +174,7 @@ void through_lens(const Optics o, Bundle& r) {
     }
 }
 
-// Vectors in axes that are the rows of m.
+// Transform vectors to axes that are the rows of m.
 void turn(const float (&m)[9], Lane& x, Lane& y, Lane& z) {
     const float xx = m[0], xy = m[1], xz = m[2], yx = m[3], yy = m[4], yz = m[5], zx = m[6], zy = m[7], zz = m[8];
     OMNIMIRROR_EACH_LANE(i) {
@@ -179,7 +183,7 @@ void turn(const float (&m)[9], Lane& x, Lane& y, Lane& z) {
     }
 }
 
-// To the mirror's frame, and to its vertex plane, where little is left to cancel.
+// Transform to the mirror frame, and move origins to the vertex plane, which minimises cancellation.
 void to_mirror(const Optics& o, Bundle& r) {
     const float tx = o.vertex[0], ty = o.vertex[1], tz = o.vertex[2];
     OMNIMIRROR_EACH_LANE(i) r.ox[i] -= tx, r.oy[i] -= ty, r.oz[i] -= tz;
@@ -190,9 +194,9 @@ void to_mirror(const Optics& o, Bundle& r) {
     }
 }
 
-// Where the ray meets the conic's sheet at the vertex, coming from the lens: the root of
+// Intersect the ray from the lens with the conic's sheet at the vertex: the root of
 //   c (x^2 + y^2 + (1 + k) z^2) = 2 z, c the curvature, k the conic constant,
-// that is 0 at the vertex; t counts from the vertex plane.
+// that is 0 at the vertex; t is measured from the vertex plane.
 void meet_conic(const Optics o, Bundle& r) {
     const float c = o.curvature, k1 = 1 + o.conic;
     OMNIMIRROR_EACH_LANE(i) {
@@ -207,13 +211,14 @@ void meet_conic(const Optics o, Bundle& r) {
     }
 }
 
-// The meridian about a place r0, as far as h to both sides: slope is a polynomial of t = (r - r0)/h, and sag its
-// integral. So short a piece of any smooth mirror is one, and lanes need nothing from a table.
+// The meridian within h of a radius r0: the slope is a polynomial of t = (r - r0)/h, and the sag its integral. On such
+// a short interval, this approximates any smooth mirror, and lanes require no table lookups.
 struct Piece {
     float r0, h, sag, slope[6];
 };
 
-// A value between two nodes and its derivative, from values and derivatives there (Hermite), t in [0, 1].
+// Hermite interpolation between two nodes: value and derivative at t in [0, 1], from values and derivatives at the
+// nodes.
 struct Between {
     float value, rate;
 };
@@ -251,7 +256,7 @@ Piece piece_of(const Optics& o, float low, float high) {
     return {r0, h, sag_at(o, r0), {m.value, h * m.rate, even - a4, odd - a5, a4, a5}};
 }
 
-// The piece under all lanes that are near the mirror, and a little more.
+// The piece below all lanes that are near the mirror, with a margin.
 Piece piece_under(const Optics& o, const Bundle& r) {
     float low = o.rim, high = 0;
     for (int i = 0; i < LANES; ++i) {
@@ -264,11 +269,11 @@ Piece piece_under(const Optics& o, const Bundle& r) {
 }
 
 struct Progress {
-    float moved;  // the longest step, mm
-    float left;   // how far a lane lies off the piece, mm
+    float moved;  // maximum step, mm
+    float left;   // maximum distance of a lane outside the piece, mm
 };
 
-// One step of Newton's rule from the points at px, py, pz; beyond the rim the surface goes on straight.
+// One Newton step from the points at px, py, pz; beyond the rim, the surface is extrapolated linearly.
 Progress approach(const Optics& o, const Piece& piece, Bundle& r) {
     const float* s = piece.slope;
     const float inverse = 1 / piece.h;
@@ -282,7 +287,7 @@ Progress approach(const Optics& o, const Piece& piece, Bundle& r) {
         const float sag = piece.sag + (on - piece.r0) * mean + (distance - on) * slope;
         const float outwards = slope / (distance + 1e-20f);
         const float nx = -outwards * x, ny = -outwards * y;
-        const float rate = nx * r.dx[i] + ny * r.dy[i] + r.dz[i];  // of z - sag along the ray
+        const float rate = nx * r.dx[i] + ny * r.dy[i] + r.dz[i];  // derivative of z - sag along the ray
         const float step = (sag - r.pz[i]) / rate;
         const bool hit = (rate > 0) & (distance <= o.rim);
         r.px[i] = x + step * r.dx[i], r.py[i] = y + step * r.dy[i], r.pz[i] += step * r.dz[i];
@@ -297,13 +302,13 @@ Progress approach(const Optics& o, const Piece& piece, Bundle& r) {
     return progress;
 }
 
-constexpr float NEAR_MM = 5e-5f;  // moves the normal by 1e-6
-constexpr int MOST_STEPS = 16;    // a few do, but for rays that graze the rim
+constexpr float NEAR_MM = 5e-5f;  // changes the normal by 1e-6
+constexpr int MOST_STEPS = 16;    // only rays that graze the rim need more than a few
 
-// A meridian given by nodes: from the conic that is most like it.
+// Intersect a meridian given by nodes, starting from the best-fit conic.
 void meet_nodes(const Optics o, Bundle& r) {
     meet_conic(o, r);
-    OMNIMIRROR_EACH_LANE(i) {  // the conic may be missed where the mirror is not
+    OMNIMIRROR_EACH_LANE(i) {  // the ray may miss the conic but hit the mirror
         const bool usable = r.px[i] * r.px[i] + r.py[i] * r.py[i] < 2 * o.rim * o.rim;
         r.px[i] = usable ? r.px[i] : r.ox[i], r.py[i] = usable ? r.py[i] : r.oy[i], r.pz[i] = usable ? r.pz[i] : 0;
     }
@@ -317,8 +322,8 @@ void meet_nodes(const Optics o, Bundle& r) {
     }
 }
 
-// Off the mirror, and back to the camera frame; rays that missed go straight on. What rises past the rim may meet the
-// dark edge about it.
+// Reflect at the mirror, and transform back to the camera frame; rays that missed continue straight. Reflected rays
+// that pass above the rim may hit the dark edge around it.
 void reflect(const Optics o, Bundle& r) {
     const float* w = o.reflectance;
     OMNIMIRROR_EACH_LANE(i) {
@@ -350,13 +355,14 @@ void reflect(const Optics o, Bundle& r) {
     OMNIMIRROR_EACH_LANE(i) r.px[i] += tx, r.py[i] += ty, r.pz[i] += tz;
 }
 
-// Whether a ray meets one of the rod's ends.
+// Return whether a ray hits one end of the rod.
 inline bool meets_end(const Optics& o, int end, float x, float y, float z, float dx, float dy, float dz) {
     const float t = (o.rod_z[end] - z) / (dz + 1e-30f), px = x + t * dx, py = y + t * dy;
     return (t >= 0) & (px * px + py * py < o.rod_radius[end] * o.rod_radius[end]);
 }
 
-// Whether a ray meets the rod, on its side or its ends, or begins in it: a mirror out of place may.
+// Return whether a ray hits the rod at its side or its ends, or starts inside it, which is possible if the mirror is
+// misaligned.
 inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, float dy, float dz) {
     const float taper = (o.rod_radius[1] - o.rod_radius[0]) / (o.rod_z[1] - o.rod_z[0]);
     const float radius = o.rod_radius[0] + taper * (z - o.rod_z[0]), widening = taper * dz;
@@ -368,8 +374,8 @@ inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, floa
     return side | inside | meets_end(o, 0, x, y, z, dx, dy, dz) | meets_end(o, 1, x, y, z, dx, dy, dz);
 }
 
-// How light the camera's front is at a place, q in radii of its lens's front ring: glass with a glint, a bright ring,
-// the barrel, a groove, and the body with a mark towards the picture's top.
+// Radiance of the camera front; q is the distance from the axis in radii of the lens's front ring: glass with a glint,
+// a bright ring, the barrel, a groove, and the body with a mark towards the top of the image.
 inline float front_of(float x, float y, float q) {
     const float gx = x + 0.2f, gy = y + 0.25f;
     const bool glint = gx * gx + gy * gy < 0.0144f;
@@ -379,7 +385,7 @@ inline float front_of(float x, float y, float q) {
     return q < 0.62f ? glass : q < 0.74f ? 6.f : q < 1 ? 1.5f : q < 1.06f ? 0.3f : body;
 }
 
-// A dark edge about the mirror's rim, in the mirror's frame: what passes the mirror may meet it.
+// Dark edge around the mirror rim, in the mirror frame: rays that miss the mirror may hit it.
 void meet_edge(const Optics o, Bundle& r) {
     OMNIMIRROR_EACH_LANE(i) {
         const float t = o.edge_z / r.dz[i], x = r.ox[i] + t * r.dx[i], y = r.oy[i] + t * r.dy[i];
@@ -388,8 +394,8 @@ void meet_edge(const Optics o, Bundle& r) {
     }
 }
 
-// The camera and its rod, where mirrored rays meet them. The rod also blocks light between the mirror and the lens: each
-// ray is followed back to its place on the stop, or, under a telecentric lens, along its direction.
+// Obscuration by the camera and its rod. The rod blocks mirrored rays, and also light between the mirror and the lens:
+// each ray is traced back to its position on the stop or, if the lens is telecentric, along its direction.
 void obscure(const Optics o, Bundle& r) {
     if (o.rod_z[1] > o.rod_z[0]) {
         const float to_stop = o.telecentric ? 0.f : 1.f, side = o.telecentric ? -1.f : 1.f;
@@ -414,7 +420,7 @@ void obscure(const Optics o, Bundle& r) {
     }
 }
 
-// All of it; whether any lane got anywhere.
+// Trace all steps; return whether any lane is not lost.
 bool trace(const Exposure& e, int row, int64_t first, Bundle& r) {
     const Optics& o = e.optics;
     place(e, row, first, r);
@@ -432,7 +438,7 @@ bool trace(const Exposure& e, int row, int64_t first, Bundle& r) {
     const float past = o.sees_past ? DIRECT : LOST;
     OMNIMIRROR_EACH_LANE(i) r.fate[i] = r.fate[i] == LOST ? past : r.fate[i];
     if (o.body_radius > 0 || o.rod_z[1] > o.rod_z[0]) obscure(o, r);
-    turn(o.rotation, r.dx, r.dy, r.dz);  // to the world's
+    turn(o.rotation, r.dx, r.dy, r.dz);  // to the world frame
     return true;
 }
 

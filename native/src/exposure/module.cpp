@@ -1,4 +1,4 @@
-// Exposing pictures as omnimirror.simulation.rendering calls it.
+// Python interface of image exposure, used by omnimirror.simulation.rendering.
 #include <nanobind/stl/array.h>
 
 #include <algorithm>
@@ -15,14 +15,14 @@ namespace {
 template <size_t N>
 using Numbers = std::array<float, N>;
 
-// Optics with the meridian that they point to.
+// Optics, with the meridian to which they point.
 struct OwnedOptics {
     Optics optics;
     std::vector<MeridianNode> nodes;
 };
 
-// The kernels are compiled with -ffast-math, which assumes finite numbers. Millimetres, pixels and tangents lie far
-// below this, whose squares and products are finite.
+// The kernels are compiled with -ffast-math, which assumes finite numbers. Lengths in mm, pixels and tangents are far
+// below this limit, whose squares and products are finite.
 constexpr float LARGEST = 1e12f;
 
 template <size_t N>
@@ -84,7 +84,7 @@ OwnedEnvironment* make_environment(const Floats& light) {
     return owned.release();
 }
 
-constexpr int FARTHEST = 1 << 20;  // rows, columns and samples
+constexpr int FARTHEST = 1 << 20;  // maximum number of rows, columns and samples
 
 Exposure exposure_of(const OwnedOptics& owned, const Floats& points, bool shifted, uint32_t seed, int left, int top,
                      int64_t rows, int64_t columns) {

@@ -1,6 +1,6 @@
-// The kernels of surfaces.hpp. Compiled once per instruction set, so everything here has internal linkage.
+// Kernels of surfaces.hpp. Compiled once per instruction set; therefore, everything has internal linkage.
 //
-// A packet's rays fill vectors; a box or a surface is fetched once and compared with all of them.
+// The rays of a packet fill vectors; a box or a surface is loaded once and tested against all of them.
 #pragma once
 
 #include <cmath>
@@ -26,8 +26,8 @@ using Wide = float __attribute__((vector_size(4 * WIDTH)));
 using Mask = int32_t __attribute__((vector_size(4 * WIDTH)));
 using Four = float __attribute__((vector_size(16)));
 
-constexpr float BESIDE = 1e-6f;  // of a side: neighbours that share an edge leave no gap
-constexpr float LEVEL = 1e-18f;  // stands for smaller components of a direction, whose inverse would be infinite
+constexpr float BESIDE = 1e-6f;  // margin relative to a side: surfaces that share an edge leave no gap
+constexpr float LEVEL = 1e-18f;  // replaces smaller components of a direction, whose inverse would be infinite
 
 inline bool any(Mask mask) {
 #if defined(__AVX512F__)
@@ -54,10 +54,10 @@ void store(T* to, const void* x) {
     std::memcpy(to, x, sizeof(Wide));
 }
 
-// The rays of a part of a packet, and the nearest that each has met.
+// Some rays of a packet, and the nearest hit of each.
 struct Rays {
     Wide origin[3], direction[3];
-    Wide inverse[3], start[3];  // of the direction; and the origin times it
+    Wide inverse[3], start[3];  // inverse direction; and origin times inverse direction
     Wide distance, a, b;
     Mask surface;
 };
@@ -75,7 +75,7 @@ Rays rays_of(const Packet& packet, int part) {
     return r;
 }
 
-// Whether rays enter a box before the nearest that they have met.
+// Return whether rays enter a box before their nearest hit so far.
 inline Mask enter(const Node& box, const Rays& r) {
     Wide in{}, out = r.distance;
     for (int c = 0; c < 3; ++c) {
@@ -95,13 +95,13 @@ inline Wide dot(const Three& a, const Three& b) { return a.x * b.x + a.y * b.y +
 inline Three three(const Wide* v) { return {v[0], v[1], v[2]}; }
 inline Three three(const float* v) { return {all(v[0]), all(v[1]), all(v[2])}; }
 
-// Where o + t d = corner + a side0 + b side1, by Cramer's rule (Moeller and Trumbore, 1997); met where a and b are in
-// [0, 1], of a triangle a + b <= 1 too, and t is above 0 and below what was met before. Of several at one distance the
-// first is met, in whatever order they come.
+// Solve o + t d = corner + a side0 + b side1 with Cramer's rule (Moeller and Trumbore, 1997). The ray hits if a and b
+// are in [0, 1], for triangles also a + b <= 1, and t is positive and less than that of the nearest hit so far. Among
+// hits at equal distance, the first surface wins, independent of the order of tests.
 inline void meet(const Surface& s, int32_t index, Rays& r) {
     const Three side = three(s.side[0]), other = three(s.side[1]), direction = three(r.direction);
     const Three p = cross(direction, other);
-    const Wide inverse = 1 / dot(side, p);  // infinite along the surface, where a and b are in no range
+    const Wide inverse = 1 / dot(side, p);  // infinite parallel to the surface, where a and b are out of range
     const Three from = {r.origin[0] - s.corner[0], r.origin[1] - s.corner[1], r.origin[2] - s.corner[2]};
     const Three q = cross(from, side);
     const Wide a = dot(from, p) * inverse, b = dot(direction, q) * inverse, t = dot(other, q) * inverse;
@@ -114,7 +114,7 @@ inline void meet(const Surface& s, int32_t index, Rays& r) {
 }
 
 void find(const SurfaceTree& tree, Rays (&rays)[PARTS]) {
-    bool backwards[3];  // most rays, along each axis
+    bool backwards[3];  // majority of the rays, along each axis
     for (int c = 0; c < 3; ++c) {
         float sum = 0;
         for (const Rays& r : rays)
@@ -140,12 +140,12 @@ void find(const SurfaceTree& tree, Rays (&rays)[PARTS]) {
 inline int around(int i, int n) { return i >= 0 && i < n ? i : ((i % n) + n) % n; }
 inline float between(float x, float low, float high) { return x > low ? (x < high ? x : high) : low; }
 
-// Light and clear share at a place on a surface: between texels linear.
+// Radiance and transparency at a point of a surface; bilinear between texels.
 Four look_up(const SurfaceTree& tree, const Surface& s, float a, float b) {
     const Texture& t = tree.textures[s.texture()];
     float u = s.texel[0] + a * s.texel_side[0][0] + b * s.texel_side[1][0];
     float v = s.texel[1] + a * s.texel_side[0][1] + b * s.texel_side[1][1];
-    const float far = 1e9f;  // whole numbers go no farther
+    const float far = 1e9f;  // limit for conversion to int
     u = t.repeats ? between(u, -far, far) : between(u, 0, static_cast<float>(t.width - 1));
     v = t.repeats ? between(v, -far, far) : between(v, 0, static_cast<float>(t.height - 1));
     const float left = std::floor(u), top = std::floor(v), fu = u - left, fv = v - top;

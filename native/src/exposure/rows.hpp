@@ -1,4 +1,4 @@
-// What the rays of kernel.hpp bring to the rows of a picture. Compiled as they are, once per instruction set.
+// Image rows from the rays of kernel.hpp. Compiled in the same way, once per instruction set.
 #pragma once
 
 #include "kernel.hpp"
@@ -6,7 +6,7 @@
 namespace omnimirror {
 namespace {
 
-// Places of directions on the environment, px: columns in u, rows in v.
+// Positions of directions in the environment image, px: columns in u, rows in v.
 void look_up(const Environment& world, Bundle& r) {
     const float across = static_cast<float>(world.width) / 6.28318531f, middle = 0.5f * static_cast<float>(world.width);
     const float down = static_cast<float>(world.height) / 3.14159265f;

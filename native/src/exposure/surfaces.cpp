@@ -9,7 +9,7 @@
 namespace omnimirror {
 namespace {
 
-constexpr int64_t PORTION = 4096;  // rays that a thread takes at a time
+constexpr int64_t PORTION = 4096;  // rays per task
 
 struct Work {
     SurfaceTree tree;
@@ -18,7 +18,7 @@ struct Work {
     float *light, *distances;
 };
 
-// Rays from number `first` on; those that are too many do not exist.
+// Rays from number `first` on; excess rays are marked as absent.
 Packet packet_of(const Work& w, int64_t first) {
     Packet packet;
     for (int i = 0; i < PACKET; ++i) {
@@ -49,7 +49,7 @@ void look(void* context, int portion) {
 
 }  // namespace
 
-// The samplers choose the instructions; those without kernels here take the plain ones.
+// Uses the instruction set selected for the samplers, or the plain kernels if there are none for it.
 const PacketKernels& packet_kernels() {
 #if defined(OMNIMIRROR_AVX2)
     if (kernels().level >= Level::AVX2) return avx2_packets;

@@ -1,7 +1,7 @@
-// Flat textured surfaces, parallelograms and triangles, and the first of them that a ray meets.
+// Flat textured surfaces (parallelograms and triangles), and the first of them that a ray hits.
 //
-// Rays go through a tree of boxes in packets: neighbouring rays mostly meet the same boxes, which are then fetched and
-// compared once for all. What a ray meets does not depend on the packet that it is in.
+// Rays traverse a bounding volume hierarchy in packets: neighbouring rays mostly hit the same boxes, which are then
+// loaded and tested once for all. The result of a ray does not depend on its packet.
 #pragma once
 
 #include <cstdint>
@@ -10,54 +10,54 @@
 
 namespace omnimirror {
 
-// A corner and two sides, mm in the world frame; texel coordinates are affine on it. It fills a cache line.
+// A corner and two sides, in mm in the world frame; texel coordinates are affine on the surface. Fills a cache line.
 struct alignas(64) Surface {
     float corner[3], side[2][3];
-    float texel[2], texel_side[2][2];  // column and row of the corner, and what the sides add
-    int32_t kind;  // the texture; of a triangle, the half of the parallelogram that adjoins the corner, -1 minus that
+    float texel[2], texel_side[2][2];  // column and row of the corner, and their change along the sides
+    int32_t kind;  // texture index; for a triangle (the half of the parallelogram at the corner) -1 minus that
 
     bool triangle() const { return kind < 0; }
     int32_t texture() const { return kind < 0 ? -1 - kind : kind; }
 };
 constexpr int SURFACE_FLOATS = sizeof(Surface) / sizeof(float);
 
-// Texels (height, width, 4): red, green, blue, and the share of what is behind that comes through.
+// Texels (height, width, 4): red, green, blue, and transparency (fraction of the background).
 struct Texture {
-    int64_t first;  // of its texels among all
+    int64_t first;  // index of its first texel in the array of all texels
     int32_t width, height;
-    int32_t repeats;  // beyond its edge it starts again; else it has the value of the edge
+    int32_t repeats;  // 1: repeated beyond its edge; 0: clamped to the edge
 };
 
-// A box about surfaces.
+// Bounding box of surfaces.
 struct Node {
     float low[3], high[3];
-    int32_t first;   // the first of its surfaces, or of its two children
-    uint16_t count;  // of its surfaces; 0: it has children
-    uint16_t axis;   // along which the first child comes before the second
+    int32_t first;   // index of its first surface, or of its two children
+    uint16_t count;  // number of its surfaces; 0 if it has children
+    uint16_t axis;   // along which the first child precedes the second
 };
 
-constexpr int DEEPEST = 64;  // levels of the tree, which searches remember
+constexpr int DEEPEST = 64;  // maximum depth of the tree; size of the traversal stack
 
 struct SurfaceTree {
-    const Node* nodes;  // the root first; none where there are no surfaces
+    const Node* nodes;  // the root is first; empty without surfaces
     const Surface* surfaces;
     const Texture* textures;
     const float* texels;
 };
 
 constexpr int PACKET = 16;
-constexpr float INFINITE = 3e38f;  // farther than any surface
+constexpr float INFINITE = 3e38f;  // larger than any distance to a surface
 
 struct alignas(64) Packet {
     float origin[3][PACKET], direction[3][PACKET];
-    float limit[PACKET];  // nothing beyond is met, in lengths of the direction; below 0: there is no such ray
+    float limit[PACKET];  // maximum distance, in lengths of the direction; below 0: no ray
 };
 
 struct alignas(64) Hits {
-    float distance[PACKET];  // in lengths of the direction; the packet's limit where nothing is met
-    int32_t surface[PACKET];  // -1 where nothing is met
-    float a[PACKET], b[PACKET];  // place on it, in its sides
-    float light[PACKET][4];      // and clear share; zero where nothing is met
+    float distance[PACKET];  // in lengths of the direction; the packet's limit without a hit
+    int32_t surface[PACKET];  // -1 without a hit
+    float a[PACKET], b[PACKET];  // position on the surface, in units of its sides
+    float light[PACKET][4];      // and transparency; 0 without a hit
 };
 
 struct PacketKernels {
@@ -70,22 +70,22 @@ extern const PacketKernels avx2_packets;
 #endif
 const PacketKernels& packet_kernels();
 
-// A tree of surfaces, which are put into its order; those without width are left out.
+// A tree of surfaces. Reorders the surfaces, and drops degenerate ones.
 std::vector<Node> make_tree(std::vector<Surface>& surfaces);
 
 class Surfaces {
    public:
-    // Texels are shared, not copied: of many triangles they are a third of all memory.
+    // Texels are shared, not copied: with many triangles, they are a third of all memory.
     Surfaces(std::vector<Surface> surfaces, std::vector<Texture> textures, std::shared_ptr<const float> texels);
 
     SurfaceTree tree() const {
         return {nodes_.empty() ? nullptr : nodes_.data(), surfaces_.data(), textures_.data(), texels_.get()};
     }
 
-    // As the tree has ordered them.
+    // In the order of the tree.
     const std::vector<Surface>& surfaces() const { return surfaces_; }
 
-    // For rays (n): light (n, 4) and distances (n), infinite where nothing is met, on the pool.
+    // Compute, on the thread pool, radiance (n, 4) and distance (n) of rays; the distance is infinite without a hit.
     void radiance(const float* origins, const float* directions, int64_t count, float* light, float* distances) const;
 
    private:

@@ -1,4 +1,4 @@
-// Textured surfaces, and boxes, as omnimirror.simulation.scenes calls them.
+// Python interface of textured surfaces and boxes, used by omnimirror.simulation.scenes.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -12,11 +12,11 @@
 namespace omnimirror {
 namespace {
 
-constexpr int MAX_SIDE = (1 << 24) - 1;  // of textures: places between texels are float
+constexpr int MAX_SIDE = (1 << 24) - 1;  // of textures: positions between texels are float
 constexpr int64_t MAX_TEXELS = int64_t{1} << 40;
 
 std::vector<Texture> textures_of(const Ints& sizes, int64_t texels) {
-    const int32_t* s = checked(sizes, "sizes", {ANY, 3});  // width, height, whether it repeats
+    const int32_t* s = checked(sizes, "sizes", {ANY, 3});  // width, height, repetition flag
     std::vector<Texture> textures;
     int64_t first = 0;
     for (size_t i = 0; i < sizes.shape(0); ++i, s += 3) {
@@ -46,9 +46,9 @@ Surfaces* make_surfaces(const Floats& records, const Ints& sizes, const Floats& 
     return new Surfaces(std::move(surfaces), std::move(textures), std::move(shared));
 }
 
-// As they were given, in the order of the tree and without those that have no width; of the same memory.
+// The surfaces in the order of the tree, without degenerate ones; a view of the same memory.
 auto records_of(nb::handle self) {
-    static const Surface none{};  // an array of nothing begins somewhere too
+    static const Surface none{};  // an empty array also needs a valid pointer
     const std::vector<Surface>& surfaces = nb::cast<const Surfaces&>(self).surfaces();
     const Surface* first = surfaces.empty() ? &none : surfaces.data();
     return nb::ndarray<nb::numpy, const float>(first, {surfaces.size(), SURFACE_FLOATS}, self);
@@ -67,7 +67,7 @@ void radiance(const Surfaces& surfaces, const Floats& origins, const Floats& dir
 
 Boxes boxes_of(const Doubles& corners) {
     const double* lows = checked(corners, "corners", {2, ANY, 3});
-    const int count = count_of(corners.shape(1), "boxes", 1 << 28);  // faces are numbers up to 6 for each
+    const int count = count_of(corners.shape(1), "boxes", 1 << 28);  // face numbers are up to 6 times as large
     return {lows, lows + int64_t{3} * count, count};
 }
 

@@ -1,6 +1,6 @@
-// A binary tree of boxes, each divided where rays are expected to meet the fewest surfaces: a ray that meets a box
-// meets a box inside with a chance that is the ratio of their areas (MacDonald and Booth, 1990). Places of division are
-// tried at the borders of equal bins (Wald, 2007).
+// A binary bounding volume hierarchy, split with the surface area heuristic: a ray that hits a box hits a box inside it
+// with a probability equal to the ratio of their areas (MacDonald and Booth, 1990). Candidate splits are the borders of
+// equal bins (Wald, 2007).
 #include <algorithm>
 #include <cmath>
 
@@ -10,9 +10,9 @@ namespace omnimirror {
 namespace {
 
 constexpr int BINS = 16;
-constexpr int FEW = 4, MOST = 8;     // surfaces that are left together anyhow, and where that costs no more
-constexpr float SURFACE_COST = 2;    // of meeting one, in boxes
-constexpr int HALVED_FROM = 32;      // levels: below, surfaces are halved by number, which bounds the depth
+constexpr int FEW = 4, MOST = 8;     // leaf sizes: always accepted, and accepted if a split does not cost less
+constexpr float SURFACE_COST = 2;    // cost of a surface test, in box tests
+constexpr int HALVED_FROM = 32;      // level from which surfaces are halved by number, which bounds the depth
 
 struct Box {
     float low[3] = {INFINITE, INFINITE, INFINITE}, high[3] = {-INFINITE, -INFINITE, -INFINITE};
@@ -21,7 +21,7 @@ struct Box {
         for (int c = 0; c < 3; ++c) low[c] = std::min(low[c], other.low[c]), high[c] = std::max(high[c], other.high[c]);
     }
     float middle(int axis) const { return 0.5f * (low[axis] + high[axis]); }
-    float area() const {  // half of it; of an empty box 0
+    float area() const {  // half the surface area; 0 for an empty box
         const float x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
         return x < 0 ? 0 : x * y + y * z + z * x;
     }
@@ -34,12 +34,12 @@ Box box_of(const Surface& s) {
         const float far = s.triangle() ? p : p + a + b;
         box.low[c] = std::min({p, p + a, p + b, far}), box.high[c] = std::max({p, p + a, p + b, far});
         const float grain = 1e-5f * std::max({1.f, std::fabs(box.low[c]), std::fabs(box.high[c])});
-        box.low[c] -= grain, box.high[c] += grain;  // what is flat has a box all the same
+        box.low[c] -= grain, box.high[c] += grain;  // flat surfaces also get a box of nonzero thickness
     }
     return box;
 }
 
-// Whether single precision can tell a surface's sides apart: where a ray meets thinner ones is anyone's guess.
+// Return whether single precision resolves the sides of a surface; intersections with thinner surfaces are undefined.
 bool has_width(const Surface& s) {
     double largest = 0, square = 0, longest = 0;
     for (int c = 0; c < 3; ++c) {
@@ -54,7 +54,7 @@ bool has_width(const Surface& s) {
     return std::sqrt(square) > 1e-7 * largest * longest;
 }
 
-// A border between bins of the middles along an axis.
+// A border between bins of centres along an axis.
 struct Division {
     int axis = -1, bin = 0;
     float cost = INFINITE;
@@ -80,7 +80,7 @@ class Builder {
   private:
     const Box& box(int i) const { return boxes_[static_cast<size_t>(order[static_cast<size_t>(i)])]; }
 
-    // Make a node of the surfaces [first, end), and those below it.
+    // Create the node of the surfaces [first, end), and its descendants.
     void divide(size_t node, int first, int end, int level) {
         Box all, middles;
         for (int i = first; i < end; ++i) {
@@ -127,7 +127,7 @@ class Builder {
                 const int bin = bin_of(box(i), axis, middles);
                 bins[bin].add(box(i)), ++counts[bin];
             }
-            float above[BINS];  // the cost of all bins from here on
+            float above[BINS];  // cost of all bins from this one on
             Box sum;
             for (int bin = BINS - 1, n = 0; bin > 0; --bin) {
                 sum.add(bins[bin]), n += counts[bin];

@@ -8,7 +8,7 @@ namespace {
 
 constexpr int TARGETS_A_PIECE = 512;
 constexpr double ON_AXIS = 1e-24;  // mm^2, added to squared distances from the axis
-constexpr double AIMED = 1e-3;     // a ray that misses by more is not there, however short the step (at a mirror's tip)
+constexpr double AIMED = 1e-3;     // larger residuals are not converged, however short the step (at a mirror's tip)
 
 using Moving = Vector<Dual>;
 
@@ -23,11 +23,11 @@ struct Facet {
     Moving at, normal;  // towards the lens
 };
 
-// The mirror over (x, y) of its own frame; beyond the table it goes on as a parabola.
+// Mirror surface at (x, y) in its own frame, extrapolated quadratically beyond the table.
 Facet facet(const CoveredJob& job, double x, double y) {
     const Dual mx{x, 1, 0}, my{y, 0, 1}, r = root(mx * mx + my * my + ON_AXIS);
     const double pieces = job.meridian.pieces, place = r.v / job.cell;
-    const double position = place < pieces ? place : pieces;  // NaN is at the end, in the last piece
+    const double position = place < pieces ? place : pieces;  // NaN is assigned to the last piece
     const int piece = std::min(static_cast<int>(position), job.meridian.pieces - 1);
     const double* c = job.meridian.coefficients + 8 * piece;
     const double t = position - piece, beyond = r.v - position * job.cell;
@@ -44,7 +44,7 @@ struct Arrival {
     Moving miss, outwards;
 };
 
-// By how much the ray by way of a mirror point misses its target.
+// Vector by which the ray via a mirror point misses its target.
 Arrival arrival(const CoveredJob& job, const double* pupil, const double* target, double x, double y) {
     const Facet mirror = facet(job, x, y);
     const Moving from = job.distant_pupils ? fixed(pupil) : fixed(pupil) - mirror.at;
@@ -60,7 +60,7 @@ Arrival arrival(const CoveredJob& job, const double* pupil, const double* target
     return {over * (dot(rest, way.outwards) * way.outwards - rest), way.outwards};
 }
 
-// Two unit vectors across a third and each other (Duff and others, 2017).
+// Two unit vectors perpendicular to a third one and to each other (Duff et al., 2017).
 struct Across {
     double first[3], second[3];
 };

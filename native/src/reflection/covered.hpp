@@ -1,6 +1,7 @@
-// Mirror points whose rays lead through a wall to targets, by Newton's rule, the mirror's meridian a table.
+// Mirror points whose rays reach targets through a shell, by Newton's method; the meridian of the mirror is a table.
 //
-// Formulas: src/omnimirror/optics/tracing/optical_train.py. Derivatives are those of the whole way, by the chain rule.
+// Formulas: src/omnimirror/optics/tracing/optical_train.py. Derivatives are those of the complete path, by the chain
+// rule.
 #pragma once
 
 #include <cstdint>
@@ -10,19 +11,19 @@
 
 namespace omnimirror {
 
-// All of it in the frame of the wall, which stands about the axis z.
+// All quantities are in the frame of the shell, which is symmetric about the z axis.
 struct CoveredJob {
-    CubicPieces meridian;  // by the distance from the mirror's axis
+    CubicPieces meridian;  // as a function of the distance from the mirror axis
     double cell, rim;      // mm
     Wall wall;
     double ends[2];            // heights; of a tube
     double turn[9], shift[3];  // of the mirror
     int steps;
-    double longest, close;  // of the rim radius: a step, and one after which there is none
-    const double *pupils, *targets;  // (count, 3): points, or ways to distant ones
+    double longest, close;  // in rim radii: maximum step, and convergence tolerance
+    const double *pupils, *targets;  // (count, 3): points, or directions to distant ones
     bool distant_pupils, distant_targets;
     long count;
-    double* xy;  // (count, 2) of the mirror: where to begin, and what is found
+    double* xy;  // (count, 2), in the mirror frame: initial values, replaced by the solution
     std::uint8_t* settled;
 };
 

@@ -1,7 +1,7 @@
-// The kernel of reflection.hpp. Compiled once per instruction set, so everything here has internal linkage.
+// Kernel of reflection.hpp. Compiled once per instruction set; therefore, everything has internal linkage.
 //
-// Rays go through in blocks: each step is a loop over all of a block without branches, which compilers vectorise, and a
-// block ends when the last of its rays has settled.
+// Rays are processed in blocks: each step is a branch-free loop over a block, which compilers vectorise, and a block
+// ends when all of its rays have converged.
 #pragma once
 
 #include "lanes.hpp"
@@ -31,7 +31,7 @@ struct Lanes {
     }
 };
 
-// arctan(y / x) for y >= 0, from 0 to pi, to 1e-5: only where a search begins.
+// arctan(y / x) for y >= 0, from 0 to pi, with an error of 1e-5: for initial values only.
 inline double rough_angle(double y, double x) {
     const double across = size_of(x), low = smaller(y, across), high = larger(y, across);
     const double t = low / larger(high, 1e-300), s = t * t;
@@ -46,7 +46,7 @@ struct Cubic {
     double value, rate;
 };
 
-// Of coefficients that begin there: named by the table and a number, which compilers gather.
+// Coefficient at this index; addressed by table and index, which compilers convert to gathers.
 inline Cubic cubic(const double* table, int at, double t) {
     const double b = table[at + 1], c = table[at + 2], d = table[at + 3];
     return {table[at] + t * (b + t * (c + t * d)), b + t * (2 * c + t * (3 * d))};
@@ -84,7 +84,7 @@ struct Profile {
     }
 };
 
-// Unit vector from an end to a point, and one over the distance.
+// Unit vector from an end to a point, and the inverse of the distance.
 struct Pull {
     double x, y, z, near;
 };
@@ -101,14 +101,14 @@ struct Block {
     Lanes x, y, z, sx, sy, a, b, c, size;
 };
 
-// In the meridian of each target: distances from the axis.
+// Distances from the axis in the meridian of each target.
 template <bool TELECENTRIC, bool DISTANT>
 void begin(const SeenJob& job, const Lanes* target, Block& block) {
     const ReflectionSurface& s = job.surface;
     const Profile profile(s);
     const Curve by_omega(job.by_omega);
     const double first_omega = job.omegas[0], angles = job.by_omega.pieces, least = s.least;
-    const double breadth = job.omegas[1] - job.omegas[0], per_omega = breadth > 0 ? angles / breadth : 0.0;  // a cone's: 0
+    const double breadth = job.omegas[1] - job.omegas[0], per_omega = breadth > 0 ? angles / breadth : 0.0;  // a cone: 0
     const double middle = DISTANT ? 0.0 : job.middle;
     const double longest = job.search.longest * s.rim, farthest = job.search.reach * s.rim, pupil = s.pupil[2];
     Lanes across, r;
@@ -136,7 +136,8 @@ void begin(const SeenJob& job, const Lanes* target, Block& block) {
     }
 }
 
-// Steps that are too long are shortened, and what would leave the surface stays at its end: seldom, so in a loop of its own.
+// Shorten steps that are too long, and clamp points that would leave the surface to its end: rare, so in a separate
+// loop.
 inline void hold_back(Block& block, const Lanes& x, const Lanes& y, double longest, double farthest) {
     OMNIMIRROR_BLOCK(i) {
         const double size = root_of(block.size[i]), part = size > longest ? longest / size : 1.0;
@@ -146,7 +147,7 @@ inline void hold_back(Block& block, const Lanes& x, const Lanes& y, double longe
     }
 }
 
-// One step of Newton's rule for all; sizes are squares of its lengths.
+// One Newton step for all lanes; sizes are squared step lengths.
 template <bool TELECENTRIC, bool DISTANT>
 void improve(const SeenJob& job, const Lanes* target, Block& block) {
     const ReflectionSurface& s = job.surface;
@@ -182,7 +183,7 @@ void find_block(const SeenJob& job, long first, int count) {
     const ReflectionSurface& s = job.surface;
     const Profile profile(s);
     Lanes target[3];
-    for (int axis = 0; axis < 3; ++axis)  // beyond the last target it is repeated
+    for (int axis = 0; axis < 3; ++axis)  // the last target is repeated in the remaining lanes
         for (int i = 0; i < BLOCK; ++i) target[axis][i] = job.targets[axis][first + (i < count ? i : count - 1)];
     Block block;
     begin<TELECENTRIC, DISTANT>(job, target, block);
@@ -205,7 +206,7 @@ void find_block(const SeenJob& job, long first, int count) {
         const double facing = smaller(p.z - sx * p.x - sy * p.y, t.z - sx * t.x - sy * t.y);
         const double seen = ((facing > 0) & (x * x + y * y <= rim * rim)) ? 1.0 : 0.0;
         block.sx[i] = sx, block.sy[i] = sy;
-        state[i] = block.size[i] <= close * close ? seen : 2.0;  // as of what is no number
+        state[i] = block.size[i] <= close * close ? seen : 2.0;  // 2 also for NaN
     }
     const Lanes* const rows[SEEN_ROWS] = {&block.x, &block.y, &block.z, &block.sx, &block.sy, &block.a, &block.b, &block.c};
     for (int row = 0; row < SEEN_ROWS; ++row)

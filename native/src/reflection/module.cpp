@@ -1,4 +1,5 @@
-// The part of omnimirror.base._native that omnimirror.optics.tracing.reflection and omnimirror.torch.compiled call.
+// Python interface of reflection and shell transmission, used by omnimirror.optics.tracing.reflection and
+// omnimirror.interop.torch.
 
 #include <nanobind/stl/tuple.h>
 
@@ -19,9 +20,9 @@ using Search = std::tuple<int, int, double, double, double, double, double>;
 using Pair = std::tuple<double, double>;
 using WallSaid = std::tuple<int, Pair, Pair, double, double>;        // kind, places, radii, index, outside
 using MirrorSaid = std::tuple<Doubles, double, double, Doubles, Doubles>;  // meridian, cell, rim, turn, shift
-using EndsSaid = std::tuple<Doubles, bool>;                                // points, or ways to distant ones
+using EndsSaid = std::tuple<Doubles, bool>;                                // points, or directions to distant ones
 
-constexpr int64_t MAX_PIECES = int64_t{1} << 24;  // kernels multiply them by the number of coefficients with int
+constexpr int64_t MAX_PIECES = int64_t{1} << 24;  // pieces times coefficients must fit into int
 
 // Tables of cubic pieces: (pieces, 4), of a meridian (pieces, 8).
 CubicPieces pieces_of(const Doubles& table, const char* name, int columns) {
@@ -80,14 +81,14 @@ void met(const Surface& surface, const Search& search, const Doubles& depth, dou
 
 Wall wall_of(const WallSaid& said) {
     const auto& [kind, places, radii, index, outside] = said;
-    checked(kind, "kind of wall", 0, 2);  // a window, a tube or a dome
+    checked(kind, "kind of wall", 0, 2);  // window, tube or dome
     require(index > 0 && outside > 0, "refractive indices must be above 0");
     const auto [near, far] = places;
     const auto [inner, outer] = radii;
     return {static_cast<WallKind>(kind), {near, far}, {inner, outer}, index, outside};
 }
 
-// Rays (n, 3) out through a wall: vectors (5, n, 3), numbers (4, n) and flags (2, n) are written.
+// Trace rays (n, 3) out through a shell; writes vectors (5, n, 3), numbers (4, n) and flags (2, n).
 void through_wall(const WallSaid& wall, const Doubles& points, const Doubles& directions, const DoublesOut& vectors,
                   const DoublesOut& numbers, const BytesOut& flags) {
     const int64_t count = length_of(points, 0);
@@ -101,7 +102,7 @@ void through_wall(const WallSaid& wall, const Doubles& points, const Doubles& di
     leave(job);
 }
 
-// Mirror points (n, 2), improved from initial values, whose rays lead from pupils through a wall to targets.
+// Refine mirror points (n, 2), from initial values, whose rays from pupils reach targets through a shell.
 void covered(const MirrorSaid& mirror, const WallSaid& wall, Pair ends, std::tuple<int, double, double> search,
              const EndsSaid& pupils, const EndsSaid& targets, const DoublesOut& xy, const BytesOut& settled) {
     const auto& [meridian, cell, rim, turn, shift] = mirror;

@@ -1,11 +1,11 @@
-// Jobs of this room in pieces, on the pool's threads.
+// Division of the jobs of this folder into tasks of the thread pool.
 #pragma once
 
 #include "pool.hpp"
 
 namespace omnimirror {
 
-// Call some(job, first, count) for so many of job.count at a time.
+// Call some(job, first, count) for batches of the job.count items.
 template <class Job>
 void in_pieces(const Job& job, int size, void (*some)(const Job& job, long first, int count)) {
     struct Work {

@@ -8,7 +8,7 @@ namespace {
 
 constexpr int RAYS_A_PIECE = 4096;
 
-// The samplers choose the instructions; those without a kernel here take the plain one.
+// Uses the instruction set selected for the samplers, or the plain kernel if there is none for it.
 const ReflectionKernel& reflection_kernel() {
 #if defined(OMNIMIRROR_AVX2)
     if (kernels().level >= Level::AVX2) return avx2_reflections;

@@ -1,52 +1,53 @@
-// Where a mirror shows points of the world to its lens, and where rays from the lens meet it, its meridian a table.
+// Reflection points of scene points, and intersections of rays from the lens with the mirror; its meridian is a table.
 //
-// Formulas: src/omnimirror/interop/torch/_reflection.py. The way of light from the pupil P over a mirror point to a target T has
-// the gradient g = S^T (p + t), p and t the unit vectors from both ends to the point and S the tangents of the surface;
-// Newton's rule finds where it is 0, from where it is so in the meridian of the target, were the mirror in line.
+// Formulas: src/omnimirror/interop/torch/_reflection.py. The optical path length from the pupil P via a mirror point to
+// a target T has the gradient g = S^T (p + t), where p and t are the unit vectors from both ends to the point and S the
+// tangents of the surface. Newton's method finds its zero, starting from the solution in the meridian of the target for
+// an aligned mirror.
 #pragma once
 
 #include <cstdint>
 
 namespace omnimirror {
 
-// Cubic pieces, coefficients of a piece beside each other: of sag and slope (8), or of one function (4).
+// Cubic pieces with contiguous coefficients: of sag and slope (8), or of one function (4).
 struct CubicPieces {
     const double* coefficients;
     int pieces;
 };
 
 struct ReflectionSurface {
-    CubicPieces meridian;  // by the distance from the axis
+    CubicPieces meridian;  // as a function of the distance from the axis
     double cell;           // width of a piece, mm
     double rim;            // mm
-    double least;          // mm: no reflection is looked for nearer to the axis; above 0 at the tip of a cone
-    double pupil[3];       // in the mirror's frame, mm; the way to it if telecentric
+    double least;          // mm: minimum distance of reflection points from the axis; above 0 at the tip of a cone
+    double pupil[3];       // in the mirror frame, mm; direction to the pupil if telecentric
     bool telecentric;
 };
 
 struct ReflectionSearch {
-    int steps, first_steps;  // most of Newton's rule, and of it in the meridian
-    double close, first_close;  // of the rim radius: steps after which there is none
-    double longest;             // step, of the rim radius
-    double reach;               // how far beyond the rim points are followed, of its radius
-    double rim_slack;           // of the rim radius
+    int steps, first_steps;  // maximum Newton steps, and those in the meridian
+    double close, first_close;  // convergence tolerances, in rim radii
+    double longest;             // maximum step, in rim radii
+    double reach;               // maximum distance of iterates beyond the rim, in rim radii
+    double rim_slack;           // in rim radii
 };
 
 enum ReflectionState : std::uint8_t { NOT_SEEN = 0, SEEN = 1, NOT_SETTLED = 2 };
 
 constexpr int SEEN_ROWS = 8, MET_ROWS = 6;
 
-// Targets in the mirror's frame, by components.
+// Targets in the mirror frame, by components.
 struct SeenJob {
     ReflectionSurface surface;
     ReflectionSearch search;
-    CubicPieces by_omega;  // distance from the axis by the field angle
-    double omegas[2];      // of its first and last node
-    double middle;         // where on the axis the field angle is taken
+    CubicPieces by_omega;  // distance from the axis as a function of the field angle
+    double omegas[2];      // field angles of its first and last node
+    double middle;         // position on the axis from which the field angle is measured
     bool distant;
     const double* targets[3];
     long count;
-    double* rows[SEEN_ROWS];  // x, y, z; slopes by x and y; inverse (xx, xy, yy) of the second derivatives
+    double* rows[SEEN_ROWS];  // x, y, z; slopes in x and y; inverse (xx, xy, yy) of the Hessian
     std::uint8_t* states;
 };
 
@@ -54,18 +55,18 @@ struct SeenJob {
 struct MetJob {
     ReflectionSurface surface;
     ReflectionSearch search;
-    CubicPieces depth;  // distance along the axis by the tangent of a ray, were the mirror in line
+    CubicPieces depth;  // distance along the axis as a function of the ray's tangent, for an aligned mirror
     double most_tangent;
     const double* ways[3];
     long count;
-    double* rows[MET_ROWS];  // x, y, z; slopes by x and y; how many times its way the ray has gone
+    double* rows[MET_ROWS];  // x, y, z; slopes in x and y; ray parameter in lengths of the direction
     std::uint8_t* states;
 };
 
 void find_reflections(const SeenJob& job);
 void meet_mirror(const MetJob& job);
 
-// Of rays first to first + count.
+// For rays first to first + count.
 struct ReflectionKernel {
     void (*find)(const SeenJob& job, long first, int count);
     void (*meet)(const MetJob& job, long first, int count);

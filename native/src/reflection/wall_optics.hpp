@@ -1,4 +1,4 @@
-// Rays, and what walls do to them, in numbers or in numbers with their two derivatives. Internal linkage.
+// Rays through shells, with plain numbers or with numbers that carry two derivatives. Internal linkage.
 #pragma once
 
 #include <algorithm>
@@ -9,10 +9,10 @@
 namespace omnimirror {
 namespace {
 
-constexpr double ALONG = 1e-9;  // of a direction across a tube's axis, below which it never comes to the wall
-constexpr double TINY = 1e-18;  // squares of these, so that nothing is divided by 0
+constexpr double ALONG = 1e-9;  // minimum direction component across a tube's axis; below it, it never meets the shell
+constexpr double TINY = 1e-18;  // lower bound of squares, so that no division is by 0
 
-// A number and its derivatives by two others.
+// A number and its derivatives with respect to two variables.
 struct Dual {
     double v, x = 0.0, y = 0.0;
 };
@@ -36,7 +36,7 @@ inline Dual operator*(double a, Dual b) { return {a * b.v, a * b.x, a * b.y}; }
 inline Dual operator/(double a, Dual b) { return Dual{a} / b; }
 inline Dual operator/(Dual a, double b) { return {a.v / b, a.x / b, a.y / b}; }
 
-// Of what is below 0, 0.
+// Square root; 0 for negative arguments.
 inline double root(double square) { return std::sqrt(square > 0 ? square : 0.0); }
 inline Dual root(Dual square) {
     if (!(square.v > 0)) return {0.0};
@@ -65,7 +65,7 @@ T length(Vector<T> a) { return root(dot(a, a)); }
 
 template <class T>
 struct Meeting {
-    Vector<T> at, inwards;  // and the side's unit normal there
+    Vector<T> at, inwards;  // and the unit normal of the surface there
     T way;
 };
 
@@ -100,7 +100,7 @@ Meeting<T> meet(const Wall& wall, int side, Vector<T> p, Vector<T> d) {
     }
 }
 
-// Behind a side, with the index before it over the one behind.
+// Direction behind a surface; the index is that before the surface divided by that behind it.
 template <class T>
 Vector<T> bent(Vector<T> d, Vector<T> normal, double ratio) {
     const T cosine = -dot(d, normal);
@@ -119,12 +119,12 @@ bool starts_inside(const Wall& wall, Vector<T> p) {
 template <class T>
 struct WayOut {
     Vector<T> met, inwards, left_at, outwards;
-    T before, within;             // ways until the inner side and within
+    T before, within;             // distances to the inner surface and within the shell
     double cosine_before, cosine_behind;
     bool meets, passes;
 };
 
-// A ray through a wall; one that does not meet it goes on as it is.
+// Trace a ray through a shell; a ray that misses it continues unchanged.
 template <class T>
 WayOut<T> way_out(const Wall& wall, Vector<T> p, Vector<T> d) {
     const bool inside = starts_inside(wall, p);

@@ -1,4 +1,4 @@
-// Loads and stores of AVX2.
+// AVX2 loads and stores.
 #pragma once
 
 #include <immintrin.h>
@@ -14,15 +14,15 @@ __m256i load32(const void* p) { return _mm256_loadu_si256(static_cast<const __m2
 __m256i twice(__m128i v) { return _mm256_broadcastsi128_si256(v); }
 void store16(uint8_t* p, __m128i v) { _mm_storeu_si128(reinterpret_cast<__m128i*>(p), v); }
 
-// A constant that the compiler must keep, in a register or on the stack. Left to itself it makes constants anew
-// for every 8 pixels, through general registers, which costs a fifth of the time.
+// Force the compiler to keep a constant in a register or on the stack. Otherwise it rebuilds constants for every 8
+// pixels through general-purpose registers, which costs 20 % of the run time.
 template <class V>
 V kept(V v) {
     asm("" : "+v"(v));
     return v;
 }
 
-// 16 bytes of two pixels from each of two addresses.
+// Load 16 bytes (two pixels) from each of two addresses.
 __m128i load_pair(const uint8_t* a, const uint8_t* b) {
     return _mm_castpd_si128(_mm_loadh_pd(_mm_castsi128_pd(load8(a)), reinterpret_cast<const double*>(b)));
 }

@@ -1,4 +1,4 @@
-// Bicubic samples of uint8 pictures, 8 pixels at a time.
+// Bicubic samples of uint8 images, 8 pixels at a time.
 #pragma once
 
 #include "avx2_linear.hpp"
@@ -10,7 +10,7 @@ void add_to(int32_t* sums, __m256i more) {
     _mm256_store_si256(reinterpret_cast<__m256i*>(sums), _mm256_add_epi32(load32(sums), more));
 }
 
-// The words of both halves: channels of taps 0 and 1 paired, and of taps 2 and 3; bytes in the upper half.
+// Words in both halves: channels of taps 0 and 1 interleaved, and of taps 2 and 3; the byte is in the upper half.
 template <int C>
 __m256i pairs_of_taps() {
     const auto half = [](char k) {
@@ -26,7 +26,7 @@ template <int C>
 struct Cubic {
     const uint8_t* data;
     ptrdiff_t row_step;
-    uint32_t last;  // the last offset from which the lowest row's 16 bytes can be read
+    uint32_t last;  // the last offset at which the lowest row's 16 bytes are readable
     Writer<C> writer;
     __m256i order = kept(pairs_of_taps<C>());
     __m256i spread = kept(_mm256_setr_epi8(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5,
@@ -43,7 +43,7 @@ struct Cubic {
         return _mm256_mulhi_epu16(values, _mm256_set1_epi32(static_cast<int>(magnitude)));
     }
 
-    // Sums of one pixel, of taps 0 and 1 and of taps 2 and 3, with 20 bits after the point.
+    // Sums of taps 0 and 1 and of taps 2 and 3 of one pixel, with 20 fractional bits.
     __m256i halves(uint32_t offset, uint8_t fx, uint8_t fy) const {
         const uint8_t* first = data + offset - row_step - C;
         const uint32_t* wy = CUBIC.magnitudes[fy];
@@ -54,7 +54,7 @@ struct Cubic {
         return _mm256_madd_epi16(_mm256_sub_epi16(plus, minus), _mm256_shuffle_epi8(_mm256_set1_epi64x(wx), spread));
     }
 
-    // Pixels i and i + 4, in 32 bits a channel.
+    // Pixels i and i + 4, 32 bits per channel.
     __m256i sum_2(const Block<uint8_t>& block, int i) const {
         const __m256i a = halves(block.offsets[i], block.fx[i], block.fy[i]);
         const __m256i b = halves(block.offsets[i + 4], block.fx[i + 4], block.fy[i + 4]);
@@ -82,7 +82,7 @@ struct Cubic<1> {
     explicit Cubic(const Source& s)
         : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - 2 * row_step + 1 - 4)) {}
 
-    // Four sums of words that add up to one pixel.
+    // Four word sums whose total is one pixel.
     __m128i one_pixel(uint32_t offset, uint8_t fx, uint8_t fy) const {
         const uint8_t* first = data + offset - row_step - 1;
         const __m128i bytes = _mm_setr_epi32(load4(first), load4(first + row_step), load4(first + 2 * row_step),
@@ -132,7 +132,7 @@ struct Cubic<2> {
         return _mm_mulhi_epu16(values, _mm_set1_epi32(static_cast<int>(magnitude)));
     }
 
-    // Four sums of words: the first channel's two, and the second's.
+    // Four word sums: two of the first channel and two of the second.
     __m128i one_pixel(uint32_t offset, uint8_t fx, uint8_t fy) const {
         const uint8_t* first = data + offset - row_step - 2;
         const uint32_t* wy = CUBIC.magnitudes[fy];

@@ -1,4 +1,4 @@
-// Bilinear samples of uint8 pictures, 8 pixels at a time. See linear_pixel for the arithmetic.
+// Bilinear samples of uint8 images, 8 pixels at a time. See linear_pixel for the arithmetic.
 #pragma once
 
 #include "avx2.hpp"
@@ -7,7 +7,7 @@
 namespace omnimirror {
 namespace {
 
-// Both neighbours of 4 pixels in one row: pixels 0 and 1 of offsets, and 4 and 5.
+// Both neighbours in one row of 4 pixels: pixels 0, 1, 4 and 5 of offsets.
 __m256i load_row(const uint8_t* row, const uint32_t* offsets) {
     return _mm256_set_m128i(load_pair(row + offsets[4], row + offsets[5]),
                             load_pair(row + offsets[0], row + offsets[1]));
@@ -20,11 +20,11 @@ __m256i pairs_of_channels() {
     return twice(pairs);
 }
 
-// The bytes of pixels first, first + 1, first + 4 and first + 5 out of 8 that are in each half, 4 times two.
+// Bytes of pixels first, first + 1, first + 4 and first + 5 of the 8 in each half, each repeated 4 times.
 template <int first, bool as_words>
 __m256i order_of_weights() {
     constexpr char a = first, b = a + 1, c = a + 4, d = c + 1;
-    const auto upper = [](char i) { return as_words ? char{-1} : i; };  // words: the byte in the upper half
+    const auto upper = [](char i) { return as_words ? char{-1} : i; };  // words: byte in the upper half
     return _mm256_setr_epi8(upper(a), a, upper(a), a, upper(a), a, upper(a), a, upper(b), b, upper(b), b, upper(b), b,
                             upper(b), b, upper(c), c, upper(c), c, upper(c), c, upper(c), c, upper(d), d, upper(d), d,
                             upper(d), d, upper(d), d);
@@ -36,7 +36,7 @@ __m256i load_fractions(const uint8_t* p) {
     return _mm256_set1_epi64x(fractions);
 }
 
-// 8 pixels of 4 bytes, of which the first C are written.
+// Store 8 pixels of 4 bytes, the first C of which are written.
 template <int C>
 struct Writer {
     __m256i order = kept(twice(_mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1)));
@@ -53,13 +53,14 @@ struct Writer {
     }
 };
 
-// The arithmetic of linear_pixel: 16 values less 128, in words, of 32 in each row, pairs of neighbours that adjoin.
+// The arithmetic of linear_pixel: 16 values minus 128, as words, from 32 bytes in each row: pairs of adjacent
+// neighbours.
 struct Bilinear {
     __m256i sign = kept(_mm256_set1_epi8(-128)), complement = kept(_mm256_set1_epi16(0x00ff));
     __m256i weight = kept(_mm256_set1_epi16(129 * 128)), one = kept(_mm256_set1_epi16(LINEAR_ONE));
     __m256i round = kept(_mm256_set1_epi16(256));
 
-    // Fractions of x stand in both bytes of a pair, those of y in the upper byte of a word.
+    // Fractions of x are in both bytes of a pair, those of y in the upper byte of a word.
     __m256i mixed(__m256i fx, __m256i fy, __m256i upper_row, __m256i lower_row) const {
         const __m256i x = _mm256_xor_si256(fx, complement);
         const __m256i lower_weight = _mm256_mulhi_epu16(fy, weight), upper_weight = _mm256_sub_epi16(one, lower_weight);
@@ -80,7 +81,7 @@ template <int C>
 struct Linear {
     const uint8_t* data;
     ptrdiff_t row_step;
-    uint32_t last;  // the last offset from which 8 bytes of both rows can be read
+    uint32_t last;  // the last offset at which 8 bytes of both rows are readable
     Writer<C> writer;
     __m256i pairs = kept(pairs_of_channels<C>());
     __m256i across_0 = kept(order_of_weights<0, false>()), across_2 = kept(order_of_weights<2, false>());
@@ -94,7 +95,7 @@ struct Linear {
         return _mm256_shuffle_epi8(load_row(row, offsets), pairs);
     }
 
-    // 4 pixels. The fractions of 8 are in both halves.
+    // 4 pixels. Both halves contain the fractions of all 8.
     __m256i sample_4(const uint32_t* offsets, __m256i fx, __m256i fy, __m256i across, __m256i down) const {
         return bilinear.mixed(_mm256_shuffle_epi8(fx, across), _mm256_shuffle_epi8(fy, down), values(data, offsets),
                               values(data + row_step, offsets));
@@ -152,7 +153,7 @@ int load4(const uint8_t* p) {
     return four;
 }
 
-// Two channels, as of NV12's colours: both neighbours of a pixel are 4 bytes.
+// Two channels, such as NV12 chroma: both neighbours of a pixel are 4 bytes.
 template <>
 struct Linear<2> {
     const uint8_t* data;

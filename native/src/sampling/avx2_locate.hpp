@@ -1,4 +1,4 @@
-// Where output pixels look, 8 at a time.
+// Source coordinates of output pixels, 8 at a time.
 #pragma once
 
 #include "avx2.hpp"
@@ -9,9 +9,9 @@ namespace {
 
 // One coordinate of 8 pixels.
 struct Axis {
-    __m256i first;  // the pixel left of it or above
+    __m256i first;  // the pixel to the left or above
     __m256 fraction;
-    __m256i inside;  // all bits set where it lies on the picture
+    __m256i inside;  // all bits set if the coordinate is inside the image
 };
 
 Axis along(const float* at, int size, int first_max) {
@@ -43,7 +43,7 @@ HalfAxis along_half(const double* at, int size, int first_max) {
 
 Axis along(const double* at, int size, int first_max) {
     const HalfAxis a = along_half(at, size, first_max), b = along_half(at + 4, size, first_max);
-    // The masks were packed to words, each of them twice: 32 bits again.
+    // The masks were packed to words, each of them twice, which form 32-bit masks again.
     return {_mm256_set_m128i(b.first, a.first), _mm256_set_m128(b.fraction, a.fraction),
             _mm256_set_m128i(b.inside, a.inside)};
 }
@@ -66,7 +66,7 @@ void store_fractions(__m256i x, __m256i y, Block<uint8_t>& block) {
     store16(block.fx, sorted);
 }
 
-// See locate in common.hpp, which this does 8 pixels at a time.
+// Same as locate in common.hpp, 8 pixels at a time.
 template <Interpolation I, class Real>
 void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geometry, Block<uint8_t>* blocks) {
     const Geometry g = geometry;
@@ -89,11 +89,11 @@ void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geomet
     }
 }
 
-// Whether all that there is in a picture fits into 16 bits, with a sign.
+// Return whether all sizes and steps of an image fit into signed 16-bit integers.
 bool is_narrow(const Geometry& g) { return g.width <= 0x7fff && g.height <= 0x7fff && g.row_step <= 0x7fff; }
 
-// The same where all coordinates are inner ones and the picture is narrow, 8 at a time and in 65536ths of a pixel. Few
-// steps that depend on each other: that is what counts here.
+// Same for inner coordinates and narrow images, 8 at a time and in units of 1/65536 pixel. The speed is limited by the
+// length of the dependency chain, which is therefore short.
 struct InnerLocator {
     __m256i steps, half = kept(_mm256_set1_epi16(128));
     __m256i apart = kept(twice(_mm_setr_epi8(1, 5, 9, 13, 3, 7, 11, 15, -1, -1, -1, -1, -1, -1, -1, -1)));

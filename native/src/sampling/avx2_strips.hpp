@@ -1,7 +1,7 @@
-// Strips of pixels with AVX2. Only uint8 pictures have kernels of their own: they are what frames come in.
+// Strips of pixels with AVX2. Only uint8 images, the usual format of frames, have dedicated kernels.
 //
-// Per output pixel a few unaligned loads fetch all neighbours of all channels; scalar address arithmetic
-// beats hardware gathers of 32 bytes.
+// For each output pixel, a few unaligned loads fetch all neighbours in all channels; scalar address arithmetic is
+// faster than hardware gathers of 32 bytes.
 #pragma once
 
 #include "avx2_cubic.hpp"
@@ -12,14 +12,15 @@
 namespace omnimirror {
 namespace {
 
-// Which of 8 pixels the fast kernel must not touch: outside, at an edge, or too near the end of the memory.
+// Mask of the pixels (of 8) that the fast kernel must not process: outside, at an edge, or too near the end of the
+// memory.
 int unfit(const uint32_t* offsets, __m256i last) {
     const __m256i o = load32(offsets);
     const __m256i fit = _mm256_cmpeq_epi32(_mm256_max_epu32(o, last), last);
     return _mm256_movemask_ps(_mm256_castsi256_ps(fit)) ^ 0xff;
 }
 
-// 8 pixels of which some are unfit, or not wanted: count < 8. Apart, so that it takes no registers from the rest.
+// 8 pixels, some of them unfit or beyond count. A separate function, so that it takes no registers from the fast path.
 template <class Kernel, Interpolation I, int C>
 [[gnu::noinline]] void sample_mixed(const Job& job, const Kernel& kernel, const Block<uint8_t>& b, int unfit_bits,
                                     int count, uint8_t* out) {
@@ -36,7 +37,7 @@ template <class Kernel, Interpolation I, int C>
     std::memcpy(out, pixels, static_cast<size_t>(count * C));
 }
 
-// Every second pixel of the upper row: more fetches cost more than they gain.
+// Prefetch every second pixel of the upper row: more prefetches cost more time than they save.
 void fetch_ahead(const uint8_t* data, const uint32_t* offsets) {
     for (int i = 0; i < 8; i += 2)
         _mm_prefetch(reinterpret_cast<const char*>(data) + (offsets[i] & ~EDGE), _MM_HINT_T0);
@@ -49,7 +50,7 @@ void sample_by_8(const Job& job, const Strip<uint8_t>& s) {
     for (int i = 0; i < s.count; i += 8) {
         const Block<uint8_t>& block = s.blocks[i / 8];
         const int bits = unfit(block.offsets, last), left = s.count - i;
-        _mm_prefetch(reinterpret_cast<const char*>(&block) + 2048, _MM_HINT_T0);  // a packed map goes on there
+        _mm_prefetch(reinterpret_cast<const char*>(&block) + 2048, _MM_HINT_T0);  // a packed map continues there
         if (s.ahead) fetch_ahead(kernel.data, s.ahead[i / 8].offsets);
         if (__builtin_expect(!bits && left >= 8, 1))
             kernel.sample_8(block, s.out + i * C);
@@ -58,7 +59,7 @@ void sample_by_8(const Job& job, const Strip<uint8_t>& s) {
     }
 }
 
-// Means in 32 bits, of 8 sums.
+// Means of 8 sums, in 32 bits.
 __m256i means(const int32_t* sums, float scale) {
     const __m256 values = _mm256_mul_ps(_mm256_cvtepi32_ps(load32(sums)), _mm256_set1_ps(scale));
     return _mm256_cvttps_epi32(_mm256_add_ps(_mm256_max_ps(values, _mm256_setzero_ps()), _mm256_set1_ps(0.5f)));
@@ -129,7 +130,7 @@ struct Avx2 {
 };
 
 struct Avx2Sums {
-    // Apart, so that what stays the same has registers.
+    // A separate function, so that loop invariants stay in registers.
     template <int C, class T>
     [[gnu::noinline]] static void add_taps(const Source& source, const Block<Fraction<T>>* blocks, int count,
                                            Sum<T>* sums, uint16_t* inside) {

@@ -1,4 +1,4 @@
-// What AVX-512 adds to AVX2: vectors of 64 bytes, and bytes that go to any place of them in one step (VBMI).
+// Additions of AVX-512 to AVX2: 64-byte vectors and arbitrary byte permutations in one instruction (VBMI).
 #pragma once
 
 #include "avx2.hpp"
@@ -6,7 +6,7 @@
 namespace omnimirror {
 namespace {
 
-// A vector of bytes of which each follows from its place, found by the compiler: kernels are made once a strip.
+// A vector of bytes computed from their indices at compile time, because kernels are constructed once per strip.
 struct alignas(64) Bytes {
     uint8_t bytes[64]{};
 };

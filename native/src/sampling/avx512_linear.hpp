@@ -1,4 +1,4 @@
-// Bilinear samples of uint8 pictures, 16 pixels at a time. See linear_pixel for the arithmetic.
+// Bilinear samples of uint8 images, 16 pixels at a time. See linear_pixel for the arithmetic.
 #pragma once
 
 #include "avx2_linear.hpp"
@@ -7,18 +7,19 @@
 namespace omnimirror {
 namespace {
 
-// The arithmetic of linear_pixel: 32 values less 128, in words, of 64 in each row, pairs of neighbours that adjoin.
+// The arithmetic of linear_pixel: 32 values minus 128, as words, from 64 bytes in each row: pairs of adjacent
+// neighbours.
 struct WideBilinear {
     __m512i sign = kept(_mm512_set1_epi8(-128)), complement = kept(_mm512_set1_epi16(0x00ff));
     __m512i weight = kept(_mm512_set1_epi16(129 * 128)), one = kept(_mm512_set1_epi16(LINEAR_ONE));
     __m512i round = kept(_mm512_set1_epi16(256));
 
-    // Fractions stand in both bytes of a pair.
+    // Fractions are in both bytes of a pair.
     __m512i across(__m512i fx, __m512i row) const {
         return _mm512_maddubs_epi16(_mm512_xor_si512(fx, complement), _mm512_xor_si512(row, sign));
     }
 
-    // They stand in the upper byte of a word.
+    // Fractions are in the upper byte of a word.
     __m512i lower_weights(__m512i fy) const { return _mm512_mulhi_epu16(fy, weight); }
 
     __m512i mixed(__m512i fx, __m512i fy, __m512i upper_row, __m512i lower_row) const {
@@ -29,7 +30,7 @@ struct WideBilinear {
     }
 };
 
-// Fractions of two blocks: x of 8 pixels, y of them, x of the others, y of those.
+// Fractions of two blocks: x and y of the first 8 pixels, x and y of the other 8.
 __m512i fractions_of(const Block<uint8_t>* b) {
     return _mm512_castsi256_si512(_mm256_set_m128i(load16(b[1].fx), load16(b[0].fx)));
 }
@@ -39,14 +40,14 @@ __m512i offsets_of(const Block<uint8_t>* b) {
     return _mm512_inserti64x4(_mm512_castsi256_si512(load32(b[0].offsets)), load32(b[1].offsets), 1);
 }
 
-// 8 bytes of each of 8 places, by one instruction. On Intel's processors it takes less than loads one by one.
+// Load 8 bytes from each of 8 addresses with one gather instruction, which is faster than single loads on Intel CPUs.
 struct Gathered {
     static __m512i eights(const uint8_t* row, const uint32_t* offsets) {
         return _mm512_i32gather_epi64(load32(offsets), row, 1);
     }
 };
 
-// The same by loads, which on AMD's take half of the time.
+// The same with single loads, which take half the time on AMD CPUs.
 struct Loaded {
     static __m512i eights(const uint8_t* row, const uint32_t* o) {
         const auto two = [&](int i) { return load_pair(row + o[i], row + o[i + 1]); };
@@ -55,16 +56,16 @@ struct Loaded {
     }
 };
 
-// Colour: 8 bytes are fetched a pixel and row.
+// Colour: 8 bytes are loaded per pixel and row.
 template <class Fetch, int C>
 struct WideLinear {
     const uint8_t* data;
     ptrdiff_t row_step;
-    uint32_t last;  // the last offset from which 8 bytes of both rows can be read
+    uint32_t last;  // the last offset at which 8 bytes of both rows are readable
     __m512i pairs = kept(_mm512_broadcast_i32x4(_mm256_castsi256_si128(pairs_of_channels<C>())));
     __m512i x_places = bytes_of<[](int i) { return i / 8; }>();
     __m512i y_places = bytes_of<[](int i) { return i / 8 + 8; }>();
-    // Two pixels of 4 bytes of the first block and two of the second take turns.
+    // Two pixels of 4 bytes from the first block alternate with two from the second.
     __m512i order = bytes_of<[](int i) {
         const int pixel = i / C % 16;
         return pixel % 8 / 2 * 16 + pixel / 8 * 8 + pixel % 2 * 4 + i % C;
@@ -96,7 +97,8 @@ struct WideLinear {
     }
 };
 
-// Two channels: both neighbours of a pixel are 4 bytes. These and grey are worth 64 bytes at a time where they are gathered.
+// Two channels: both neighbours of a pixel are 4 bytes. For two channels and for grey, 64 bytes at a time are faster
+// only with gathers.
 template <>
 struct WideLinear<Gathered, 2> {
     const uint8_t* data;
@@ -125,7 +127,7 @@ struct WideLinear<Gathered, 2> {
     }
 };
 
-// Grey: the four neighbours of a pixel are 4 bytes, two of each row.
+// Grey: the four neighbours of a pixel are 4 bytes, two in each row.
 template <>
 struct WideLinear<Gathered, 1> {
     const uint8_t* data;

@@ -1,4 +1,4 @@
-// Where output pixels look, 16 at a time, where all coordinates are inner ones and the picture is narrow.
+// Source coordinates of output pixels, 16 at a time, for inner coordinates and narrow images.
 #pragma once
 
 #include "avx2_locate.hpp"
@@ -7,10 +7,10 @@
 namespace omnimirror {
 namespace {
 
-// See InnerLocator for what it computes.
+// Same computation as InnerLocator.
 struct WideLocator {
     __m512i steps, half = kept(_mm512_set1_epi16(128));
-    // Fractions stand in the upper bytes of words, x before y: those of a block come together.
+    // Fractions are in the upper bytes of words, x before y; those of one block are contiguous.
     __m512i order = bytes_of<[](int i) { return i % 32 / 16 * 32 + i % 8 * 4 + i % 16 / 8 * 2 + 1; }>();
 
     explicit WideLocator(const Geometry& g)
@@ -51,7 +51,7 @@ void locate_wide_cells(const float* weights, const RowOfCells& r, const Geometry
         locator.put(across.between(r.fine_x + j), across.between(r.fine_y + j), blocks + 2 * j);
 }
 
-// count is a multiple of 8; directions can be read beyond their end, blocks cannot be written there.
+// count is a multiple of 8; directions are readable beyond their end, but blocks are not writable there.
 void locate_wide_ring(const Polar& p, int row, int column, int count, const Geometry& g, Block<uint8_t>* blocks) {
     const WideLocator locator(g);
     const __m512 radius = _mm512_set1_ps(p.radii[row] * FINE);

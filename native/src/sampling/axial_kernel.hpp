@@ -1,9 +1,9 @@
-// The projection of targets: with the distances a across and z along the axis, q = sin(Omega/2) is sqrt((1 - z/|t|)/2) of
-// a direction t = (a, z), and of a point the root in solve_points; its pixel is centre + r(q) (right, down)/a, r from a
-// table that is linear in q.
+// Projection of targets. With the distances a across and z along the axis, q = sin(Omega/2) of a direction t = (a, z)
+// is sqrt((1 - z/|t|)/2), and of a point the root in solve_points. The pixel is centre + r(q) (right, down)/a, with r
+// from a table that is linear in q.
 //
-// 8 targets at a time, written so that compilers make vectors of it: no branches within a
-// loop over lanes, and comparisons that are false for NaN. Internal linkage and no library, as in common.hpp.
+// Targets are processed 8 at a time. Loops over lanes have no branches, so that compilers vectorise them, and
+// comparisons are false for NaN. Internal linkage and no library calls, as in common.hpp.
 #pragma once
 
 #include "axial.hpp"
@@ -13,15 +13,15 @@ namespace omnimirror {
 namespace {
 
 constexpr int LANES = 8;
-constexpr double SLACK = 1e-9;   // radians; the rim itself is seen
-constexpr double CLOSE = 1e-7;   // of sin(Omega/2): a Newton step this small leaves an error of about its square
-constexpr double GAP = 0.1;      // less than any jump of a sine between two directions that differ by 360 degrees
-constexpr int MOST_STEPS = 100;  // bisection alone needs 25
+constexpr double SLACK = 1e-9;   // radians; the rim itself is visible
+constexpr double CLOSE = 1e-7;   // of sin(Omega/2): the error after a Newton step of this size is about its square
+constexpr double GAP = 0.1;      // less than any jump of the sine between two directions that differ by 360 degrees
+constexpr int MOST_STEPS = 100;  // bisection alone requires 25
 
 using Lane = double[LANES];
 
-// sin and cos of half the angle between the axis and directions (across, along), without cancellation anywhere.
-// The angle lies between -90 and 270 degrees; past 180 the sine, which would fall again, is mirrored.
+// sin and cos of half the angle between the axis and directions (across, along), without cancellation. The angle lies
+// between -90 and 270 degrees; above 180 degrees, where the sine would decrease, it is mirrored.
 void half_angles(const Lane& across, const Lane& along, Lane& sine, Lane& cosine) {
     for (int i = 0; i < LANES; ++i) {
         const double length = std::sqrt(across[i] * across[i] + along[i] * along[i]);
@@ -34,7 +34,7 @@ void half_angles(const Lane& across, const Lane& along, Lane& sine, Lane& cosine
     }
 }
 
-// The place in a table that goes on in a straight line beyond its ends.
+// Position in a table, extrapolated linearly beyond its ends.
 struct Cell {
     int index[LANES];
     Lane fraction;
@@ -43,16 +43,16 @@ struct Cell {
 void find_cells(const Lane& q, double first, double per, int last, Cell& cell) {
     for (int i = 0; i < LANES; ++i) {
         const double position = (q[i] - first) * per;
-        double inside = position > 0 ? position : 0;  // also what NaN becomes
+        double inside = position > 0 ? position : 0;  // 0 for NaN
         inside = inside < last ? inside : last;
         cell.index[i] = static_cast<int>(inside);
         cell.fraction[i] = position - cell.index[i];
     }
 }
 
-// Where points (across >= 0, along) are seen: solves q = sin(phi(q)/2) by Newton's rule within a bracket that only
-// shrinks, phi the direction to the point from where the ray of q starts. The left side less the right side grows
-// at any root, so the root is unique. Without one, what comes out lies beyond the ends, or is NaN.
+// Project points (across >= 0, along): solve q = sin(phi(q)/2) with Newton's method and a shrinking bracket, where phi
+// is the direction from the origin of the ray of q to the point. The left side minus the right side increases at every
+// root, so the root is unique. Without a root, the result lies beyond the ends or is NaN.
 void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& sought) {
     const double reach = a.last - a.first;
     Lane q, low, high, sine, cosine, from_viewpoint;
@@ -86,8 +86,8 @@ void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& s
             next = next > a.first ? next : a.first;
             next = next < a.last ? next : a.last;
             is_moving |= std::fabs(next - q[i]) > CLOSE ? -1 : 0;
-            // At an end that is reached, what misses says by how much the point lies beyond. A gap that bisection
-            // closed in on is no root: it is of a point inside the mirror, or in its shadow.
+            // At an end of the bracket, the residual is the distance of the point beyond it. If bisection converges to
+            // a jump, there is no root: the point is inside the mirror or in its shadow.
             const bool is_beyond = ((miss > 0) & (q[i] <= a.first)) | ((miss < 0) & (q[i] >= a.last));
             const double met = std::fabs(miss) < GAP ? newton : NAN;
             sought[i] = is_beyond ? q[i] - miss : met;
@@ -109,7 +109,7 @@ void put_pixels(const Axial& a, const Targets& t, int64_t first, int count, cons
     const double from = a.first - SLACK, to = a.last + SLACK;
     const double least = a.radii[0], most = a.radii[a.radii_last + 1];
     for (int i = 0; i < LANES; ++i) {
-        const bool off_axis = across[i] > 0;  // on the axis any azimuth is as good
+        const bool off_axis = across[i] > 0;  // on the axis, any azimuth is valid
         const double r = radius[i] > 0 ? radius[i] : 0, scale = r / (off_axis ? across[i] : 1);
         u[i] = a.x + (off_axis ? scale * right[i] : r);
         v[i] = a.y + (off_axis ? scale * down[i] : 0);

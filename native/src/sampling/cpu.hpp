@@ -1,4 +1,4 @@
-// Which instruction set to use, from what the machine says when it runs.
+// Run-time selection of the instruction set.
 #pragma once
 
 #include <cstring>
@@ -8,8 +8,8 @@
 namespace omnimirror {
 
 #if defined(OMNIMIRROR_AVX512)
-// Exactly what kernels_avx512.cpp is compiled with. The compiler's library says yes only where the system keeps these
-// registers as well (XGETBV).
+// Exactly the flags with which kernels_avx512.cpp is compiled. The compiler's library also checks that the operating
+// system saves these registers (XGETBV).
 inline bool has_avx512() {
     return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
            __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
@@ -17,7 +17,7 @@ inline bool has_avx512() {
 }
 #endif
 
-// The kernels of that name, or nullptr where the machine or the build has none.
+// Return the kernels with this name, or nullptr if the machine or the build does not support them.
 inline const Kernels* kernels_named(const char* name) {
 #if defined(OMNIMIRROR_AVX512)
     if (!std::strcmp(name, "avx512") && has_avx512()) return &avx512_kernels;
@@ -28,7 +28,7 @@ inline const Kernels* kernels_named(const char* name) {
         return &avx2_kernels;
 #endif
 #if defined(OMNIMIRROR_NEON)
-    if (!std::strcmp(name, "neon")) return &neon_kernels;  // part of every 64-bit ARM
+    if (!std::strcmp(name, "neon")) return &neon_kernels;  // part of every 64-bit ARM processor
 #endif
     return std::strcmp(name, "plain") ? nullptr : &plain_kernels;
 }

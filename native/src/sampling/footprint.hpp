@@ -1,10 +1,10 @@
-// Averages over footprints: what an output pixel covers in the picture, half way to each of its neighbours, and the
-// mean of cubic samples spread evenly over that. Done block by block, so that all but the picture stays in the
-// first-level cache. src/omnimirror/dewarp/sampling.py does the same without anything compiled.
+// Averages over footprints. The footprint of an output pixel extends half way to each of its neighbours; its value is
+// the mean of cubic samples spaced evenly over the footprint. Output is processed in blocks, so that all data except
+// the image stays in the L1 cache. src/omnimirror/dewarp/sampling.py contains the equivalent Python implementation.
 //
-// Tap (i, j) of n x m lies at p + |s| a(s) + |t| b(t), s = (i + 1/2)/n - 1/2, t = (j + 1/2)/m - 1/2, where a is the way to
-// the neighbour on the left for s < 0 and on the right otherwise, b that above and below, each shortened by the factor
-// 1 - (sharp/|a|)^8, and to nothing where |a| <= sharp.
+// Tap (i, j) of n x m lies at p + |s| a(s) + |t| b(t), s = (i + 1/2)/n - 1/2, t = (j + 1/2)/m - 1/2, where a is the
+// vector to the left neighbour for s < 0 and to the right neighbour otherwise, and b likewise the vector to the
+// neighbour above or below. Each vector is scaled by 1 - (sharp/|a|)^8, or by 0 where |a| <= sharp.
 #pragma once
 
 #include <initializer_list>
@@ -24,7 +24,7 @@ void separate_as_floats(const uint8_t* pairs, int count, float* x, float* y) {
     for (int i = 0; i < count; ++i) x[i] = static_cast<float>(p[2 * i]), y[i] = static_cast<float>(p[2 * i + 1]);
 }
 
-// Coordinates of a row of output pixels, from any column to any other.
+// Source coordinates of the output pixels of one row in columns [left, right).
 template <class Isa>
 void find_row(const Job& job, int row, int left, int right, float* x, float* y) {
     if (job.where == Where::polar) {
@@ -57,9 +57,9 @@ void keep_inside(const Geometry& g, int count, float* __restrict x, float* __res
     }
 }
 
-// Coordinates of a block of output pixels and of their neighbours all around; NaN outside the picture. Above and below
-// the output they are extrapolated linearly, and beside it by a parabola: the columns at the seam of a full panorama
-// have neighbours on a circle.
+// Source coordinates of a block of output pixels and of the adjacent pixels on all sides; NaN outside the image. They
+// are extrapolated linearly above and below the output, and quadratically beyond its left and right edges, because at
+// the seam of a full panorama the adjacent columns lie on a circle.
 struct Neighbourhood {
     static constexpr int STRIDE = PANEL + 2 * HALO;
     static constexpr int SIZE = (BLOCK_ROWS + 2) * STRIDE;
@@ -91,14 +91,15 @@ struct Neighbourhood {
     }
 
   private:
-    // The next value before some known ones, by a parabola through three of them if there are as many.
+    // Extrapolate one value before the known ones, with a parabola through three of them if available, otherwise
+    // linearly.
     static float curved(const float* values, int step, int known) {
         const float one = values[0], two = known > 1 ? values[step] : one;
         const float bent = known > 2 ? 3 * (one - two) + values[2 * step] : NOWHERE;
         return bent == bent ? bent : 2 * one - two;
     }
 
-    // From the values at a place, in the direction away from those one step behind.
+    // Extrapolate linearly from a row and the row one step behind it.
     void go_on(int to, int from, int step_back, int count) {
         for (int i = 0; i < count; ++i) {
             xs[to + i] = 2 * xs[from + i] - xs[from + step_back + i];
@@ -107,13 +108,13 @@ struct Neighbourhood {
     }
 };
 
-// From each pixel of a strip to its neighbours, before and behind it on one axis: the sides of its footprint.
+// Vectors from each pixel of a strip to its two neighbours along one axis: the sides of its footprint.
 struct Sides {
     alignas(64) float x[2][STRIP], y[2][STRIP];
 };
 
-// A neighbour that is many times farther than the one opposite belongs to another view of a mosaic.
-constexpr float JUMP2 = 16, JUMP2_PX = 4;  // as in footprints.py
+// A neighbour many times farther away than the opposite one belongs to another view of a mosaic.
+constexpr float JUMP2 = 16, JUMP2_PX = 4;  // as in dewarp/_footprints.py
 
 bool is_missing(float square, float opposite) {
     return (square != square) | (square > JUMP2 * opposite + JUMP2_PX);
@@ -124,8 +125,8 @@ float shortened(float square, float sharp2) {
     return square > sharp2 ? 1 - squared * squared : 0;
 }
 
-// Where a neighbour is missing, the one opposite tells; but not where the field may end there, and nobody knows
-// where: then nothing is averaged.
+// A missing neighbour is replaced by the opposite one. Exception: if a coordinate is NaN and the field limits are
+// unknown, the field may end there, and the pixel is not averaged.
 void find_sides(const Neighbourhood& n, int place, int to_next, int count, const Footprints& f, Sides& sides) {
     const float *x = n.xs + place, *y = n.ys + place;
     const float *x0 = x - to_next, *y0 = y - to_next, *x1 = x + to_next, *y1 = y + to_next;
@@ -148,7 +149,8 @@ void find_sides(const Neighbourhood& n, int place, int to_next, int count, const
     }
 }
 
-// t is from -.5, half way to the neighbour before, to .5. Without sides nothing moves.
+// t ranges from -0.5, half way to the previous neighbour, to 0.5. If sides is nullptr, coordinates are copied
+// unchanged.
 void move(const float* x, const float* y, const Sides* sides, float t, int count, float* __restrict x_to,
           float* __restrict y_to) {
     if (!sides) {
@@ -161,7 +163,7 @@ void move(const float* x, const float* y, const Sides* sides, float t, int count
     for (int i = 0; i < count; ++i) x_to[i] = x[i] + part * dx[i], y_to[i] = y[i] + part * dy[i];
 }
 
-// Put outside the picture what lies outside the ring that is seen.
+// Set x to NaN outside the annular field of view.
 void keep_seen(const Footprints& f, int count, float* __restrict x, const float* __restrict y) {
     for (int i = 0; i < count; ++i) {
         const float dx = x[i] - f.x_centre, dy = y[i] - f.y_centre, square = dx * dx + dy * dy;
@@ -171,8 +173,8 @@ void keep_seen(const Footprints& f, int count, float* __restrict x, const float*
 
 float tap_at(int i, int count) { return (static_cast<float>(i) + 0.5f) / static_cast<float>(count) - 0.5f; }
 
-// Means of up to 8 pixels of which some have taps outside: of those inside. Where all are, the pixel itself is
-// sampled.
+// Means of up to 8 pixels with some taps outside the image: the mean of the taps inside, or a plain sample of the pixel
+// if no tap is inside.
 template <int C, class T>
 void mean_of_some(const Job& job, const Sum<T>* sums, const uint16_t* inside, const Block<Fraction<T>>& middle,
                   int count, T* out) {
@@ -190,7 +192,7 @@ bool are_all(const uint16_t* values, int count, int wanted) {
     return !differing;
 }
 
-// Of an axis along which there is one tap alone, the sides do not matter.
+// Sides are not computed along an axis with a single tap.
 template <class Isa, class Sums, int C, class T>
 void average_strip(const Job& job, const Neighbourhood& n, int place, int count, int across, int down, T* out) {
     using F = Fraction<T>;
@@ -237,7 +239,7 @@ void average_part(const Job& job, const Tile& part, int across, int down) {
     }
 }
 
-// Cells of a row that want as many taps are done together.
+// Adjacent cells of a row with equal tap counts are processed together.
 template <class Isa, class Sums, int C, class T>
 void average_tile(const Job& job, const Tile& tile) {
     const Footprints& f = job.footprints;

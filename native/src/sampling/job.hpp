@@ -1,4 +1,4 @@
-// What is to be sampled, from where, to where: plain data, shared by all instruction sets.
+// Description of a resampling job (source, coordinates, target): plain data, shared by all instruction sets.
 #pragma once
 
 #include <cstddef>
@@ -11,32 +11,32 @@ namespace omnimirror {
 enum class Interpolation { nearest = 0, linear = 1, cubic = 2 };
 enum class Depth { u8 = 0, u16 = 1, f32 = 2 };
 
-// Every output pixel is described by the offset of one source pixel and two fractions. The offset counts
-// elements (bytes of a uint8 picture) from the first pixel. Two kinds of pixel are told by the upper bit:
-constexpr uint32_t OUTSIDE = 0xffffffffu;  // not in the field: becomes the border colour
-constexpr uint32_t EDGE = 0x80000000u;     // cubic taps beyond the picture: the edge is repeated, slowly
+// Each output pixel is described by the offset of one source pixel and two fractions. The offset counts elements (bytes
+// of a uint8 image) from the first pixel. Two special cases are encoded in the upper bit:
+constexpr uint32_t OUTSIDE = 0xffffffffu;  // outside the field: set to the border colour
+constexpr uint32_t EDGE = 0x80000000u;     // cubic taps beyond the image: slow path that replicates the edge
 constexpr int64_t LARGEST_OFFSET = 0x7fff0000;
 
-constexpr int STRIP = 64;   // output pixels described at a time, in the first-level cache
-constexpr int PANEL = 128;  // columns of the output that are worked on together, so that source pixels stay in a cache
+constexpr int STRIP = 64;   // output pixels processed at a time, in the L1 cache
+constexpr int PANEL = 128;  // output columns processed together, so that source pixels stay in a cache
 
-// 8 adjoining output pixels. Fractions F are uint8_t in 255ths of a pixel, or uint16_t in 65535ths.
+// 8 adjacent output pixels. Fractions F are uint8_t in units of 1/255 pixel, or uint16_t in units of 1/65535 pixel.
 template <class F>
 struct Block {
     uint32_t offsets[8];
     F fx[8], fy[8];
 };
 
-// Pictures narrower or lower than this are copied into a larger one that repeats their edge, so that no
-// kernel has to think of pictures smaller than its loads.
+// Images narrower or lower than this are copied into a larger one with replicated edges, so that no kernel needs to
+// handle images smaller than its loads.
 constexpr int SMALLEST_SIDE = 16;
 
-// The source picture as the kernels need it: pixels adjoin, rows are row_step elements apart.
+// Geometry of the source image: pixels are contiguous; rows are row_step elements apart.
 struct Geometry {
-    int width, height;              // where coordinates are valid: -0.5 to width - 0.5
-    int x0_max, y0_max;             // the last pixel that has a right or lower neighbour in memory
+    int width, height;              // valid coordinates: -0.5 to width - 0.5
+    int x0_max, y0_max;             // the last pixel with a right or lower neighbour in memory
     uint32_t pixel_step, row_step;  // in elements
-    // Pixels x0 in [x_inner, x_inner + x_span] and likewise y0 need no repeated edge.
+    // Pixels x0 in [x_inner, x_inner + x_span], and likewise y0, need no edge replication.
     int x_inner, y_inner;
     uint32_t x_span, y_span;
 };
@@ -45,54 +45,54 @@ struct Source {
     const uint8_t* data;
     Depth depth;
     int channels;
-    int64_t elements;  // from the first to the last that may be read
+    int64_t elements;  // number of readable elements
     Geometry geometry;
 };
 
 struct Target {
     uint8_t* data;
     int width, height;
-    ptrdiff_t stride;  // bytes; pixels adjoin
+    ptrdiff_t stride;  // bytes; pixels are contiguous
 };
 
-// Where output pixels look: one of these.
+// Source coordinates of output pixels, in one of the following forms.
 struct Coordinates {
-    const uint8_t* data;   // (x, y) pairs that adjoin
+    const uint8_t* data;   // contiguous (x, y) pairs
     ptrdiff_t row_stride;  // bytes
     bool is_double;
 };
 
-constexpr int BEYOND = 16;  // values behind the end of some arrays that may be read but do not count
+constexpr int BEYOND = 16;  // readable but unused values after the end of some arrays
 
 struct Polar {  // centre + radii[row] * (cosines, sines)[column]
     const float* radii;
-    const float *cosines, *sines;  // and BEYOND
+    const float *cosines, *sines;  // followed by BEYOND values
     float x, y;
-    float reach;  // the largest cosine or sine there is
+    float reach;  // the largest absolute cosine or sine
 };
 
-// States of cells that are interpolated; others are indices of patches.
+// States of interpolated cells; other values are indices of patches.
 constexpr int32_t INTERPOLATED = -1;
-constexpr int32_t INNER = -2;  // and lie so far within the picture that nothing need be checked
+constexpr int32_t INNER = -2;  // interpolated, and far enough inside the image to need no checks
 
 struct Nodes {           // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
-    const float *x, *y;  // (rows, columns), and BEYOND
+    const float *x, *y;  // (rows, columns), followed by BEYOND values
     int rows, columns;
     int log2_step;
-    const float* weights;      // (4, step) along a row, and BEYOND
+    const float* weights;      // (4, step) along a row, followed by BEYOND values
     const float* row_weights;  // (4, step) down a column
     const int32_t* cells;  // (cell rows, cell columns), states
     const float* patches;  // (n, step, step, 2) coordinates of cells that must not be interpolated
     int cell_columns;
 };
 
-// Blocks in the order in which they are wanted: panel after panel, row after row, from left to right.
+// Blocks in the order of access: by panels, then rows, from left to right.
 struct Packed {
-    const void* blocks;  // of uint8_t or uint16_t, as is_deep says
+    const void* blocks;  // of uint8_t or uint16_t, according to is_deep
     int rows, columns;
 };
 
-// Where in a packed map the block is that starts at a row and a column.
+// Index of the block of a packed map that starts at a given row and column.
 inline ptrdiff_t place_in_panels(int rows, int columns, int row, int column) {
     const int start = column / PANEL * PANEL;
     const int width = (columns - start < PANEL ? columns - start : PANEL) + 7;
@@ -101,17 +101,16 @@ inline ptrdiff_t place_in_panels(int rows, int columns, int row, int column) {
 
 enum class Where { coordinates, polar, nodes, packed };
 
-// Which output pixels are averages over their footprint in the picture, and of how many taps: so many across and
-// down for each cell of step x step pixels. 1 x 1 is a plain sample.
-constexpr int MOST_TAPS = 128;  // a side
+// Averages over footprints in the image: the number of taps across and down for each cell of step x step output pixels.
+// 1 x 1 is a plain sample.
+constexpr int MOST_TAPS = 128;  // per side
 
 struct Footprints {
-    const uint8_t* taps;  // (cell rows, cell columns, 2), or nullptr: nothing is averaged
+    const uint8_t* taps;  // (cell rows, cell columns, 2), or nullptr: no averaging
     int columns, step;
-    // A side of a footprint of s px is shortened by the factor 1 - (sharp / s)^8, and to nothing up to sharp; this
-    // is sharp^2.
+    // A footprint side of s px is scaled by 1 - (sharp / s)^8, or by 0 if s <= sharp; sharp2 is sharp^2.
     float sharp2;
-    // Only what lies between two distances from a point of the picture is seen; unknown if most2 is 0.
+    // The field of view is the annulus between two radii around a centre; unknown if most2 is 0.
     float x_centre, y_centre, least2, most2;
 };
 
@@ -119,9 +118,9 @@ struct Job {
     Source source;
     Target target;
     Interpolation interpolation;
-    uint8_t border[16];  // one pixel, in the source's depth
+    uint8_t border[16];  // one pixel, in the depth of the source
     Where where;
-    Coordinates coordinates;  // beside a packed map too, where footprints are averaged
+    Coordinates coordinates;  // also set with a packed map if footprints are averaged
     Polar polar;
     Nodes nodes;
     Packed packed;
@@ -129,10 +128,10 @@ struct Job {
 };
 
 struct Tile {
-    int top, bottom, left, right;  // left is a multiple of 8, and of the step of nodes
+    int top, bottom, left, right;  // left is a multiple of 8 and of the step of nodes
 };
 
-// A packed map that is being made: rows from top to bottom of coordinates.
+// A packed map under construction: rows from top to bottom of coordinates.
 struct Packing {
     Coordinates coordinates;
     Geometry geometry;
@@ -148,12 +147,12 @@ inline int size_of(Depth depth) { return depth == Depth::u8 ? 1 : depth == Depth
 
 enum class Level { PLAIN, AVX2, AVX512 };
 
-// What each instruction set implements, in a translation unit of its own.
+// Kernels of one instruction set, implemented in a separate translation unit.
 struct Kernels {
     const char* name;
-    Level level;  // that much at least: what the other rooms go by
+    Level level;  // lower bound of the instruction set: selects the kernels of the other folders
     void (*sample)(const Job&, const Tile&);
-    void (*average)(const Job&, const Tile&);  // the same where there are footprints
+    void (*average)(const Job&, const Tile&);  // sampling with footprints
     void (*pack)(const Packing&, int top, int bottom);
     void (*project)(const Axial&, const Targets&, int64_t first, int64_t last);
 };

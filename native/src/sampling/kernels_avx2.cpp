@@ -1,4 +1,4 @@
-// The kernels for x86 with AVX2.
+// Kernels for x86 with AVX2.
 #include "avx2_strips.hpp"
 #include "axial_kernel.hpp"
 

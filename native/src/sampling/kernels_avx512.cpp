@@ -1,5 +1,5 @@
-// The kernels for x86 with AVX-512, the byte shuffles of VBMI included: bilinear samples and the places that inner
-// cells and rings look at. What 64 bytes at a time gain nothing for is as with AVX2, compiled for more registers.
+// Kernels for x86 with AVX-512, including VBMI: bilinear samples, and source coordinates of inner cells and rings. The
+// other kernels, which do not gain from 64-byte vectors, are those of AVX2, compiled for more registers.
 #include <type_traits>
 
 #include "avx2_strips.hpp"
@@ -18,7 +18,7 @@ void sample_by_16(const Job& job, const Strip<uint8_t>& s) {
         const Block<uint8_t>* blocks = s.blocks + i / 8;
         const Block<uint8_t>* ahead = s.ahead ? s.ahead + i / 8 : nullptr;
         const int left = s.count - i;
-        _mm_prefetch(reinterpret_cast<const char*>(blocks) + 2048, _MM_HINT_T0);  // a packed map goes on there
+        _mm_prefetch(reinterpret_cast<const char*>(blocks) + 2048, _MM_HINT_T0);  // a packed map continues there
         _mm_prefetch(reinterpret_cast<const char*>(blocks) + 2048 + 64, _MM_HINT_T0);
         if (__builtin_expect(left < 16 || _mm512_cmpgt_epu32_mask(offsets_of(blocks), last), 0)) {
             sample_by_8<Linear<C>, Interpolation::linear, C>(job, {blocks, smaller(left, 16), s.out + i * C, ahead});
@@ -61,7 +61,7 @@ struct Avx512 : Avx2 {
 
 const Kernels avx512_kernels{"avx512", Level::AVX512, &sample<Avx512<Loaded>>, &average<Avx512<Loaded>, Avx2Sums>,
                              &pack<Avx512<Loaded>>, &project_targets};
-// They differ in what samples alone.
+// The two sets differ only in their samplers.
 const Kernels avx512_gather_kernels{"avx512-gather",
                                     Level::AVX512,
                                     &sample<Avx512<Gathered>>,

@@ -1,4 +1,4 @@
-// The kernels for 64-bit ARM. To the last bit the arithmetic of linear_pixel and cubic_sum.
+// Kernels for 64-bit ARM. The results equal those of linear_pixel and cubic_sum bit by bit.
 #include <arm_neon.h>
 
 #include <type_traits>
@@ -10,7 +10,7 @@
 namespace omnimirror {
 namespace {
 
-// 4 pixels of 4 bytes, of which the first C are written.
+// Store 4 pixels of 4 bytes, the first C of which are written.
 template <int C>
 void store_4(uint8x16_t pixels, uint8_t* out) {
     if constexpr (C == 4) {
@@ -24,7 +24,7 @@ void store_4(uint8x16_t pixels, uint8_t* out) {
     }
 }
 
-// Fetching reads 8 or 16 bytes of a row; offsets up to last allow it.
+// Loads read 8 or 16 bytes of a row; they are valid at offsets up to last.
 template <int C>
 struct Linear {
     static constexpr int AT_ONCE = 4;
@@ -35,7 +35,7 @@ struct Linear {
     explicit Linear(const Source& s)
         : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - row_step - 8)) {}
 
-    // One row of one pixel, less 128, times 255; the first 4 of 8 words count.
+    // One row of one pixel, minus 128, times 255; the first 4 of 8 words are used.
     static int16x4_t across(const uint8_t* row, uint8_t fx) {
         const uint8x8_t left = vld1_u8(row);
         const uint8x8_t right = vext_u8(left, left, C);
@@ -74,7 +74,7 @@ struct Cubic {
           row_step(s.geometry.row_step),
           last(static_cast<uint32_t>(s.elements - 2 * row_step + C - 16)) {}
 
-    // A row's bytes times a weight, less 8 bits, in 8 words from byte 0 or 8.
+    // Bytes of a row times a weight, without the lowest 8 bits, as 8 words from byte 0 or 8.
     static uint16x8_t weigh(uint8x8_t bytes, uint32_t magnitude) {
         const uint16x8_t values = vshll_n_u8(bytes, 8 - 1), doubled = vaddq_u16(values, values);
         const uint16_t weight = static_cast<uint16_t>(magnitude);
@@ -96,7 +96,7 @@ struct Cubic {
         return {halves[0], halves[1]};
     }
 
-    // With 20 bits after the point, on top of a beginning.
+    // With 20 fractional bits, added to an initial value.
     static int32x4_t sum(const uint8_t* inner, ptrdiff_t row_step, uint8_t fx, uint8_t fy, int beginning) {
         const Columns v = columns(inner - row_step - C, row_step, CUBIC.magnitudes[fy]);
         const int16_t* w = CUBIC.weights[fx];

@@ -1,4 +1,4 @@
-// The kernels for every machine.
+// The portable kernels.
 #include "axial_kernel.hpp"
 #include "footprint.hpp"
 

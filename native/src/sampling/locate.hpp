@@ -1,4 +1,4 @@
-// Where output pixels look, in plain C++: see common.hpp.
+// Source coordinates of output pixels, in plain C++: see common.hpp.
 #pragma once
 
 #include "common.hpp"
@@ -6,17 +6,17 @@
 namespace omnimirror {
 namespace {
 
-// Up to STRIP adjoining output pixels. Entries up to the next multiple of 8 can be read, and are harmless.
+// Up to STRIP adjacent output pixels. Entries up to the next multiple of 8 are readable and valid.
 template <class F>
 struct Strip {
     const Block<F>* blocks;
     int count;
     uint8_t* out;
-    const Block<F>* ahead;  // as many that are wanted soon, or nullptr
+    const Block<F>* ahead;  // as many blocks, to be prefetched, or nullptr
 };
 
-// Coordinates of 8 pixels to offsets and fractions. Written so that compilers vectorise it: no branches, and
-// comparisons that are false for NaN.
+// Convert coordinates of 8 pixels to offsets and fractions. The loop has no branches, so that compilers vectorise it;
+// comparisons are false for NaN.
 template <Interpolation I, class Real, class F>
 void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry& g, Block<F>& __restrict block) {
     const Real right = static_cast<Real>(g.width - 0.5), bottom = static_cast<Real>(g.height - 0.5);
@@ -47,12 +47,12 @@ void locate_8(const Real* __restrict x, const Real* __restrict y, const Geometry
     }
 }
 
-// Above this float has gaps of a pixel: x + 1/2 is not exact, and neither is the last pixel.
+// Above this value the spacing of float is 1: x + 1/2 and the index of the last pixel are not exact.
 constexpr int LONG_SIDE = 1 << 23;
 
 bool is_long(const Geometry& g) { return g.width > LONG_SIDE || g.height > LONG_SIDE; }
 
-// x and y hold count, a multiple of 8 and at most STRIP + 8.
+// x and y hold count values; count is a multiple of 8 and at most STRIP + 8.
 template <Interpolation I, class Real, class F>
 void locate(const Real* x, const Real* y, int count, const Geometry& geometry, Block<F>* blocks) {
     const Geometry g = geometry;
@@ -65,7 +65,7 @@ void locate(const Real* x, const Real* y, int count, const Geometry& geometry, B
     for (int i = 0; i < count; i += 8) locate_8<I>(x + i, y + i, g, blocks[i / 8]);
 }
 
-// Separate (x, y) pairs, and repeat the last one up to a multiple of 8.
+// Split (x, y) pairs into two arrays, and repeat the last value up to a multiple of 8.
 template <class Real>
 void separate(const uint8_t* pairs, int count, Real* __restrict x, Real* __restrict y) {
     const Real* p = reinterpret_cast<const Real*>(pairs);
@@ -80,7 +80,8 @@ void locate_pairs(const Coordinates& c, int row, int column, int count, const Ge
     Isa::template locate<I>(x, y, round_up8(count), g, blocks);
 }
 
-// Whether a disc lies so far within the picture that no coordinate in it needs a check, and no tap an edge.
+// Return whether a disc lies so far inside the image that its coordinates need no checks and its taps no edge
+// replication.
 bool is_inner(const Geometry& g, float x, float y, float radius) {
     return x - radius >= 2 && x + radius <= static_cast<float>(g.width - 3) && y - radius >= 2 &&
            y + radius <= static_cast<float>(g.height - 3);
@@ -93,9 +94,9 @@ void polar_coordinates(const Polar& p, int row, int column, int count, float* __
         for (int k = i; k < i + 8; ++k) x[k] = p.x + radius * cosines[k], y[k] = p.y + radius * sines[k];
 }
 
-constexpr float FINE = 65536;  // steps into which some kernels divide a pixel
+constexpr float FINE = 65536;  // subdivisions of a pixel in some kernels
 
-// Columns of nodes weighed along the rows, for one row of a strip: 8 at a time, and so up to 7 too many.
+// Interpolate columns of nodes vertically, for one row of a strip; 8 at a time, so up to 7 extra values are written.
 void weigh_nodes(const float* __restrict nodes, ptrdiff_t columns, const float* weights, int step, int count,
                  float* __restrict out, float* __restrict fine) {
     const float wa = weights[0], wb = weights[step], wc = weights[2 * step], wd = weights[3 * step];
@@ -107,8 +108,8 @@ void weigh_nodes(const float* __restrict nodes, ptrdiff_t columns, const float* 
         }
 }
 
-// One row of one cell, from four columns of nodes that have been weighed along the rows. 8 at a time, so that
-// compilers make one vector of them.
+// One row of one cell, from four vertically interpolated columns of nodes; 8 at a time, so that compilers use one
+// vector.
 void cell_row(const float* x_nodes, const float* y_nodes, const float* __restrict weights, int step,
               float* __restrict x, float* __restrict y) {
     const float xa = x_nodes[0], xb = x_nodes[1], xc = x_nodes[2], xd = x_nodes[3];
@@ -121,13 +122,13 @@ void cell_row(const float* x_nodes, const float* y_nodes, const float* __restric
         }
 }
 
-// The cells of one row of a strip. column and STRIP are multiples of the step, so a strip is made of whole cells; what
-// the last one has beyond the picture is found too, and does no harm.
+// The cells of one row of a strip. column and STRIP are multiples of the step, so a strip consists of whole cells;
+// coordinates of the last cell beyond the image are computed too, but not used.
 struct RowOfCells {
     int count, step, phase;
     bool is_inner;
     const int32_t* states;
-    alignas(32) float x[24], y[24];  // nodes weighed along the rows; up to 19 are needed
+    alignas(32) float x[24], y[24];  // vertically interpolated nodes; at most 19 are needed
     alignas(32) float fine_x[24], fine_y[24];
 };
 
@@ -141,8 +142,8 @@ void weigh_row(const Nodes& n, int row, int column, int pixels, RowOfCells& r) {
     for (int j = 0; j < r.count; ++j) r.is_inner &= r.states[j] == INNER;
 }
 
-// x and y have room for half a vector more than a strip: cells of 4 pixels are made 8 at a time, and the next cell
-// overwrites what is too much.
+// x and y have room for half a vector beyond a strip: cells of 4 pixels are computed 8 at a time, and the next cell
+// overwrites the excess values.
 template <class Isa>
 void node_coordinates(const Nodes& n, const RowOfCells& r, float* x, float* y) {
     for (int j = 0; j < r.count; ++j) {
@@ -175,7 +176,7 @@ void locate_polar(const Polar& p, const Geometry& g, int row, int column, int co
     Isa::template locate<I>(x, y, round_up8(count), g, blocks);
 }
 
-// A strip of a packed map. Full strips that follow each other adjoin, and there are at most two in a row.
+// A strip of a packed map. Consecutive full strips are contiguous, with at most two per row.
 template <class F>
 Strip<F> packed_strip(const Job& job, int row, int column, int count, uint8_t* out) {
     const Packed& p = job.packed;

@@ -1,4 +1,4 @@
-// The samplers as omnimirror.dewarp calls them.
+// Python interface of the samplers, used by omnimirror.dewarp.
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
@@ -28,7 +28,7 @@ using In = nb::ndarray<nb::ro, nb::device::cpu>;
 using Out = nb::ndarray<nb::device::cpu>;
 using Cells = Array<const int32_t, nb::ndim<2>>;
 using Taps = Array<const uint8_t, nb::ndim<3>>;
-using Border = std::variant<double, std::vector<double>>;  // for all channels, or for each
+using Border = std::variant<double, std::vector<double>>;  // for all channels, or one per channel
 
 template <class A>
 Depth depth_of(const A& array) {
@@ -38,7 +38,7 @@ Depth depth_of(const A& array) {
     return Depth::f32;
 }
 
-// (rows, columns, channels) whose pixels adjoin; rows may lie apart, but not overlap.
+// (rows, columns, channels) with contiguous pixels; rows may have gaps, but must not overlap.
 template <class A>
 Picture picture_of(const A& array, const char* name) {
     const auto* data = reinterpret_cast<const uint8_t*>(checked(array, name, {ANY, ANY, ANY}));
@@ -46,12 +46,12 @@ Picture picture_of(const A& array, const char* name) {
     const int height = count_of(array.shape(0), "height"), width = count_of(array.shape(1), "width");
     const int channels = count_of(array.shape(2), "channels", 4);
     require(channels >= 1, "pictures must have 1 to 4 channels");
-    if (array.size() == 0) return {data, width, height, channels, 0, depth};  // its strides mean nothing
+    if (array.size() == 0) return {data, width, height, channels, 0, depth};  // strides of empty arrays are arbitrary
     require(channels == 1 || array.stride(2) == 1, "channels must adjoin");
     require(width <= 1 || array.stride(1) == channels, "pixels must adjoin");
     const int64_t across = int64_t{width} * channels;
     const int64_t row_step = height > 1 ? array.stride(0) : across;
-    checked<int64_t>(row_step, "stride of rows", across, MAX_LENGTH);  // downwards, without overlap
+    checked<int64_t>(row_step, "stride of rows", across, MAX_LENGTH);  // increasing, without overlap
     return {data, width, height, channels, static_cast<ptrdiff_t>(row_step * size_of(depth)), depth};
 }
 
@@ -67,7 +67,7 @@ Target target_of(const Out& array, const Picture& source) {
     return {static_cast<uint8_t*>(array.data()), p.width, p.height, p.stride};
 }
 
-// (rows, columns, 2), of which rows may lie anywhere.
+// (rows, columns, 2), with arbitrary row strides.
 Coordinates coordinates_of(const In& array, int64_t rows = ANY, int64_t columns = ANY) {
     const auto* data = static_cast<const uint8_t*>(checked(array, "coordinates", {rows, columns, 2}));
     const bool is_double = array.dtype() == nb::dtype<double>();
@@ -116,10 +116,10 @@ int step_of(int64_t step) {
     return static_cast<int>(step);
 }
 
-// How many taps each cell's pixels take: a copy, so that nobody changes it meanwhile.
+// Tap counts of each cell; copied, so that they cannot change after the check.
 class Averages {
   public:
-    using Ring = std::tuple<double, double, double, double>;  // centre, least and largest distance from it
+    using Ring = std::tuple<double, double, double, double>;  // centre, minimum and maximum distance from it
 
     Averages(const Taps& taps, int step, double sharp, const std::optional<Ring>& ring)
         : step_(step_of(step)), sharp2_(static_cast<float>(sharp * sharp)), ring_(ring.value_or(Ring{})) {
@@ -164,7 +164,7 @@ void remap(const In& src, const In& coordinates, const Out& dst, int interpolati
     run(job);
 }
 
-// Infinite where one is no number.
+// Return the largest absolute value; infinite if any value is NaN.
 float largest(const std::vector<float>& values) {
     float most = 0;
     for (const float value : values) {
@@ -174,7 +174,7 @@ float largest(const std::vector<float>& values) {
     return most;
 }
 
-// A copy that can be read a little beyond its end, and that nobody changes between its check and its use.
+// Copy with BEYOND readable values after the end; it cannot change between its check and its use.
 std::vector<float> longer(const float* values, size_t count) {
     std::vector<float> copy(count + BEYOND);
     std::copy_n(values, count, copy.begin());
@@ -198,7 +198,7 @@ void remap_polar(const In& src, const Floats& radii, const Floats& cosines, cons
     run(job);
 }
 
-// Cells, as they are checked: a copy.
+// Return a checked copy of the cells.
 std::vector<int32_t> cells_of(const Cells& cells, int64_t patches) {
     const int32_t* first = checked(cells, "cells", {ANY, ANY});
     const std::vector<int32_t> copy(first, first + cells.size());
@@ -206,7 +206,7 @@ std::vector<int32_t> cells_of(const Cells& cells, int64_t patches) {
     return copy;
 }
 
-// Nodes are three more than cells, down and across; they may be NaN, where the lattice ends.
+// The lattice has three more nodes than cells in each direction; nodes may be NaN where the lattice ends.
 std::vector<int32_t> checked_lattice(const Floats& x, const Floats& y, int step, const Cells& cells,
                                      const Floats& patches) {
     const int64_t rows = length_of(cells, 0), columns = length_of(cells, 1);
@@ -224,7 +224,8 @@ void find_sides_of_nodes(const Floats& x, const Floats& y, int step, const Cells
                            static_cast<int>(cells.shape(1)), patches.data(), sides);
 }
 
-// The sum of weights without their signs, at most; their own sum is 1, or nodes would not be interpolated.
+// Return the largest sum of the absolute values of a pixel's weights. The weights themselves must sum to 1, which
+// interpolation requires.
 float reach_of(const std::vector<float>& weights, int step) {
     float reach = 0;
     for (int i = 0; i < step; ++i) {
@@ -279,7 +280,7 @@ PackedMap* make_packed(const In& coordinates, int width, int height, int channel
                          height, channels, deep, kind);
 }
 
-// With averages, the coordinates that the map was made of are needed too.
+// Averages also require the coordinates from which the map was built.
 void sample_packed(const PackedMap& map, const In& src, const Out& dst, const Border& border,
                    const std::optional<In>& coordinates, const Averages* averages) {
     const Picture picture = source_of(src);

@@ -1,4 +1,4 @@
-// Samples of uint8 pictures of one channel and of two, as brightness and colours of YUV are, for 64-bit ARM.
+// Samples of uint8 images with one or two channels, such as luma and chroma of YUV, for 64-bit ARM.
 #pragma once
 
 #include <arm_neon.h>
@@ -20,7 +20,7 @@ inline uint32_t four_bytes(const uint8_t* p) {
     return v;
 }
 
-// A pixel's fraction for each of its channels: 8 pixels, or the first 4 twice.
+// The fraction of a pixel for each of its channels: 8 pixels, or the first 4 repeated.
 template <int C>
 uint8x8_t per_channel(const uint8_t* fractions) {
     if constexpr (C == 1) return vld1_u8(fractions);
@@ -28,7 +28,7 @@ uint8x8_t per_channel(const uint8_t* fractions) {
     return vzip1_u8(four, four);
 }
 
-// Both neighbours of a row, and of so many pixels that 8 values come of them.
+// Both neighbours in a row, of as many pixels as yield 8 values.
 struct Neighbours {
     uint8x8_t left, right;
 };
@@ -80,7 +80,7 @@ struct NarrowLinear {
     }
 };
 
-// The arithmetic of cubic_sum: each pixel in four parts, which add up to its channels' sums.
+// The arithmetic of cubic_sum: each pixel in four parts, which sum to its channels.
 template <int C>
 struct NarrowCubic {
     static constexpr int AT_ONCE = 4;
@@ -95,7 +95,7 @@ struct NarrowCubic {
         return vshrn_n_u32(vmull_n_u16(values, static_cast<uint16_t>(magnitude)), 8);
     }
 
-    // Four rows' values down 4 columns.
+    // Values of four rows in 4 columns.
     static int16x4_t down(const uint16x4_t* rows, const uint32_t* wy) {
         const uint16x4_t inner = vadd_u16(weighed(rows[1], wy[1]), weighed(rows[2], wy[2]));
         return vreinterpret_s16_u16(vsub_u16(inner, vadd_u16(weighed(rows[0], wy[0]), weighed(rows[3], wy[3]))));
@@ -117,7 +117,7 @@ struct NarrowCubic {
         return vmlal_s16(near, down(high, wy), vzip2_s16(wx, wx));
     }
 
-    // With 20 bits after the point: 4 pixels of one channel, or 2 of two.
+    // With 20 fractional bits: 4 pixels of one channel, or 2 pixels of two.
     int32x4_t sums(const uint32_t* o, const uint8_t* fx, const uint8_t* fy) const {
         const auto at = [&](int i) { return parts(o[i], fx[i], fy[i]); };
         if constexpr (C == 1) return vpaddq_s32(vpaddq_s32(at(0), at(1)), vpaddq_s32(at(2), at(3)));

@@ -1,4 +1,4 @@
-// A map that is made once, for pictures of one size that come again and again.
+// A map that is built once, for repeated images of one size.
 #pragma once
 
 #include <memory>
@@ -25,7 +25,7 @@ class PackedMap {
     Interpolation interpolation() const { return interpolation_; }
     size_t bytes() const { return blocks_->size(); }
 
-    // Blocks for pictures whose rows are row_step elements apart; kept until another step is asked for.
+    // Blocks for images whose rows are row_step elements apart; cached until another step is requested.
     using Blocks = std::vector<uint8_t, LargePages<uint8_t>>;
     std::shared_ptr<const Blocks> blocks_for(uint32_t row_step) const;
     Packed packed(const Blocks& blocks) const { return {blocks.data(), rows_, columns_}; }
@@ -36,7 +36,7 @@ class PackedMap {
     Interpolation interpolation_;
     uint32_t own_row_step_;
     std::shared_ptr<Blocks> blocks_;
-    mutable std::mutex mutex_;  // guards the two below
+    mutable std::mutex mutex_;  // guards the two members below
     mutable uint32_t other_row_step_ = 0;
     mutable std::shared_ptr<Blocks> other_blocks_;
 };

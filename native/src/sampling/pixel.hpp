@@ -1,4 +1,4 @@
-// The picture's value at one place, in plain C++: see common.hpp. At (x0 + t, y0 + s), t and s in [0, 1],
+// Image value at one position, in plain C++: see common.hpp. At (x0 + t, y0 + s), t and s in [0, 1],
 //   linear:  sum of (1 - t, t)_i (1 - s, s)_j f(x0 + i, y0 + j), i and j from 0 to 1
 //   cubic:   sum of w_i(t) w_j(s) f(x0 + i, y0 + j), i and j from -1 to 2, w the weights below
 #pragma once
@@ -8,8 +8,8 @@
 namespace omnimirror {
 namespace {
 
-// Weights of the two inner taps (>= 0) and, without their sign, of the two outer ones; their sum is 1.
-// Keys' kernel with a = -0.75, as in OpenCV.
+// Weights of the two inner taps (>= 0) and absolute weights of the two outer taps; the signed weights sum to 1. Keys'
+// kernel with a = -0.75, as in OpenCV.
 template <class Real>
 constexpr void cubic_weights(Real t, Real (&w)[4]) {
     const Real a = Real(0.75), s = 1 - t;
@@ -20,8 +20,8 @@ constexpr void cubic_weights(Real t, Real (&w)[4]) {
 }
 
 struct CubicTable {
-    int16_t weights[256][4];      // signed, 16384 is 1, their sum is 16384
-    uint32_t magnitudes[256][4];  // without sign, twice in 32 bits
+    int16_t weights[256][4];      // signed; 16384 is 1 and the sum of each row
+    uint32_t magnitudes[256][4];  // absolute values, repeated in both halves of 32 bits
 };
 
 constexpr CubicTable cubic_table() {
@@ -43,11 +43,11 @@ constexpr CubicTable cubic_table() {
 
 alignas(64) constexpr CubicTable CUBIC = cubic_table();
 
-// Vertical weights of uint8 pictures: fractions of 255 times 64.5, so that twice 255 * 128 * 16448 / 2^15
-// leaves a value with 7 bits after the point, in 16 bits.
+// Vertical weights of uint8 images: fractions of 255 times 64.5. Twice 255 * 128 * 16448 / 2^15 is then a value with 7
+// fractional bits, in 16 bits.
 constexpr int LINEAR_ONE = 16448;
 constexpr int linear_weight(int fy) { return (fy * 129) >> 1; }
-constexpr int multiply_high(int a, int b) { return (a * b + 0x4000) >> 15; }  // as pmulhrsw and sqrdmulh do
+constexpr int multiply_high(int a, int b) { return (a * b + 0x4000) >> 15; }  // as pmulhrsw and sqrdmulh
 constexpr uint8_t clamp8(int v) { return static_cast<uint8_t>(v < 0 ? 0 : v > 255 ? 255 : v); }
 
 template <class T>
@@ -63,7 +63,7 @@ float round_to<float>(float v) {
     return v;
 }
 
-// One pixel of uint8, to the last bit what the vector kernels give.
+// One uint8 pixel; equal to the vector kernels bit by bit.
 template <int C>
 void linear_pixel(const Source& s, uint32_t offset, uint8_t fx, uint8_t fy, uint8_t* out) {
     const uint8_t *upper = s.data + offset, *lower = upper + s.geometry.row_step;
@@ -86,7 +86,7 @@ void linear_pixel(const Source& s, uint32_t offset, uint16_t fx, uint16_t fy, T*
     }
 }
 
-// Four rows' values at four taps, of one channel, weighed: 20 bits of it after the point.
+// Weighted sum of four rows at four taps, one channel: 20 fractional bits.
 int cubic_sum(const uint8_t (&taps)[4][4], uint8_t fx, uint8_t fy) {
     int sum = 0;
     for (int k = 0; k < 4; ++k) {
@@ -121,7 +121,8 @@ T rounded_cubic(Sum sum) {
         return round_to<T>(sum);
 }
 
-// One pixel whose taps may lie beyond the picture: its edge is repeated. Every channel's sum goes to take(c, sum).
+// One pixel whose taps may be outside the image: the edge is replicated. Passes the sum of each channel to take(c,
+// sum).
 template <int C, class T, class F, class Take>
 void cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, Take take) {
     const Geometry& g = s.geometry;

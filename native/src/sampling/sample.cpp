@@ -13,7 +13,7 @@ namespace {
 
 std::atomic<const Kernels*> in_use{nullptr};
 
-// The copy of a small picture: its edge repeated to the right and below.
+// Copy of a small image, with its edge replicated to the right and below.
 std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
     const size_t pixel = static_cast<size_t>(p.channels * size_of(p.depth));
     std::vector<uint8_t> copy(pixel * static_cast<size_t>(width) * static_cast<size_t>(height));
@@ -27,9 +27,9 @@ std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
     return copy;
 }
 
-// A thread takes a band of whole rows, since threads that write into the same cache line hinder each other.
-// Within the band it goes from panel to panel, whose first rows are not fetched ahead: the higher the better, as long as
-// there are enough bands that threads which were kept waiting need not do as much as the others.
+// Each thread processes a band of whole rows, because threads that write to the same cache line slow each other down.
+// Within a band it proceeds panel by panel; the first rows of a panel are not prefetched. Bands are therefore as high
+// as possible, but numerous enough to balance the load if some threads are delayed.
 constexpr int BAND_HEIGHT = 256, LOWEST_BAND = 4, BANDS_PER_THREAD = 4;
 
 int band_height(int rows) {
@@ -101,8 +101,9 @@ Sampled::Sampled(const Picture& p, Interpolation interpolation) {
 
 namespace {
 
-// Mark cells that may reach to within 2 pixels of a side of the picture, or beyond it. Weights whose sum is 1, and r
-// without their signs, reach beyond the nodes by up to (r - 1)/2 of their range: Lagrange's by 9/32.
+// Mark cells that may reach within 2 pixels of a side of the image, or beyond it. Interpolation with weights whose sum
+// is 1 and whose absolute values sum to r exceeds the range of the nodes by at most (r - 1)/2 times this range; by 9/32
+// for Lagrange weights.
 void mark_outer(const float* nodes, const Nodes& n, int size, float beyond, std::vector<int32_t>& states) {
     std::vector<float> least(static_cast<size_t>(n.columns)), most(least);
     for (int row = 0; row + 3 < n.rows; ++row) {
@@ -111,7 +112,7 @@ void mark_outer(const float* nodes, const Nodes& n, int size, float beyond, std:
             const float* node = first + i;
             const float a = node[0], b = node[n.columns];
             const float c = node[2 * n.columns], d = node[3 * n.columns];
-            // std::min would drop NaN: 0 is added where all four are numbers, otherwise NaN.
+            // std::min would drop NaN: odd is 0 if all four values are finite, otherwise NaN.
             const float odd = (a - a) + (b - b) + (c - c) + (d - d);
             least[static_cast<size_t>(i)] = std::min(std::min(a, b), std::min(c, d)) + odd;
             most[static_cast<size_t>(i)] = std::max(std::max(a, b), std::max(c, d)) + odd;
@@ -135,7 +136,7 @@ std::vector<int32_t> states_of(const Nodes& n, const Geometry& g, float reach) {
     std::vector<int32_t> states(n.cells, n.cells + static_cast<ptrdiff_t>(n.rows - 3) * n.cell_columns);
     for (int32_t& state : states)
         if (state < 0) state = INNER;
-    const float beyond = std::max(0.3f, 0.51f * (reach - 1));  // a little more, for what is rounded
+    const float beyond = std::max(0.3f, 0.51f * (reach - 1));  // slightly increased, for rounding
     mark_outer(n.x, n, g.width, beyond, states);
     mark_outer(n.y, n, g.height, beyond, states);
     return states;

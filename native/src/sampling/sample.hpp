@@ -1,4 +1,4 @@
-// From a picture in memory to a job, and from a job to tiles on threads.
+// Conversion of an image in memory to a job, and of a job to tiles for threads.
 #pragma once
 
 #include <vector>
@@ -7,10 +7,10 @@
 
 namespace omnimirror {
 
-const Kernels& kernels();            // those in use
-bool use_kernels(const char* name);  // false where this machine has none of that name
+const Kernels& kernels();            // the selected kernels
+bool use_kernels(const char* name);  // false if kernels with this name are not available
 
-// A picture as the caller has it: pixels adjoin, rows are stride bytes apart.
+// The caller's image: pixels are contiguous; rows are stride bytes apart.
 struct Picture {
     const uint8_t* data;
     int width, height, channels;
@@ -18,7 +18,7 @@ struct Picture {
     Depth depth;
 };
 
-// What is sampled: the picture, or a copy of a small one with its edge repeated.
+// The sampled image, or an edge-replicated copy if it is small.
 class Sampled {
   public:
     Sampled(const Picture& picture, Interpolation interpolation);
@@ -29,16 +29,16 @@ class Sampled {
     Source source_;
 };
 
-// The geometry of a picture, or of its copy if it is small, in which case the row step does not matter.
+// The geometry of an image, or of its copy if it is small; the row step is then ignored.
 Geometry geometry_of(int width, int height, int channels, int64_t row_step, Interpolation interpolation);
 
 bool is_small(int width, int height);
 
-// The states of cells, with those marked that are inner ones. The weights of a pixel, whose sum is 1, have at most the sum
-// `reach` without their signs.
+// Return the states of cells, with inner cells marked. The weights of a pixel sum to 1, and their absolute values to at
+// most `reach`.
 std::vector<int32_t> states_of(const Nodes& nodes, const Geometry& geometry, float reach);
 
-// Fill the target; throws std::invalid_argument where the picture has too many elements for offsets of 31 bits.
+// Fill the target. Throws std::invalid_argument if the image has too many elements for 31-bit offsets.
 void sample(const Job& job);
 
 }  // namespace omnimirror

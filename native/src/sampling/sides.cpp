@@ -7,9 +7,9 @@
 namespace omnimirror {
 namespace {
 
-constexpr int EVERY = 4;  // pixels of a patch; its footprints change slowly
+constexpr int EVERY = 4;  // pixels of a patch between evaluated footprints, which change slowly
 
-// 0 for what is no number.
+// Squared length; 0 if NaN.
 float squared(float x, float y) {
     const float square = x * x + y * y;
     return square >= 0 ? square : 0;
@@ -34,7 +34,7 @@ void squared_sides_of_nodes(const float* x, const float* y, int step, const int3
     const auto side = [&](ptrdiff_t node, ptrdiff_t apart) {
         return squared((x[node + apart] - x[node - apart]) * scale, (y[node + apart] - y[node - apart]) * scale);
     };
-    // The longest of a row of cells' corners, above and below.
+    // The longest sides at the corners of a row of cells, above and below.
     std::vector<float> above(2 * static_cast<size_t>(cell_columns)), below(above.size());
     const auto find_corners = [&](int row, std::vector<float>& longest) {
         const ptrdiff_t first = (row + 1) * columns + 1;

@@ -1,4 +1,4 @@
-// Sums of many cubic samples of a pixel, and their mean: (1/n) sum_k f(p_k) over the n taps p_k inside the picture.
+// Sums of cubic samples of a pixel, and their mean: (1/n) sum_k f(p_k) over the n taps p_k inside the image.
 #pragma once
 
 #include "tiles.hpp"
@@ -6,7 +6,7 @@
 namespace omnimirror {
 namespace {
 
-// Of a pixel of uint8 with 7 bits after the point, of others as they are.
+// Sums of uint8 images have 7 fractional bits; others are float.
 template <class T>
 struct SumOf {
     using type = float;
@@ -19,8 +19,8 @@ template <class T>
 using Sum = typename SumOf<T>::type;
 constexpr float SUM_ONE = 128;
 
-// Sums of 8 pixels lie together, as vectors make them: of one and two channels in plain order, of more 4 values a
-// pixel in the order 0, 4, 1, 5, 2, 6, 3, 7.
+// The sums of 8 pixels are contiguous, in the order of the vector kernels: plain order for one and two channels;
+// otherwise 4 values per pixel, pixels in the order 0, 4, 1, 5, 2, 6, 3, 7.
 template <int C>
 constexpr int CHANNELS_OF_SUMS = C > 2 ? 4 : C;
 template <int C>
@@ -28,7 +28,7 @@ constexpr int place_of_sum(int i) {
     return C > 2 ? i / 8 * 32 + i % 4 * 8 + i % 8 / 4 * 4 : i * C;
 }
 
-// Add up to 8 pixels' taps that are inside the picture, and count them.
+// Add the taps inside the image, of up to 8 pixels, and count them.
 template <int C, class T>
 void add_8_taps(const Source& s, const Block<Fraction<T>>& b, Sum<T>* sums, uint16_t* inside) {
     for (int i = 0; i < 8; ++i) {

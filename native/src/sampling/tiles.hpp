@@ -1,4 +1,4 @@
-// The plain kernels, and the tiles that those of every instruction set fill.
+// The plain kernels, and tile loops shared by all instruction sets.
 #pragma once
 
 #include "locate.hpp"
@@ -44,7 +44,7 @@ struct Plain {
 
 // -- tiles -----------------------------------------------------------------------------------------
 
-// Panels are too narrow for the processor to see where the next row will be written.
+// Panels are too narrow for the hardware to prefetch the destination of the next row.
 void fetch_to_write(uint8_t* out, int bytes) {
 #if defined(__GNUC__)
     for (int i = 0; i < bytes; i += 64) __builtin_prefetch(out + i, 1);
@@ -53,7 +53,7 @@ void fetch_to_write(uint8_t* out, int bytes) {
 #endif
 }
 
-// Goes from strip to strip of a tile, row after row.
+// Iterates over the strips of a tile, row by row.
 struct Cursor {
     const Tile& tile;
     int row, column, index = 0;
@@ -68,18 +68,18 @@ struct Cursor {
     }
 };
 
-// Locates the strips of a tile one after the other.
+// Locates the strips of a tile in sequence.
 template <class Isa, Interpolation I, class F>
 struct Locator {
     static constexpr int SLOTS = AHEAD + 1;
 
     const Job& job;
-    Cursor at, weighed;  // nodes are weighed one strip earlier still: what follows would wait for them
+    Cursor at, weighed;  // nodes are interpolated one strip ahead, to hide the latency
     RowOfCells cells[2];
     alignas(64) Block<F> blocks[SLOTS][STRIP / 8];
 
     Locator(const Job& j, const Tile& tile) : job(j), at(tile), weighed(tile) {
-        if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // it has no fractions
+        if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // nearest has no fractions
         weigh();
     }
 

@@ -1,6 +1,6 @@
-// The kernel of trials.hpp. Compiled once per instruction set, so everything here has internal linkage.
+// Kernel of trials.hpp. Compiled once per instruction set; therefore, everything has internal linkage.
 //
-// Objects go through in lanes: each step is a loop over all of them without branches, which compilers vectorise.
+// Objects are processed in lanes: each step is a branch-free loop over all of them, which compilers vectorise.
 #pragma once
 
 #include <cstddef>
@@ -27,15 +27,15 @@ struct Sum {
     }
 };
 
-// Arrays of lanes that are worked on for one trial after the other, and what is the same for all.
+// Working arrays of lanes, reused for one trial after the other, and data shared by all trials.
 struct Workspace {
     int lanes;
     std::vector<double> memory;
-    double *tx, *ty, *tz;                 // targets in the mirror's frame
+    double *tx, *ty, *tz;                 // targets in the mirror frame
     double *x, *y;                        // mirror points
     double *px, *py;                      // tangents
-    double *v00, *v01, *v10, *v11;        // vergences over image right and down
-    double *s0, *s1, *s2, *d0, *d1, *d2;  // squares and determinants of the blur, by the vergence in focus
+    double *v00, *v01, *v10, *v11;        // vergences in image right and down
+    double *s0, *s1, *s2, *d0, *d1, *d2;  // squares and determinants of the blur, by powers of vergence
     double *u, *v;                        // offsets, px
     double *startx, *starty, *refx, *refy, *j00, *j01, *j10, *j11, *area, *weight;
     double* left;  // residual: x of all, then y
@@ -58,7 +58,7 @@ struct Workspace {
     }
 
    private:
-    // Lanes beyond the last object repeat it, and weigh nothing.
+    // Padding lanes repeat the last object, with weight 0.
     void fill(const TrialField& f) {
         for (int i = 0; i < lanes; ++i) {
             const int k = i < f.count ? i : f.count - 1;
@@ -76,14 +76,14 @@ struct Workspace {
     }
 };
 
-// -- tracing.py --------------------------------------------------------------------------------------
+// -- ray tracing: trial_images.py --------------------------------------------------------------------
 
-// The path of light by way of a mirror point, and its derivatives over (x, y).
+// Optical path length via a mirror point, and its derivatives with respect to (x, y).
 struct Path {
     double dx, dy, dz;     // from the pupil to the mirror
     double gx, gy;         // gradient
     double a, b, c;        // H
-    double ba, bb, bc;     // B: without what the pupil adds
+    double ba, bb, bc;     // B: without the contribution of the pupil
     double sx, sy;         // slopes of the surface
     double facing;
 };
@@ -112,7 +112,7 @@ inline Path path_at(const S& surface, const double* pupil, double tx, double ty,
     return {dx, dy, dz, ux + qx, uy + qy, ba + pa, bb + pb, bc + pc, ba, bb, bc, h.gx, h.gy, pull};
 }
 
-// Targets in the mirror's frame.
+// Targets in the mirror frame.
 inline void turn_targets(const TrialJob& job, const double* number, Workspace& w) {
     const double *r = number + ROTATION, *shift = number + SHIFT;
     for (int i = 0; i < w.lanes; ++i) {
@@ -147,7 +147,7 @@ void find_mirror_points(const TrialJob& job, const S& surface, const double* num
     }
 }
 
-// Tangents and vergences at the mirror points; how many are lost.
+// Compute tangents and vergences at the mirror points; return the number of lost rays.
 template <bool DISTANT, class S>
 int look(const TrialJob& job, const S& surface, const double* number, Workspace& w) {
     const double pupil[3] = {number[PUPIL], number[PUPIL + 1], number[PUPIL + 2]};
@@ -167,7 +167,7 @@ int look(const TrialJob& job, const S& surface, const double* number, Workspace&
             const double over = over_z / (p.a * p.c - p.b * p.b);  // H^-1 B / z
             const double q00 = (p.c * p.ba - p.b * p.bb) * over, q01 = (p.c * p.bb - p.b * p.bc) * over;
             const double q10 = (p.a * p.bb - p.b * p.ba) * over, q11 = (p.a * p.bc - p.b * p.bb) * over;
-            const double a00 = s00 * q00 + s01 * q10, a01 = s00 * q01 + s01 * q11;  // S V S^-1; its 1/z is gone
+            const double a00 = s00 * q00 + s01 * q10, a01 = s00 * q01 + s01 * q11;  // S V S^-1; the factor 1/z cancels
             const double a10 = s10 * q00 + s11 * q10, a11 = s10 * q01 + s11 * q11;
             const double turn = 1 / (s00 * s11 - s01 * s10);
             w.v00[i] = (a00 * s11 - a01 * s10) * turn, w.v01[i] = (a01 * s00 - a00 * s01) * turn;
@@ -182,9 +182,9 @@ int look(const TrialJob& job, const S& surface, const double* number, Workspace&
     return job.field.count - static_cast<int>(kept.total());
 }
 
-// -- picture.py --------------------------------------------------------------------------------------
+// -- images and blur: trial_images.py ----------------------------------------------------------------
 
-// Offsets in px, and their derivatives by the tangents.
+// Offsets in px, and their derivatives with respect to the tangents.
 struct Imaged {
     double u, v, w00, w01, w10, w11, over;
 };
@@ -205,7 +205,7 @@ inline Imaged imaged(const double* number, double breath, double x, double y) {
     return {u, v, a * xx + b * xy, a * xy + b * yy, c * xx + d * xy, c * xy + d * yy, over};
 }
 
-// Vergence at which a tilted imager is in focus at a depth (mm) behind the lens, less that of its middle.
+// Vergence at which a tilted image sensor is in focus at a depth (mm) behind the lens, minus that of its centre.
 inline double tilted_by(const double* number, double depth) {
     const double f = number[FOCAL], at = f - number[BREATHING], v = number[VERGENCE];
     const double middle = f / (1 - number[BREATHING] * v);
@@ -245,7 +245,7 @@ inline void picture(const double* number, double breath, Workspace& w) {
         picture_on<false>(number, breath, w);
 }
 
-// Twice the square of the worst blur's diameter, with the focus at a vergence.
+// Twice the squared diameter of the largest blur, at a focused vergence.
 inline double worst_blur(double at, const Workspace& w) {
     Sum worst;
     for (int k = 0; k < w.lanes; k += LANE) {
@@ -308,7 +308,7 @@ inline void take_away(double much, const double* OMNIMIRROR_RESTRICT row, double
     }
 }
 
-// Solve a symmetric positive system of up to MOST_POSE unknowns in place, by Cholesky's rule.
+// Solve a symmetric positive definite system of up to MOST_POSE unknowns in place, by Cholesky decomposition.
 inline void solve(double (&m)[MOST_POSE][MOST_POSE], double (&b)[MOST_POSE], int n) {
     for (int j = 0; j < n; ++j) {
         for (int i = j; i < n; ++i) {
@@ -327,7 +327,7 @@ inline void solve(double (&m)[MOST_POSE][MOST_POSE], double (&b)[MOST_POSE], int
     }
 }
 
-// Motion by the pose that explains what is seen best, in the basis: seen becomes what it moves.
+// Fit the pose to the image motion in the basis, by least squares; replace the motion by that of the fitted pose.
 inline void explain(const TrialCompensators& c, double (&seen)[MOST_BASIS]) {
     double pose[MOST_POSE] = {}, moved[MOST_BASIS];
     const int n = c.pose, pairs = n * (n + 1) / 2;
@@ -350,14 +350,14 @@ inline void explain(const TrialCompensators& c, double (&seen)[MOST_BASIS]) {
                 for (int j = 0; j <= i; ++j) normal[i][j] += rate[i] * rate[j];
             }
         }
-        if (round == c.rounds) break;  // the last time only moves
+        if (round == c.rounds) break;  // the last round only evaluates the motion
         solve(normal, right, n);
         for (int i = 0; i < n; ++i) pose[i] += right[i];
     }
     for (int e = 0; e < c.basis_rows; ++e) seen[e] = moved[e];
 }
 
-// rms and worst of the residual, in px and in deg.
+// RMS and maximum of the residual, in px and in deg.
 inline void judge_motion(const TrialJob& job, const Workspace& w, double* merits) {
     const double *x = w.left, *y = w.left + w.lanes;
     Sum px, deg, worst_px, worst_deg;
@@ -395,7 +395,7 @@ inline void judge_motions(const TrialJob& job, Workspace& w, double* merits) {
     judge_motion(job, w, merits + 16);
 }
 
-// -- merits.py ---------------------------------------------------------------------------------------
+// -- merits: compensation.py -------------------------------------------------------------------------
 
 inline void judge_blur(const TrialJob& job, double aperture, double focus, const Workspace& w, double* merits) {
     const double square_mm = aperture * aperture, floor = job.floor;

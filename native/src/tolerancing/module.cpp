@@ -1,4 +1,4 @@
-// The part of omnimirror.base._native that omnimirror.manufacturing.tolerancing.evaluator calls.
+// Python interface of tolerancing, used by omnimirror.manufacturing.tolerancing.evaluator.
 
 #include <nanobind/stl/tuple.h>
 
@@ -15,7 +15,7 @@ using Objects = std::tuple<Doubles, Doubles, Doubles, Doubles, Doubles, bool>;
 using Rows = std::tuple<Doubles, Doubles, Doubles, Doubles, Doubles, int>;
 using Search = std::tuple<int, double, double, double, int>;
 
-constexpr int64_t MAX_PIECES = int64_t{1} << 24, MAX_OBJECTS = int64_t{1} << 24;  // products with int
+constexpr int64_t MAX_PIECES = int64_t{1} << 24, MAX_OBJECTS = int64_t{1} << 24;  // products fit into int
 
 RadialPieces pieces_of(const Pieces& table) {
     const auto& [coefficients, step] = table;

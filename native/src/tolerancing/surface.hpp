@@ -1,4 +1,4 @@
-// Heights of a mirror with errors over (x, y): surface.py, formula for formula. Everything has internal linkage.
+// Sag of a mirror with form errors over (x, y), as in perturbed_states.py. Everything has internal linkage.
 #pragma once
 
 #include "lanes.hpp"
@@ -11,12 +11,12 @@ struct Heights {
     double z, gx, gy, hxx, hxy, hyy;
 };
 
-// A meridian over s = r^2, with its derivatives by s.
+// A meridian over s = r^2, with its derivatives with respect to s.
 struct Profile {
     double value, first, second;
 };
 
-// Conic and polynomial; either may be missing.
+// Conic and polynomial; either may be absent.
 template <bool IS_CONIC, int TERMS>
 struct Formula {
     double curvature, bend, unit;  // c, (1 + k) c^2, 1 / N^2
@@ -60,7 +60,7 @@ struct Table {
 
     Profile at(double s) const {
         const double r = larger(root_of(s), least), q = r * inverse_step;
-        const int piece = static_cast<int>(smaller(q, last));  // of what is no number, the last
+        const int piece = static_cast<int>(smaller(q, last));  // NaN is assigned to the last piece
         const double t = q - piece, *a = pieces + 6 * piece;
         double z = a[5], slope = 0, bend = 0;
 #pragma GCC unroll 8
@@ -71,7 +71,8 @@ struct Table {
     }
 };
 
-// A form error in powers of x and y up to an order, by Horner's rule in y of polynomials in x.
+// Form error as a polynomial of limited order in x and y, by Horner's method in y with polynomials in x as
+// coefficients.
 template <int ORDER>
 struct Form {
     double unit;
@@ -101,7 +102,7 @@ struct Form {
     }
 };
 
-// None: a constant that only moves the mirror.
+// No form error: a constant, which only shifts the mirror.
 template <>
 struct Form<0> {
     double height;

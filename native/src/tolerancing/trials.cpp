@@ -9,7 +9,7 @@ namespace {
 
 constexpr int TRIALS_A_PIECE = 64;
 
-// The samplers choose the instructions; those without a kernel here take the plain one.
+// Uses the instruction set selected for the samplers, or the plain kernel if there is none for it.
 TrialKernel trial_kernel() {
 #if defined(OMNIMIRROR_AVX2)
     if (kernels().level >= Level::AVX2) return avx2_trials;

@@ -1,4 +1,5 @@
-// Sensors with errors: where each shows the objects of a field, how it blurs them, what calibrations leave.
+// Monte Carlo trials of sensors with errors: image positions and blur of the objects of a field, and residuals after
+// calibration.
 //
 // Formulas: src/omnimirror/manufacturing/tolerancing: perturbed_states.py, trial_images.py, compensation.py.
 #pragma once
@@ -7,11 +8,11 @@
 
 namespace omnimirror {
 
-// Numbers of a trial, in this order; polynomial and form follow.
+// Numbers of a trial, in this order, followed by polynomial and form error.
 enum TrialNumber : int {
-    ROTATION = 0,       // 9: from the mirror's frame to the camera's, by rows
+    ROTATION = 0,       // 9: from the mirror frame to the camera frame, by rows
     SHIFT = 9,          // 3: vertex in the camera frame, mm
-    PUPIL = 12,         // 3: centre of the entrance pupil in the mirror's frame, mm
+    PUPIL = 12,         // 3: centre of the entrance pupil in the mirror frame, mm
     CURVATURE = 15,     // 1/mm
     CONIC = 16,
     APERTURE = 17,      // mm
@@ -30,7 +31,7 @@ constexpr int MOST_FORM_ORDER = 12;
 
 enum Refocus : int { NOT_REFOCUSED = 0, LEAST_RMS = 1, LEAST_WORST = 2 };
 
-// A table of quintic pieces, for mirrors without a formula; pieces is 0 of others.
+// A table of quintic pieces, for mirrors without a formula; otherwise, pieces is 0.
 struct RadialPieces {
     const double* coefficients;  // (pieces, 6)
     int pieces;
@@ -48,7 +49,7 @@ struct TrialField {
 };
 
 struct TrialCompensators {
-    const double* affine;    // (affine_rows, 2 n), the first two of them shifts
+    const double* affine;    // (affine_rows, 2 n); the first two are shifts
     const double* basis;     // (basis_rows, 2 n)
     const double* straight;  // (basis_rows, pose)
     const double* bent;      // (basis_rows, pose (pose + 1) / 2)
@@ -58,17 +59,17 @@ struct TrialCompensators {
 };
 
 struct TrialSearch {
-    int steps;         // most of Newton's rule
-    double close;      // of the rim radius, where it ends
-    double reflects;   // largest miss of the law of reflection
-    double rim_slack;  // of the rim radius
-    int halvings;      // of the golden section of a focus
+    int steps;         // maximum Newton steps
+    double close;      // convergence tolerance, in rim radii
+    double reflects;   // maximum residual of the law of reflection
+    double rim_slack;  // in rim radii
+    int halvings;      // golden-section steps of the focus search
 };
 
 struct TrialJob {
     const double* numbers;  // (trials, TRIAL_NUMBERS + terms + powers)
     int trials, terms, powers;
-    bool is_conic;  // whether curvatures are other than 0
+    bool is_conic;  // whether any curvature is nonzero
     double rim;
     RadialPieces table;
     TrialField field;
@@ -76,17 +77,17 @@ struct TrialJob {
     TrialSearch search;
     Refocus refocus;
     double floor;    // px^2
-    double* merits;  // (trials, TRIAL_MERITS): as merit_names() says; NaN where rays are lost
-    double* moved;   // (trials, 2 n) px, x of all objects and then y; or null
+    double* merits;  // (trials, TRIAL_MERITS), in the order of merit_names(); NaN if rays are lost
+    double* moved;   // (trials, 2 n) px, x of all objects and then y; or nullptr
 };
 
-// How many terms and powers a trial may have: kernels are compiled for these.
+// Valid numbers of terms and powers of a trial, for which kernels are compiled.
 bool is_valid_term_count(int terms);    // 0, 4, 8, 16
 bool is_valid_power_count(int powers);  // 1 (none), 15, 28, 91
 
 void judge_trials(const TrialJob& job);
 
-// Of trials first to first + count.
+// For trials first to first + count.
 using TrialKernel = void (*)(const TrialJob& job, int first, int count);
 extern const TrialKernel plain_trials;
 #if defined(OMNIMIRROR_AVX2)
