@@ -66,7 +66,7 @@ export class ProjectMenu {
   }
 
   private async save(): Promise<void> {
-    this.store.leaving(); // number in a field without a change event
+    this.store.leaving(); // commit an edited number field whose change event has not fired yet
     const { state } = this.store;
     const picture = await this.picture();
     const sensor = state.sensor.startsWith("file:") ? await kept(state.sensor) : undefined;

@@ -120,7 +120,7 @@ export class Bench {
       (found) => this.answered(found),
       (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"),
     );
-    host.beforeLeaving(() => this.settle()); // number in a field without a change event
+    host.beforeLeaving(() => this.settle()); // commit an edited number field whose change event has not fired yet
     bindKeys({
       isShown: host.isShown,
       undo: () => this.undo(),

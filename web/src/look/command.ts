@@ -13,7 +13,7 @@ const set = (key: string, value: string): string[] => ["--set", `${key}=${value}
 export const fittedName = (camera: Camera): string =>
   `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
 
-/** Whether the circle was fitted, so that the command requires a sensor file written by the page. */
+/** Return true if the circle was fitted; the command then requires a sensor file written by the page. */
 export const needsFile = (camera: Camera): boolean =>
   camera.model.kind === "sensor" && camera.isMoved;
 

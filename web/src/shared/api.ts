@@ -45,7 +45,7 @@ export class Away extends Error {
   override readonly name = "Away";
 }
 
-/** Whether an error has a message for users. Checked by name, because each script has its own classes. */
+/** Return true if an error has a message for users. The name is compared, because each script has its own classes. */
 export const isForeseen = (e: unknown): e is Error =>
   e instanceof Error && (e.name === "Refused" || e.name === "Away");
 
@@ -85,14 +85,14 @@ export const picture = async (id: string): Promise<Blob> =>
   (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> =>
   (await handedUp("api/pictures", file, { name })).blob();
-/** A picture file in the orientation that the server was started for. */
+/** Return an image file in the orientation for which the server is configured. */
 export const asShown = async (file: Blob, name: string): Promise<Blob> =>
   storedOrientation ? convert(file, name) : file;
 export const rim = (picture: Blob, name: string): Promise<DetectedOutline> =>
   json(handedUp("api/rim", picture, { name }));
 export const level = (asked: LevelRequest, picture: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
-/** A restored image, and a sentence on the removed blur. */
+/** Return the restored image, and a note on the removed blur. */
 export async function restored(
   asked: RestoreRequest,
   picture: Blob,

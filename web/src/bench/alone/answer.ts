@@ -9,10 +9,10 @@ const NODES = 361; // samples of a curve
 const PROFILE = 121; // samples of a mirror profile, axis to rim
 const IMAGE_NODES = 3; // stride of field angles for the curves of virtual images
 const MARKS_DEG = 15;
-const PARALLEL = 1e-12; // cosine of an edge-on plane
-const NEAR_OBJECTS = 5; // rim radii
+const PARALLEL = 1e-12; // cosine of incidence below which a plane counts as edge-on
+const NEAR_OBJECTS = 5; // distance, in rim radii
 const TELECENTRIC_LENS = 2.5; // drawn position of a telecentric lens, in rim radii
-const LENS_HALF_WIDTH = 0.18; // of the rim radius
+const LENS_HALF_WIDTH = 0.18; // relative to the rim radius
 const ROUNDS = 8; // initial spacing of the search for mirror points; each iteration refines by about 100
 const AT_ONCE = "Optimisation requires the program: pip install omnimirror.";
 
@@ -243,7 +243,7 @@ function curves(
   c: Columns,
   object: number | null,
 ): Columned {
-  const across = ((object ?? Infinity) * Math.PI) / 180; // of one degree, perpendicular to the ray
+  const across = ((object ?? Infinity) * Math.PI) / 180; // width of one degree at the object, perpendicular to the ray, mm
   const omega = (i: number): number => (c.omega_deg[i] * Math.PI) / 180;
   const per = (of: (i: number) => number): number[] => fractions.map((_, i) => of(i));
   const { dh_domega_px_per_deg: dh, width_px_per_deg: dw } = c;

@@ -39,7 +39,7 @@ export interface Drawn {
   found: Found;
 }
 
-/** Curves of a design, one per column; of a difference, the current design minus this one. */
+/** Curves of a design, one per column; if differences are plotted, the current design minus this one. */
 export interface Curves {
   of: Drawn;
   omega: Float32Array;
@@ -53,7 +53,7 @@ const HEIGHT = 164;
 const [DASH, DOT, GAP, WIDE_GAP] = [12, 2, 2.5, 6]; // px
 const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
-const POINT = 0.1; // excluded central part of the image radius, where a degree of azimuth has no length
+const POINT = 0.1; // excluded central part, relative to the maximum image radius; there, a degree of azimuth has no length
 const STEEP = 4; // ratio to the spread above which central values are excluded from the scale
 const SAME = 4e-6; // relative difference below which values are equal within single precision
 const REACH = 1; // distance of included limits from the curves, relative to their spread
@@ -161,7 +161,7 @@ export class ChartView {
     return Number.isFinite(range[0]) ? range : [0, 1];
   }
 
-  /** The largest value within the range of a quantity with poles. */
+  /** Upper limit of the plotted range for a quantity with poles: a multiple of the median. */
   private most(): number {
     if (this.chart.reach === Infinity) return Infinity;
     const values = this.curves
@@ -181,7 +181,7 @@ export class ChartView {
     return [Math.min(low, ...near), Math.max(high, ...near)];
   }
 
-  /** Whether current and pinned designs are equal within rounding. */
+  /** Return true if the current and the pinned designs are equal within rounding. */
   private get isSame(): boolean {
     const [low, high] = this.spread();
     return this.isDifference && Math.max(-low, high) <= SAME * this.largest();

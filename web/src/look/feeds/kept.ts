@@ -5,7 +5,7 @@ export interface Kept {
   blob: Blob;
   name: string;
   optics?: "mirror" | "fisheye";
-  /** Whether it was created by the page and is not stored in a folder. */
+  /** Whether the page created it, so that no file of the user contains it. */
   isMade?: boolean;
 }
 

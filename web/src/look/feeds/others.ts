@@ -18,7 +18,7 @@ interface Hands {
 /** Images and cameras of additional views; kept as long as the views exist. */
 export class Others {
   private readonly feeds = new Map<string, Feed | null>(); // by source; null while opening
-  private readonly opening = new Map<string, AbortController>(); // cancel functions of those that are opening
+  private readonly opening = new Map<string, AbortController>(); // cancellation of the feeds that are opening
   private readonly cameras = new Map<string, Camera | null>();
   private readonly troubles = new Map<string, string>(); // error messages by source or camera
 

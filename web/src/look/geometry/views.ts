@@ -53,7 +53,7 @@ export function elevations(s: State, camera: Camera, aspect: number): [number, n
   return [Math.max(-90, rounded4(middle - half)), Math.min(90, rounded4(middle + half))];
 }
 
-/** Whether a panorama displays the complete range of elevations. */
+/** Return true if a panorama displays the complete range of elevations. */
 export const isAllHigh = (s: State, camera: Camera, aspect: number): boolean =>
   heightOf(s, camera, aspect) > 360 / wholeAspect(camera) - 1e-9;
 

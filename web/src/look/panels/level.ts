@@ -85,7 +85,7 @@ export class LevelPanel {
     return this.button.getAttribute("aria-pressed") === "true";
   }
 
-  /** Whether dragging moves the horizon. */
+  /** Return true if dragging moves the horizon. */
   isDragged(): boolean {
     return this.isOn && isLevelled(this.store.state);
   }

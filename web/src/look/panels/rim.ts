@@ -131,6 +131,6 @@ async function lookedAt(feed: Feed): Promise<DetectedOutline> {
 
 export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
 
-/** Whether the images of a camera have a given size. */
+/** Return true if the images of a camera have a given size. */
 export const hasSize = ({ image_size }: CameraInfo, [w, h]: readonly [number, number]): boolean =>
   image_size[0] === w && image_size[1] === h;

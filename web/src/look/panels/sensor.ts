@@ -93,7 +93,7 @@ export class SensorPanel {
 
   /** Select a sensor with the mount of its file or another orientation, keeping the detected circle. */
   async choose(sensor: string, rim: State["rim"], looks: Looks): Promise<void> {
-    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // a forward-looking camera images the scene behind it
+    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // through the mirror, a forward-looking camera images the scene behind it
   }
 
   /** List the cameras of the server. */

@@ -65,7 +65,7 @@ export class ViewsPanel {
     return this.states().filter((s) => this.isOther(s));
   }
 
-  /** Whether a view has another image or camera than the main one. */
+  /** Return true if the image or camera of a view differs from the main one. */
   isOther(view: State): boolean {
     return TAKEN.some((key) => String(view[key]) !== String(this.store.state[key]));
   }
