@@ -96,7 +96,7 @@ export class ProjectMenu {
     );
   }
 
-  /** Current image with its identity; null if there is none, or for the demo room. */
+  /** Return the current image with its identity; null if there is none, or for the demo room. */
   private async picture(): Promise<{ blob: Blob; name: string; source: string } | null> {
     const { feed } = this.look;
     const { source } = this.store.state;

@@ -45,7 +45,7 @@ export async function change(asked: DesignChange): Promise<BenchSensor> {
   };
 }
 
-/** Violation of requirements along all sliders; not available without a server. */
+/** Request the violation of requirements along all sliders; not available without a server. */
 export const slides = async (asked: SliderRequest): Promise<SliderViolations | null> =>
   alone ? null : api.slides(asked);
 
@@ -59,7 +59,7 @@ export async function download(asked: FileRequest): Promise<{ blob: Blob; name: 
   return api.download(asked);
 }
 
-/** Evaluator of designs. */
+/** Create the evaluator of designs. */
 export const answers = (
   answered: (found: Found) => void,
   away: (isAway: boolean) => void,

@@ -9,7 +9,7 @@ const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
 
 const set = (key: string, value: string): string[] => ["--set", `${key}=${value}`];
 
-/** File name of a sensor with a fitted circle. */
+/** Return the file name of a sensor with a fitted circle. */
 export const fittedName = (camera: Camera): string =>
   `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
 
@@ -17,7 +17,7 @@ export const fittedName = (camera: Camera): string =>
 export const needsFile = (camera: Camera): boolean =>
   camera.model.kind === "sensor" && camera.isMoved;
 
-/** Command line that renders the same image. */
+/** Return the command line that renders the same image. */
 export function commandOf(
   s: State,
   camera: Camera,

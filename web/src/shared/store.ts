@@ -86,7 +86,7 @@ export class Store {
   }
 }
 
-/** State before a reload; null if an address was entered. */
+/** Return the state before a reload; null if an address was entered. */
 function beforeReload(): string | null {
   const [way] = performance.getEntriesByType("navigation") as PerformanceNavigationTiming[];
   return way?.type === "reload" ? taken(sessions, KEPT) : null;

@@ -40,13 +40,13 @@ export class Others {
     }
   }
 
-  /** Image and camera of a state; null while loading. */
+  /** Return the image and camera of a state; null while loading. */
   seenBy(s: State): Seen | null {
     const [feed, camera] = [this.feeds.get(s.source), this.cameras.get(nameOf(s))];
     return feed && camera ? { feed, camera: this.hands.fit(camera, feed, s.rim) } : null;
   }
 
-  /** Reason for a missing image; "" if it is available. */
+  /** Return the reason for a missing image; "" if it is available. */
   doubt(s: State): string {
     return this.seenBy(s)
       ? ""

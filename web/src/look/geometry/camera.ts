@@ -73,7 +73,7 @@ export class Camera {
     return { pixel, seen: s >= t.first - 1e-6 && s <= end + 1e-6 && inPicture };
   }
 
-  /** sin(Omega/2) of a target, and cosine and sine of its azimuth. */
+  /** Return sin(Omega/2) of a target, and cosine and sine of its azimuth. */
   private place(target: Vec3, isPoint: boolean): Vec3 {
     const { axis, right, down, tables: t } = this.model;
     const seen: Vec3 = [dot(target, axis), dot(target, right), dot(target, down)];
@@ -112,7 +112,7 @@ export class Camera {
     );
   }
 
-  /** Pixel of a point of the disk sin(Omega/2) (cos, sin). */
+  /** Return the pixel of a point of the disk sin(Omega/2) (cos, sin). */
   private pixelAt(x: number, y: number): Pixel {
     const own = circleOf(this.model);
     let du: number, dv: number;
@@ -210,12 +210,12 @@ export class Camera {
   }
 }
 
-/** Nominal circle of a camera. */
+/** Return the nominal circle of a camera. */
 export function circleOf(model: CameraInfo): Circle {
   return { u: model.centre_px[0], v: model.centre_px[1], radius: model.rim_radius_px };
 }
 
-/** sin(Omega/2), and cosine and sine of the azimuth, of a vector (axis, right, down). */
+/** Return sin(Omega/2), and cosine and sine of the azimuth, of a vector (axis, right, down). */
 function polar([along, right, down]: Vec3): Vec3 {
   const across = Math.hypot(right, down);
   const [cos, sin] = across > 0 ? [right / across, down / across] : [1, 0];

@@ -72,7 +72,7 @@ export class FirstLook {
     });
   }
 
-  /** The camera was given initially. */
+  /** Mark the camera as known, because it was given initially. */
   known(): void {
     this.isKnown = true;
   }

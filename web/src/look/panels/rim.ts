@@ -75,7 +75,7 @@ export class RimPanel {
       );
   }
 
-  /** Origin of the circle as text. */
+  /** Return the origin of the circle as text. */
   words(feed: Feed): string {
     const { rim } = this.store.state;
     const found = this.found.get(feed);
@@ -92,7 +92,7 @@ export class RimPanel {
       : "";
   }
 
-  /** Camera with the circle of the state, or of the image size. */
+  /** Return the camera with the circle of the state, or of the image size. */
   fit(camera: Camera, feed: Feed | null, rim = this.store.state.rim): Camera {
     const size = feed ? ([feed.width, feed.height] as const) : camera.model.image_size;
     if (!camera.model.is_adjustable) return camera;

@@ -114,7 +114,7 @@ export class SensorPanel {
     }
   }
 
-  /** Files of OCamCalib do not contain the type of optics. */
+  /** Reload the file with a given type of optics, which OCamCalib files do not contain. */
   private async loadAgain(optics: Optics): Promise<void> {
     const file = await kept(this.store.state.sensor);
     if (file) await this.load(file.blob, file.name, optics);
@@ -164,7 +164,7 @@ export class SensorPanel {
       fail(e, "sensor");
   }
 
-  /** Camera of a state, from the cache or the server. */
+  /** Return the camera of a state from the cache, or load it from the server. */
   async fetch(wanted: Chosen): Promise<Camera> {
     const name = JSON.stringify(CHOSEN.map((key) => wanted[key]));
     const camera = this.had.get(name) ?? (await this.fetchAnew(wanted));
